@@ -26,24 +26,29 @@ FOLDER = Path(__file__).parent / "site"
 FRONT = "docs/index"
 # The order of a newcomer; other pages follow by their names.
 FIRST = {
-    "Begin": ["README", "docs/tutorial", "docs/tutorial-earth", "docs/gallery", "docs/glossary"],
-    "Guides": ["docs/units", "docs/mission", "docs/extensions", "docs/onboard", "docs/clusters"],
-    "Does it hold?": [
-        "docs/flight",
-        "docs/earth-cameras",
-        "docs/budget-against-trials",
-        "docs/speed-vs-error",
-        "docs/hard-cases",
-        "docs/models",
-        "docs/departures",
+    "Tutorials": ["README", "docs/tutorial", "docs/tutorial-earth", "docs/gallery"],
+    "How-to": [
+        "docs/choose-a-detector",
+        "docs/datasheet-to-verdict",
+        "docs/calibrate-night-frames",
+        "docs/units",
+        "docs/mission",
+        "docs/onboard",
+        "docs/extensions",
+        "docs/clusters",
+        "docs/caches",
     ],
     "Reference": [
+        "docs/commands",
+        "docs/design-file",
         "docs/reference",
         "docs/mission-keys",
-        "docs/conventions",
-        "docs/json",
         "docs/api",
+        "docs/json",
+        "docs/conventions",
+        "docs/glossary",
     ],
+    "Explanation": ["docs/models", "docs/departures", "docs/layout"],
 }
 LINK = re.compile(r"\[([^\]]*)\]\(([^)\s#]+)(#[^)\s]*)?\)")
 REDIRECT = (
@@ -56,7 +61,7 @@ REDIRECT = (
 def sources(folder: Path) -> list[str]:
     """Copy all pages, and the files that they link to, into a folder; the names of the pages."""
     pages = [ROOT / name for name in ("README.md", "CHANGELOG.md", "CONTRIBUTING.md")]
-    pages += sorted((ROOT / "docs").glob("*.md")) + sorted((ROOT / "catalogs").rglob("*.md"))
+    pages += sorted((ROOT / "docs").rglob("*.md")) + sorted((ROOT / "catalogs").rglob("*.md"))
     for page in pages:
         _copy(folder, page, LINK.sub(partial(_linked, folder, page), page.read_text("utf-8")))
     return [page.relative_to(ROOT).with_suffix("").as_posix() for page in pages]
@@ -94,7 +99,12 @@ def contents(pages: list[str]) -> str:
     known = {name for names in FIRST.values() for name in names} | {FRONT}
     rest = [page for page in pages if page not in known and page.startswith("docs/")]
     other = [page for page in pages if page not in known and not page.startswith("docs/")]
-    groups = FIRST | {"More": sorted(rest), "Catalogues and changes": sorted(other)}
+    figures = [page for page in rest if page.startswith("docs/figures/")]
+    groups = FIRST | {
+        "Measured figures": sorted(figures),
+        "More": sorted(set(rest) - set(figures)),
+        "Catalogues and changes": sorted(other),
+    }
     blocks = []
     for title, names in groups.items():
         there = "\n".join(f"/{name}" for name in names if name in pages)

@@ -6,7 +6,7 @@
 24 designs, drawn over slews, blurs, skies and effects, each with its budget, what the budget says
 that it leaves out, and its error over trials. Then a tracker with the likelihood as its centroid at
 rates from rest to 3 deg / s, beside the Cramer-Rao bound of whole frames with their smear. With
---markdown the tables are written as docs/budget-against-trials.md.
+--markdown the tables are written as docs/figures/budget-against-trials.md.
 """
 
 from __future__ import annotations
@@ -306,7 +306,8 @@ def page(compared: list[Compared], slews: list[Slew], figures: dict[str, Any]) -
         [
             "# The analytic budget beside trials",
             "`python experiments/budget_against_trials.py --markdown "
-            "docs/budget-against-trials.md` writes this page. Brackets hold 95 % intervals.",
+            "docs/figures/budget-against-trials.md` writes this page. Brackets hold 95 % "
+            "intervals.",
             "",
             f"{len(compared)} designs of the example's detector, drawn over focal length, "
             "f-number, "

@@ -64,7 +64,7 @@ MAGNITUDES = (9.0, 9.25, 9.5, 9.75, 10.0, 10.25, 10.5)
 WARMEST, COLDEST = 0, -13
 PUBLISHED_CENTROID = 0.06  # arcsec, of the flight's page on image reconstruction
 GUIDE = (7.0, 7.5, 8.0, 8.5, 9.0, 9.5)  # mag, of guide stars; as in validation.py
-# After the first comparison, see docs/flight.md.
+# After the first comparison, see docs/figures/flight.md.
 SCATTER = 0.3  # mag rms, of a star in the camera about its catalogue
 EASY = (8.0, -8)  # mag and degC: up to there, what is not acquired is lost to other causes
 # The centroids were published early in the mission.

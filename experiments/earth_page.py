@@ -23,7 +23,7 @@ NEEDED = (
     "sun_band_error",
     "sun_band_error_of_all",
 )
-BEFORE = Path(__file__).parents[1] / "docs/earth-cameras-before.json"
+BEFORE = Path(__file__).parents[1] / "docs/figures/earth-cameras-before.json"
 NAMES = {
     "sentinel2-msi": "Sentinel-2, MSI",
     "landsat8-oli": "Landsat 8, OLI",

@@ -6,8 +6,8 @@ terrain beside embree.
 
     python experiments/earth_sensors.py [PART ...] [--json FILE] [--page FOLDER] [--quick]
 
-The page docs/earth-cameras.md is made with `--page docs`. sasktran2 and pybsm, and embreex, are
-needed for `air` and `rays`, which are left out where they are missing.
+The page docs/figures/earth-cameras.md is made with `--page docs/figures`. sasktran2 and pybsm, and
+embreex, are needed for `air` and `rays`, which are left out where they are missing.
 """
 
 from __future__ import annotations

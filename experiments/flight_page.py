@@ -81,7 +81,7 @@ def _acquisition(rows: list[list[float]], half: int) -> str:
 
 def write_page(folder: Path, found: dict[str, Any]) -> None:
     """Write flight.md beside what the first run found (flight-before.json)."""
-    before = Path(__file__).parents[1] / "docs/flight-before.json"
+    before = Path(__file__).parents[1] / "docs/figures/flight-before.json"
     text = text_of(found, json.loads(before.read_text(encoding="utf-8")))
     save_text(folder / "flight.md", text)
 

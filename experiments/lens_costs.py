@@ -1,6 +1,6 @@
 """What lenses weigh and cost: the model of a family beside nine lenses for cameras.
 
-    python experiments/lens_costs.py [--json FILE] [--markdown docs/lens-costs.md]
+    python experiments/lens_costs.py [--json FILE] [--markdown docs/figures/lens-costs.md]
 
 The double Gauss family at the focal length, f-number and field (24 by 36 mm) of each. Camera lenses
 focus, have diaphragms and mounts, and a third of them motors; the model has one factor for all of

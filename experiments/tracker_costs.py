@@ -1,6 +1,6 @@
 """What trackers weigh and need, and what pixels trade: cost laws beside what was built.
 
-    python experiments/tracker_costs.py [--json FILE] [--markdown docs/tracker-costs.md]
+    python experiments/tracker_costs.py [--json FILE] [--markdown docs/figures/tracker-costs.md]
 
 Mass over the volume of trackers, their power beside the default law of a design's requirements, and
 full well, dark current and read noise of the detectors of the catalogue over pitch and pixel rate.

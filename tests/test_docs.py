@@ -9,8 +9,12 @@ ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
 
 
-def commands() -> list[str]:
-    blocks = re.findall(r"```(?:sh|bash)\n(.*?)```", README, re.DOTALL)
+PAGES = sorted((ROOT / "docs").rglob("*.md"))
+COMMANDS = (ROOT / "docs" / "commands.md").read_text()
+
+
+def commands(page: str = README) -> list[str]:
+    blocks = re.findall(r"```(?:sh|bash)\n(.*?)```", page, re.DOTALL)
     return [line.strip() for block in blocks for line in block.splitlines() if line.strip()]
 
 
@@ -28,21 +32,20 @@ def test_ci_runs_the_readmes_test_command():
     assert line == "python -m pip install '.[test]' && python -m pytest -n 2"
 
 
-def test_every_startrack_command_in_the_readme_parses():
+def test_every_command_of_the_readme_and_of_the_list_parses():
     import shlex
 
+    from startrack.cli.main import COMMANDS as names
     from startrack.cli.main import _parser
 
-    lines = [line for line in commands() if line.startswith("startrack ")]
-    assert len(lines) >= 5
+    lines = [line for line in commands() + commands(COMMANDS) if line.startswith("startrack ")]
+    assert {line.split()[1] for line in lines} == set(names)
     for line in lines:
         arguments = shlex.split(line.split("#")[0])[1:]
         _parser(arguments).parse_args(arguments)
 
 
-@pytest.mark.parametrize(
-    "page", [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))], ids=lambda page: page.name
-)
+@pytest.mark.parametrize("page", [ROOT / "README.md", *PAGES], ids=lambda page: page.name)
 def test_links_lead_somewhere(page):
     for link in re.findall(r"\]\((?!http)([^)#]+)[^)]*\)", page.read_text()):
         assert (page.parent / link).exists(), link
@@ -54,7 +57,7 @@ def test_the_readmes_python_runs(block, capsys):
     assert capsys.readouterr().out.strip()
 
 
-@pytest.mark.parametrize("page", sorted((ROOT / "docs").glob("*.md")), ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_files_that_the_pages_name_are_there(page):
     for name in re.findall(
         r"`((?:experiments|startrack|tests|catalogs)/[\w/.-]+)`?", page.read_text()

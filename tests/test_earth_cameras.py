@@ -15,7 +15,7 @@ def read(name):
     return json.loads((ROOT / name).read_text(encoding="utf-8"))
 
 
-FIGURES = read("docs/earth-cameras.json")
+FIGURES = read("docs/figures/earth-cameras.json")
 
 
 def test_the_page_is_of_its_figures():
@@ -25,9 +25,11 @@ def test_the_page_is_of_its_figures():
     finally:
         sys.path.pop(0)
     text = earth_page.text_of(
-        FIGURES, read("tests/oracle/earth_cameras.json"), read("docs/earth-cameras-before.json")
+        FIGURES,
+        read("tests/oracle/earth_cameras.json"),
+        read("docs/figures/earth-cameras-before.json"),
     )
-    assert (ROOT / "docs/earth-cameras.md").read_text(encoding="utf-8") == text
+    assert (ROOT / "docs/figures/earth-cameras.md").read_text(encoding="utf-8") == text
 
 
 @pytest.mark.parametrize("camera", FIGURES["snr"])

@@ -12,7 +12,7 @@ from startrack.detector import dark
 from startrack.io import shipped
 from tests.conftest import ROOT
 
-FIGURES = json.loads((ROOT / "docs/flight.json").read_text(encoding="utf-8"))
+FIGURES = json.loads((ROOT / "docs/figures/flight.json").read_text(encoding="utf-8"))
 
 
 @pytest.fixture(scope="module")
@@ -27,8 +27,10 @@ def page():
 
 
 def test_the_page_is_of_its_figures(page):
-    before = json.loads((ROOT / "docs/flight-before.json").read_text(encoding="utf-8"))
-    assert (ROOT / "docs/flight.md").read_text(encoding="utf-8") == page.text_of(FIGURES, before)
+    before = json.loads((ROOT / "docs/figures/flight-before.json").read_text(encoding="utf-8"))
+    assert (ROOT / "docs/figures/flight.md").read_text(encoding="utf-8") == page.text_of(
+        FIGURES, before
+    )
 
 
 def test_the_figures_meet_what_the_page_wants():

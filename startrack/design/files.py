@@ -9,13 +9,15 @@ from startrack.core import Refused, code_in, printed, require_code
 from startrack.core import allow_code as allowed
 from startrack.design.campaign import Campaign
 from startrack.design.case import Case, Instrument
-from startrack.design.products import with_product
+from startrack.design.products import KEPT, OPERATED, with_product
 from startrack.design.variation import Scope
-from startrack.io import from_table, read_layers, refuse_unknown, save_text, to_table
+from startrack.io import Renewed, from_table, read_layers, refuse_unknown, save_text, to_table
 from startrack.optics import with_blur_as_length
 
 # Lists of tables that files of a design add to, and what two entries for the same thing share.
 JOINED = {"variation": {"name": None, "per": str(Scope.UNIT)}}
+# A product of the catalogue stands for a detector; how a mission operates it, is kept.
+RENEWED = {"instrument.detector": Renewed("product", (*KEPT, *OPERATED))}
 
 
 @printed
@@ -42,8 +44,10 @@ def load_design(path: Path, changes: Sequence[str] = (), allow_code: bool = Fals
     """Read a design file.
 
     `product = "cmv4000"` under `[instrument.detector]` takes the values of that detector from
-    the catalogue; other keys of the table override them. `base = "other.toml"` and
-    `include = ["a.toml"]` at the top of the file take those of other files, see `read_layers`;
+    the catalogue; other keys of the table in this file and in files over it override them. Of files
+    below, exposure, frame rate, binning, row delay and age hold, nothing else.
+    `base = "other.toml"` and `include = ["a.toml"]` at the top of the file take the values of other
+    files, see `read_layers`;
     `[[variation]]` tables of all of them count, except one below that another with the same
     `name` and `per` replaces.
 
@@ -55,7 +59,7 @@ def load_design(path: Path, changes: Sequence[str] = (), allow_code: bool = Fals
              rule and the value.
     """
     path = Path(path)
-    layers = read_layers(path, "a design file", changes, joined=JOINED)
+    layers = read_layers(path, "a design file", changes, JOINED, RENEWED)
     table = layers.table
     try:
         campaign = table.pop("campaign", None)

@@ -9,6 +9,9 @@ from startrack.io import shipped
 
 PLACE = "instrument.detector.product"
 AGE = "age"
+KEPT = "exposure", "age"  # of a detector, where another product takes its place: the mission's
+# How a detector is operated: kept likewise, where the design does not leave it to the default.
+OPERATED = "frame_rate", "binning", "row_delay"
 
 
 def with_product(table: Mapping[str, Any]) -> dict[str, Any]:

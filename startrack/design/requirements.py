@@ -44,7 +44,8 @@ def lens_cost(optics: Optics) -> LensCost | None:
 
     The glass is that of the prescription in the design's size; a family's has the clear apertures
     that its beams need at the design's f-number. The three factors of mass and volume are medians
-    over nine camera lenses, and the price is a fit to five of them: docs/lens-costs.md has them.
+    over nine camera lenses, and the price is a fit to five of them, which
+    docs/figures/lens-costs.md lists.
 
     Accuracy  model: measured over predicted, mass is 0.5 to 1.8, by barrels of plastic or brass;
               volume 0.5 to 1.4; price 0.5 to 3.1, of series. A lens for space costs some hundred

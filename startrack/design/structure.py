@@ -65,7 +65,8 @@ MATERIALS = {
     "albemet": Material(13.9e-6, 210.0, 2100.0, 40.0),
     "silicon-carbide": Material(2.2e-6, 180.0, 3150.0, 25.0),
 }
-WIDE = 1.96  # outer diameter of a tube over the clear aperture, of nine lenses: docs/lens-costs.md
+# Outer diameter of a tube over the clear aperture, of nine lenses: docs/figures/lens-costs.md.
+WIDE = 1.96
 NONE = (0.0, 0.0, 0.0, 0.0)
 LOADS = ("mean", "gradient_x", "gradient_y", "flux_x", "flux_y")  # in the order of responses
 PARTS = ("feet", "detector", "lens")

@@ -21,7 +21,7 @@ from startrack.design.parameter import (
     with_values,
 )
 from startrack.design.parameter import label as parameter_label
-from startrack.design.products import with_product
+from startrack.design.products import KEPT, OPERATED, with_product
 from startrack.io import from_table, to_table
 
 
@@ -210,9 +210,6 @@ class DesignSpace:
 MOST_BRANCHES = 256
 DETECTOR = "instrument.detector"
 EXPOSURE = "instrument.detector.exposure"
-KEPT = "exposure", "age"  # of a detector, where another product takes its place: the mission's
-# How a detector is operated: kept likewise, where the design does not leave it to the default.
-OPERATED = "frame_rate", "binning", "row_delay"
 OF_DEVICE = ("depleted",)  # of the age
 
 

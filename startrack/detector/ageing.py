@@ -177,7 +177,8 @@ SMOOTHING = [math.exp(-0.5 * ((-0.75 + 0.1 * n) / 0.3) ** 2) for n in range(15)]
 # Fit of the aspect camera's own team to its dark maps of January 2007 to August 2017, scaled to
 # -14 degC: chandra_aca, dark_model.py (BSD 3-clause, Smithsonian Astrophysical Observatory).
 # Pixels of 1024 x 1024 in a bin; the launch was in 1999.56, the middle year is 2012.0. It counts 5
-# electrons a number; by photon transfer of pixels in flight a number has 5.9 (docs/flight.md).
+# electrons a number; by photon transfer of pixels in flight a number has 5.9
+# (docs/figures/flight.md).
 CHANDRA_ACA = TailLaw(
     density=(18400 / BIN / 2**20, 1450 / BIN / 2**20, 742 / BIN / 2**20),
     slopes=((0.075, -0.00692, -0.0207), (3.32, 0.0203, 0.0), (2.40, 0.061, 0.061)),

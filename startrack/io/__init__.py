@@ -47,6 +47,7 @@ from startrack.io.sqlite import Database, Execute, FileKind
 from startrack.io.tables import (
     LARGEST_INTEGER,
     Layers,
+    Renewed,
     current_key,
     from_table,
     read_layers,

@@ -15,7 +15,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from startrack import core
 from startrack.core import Refused, Unit, bare, fields_of
@@ -240,16 +240,34 @@ Joined = Mapping[str, Mapping[str, Any]]
 NOT_JOINED: Joined = {}
 
 
+class Renewed(NamedTuple):
+    """A key that stands for the other keys of its table, such as the name of a product.
+
+    Where a file names it, what files below say in that table no longer holds.
+
+    key   of the table
+    kept  keys of the table that hold nevertheless
+    """
+
+    key: str
+    kept: tuple[str, ...]
+
+
+NOT_RENEWED: Mapping[str, Renewed] = {}
+
+
 @dataclass
 class Layers:
     """One table of several files.
 
-    table   the values
-    origin  file (or `--set`) of each value that is no table, by its place: "scene.background_g"
+    table    the values
+    origin   file (or `--set`) of each value that is no table, by its place: "scene.background_g"
+    renewed  tables, by their places, of which one key stands for the others
     """
 
     table: dict[str, Any] = field(default_factory=dict)
     origin: dict[str, str] = field(default_factory=dict)
+    renewed: Mapping[str, Renewed] = field(default_factory=lambda: NOT_RENEWED)
 
     def lay(
         self,
@@ -265,6 +283,9 @@ class Layers:
         below = self.table
         for name in filter(None, place.split(".")):
             below = below[name]
+        rule = self.renewed.get(place)
+        if rule and rule.key in above:
+            self._renew(below, rule, place, _origin(origin, f"{place}.{rule.key}"))
         for key, value in above.items():
             inner = f"{place}.{key}" if place else key
             if isinstance(value, dict) and isinstance(below.get(key), dict):
@@ -281,7 +302,15 @@ class Layers:
             if isinstance(value, dict):
                 self.lay(value, origin, inner)
             else:
-                self.origin[inner] = origin if isinstance(origin, str) else origin[inner]
+                self.origin[inner] = _origin(origin, inner)
+
+    def _renew(self, below: dict[str, Any], rule: Renewed, place: str, by: str) -> None:
+        """Take out what other files say beside a key that stands for it."""
+        for key in [key for key in below if key not in rule.kept]:
+            inner = f"{place}.{key}"
+            said = {at for name, at in self.origin.items() if _within(name, inner)}
+            if said != {by}:
+                self.drop(inner)
 
     def _with_entries(self, entries: list[Any], above: dict[str, Any], place: str) -> list[Any]:
         """A list of tables with changes of some, by their numbers: {"0": {"scale": 0.5}}."""
@@ -323,8 +352,16 @@ class Layers:
         return f"{origins.pop() if len(origins) == 1 else path}: {message}"
 
 
+def _origin(origin: str | dict[str, str], place: str) -> str:
+    return origin if isinstance(origin, str) else origin[place]
+
+
 def read_layers(
-    path: Path, what: str, changes: Sequence[str] = (), joined: Joined = NOT_JOINED
+    path: Path,
+    what: str,
+    changes: Sequence[str] = (),
+    joined: Joined = NOT_JOINED,
+    renewed: Mapping[str, Renewed] = NOT_RENEWED,
 ) -> Layers:
     """The table of a file over those that it names.
 
@@ -338,6 +375,7 @@ def read_layers(
     what     the file must be, for the errors: "a design file"
     joined   keys of the outermost table whose lists of tables are added to those of the files
              below; an entry replaces one below that is alike in some keys, given with defaults
+    renewed  tables of which one key stands for the others, by their places
     changes  "key = value" each, over all files: "instrument.optics.f_number=2.0", and of an entry
              of a list of tables "variation.0.scale=0.5". A value that is no TOML is a text:
              "instrument.optics.blur=3 um". Without a value, the key is taken out of the files, so
@@ -345,7 +383,7 @@ def read_layers(
     Raises   ValueError, one sentence with the file: where a file is missing or no TOML, names
              itself by way of others, or a change is none.
     """
-    layers = _read_layers(path, what, joined, (), [])
+    layers = _read_layers(path, what, joined, renewed, (), [])
     for change in changes:
         key, _, text = change.partition("=")
         if "=" in change and not text.strip() and KEY.fullmatch(key.strip()):
@@ -367,7 +405,12 @@ def _joined(below: list[Any], above: list[Any], alike: Mapping[str, Any]) -> lis
 
 
 def _read_layers(
-    path: Path, what: str, joined: Joined, above: tuple[Path, ...], done: list[Path]
+    path: Path,
+    what: str,
+    joined: Joined,
+    renewed: Mapping[str, Renewed],
+    above: tuple[Path, ...],
+    done: list[Path],
 ) -> Layers:
     """The layers of a file and of those that it names.
 
@@ -391,9 +434,10 @@ def _read_layers(
         raise Refused(f"{path}: base must be the name of a file, got {core.shown(below)}")
     if not (isinstance(more, list) and all(isinstance(name, str) for name in more)):
         raise Refused(f"{path}: include must be a list of names of files, got {core.shown(more)}")
-    layers = Layers()
+    layers = Layers(renewed=renewed)
     for key, name in [("base", below)] * (below is not None) + [("include", name) for name in more]:
-        read = _read_layers(_found(path, key, str(name)), what, joined, (*above, real), done)
+        inner = _found(path, key, str(name))
+        read = _read_layers(inner, what, joined, renewed, (*above, real), done)
         layers.lay(read.table, read.origin, joined=joined)
     layers.lay(own, str(path), joined=joined)
     return layers

@@ -48,7 +48,9 @@ def test_real_lenses_are_near_the_model(study):
 
 
 def test_the_page_has_the_figures_of_the_model(study):
-    assert (ROOT / "docs/lens-costs.md").read_text("utf-8") == study["page"](study["rows"]())
+    assert (ROOT / "docs/figures/lens-costs.md").read_text("utf-8") == study["page"](
+        study["rows"]()
+    )
 
 
 def test_glass_of_a_ball_and_of_a_plate_has_its_volume():
@@ -108,7 +110,7 @@ def test_built_trackers_have_the_spread_that_the_page_says():
     """Power of eleven, density of seven, and read noise of CCDs over three decades of rate."""
     study = experiment("tracker_costs")
     found = study["figures"]()
-    assert (ROOT / "docs/tracker-costs.md").read_text("utf-8") == study["page"](found)
+    assert (ROOT / "docs/figures/tracker-costs.md").read_text("utf-8") == study["page"](found)
     assert found["counts"]["power_ratio"] >= 10
     assert 0.5 < found["spread"]["power_ratio"][0] < 2
     assert found["spread"]["density"][0] == pytest.approx(950, rel=0.05)

@@ -114,3 +114,28 @@ def test_an_unknown_product_is_named_with_those_there_are(case):
 def test_an_unknown_key_beside_a_product_is_named(case):
     with pytest.raises(ValueError, match=r"instrument.detector.reed_noise is unknown"):
         case("has2", 'reed_noise = "3 electron"')
+
+
+def test_a_product_stands_for_the_detector_of_the_files_below(tmp_path):
+    """Not for how the mission operates it, nor for what is said beside it, in any order."""
+    shipped_one = shipped("designs/nanosatellite.toml")
+    product = 'instrument.detector.product="cmv4000"'
+    noise = "instrument.detector.read_noise=3 electron"
+        'instrument.detector.product="cmv4000"',
+        "instrument.detector.read_noise=3 electron",
+    )
+    for changes in ([product, noise], [noise, product]):
+        found = load_design(shipped_one, changes).case.instrument.detector
+        want = _detector("cmv4000")
+        assert (found.columns, found.pitch, found.full_well) == (
+            want.columns,
+            want.pitch,
+            want.full_well,
+        )
+        assert (found.read_noise, found.exposure) == (3.0, 0.08)
+    below = tmp_path / "below.toml"
+    below.write_text(DESIGN.format("cmv4000") + 'read_noise = "5 electron"\n')
+    above = tmp_path / "above.toml"
+    above.write_text('base = "below.toml"\n[instrument.detector]\nproduct = "star1000"\n')
+    found = load_design(above).case.instrument.detector
+    assert found.read_noise == _detector("star1000").read_noise != 5.0

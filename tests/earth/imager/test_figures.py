@@ -200,7 +200,7 @@ def predicted(name):
 
 @pytest.mark.parametrize("name", ORBIT)
 def test_instruments_in_orbit_lie_between_required_and_measured(name):
-    """Not a fit of each band: the page docs/earth-cameras.md says which parameters were moved."""
+    """Not a fit of each band: docs/figures/earth-cameras.md says which parameters were moved."""
     bands = ORBIT[name]["bands"]
     assert [channel.name for channel in predicted(name)] == list(bands)
     for channel, found in predicted(name).items():
