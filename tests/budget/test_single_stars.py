@@ -31,7 +31,8 @@ def flown(year: float, celsius: float):
 def test_stars_in_boxes_scatter_as_those_of_a_flown_tracker():
     """Two guide stars of May 2005 (obs6120_2005, docs/figures/flight.md).
 
-    They scatter by 0.0061 pixel rms from exposure to exposure, 0.0219 in all about their common motion, of 8.7 and 8.9 mag.
+    Stars of 8.7 and 8.9 mag scatter by 0.0061 pixel rms from exposure to exposure, and by 0.0219 in
+    all about their common motion.
 
     The total depends on the few pixels that a star crosses, and lies between that of stars without
     hot pixels and the rms over all pixels.
