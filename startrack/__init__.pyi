@@ -11,6 +11,7 @@ from . import detector as detector
 from . import earth as earth
 from . import identification as identification
 from . import metrics as metrics
+from . import mission as mission
 from . import montecarlo as montecarlo
 from . import motion as motion
 from . import onboard as onboard

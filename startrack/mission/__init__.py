@@ -55,3 +55,27 @@ from startrack.mission.summary import (
 )
 from startrack.mission.units import Fleet, fly_units
 from startrack.space import PLANETS
+
+# Public; the other imports serve other rooms.
+__all__ = [
+    "Availability",
+    "Blind",
+    "Fleet",
+    "Flown",
+    "HeadModel",
+    "Loaded",
+    "Mission",
+    "Plan",
+    "UnitChoice",
+    "availability_of",
+    "fly",
+    "fly_units",
+    "frames_of",
+    "head_model",
+    "load_mission",
+    "place",
+    "plan_of",
+    "save_mission",
+    "timeline",
+    "verdicts",
+]

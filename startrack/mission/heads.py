@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from startrack.attitude import Mounting
 from startrack.budget import exclusions
-from startrack.core import Flags, Floats, Refused, deg
+from startrack.core import Flags, Floats, Refused, deg, printed
 from startrack.design import Case, Moment, Scope, found_at, replaced_all
 from startrack.mission.instants import Instants
 from startrack.mission.parameters import Head, HeadTemperature, Obstacle, Radiation
@@ -161,6 +161,7 @@ class Limits:
             )
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Mounted:
     """A head as the engine needs it.

@@ -12,7 +12,15 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.spatial.transform import Rotation
 
 from startrack import space
-from startrack.core import LIGHT_SPEED, Floats, Samples, installed_tables, lagrange_weights, utc
+from startrack.core import (
+    LIGHT_SPEED,
+    Floats,
+    Samples,
+    installed_tables,
+    lagrange_weights,
+    printed,
+    utc,
+)
 from startrack.mission.files import OrbitSegment, read_ck, read_spk, seconds_after
 from startrack.mission.messages import read_aem, read_oem
 from startrack.mission.parameters import Attitude, Mission, Orbit, Scan
@@ -24,6 +32,7 @@ BODY_KNOT = 600.0  # second; straight lines: 0.1 arcsec for the Moon
 LONGEST_RATE_STEP = 20.0  # second between two attitudes from which a rate follows
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Place:
     """Where the spacecraft is at n instants; vectors (3, n) in ICRS axes.
@@ -191,6 +200,7 @@ def _scanned(scan: Scan, second: Floats, body: Floats) -> Floats:
     return cosine * body + sine * cross(axis, body) + (1 - cosine) * axis[:, None, None] * along
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Instants:
     """n instants at equal steps.
@@ -221,6 +231,7 @@ class Instants:
     aberration: Floats
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class SpacecraftMotion:
     """What is computed once for a mission: ephemerides, orbit and attitude law."""

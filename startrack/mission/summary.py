@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Advance, Flags, Floats, Ints, Rows, arcsec, deg, utc
+from startrack.core import Advance, Flags, Floats, Ints, Rows, arcsec, deg, printed, utc
 from startrack.design import Case
 from startrack.io import save_netcdf
 from startrack.mission import files
@@ -20,6 +20,7 @@ from startrack.mission.parameters import MissionRequirements
 EDGES = (0.0, 10.0, 30.0, 60.0, 300.0, 900.0, 3600.0, np.inf)  # second, of the histogram
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Spells:
     """Uninterrupted times in which something holds.
@@ -54,6 +55,7 @@ def spells(holds: Flags, step: float) -> Spells:
     return Spells(step * begin.astype(float), step * (end - begin).astype(float))
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Availability:
     """How often heads are valid.
@@ -179,6 +181,7 @@ def over_beta(flown: Flown) -> list[OfBeta]:
     ]
 
 
+@printed
 @dataclass(frozen=True)
 class Verdict:
     """Whether a requirement of the mission is met.

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from startrack.budget import added, stray_light_levels, survey
-from startrack.core import Floats, Refused, deg
+from startrack.core import Floats, Refused, deg, printed
 from startrack.design import Case, turning
 from startrack.mission.heads import Mounted, Seen, Shadow
 
@@ -40,6 +40,7 @@ class Conditions:
     age: Floats | None = None
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Correction:
     """What trials say of a surrogate: a factor on its variances, by what they depend on.
@@ -67,6 +68,7 @@ class Correction:
         return np.stack(columns, axis=1)
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Surrogate:
     """Errors of a design over direction, rate across the boresight, background, temperature, age.
@@ -243,6 +245,7 @@ def _survey(case: Case, rate: float, background: float, lit: bool) -> tuple[Floa
     return np.stack([across, about, places.solved])[:, nearest], stars[nearest]
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class StrayLight:
     """Background of a head with the light that its baffle lets through.

@@ -103,6 +103,7 @@ def _taken(plan: Plan, heat: Heat, instants: Instants) -> tuple[Floats, Floats, 
     return np.stack(power), np.array(sides), shines
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class Fleet:
     """Missions of s spacecraft whose h heads are drawn units.
