@@ -88,7 +88,7 @@ def hard_cases() -> dict[str, Any]:
 def speed(batch: int, repeats: int) -> list[dict[str, Any]]:
     """Time for each star and attitude, and error without noise, of each solver and precision.
 
-    Solvers take turns in each repeat; the least of the repeats counts.
+    Solvers alternate in each repeat; the least of the repeats counts.
     """
     truth, b, r = fields(batch, STARS, 10 * deg, 0.0, 1)
     w = np.full((batch, STARS), NOISE**-2)

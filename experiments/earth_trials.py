@@ -208,7 +208,7 @@ def made(
     true: Survey, believed: Survey, folder: Path, seed: int, lamp: float, stray: float
 ) -> tuple[dict[str, Floats], dict[str, dict[str, Floats]], Floats]:
     """Layers of the product of a true scene by what is believed, their uncertainties, and where
-    the pixels truly lie, as of `places`."""
+    the pixels truly lie, as for `places`."""
     channel, mine = true.channels[0], believed.channels[0]
     picture = Picture.blank(SIDE, SIDE)
     setting = render(true, channel, folder, seed, picture)

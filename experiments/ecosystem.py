@@ -135,7 +135,7 @@ def main() -> None:
 
 @contextlib.contextmanager
 def examples_installed() -> Iterator[None]:
-    """The examples of the page on code of one's own, as a distribution with entry points."""
+    """The examples of the page on user code, as a distribution with entry points."""
     with tempfile.TemporaryDirectory() as name, code_of_command(allow=False):
         folder, points = Path(name), ""
         (folder / "mylab").mkdir()

@@ -254,7 +254,7 @@ def brightest(spots: Spots, count: int) -> Spots:
 
 
 def few_stars(count: int, skies: int) -> float:
-    """Share solved from the brightest so many stars alone, at 12 deg, 0.2 pixel."""
+    """Share solved from a number of the brightest stars alone, at 12 deg, 0.2 pixel."""
     regime = Regime(12, 0.2, 0, 0.0)
     rng, run = np.random.default_rng(count), ours(regime)
     good = tried = 0
@@ -268,7 +268,8 @@ def few_stars(count: int, skies: int) -> float:
 
 
 def tracked(count: int, skies: int, sigma: float = 0.05 * deg) -> float:
-    """Share solved from so many stars, the attitude predicted with this sigma about each axis."""
+    """Share solved from a number of stars, the attitude predicted with this sigma about each "
+    "axis."""
     regime = Regime(12, 0.2, 0, 0.0)
     camera, stars, index = design(12)
     rng = np.random.default_rng(count)

@@ -38,7 +38,7 @@ BLUR = "instrument.optics.blur=4 um"
 class Design(NamedTuple):
     """A design and the fidelity of its trials; a second design has another blur.
 
-    changes  as of `--set`
+    changes  as for `--set`
     """
 
     file: str

@@ -176,7 +176,7 @@ def extra_time(view: View, model: Any, numbers: Sequence[int]) -> float:
     """Seconds of CPU that the full model takes more than another, in turns on the same trials."""
     more = []
     for number in numbers:
-        # Who goes first finds less in the processor's cache, so they take turns in that as well.
+        # Who goes first finds less in the processor's cache, so their order alternates.
         order = (view.full, model) if number % 2 else (model, view.full)
         first, second = (clocked(view.observe, each, number)[1] for each in order)
         more.append(first - second if number % 2 else second - first)

@@ -277,7 +277,7 @@ def _kernels(folder: Path, address: str, marker: Path) -> Iterator[Bait]:
     """Compiled code with the right hash that another user of the group could have written."""
     cache = folder / "kernels"
     environment = {"NUMBA_CACHE_DIR": str(cache)}
-    warm = Bait("kernels of one's own", KERNEL, (), environment)
+    warm = Bait("kernels of a user", KERNEL, (), environment)
     yield warm
     for mode, name in ((0o664, "group"), (0o666, "others")):
         for path in cache.rglob("*.nbc"):

@@ -564,7 +564,7 @@ def drawn(days: int, count: int, trials: int) -> dict[str, float]:
     draw = np.random.default_rng(13).integers(0, count, (2000, count))
     chosen = np.vstack([np.arange(count), draw])
     square = (table["error_x"] ** 2 + table["error_y"] ** 2).reshape(count, trials) / 2
-    # Few trials of a unit make its rms differ by so much, which would raise the level.
+    # Few trials of a unit make its rms differ by this amount, which would raise the level.
     noise = float(np.nanmean(np.nanvar(square, axis=1) / np.nanmean(square, axis=1) ** 2))
     shown = without_noise(shown[chosen], stated[chosen], noise / trials / 4)
     level, rms = (

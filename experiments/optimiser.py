@@ -86,7 +86,7 @@ class Run:
     points: list[Floats]
 
     def leader(self, trials: int) -> Floats | None:
-        """The design that led after so many trials, None where there was none yet."""
+        """The design that led after a number of trials, None where there was none yet."""
         count = bisect.bisect_right(self.trials, trials)
         return self.points[count - 1] if count else None
 
@@ -127,7 +127,7 @@ class Counted:
 def by_trials(
     case: Case, campaign: Campaign, runner: TrialRunner, trials: int, first: int = 0
 ) -> float:
-    """ln(error / arcsec) of so many trials, with the L1 penalty for what is not met."""
+    """ln(error / arcsec) of a number of trials, with the L1 penalty for what is not met."""
     outcomes = runner.run(case, trials, campaign.fidelity, first)
     objective = Objective.read(campaign.objective)
     error = float(objective.of(objective.squares(outcomes)))

@@ -52,7 +52,7 @@ CASES = {"": (20.0, SKY), "quiet_": (0.7, QUIET)}
 
 
 def shrink(size: int) -> None:
-    """Make all frames so many pixels wide."""
+    """Set the width of all frames, pixel."""
     global SIZE, SKY
     SIZE, SKY = size, replace(SKY, columns=size, rows=size)
     for name, (nominal, one) in CASES.items():
@@ -159,7 +159,7 @@ def errors(
 ) -> tuple[float, float]:
     """Chi-square over degrees of freedom, and pixels beyond 4.5 sigma over those of the law.
 
-    The chi-square is that of so many frames, averaged over the batches; the tail is counted in
+    The chi-square is that of the frames, averaged over the batches; the tail is counted in
     them all. With 19 degrees of freedom, chance moves it by 0.16 in 4 batches, by 0.06 in 32.
     """
     mean, fraction = mean_map(nominal), exact_law(nominal, one)

@@ -15,7 +15,7 @@ end a command, `clusters` Dask workers with other code than the command's that i
 Then commands are ended by SIGKILL, SIGTERM and SIGINT and started again: `lost` are ends with other
 bytes than those of a run that nothing ended, `orphans` processes that stayed, `words` ends with
 another status than 143 and 130 or more than one sentence.
-`resident_growth_mb` is by how much one process grows over so many designs, `slow_tests_failed` of
+`resident_growth_mb` is by how much one process grows over the designs, `slow_tests_failed` of
 the slow tests (null without --slow).
 """
 
@@ -152,7 +152,7 @@ def surroundings(cases: int, seed: int) -> dict[str, int]:
 
 
 def grown(designs: int) -> float:
-    """MiB by which one process grows over so many designs."""
+    """MiB by which one process grows over the designs."""
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "design.toml").write_text(tomli_w.dumps(bases()["design"]))
         line = [sys.executable, "-m", "tests.fuzz.worker", "growth", str(designs)]

@@ -269,7 +269,7 @@ def by_trials(
 
 
 def _level(end: End, campaign: Campaign, runner: TrialRunner, trials: int) -> float:
-    """The objective, arcsec, by so many trials, in its weighted conditions."""
+    """The objective, arcsec, by a number of trials, in its weighted conditions."""
     weighted = [one for one in campaign.judged(end.space.design(end.point)) if one.weight]
     objective = Objective.read(campaign.objective)
     if not weighted[0].units:
@@ -343,7 +343,8 @@ class Scores:
 def _least_of(
     search: Callable[[Score, int, int, int], None], score: Scores, most: int, seed: int
 ) -> float:
-    """The least score that a search finds in so many forecasts, of designs that meet all limits."""
+    """The least score that a search finds in a number of forecasts, of designs that meet all "
+    "limits."""
     used = 0
 
     def kept(point: Floats) -> float:

@@ -6,7 +6,7 @@ python experiments/speed.py --against COMMIT [--json FILE] [--quick]
 The example design on 1024 x 1024 pixels: from a random attitude to an error of the attitude. The
 peers do the same work: GalSim draws the same stars as Gaussians of the same width on the same
 background and adds the noise, tetra3rs finds the spots and solves them. CPU time, best of three
-repeats that take turns, one thread each.
+repeats that alternate, one thread each.
 
 With --against, the CPU times of all stages of this tree and of a commit, in turns; a stage that is
 slower by 10 % is marked, and the exit status is 1 then. The times are appended to
@@ -220,7 +220,7 @@ def scaling(case: Case, quick: bool) -> dict[str, Any]:
 
 
 def wall_ms(case: Case, fidelity: Fidelity, workers: int, n: int, repeats: int) -> float:
-    """Milliseconds of wall time a trial of so many workers, best of the repeats."""
+    """Milliseconds of wall time a trial with some workers, best of the repeats."""
     best = math.inf
     warm(case, Sampling(fidelity))
     with pool(workers) as executor:

@@ -81,8 +81,8 @@ def main() -> None:
     left = f"Not installed: {', '.join(sorted(absent))}.\n\n" if absent else ""
     text = (
         f"# Speed against error\n\n`python experiments/speed_vs_error.py`, {versions(PACKAGES)}; "
-        "CPU time of one thread, the least of up to five rounds in which all take turns. Ours are "
-        f"bold.\n\n{left}{markdown(stages, rows)}"
+        "CPU time of one thread, the least of up to five rounds; programs run alternately, "
+        f"startrack's rows are bold.\n\n{left}{markdown(stages, rows)}"
     )
     out = options.out / "speed_vs_error.md"
     save_text(out, text)

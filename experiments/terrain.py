@@ -231,7 +231,7 @@ class Embree:
         self.grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before  # kB
 
     def single(self, rays: Rays, lift: float = 0.0) -> tuple[Any, Any]:
-        """Origins, lifted along the rays by so many metres, and directions."""
+        """Origins, lifted along the rays (metre), and directions."""
         start = rays.origin + lift * rays.direction - self.middle
         return start.astype(np.float32), rays.direction.astype(np.float32)
 

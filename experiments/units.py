@@ -143,7 +143,7 @@ HEAT = ("swing", "gradient_x", "gradient_y", "flux", "calibration_offset", "grad
 
 
 def tracker(name: str, factor: float = 1.0) -> Case:
-    """A published tracker, whose residual and temperatures are so many times as large."""
+    """A published tracker, whose residual and temperatures are multiplied by a factor."""
     case = load_design(shipped(f"trackers/{name}.toml")).case
     if factor == 1:
         return case

@@ -137,9 +137,9 @@ def trackers() -> list[dict[str, Any]]:
             math.hypot(x, y) / math.sqrt(2) / arcsec,
             5.0,
             given,
-            "stars strewn evenly",
+            "stars distributed evenly",
         ),
-        line("Rufino 2013", "about, arcsec", z / arcsec, 30.0, given, "stars strewn evenly"),
+        line("Rufino 2013", "about, arcsec", z / arcsec, 30.0, given, "stars distributed evenly"),
     ]
     vst = analytic(tracker("vst-41m"))
     rows.append(
@@ -180,7 +180,7 @@ def circles(sky: Sky, radius: float, places: int) -> Floats:
 
 
 def sky(places: int) -> list[dict[str, Any]]:
-    """Stars in so many circles, and how far the observer's velocity moves them."""
+    """Stars in some circles, and how far the observer's velocity moves them."""
     stars = open_sky(Selection()).stars
     v = v_from_g(stars.magnitude_g, stars.colour)
     rows = []

@@ -94,7 +94,7 @@ def untyped(thing: Any) -> Iterator[str]:
 def test_what_a_public_name_takes_can_be_had():
     """Its class is public, or a public name gives it; and the page has the fields of all given."""
     returned = set(given(NAMES)) | {
-        part  # what code of one's own is given
+        part  # what user code is given
         for one in NAMES
         if one.name.endswith("Input")
         for kind in types_of(one.thing).values()

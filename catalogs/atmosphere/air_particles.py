@@ -134,7 +134,7 @@ class Haze(Parameters):
         return self.optical_depth / self.scale_height * np.exp(-height / self.scale_height)
 
     def particles(self, wavelength: Floats, moments: int) -> Particles:
-        """At (k,) metre, with so many moments of the phase function."""
+        """At (k,) metre, with a number of moments of the phase function."""
         ones = np.ones(len(wavelength))
         extinction = (wavelength / REFERENCE) ** -self.angstrom
         order = np.arange(moments)

@@ -9,7 +9,7 @@ align       Attitudes from many sets of matched unit vectors, to rounding error.
 consensus   The largest set of matched directions that one attitude explains.
 refine      Gauss-Newton on the residuals in the image plane, and the covariance of the attitude,
             with the errors that the stars of a frame share.
-solve       Estimate from Spots and Matches: attitude, covariance and status; by code of one's own.
+solve       Estimate from Spots and Matches: attitude, covariance and status; by user code.
 camera      Identified frames of one camera -> the camera model that fits them all.
 camera_filter  Matches of one frame after the other -> the camera as it is known, with temperature
             terms.

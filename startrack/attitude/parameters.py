@@ -46,7 +46,7 @@ class SolverSettings(Parameters):
         default=False,
     )
     method: str = parameter(
-        '"least squares": by the residuals in the image plane; or code of one\'s own, see '
+        '"least squares": by the residuals in the image plane; or user code, see '
         "docs/extensions.md, which then also handles outliers: gate and sift are not used",
         limit=Range(choices=METHODS, code="attitudes"),
         default="least squares",

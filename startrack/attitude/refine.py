@@ -114,7 +114,7 @@ def refine_all(
     direction  (m, n, 3) unit vectors, ICRS axes, in front of the camera
     focal      pixel
     start      (m, 3, 3) icrs_to_camera near the minima
-    tolerance  as of `refine`
+    tolerance  as for `refine`
     """
     many = len(plane)
     # An upper triangle whose square is the inverse covariance.

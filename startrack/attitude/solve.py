@@ -1,4 +1,4 @@
-"""Estimate from Spots and Matches: attitude, covariance and status; by code of one's own."""
+"""Estimate from Spots and Matches: attitude, covariance and status; by user code."""
 
 from dataclasses import dataclass
 

@@ -60,7 +60,7 @@ def davenport(observed: Array, reference: Array, weight: Array) -> Rotation:
     Source: Davenport (1968), in Wertz (1978), Spacecraft Attitude Determination and Control, 12.2;
     the vector of eq. 12-73 has the other sign here, since scipy's quaternions turn vectors.
 
-    Arguments and result as of `svd`.
+    Arguments and result as for `svd`.
     Accuracy   numerical: as `svd`, eps over the gap between the two largest eigenvalues.
     """
     b = products(observed, reference, weight)
@@ -90,7 +90,7 @@ def quest(observed: Array, reference: Array, weight: Array) -> Rotation:
 
     Source: Shuster and Oh (1981), J. Guidance and Control 4(1), 70, eqs. 63 to 71.
 
-    Arguments and result as of `svd`.
+    Arguments and result as for `svd`.
     Accuracy   numerical: worse than `svd`, since the polynomial's coefficients hold the fourth
                powers of the singular values; fields of a few degrees lose half of their digits.
     """
@@ -132,7 +132,7 @@ def foam(observed: Array, reference: Array, weight: Array) -> Rotation:
 
     It has no singular attitude. Source: Markley (1993), J. Astronaut. Sci. 41(2), 261.
 
-    Arguments and result as of `svd`.
+    Arguments and result as for `svd`.
     Accuracy   numerical: as `quest`; narrow fields lose half of their digits. The identity where B
                has no second direction.
     """

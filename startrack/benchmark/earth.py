@@ -53,7 +53,7 @@ def towards(grid: Grid, elevation: float, azimuth: NDArray[Any]) -> Floats:
 
 
 def image_rays(grid: Grid, side: int, elevation: float) -> Rays:
-    """Parallel rays in rows and columns over four fifths of a grid, as of a far camera."""
+    """Parallel rays in rows and columns over four fifths of a grid, as to a far camera."""
     at = np.linspace(0.1, 0.9, side)
     u, v = np.meshgrid(at, at)
     target = cartesian(

@@ -25,7 +25,7 @@ def example() -> Case:
 
 
 def sized(case: Case, pixels: int) -> Case:
-    """The same field and lens on so many pixels a side."""
+    """The same field and lens on another number of pixels a side."""
     instrument = case.instrument
     detector = instrument.detector
     pitch = detector.pixel_pitch * detector.columns / pixels
@@ -80,7 +80,7 @@ def hill() -> Hill:
 
 
 def explored(explorer: Explorer) -> Floats:
-    """The best of so many forecasts, or of fewer that are enough."""
+    """The best of a number of forecasts, or of fewer that are enough."""
     explorer.begin(explorer.space.start, TRIES)
     while not explorer.ending and len(explorer.points) < TRIES:
         explorer.step(TRIES - len(explorer.points))

@@ -213,7 +213,7 @@ class Survey:
     faintest: Annotated[Floats, Unit("mag")]
 
     def fraction(self, stars: float) -> float:
-        """Fraction of the sky with at least so many stars."""
+        """Fraction of the sky with at least a number of stars."""
         return float((self.stars >= stars - 0.5).mean())
 
 

@@ -78,7 +78,7 @@ def exclusions(case: Case, angle: Floats, altitude: float = 600e3) -> dict[str, 
 def stray_light_levels(case: Case, angle: Floats, altitude: float = 600e3) -> dict[str, Floats]:
     """Magnitude per square arcsecond (n,) of the stray light of "sun", "moon" and "earth".
 
-    Arguments, what is raised and accuracy as of `exclusions`.
+    Arguments, what is raised and accuracy as for `exclusions`.
     """
     if case.instrument.stray is None:
         raise Refused(

@@ -45,7 +45,7 @@ def fields(
 ) -> Fields:
     """The stars within the camera's half diagonal, and some beyond it.
 
-    spread  makes the attitudes of so many fields: `attitudes` or `boresights`
+    spread  makes the attitudes of a number of fields: `attitudes` or `boresights`
     """
     step = math.log(WIDER)
     radius = math.exp(math.ceil(math.log(camera.half_diagonal) / step) * step)
@@ -272,7 +272,7 @@ def _information(
     """Information of a field about turn and scale, and the chances of too few detected stars.
 
     full     (4, 4) radian^-2, is written to
-    chance   (k,) 1, of exactly so many detected stars; is written to
+    chance   (k,) 1, of exactly 0, 1, ... detected stars; is written to
     Returns  the index behind the last star that counts, and their expected number
     """
     design, weight = np.empty((2, 4)), np.empty((2, 2))

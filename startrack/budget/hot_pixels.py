@@ -28,7 +28,7 @@ class NearHot(NamedTuple):
     false   (k,) electron, of the false spots that they make
     kept    (m,) chance that they do not make the tracker lose a star that the search finds
     moment  (m, 2, 2) pixel^2, second moment over the stars of the shifts by them
-    lost    of `Solver`, with what evidence the places of so many stars are among these spots
+    lost    of `Solver`, with what evidence the places of the stars are among these spots
     """
 
     search: trial.Search
@@ -229,7 +229,7 @@ def _use(
 
     seen, used      (k,) over the magnitudes of shifts
     solved, square  (k,) of frames with an attitude alone: stars that are used, and squared shifts
-    tried, accepted (k,) frames with so many matches, and those of them with an attitude
+    tried, accepted (k,) frames with 0, 1, ... matches, and those of them with an attitude
     """
     for d in range(len(drawn.chance)):
         for f in range(len(drawn.first) - 1):
@@ -330,7 +330,7 @@ def _evidence(
     spots: int,
     excess: float,
 ) -> bool:
-    """Whether the places of matched stars are evidence enough among so many spots."""
+    """Whether the places of matched stars are evidence enough among all spots."""
     focal, unknowns = rules.focal_length_px, 4 if rules.tolerance > 0 else 3
     rows, prior, log_prior = (
         np.empty((len(star), 2, 4)),

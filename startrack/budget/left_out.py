@@ -187,7 +187,7 @@ def of_the_sky(case: Case, stars: Floats, refused: float, moved: float) -> Itera
 
 
 def of_false_spots(case: Case, brighter: float) -> Iterator[str]:
-    """What it leaves out because hot pixels make spots that are brighter than stars, so many."""
+    """What it leaves out because hot pixels make many spots that are brighter than stars."""
     most = case.tracker.detection.max_spots
     if brighter > HIDDEN * most:
         yield (
@@ -197,7 +197,7 @@ def of_false_spots(case: Case, brighter: float) -> Iterator[str]:
 
 
 def caveats(case: Case, left_out: tuple[str, ...]) -> list[str]:
-    """What a reader of the budget must know beside `refusal`; `left_out` as of `Budget`."""
+    """What a reader of the budget must know beside `refusal`; `left_out` as for `Budget`."""
     sentences = [f"not counted: {'; '.join(left_out) or 'nothing that the design names'}"]
     return sentences if case.differs else [*sentences, noise_only(case)]
 

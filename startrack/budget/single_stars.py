@@ -23,7 +23,7 @@ def single_stars(case: Case, seed: int = 0) -> trial.SingleStars:
     without hot pixels. What moves all stars of a frame alike, and neighbours, are left out.
 
     seed      of the drawn stars
-    Accuracy  as of `boxed_stars` and `analytic`.
+    Accuracy  as for `boxed_stars` and `analytic`.
     """
     if trial.boxed(case):
         return trial.boxed_stars(case, seed)

@@ -136,7 +136,7 @@ def _stars(records: tables.Records) -> tables.Records:
     return tables.Records(records.path, columns, list(np.array(records.line)[keep]))
 
 
-# What a table of one's own may hold: the name in `columns`, and the unit that is assumed.
+# What a user's table may hold: the name in `columns`, and the unit that is assumed.
 MAPPED = {
     "identifier": "",
     "ra": "deg",
@@ -214,7 +214,7 @@ def _refuse_hours(path: Path, name: str, place: tuple[Floats, Floats]) -> None:
     if len(ra) >= 3 and ra.min() >= 0 and 3 < ra.max() <= 24 and np.ptp(dec) > 2 * 24:
         raise Refused(
             f"{path}: {name} must be in degree, or have a unit, got values from {ra.min():g} to "
-            f"{ra.max():g}, as of hours, for declinations from {dec.min():g} to {dec.max():g}"
+            f"{ra.max():g}, which are hours, for declinations from {dec.min():g} to {dec.max():g}"
         )
 
 

@@ -89,7 +89,7 @@ declare = Parts(
             Option(
                 "--calibration EXPOSURES",
                 "also write dark and flat frames, for `process`: means "
-                "of so many exposures (default: 256 lines of a scanner, 16 frames of a matrix)",
+                "of N exposures (default: 256 lines of a scanner, 16 frames of a matrix)",
                 int,
                 many="?",
                 const=0,

@@ -77,7 +77,7 @@ declare = Options(
     ),
     Option(
         "--heads N",
-        "compare so many heads instead, each placed by a coarse search (default "
+        "compare this number of heads instead, each placed by a coarse search (default "
         "with --baffle: as many as the mission has)",
         whole(1, 8),
         many="+",
@@ -92,13 +92,13 @@ declare = Options(
     ),
     Option(
         "--units N",
-        "fly so many spacecraft whose heads are drawn units, too: what 95 %% of "
+        "fly N spacecraft whose heads are drawn units, too: what 95 %% of "
         "them keep, temperatures, and what alignment in flight gains",
         whole(1, 10**6),
     ),
     Option(
         "--frames N",
-        "render all heads at so many random instants, too (fidelity: "
+        "render all heads at N random instants, too (fidelity: "
         "check.fidelity): frames.csv, how far they agree with what the mission expects, and the "
         "angles between heads before and after a thermal model",
         whole(1, 10**6),

@@ -330,7 +330,7 @@ def attitude_values(icrs_to_camera: Rotation) -> dict[str, Any]:
 
 
 def pointing_text(icrs_to_camera: Rotation, digits: int, of_roll: int) -> str:
-    """An attitude in words, with so many digits of right ascension and declination, and of roll."""
+    """An attitude in words; digits of right ascension and declination, and of roll."""
     ra, dec, roll = io.celestial(icrs_to_camera)
     turned = round(roll, of_roll) % 360  # so that 359.99 is never printed as 360.0
     return f"RA {ra:.{digits}f}, Dec {dec:+.{digits}f}, roll {turned:.{of_roll}f} deg"

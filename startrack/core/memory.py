@@ -82,7 +82,7 @@ def gib(size: float) -> str:
 
 @contextmanager
 def limited_memory(limit: int) -> Iterator[None]:
-    """Let this process and those that it starts take at most so many bytes more than now.
+    """Let this process and those that it starts take at most `limit` bytes more than now.
 
     What has no estimate, or a wrong one, then ends in MemoryError instead of a machine that swaps.
     The limit is that of the system on private data (Linux); elsewhere only estimates are compared.
@@ -213,7 +213,7 @@ def kept_bytes() -> int:
 
 
 def shrink_kept(limit: float) -> None:
-    """Drop the values that were used longest ago, until all others take at most so many bytes."""
+    """Drop the values that were used longest ago, until all others take at most `limit` bytes."""
     with _lock:
         while kept_bytes() > max(limit, 0):
             min(_stores, key=Kept.last_use).drop_oldest()

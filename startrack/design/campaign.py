@@ -47,8 +47,9 @@ class Campaign(Parameters):
     )
     objective: str = parameter(
         '"across", "about" or "both", whose rms error is made small; with a fraction in '
-        'percent, as in "across-99.73", the error that so many trials do not exceed by its '
-        'length; as in "across-99.73 per axis", that so many errors about single axes do not '
+        'percent, as in "across-99.73", the error that this share of trials does not exceed by its '
+        'length; as in "across-99.73 per axis", that this share of errors about single axes does '
+        "not "
         "exceed. Of several conditions, the geometric mean by their weights",
         default="across",
     )
@@ -70,8 +71,8 @@ class Campaign(Parameters):
         "units on which start and best are compared at the end", limit=Range(2, 10**5), default=60
     )
     unit_trials: int | None = parameter(
-        "trials of each of these; None: 20, or so many that the level of the objective or of a "
-        "requirement has one trial beyond it, which are 371 for 99.73 %",
+        "trials of each of these; None: 20, or as many as are needed so that the level of the "
+        "objective or of a requirement has one trial beyond it, which are 371 for 99.73 %",
         limit=Range(2, 10**4),
         default=None,
     )
@@ -97,7 +98,7 @@ class Campaign(Parameters):
     search: str = parameter(
         'how designs are chosen for the analytic budget: "emulator", where Gaussian processes '
         "through all that are known expect most, or algorithms of nlopt one after the other, such "
-        'as "direct+sbplx" or "GN_ISRES", each with as many evaluations; or code of one\'s own, '
+        'as "direct+sbplx" or "GN_ISRES", each with as many evaluations; or user code, '
         "see docs/extensions.md",
         limit=Range(code="searches", free=True),
         default="emulator",

@@ -13,7 +13,7 @@ from startrack.space import AU
 # (99 %) or 7 arcsec (Groombridge 1830) in a year, which is all that "2026" says of a date.
 MOTION_YEARS = 1.0
 # The Earth's velocity turns by 60 degrees in it: aberration then errs by as much as it is, 20.5
-# arcsec, and so much the bodies of a scene err, which are seen without it.
+# arcsec, and the bodies of a scene err by the same, which are seen without it.
 ABERRATION_YEARS = 1 / 6
 # Chosen by hand: a tenth of what a low orbit makes. More tolerates a wrong orbit, less a direction
 # that is rounded to 6 degrees.

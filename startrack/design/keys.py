@@ -80,7 +80,7 @@ def design_keys() -> tuple[Key, ...]:
 
 
 def _taken_by(refused: Sequence[str] = (), left_out: Sequence[str] = ()) -> str:
-    """The column of a key; names as of `experiments/key_fidelities.py`, which finds them."""
+    """The column of a key; names as for `experiments/key_fidelities.py`, which finds them."""
     taken = [column for column in COLUMNS if column not in refused and column not in left_out]
     if len(taken) == len(COLUMNS):
         return "all"

@@ -132,7 +132,7 @@ def label(case: Any, name: str) -> str:
 
 
 def text(case: Any, name: str, value: float, digits: int = 4) -> str:
-    """A value as a person writes it, so many digits and the parameter's unit."""
+    """A value as a person writes it, with a number of digits and the parameter's unit."""
     unit = unit_at(case, name)
     if not unit:
         return f"{float(f'{value:.{digits}g}'):g}"

@@ -17,7 +17,11 @@ from startrack.optics import Optics, Surfaces, element_count, full_surfaces
 BARREL = 3.7  # kilogram of a whole lens for one of its glass
 WALL = 1.96  # outer diameter over that of the largest clear aperture
 HOUSING = 1.26  # length of the housing, to the detector, over that of the rays
-PRICE, PRICED, STEEP = 270.0, 0.24, 1.6  # dollar of 2010, of a lens of so many kilogram; exponent
+PRICE, PRICED, STEEP = (
+    270.0,
+    0.24,
+    1.6,
+)  # dollar of 2010, of a lens by its mass in kilogram; exponent
 
 
 class LensCost(NamedTuple):
@@ -61,7 +65,7 @@ def lens_cost(optics: Optics) -> LensCost | None:
 
 
 def cost_of(surfaces: Surfaces, elements: float) -> LensCost:
-    """The cost of a lens of some surfaces and of so many elements, which need not be theirs."""
+    """The cost of a lens of some surfaces; the number of elements need not be theirs."""
     more = elements / max(len(surfaces.elements), 1)
     mass = BARREL * surfaces.glass_mass() * more
     width = WALL * 2 * float(surfaces.radius.max())
@@ -134,7 +138,7 @@ class Accuracy:
 
 
 def _length(axes: int, fraction: float) -> float:
-    """That a fraction of normal errors of sigma 1 about so many axes does not exceed."""
+    """Level that a fraction of normal errors of sigma 1 about a number of axes does not exceed."""
     return math.sqrt(2 * float(special.gammaincinv(axes / 2, fraction)))
 
 
@@ -292,7 +296,7 @@ class Requirements(core.CarriesCode):
     )
     level: str = parameter(
         'of these errors: "rms", or a percentage such as "99.73 %" that they must not exceed in '
-        "so many cases",
+        "a number of cases",
         default="rms",
     )
     kind: str = parameter(
@@ -325,12 +329,12 @@ class Requirements(core.CarriesCode):
         default="counted",
     )
     cost_model: str = parameter(
-        '"aperture": as above; or code of one\'s own, see docs/extensions.md',
+        '"aperture": as above; or user code, see docs/extensions.md',
         limit=Range(choices=COST_MODELS, code="costs"),
         default="aperture",
     )
     checks: tuple[str, ...] = parameter(
-        "code of one's own, each of whose margins must not be negative",
+        "user code, each of whose margins must not be negative",
         limit=Range(code="requirements"),
         default=(),
     )

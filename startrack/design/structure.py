@@ -137,7 +137,7 @@ class Structure(Parameters):
         default=None,
     )
     diameter: float | None = parameter(
-        "D, of the tube; None: 1.96 apertures, as of nine lenses",
+        "D, of the tube; None: 1.96 apertures, the median of nine lenses",
         unit=LENGTH,
         limit=POSITIVE,
         default=None,

@@ -23,7 +23,7 @@ class Sample(NamedTuple):
     """Numbers are digital ones, and `image` and what is compared with it lack the pivot.
 
     image             (rows, columns)
-    dead              as of Pixels; empty where none is
+    dead              as for Pixels; empty where none is
     x, y              (n,) pixel, peaks
     half              pixel, half side of the window
     floor             least noise of a pixel

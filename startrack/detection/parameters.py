@@ -40,7 +40,7 @@ class Detection(Parameters):
     centroid: str = parameter(
         '"gravity": centre of gravity; "weighted": under a Gaussian weight that follows the '
         'star; "gaussian": fit of a Gaussian, its width too; "likelihood": fit of the design\'s '
-        "PSF; or code of one's own, see docs/extensions.md",
+        "PSF; or user code, see docs/extensions.md",
         limit=Range(choices=CENTROIDS, code="centroids"),
         default="gravity",
     )
@@ -91,7 +91,9 @@ class Detection(Parameters):
         limit=Range(1, 2**30),
         default=1000,
     )
-    max_spots: int = parameter("the brightest so many are kept", limit=Range(1, 2**30), default=100)
+    max_spots: int = parameter(
+        "number of spots that are kept, the brightest ones", limit=Range(1, 2**30), default=100
+    )
     sharpest_sigma: float = parameter(
         "pixel, sigma of the sharpest star; what is sharper is a hot pixel. 0 keeps all",
         limit=NON_NEGATIVE,
@@ -117,7 +119,7 @@ class Detection(Parameters):
         default=None,
     )
     search: str = parameter(
-        '"filter": peaks of the matched filter above the threshold; or code of one\'s own, see '
+        '"filter": peaks of the matched filter above the threshold; or user code, see '
         "docs/extensions.md, which finds the stars of whole frames without threshold, kernel, "
         "mesh and areas",
         limit=Range(choices=SEARCHES, code="detections"),

@@ -73,7 +73,7 @@ class DetectionPlan:
         return matched.roughness(self.filters, self.kernel)
 
     def threshold(self, area: int) -> float:
-        """Threshold in sigma of normal noise, for a search of so many pixels."""
+        """Threshold in sigma of normal noise, for a search of a number of pixels."""
         if self.settings.false_per_frame is None:
             return self.settings.threshold
         return matched.threshold_for(self.settings.false_per_frame / (area * self.roughness))

@@ -82,7 +82,7 @@ def star_profile(psf: Psf, kernel: Kernel) -> Floats:
 
 @kernel
 def grown_mask(regions: Ints, by: int, columns: int, rows: int) -> Ints:
-    """Regions (w, 4) with so many pixel more on each side, as far as the frame reaches."""
+    """Regions (w, 4) with a margin of some pixels on each side, as far as the frame reaches."""
     wider = np.empty_like(regions)
     for k in range(len(regions)):
         wider[k, 0], wider[k, 1] = max(regions[k, 0] - by, 0), max(regions[k, 1] - by, 0)

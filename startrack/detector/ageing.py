@@ -68,7 +68,7 @@ def orbit_dose(altitude: float, inclination: float, shielding: float, events: fl
 
     Protons by `protons_dose`, electrons and their bremsstrahlung by `trapped_electrons`.
 
-    Arguments and exceptions as of `protons_dose`; ImportError without radbelt at 550 km, too.
+    Arguments and exceptions as for `protons_dose`; ImportError without radbelt at 550 km, too.
     Accuracy  AE-8 and AP-8 within a factor of two; the dose of their spectra within 10 % of
               SHIELDOSE-2 where electrons or protons make it. Its bremsstrahlung, which decides in
               high orbits behind some 7 mm or more, is 1.6 times as much (docs/mission.md).
@@ -84,7 +84,7 @@ def orbit_damage(altitude: float, inclination: float, shielding: float, events: 
     Those of `damage_fluence` for the dose of protons and, except at 550 km, those of trapped
     electrons: there they would add 3 % behind 5 mm and 11 % behind 3 mm in a polar orbit.
 
-    Arguments and exceptions as of `protons_dose`.
+    Arguments and exceptions as for `protons_dose`.
     Accuracy  30 % of the energy losses; behind 1 mm at 550 km a fourth less than with electrons.
     """
     fluence = damage_fluence(protons_dose(altitude, inclination, shielding, events), NIEL)
@@ -102,8 +102,8 @@ def protons_dose(altitude: float, inclination: float, shielding: float, events: 
 
     altitude, shielding  metre;  inclination  radian
     events    anomalously large ones in a year
-    Raises    ImportError without radbelt; ValueError as of `proton_dose`.
-    Accuracy  as of these; beside the table at 550 km, and from 15 degrees of inclination on, 5 to
+    Raises    ImportError without radbelt; ValueError as for `proton_dose`.
+    Accuracy  as for these; beside the table at 550 km, and from 15 degrees of inclination on, 5 to
               26 % less.
     """
     if altitude == ALTITUDE:
@@ -306,8 +306,8 @@ class Age(Parameters):
         default=ALTITUDE,
     )
     solar_events: float = parameter(
-        "anomalously large events of the Sun, as of August 1972, whose protons are added (extra "
-        "`radiation`): one in an active period of seven years was seen in 1964 to 1972",
+        "anomalously large events of the Sun, such as that of August 1972, whose protons are added "
+        "(extra `radiation`): one in an active period of seven years was seen in 1964 to 1972",
         unit=Unit("s-1", "yr-1"),
         limit=NON_NEGATIVE,
         default=0.0,
@@ -430,7 +430,7 @@ class Age(Parameters):
         return self.transfer_loss * self.years * YEAR
 
     def of_map(self, years: float) -> Age:
-        """The detector as it was so many years in orbit, when its dark map was made."""
+        """The detector as it was after some years in orbit, when its dark map was made."""
         return replace(self, time=years * YEAR, year=None, launch=None, flicker=None)
 
 
@@ -538,7 +538,7 @@ def mean_damage(age: Age, area: float, kelvin: float) -> float:
 def typical(base: float, age: Age, area: float, kelvin: float, to: float) -> float:
     """Dark current of a typical pixel: the median of a tail's law, the mean of interactions.
 
-    Arguments as of `aged`.
+    Arguments as for `aged`.
     """
     law = TAILS.get(age.family)
     if law is None:
@@ -582,7 +582,7 @@ class Flickering:
         self.step = law.steps(self.mean, self._draw.random(len(self.mean)))
 
     def later(self, time: float) -> None:
-        """Let so many seconds pass: jumps do not depend on the state before."""
+        """Let some seconds pass: jumps do not depend on the state before."""
         jumps = self._draw.random(len(self.mean)) < -math.expm1(-time / self.law.dwell)
         chosen = np.flatnonzero(jumps)
         self.step[chosen] = self.law.steps(self.mean[chosen], self._draw.random(len(chosen)))

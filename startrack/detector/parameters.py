@@ -262,7 +262,7 @@ class Detector(Parameters):
     scan: Scan | None = parameter("lines that sweep over the sky; None for a matrix", default=None)
     age: Age | None = parameter("damage by radiation in orbit; None: as at launch", default=None)
     charge_effects: tuple[str, ...] = parameter(
-        "code of one's own, one after the other, that changes the charge of all pixels at the "
+        "user code, one after the other, that changes the charge of all pixels at the "
         "end of the exposure, see docs/extensions.md",
         limit=Range(code="charge_effects"),
         default=(),

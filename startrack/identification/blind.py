@@ -189,8 +189,8 @@ def fit_lens(
     image determines a principal point where its field is wide (20 pixels, at 50 degrees and 40
     stars, to 1 pixel).
 
-    spots, matches  as of `identify`, solved
-    stars, index    as of `identify`
+    spots, matches  as for `identify`, solved
+    stars, index    as for `identify`
     settings        its `match_radius` holds for the fitted lens
     Raises          ValueError where the matches are not solved.
     Accuracy        model: OpenCV's radial distortion of second order about the principal point.

@@ -135,7 +135,7 @@ def _solved(gathered: Gathered, finite: Ints, camera: Camera, log_p: float) -> M
 
 
 def too_few(spots: int, camera: Camera, settings: Identification) -> Matches:
-    """No match of so many usable spots."""
+    """No match of the usable spots."""
     status = Status.TOO_FEW if spots else Status.BLANK
     reason = f"{spots} usable spots, of which {settings.min_matches} are needed"
     return _unsolved(status, reason, camera)

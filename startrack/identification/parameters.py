@@ -1,4 +1,4 @@
-"""Identification: tolerances of the camera and thresholds of the match, or code of one's own."""
+"""Identification: tolerances of the camera and thresholds of the match, or user code."""
 
 import math
 from dataclasses import dataclass
@@ -65,7 +65,7 @@ class Identification(Parameters):
         default=4000,
     )
     method: str = parameter(
-        '"triangles": codes of triangles, which other spots verify; or code of one\'s own, see '
+        '"triangles": codes of triangles, which other spots verify; or user code, see '
         "docs/extensions.md. Of the keys above it, code follows min_matches and what it reads "
         "itself",
         limit=Range(choices=METHODS, code="identifications"),
@@ -115,7 +115,7 @@ def matches_by_code(
     predicted: Rotation | None = None,
     covariance: Floats | None = None,
 ) -> core.Matches:
-    """The matches of a function that a design names; arguments as of `identify` and `track`.
+    """The matches of a function that a design names; arguments as for `identify` and `track`.
 
     usable   (n,) indices of the spots that may be matched
     Returns  Matches, with the false probability unknown (NaN); no match where the function matches

@@ -47,7 +47,7 @@ def table_of(results: Any) -> Rows:
     table = getattr(results, "table", results)
     if not isinstance(table, np.ndarray) or not table.dtype.names:
         raise TypeError(
-            "results must be a structured array, as of run_trials, or have one as `table`, as a "
+            "results must be a structured array, as from run_trials, or have one as `table`, as a "
             f"Budget and a Summary, got {type(results).__name__}"
         )
     return np.atleast_1d(table)
@@ -56,7 +56,7 @@ def table_of(results: Any) -> Rows:
 def to_pandas(results: Any) -> Any:
     """Results as a pandas DataFrame; the units of its columns are in `attrs["units"]`.
 
-    results  structured array, as of `run_trials` and `sequence.run`, or a Budget or a Summary
+    results  structured array, as from `run_trials` and `sequence.run`, or a Budget or a Summary
     Raises   ImportError without pandas; TypeError for what is no table.
     """
     columns, units = _columns(results)

@@ -128,7 +128,7 @@ def save_arrays(path: Path, tables: Mapping[str, Mapping[str, Any]]) -> None:
 def save_figure(path: Path, figure: Figure) -> None:
     """Write a picture whole, at the figure's own resolution.
 
-    Titles hold names of files, which may have bytes that are no text, or a $, as of formulas.
+    Titles hold names of files, which may have bytes that are no text, or a $ (of a formula).
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 

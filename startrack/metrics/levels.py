@@ -76,7 +76,9 @@ def level_ranks(n: int, fraction: float, low_tail: float, high_tail: float) -> t
 
     low_tail, high_tail  probabilities that each bound does not hold
     """
-    low = int(scipy.stats.binom.ppf(low_tail, n, fraction))  # at least so many lie below the level
+    low = int(
+        scipy.stats.binom.ppf(low_tail, n, fraction)
+    )  # at least this number lies below the level
     return low, int(scipy.stats.binom.isf(high_tail, n, fraction)) + 1
 
 

@@ -10,7 +10,7 @@ from startrack.core import Floats
 from startrack.metrics.levels import level_ranks
 from startrack.metrics.summary import Interval
 
-ALLOWANCE = 4.0  # for the variance of few values, as of `mean_bounds`; chosen by hand
+ALLOWANCE = 4.0  # for the variance of few values, as for `mean_bounds`; chosen by hand
 
 
 def ratio_of_rms(

@@ -43,7 +43,7 @@ class Row:
     value  in SI; an interval, a number or what JSON takes as it is
     label  what it is in text; none: it is in JSON alone
     unit   of the value
-    form   of its number in text, as of `format`
+    form   of its number in text, as for `format`
     note   behind it in text
     """
 

@@ -150,7 +150,7 @@ class Flown:
                 axes, summed over these; zero without surrogates
     head_sum    (h, 4) over the valid steps of each head: their number, variance across and about
                 (radian^2), and probability of an attitude
-    exactly     (h + 1,) expected number of steps with an attitude of exactly so many heads
+    exactly     (h + 1,) expected number of steps with an attitude of exactly 0, 1, ... heads
     worst       (second, radian) of steps with the largest error about a body axis, largest first
     by_beta     (7, BETAS, PHASES) over the angle from the Sun to the plane of the orbit, from -90
                 to 90 degrees, and the orbit: steps, steps with one valid head, with two, valid
@@ -376,7 +376,7 @@ def _add_to_maps(chunk: Chunk, flown: Flown, steps: int) -> None:
 
 
 def _add_errors(chunk: Chunk, flown: Flown) -> None:
-    """Mean errors of each head, chances of so many attitudes, and the worst moment of the chunk."""
+    """Mean errors of each head, chances of 0, 1, ... attitudes, the worst moment of a chunk."""
     assert chunk.variance is not None
     exactly = [np.ones(len(chunk.instants.second))]
     for total, seen, (across, about, solved) in zip(

@@ -38,7 +38,7 @@ LEAST = 0.5  # availability below which the table of rates ends
 PIXEL_LENGTH = 0.5  # pixel
 ENVIRONMENTS = 24  # of a unit
 AT_REST = 400  # of the unit of the model, for its swing; chosen by hand: some seconds
-SWING_KNOWN = (2 * AT_REST) ** -0.5  # relative sigma of the rms of so many normal draws
+SWING_KNOWN = (2 * AT_REST) ** -0.5  # relative sigma of the rms of this number of normal draws
 RANKS = {"middle": 0.5, "95": 0.95, "worst": 1.0, "designed": math.nan}
 CLASSES = {  # of the model, by those of ECSS-E-ST-60-20C
     "noise": (Term.NOISE,),

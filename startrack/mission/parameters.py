@@ -363,7 +363,7 @@ class MissionRequirements(Parameters):
 
 
 class SharedAlignmentError(Parameters):
-    """Errors about the body's axes that all heads share, as of the structure that carries them."""
+    """Errors about the body's axes that all heads share, such as those of the structure."""
 
     x: float = parameter("rms", unit=Unit("rad", "arcsec"), limit=core.NON_NEGATIVE, default=0.0)
     y: float = parameter("rms", unit=Unit("rad", "arcsec"), limit=core.NON_NEGATIVE, default=0.0)
@@ -393,7 +393,7 @@ class Check(Parameters):
 
 
 class KeepClear(Parameters):
-    """A cone in body axes in which no boresight may be placed, such as of a panel."""
+    """A cone in body axes in which no boresight may be placed, such as the normal of a panel."""
 
     axis: tuple[float, ...] = parameter("of the cone; its length does not matter")
     angle: float = parameter(

@@ -459,7 +459,7 @@ def _mounted_at(mission: Mission, lines: Sequence[Floats]) -> Mission:
 
 
 def _with_heads(plan: Plan, count: int, angle: float) -> Plan:
-    """The plan with so many heads, whose exclusion angle of the Sun is that of the baffle."""
+    """The plan with `count` heads, whose exclusion angle of the Sun is that of the baffle."""
     of = [k % len(plan.heads) for k in range(count)]
     heads = []
     for n, k in enumerate(of):

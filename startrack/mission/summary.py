@@ -60,10 +60,10 @@ def spells(holds: Flags, step: float) -> Spells:
 class Availability:
     """How often heads are valid.
 
-    heads   (h + 1,) fraction of the time with exactly so many valid heads
+    heads   (h + 1,) fraction of the time with exactly 0, 1, ... valid heads
     causes  Blind -> (h,) fraction of the time in which it blinds each head
     alone   (h,) fraction of the time in which each head is valid
-    known   (h + 1,) fraction of the time with an attitude of exactly so many heads: of those that
+    known   (h + 1,) fraction of the time with an attitude of exactly 0, 1, ... heads: of those that
             are valid, with the probability that enough stars are detected
     none    times without a valid head
     each    times in which each head is blind
@@ -77,7 +77,7 @@ class Availability:
     each: tuple[Spells, ...]
 
     def at_least(self, count: int) -> float:
-        """Fraction of the time with attitudes of so many heads or more."""
+        """Fraction of the time with attitudes of at least `count` heads."""
         return float(self.known[count:].sum())
 
 
@@ -224,11 +224,11 @@ DECIMALS = 5  # of a degree: 0.04 arcsec
 
 
 def timeline(plan: Plan, every: int = 1, advance: Advance = lambda _: None) -> Rows:
-    """A row for each step, or for each of so many; angles in degrees.
+    """A row for every step, or for every k-th step; angles in degrees.
 
     Errors are rms, in arcseconds, with the alignment of each head; infinite without an attitude.
 
-    every   of so many steps one is kept, from the first on
+    every   k: every k-th step is kept, from the first on
     Returns a structured array; `blind` of a head is the sum of its Blind, 0 where it is valid
     """
     time = plan.loaded.mission.time
@@ -243,7 +243,7 @@ def timeline(plan: Plan, every: int = 1, advance: Advance = lambda _: None) -> R
 
 
 def write_kernels(plan: Plan, every: int, orbit: Path, attitude: Path) -> None:
-    """Write where the spacecraft is and how it points, at each of so many steps, for SPICE.
+    """Write where the spacecraft is and how it points, at every k-th step, for SPICE.
 
     Raises  ImportError without spiceypy
     """

@@ -43,8 +43,8 @@ def differences(
 ) -> list[Difference]:
     """Errors and availability of two campaigns, the ratios of errors, and how availability differs.
 
-    Errors: over the trials that both solved, where paired; intervals as of `Objective.ratio`, those
-    of levels without bounds where the trials are too few.
+    Errors: over the trials that both solved, where paired; intervals as for `Objective.ratio`,
+    those of levels without bounds where the trials are too few.
     Availability: Agresti and Min (2005), Statist. Med. 24, 729, for pairs; else the two exact
     intervals as those of independent fractions (Newcombe 1998, Statist. Med. 17, 873, method 10).
 

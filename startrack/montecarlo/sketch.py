@@ -392,7 +392,7 @@ def merge_sketches(
     """The sketch of all trials of several files.
 
     progress  called with the number of files that were just read
-    partial, count  as of `merge_stores`
+    partial, count  as for `merge_stores`
     Raises  ValueError, with the file, where it is none, of another campaign, or has trials that
             another has; Refused with the numbers of trials that are missing.
     """

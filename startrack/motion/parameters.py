@@ -97,7 +97,7 @@ class Motion(Parameters):
         "random jitter, at most one spectrum for each axis", default=()
     )
     jitter: tuple[str, ...] = parameter(
-        "code of one's own that draws lines of jitter in each trial, see docs/extensions.md",
+        "user code that draws lines of jitter in each trial, see docs/extensions.md",
         limit=Range(code="jitters"),
         default=(),
     )

@@ -193,7 +193,7 @@ def transmittance_of(tube: BaffleTube, lens: float, field: float, f_number: floa
 
     Source    E. Fest (2013), Stray Light Analysis and Control, SPIE, ch. 4 and 7: first-order
               estimates, Harvey's law for polished surfaces; placing of vanes ch. 9.
-    Arguments as of `BaffleTube.shape`; `f_number` of the lens
+    Arguments as for `BaffleTube.shape`; `f_number` of the lens
     Accuracy  model: paint scatters by Lambert's law, also at grazing incidence, where real ones
               reflect more; the lens scatters as clean surfaces do; no housing behind the lens.
               numerical: 6 % rms beyond the cutoff, of `PATHS` fixed paths; the same for all
@@ -219,7 +219,7 @@ def transmittance_of(tube: BaffleTube, lens: float, field: float, f_number: floa
 
 
 def _per_steradian(scatter: float) -> float:
-    """1 / sr, the BSDF on the axis of a Harvey law with so much scattered light in all."""
+    """1 / sr, the BSDF on the axis of a Harvey law from its total scattered light."""
     power = SLOPE / 2 + 1
     law = SHOULDER**2 / power * (_harvey(1.0, power) - 1)  # integral of 2 sine B over the sine
     return scatter / (math.pi * law)

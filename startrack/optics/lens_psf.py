@@ -595,7 +595,7 @@ class _Plan:
 
     @staticmethod
     def _refuse_points(count: float, spread: float) -> NoReturn:
-        """Refuse an image of so many points a side, whose rays spread so far (metre)."""
+        """Refuse an image with too many points a side, whose rays spread `spread` metre."""
         raise Refused(
             f"the images of lens_file must fit {MOST_POINTS} points a side, got {count:.0f}: "
             f"rays spread over {spread * 1e6:.0f} um; focus the lens, stop it down or use a "

@@ -53,7 +53,7 @@ class Optics(Parameters):
         '"gaussian": one Gaussian, the core of the Airy pattern; "airy": diffraction of a clear '
         'circular pupil in closed form; "fraunhofer": of any pupil with aberrations; "fresnel": '
         'with the scale of a plane out of focus; "kirchhoff": with inclined rays and the phase '
-        'of the lens; "auto": the cheapest of these within psf_tolerance; or code of one\'s own, '
+        'of the lens; "auto": the cheapest of these within psf_tolerance; or user code, '
         "see docs/extensions.md",
         limit=Range(choices=(*MODELS, "auto"), code="psfs"),
         default="auto",

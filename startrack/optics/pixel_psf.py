@@ -107,7 +107,7 @@ FINEST, COARSEST = 64, 12  # samples per pixel; chosen by hand: memory against t
 PER_SIGMA = 8.0  # samples per sigma of the core: six-point interpolation errs by 1e-6 of the peak
 MOST_SAMPLES = 1024  # across a pupil; chosen by hand: seconds of computing time
 BYTES = 72  # of a sample of a transfer function; measured
-EXTENSION_BOX = 8.0  # pixel, least half width of the table of a PSF of one's own; chosen by hand
+EXTENSION_BOX = 8.0  # pixel, least half width of the table of a user's PSF; chosen by hand
 OWN_SAMPLES = 12  # least of these per pixel; chosen by hand
 MOST_POINTS = 3072  # across the field of an irradiance; chosen by hand: 75 MB
 

@@ -83,7 +83,7 @@ def correct(tried: Sequence[Evaluation], middle: Floats, radius: float) -> Corre
 PRIORS = {False: (0.3, 0.1), True: (0.5, 1.5)}  # of all designs together, and of each; of chances
 MODEL = {False: 0.02, True: 0.1}  # standard deviation that no number of trials removes
 LENGTH = 0.3  # of the cube, over which it changes
-BASE = 0.02  # of a chance that is allowed: so much more may be lost than any forecast says
+BASE = 0.02  # of a chance that is allowed: this much more may be lost than any forecast says
 STEPS = 100  # of the fit at most
 POWER = 0.95  # probability with which a design that just reaches `Limit.shown` is shown to meet it
 
@@ -112,7 +112,7 @@ class Limit:
         load = room - margin,   true load = (forecast load + base) exp(g(x))
 
     with g a Gaussian process over the cube, through what the trials of some designs show. A design
-    has to reach the load `shown`, which is less than `room`: so much less, that the fresh trials
+    has to reach the load `shown`, which is less than `room` by a margin, so that the fresh trials
     show with a probability of POWER that it meets the limit.
 
     room    load that is allowed

@@ -177,7 +177,7 @@ class Foresight(NamedTuple):
     expected    ln(arcsec) of the objective; NaN where no attitude is expected
     margins     of the requirements; none where the design cannot be built
     conditions  what the budget expects in each of them that was computed
-    lasting     false where the machine refused it, as of `Refused`: no ledger keeps it
+    lasting     false where the machine refused it, as for `Refused`: no ledger keeps it
     """
 
     expected: float
@@ -187,7 +187,7 @@ class Foresight(NamedTuple):
 
     @property
     def left_out(self) -> bool:
-        """Whether the design costs so much more than it may that its budget was not computed."""
+        """Whether the design costs far too much, so that its budget was not computed."""
         return bool(self.margins) and math.isnan(self.expected) and not self.conditions
 
     @property

@@ -27,7 +27,7 @@ FIRST, FIRST_MORE = 3, 5  # forecasts per variable, and besides, before the firs
 BATCH = 4  # forecasts between two emulators: the same for any number of workers
 ENOUGH = 0.2  # of the precision, below which an expected gain does not justify a forecast
 SIGMAS = 2.0  # by which a design may be better than expected: 98 % of a normal law
-BOLD = 6.0  # the same where no other design is left: near a cliff, emulators are wrong by so much
+BOLD = 6.0  # the same where no other design is left: near a cliff, emulators are wrong by as much
 AROUND = 0.1  # of each range, on either side of the best, within which they lie
 LIKELY = 0.15  # by which all emulators together may expect them to be worse than the best
 IN_VAIN = 2  # batches of such designs, none of which is better, after which the search ends
@@ -43,7 +43,7 @@ MISSED = 0.4  # the same of a margin that is missed, on its scale
 FEWEST = 2  # designs per variable at least that an emulator goes through
 WIDTH = 0.2  # margin beyond which its scale grows slowly
 LEAST_CHANCE = 1e-4  # of the unavailability that is allowed: below it all is as good
-SAFE = 1e-3  # by which an emulated margin must be met, as it is wrong by so much at a limit
+SAFE = 1e-3  # by which an emulated margin must be met, as it is wrong by as much at a limit
 POOL, LEADERS, NEARBY = 256, 6, 0.05  # random designs, those kept, how near others are to these
 CLOSE = 0.5  # of the load that is allowed, from which on trials are worth it in any condition
 SHORT = 0.1  # of it, by which a design may miss what fresh trials can show, and yet be tried
@@ -220,7 +220,7 @@ class Explorer:
     """The forecasts of a design space so far, and what they let expect of any other design.
 
     The next designs are where the emulators' means, and their bounds of SIGMAS, are least: lower
-    confidence bounds, as of Cox and John (1992), IEEE Conference on Systems, Man and Cybernetics.
+    confidence bounds, see Cox and John (1992), IEEE Conference on Systems, Man and Cybernetics.
 
     label   of the branch that the space belongs to
     seed    of units and proposals, where there is no runner
@@ -245,7 +245,9 @@ class Explorer:
     ending: str = ""
     watch: Callable[[], None] | None = None
     _emulators: tuple[int, Emulators] | None = None
-    _spanned: float = np.inf  # a score below it is so much better that its spans are others
+    _spanned: float = (
+        np.inf
+    )  # a score below it is better by so large a step that its spans are others
     _in_vain: int = 0  # batches of bold designs since the last gain
 
     @cached_property

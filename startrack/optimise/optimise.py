@@ -32,7 +32,7 @@ class Candidate:
 
     design   it
     factor   error of the start over its error
-    margins  of the requirements, as of `Optimum`
+    margins  of the requirements, as for `Optimum`
     """
 
     design: design.Case
@@ -132,7 +132,7 @@ class _Progress:
         self._tell(f"{self._tried} designs tried", FORECAST + (TRIED - FORECAST) * part)
 
     def fresh(self, trials: int) -> None:
-        """Report that so many more fresh trials were done."""
+        """Report that more fresh trials were done."""
         self._fresh, campaign = self._fresh + trials, self._campaign
         trials_of_units = campaign.fresh_units * campaign.trials_per_unit
         over = trials_of_units if campaign.units else campaign.fresh_trials
@@ -384,7 +384,7 @@ class _Confirmed:
 
     frames   its outcomes on fresh frames in each condition that has a weight
     margins  all; those that need trials of the bounds that must hold
-    found    as of `_Shown`
+    found    as for `_Shown`
     fresh    which trials they were
     """
 

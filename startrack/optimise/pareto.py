@@ -234,7 +234,7 @@ class _Search:
         return self.explorer.points[int(score.argmin())][None]
 
     def front(self, points: int, method: str) -> list[int]:
-        """Numbers of the designs at most so many limits or weights away from each other."""
+        """Numbers of the designs at most a number of limits or weights away from each other."""
         pairs = self.pairs
         met = np.flatnonzero(self._met(pairs))
         if not len(met):

@@ -159,7 +159,7 @@ class TrialRunner:
 
 
 def described(value: Any) -> str:
-    """All that a parameter object holds, with all digits, but for what is as by default.
+    """All that a parameter object holds, with all digits, without what is as by default.
 
     So that a new parameter changes no text of a design that does not name it.
     """

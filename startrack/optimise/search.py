@@ -14,7 +14,7 @@ import numpy as np
 from startrack import core
 from startrack.core import POSITIVE, Floats, Parameters, Range, Refused, parameter, printed
 
-CODE = "searches"  # group of code of one's own
+CODE = "searches"  # group of user code
 REFUSED = 1e6  # score for nlopt of a point that has none; chosen by hand: above all others
 # Calls for each evaluation, after which a search that repeats points is ended; chosen by hand: a
 # repeated call costs microseconds.
@@ -42,7 +42,7 @@ class Algorithm(StrEnum):
 def algorithms(text: str) -> list[str]:
     """The algorithms that a campaign names one after the other: "direct+sbplx", "GN_ISRES".
 
-    Code of one's own is among them as module:function.
+    User code is among them as module:function.
 
     Raises  Refused where nlopt has none of that name that needs no gradient.
     """
@@ -66,7 +66,7 @@ def algorithms(text: str) -> list[str]:
 class Search(Parameters):
     """How long and how finely to search.
 
-    algorithm    by nlopt's name, or code of one's own
+    algorithm    by nlopt's name, or user code
     evaluations  points that may be evaluated
     first_step   1, side of the first simplex
     last_step    1, steps below which a local search ends
@@ -82,7 +82,7 @@ class Search(Parameters):
 
 @dataclass(frozen=True, eq=False)
 class SearchInput:
-    """What a search of one's own gets. The best point that it evaluates is its result.
+    """What a user's search gets. The best point that it evaluates is its result.
 
     score        function of a point (d,) of the unit cube, whose least value is searched; infinite
                  where a design has no attitude or cannot be built. A point that was evaluated
@@ -158,7 +158,7 @@ def least(
 
 
 def _by_code(watch: _Watch, start: Floats, search: Search) -> str:
-    """Let code of one's own search; how it ended."""
+    """Let user code search; how it ended."""
 
     def score(point: Floats) -> float:
         at = np.asarray(point, float)
@@ -228,7 +228,7 @@ def least_smooth(
 
 
 class _Enough(BaseException):
-    """Raised through nlopt, or through code of one's own, to end the search."""
+    """Raised through nlopt, or through user code, to end the search."""
 
 
 class _Watch:

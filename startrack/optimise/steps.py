@@ -308,7 +308,7 @@ def _next(
             break
         explorer.forecast([here])
         value = explorer.values[-1]
-        # Where the objective leaps, an emulator's best may be far worse than the best forecast.
+        # Where the objective jumps, an emulator's best may be far worse than the best forecast.
         near = value.score + correction(here) <= corrected(explorer.best) + precision
         if near and not missed(value.margins):
             return here
@@ -383,7 +383,7 @@ FIRST_ROUND = FreshTrials()
 
 def _tails(condition: Judged, part: float = 1.0) -> tuple[float, float]:
     most = LOOKS if condition.units is None else UNIT_LOOKS
-    # So many looks; their sizes are not used.
+    # Only the number of looks counts.
     wrong = part * (1 - condition.needs.confidence)
     return verification.Looks(2, 2**most, wrong).tails(1)
 

@@ -215,7 +215,7 @@ def _units_rows(optimum: Optimum, campaign: Campaign) -> list[list[str]]:
 
 
 def units_values(units: ComparedUnits) -> dict[str, Any]:
-    """Start and best over fresh units, for JSON; yields as of other commands."""
+    """Start and best over fresh units, for JSON; yields as for other commands."""
     values: dict[str, Any] = {
         "fraction": units.over.fraction,
         "age_years": units.over.age / YEAR,

@@ -97,7 +97,7 @@ def _folded(title: str) -> str:
 
 
 def panel_title(axes: Axes, text: str, letters: int = LETTERS) -> None:
-    """A title above a panel, folded at so many letters."""
+    """A title above a panel, folded at a number of letters."""
     axes.set_title(fill(text, letters))
 
 

@@ -207,7 +207,7 @@ def _fit(design: Camera, settings: CameraCalibration) -> _Fit:
         both = normal[np.ix_(free, free)] + noise**2 * prior
         gain = np.asarray(np.linalg.solve(both, apart[:, free].T), float)
         return _Fit(free, normal, prior, noise, gain)
-    # In orbit: the expected information of a frame of so many stars, from many frames.
+    # In orbit: the expected information of a frame of these stars, from many frames.
     random, size = core.Streams(0, 0)("places of a calibration"), (design.columns, design.rows)
     normal, frames = np.zeros((len(UNKNOWNS), len(UNKNOWNS))), 200
     for _ in range(frames):

@@ -25,7 +25,7 @@ PLACES = (
 TRANSMISSION = "instrument.optics.transmission"
 # What changes the noise of stars behind a lens table, and their detection, but not their images.
 NOISE = (TRANSMISSION, "instrument.detector.read_noise", "instrument.detector.dark_current")
-# What changes the images of stars, but for what moves places and TRANSMISSION.
+# What changes the images of stars, except what moves places and TRANSMISSION.
 IMAGES = (
     "instrument.optics.",
     "instrument.thermal.",
@@ -72,7 +72,7 @@ def of_places(case: Case, name: str) -> bool:
 
 @lru_cache(maxsize=8)
 def imaged_alike(case: Case) -> bool:
-    """Whether a lens table gives all units the images of the design, but for their places.
+    """Whether a lens table gives all units the images of the design, except for their places.
 
     A relative difference of what the design has none of, such as its blur, is none. Kept for the 8
     last cases.

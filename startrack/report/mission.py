@@ -195,7 +195,7 @@ def _heads(flight: Flight) -> Section:
         "Blind, % of the time (a time may have several causes), and rms error while it is valid"
     )
     head = ["heads", "with attitudes", "not blind"]
-    shown = table("Fraction of the time with at least so many heads, %", head, many)
+    shown = table("Fraction of the time with at least this number of heads, %", head, many)
     return Section("Heads", records(caption, heads_table(flight)) + shown)
 
 

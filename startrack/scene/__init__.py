@@ -11,7 +11,7 @@ limb        Light of the Earth's air: the bright limb as a table over tangent he
             airglow as thin shells.
 cities      The Earth at a date -> the lights of its large cities by night, as points.
 background  Directions -> zodiacal light, and the light of stars below the catalogue's limit.
-illuminate  Stars -> Light: photons at the entrance pupil; diffuse light by code of one's own.
+illuminate  Stars -> Light: photons at the entrance pupil; diffuse light by user code.
 """
 
 from startrack.scene.bodies import EARTH_ALBEDO, SUN_G, SUN_RADIUS, Disc, Earth, sunlight

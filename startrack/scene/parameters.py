@@ -89,14 +89,14 @@ class Scene(Parameters):
         'catalogue\'s limit and of the dust that they light; "planets", the "sun" and the '
         '"moon", in the field and through the baffle; the "earth" under an orbit, its "airglow" '
         'and its "cities" at night. Sun, Moon and Earth hide the stars behind them, and each '
-        "other's light. Diffuse light by code of one's own, see docs/extensions.md, too; it is "
+        "other's light. Diffuse light by user code, see docs/extensions.md, too; it is "
         "in front of everything",
         limit=Range(choices=LIGHTS, code="lights"),
         default=(),
     )
     date: str | None = parameter('UTC, as "2026-03-20T12:00:00"', default=None)
     days: float = parameter(
-        "each trial draws its date within so many days after `date`",
+        "each trial draws its date within this number of days after `date`",
         limit=NON_NEGATIVE,
         default=0.0,
     )

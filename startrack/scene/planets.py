@@ -13,7 +13,8 @@ PLANETS = ("mercury", "venus", "mars", "jupiter", "saturn", "uranus", "neptune")
 # Right ascension and declination of the poles: Archinal et al. (2018), Celestial Mechanics and
 # Dynamical Astronomy 130, 22, at J2000.
 POLE = {"saturn": (40.589 * deg, 83.537 * deg), "uranus": (257.311 * deg, -15.175 * deg)}
-# Polynomials in the phase angle, each up to so many degrees; those of Uranus and Neptune are added.
+# Polynomials in the phase angle, each up to a limit (degree); those of Uranus and Neptune are
+# added.
 CURVES: dict[str, tuple[tuple[float, tuple[float, ...]], ...]] = {
     "mercury": (
         (180, (-0.613, 6.3280e-2, -1.6336e-3, 3.3644e-5, -3.4265e-7, 1.6893e-9, -3.0334e-12)),

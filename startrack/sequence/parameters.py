@@ -135,8 +135,8 @@ class Sequence(Parameters):
         default=None,
     )
     dither: tuple[Tone, ...] = parameter(
-        "sinusoidal motion beside the legs and the design's jitter, such as of a spacecraft that "
-        "moves its image over the pixels; of one start in a sequence",
+        "sinusoidal motion beside the legs and the design's jitter, such as that of a spacecraft "
+        "that moves its image over the pixels; of one start in a sequence",
         default=(),
     )
 

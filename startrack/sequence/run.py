@@ -154,7 +154,7 @@ def lasting_parts(
     def summed(weight: Floats, *slopes: Floats) -> Floats:
         return np.asarray(sum((weight[:, None] * slope).T @ slope for slope in slopes))
 
-    # Code of one's own states its covariance itself.
+    # User code states its covariance itself.
     shared = None if core.is_code(case.tracker.attitude.method) else trial.shared_errors(case)
     still = estimate.covariance - np.diag(shared.turn) if shared else estimate.covariance
     # Triangles of P^-1 and of the inverse of what is stated: P is stretched to it.
@@ -347,7 +347,7 @@ def fly_sequences(
     """Many sequences over workers, one after the other in the table, as `run`.
 
     progress   called with 1 for each sequence that ended
-    recording, fidelity  as of `run`
+    recording, fidelity  as for `run`
     """
     core.whole(1, 10**6, sequences=sequences)
     tables = []
@@ -492,7 +492,7 @@ class _Head:
         state  the predicted state; None without one
         rate   (3,) radian / second, as `known_rate` gives it
         step   second, since the frame before
-        alone  as of `_see`
+        alone  as for `_see`
         """
         predicted = state.seen_by(self.number) if state else None
         to_head = state.to_head(self.number) if state else self._believed

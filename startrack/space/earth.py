@@ -103,7 +103,7 @@ class EarthSeen:
     def lit(self, theta: Floats, radius: Floats, height: Floats) -> Floats:
         """Angle from the line of sight to the nearest lit point of the limb, negative in front.
 
-        theta, radius, height   (n,) as of `limb`
+        theta, radius, height   (n,) as for `limb`
         Returns   (n,) radian; infinite where the whole limb is dark
         Accuracy  model: lit is where the Sun is less than 6 degrees below the horizon, at one
                   height all around; the terminator inside the disc is left out. Where the limb

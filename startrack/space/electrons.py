@@ -186,7 +186,7 @@ class Followed(NamedTuple):
     """Electrons of one energy and of flux 1 / cm2, from all sides of a sphere of aluminium.
 
     path     g / cm2, mean one until they rest
-    left     (3, BINS) at the centre, for radii of so many parts of the path: electrons / cm2, and
+    left     (3, BINS) at the centre, for radii in parts of the path: electrons / cm2, and
              MeV / g that silicon takes by their collisions and by displaced atoms
     photons  (photons, BINS) MeV / cm2 of bremsstrahlung to the centre, made at these depths
     """

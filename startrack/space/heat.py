@@ -131,7 +131,7 @@ class Warmth(NamedTuple):
     platform, head  (n,) kelvin
     side_x, side_y  (n,) W / m2 that a side of the tube at +x takes up over that at -x, halved
     period          second
-    heat            (n,) W that the head takes up from outside, but for what it emits
+    heat            (n,) W that the head takes up from outside, without what it emits
     """
 
     platform: Floats

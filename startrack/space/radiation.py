@@ -52,7 +52,7 @@ def _ranges() -> tuple[Floats, Floats]:
 
 
 def left_behind(energy: Floats, shielding: float) -> Floats:
-    """Energy (n,) MeV that protons have left behind so much aluminium (metre); 0: stopped."""
+    """Energy (n,) MeV of protons behind a thickness of aluminium (metre); 0: stopped."""
     energies, ranges = _ranges()
     rest = np.interp(energy, energies, ranges) - 100 * shielding * electrons.DENSITY
     return np.where(rest > 0, np.interp(rest, ranges, energies), 0.0)
@@ -220,7 +220,7 @@ def hit_map(altitude: float, shielding: float, active: bool = False) -> HitMap:
 
 
 def solar_protons(altitude: float, inclination: float) -> Protons:
-    """Fluence of one anomalously large event, as of August 1972, in a circular orbit.
+    """Fluence of one anomalously large event, such as that of August 1972, in a circular orbit.
 
         F(> E) = 7.9e9 exp((30 - E) / 26.5) 1 / cm2,   in the part of the orbit with L > 5
 

@@ -266,7 +266,7 @@ def identify_and_solve(
     systematic: Floats | None = None,
     stretch: Floats | None = None,
 ) -> tuple[Matches, Estimate]:
-    """What the flight software does with its spots; arguments as of `lost_in_space`.
+    """What the flight software does with its spots; arguments as for `lost_in_space`.
 
     stretch  (n,) 1, by which its focal length is longer for the colour of each star of the
              catalogue; None: the same for all
@@ -292,7 +292,7 @@ def solve_matches(
     shared: SharedErrors | None = None,
     hot: Floats | None = None,
 ) -> Estimate:
-    """The attitude from matched stars; arguments as of `identify_and_solve`.
+    """The attitude from matched stars; arguments as for `identify_and_solve`.
 
     shared   errors that stars have alike; None: none are known
     hot      (n,) pixel^2, as `hot_variance`, for the stars of the catalogue; None: zero
@@ -310,7 +310,7 @@ def shrunk(
 ) -> tuple[Spots, Matches]:
     """The spots where stars of the Sun's colour would be, and the focal length that fits them.
 
-    stretch  as of `solve_matches`
+    stretch  as for `solve_matches`
     """
     x, y = spots.x.copy(), spots.y.copy()
     longer = 1 + stretch[matches.star]

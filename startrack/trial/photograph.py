@@ -43,7 +43,7 @@ PARTS = 4  # of an image, along each side
 # Hypotheses of a try over those of the settings: of one field, and of all round by round. Most
 # images take less than the first, so all is tried with few before anything is with many.
 FULL, ROUNDS = 1.0, (0.0125, 0.1)
-# Of the longer side, match radius: by so much an unknown lens moves stars. A smaller one takes
+# Of the longer side, match radius: an unknown lens moves stars by this much. A smaller one takes
 # ten times the hypotheses where the lens is distorted, a larger one more time for each.
 BENT = 0.004
 LARGEST = 1500  # pixel of the longer side of an image in whose streaks a motion is looked for
@@ -87,7 +87,7 @@ class View(NamedTuple):
     middle: int | None = None
 
     def size(self, columns: int, rows: int) -> tuple[int, int]:
-        """Columns and rows of the view of a file of so many."""
+        """Columns and rows of the view of a file of that size."""
         if self.middle is not None:
             return self.middle, self.middle
         x, y = columns * min(self.aspect, 1.0), rows * min(1 / self.aspect, 1.0)
@@ -212,7 +212,7 @@ def solve_photograph(
     hint      radian, field of view across the columns; None: unknown
     aspect    width of a pixel over its height; None: 1, then those of common shapes
     Raises    ValueError where hint or aspect are out of range.
-    Accuracy  model: as of `fit_lens`; the bound on false matches as of `identify`. None of 300
+    Accuracy  model: as for `fit_lens`; the bound on false matches as for `identify`. None of 300
               images without a sky is solved with a bound of 1 %, a thousand times the default.
     """
     if hint is not None:
@@ -455,7 +455,7 @@ class _Looks:
         return self._spots[threshold, scale]
 
     def _frame(self, scale: int) -> Frame:
-        """The frame with the mean of each square of so many pixels."""
+        """The frame with the mean of each square of N x N pixels."""
         if scale not in self._reduced:
             finer = self._frame(scale // 2)
             rows, columns = (side // 2 for side in finer.image.shape)

@@ -94,7 +94,7 @@ def noisy_stars(
     both_signs: bool = True,
     groups: int = 1,
 ) -> NoisyStars:
-    """The noise of stars of some images; arguments as of `chart`."""
+    """The noise of stars of some images; arguments as for `chart`."""
     measured = partial(chart, magnitude=magnitude, images=images, groups=groups)
     plain = measured(case, both_signs=both_signs)
     kept = star_response.kept_fraction(case, plain, images)

@@ -187,7 +187,7 @@ def chart(
     images      None: `images_at_phases`
     gain        (m, p, side, side) 1, response of the pixels around each star; None: uniform
     extra       (m, p, side, side) electron to add to them; None: none
-    both_signs  as of `measure`
+    both_signs  as for `measure`
     groups      of positions, of which each is measured as if it were alone: with one sign, the
                 chessboard moves equal positions of all groups alike
     """

@@ -353,7 +353,7 @@ def shared_errors(case: Case) -> SharedErrors | None:
 
     Returns  None where the case shares none
     Accuracy  model: what drifts over life, and what temperature changes of a residual, is not known
-              to the tracker; jitter by code of one's own is not.
+              to the tracker; jitter by user code is not.
     """
     if case.design is None:
         camera, turn = case.believed_camera, _jitter(case)
@@ -387,7 +387,7 @@ def platform_jitter(case: Case) -> Floats:
 
     What the mean of the exposure is off the attitude at its middle, which is asked for: one motion
     of all heads of the spacecraft; zero where the jitter is of the head, or the mean is asked for.
-    Jitter by code of one's own is not counted.
+    Jitter by user code is not counted.
     """
     if case.instrument.motion.jitter_of != "platform":
         return np.zeros(3)

@@ -311,7 +311,7 @@ def noise_of(
     """Laws with the number of outlier pixels that makes windows take the least time.
 
     plan     of the detection; a hot pixel of its dark map is no outlier
-    Returns  None where whole frames take less time, or where the noise spans so many digital
+    Returns  None where whole frames take less time, or where the noise spans too many digital
              numbers that there is no table of them
     """
     level, mesh = float(np.median([ground.lowest for ground in grounds])), grounds[0].sky.mesh
@@ -370,7 +370,7 @@ def separate(some: Ints, others: Ints) -> bool:
 
 
 def merged(spots: Spots, more: Spots, most: int) -> Spots:
-    """Spots of both, brightest first, at most so many."""
+    """Spots of both, brightest first, at most `most`."""
     order = np.argsort(-np.concatenate([spots.flux, more.flux]), kind="stable")[:most]
     together = (
         np.concatenate([getattr(spots, field.name), getattr(more, field.name)])[order]

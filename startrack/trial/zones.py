@@ -265,7 +265,7 @@ def zone_detection(
 ) -> Floats:
     """Fraction (z, m) of the stars of a magnitude that pass the threshold in each zone.
 
-    search  as of `detection_probability`
+    search  as for `detection_probability`
     """
     zones = zone_errors(case)
     fractions = [

@@ -233,7 +233,7 @@ def _needed(
     sky, axes = open_sky(catalog), attitudes(FIELDS).as_matrix()
     # Too few stars in the whole source: a magnitude beyond its limit.
     faintest, left = np.full(FIELDS, catalog.limit_g + 1), np.arange(FIELDS)
-    # The stars are in order of brightness: so many hold a few times the stars that a field needs.
+    # The stars are in order of brightness: these hold a few times the stars that a field needs.
     sphere = 4 * math.pi * camera.focal_length_px**2
     count = math.ceil(FIRST_STARS * stars * sphere / columns / rows)
     while True:

@@ -82,7 +82,7 @@ def verify(
     numbers of `looks`, until all of a condition are decided: see `Looks` for the probability that
     an answer is wrong, and `Claim.bounds` for how exactly it holds.
 
-    trials      gives the outcomes of so many trials of a case, which must not have tuned the design
+    trials      gives the outcomes of trials of a case, which must not have tuned the design
     seed        of these trials
     watch       called with each condition and its number of trials before these are run
     Raises      ValueError where a condition does not fit the case, or a trial cannot be run.

@@ -252,7 +252,7 @@ def test_units_of_a_fits_table_count_and_hours_without_one_are_refused(tmp_path)
     np.testing.assert_allclose(wanted.right_ascension, np.radians(ra), atol=1e-12)
     hours = Table({"A": ra / 15, "D": dec, "G": np.full(60, 5.0)})
     hours.write(tmp_path / "hours.csv", format="csv")
-    with pytest.raises(Refused, match=r"A must be in degree, or have a unit, .*as of hours"):
+    with pytest.raises(Refused, match=r"A must be in degree, or have a unit, .*which are hours"):
         read(tmp_path / "hours.csv", columns=columns)
     texts = Angle(ra, "deg").to_string(unit="hourangle", sep=":", precision=7)
     Table({"A": texts, "D": dec, "G": np.full(60, 5.0)}).write(tmp_path / "t.csv", format="csv")

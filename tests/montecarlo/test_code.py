@@ -1,4 +1,4 @@
-"""Code of one's own, named by a design: a package of its own, made of the examples of the docs."""
+"""User code, named by a design: a package of its own, made of the examples of the docs."""
 
 import os
 import re

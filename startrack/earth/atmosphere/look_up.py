@@ -129,8 +129,8 @@ def look_up(
 
     with D, K, A and P the table's direct, sky, around and path terms, rho the ground's reflectance,
     R that for sunlight, which is rho where the ground is Lambertian, rho' that of the surroundings
-    from which the air scatters light into the line of sight, and rho" that of those from which it
-    scatters light to the ground, and which, by 1 - V, illuminate slopes.
+    from which the air scatters light into the line of sight, and rho" that of the points from
+    which it scatters light to the ground, and which, by 1 - V, illuminate slopes.
 
     Source: Krutz et al. (2011), eqs. (1) and (2), with transmittances and 1 / pi written out.
 

@@ -155,7 +155,7 @@ def _generated(layer: CloudLayer, texels: Floats, longitude: Floats, latitude: F
 
 @lru_cache(maxsize=4)
 def _clouds(seed: int, cover: float) -> Floats:
-    """Optical depth of mean 1 inside the clouds, which cover so much of a fractal's highest."""
+    """Optical depth of mean 1 inside the clouds, which cover the highest part of a fractal."""
     values = fractal(TEXELS, TEXELS, core.Streams(seed, 2), 1.0, ROUGHNESS).astype(np.float64)
     above = np.maximum(values - np.quantile(values, 1 - cover), 0.0)
     return above / above[above > 0].mean()

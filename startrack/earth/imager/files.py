@@ -130,6 +130,6 @@ def write_bands(
 
 
 def thinned(values: NDArray[Any], most: int) -> NDArray[Any]:
-    """Every so many lines and columns, so that a picture has at most `most` of each."""
+    """Lines and columns at a constant step, so that a picture has at most `most` of each."""
     step = max(1, -(-max(values.shape) // most))
     return np.asarray(values[::step, ::step])

@@ -23,7 +23,7 @@ from startrack.earth.imager import brdf
 from startrack.earth.terrain import EQUATORIAL, Ground, cartesian, fractal, up
 
 TEXELS = 1024  # along each side of the texture, which is periodic
-ROUGHNESS = 1.2  # of the texture, as of `fractal`: rougher than mountains; chosen by hand
+ROUGHNESS = 1.2  # of the texture, as for `fractal`: rougher than mountains; chosen by hand
 GREY = core.Curve((), (0.2,))
 DEPTHS = -1000.0  # metre, below all land
 

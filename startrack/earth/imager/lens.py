@@ -145,7 +145,7 @@ class FieldBlur(NamedTuple):
     weights  (1 + k, side^2, s, s)
     parts    of each k, over lines and columns of the image
     lines    whether the parts change from line to line: of a matrix
-    left     1, bound of the light of a point that is put into wrong pixels, since only so many
+    left     1, bound of the light of a point that is put into wrong pixels, since a limited number
              kernels are used
     """
 

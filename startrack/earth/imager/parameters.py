@@ -224,7 +224,7 @@ class Channel(Parameters):
         )
 
     def shifted(self, by: float) -> Channel:
-        """The same with its filter, or its response, at wavelengths longer by so many metre."""
+        """The same with filter or response at longer wavelengths; the shift is in metre."""
         key = "band" if self.response is None else "response"
         curve = getattr(self, key)
         moved = tuple(node + by for node in curve.wavelength)

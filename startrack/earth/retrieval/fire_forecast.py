@@ -447,7 +447,7 @@ def _waves(
 
 
 def _dirichlet(cycles: Floats, count: int) -> Floats:
-    """Transfer function of the mean of so many samples, at cycles per sample."""
+    """Transfer function of the mean of N samples, at cycles per sample."""
     below = count * np.sin(np.pi * cycles)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(np.abs(below) < 1e-9, 1.0, np.sin(np.pi * cycles * count) / below)

@@ -113,7 +113,7 @@ def radiation_over(band: Band, surroundings: float, height: float, sun_zenith: f
 
 
 def level_ground(count: int, height: float, sun_zenith: float) -> Ground:
-    """The same point of level ground, seen from above, so many times."""
+    """The same point of level ground, seen from above, repeated `count` times."""
     zero, one = np.zeros(count), np.ones(count)
     vertical, sun = np.tile([1.0, 0.0, 0.0], (count, 1)), np.array([math.cos(sun_zenith), 0.0, 0.0])
     sun[1] = math.sin(sun_zenith)

@@ -27,7 +27,7 @@ def refine(
     """Three steps of Newton's method in one cell, from a good estimate.
 
     j, i     row and column of the cell
-    corner   four numbers, as of `corners`
+    corner   four numbers, as for `corners`
     Returns  whether they found the point; its distance; columns, rows and height there, sine and
              cosine of the latitude
     """

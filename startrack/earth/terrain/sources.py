@@ -85,7 +85,7 @@ class Raster:
 
     path     of the file
     band     1, the first
-    exact    whether values are classes, such as of land cover, between which there is no mean
+    exact    whether values are classes, such as land cover, between which there is no mean
     heights  whether values are heights or undulations of a geoid
 
     Raises  ImportError where rasterio is missing; OSError where the file cannot be read; Refused
@@ -275,7 +275,10 @@ def _opened(path: Path) -> Iterator[Any]:
     regular_file(path, "a raster file")  # GDAL would wait for a FIFO, and read a network
     real = os.path.realpath(path)  # absolute: GDAL takes a name with a colon for a protocol
     if real.startswith("/vsi"):
-        raise Refused(f"{path} must not lie in a folder whose name begins with /vsi, as of GDAL")
+        raise Refused(
+            f"{path} must not lie in a folder whose name begins with /vsi, the virtual files of "
+            "GDAL"
+        )
     before = os.environ.get(GRIDS)
     os.environ[GRIDS] = "OFF"
     try:
