@@ -2,9 +2,9 @@
 
 python experiments/house.py [--json FILE] [--quick] [--numba VERSION ...]
 
-Counts lines and files of the package, public names, and names of other packages that begin with an
-underscore or stand in numba's inside, outside the one file that may use them
-(startrack/core/compiler.py). Then times the first and a later `startrack simulate`, compares trials
+Counts lines and files of the package, what a reader meets (`house_reader.py`), public names, and
+names of other packages that begin with an underscore or stand in numba's inside, outside the one
+file that may use them (startrack/core/compiler.py). Then times the first and a later `startrack simulate`, compares trials
 on plain numba, counts the places that an addition takes by the tests that make it, and times the
 stages beside commit 975808b, all of which --quick leaves out. With --numba a few tests run on other
 versions of numba, which pip puts beside this one.
@@ -26,6 +26,7 @@ from pathlib import Path
 from typing import Any
 
 import command
+import house_reader
 import speed_against
 
 import startrack
@@ -58,6 +59,7 @@ def main() -> None:
         "public_names": public_names(),
         "private_names": len(private),
         "private": sorted(private),
+        **house_reader.measures(),
     }
     if not options.quick:
         with tempfile.TemporaryDirectory() as folder:

@@ -1,0 +1,161 @@
+"""What a reader of the package meets, counted over its syntax trees and its calls."""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+from collections import Counter
+from collections.abc import Iterator
+from functools import cache
+from importlib import import_module
+from itertools import pairwise
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import startrack
+
+HOME = Path(startrack.__file__).parent
+ROOT = HOME.parent
+# The way of the light from charge to attitude: entry functions, followed one after the other.
+STATIONS = (
+    ("startrack.detector.exposure", "expose"),
+    ("startrack.detection.detect", "detect"),
+    ("startrack.identification.identify", "identify"),
+    ("startrack.attitude.solve", "solve"),
+)
+
+
+def measures() -> dict[str, Any]:
+    """The measures of a reader.
+
+    statements, nodes     of the package's syntax trees
+    fmt_skip              marks that keep the formatter from a statement
+    formatted_lines       lines as the formatter writes them
+    class_names_twice     names that more than one class has
+    public_names_top      names at the top of the package
+    private_imports_experiments  imports of a module inside a room, by experiments
+    walk_returns          see `returns_of_the_walk`
+    units_branches        conditions on whether a design has units
+    lru_caches            functions behind `lru_cache` or `cache`
+    readme_words          words of the README
+    """
+    trees = [_tree(path) for path in sources(HOME)]
+    nodes = [node for tree in trees for node in ast.walk(tree)]
+    names = Counter(node.name for node in nodes if isinstance(node, ast.ClassDef))
+    written = "".join(path.read_text(encoding="utf-8") for path in sources(HOME))
+    tests = (node.test for node in nodes if isinstance(node, ast.If | ast.IfExp))
+    return {
+        "statements": sum(isinstance(node, ast.stmt) for node in nodes),
+        "nodes": len(nodes),
+        "fmt_skip": written.count("# fmt: skip"),
+        "formatted_lines": formatted_lines(),
+        "class_names_twice": sum(count > 1 for count in names.values()),
+        "public_names_top": len(startrack.__all__),
+        "private_imports_experiments": sum(map(private_imports, sources(ROOT / "experiments"))),
+        "walk_returns": returns_of_the_walk(),
+        "units_branches": sum(bool(re.search(r"\bunits\b", ast.unparse(test))) for test in tests),
+        "lru_caches": len(re.findall(r"^@(?:functools\.)?(?:lru_cache|cache)\b", written, re.M)),
+        "readme_words": len((ROOT / "README.md").read_text(encoding="utf-8").split()),
+    }
+
+
+def sources(folder: Path) -> list[Path]:
+    """The Python files of a folder."""
+    return sorted(folder.rglob("*.py"))
+
+
+@cache
+def _tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def formatted_lines() -> int:
+    """Lines of the package after the formatter, marks to skip taken out."""
+    command = ["ruff", "format", "--config", str(ROOT / "pyproject.toml"), "-"]
+    lines = 0
+    for path in sources(HOME):
+        text = path.read_text(encoding="utf-8").replace("  # fmt: skip", "")
+        done = subprocess.run(command, input=text, capture_output=True, text=True, check=True)
+        lines += len(done.stdout.splitlines())
+    return lines
+
+
+def private_imports(path: Path) -> int:
+    """Imports of a file that reach past the door of a room of the package."""
+    return sum(
+        isinstance(node, ast.ImportFrom)
+        and str(node.module).startswith("startrack.")
+        and not HOME.parent.joinpath(*str(node.module).split("."), "__init__.py").exists()
+        for node in ast.walk(_tree(path))
+    )
+
+
+def returns_of_the_walk() -> int:
+    """How often a reader comes back to a file that he has left, while he follows the calls.
+
+    From each station the functions of the package are read in the order in which they are called,
+    each once and to its end; a call of another file leads there, and its end leads on to the next
+    call, whose file may be one that was left before.
+    """
+    done: set[tuple[str, str]] = set()
+    files: list[str] = []
+    for module, name in STATIONS:
+        _walk(module, name, done, files)
+    left: set[str] = set()
+    returns = 0
+    for before, after in pairwise(files):
+        if after != before:
+            left.add(before)
+            returns += after in left
+    return returns
+
+
+def _walk(module: str, name: str, done: set[tuple[str, str]], files: list[str]) -> None:
+    module, name = _home(module, name)
+    function = _function(module, name)
+    if function is None or (module, name) in done or not module.startswith("startrack."):
+        return
+    done.add((module, name))
+    files.append(module)
+    for called in _called(function):
+        where = _resolved(module, called)
+        if where:
+            _walk(*where, done, files)
+
+
+def _called(function: ast.AST) -> Iterator[ast.expr]:
+    calls = [node for node in ast.walk(function) if isinstance(node, ast.Call)]
+    for call in sorted(calls, key=lambda call: (call.lineno, call.col_offset)):
+        yield call.func
+
+
+def _resolved(module: str, called: ast.expr) -> tuple[str, str] | None:
+    if isinstance(called, ast.Name):
+        return module, called.id
+    if isinstance(called, ast.Attribute) and isinstance(called.value, ast.Name):
+        thing = getattr(import_module(module), called.value.id, None)
+        inside = getattr(thing, "__name__", "")
+        if _is_module(thing) and inside.startswith("startrack."):
+            return inside, called.attr
+    return None
+
+
+def _is_module(thing: Any) -> bool:
+    return isinstance(thing, ModuleType)
+
+
+def _home(module: str, name: str) -> tuple[str, str]:
+    """Where a function is written, by way of the doors of rooms."""
+    thing = getattr(import_module(module), name, None)
+    function = getattr(thing, "py_func", getattr(thing, "__wrapped__", thing))
+    return getattr(function, "__module__", module) or module, getattr(function, "__name__", name)
+
+
+def _function(module: str, name: str) -> ast.FunctionDef | None:
+    if not module.startswith("startrack."):
+        return None
+    file = import_module(module).__file__
+    body = _tree(Path(str(file))).body
+    return next((n for n in body if isinstance(n, ast.FunctionDef) and n.name == name), None)
