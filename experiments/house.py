@@ -4,10 +4,10 @@ python experiments/house.py [--json FILE] [--quick] [--numba VERSION ...]
 
 Counts lines and files of the package, what a reader meets (`house_reader.py`), public names, and
 names of other packages that begin with an underscore or stand in numba's inside, outside the one
-file that may use them (startrack/core/compiler.py). Then times the first and a later `startrack simulate`, compares trials
-on plain numba, counts the places that an addition takes by the tests that make it, and times the
-stages beside commit 975808b, all of which --quick leaves out. With --numba a few tests run on other
-versions of numba, which pip puts beside this one.
+file that may use them (startrack/core/compiler.py). Then times the first and a later `startrack
+simulate`, compares trials on plain numba, counts the places that an addition takes by the tests
+that make it, and times the stages beside commit 975808b, all of which --quick leaves out. With
+--numba a few tests run on other versions of numba, which pip puts beside this one.
 """
 
 from __future__ import annotations
