@@ -26,13 +26,13 @@ from startrack import Case, arcsec, load_design, shipped
 from startrack.core import Floats
 from startrack.design import Campaign, DesignSpace, Objective
 from startrack.metrics import Star
-from startrack.optimise import Ledger, Search, TrialRunner, evaluate, least
+from startrack.optimise import Ledger, Search, TrackerSource, TrialRunner, evaluate, least
 from startrack.optimise.correction import correct
 from startrack.optimise.evaluate import LOST, PENALTY, Evaluation, measured, missed
 from startrack.optimise.explore import Explorer
 from startrack.optimise.forecast import expected_objective
 from startrack.optimise.runner import FRESH
-from startrack.optimise.steps import confirm_requirements, explore, refine
+from startrack.optimise.steps import confirm_requirements, explore, refine, trials_of_tracker
 from startrack.plots import CYCLE, MARKERS, legend_below, picture, save_picture, styled
 from startrack.verification.accuracy import margins as margins_of
 
@@ -142,7 +142,7 @@ class Spent(Exception):
 
 def ours(space: DesignSpace, campaign: Campaign, seed: int, ledger: Ledger) -> Run:
     runner = TrialRunner(seed, ledger=ledger)
-    explorer = Explorer(space, campaign, runner)
+    explorer = Explorer(TrackerSource(space, campaign, runner))
     explore({"": explorer}, {"": space.start}, campaign)
     print(f"{len(explorer.points)} forecasts; {explorer.ending}", flush=True)
     run = Run([], [])
@@ -157,7 +157,8 @@ def ours(space: DesignSpace, campaign: Campaign, seed: int, ledger: Ledger) -> R
             run.trials.append(counted)
             run.points.append(np.array(one.coordinates))
 
-    final, _ = refine(explorer, campaign, runner, watch)
+    try_design = trials_of_tracker(explorer, space, campaign, runner)
+    final, _ = refine(explorer, campaign, try_design, watch)
     run.trials.append(counted)
     run.points.append(np.array(final[0].coordinates))
     return run

@@ -35,7 +35,7 @@ from startrack import Case, load_design, shipped
 from startrack.budget import units
 from startrack.core import Floats
 from startrack.design import Campaign, DesignSpace, Moment, Objective, Variable, branches
-from startrack.optimise import Foresight, Search, TrialRunner, least
+from startrack.optimise import Foresight, Search, TrackerSource, TrialRunner, least
 from startrack.optimise.evaluate import foresee_all
 from startrack.optimise.evaluate import missed as missed_of
 from startrack.optimise.explore import Explorer
@@ -197,7 +197,7 @@ def regrets(name: str, seeds: int, trials: int, quick: bool) -> dict[str, Any]:
     ends, counts, unmoved = list[End](), list[int](), list[str]()
     for seed in range(1, seeds + 1):
         explorers = {
-            label: Explorer(space, campaign, label=f"seed {seed} {label}".strip())
+            label: Explorer(TrackerSource(space, campaign), f"seed {seed} {label}".strip())
             for label, space in spaces.items()
         }
         began, starts = time.process_time(), {label: space.start for label, space in spaces.items()}
@@ -300,7 +300,7 @@ def thirty_variables(quick: bool) -> dict[str, float]:
             most = times * len(found[0].points)
         asked = replace(campaign, variables=(*campaign.variables, *more), analytic_evaluations=most)
         began, space = time.process_time(), DesignSpace(case, asked.variables, asked.links)
-        explorer = Explorer(space, asked)
+        explorer = Explorer(TrackerSource(space, asked))
         explore({"": explorer}, {"": space.start}, asked)
         print(
             f"{len(space)} variables: {len(explorer.points)} forecasts, {explorer.score:.4f}, "

@@ -12,7 +12,7 @@ from startrack.benchmark.stage import Stage
 from startrack.core import Floats, arcsec, deg
 from startrack.design import Case, DesignSpace, Fidelity, load_design
 from startrack.io import shipped
-from startrack.optimise import Explorer, Search, foresee, least
+from startrack.optimise import Explorer, Search, TrackerSource, foresee, least
 from startrack.trial import run_trials
 
 SEED, TRIALS, SIDE = 5, 32, 1024
@@ -76,12 +76,14 @@ def hill() -> Hill:
     assert design.campaign
     space, campaign = DesignSpace(design.case, design.campaign.variables), design.campaign
     score = partial(foresee, space, campaign)
-    return Hill(space.start, score, lambda: explored(Explorer(space, campaign)))
+    return Hill(
+        space.start, score, lambda: explored(Explorer(TrackerSource(space, campaign)), space.start)
+    )
 
 
-def explored(explorer: Explorer) -> Floats:
+def explored(explorer: Explorer, start: Floats) -> Floats:
     """The best of a number of forecasts, or of fewer that are enough."""
-    explorer.begin(explorer.space.start, TRIES)
+    explorer.begin(start, TRIES)
     while not explorer.ending and len(explorer.points) < TRIES:
         explorer.step(TRIES - len(explorer.points))
     return explorer.best

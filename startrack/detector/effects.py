@@ -283,11 +283,8 @@ def require_independent_pixels(detector: Detector) -> None:
 
     Raises  Refused with the key of each effect, or the names of user code.
     """
-    named = [
-        name
-        for effect in need_whole_frame(detector)
-        for name in (getattr(detector, effect.key) if effect.key in CODE else [effect.key])
-    ]
+    effects = [effect.key for effect in need_whole_frame(detector)]
+    named = [*(key for key in effects if key not in CODE), *detector.effects_by_code]
     if named:
         raise Refused(
             "windows need independent pixels, so that the detector must be "

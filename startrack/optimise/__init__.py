@@ -7,7 +7,10 @@ forecast     Case -> what the analytic budget expects of it, as designed or over
 evaluate     Point of a DesignSpace -> the score of its design.
 emulator     Points and values -> a Gaussian process through them, and what it expects.
 correction   Trials of designs -> by how much forecasts of other designs are wrong.
-explore      DesignSpace -> forecasts where they tell most, and emulators of all that they say.
+source       DesignSpace and campaign -> what an explorer asks of designs: forecasts, costs,
+             conditions.
+explore      Source of designs -> forecasts where they tell most, and emulators of all that they
+             say.
 steps        The steps of the optimiser: start, forecasts, correction, refinement, confirmation.
 units        Fresh units of a design -> the level that a fraction of them keeps, and yields.
 optimise     Campaign, TrialRunner -> the best design that was found, and how good it is.
@@ -31,6 +34,7 @@ from startrack.optimise.pareto import UNITS, Goals, Point, front
 from startrack.optimise.runner import VERIFYING, VERIFYING_UNIT, TrialRunner
 from startrack.optimise.search import Algorithm, Search, SearchInput, least
 from startrack.optimise.sensitivity import Sensitivity, sensitivities
+from startrack.optimise.source import Source, TrackerSource
 from startrack.optimise.steps import Stage
 from startrack.optimise.tables import (
     chain_text,

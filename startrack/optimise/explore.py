@@ -1,26 +1,23 @@
-"""DesignSpace -> forecasts where they tell most, and emulators of all that they say."""
+"""Source of designs -> forecasts where they tell most, and emulators of all that they say."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
-import scipy.stats
 
 from startrack.core import Floats, Refused, Streams, printed
-from startrack.design import Campaign, DesignSpace
 from startrack.optimise.correction import Correction, Evidence, Limit
 from startrack.optimise.emulator import Emulator, emulator
-from startrack.optimise.evaluate import PENALTY, Foresight, foresee_all, missed
+from startrack.optimise.evaluate import PENALTY, Foresight, missed
 from startrack.optimise.forecast import named
-from startrack.optimise.runner import TrialRunner
 from startrack.optimise.search import least_smooth
-from startrack.verification import cost_margins
+from startrack.optimise.source import Source, affordable
 
 # All chosen by hand.
 FIRST, FIRST_MORE = 3, 5  # forecasts per variable, and besides, before the first emulator
@@ -222,8 +219,7 @@ class Explorer:
     The next designs are where the emulators' means, and their bounds of SIGMAS, are least: lower
     confidence bounds, see Cox and John (1992), IEEE Conference on Systems, Man and Cybernetics.
 
-    label   of the branch that the space belongs to
-    seed    of units and proposals, where there is no runner
+    label   of the branch that the designs belong to
     points  unit-cube coordinates of the designs
     limits  of the margins that trials decide, by name: what the fresh trials can show, and what
             trials said of the forecasts; none: forecasts are taken as they are
@@ -233,11 +229,8 @@ class Explorer:
     watch   called after new forecasts
     """
 
-    space: DesignSpace
-    campaign: Campaign
-    runner: TrialRunner | None = None
+    source: Source
     label: str = ""
-    seed: int = 1
     points: list[Floats] = field(default_factory=list)
     limits: Mapping[str, Limit] = field(default_factory=dict)
     raw: list[Foresight] = field(default_factory=list)
@@ -245,20 +238,13 @@ class Explorer:
     ending: str = ""
     watch: Callable[[], None] | None = None
     _emulators: tuple[int, Emulators] | None = None
-    _spanned: float = (
-        np.inf
-    )  # a score below it is better by so large a step that its spans are others
+    _spanned: float = np.inf  # a score below it is so much lower that its spans are others
     _in_vain: int = 0  # batches of bold designs since the last gain
 
     @cached_property
     def scales(self) -> dict[str, Scale]:
         """Of the margins that are chances."""
-        return {
-            name: Scale(1 - condition.needs.min_availability)
-            for condition in self.campaign.judged(self.space.case)
-            for name in named(condition.name, {"availability": 0.0})
-            if condition.needs.min_availability < 1
-        }
+        return {name: Scale(room) for name, room in self.source.rooms.items()}
 
     def forecast(self, points: Sequence[Floats]) -> None:
         """Add the forecasts of some designs, and that of the best one in all conditions."""
@@ -268,7 +254,7 @@ class Explorer:
     def _add(self, points: Sequence[Floats]) -> None:
         new = [np.clip(point, 0, 1) for point in points]
         enough = self.score + BAD if self._all_matter else -math.inf
-        raw = foresee_all(self.space, self.campaign, new, self.runner, self.seed, enough)
+        raw = self.source.foresee(new, enough)
         self.values += map(self._limited, new, raw)
         self.raw += raw
         self.points += new
@@ -314,18 +300,10 @@ class Explorer:
 
     def _complete(self, number: int) -> bool:
         """Forecast a design in all conditions; whether some had no forecast."""
-        names = {condition.name for condition in self.campaign.judged(self.space.case)}
-        if names <= self.raw[number].conditions.keys():
+        if self.source.conditions.keys() <= self.raw[number].conditions.keys():
             return False
         point = self.points[number]
-        [self.raw[number]] = foresee_all(
-            self.space,
-            self.campaign,
-            [point],
-            self.runner,
-            self.seed,
-            known=self.raw[number].conditions,
-        )
+        self.raw[number] = self.source.complete(point, self.raw[number])
         self.values[number] = self._limited(point, self.raw[number])
         self._forget()
         return True
@@ -340,8 +318,7 @@ class Explorer:
         ]
         if len(good) < ENOUGH_MET:
             return True
-        judged = self.campaign.judged(self.space.case)
-        weighted = {condition.name for condition in judged if condition.weight}
+        weighted = {name for name, weight in self.source.conditions.items() if weight}
         return not all(
             name in weighted
             or all(part < 1 - WIDTH for part in self._parts(value, named(name, own.margins)))
@@ -412,9 +389,9 @@ class Explorer:
 
     def begin(self, start: Floats, most: int) -> None:
         """Forecast the start, and designs over the whole space that do not cost too much."""
-        count = min(FIRST * len(self.space) + FIRST_MORE, most)
+        count = min(FIRST * len(self.source.names) + FIRST_MORE, most)
         random = self._random(0, "first designs to forecast")
-        others = list(islice(_affordable(self.space, self.campaign, random), count - 1))
+        others = list(islice(affordable(self.source, random), count - 1))
         # The first ones say which others are bad.
         self._add([start, *others[: BATCH - 1]])
         self._add(others[BATCH - 1 :])
@@ -430,7 +407,7 @@ class Explorer:
         if not points and self.complete():
             return
         if not points and self.score < self._spanned and np.isfinite(self.score):
-            self._spanned = self.score - self.campaign.precision
+            self._spanned = self.score - self.source.precision
             ends = [end for span in self.spans(self.best) for end in (span.at_low, span.at_high)]
             for end in ends:
                 if self.is_new(end, points):
@@ -440,10 +417,10 @@ class Explorer:
         if points:
             before = self.score
             self._add(points[:most])
-            if self.score < before - ENOUGH * self.campaign.precision:
+            if self.score < before - ENOUGH * self.source.precision:
                 self._in_vain = 0
         else:
-            gain = 100 * self.campaign.precision
+            gain = 100 * self.source.precision
             self.ending = f"a further gain is expected to be below {gain:g} %"
 
     def _proposals(self, bold: bool = False) -> list[Floats]:
@@ -455,7 +432,7 @@ class Explorer:
         bold  only near the best, where a design may be far better than expected
         """
         model, starts = self.emulators, self.starts()
-        least, worth = self.score, ENOUGH * self.campaign.precision
+        least, worth = self.score, ENOUGH * self.source.precision
         proposed = list[Floats]()
         bound, box = SIGMAS, None
         if bold:
@@ -485,15 +462,14 @@ class Explorer:
         random = self._random(len(self.points), "designs to forecast")
         order = np.argsort([value.score for value in self.values], kind="stable")[:LEADERS]
         leaders = np.array([self.points[number] for number in order])
-        pool = random.random((POOL, len(self.space)))
+        pool = random.random((POOL, len(self.source.names)))
         near = leaders[:, None] + NEARBY * random.standard_normal((len(leaders), *pool.shape))
-        pool = np.vstack([pool, np.clip(near.reshape(-1, len(self.space)), 0, 1)])
+        pool = np.vstack([pool, np.clip(near.reshape(-1, len(self.source.names)), 0, 1)])
         good = np.argsort(self.emulators.score(pool, SIGMAS), kind="stable")[:LEADERS]
         return np.vstack([leaders[:2], pool[good]])
 
     def _random(self, number: int, what: str) -> np.random.Generator:
-        seed = self.runner.seed if self.runner else self.seed
-        return Streams(seed, number)(f"{what} {self.label}".strip())
+        return Streams(self.source.seed, number)(f"{what} {self.label}".strip())
 
     def lowest(self) -> float:
         """The score below which no design is with 98 % confidence, as the emulators see it."""
@@ -505,7 +481,7 @@ class Explorer:
         The other variables follow: at each value they are where the score is least.
         """
         model, spans = self.emulators, list[Span]()
-        limit = float(model.score(best[None])[0]) + self.campaign.precision
+        limit = float(model.score(best[None])[0]) + self.source.precision
         nodes = np.linspace(0, 1, NODES)
         for axis, middle in enumerate(best):
             ends = [best, best]
@@ -537,26 +513,9 @@ class Explorer:
             easier = replace(margin, mean=margin.mean + step)
             relaxed = replace(model, margins=model.margins | {name: easier})
             price = least - relaxed.least(best[None])[1]
-            if price > self.campaign.precision / 10:
+            if price > self.source.precision / 10:
                 prices[name] = price
         return dict(sorted(prices.items(), key=lambda item: -item[1]))
-
-
-def _affordable(
-    space: DesignSpace, campaign: Campaign, random: np.random.Generator
-) -> Iterator[Floats]:
-    """Points of a scrambled Sobol sequence, of which seven in eight cost no more than they may."""
-    sequence = scipy.stats.qmc.Sobol(len(space), rng=random)
-    kept, tried = 0, 0
-    while True:
-        point, tried = np.asarray(sequence.random(1)[0]), tried + 1
-        try:
-            short = missed(cost_margins(campaign.requirements, space.design(point)))
-        except Refused:
-            continue
-        if not short or kept % 8 == 7 or tried > 64 * len(space):
-            kept += 1
-            yield point
 
 
 @printed
@@ -588,10 +547,9 @@ class Landscape(NamedTuple):
 
 def landscape_of(explorer: Explorer, best: Floats) -> Landscape:
     """The landscape around a design."""
-    names = [variable.name for variable in explorer.space.variables]
     every = zip(explorer.points, explorer.values, strict=True)
     tried = [(point, value) for point, value in every if not value.left_out]
-    spans = dict(zip(names, explorer.spans(best), strict=True))
+    spans = dict(zip(explorer.source.names, explorer.spans(best), strict=True))
     return Landscape(
         tuple(tuple(point.tolist()) for point, _ in tried),
         tuple(value.expected for _, value in tried),

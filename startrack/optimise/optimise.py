@@ -19,6 +19,7 @@ from startrack.optimise.evaluate import PENALTY, Evaluation, evaluate, missed, t
 from startrack.optimise.explore import Explorer, Landscape, landscape_of
 from startrack.optimise.forecast import named
 from startrack.optimise.runner import TrialRunner
+from startrack.optimise.source import TrackerSource
 from startrack.optimise.steps import FreshTrials, Stage
 from startrack.optimise.units import ComparedUnits, compare_units, fresh_units
 from startrack.trial import OUTCOMES
@@ -118,7 +119,7 @@ class _Progress:
     def forecast(self, explorers: Mapping[str, Explorer]) -> None:
         """Report that designs were forecast."""
         count = sum(len(explorer.points) for explorer in explorers.values())
-        usual = sum(steps.USUAL * len(explorer.space) for explorer in explorers.values())
+        usual = sum(steps.USUAL * len(explorer.source.names) for explorer in explorers.values())
         score = min(explorer.score for explorer in explorers.values())
         if math.isfinite(score):
             self._best = math.exp(score)
@@ -188,7 +189,9 @@ def optimize(
     if explorer is None:
         confirmed = judge.confirm(tried[-1], FreshTrials())
     else:
-        confirmed, ending, rounds = _rounds(explorer, campaign, runner, record, judge, len(tried))
+        confirmed, ending, rounds = _rounds(
+            explorer, space, campaign, runner, record, judge, len(tried)
+        )
         landscape = landscape_of(explorer, np.array(confirmed.design.coordinates))
     best, second, fresh_trials = confirmed.design, confirmed.frames, confirmed.fresh
     first = _fresh_frames(campaign.judged(case), campaign, runner, fresh_trials, progress.fresh)
@@ -295,17 +298,24 @@ def _search(
         label = min(nearest, key=lambda label: nearest[label].short)
         record(evaluate(spaces[label], campaign, nearest[label].coordinates, runner))
         return label, None
-    explorers = {label: Explorer(spaces[label], campaign, runner, label) for label in starts}
+    explorers = {
+        label: Explorer(TrackerSource(spaces[label], campaign, runner), label) for label in starts
+    }
     for label, explorer in explorers.items():
         explorer.watch = partial(progress.forecast, explorers)
         explorer.limits = steps.limits_of(spaces[label].case, campaign)
     left = steps.explore(explorers, starts, campaign)
-    label = steps.best_branch(left, campaign, runner, record)
+    try_designs = {
+        label: steps.trials_of_tracker(explorer, spaces[label], campaign, runner)
+        for label, explorer in left.items()
+    }
+    label = steps.best_branch(left, try_designs, campaign.most_trials, record)
     return label, left[label]
 
 
 def _rounds(
     explorer: Explorer,
+    space: design.DesignSpace,
     campaign: Campaign,
     runner: TrialRunner,
     record: steps.Watch,
@@ -328,7 +338,8 @@ def _rounds(
         left = max(most - len(tried), 1 + steps.FINALISTS if number else 1)
         rest = replace(campaign, evaluations=left)
         before = {design.point for design in shown}
-        tried, ending = steps.refine(explorer, rest, runner, record, tried, shown)
+        try_design = steps.trials_of_tracker(explorer, space, rest, runner)
+        tried, ending = steps.refine(explorer, rest, try_design, record, tried, shown)
         new = next((design for design in tried if design.coordinates not in before), None)
         met = [result for result in results if not lacking(result.margins)]
         if new is None or (met and not _may_be_better(explorer, tried, met, new.coordinates)):
@@ -359,7 +370,7 @@ def _may_be_better(
     """Whether a design may meet all limits, with a smaller error than all that were shown to."""
     score = steps.corrected_score(explorer, tried)
     least = min(score(result.design.coordinates) for result in met)
-    return explorer.met(np.array(point)) and score(point) < least - explorer.campaign.precision
+    return explorer.met(np.array(point)) and score(point) < least - explorer.source.precision
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from startrack.optimise.evaluate import Foresight, combined, foresee_all, missed
 from startrack.optimise.explore import WIDTH, Explorer
 from startrack.optimise.forecast import Forecast
 from startrack.optimise.runner import FRESH, TrialRunner
+from startrack.optimise.source import TrackerSource
 from startrack.optimise.steps import USUAL, Stage, explore, feasible_start
 from startrack.optimise.units import fresh_units, level_interval_of_units
 
@@ -168,7 +169,7 @@ class _Search:
         errors = [goal for goal in self._goals if goal not in UNITS]
         self._campaign = replace(campaign, objective=(errors or [campaign.objective])[0])
         self._known = list[Floats]()
-        self.explorer = Explorer(space, self._campaign, runner)
+        self.explorer = Explorer(TrackerSource(space, self._campaign, runner))
         self.explorer.watch = partial(tell, self.explorer)
         explore({"": self.explorer}, {"": start}, self._campaign)
 

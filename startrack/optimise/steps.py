@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from scipy.special import ndtr
@@ -42,8 +42,32 @@ class Stage(NamedTuple):
     best: float
 
 
+class SearchSettings(Protocol):
+    """How far a search goes; a campaign has these keys."""
+
+    @property
+    def search(self) -> str:
+        """How designs are chosen."""
+
+    @property
+    def precision(self) -> float:
+        """Fraction of the objective that is worth no further evaluation."""
+
+    @property
+    def analytic_evaluations(self) -> int:
+        """Forecasts at most before the first trial."""
+
+    @property
+    def evaluations(self) -> int:
+        """Designs at most that are tried by trials."""
+
+    @property
+    def most_trials(self) -> int:
+        """Trials of each of the best designs."""
+
+
 def explore(
-    explorers: Mapping[str, Explorer], starts: Mapping[str, Floats], campaign: Campaign
+    explorers: Mapping[str, Explorer], starts: Mapping[str, Floats], settings: SearchSettings
 ) -> dict[str, Explorer]:
     """Forecast designs of each branch until no further gain is expected, without a trial.
 
@@ -52,9 +76,9 @@ def explore(
     Returns   the branches whose best may be the best with trials
     Accuracy  model: that of the budget; the result is a start for trials.
     """
-    most, left = max(campaign.analytic_evaluations, 1), dict(explorers)
+    most, left = max(settings.analytic_evaluations, 1), dict(explorers)
     for label, branch in explorers.items():
-        if campaign.search == EMULATOR:
+        if settings.search == EMULATOR:
             branch.begin(starts[label], most)
         else:
             _search(branch, starts[label], most)
@@ -64,7 +88,7 @@ def explore(
 def resume(explorer: Explorer) -> None:
     """Forecast further designs where trials have moved the limits."""
     explorer.ending = ""
-    _run({explorer.label: explorer}, len(explorer.points) + RESUMED * len(explorer.space))
+    _run({explorer.label: explorer}, len(explorer.points) + RESUMED * len(explorer.source.names))
 
 
 def _run(left: dict[str, Explorer], most: int) -> dict[str, Explorer]:
@@ -86,15 +110,15 @@ def _run(left: dict[str, Explorer], most: int) -> dict[str, Explorer]:
 
 def _search(branch: Explorer, start: Floats, most: int) -> None:
     """Forecast designs where algorithms of nlopt ask for them, from the best so far."""
-    names = algorithms(branch.campaign.search)
+    names = algorithms(branch.source.search)
 
     def score(point: Floats) -> float:
         return branch.forecast_of(point).score
 
     branch.forecast([start])
     for name in names:
-        seed = branch.runner.seed if branch.runner else branch.seed
-        search = Search(name, max(1, most // len(names)), seed=seed % 2**32)
+        seed = branch.source.seed % 2**32
+        search = Search(name, max(1, most // len(names)), seed=seed)
         ended = least(score, branch.best, search)
         branch.ending = ended.ending
 
@@ -151,12 +175,14 @@ FINALISTS = 2  # designs that have the campaign's most trials at the end
 EVERYWHERE = 1.0  # of each range: trials of all designs fit the correction
 
 Watch = Callable[[Evaluation], None]
+# Trials of a design, at unit-cube coordinates: None for the first number of trials.
+TryDesign = Callable[[Floats, int | None, Correction | None], Evaluation]
 
 
 def refine(
     explorer: Explorer,
-    campaign: Campaign,
-    runner: TrialRunner,
+    settings: SearchSettings,
+    try_design: TryDesign,
     watch: Watch,
     before: Sequence[Evaluation] = (),
     shown: Sequence[Shown] = (),
@@ -175,14 +201,14 @@ def refine(
              how it ended
     """
     tried, ending = list(before), "all evaluations were used"
-    for _ in range(max(1, campaign.evaluations - FINALISTS)):
+    for _ in range(max(1, settings.evaluations - FINALISTS)):
         explorer.learn(evidence_of(explorer, tried, shown))
         correction = correct(tried, explorer.best, EVERYWHERE)
-        point = _next(explorer, correction, tried, campaign.precision)
+        point = _next(explorer, correction, tried, settings.precision)
         if point is None:
             ending = explorer.ending
             break
-        tried.append(_tried(explorer, campaign, point, runner, None, correction))
+        tried.append(try_design(point, None, correction))
         watch(tried[-1])
 
     def ranked(designs: Sequence[Evaluation]) -> list[Evaluation]:
@@ -196,9 +222,9 @@ def refine(
     for finalist in ranked(list({design.coordinates: design for design in left}.values()))[
         :FINALISTS
     ]:
-        point, most = np.array(finalist.coordinates), campaign.most_trials
+        point, most = np.array(finalist.coordinates), settings.most_trials
         correction = correct(tried, explorer.best, EVERYWHERE)
-        last.append(_tried(explorer, campaign, point, runner, most, correction))
+        last.append(try_design(point, most, correction))
         watch(last[-1])
     tried += last
     last = ranked(last)
@@ -208,7 +234,7 @@ def refine(
 def _rank(explorer: Explorer, correction: Correction, design: Evaluation) -> tuple[bool, float]:
     """Whether a design that was tried misses a limit, and its score, both corrected by trials."""
     point = np.array(design.coordinates)
-    met = design.summary is not None and design.margins.get("false attitudes", 0.0) >= 0
+    met = design.trials > 0 and design.margins.get("false attitudes", 0.0) >= 0
     score = explorer.forecast_of(point).score + correction(point)
     if not math.isfinite(score):
         score = design.score
@@ -278,19 +304,18 @@ def limits_of(case: Case, campaign: Campaign) -> dict[str, Limit]:
     return limits
 
 
-def _tried(
-    explorer: Explorer,
-    campaign: Campaign,
-    point: Floats,
-    runner: TrialRunner,
-    trials: int | None,
-    correction: Correction | None = None,
-) -> Evaluation:
-    """A design by trials, with the forecast that is known of it."""
-    known, close = explorer.forecast_of(point), explorer.close(point)
-    return evaluate(
-        explorer.space, campaign, point, runner, trials, correction, known=known, close=close
-    )
+def trials_of_tracker(
+    explorer: Explorer, space: DesignSpace, campaign: Campaign, runner: TrialRunner
+) -> TryDesign:
+    """Trials of a star tracker's designs, with the forecasts that are known of them."""
+
+    def try_design(point: Floats, trials: int | None, correction: Correction | None) -> Evaluation:
+        known, close = explorer.forecast_of(point), explorer.close(point)
+        return evaluate(
+            space, campaign, point, runner, trials, correction, known=known, close=close
+        )
+
+    return try_design
 
 
 def _next(
@@ -334,7 +359,10 @@ def _is_new(point: Floats, tried: Sequence[Evaluation]) -> bool:
 
 
 def best_branch(
-    explorers: Mapping[str, Explorer], campaign: Campaign, runner: TrialRunner, watch: Watch
+    explorers: Mapping[str, Explorer],
+    try_designs: Mapping[str, TryDesign],
+    trials: int,
+    watch: Watch,
 ) -> str:
     """The label of the branch whose best is the best with trials, of those that forecasts leave.
 
@@ -345,7 +373,7 @@ def best_branch(
     scores = {}
     for label, explorer in explorers.items():
         point = explorer.best
-        done = _tried(explorer, campaign, point, runner, campaign.most_trials)
+        done = try_designs[label](point, trials, None)
         watch(done)
         scores[label] = done.score + correct([done], point, EVERYWHERE)(point)
     return min(scores, key=scores.__getitem__)

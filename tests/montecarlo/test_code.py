@@ -401,6 +401,7 @@ def test_an_own_search_by_its_entry_point_chooses_the_designs_that_are_forecast(
     from startrack.design import DesignSpace
     from startrack.optimise import Search, least
     from startrack.optimise.explore import Explorer
+    from startrack.optimise.source import TrackerSource
     from startrack.optimise.steps import explore
 
     changes = ["campaign.search=compass", "campaign.analytic_evaluations=3"]
@@ -408,7 +409,7 @@ def test_an_own_search_by_its_entry_point_chooses_the_designs_that_are_forecast(
     campaign = design.campaign
     assert campaign.search == "mylab.searches:compass"
     space = DesignSpace(design.case, campaign.variables)
-    explorer = Explorer(space, campaign)
+    explorer = Explorer(TrackerSource(space, campaign))
     explore({"": explorer}, {"": space.start}, campaign)
     assert len(explorer.points) == 3
     assert explorer.ending == "all evaluations were used"

@@ -10,7 +10,7 @@ import pytest
 from startrack.core import arcsec
 from startrack.design import DesignSpace
 from startrack.metrics import summarise
-from startrack.optimise import Ledger, TrialRunner, explore, steps
+from startrack.optimise import Ledger, TrackerSource, TrialRunner, explore, source, steps
 from startrack.optimise.evaluate import Evaluation, Foresight, foresee_all
 from startrack.optimise.explore import Explorer, Scale
 from startrack.optimise.forecast import forecasts
@@ -22,7 +22,7 @@ class Requirements:
 
 
 class Judged:
-    name, needs = "nominal", Requirements
+    name, needs, weight = "nominal", Requirements, 1.0
 
 
 class Campaign:
@@ -56,13 +56,13 @@ class Space:
 def explored(monkeypatch, function, count, most, seed=1):
     """An explorer that has looked for the least of a function of points, a Foresight each."""
     monkeypatch.setattr(
-        explore,
+        source,
         "foresee_all",
         lambda space, campaign, points, *_, **__: [function(one) for one in points],
     )
-    monkeypatch.setattr(explore, "cost_margins", lambda *_: {})
-    explorer = Explorer(Space(count), Campaign(), seed=seed)
-    explorer.begin(explorer.space.start, most)
+    monkeypatch.setattr(source, "cost_margins", lambda *_: {})
+    explorer = Explorer(TrackerSource(Space(count), Campaign(), own_seed=seed))
+    explorer.begin(explorer.source.space.start, most)
     while not explorer.ending and len(explorer.points) < most:
         explorer.step(most - len(explorer.points))
     return explorer
@@ -85,14 +85,14 @@ def test_trials_begin_at_the_best_forecast_where_the_objective_leaps(monkeypatch
     explorer = explored(monkeypatch, leaping, 2, 24)
     assert explorer.score < 0.1
 
-    def exact(space, campaign, point, *_, known, close):
+    def tried_exactly(point, trials, correction):
+        known = explorer.forecast_of(point)
         error, score = math.exp(known.expected) * arcsec, known.expected
         summary = summarise(np.zeros(100, OUTCOMES))
         return Evaluation(tuple(point), {}, error, error, score, known.margins, summary, "")
 
-    monkeypatch.setattr(steps, "evaluate", exact)
     first = list[Evaluation]()
-    tried, _ = steps.refine(explorer, explorer.campaign, TrialRunner(1), first.append)
+    tried, _ = steps.refine(explorer, Campaign, tried_exactly, first.append)
     assert math.log(first[0].error / arcsec) < explorer.score + 0.02
     assert math.log(tried[0].error / arcsec) < explorer.score + 0.02
 
@@ -251,9 +251,9 @@ def test_the_best_design_is_forecast_in_all_conditions(monkeypatch):
             for x in (float(point[0]) for point in points)
         ]
 
-    monkeypatch.setattr(explore, "foresee_all", foreseen)
+    monkeypatch.setattr(source, "foresee_all", foreseen)
     monkeypatch.setattr(Explorer, "_all_matter", False)
-    found = Explorer(Space(1), campaign)
+    found = Explorer(TrackerSource(Space(1), campaign))
     found.forecast(np.array([[0.2], [0.8], [0.4]]))
     assert found.best == 0.4
     assert [len(value.conditions) for value in found.values] == [1, 2, 2]
@@ -276,11 +276,11 @@ def test_an_interrupted_search_computes_no_forecast_again(small, tmp_path, monke
     monkeypatch.setattr(sys.modules[Foresight.__module__], "forecasts", counted)
     points = list(np.linspace(0.3, 0.5, 10).reshape(5, 2))
     with Ledger(tmp_path / "ledger.sqlite") as ledger:
-        first = Explorer(space, small.campaign, TrialRunner(2, ledger=ledger))
+        first = Explorer(TrackerSource(space, small.campaign, TrialRunner(2, ledger=ledger)))
         first.forecast(points[:3])
     before = len(computed)
     with Ledger(tmp_path / "ledger.sqlite") as ledger:
-        again = Explorer(space, small.campaign, TrialRunner(2, ledger=ledger))
+        again = Explorer(TrackerSource(space, small.campaign, TrialRunner(2, ledger=ledger)))
         again.forecast(points[:3])
         assert len(computed) == before > 0
         assert again.values == first.values
@@ -311,7 +311,7 @@ def test_a_design_that_costs_too_much_is_not_forecast(small):
     """Its margins are known, and teach where the limit is; the objective is not."""
     tight = replace(small.campaign.requirements, max_mass=0.01)
     campaign = replace(small.campaign, requirements=tight, variables=small.campaign.variables[:2])
-    explorer = Explorer(DesignSpace(small.case, campaign.variables), campaign)
+    explorer = Explorer(TrackerSource(DesignSpace(small.case, campaign.variables), campaign))
     explorer.forecast([np.full(2, 0.5)])
     (value,) = explorer.values
     assert value.left_out

@@ -17,6 +17,7 @@ from startrack.optimise.explore import Explorer
 from startrack.optimise.ledger import Ledger
 from startrack.optimise.optimise import optimize
 from startrack.optimise.runner import TrialRunner
+from startrack.optimise.source import TrackerSource
 from startrack.optimise.steps import RIVAL, explore
 from startrack.optimise.tables import comparison
 
@@ -206,7 +207,7 @@ def test_the_branch_with_the_best_forecasts_wins(small):
     scores = {}
     for branch in branches(small.case, campaign.choices):
         space = DesignSpace(branch.case, campaign.variables, campaign.links)
-        explorer = Explorer(space, campaign, seed=5)
+        explorer = Explorer(TrackerSource(space, campaign, own_seed=5))
         explore({"": explorer}, {"": space.start}, campaign)
         scores[branch.label] = explorer.score
     assert len(scores) == 4

@@ -1,0 +1,136 @@
+"""DesignSpace and campaign -> what an explorer asks of designs: forecasts, costs, conditions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+import scipy.stats
+
+from startrack.core import Floats, Refused
+from startrack.design import Campaign, DesignSpace
+from startrack.optimise.evaluate import Foresight, foresee_all, missed
+from startrack.optimise.forecast import named
+from startrack.optimise.runner import TrialRunner
+from startrack.verification import cost_margins
+
+
+class Source(Protocol):
+    """Designs in the unit cube, and what is expected of each without a trial."""
+
+    @property
+    def names(self) -> Sequence[str]:
+        """Of the variables, in the order of the coordinates."""
+
+    @property
+    def seed(self) -> int:
+        """Of random proposals."""
+
+    @property
+    def search(self) -> str:
+        """How designs are chosen: "emulator", or algorithms of nlopt."""
+
+    @property
+    def precision(self) -> float:
+        """Fraction of the objective that is worth no further forecast."""
+
+    @property
+    def conditions(self) -> Mapping[str, float]:
+        """Weights of the conditions, by their names; a design may be forecast in some alone."""
+
+    @property
+    def rooms(self) -> Mapping[str, float]:
+        """Of margins that are chances, one less the least that is asked."""
+
+    def foresee(self, points: Sequence[Floats], enough: float) -> list[Foresight]:
+        """Forecasts of designs; those of a score above `enough` in conditions of weight alone."""
+
+    def complete(self, point: Floats, known: Foresight) -> Foresight:
+        """The forecast of a design in all conditions."""
+
+    def cost_missed(self, point: Floats) -> float:
+        """By how much a design misses limits on its cost. Raises Refused where there is none."""
+
+
+@dataclass(frozen=True, eq=False)
+class TrackerSource:
+    """A star tracker's designs, by their error budgets.
+
+    runner  computes the forecasts and keeps them; None: this process
+    seed    of units and proposals, where there is no runner
+    """
+
+    space: DesignSpace
+    campaign: Campaign
+    runner: TrialRunner | None = None
+    own_seed: int = 1
+
+    @property
+    def names(self) -> Sequence[str]:
+        """Of the variables."""
+        return [variable.name for variable in self.space.variables]
+
+    @property
+    def seed(self) -> int:
+        """That of the runner, where there is one."""
+        return self.runner.seed if self.runner else self.own_seed
+
+    @property
+    def search(self) -> str:
+        """Of the campaign."""
+        return self.campaign.search
+
+    @property
+    def precision(self) -> float:
+        """Of the campaign."""
+        return self.campaign.precision
+
+    @cached_property
+    def conditions(self) -> Mapping[str, float]:
+        """Of the campaign."""
+        judged = self.campaign.judged(self.space.case)
+        return {condition.name: condition.weight for condition in judged}
+
+    @cached_property
+    def rooms(self) -> Mapping[str, float]:
+        """Of the availabilities."""
+        return {
+            name: 1 - condition.needs.min_availability
+            for condition in self.campaign.judged(self.space.case)
+            for name in named(condition.name, {"availability": 0.0})
+            if condition.needs.min_availability < 1
+        }
+
+    def foresee(self, points: Sequence[Floats], enough: float) -> list[Foresight]:
+        """By `foresee_all`."""
+        return foresee_all(self.space, self.campaign, points, self.runner, self.own_seed, enough)
+
+    def complete(self, point: Floats, known: Foresight) -> Foresight:
+        """By `foresee_all`, without what is known."""
+        [whole] = foresee_all(
+            self.space, self.campaign, [point], self.runner, self.own_seed, known=known.conditions
+        )
+        return whole
+
+    def cost_missed(self, point: Floats) -> float:
+        """By mass, power and the other costs."""
+        return missed(cost_margins(self.campaign.requirements, self.space.design(point)))
+
+
+def affordable(source: Source, random: np.random.Generator) -> Iterator[Floats]:
+    """Points of a scrambled Sobol sequence, of which seven in eight cost no more than they may."""
+    size = len(source.names)
+    sequence = scipy.stats.qmc.Sobol(size, rng=random)
+    kept, tried = 0, 0
+    while True:
+        point, tried = np.asarray(sequence.random(1)[0]), tried + 1
+        try:
+            short = source.cost_missed(point)
+        except Refused:
+            continue
+        if not short or kept % 8 == 7 or tried > 64 * size:
+            kept += 1
+            yield point
