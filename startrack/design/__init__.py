@@ -32,7 +32,16 @@ from startrack.design.files import Design, load_design, save_design
 from startrack.design.keys import Key, design_keys, design_schema, keys_of, template
 from startrack.design.objective import AXES, Objective
 from startrack.design.parameter import find as found_at
-from startrack.design.parameter import replaced, replaced_all, unchecked
+from startrack.design.parameter import number as number_at
+from startrack.design.parameter import (
+    paths,
+    quantity,
+    replaced,
+    replaced_all,
+    unchecked,
+    unit_at,
+    with_values,
+)
 from startrack.design.parameter import text as value_text
 from startrack.design.products import products
 from startrack.design.requirements import Accuracy, KeepOut, Requirements

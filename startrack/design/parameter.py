@@ -11,6 +11,9 @@ from startrack.io import current_key
 T = TypeVar("T")
 
 
+EVERY = "*"
+
+
 def current_name(case: Any, name: str) -> str:
     """The dotted name with keys of earlier versions replaced by those of today.
 
@@ -20,8 +23,8 @@ def current_name(case: Any, name: str) -> str:
     for part in name.split("."):
         new = current_key(type(at), part)
         parts.append(new)
-        if isinstance(at, tuple) and new.isdecimal() and int(new) < len(at):
-            at = at[int(new)]
+        if isinstance(at, tuple) and (here := _entry(at, new)) is not None:
+            at = at[here]
         else:
             at = getattr(at, new, None)
     current = ".".join(parts)
@@ -30,20 +33,66 @@ def current_name(case: Any, name: str) -> str:
     return current
 
 
-def find(case: Any, name: str) -> Any:
-    """What stands at a name, such as "instrument.motion.tones.0.rms_x".
+def _entry(entries: tuple[Any, ...], part: str) -> int | None:
+    """Which entry of a list a part of a name means, by its number or its name; of all the first."""
+    if part.isdecimal():
+        return int(part) if int(part) < len(entries) else None
+    if part == EVERY:
+        return 0 if entries else None
+    named = [n for n, entry in enumerate(entries) if getattr(entry, "name", None) == part]
+    return named[0] if len(named) == 1 else None
+
+
+def paths(case: Any, name: str) -> list[str]:
+    """The parameters that a name means, with the numbers of entries of lists.
+
+    An entry may be given by its number or by its own `name`: "channels.mir.optics.f_number"; "*" is
+    every entry. A class may have short names (`ALIASES`) for places in it.
 
     Raises  ValueError where there is no such parameter.
     """
-    at = case
-    for part in current_name(case, name).split("."):
-        if isinstance(at, tuple) and part.isdecimal() and int(part) < len(at):
-            at = at[int(part)]
-        elif dataclasses.is_dataclass(at) and hasattr(at, part):
-            at = getattr(at, part)
-        else:
-            raise Refused(f"{name} must be a parameter of the design, but {part} is none")
-    return at
+    first, _, rest = current_name(case, name).partition(".")
+    aliases: Mapping[str, str] = getattr(type(case), "ALIASES", {})
+    full = f"{aliases.get(first, first)}.{rest}" if rest else aliases.get(first, first)
+    made = [("", case)]
+    for part in full.split("."):
+        made = [
+            (f"{place}.{head}".lstrip("."), inner)
+            for place, at in made
+            for head, inner in _inner(at, part, name)
+        ]
+    return [place for place, _ in made]
+
+
+def _inner(at: Any, part: str, name: str) -> list[tuple[str, Any]]:
+    """What stands under a part of a name, with the part as a field or a number."""
+    if isinstance(at, tuple):
+        if part == EVERY and at:
+            return [(str(n), entry) for n, entry in enumerate(at)]
+        here = _entry(at, part)
+        if here is not None:
+            return [(str(here), at[here])]
+    elif dataclasses.is_dataclass(at) and hasattr(at, part):
+        return [(part, getattr(at, part))]
+    raise Refused(f"{name} must be a parameter of the design, but {part} is none")
+
+
+def find(case: Any, name: str) -> Any:
+    """What stands at a name, such as "instrument.motion.tones.0.rms_x".
+
+    Raises  ValueError where there is no such parameter, or "*" means different values.
+    """
+    values = []
+    for path in paths(case, name):
+        at = case
+        for part in path.split("."):
+            at = at[int(part)] if isinstance(at, tuple) else getattr(at, part)
+        values.append(at)
+    if any(value != values[0] for value in values[1:]):
+        raise Refused(
+            f"{name} must have one value in every entry, got {', '.join(map(repr, values))}"
+        )
+    return values[0]
 
 
 def number(case: Any, name: str) -> float:
@@ -96,8 +145,7 @@ def unchecked(case: T, values: Mapping[str, Any]) -> T:
 
 def unit_at(case: Any, name: str) -> Unit | None:
     """The unit of a parameter, None where it has none."""
-    find(case, name)
-    parts = current_name(case, name).split(".")
+    parts = paths(case, name)[0].split(".")
     while parts[-1].isdecimal():  # a tuple's numbers have the unit of the tuple
         parts.pop()
     owner = find(case, ".".join(parts[:-1])) if len(parts) > 1 else case
@@ -150,10 +198,11 @@ class _Change(NamedTuple):
 def _changes(case: Any, values: Mapping[str, Any]) -> list[_Change]:
     changes = []
     for name, value in values.items():
-        now = find(case, name)
-        if isinstance(now, int) and not isinstance(now, bool) and isinstance(value, float):
-            value = round(value)
-        changes.append(_Change(name, current_name(case, name).split("."), value))
+        for path in paths(case, name):
+            now = find(case, path)
+            if isinstance(now, int) and not isinstance(now, bool) and isinstance(value, float):
+                value = round(value)
+            changes.append(_Change(name, path.split("."), value))
     for first in changes:
         for other in changes:
             if first is not other and other.path[: len(first.path)] == first.path:

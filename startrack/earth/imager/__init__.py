@@ -25,6 +25,7 @@ from startrack.earth.imager.figures import (
     Figures,
     First,
     Goals,
+    figures,
     figures_of,
     first_parameters,
     known,
@@ -58,6 +59,7 @@ from startrack.earth.imager.parameters import (
     Channel,
     Imager,
     Knowledge,
+    Passband,
     Performance,
     Reference,
     Spectrometer,
@@ -66,6 +68,7 @@ from startrack.earth.imager.parameters import (
     exposure_of,
     load_imager,
     load_survey,
+    scene_of,
     smear,
 )
 from startrack.earth.imager.render import (
@@ -92,6 +95,7 @@ __all__ = [
     "Imager",
     "Knowledge",
     "Land",
+    "Passband",
     "Performance",
     "Picture",
     "Plane",

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import field, replace
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 
@@ -90,6 +91,35 @@ COMPARED = (
 )
 
 
+class Passband(Parameters):
+    """A filter between two edges, which a search may move: a trapezium over wavelength."""
+
+    low: float = parameter("where half of the light passes", unit=Unit("m", "um"), limit=POSITIVE)
+    high: float = parameter("likewise, above it", unit=Unit("m", "um"), limit=POSITIVE)
+    flank: float = parameter(
+        "width of each edge, from none to all of its light",
+        unit=Unit("m", "um"),
+        limit=POSITIVE,
+        default=10 * nm,
+    )
+    transmittance: float = parameter("1, between the edges", limit=Range(0.001, 1), default=1.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.high - self.low < self.flank:
+            raise core.Refused(
+                f"high must be above low by the flank, {self.flank / nm:g} nm, or more, got "
+                f"{self.low / nm:g} and {self.high / nm:g} nm"
+            )
+
+    @property
+    def curve(self) -> core.Curve:
+        """Transmittance over wavelength."""
+        half, full = self.flank / 2, self.transmittance
+        edges = self.low - half, self.low + half, self.high - half, self.high + half
+        return core.Curve(edges, (0.0, full, full, 0.0))
+
+
 class Channel(Parameters):
     """One image that a camera makes: a lens, a filter, a detector of one kind.
 
@@ -102,6 +132,9 @@ class Channel(Parameters):
     optics: Optics
     detector: Detector
     band: core.Curve = parameter("transmittance of the filter, 1 over wavelength", default=core.ALL)
+    passband: Passband | None = parameter(
+        "the filter by its edges, in place of `band`", default=None
+    )
     forwards: float = parameter(
         "radian ahead of the camera's axis; different for stereo lines. With a lens table the "
         "line lies there in the focal plane of the one lens, else it has a lens of its own",
@@ -133,10 +166,12 @@ class Channel(Parameters):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.response is not None:
-            if self.band != core.ALL:
-                raise ValueError("band must be left out beside response")
+            if self.band != core.ALL or self.passband:
+                raise ValueError("band and passband must be left out beside response")
             if not (self.response.wavelength and any(self.response.value)):
                 raise ValueError("response must have wavelengths, and values above 0")
+        if self.passband and self.band != core.ALL:
+            raise core.Refused("band must be left out beside passband")
         if self.detector.scan and self.detector.scan.kind == "lines":
             raise ValueError("detector.scan.kind must be line, staggered or tdi, got lines")
         if not self.name or "/" in self.name:
@@ -161,14 +196,19 @@ class Channel(Parameters):
             relative = weight * self.response(place)
             mean = np.array([relative @ place / relative.sum()])
             return float(self._flat(mean)[0]) * self.response(wavelength)
-        return self.band(wavelength) * self._flat(wavelength)
+        return self.filter(wavelength) * self._flat(wavelength)
+
+    @property
+    def filter(self) -> core.Curve:
+        """Transmittance of the filter, as `band` or `passband` gives it."""
+        return self.passband.curve if self.passband else self.band
 
     @property
     def curves(self) -> tuple[core.Curve, ...]:
         """Those over wavelength of which `photoelectrons` is the product."""
         if self.response is not None:
             return (self.response,)
-        return self.band, self.optics.transmission, self.detector.quantum_efficiency
+        return self.filter, self.optics.transmission, self.detector.quantum_efficiency
 
     def _flat(self, wavelength: Floats) -> Floats:
         """The same without filter."""
@@ -225,10 +265,13 @@ class Channel(Parameters):
 
     def shifted(self, by: float) -> Channel:
         """The same with filter or response at longer wavelengths; the shift is in metre."""
+        if edges := self.passband:
+            moved = replace(edges, low=edges.low + by, high=edges.high + by)
+            return replace(self, passband=moved)
         key = "band" if self.response is None else "response"
         curve = getattr(self, key)
-        moved = tuple(node + by for node in curve.wavelength)
-        return replace(self, **{key: replace(curve, wavelength=moved)})
+        nodes = tuple(node + by for node in curve.wavelength)
+        return replace(self, **{key: replace(curve, wavelength=nodes)})
 
     def cropped(self, columns: int | None, lines: int | None) -> Channel:
         """The same with only the middle columns and lines of its image."""
@@ -291,7 +334,7 @@ class Imager(Parameters):
                 raise ValueError(
                     f"spectrometer must be left out where a channel is no line, got {channel.name}"
                 )
-            if spectrometer.smile and channel.response is None and not channel.band.wavelength:
+            if spectrometer.smile and channel.response is None and not channel.filter.wavelength:
                 raise ValueError(
                     f"channel {channel.name} must have band or response where spectrometer.smile "
                     "moves it"
@@ -419,8 +462,22 @@ def load_survey(path: Path) -> Survey:
 
     Raises  ValueError, one sentence with the file, the key, the rule and the value.
     """
-    path = Path(path)
-    table = read_table(path, "a scene file")
+    return scene_of(Survey, Path(path), without=OF_STUDY)
+
+
+S = TypeVar("S", bound=Survey)
+OF_STUDY = "retrieval", "campaign"  # tables of a scene file that only its study needs
+
+
+def scene_of(kind: type[S], path: Path, without: Sequence[str] = ()) -> S:
+    """A survey, or a class with further tables, from a scene file.
+
+    without  tables of the file that the class has not
+    Raises   ValueError as `load_survey`.
+    """
+    table = {
+        key: value for key, value in read_table(path, "a scene file").items() if key not in without
+    }
     camera = table.get("camera")
     try:
         if isinstance(camera, str):
@@ -428,7 +485,7 @@ def load_survey(path: Path) -> Survey:
         elif isinstance(camera, dict):
             table = {**table, "camera": _unshared(camera, "camera.")}
         _read_spectra(table.get("land"), path.parent, "land")
-        return from_table(Survey, table)
+        return from_table(kind, table)
     except ValueError as error:
         raise Refused(f"{path}: {error}") from None
 

@@ -6,6 +6,8 @@ context        Images in two channels -> by how much each pixel exceeds its surr
 fire           Excess radiance of a fire -> its radiative power, temperature and area.
 hot_spots      HotSpots: fires, their detection and power; a trial of both.
 fire_forecast  The smallest fire that is found, and the error of its power, by formula.
+study          EarthDesign: a scene with its camera, its retrieval and its campaign, and their file.
+problem        EarthProblem: what searches, samples and tests need of an Earth camera.
 """
 
 from startrack.earth.retrieval.fire import (
@@ -23,12 +25,32 @@ from startrack.earth.retrieval.hot_spots import (
     smallest_areas,
     views_of,
 )
+from startrack.earth.retrieval.problem import EarthProblem, Forecast, Judgement, Margin, Words
+from startrack.earth.retrieval.study import (
+    CameraLimits,
+    EarthCampaign,
+    EarthCondition,
+    EarthDesign,
+    Retrieval,
+    load_earth_design,
+)
 
 # Public; the other imports serve other rooms.
 __all__ = [
+    "CameraLimits",
+    "EarthCampaign",
+    "EarthCondition",
+    "EarthDesign",
+    "EarthProblem",
     "FireForecast",
+    "Forecast",
     "HotSpots",
+    "Judgement",
+    "Margin",
+    "Retrieval",
+    "Words",
     "forecast_fires",
+    "load_earth_design",
     "power_coefficient",
     "power_of",
     "radiated_power",

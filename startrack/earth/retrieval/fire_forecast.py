@@ -36,10 +36,11 @@ from startrack.optics import blur_transfer, pupil_transfer
 WAVES, TURNS = 96, 12  # frequencies and directions, over which textures are integrated
 FINEST = 4.0  # cycles a pixel, of a point's image
 LEAST_NODES = 48  # over frequencies of it, along each axis
-PHASES = 4  # places along half a side of the ground between two pixels
+PHASES = 3  # places along half a side of the ground between two pixels
 COARSE, FINE = 20, 10  # areas between which the smallest is interpolated, one after the other
 WIDTHS = 3  # of the surroundings, over which the covariance of textures is summed
-DRAWS = 8  # nodes over the ground's contrast
+DIM = 0.1  # of the brightest pixel's light, below which a pixel finds no fire; chosen by hand
+DRAWS = 6  # nodes over the ground's contrast
 SMALLEST = 1e-7  # of the ground between two pixels
 
 
@@ -122,13 +123,29 @@ class _Curves:
 
     def __init__(self, channel: Channel) -> None:
         self.channel = channel
-        self._key = channel.curves, channel.detector.fill_factor
+        optics, detector = channel.optics, channel.detector
+        self._key = (
+            channel.curves,
+            optics.transmission,
+            detector.quantum_efficiency,
+            detector.fill_factor,
+        )
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, _Curves) and self._key == other._key
 
     def __hash__(self) -> int:
         return hash(self._key)
+
+
+def band_in(channel: Channel, air: Air | None, above: float, distance: float) -> Band:
+    """As `band_of`; kept for channels that differ in nothing that a band depends on."""
+    return _band(_Curves(channel), air, above, distance)
+
+
+@lru_cache(maxsize=64)
+def _band(curves: _Curves, air: Air | None, above: float, distance: float) -> Band:
+    return band_of(curves.channel, air, above, distance)
 
 
 _Lit = tuple[Band, Radiation, float]
@@ -146,7 +163,7 @@ def _lit(
     sun: float,
 ) -> _Lit:
     """Band, radiation of the ground and its mean reflectance; kept while a search goes on."""
-    band = band_of(curves.channel, air, above, distance)
+    band = _band(curves, air, above, distance)
     reflectance = float(cover.reflectance(band.wavelength) @ band.weight)
     around = reflectance if around is None else around
     return band, radiation_over(band, around, height, sun), reflectance
@@ -252,6 +269,8 @@ def forecast_fires(survey: Survey, spots: HotSpots) -> FireForecast:
     common += quantile**2 * loose / (4 * square)
     near = pixels_of_fire(mid)
     shares = [_point_shares(side, near) for side in (mid, thermal)]
+    bright = shares[0].max(0) > DIM * shares[0].max()  # the others find no fire that these miss
+    shares = [share[:, bright] for share in shares]
     areas = []
     for temperature in spots.temperatures:
         flames = [_flame(side, temperature) for side in (mid, thermal)]

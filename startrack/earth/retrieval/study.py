@@ -1,0 +1,229 @@
+"""EarthDesign: a scene with its camera, what its images are for, and the question put to it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import ClassVar
+
+from startrack.core import NON_NEGATIVE, POSITIVE, Parameters, Range, Refused, Unit, parameter
+from startrack.design import Change, Link, Variable, with_values
+from startrack.earth.imager import Channel, Survey, scene_of
+from startrack.earth.retrieval.hot_spots import HotSpots
+from startrack.io import shipped
+
+OWN = "nominal"  # the file's own condition
+
+
+class Retrieval(Parameters):
+    """What the images are for: one of its tables."""
+
+    hot_spots: HotSpots | None = parameter("fires, their power and temperature", default=None)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        given = [name for name, value in vars(self).items() if value is not None]
+        if len(given) != 1:
+            raise Refused(f"retrieval must have one table, got {', '.join(given) or 'none'}")
+
+
+class EarthCondition(Parameters):
+    """A condition in which a camera is judged, besides that of the file itself."""
+
+    name: str = parameter("for tables and messages")
+    weight: float = parameter(
+        "of its criterion in the objective, in which the file's own condition has 1; 0: only its "
+        "limits count",
+        limit=NON_NEGATIVE,
+        default=1.0,
+    )
+    change: tuple[Change, ...] = parameter(
+        'what is different, such as "retrieval.hot_spots.sun_zenith"', default=()
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.name or self.name == OWN:
+            raise Refused(f"name of a condition must be given and not be {OWN}, got {self.name!r}")
+
+
+class CameraLimits(Parameters):
+    """What a camera must keep, besides `required` of its channels; None: no limit.
+
+        mass = mass_fixed + sum over lenses of mass_per_volume aperture^3
+
+    Channels with the same focal length, f-number and view have one lens. The law is that of star
+    trackers, with coefficients that are assumed: a lens of one shape grows in all directions.
+    """
+
+    max_mass: float | None = parameter(unit=Unit("kg"), limit=POSITIVE, default=None)
+    mass_fixed: float = parameter(
+        "of what does not grow with the aperture; assumed",
+        unit=Unit("kg"),
+        limit=NON_NEGATIVE,
+        default=1.0,
+    )
+    mass_per_volume: float = parameter(
+        "of lenses over the cubes of their apertures; assumed",
+        unit=Unit("kg / m3"),
+        limit=NON_NEGATIVE,
+        default=6000.0,
+    )
+    max_aperture: float | None = parameter(
+        "of the largest lens", unit=Unit("m", "mm"), limit=POSITIVE, default=None
+    )
+    max_data_rate: float | None = parameter(
+        "of all channels together", unit=Unit("bit / s", "Mbit / s"), limit=POSITIVE, default=None
+    )
+    min_swath: float | None = parameter(
+        "of the narrowest channel", unit=Unit("m", "km"), limit=POSITIVE, default=None
+    )
+    max_area: float | None = parameter(
+        "of the smallest fire that is found, at each temperature and in each condition",
+        unit=Unit("m2"),
+        limit=POSITIVE,
+        default=None,
+    )
+    max_power_error: float | None = parameter(
+        "1, of the radiative power, relative and rms, in each condition",
+        limit=POSITIVE,
+        default=None,
+    )
+
+    def mass(self, channels: Sequence[Channel]) -> float:
+        """Kilogram."""
+        apertures = lenses_of(channels)
+        return self.mass_fixed + sum(self.mass_per_volume * size**3 for size in apertures)
+
+
+def lenses_of(channels: Sequence[Channel]) -> list[float]:
+    """Metre, the aperture of each lens; channels that may have one have one."""
+    lenses = {
+        (channel.optics.focal_length, channel.optics.f_number, channel.forwards): channel
+        for channel in channels
+    }
+    return [channel.optics.aperture for channel in lenses.values()]
+
+
+class EarthCampaign(Parameters):
+    """The question that is put to an Earth camera."""
+
+    variables: tuple[Variable, ...] = parameter("what may change", default=())
+    links: tuple[Link, ...] = parameter("what follows them", default=())
+    conditions: tuple[EarthCondition, ...] = parameter(
+        "seasons, hours and grounds in which the camera is judged, besides its own", default=()
+    )
+    requirements: CameraLimits = parameter("what must hold", default_factory=CameraLimits)
+    objective: str = parameter(
+        '"area" of the smallest fire that is found, the geometric mean of all temperatures; '
+        '"power", the relative error of the radiative power. Of several conditions the geometric '
+        "mean by their weights",
+        limit=Range(choices=("area", "power")),
+        default="area",
+    )
+    trials: int = parameter("of each design at first", limit=Range(2, 10**6), default=200)
+    most_trials: int = parameter(
+        "of each design at last; the number doubles between", limit=Range(2, 10**6), default=800
+    )
+    evaluations: int = parameter(
+        "designs at most that are tried by trials", limit=Range(1, 10**6), default=20
+    )
+    analytic_evaluations: int = parameter(
+        "designs at most that the forecast evaluates, before the first trial",
+        limit=Range(0, 10**6),
+        default=300,
+    )
+    search: str = parameter(
+        'how designs are chosen: "emulator", or algorithms of nlopt, such as "direct+sbplx"',
+        default="emulator",
+    )
+    precision: float = parameter(
+        "fraction of the objective that is worth no further evaluation",
+        limit=Range(1e-4, 0.5),
+        default=0.01,
+    )
+    fresh_trials: int = parameter(
+        "on which start and best are compared at the end", limit=Range(2, 10**6), default=1000
+    )
+    sample_trials: int = parameter(
+        "for each design that the tolerance region is computed from",
+        limit=Range(2, 10**6),
+        default=200,
+    )
+    margin: float = parameter(
+        "fraction by which the objective may grow in the tolerance region",
+        limit=POSITIVE,
+        default=0.2,
+    )
+    span: float = parameter(
+        "half the width of that region's box, as a fraction of each variable's range",
+        limit=Range(0.001, 0.5),
+        default=0.15,
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        names = [condition.name for condition in self.conditions]
+        if len(set(names)) < len(names):
+            raise Refused(f"conditions must have different names, got {', '.join(names)}")
+        if self.most_trials < self.trials:
+            raise Refused(f"most_trials must be at least trials, {self.trials}")
+
+
+class EarthDesign(Survey):
+    """A scene, what its images are for, and the question put to its camera."""
+
+    # Short names of places, in names of parameters.
+    ALIASES: ClassVar[Mapping[str, str]] = {"channels": "camera.channels"}
+
+    retrieval: Retrieval | None = parameter("what the images are for", default=None)
+    campaign: EarthCampaign | None = parameter("the question put to the camera", default=None)
+
+    def __hash__(self) -> int:
+        return hash((self.camera, self.orbit, self.retrieval, self.campaign))
+
+    def conditions(self) -> dict[str, tuple[float, EarthDesign]]:
+        """Weight and design of each condition, its own first.
+
+        Raises  ValueError where a change does not fit its parameter.
+        """
+        made: dict[str, tuple[float, EarthDesign]] = {OWN: (1.0, self)}
+        for condition in self.campaign.conditions if self.campaign else ():
+            values = {change.name: change.value for change in condition.change}
+            try:
+                made[condition.name] = condition.weight, with_values(self, values)
+            except Refused as error:
+                raise Refused(f"condition {condition.name}: {error}") from None
+        return made
+
+
+def load_earth_design(scene: str | Path, changes: Sequence[str] = ()) -> EarthDesign:
+    """A design from a scene file, or from one of the catalogue by its name.
+
+    changes  values over those of the file: "channels.mir.optics.f_number=2.5"
+    Raises   ValueError as `load_survey`, and where a change is none.
+    """
+    name = str(scene)
+    path = Path(scene)
+    if not name.endswith(".toml"):
+        known = sorted(file.stem for file in shipped("scenes").glob("*.toml"))
+        if name not in known:
+            raise Refused(f"scene must be a TOML file or one of {', '.join(known)}, got {name!r}")
+        path = shipped(f"scenes/{name}.toml")
+    design = scene_of(EarthDesign, path)
+    values = dict[str, float | str]()
+    for change in changes:
+        key, equals, text = change.partition("=")
+        if not equals:
+            raise Refused(f"a change must be KEY=VALUE, got {change!r}")
+        values[key.strip()] = _value(text.strip())
+    return with_values(design, values) if values else design
+
+
+def _value(text: str) -> float | str:
+    try:
+        number = float(text)
+    except ValueError:
+        return text
+    return number if math.isfinite(number) else text
