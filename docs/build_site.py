@@ -43,6 +43,7 @@ FIRST = {
         "docs/design-file",
         "docs/reference",
         "docs/mission-keys",
+        "docs/scene-keys",
         "docs/api",
         "docs/json",
         "docs/conventions",

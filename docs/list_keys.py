@@ -1,4 +1,4 @@
-"""Write docs/reference.md, docs/mission-keys.md and the JSON Schema: each key that a file may hold.
+"""Write each key that a file may hold: reference, mission and scene keys, and JSON Schemas.
 
     python docs/list_keys.py
 
@@ -11,12 +11,15 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from startrack.design import Key, design_keys, design_schema, keys_of
+from startrack.earth.retrieval import scene_keys, scene_schema
 from startrack.io import save_json, shipped
 from startrack.mission import Mission
 
 PAGE = Path(__file__).with_name("reference.md")
 MISSION = Path(__file__).with_name("mission-keys.md")
+SCENE = Path(__file__).with_name("scene-keys.md")
 SCHEMA = shipped("designs") / "design.schema.json"
+SCENE_SCHEMA = shipped("scenes") / "scene.schema.json"
 HEAD = """\
 # Keys of a design file
 Every key that a design file may hold, table by table; `startrack keys instrument.optics` prints \
@@ -35,6 +38,15 @@ Every key that a mission file may hold, table by table, as `startrack mission` [
 them. A value with a unit is a text, such as `altitude = "600 km"`. `python docs/list_keys.py` \
 writes this page.
 """
+SCENE_HEAD = """\
+# Keys of a scene file
+Every key that a scene file of an Earth camera may hold, table by table; `startrack keys --scene \
+land` prints those of one table. `camera` may also be a text, the name of a camera of the \
+[catalogue](../catalogs/cameras/README.md) or of a TOML file, and a reflectance may be in a file \
+of a spectral library: `{ file = "grass.csv", unit = "um", factor = 0.01 }`. `[retrieval]` and \
+`[campaign]` are for a study of the camera alone. A value with a unit is a text, such as \
+`altitude = "572 km"`. `python docs/list_keys.py` writes this page.
+"""
 TABLES = ("table", "tables")
 
 
@@ -46,6 +58,11 @@ def page() -> str:
 def mission_page() -> str:
     """The text of docs/mission-keys.md."""
     return _page(MISSION_HEAD, keys_of(Mission), "")
+
+
+def scene_page() -> str:
+    """The text of docs/scene-keys.md."""
+    return _page(SCENE_HEAD, scene_keys(), "")
 
 
 def _page(head: str, keys: Iterable[Key], taken: str) -> str:
@@ -86,5 +103,7 @@ def _cell(text: str) -> str:
 if __name__ == "__main__":
     PAGE.write_text(page(), encoding="utf-8")
     MISSION.write_text(mission_page(), encoding="utf-8")
+    SCENE.write_text(scene_page(), encoding="utf-8")
     save_json(SCHEMA, design_schema())
-    print(f"wrote {PAGE}, {MISSION} and {SCHEMA}")
+    save_json(SCENE_SCHEMA, scene_schema())
+    print(f"wrote {PAGE}, {MISSION}, {SCENE}, {SCHEMA} and {SCENE_SCHEMA}")

@@ -16,6 +16,7 @@ if wanted(__name__):
 
     from startrack.cli.terminal import print_result
     from startrack.design import Key, design_keys, design_schema
+    from startrack.earth import retrieval
 
 WIDEST = 100  # letters of a line
 
@@ -87,6 +88,7 @@ declare = Options(
         default=[],
         many="*",
     ),
+    Option("--scene", "those of a scene file of an Earth camera, in place of a design file"),
     Option("--schema", "print the JSON Schema of a whole design file"),
 )
 
@@ -94,17 +96,18 @@ declare = Options(
 def command(options: argparse.Namespace) -> int:
     """Print the keys, one after the other."""
     if options.schema:
-        print(json.dumps(design_schema(), indent=1))
+        schema = retrieval.scene_schema() if options.scene else design_schema()
+        print(json.dumps(schema, indent=1))
         return Exit.DONE
     table = " ".join(options.table)
-    keys = design_keys()
+    keys = retrieval.scene_keys() if options.scene else design_keys()
     chosen = [key for key in keys if f"{key.name}.".startswith(f"{table}." if table else "")]
     chosen = chosen or ([] if "." in table else _searched(table, keys))
     if not chosen:
         near = difflib.get_close_matches(table, [key.name for key in keys], 3)
         raise WrongUse(
-            f"TABLE must be a table or a key of a design file, got {table!r}"
-            + (f"; similar are {', '.join(near)}" if near else "")
+            f"TABLE must be a table or a key of a {'scene' if options.scene else 'design'} file, "
+            f"got {table!r}" + (f"; similar are {', '.join(near)}" if near else "")
         )
     width = min(shutil.get_terminal_size().columns, WIDEST)
     for key in chosen:

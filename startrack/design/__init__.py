@@ -29,7 +29,15 @@ from startrack.design.case import (
 )
 from startrack.design.conditions import NOMINAL, Change, Condition, Judged, OverUnits, turning
 from startrack.design.files import Design, load_design, save_design
-from startrack.design.keys import Key, design_keys, design_schema, keys_of, template
+from startrack.design.keys import (
+    DRAFT,
+    Key,
+    design_keys,
+    design_schema,
+    keys_of,
+    table_schema,
+    template,
+)
 from startrack.design.objective import AXES, Objective
 from startrack.design.parameter import find as found_at
 from startrack.design.parameter import number as number_at

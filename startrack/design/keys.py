@@ -280,9 +280,9 @@ def design_schema() -> Schema:
     between several keys, are left to `load_design`: a file that it refuses is no design, one that
     it takes may still be none. In a file with `base` or `include` no key is required.
     """
-    design, required = _table(Case, ""), _required(Case)
+    design, required = table_schema(Case), _required(Case)
     required["properties"]["campaign"] = _required(Campaign)
-    campaign = {"campaign": _table(Campaign, "campaign")}
+    campaign = {"campaign": table_schema(Campaign, "campaign")}
     either = {"anyOf": [{"required": [name]} for name in ("base", "include")]}
     design["properties"] |= campaign | {key.name: _plain(key) for key in OF_FILES}
     within = design["properties"]["instrument"]["properties"]["detector"]
@@ -305,12 +305,20 @@ def _plain(key: Key) -> Schema:
     return {"description": key.meaning, **schema}
 
 
-def _table(kind: type, place: str) -> Schema:
+def table_schema(kind: type, place: str = "", keys: Mapping[str, Key] | None = None) -> Schema:
+    """A JSON Schema of the table that a class of parameters is read from.
+
+    place  of the table in its file
+    keys   by their names, whose meanings it has; None: those of a design file
+    """
+    keys = _by_name() if keys is None else keys
     properties = dict[str, Schema]()
     for name, field in fields_of(kind).items():
         where = f"{place}.{name}" if place else name
-        key = _by_name()[where]
-        properties[name] = {"description": key.meaning} | _value(field, range_of(field), where)
+        key = keys[where]
+        properties[name] = {"description": key.meaning} | _value(
+            field, range_of(field), where, keys
+        )
         if field.default is not None and not dataclasses.is_dataclass(field.kind):
             properties[name]["markdownDescription"] = f"{key.meaning}\n\nDefault: `{key.default}`"
     old: Mapping[str, str] = getattr(kind, "OLD_KEYS", {})
@@ -319,10 +327,10 @@ def _table(kind: type, place: str) -> Schema:
     return {"type": "object", "additionalProperties": False, "properties": properties}
 
 
-def _value(field: Field, limits: Range, place: str) -> Schema:
+def _value(field: Field, limits: Range, place: str, keys: Mapping[str, Key]) -> Schema:
     inner, unit = item_of(field)
     if dataclasses.is_dataclass(inner):
-        schema = _table(typing.cast(type, inner), place)
+        schema = table_schema(typing.cast(type, inner), place, keys)
     else:
         schema = _single(inner, unit, limits, field.open)
     return {"type": "array", "items": schema} if typing.get_origin(field.kind) is tuple else schema

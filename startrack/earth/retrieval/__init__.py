@@ -7,6 +7,7 @@ fire           Excess radiance of a fire -> its radiative power, temperature and
 hot_spots      HotSpots: fires, their detection and power; a trial of both.
 fire_forecast  The smallest fire that is found, and the error of its power, by formula.
 study          EarthDesign: a scene with its camera, its retrieval and its campaign, and their file.
+keys           The keys of a scene file, as a list and as a JSON Schema.
 problem        EarthProblem: what searches, samples and tests need of an Earth camera.
 """
 
@@ -25,6 +26,7 @@ from startrack.earth.retrieval.hot_spots import (
     smallest_areas,
     views_of,
 )
+from startrack.earth.retrieval.keys import scene_keys, scene_schema
 from startrack.earth.retrieval.problem import EarthProblem, Forecast, Judgement, Margin, Words
 from startrack.earth.retrieval.study import (
     CameraLimits,
@@ -54,5 +56,7 @@ __all__ = [
     "power_coefficient",
     "power_of",
     "radiated_power",
+    "scene_keys",
+    "scene_schema",
     "temperature_and_area",
 ]

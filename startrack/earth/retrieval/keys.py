@@ -1,0 +1,57 @@
+"""The keys of a scene file of an Earth camera, as a list and as a JSON Schema."""
+
+from functools import cache
+from typing import Any
+
+from startrack.design import DRAFT, Key, keys_of, table_schema
+from startrack.earth.imager import Channel, cameras
+from startrack.earth.retrieval.study import EarthDesign
+
+CAMERA = "camera"
+SPECTRA = "reflectance", "volumetric", "geometric"  # which a file of a spectral library may give
+SHARED = "keys that all channels have, each over those of a channel's own file"
+
+
+@cache
+def scene_keys() -> tuple[Key, ...]:
+    """All keys that a scene file may have, with those of its study, in the order of their tables.
+
+    Where `camera` is a text, it names a camera of the catalogue or a TOML file.
+    """
+    return tuple(keys_of(EarthDesign))
+
+
+def scene_schema() -> dict[str, Any]:
+    """A JSON Schema (draft 7) of scene files.
+
+    It has types, ranges, choices and the names of all keys. Whether a unit converts, rules between
+    several keys and which must be given are left to `load_earth_design`.
+    """
+    keys = {key.name: key for key in scene_keys()}
+    schema = table_schema(EarthDesign, "", keys)
+    own = schema["properties"][CAMERA]
+    shared = table_schema(Channel, f"{CAMERA}.channels", keys)
+    own["properties"]["shared"] = {"description": SHARED, **shared}
+    named = {"type": "string", "description": f"{', '.join(cameras())}, or a TOML file"}
+    schema["properties"][CAMERA] = {"description": keys[CAMERA].meaning, "anyOf": [named, own]}
+    _with_files(schema["properties"]["land"])
+    return {
+        "$schema": DRAFT,
+        "title": "startrack scene",
+        "description": "A camera over the Earth, what its images are for, and a study of it.",
+        **schema,
+    }
+
+
+def _with_files(schema: dict[str, Any]) -> None:
+    """Let spectra of the land be in files."""
+    for name, inner in schema.get("properties", {}).items():
+        table = inner.get("items", inner)
+        if name in SPECTRA and "properties" in table:
+            table["properties"] |= {
+                "file": {"type": "string", "description": "table of a spectrum"},
+                "unit": {"enum": ["nm", "um"]},
+                "factor": {"type": "number"},
+            }
+        else:
+            _with_files(table)
