@@ -6,6 +6,8 @@ context        Images in two channels -> by how much each pixel exceeds its surr
 fire           Excess radiance of a fire -> its radiative power, temperature and area.
 hot_spots      HotSpots: fires, their detection and power; a trial of both.
 fire_forecast  The smallest fire that is found, and the error of its power, by formula.
+minerals       Minerals: thermal spectra -> temperature, emissivity, Christiansen feature, class.
+criteria       What a retrieval is judged by: criteria by name, by formula and by trials.
 study          EarthDesign: a scene with its camera, its retrieval and its campaign, and their file.
 keys           The keys of a scene file, as a list and as a JSON Schema.
 problem        EarthProblem: what searches, samples and tests need of an Earth camera.
@@ -27,6 +29,15 @@ from startrack.earth.retrieval.hot_spots import (
     views_of,
 )
 from startrack.earth.retrieval.keys import scene_keys, scene_schema
+from startrack.earth.retrieval.minerals import (
+    MineralForecast,
+    Minerals,
+    forecast_minerals,
+    identify_minerals,
+    library,
+    observe_minerals,
+    spectrometer_of,
+)
 from startrack.earth.retrieval.problem import EarthProblem, Forecast, Judgement, Margin, Words
 from startrack.earth.retrieval.study import (
     CameraLimits,
@@ -49,9 +60,12 @@ __all__ = [
     "HotSpots",
     "Judgement",
     "Margin",
+    "MineralForecast",
+    "Minerals",
     "Retrieval",
     "Words",
     "forecast_fires",
+    "forecast_minerals",
     "load_earth_design",
     "power_coefficient",
     "power_of",

@@ -20,15 +20,13 @@ from startrack.core import Floats, Refused, inputs_of, printed
 from startrack.design import number_at, replaced_all, unchecked
 from startrack.earth.geometry import flight_height, ground_rate
 from startrack.earth.imager import figures, known, margins_of
-from startrack.earth.retrieval import fire, hot_spots
-from startrack.earth.retrieval.fire_forecast import band_in, forecast_fires
-from startrack.earth.retrieval.hot_spots import HotSpots
+from startrack.earth.retrieval.criteria import Criterion, Study, study_of
+from startrack.earth.retrieval.fire_forecast import band_in
 from startrack.earth.retrieval.study import CameraLimits, EarthCampaign, EarthDesign, lenses_of
 from startrack.io import to_table
-from startrack.metrics import Interval, level_interval, rms_interval
+from startrack.metrics import Interval
 
 IMAGE = "image"
-LARGEST = 1e12  # square metre, of a fire that is not found, where numbers must be finite
 
 
 @printed
@@ -96,8 +94,8 @@ class Words(NamedTuple):
 class EarthProblem:
     """The camera of a design, and the error of its retrieval.
 
-    Trials are of images of level ground straight below, with fires of known places; of each image
-    each fire is one trial.
+    Trials are of images of level ground straight below, with fires of known places, or of spectra
+    of known minerals; each fire, and each spectrum, of an image is one trial.
 
     Raises  ValueError where the design has no retrieval or no campaign, or a name is none.
     """
@@ -108,8 +106,18 @@ class EarthProblem:
         if self.design.retrieval is None or self.design.campaign is None:
             raise Refused("a scene that is studied must have the tables [retrieval] and [campaign]")
         _ = self.conditions
+        if not self._objective():
+            raise Refused(
+                f"campaign.objective must be one of this retrieval, "
+                f"{', '.join(dict.fromkeys(kind for kind in self._kinds()))}, got "
+                f"{self.campaign.objective!r}"
+            )
         for variable in self.campaign.variables:
             number_at(self.design, variable.name)
+
+    def _kinds(self) -> list[str]:
+        every = (study.criteria.values() for study in self.studies.values())
+        return [criterion.objective for criteria in every for criterion in criteria]
 
     @property
     def campaign(self) -> EarthCampaign:
@@ -123,13 +131,18 @@ class EarthProblem:
         return self.design.conditions()
 
     @cached_property
+    def studies(self) -> dict[str, Study]:
+        """The retrieval of each condition."""
+        return {name: study_of(design) for name, (_, design) in self.conditions.items()}
+
+    @cached_property
     def columns(self) -> np.dtype[Any]:
-        """A row of one trial: numbers, named "condition: criterion"."""
+        """A row of one trial: numbers, named "condition: column"."""
         return np.dtype(
             [
                 (f"{condition}: {name}", np.float64)
-                for condition, (_, design) in self.conditions.items()
-                for name in (*_areas(_spots(design)), POWER, TEMPERATURE, AREA)
+                for condition, study in self.studies.items()
+                for name in study.columns
             ]
         )
 
@@ -175,24 +188,20 @@ class EarthProblem:
         conditions  names of those that are asked; None: all
         Raises      ValueError as `forecast_fires`.
         """
-        asked = self._asked(conditions)
-        parts = dict[str, float]()
-        for name in asked:
-            design = self.conditions[name][1]
-            spots = _spots(design)
-            expected = forecast_fires(design, spots)
-            for criterion, area in zip(_areas(spots), expected.areas, strict=True):
-                parts[f"{name}: {criterion}"] = area
-            parts[f"{name}: {POWER}"] = expected.power_error
-        margins = {
-            name: margin for name, value in parts.items() if (margin := self._limit(name, value))
+        parts = {
+            f"{condition}: {name}": value
+            for condition in self._asked(conditions)
+            for name, value in self.studies[condition].expected().items()
         }
-        return Forecast(self._mean(parts), self.costs() | margins, parts, LEFT_OUT)
+        limits = {name: self._limit(name, value) for name, value in parts.items()}
+        margins = {name: margin for name, margin in limits.items() if margin}
+        left_out = next(iter(self.studies.values())).left_out
+        return Forecast(self._mean(parts), self.costs() | margins, parts, left_out)
 
     def trials(self, seed: int, numbers: range, fidelity: str = IMAGE) -> NDArray[np.void]:
         """Rows of trials by their numbers, the same for any worker.
 
-        Row n is fire n % k of the image n // k, of k fires; conditions have the same image.
+        Row n is fire, or spectrum, n % k of the image n // k; conditions have the same image.
 
         Raises  ValueError for another fidelity than "image", and as `views_of`.
         """
@@ -200,27 +209,21 @@ class EarthProblem:
             raise Refused(f"fidelity must be {IMAGE} for an Earth camera, got {fidelity!r}")
         rows = np.zeros(len(numbers), self.columns)
         every = np.arange(numbers.start, numbers.stop, numbers.step)
-        for condition, (_, design) in self.conditions.items():
-            count = _spots(design).per_image
+        for condition, study in self.studies.items():
+            count = study.per_image
             for image in np.unique(every // count).tolist():
                 mine = every // count == image
-                for name, values in _trial(design, seed, image).items():
+                for name, values in _image(self.conditions[condition][1], seed, image).items():
                     rows[f"{condition}: {name}"][mine] = values[every[mine] % count]
         return rows
 
     def judge(self, rows: NDArray[np.void]) -> Judgement:
-        """The objective and the margins of rows, with 95 % intervals.
-
-        An area is the quantile of the smallest areas of all fires, which as many are found with
-        as `found` says; its interval is that of independent trials.
-        """
-        parts = dict[str, Interval]()
-        for condition, (_, design) in self.conditions.items():
-            spots = _spots(design)
-            for name in _areas(spots):
-                parts[f"{condition}: {name}"] = _level(rows[f"{condition}: {name}"], spots.found)
-            error = rows[f"{condition}: {POWER}"]
-            parts[f"{condition}: {POWER}"] = rms_interval(error**2)
+        """The objective and the margins of rows, with 95 % intervals."""
+        parts = {
+            f"{condition}: {name}": study.shown(name, rows[f"{condition}: {criterion.column}"])
+            for condition, study in self.studies.items()
+            for name, criterion in study.criteria.items()
+        }
         margins = {}
         for name, interval in parts.items():
             if margin := self._limit(name, interval.value):
@@ -241,16 +244,22 @@ class EarthProblem:
 
     def text(self) -> Words:
         """Names and units of the objective and its parts."""
-        parts = dict[str, tuple[str, str]]()
-        for condition, (_, design) in self.conditions.items():
-            spots = _spots(design)
-            for name, kelvin in zip(_areas(spots), spots.temperatures, strict=True):
-                words = f"smallest fire of {kelvin:g} K found in {spots.found:.0%}, {condition}"
-                parts[f"{condition}: {name}"] = words, "m2"
-            parts[f"{condition}: {POWER}"] = f"error of radiative power, {condition}", ""
-        if self.campaign.objective == "area":
-            return Words("smallest fire", "m2", parts)
-        return Words("error of radiative power", "", parts)
+        parts = {
+            f"{condition}: {name}": (f"{criterion.words}, {condition}", criterion.unit)
+            for condition, study in self.studies.items()
+            for name, criterion in study.criteria.items()
+        }
+        first = next(iter(self._objective().values()))
+        return Words(first.words, first.unit, parts)
+
+    def _objective(self) -> dict[str, Criterion]:
+        """What the objective is made of."""
+        return {
+            f"{condition}: {name}": criterion
+            for condition, study in self.studies.items()
+            for name, criterion in study.criteria.items()
+            if criterion.objective == self.campaign.objective
+        }
 
     def _asked(self, conditions: Sequence[str] | None) -> Sequence[str]:
         asked = list(self.conditions) if conditions is None else conditions
@@ -263,38 +272,22 @@ class EarthProblem:
     def _mean(self, parts: Mapping[str, float]) -> float:
         """Geometric mean of what the objective is made of, by the weights of conditions."""
         total, weights = 0.0, 0.0
-        for name, value in parts.items():
-            condition, _, criterion = name.partition(": ")
-            if criterion.startswith("area ") != (self.campaign.objective == "area"):
-                continue
-            weight = self.conditions[condition][0]
-            if weight:
+        for name in self._objective():
+            weight = self.conditions[name.partition(": ")[0]][0]
+            if weight and name in parts:
+                value = parts[name]
                 total += weight * (math.log(value) if value > 0 else -math.inf)
                 weights += weight
-        return math.exp(total / weights)
+        return math.exp(total / weights) if weights else math.nan
 
     def _limit(self, name: str, value: float) -> Margin | None:
-        limits, power = self.campaign.requirements, name.endswith(f": {POWER}")
-        limit = limits.max_power_error if power else limits.max_area
-        return None if limit is None else Margin(value, limit, True, "" if power else "m2")
+        condition, _, criterion = name.partition(": ")
+        about = self.studies[condition].criteria[criterion]
+        limit = getattr(self.campaign.requirements, about.limit)
+        return None if limit is None else Margin(value, limit, True, about.unit)
 
 
-POWER, TEMPERATURE, AREA = "power", "temperature", "estimated area"
 UNITS = {"nedt": "K", "saturation": "W m-2 sr-1 m-1", "gsd": "m"}
-LEFT_OUT = (
-    "fires that are wider than a pixel of the image",
-    "errors of the registration of both channels",
-)
-
-
-def _spots(design: EarthDesign) -> HotSpots:
-    assert design.retrieval
-    assert design.retrieval.hot_spots
-    return design.retrieval.hot_spots
-
-
-def _areas(spots: HotSpots) -> list[str]:
-    return [f"area {kelvin:g} K" for kelvin in spots.temperatures]
 
 
 def _camera_margins(
@@ -313,28 +306,7 @@ def _camera_margins(
     }
 
 
-def _level(areas: Floats, fraction: float) -> Interval:
-    """The area that a fraction of trials does not exceed; inf where fires are not found."""
-    interval = level_interval(np.minimum(areas, LARGEST), fraction)
-    ends = (interval.value, interval.low, interval.high)
-    return Interval(*(math.inf if end > LARGEST / 1e3 else end for end in ends))
-
-
 @lru_cache(maxsize=4)
-def _trial(design: EarthDesign, seed: int, number: int) -> dict[str, Floats]:
-    """Each column (n,) of the fires of one image."""
-    spots = _spots(design)
-    views = hot_spots.views_of(design, spots)
-    image = hot_spots.image_of(design, spots, views, seed, number)
-    guesses = forecast_fires(design, spots).areas
-    columns = dict[str, Floats]()
-    for name, kelvin, guess in zip(_areas(spots), spots.temperatures, guesses, strict=True):
-        begin = guess if 0 < guess < math.inf else views.mid.across * views.mid.along / 100
-        columns[name] = hot_spots.smallest_areas(views, image, spots, kelvin, begin)
-    found = hot_spots.measure(views, image, spots)
-    true = fire.radiated_power(spots.temperature, spots.area)
-    return columns | {
-        POWER: found.power / true - 1,
-        TEMPERATURE: found.temperature,
-        AREA: found.area,
-    }
+def _image(design: EarthDesign, seed: int, number: int) -> dict[str, Floats]:
+    """Each column (n,) of the trials of one image."""
+    return study_of(design).image(seed, number)

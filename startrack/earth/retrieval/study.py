@@ -11,6 +11,7 @@ from startrack.core import NON_NEGATIVE, POSITIVE, Parameters, Range, Refused, U
 from startrack.design import Change, Link, Variable, with_values
 from startrack.earth.imager import Channel, Survey, scene_of
 from startrack.earth.retrieval.hot_spots import HotSpots
+from startrack.earth.retrieval.minerals import Minerals
 from startrack.io import shipped
 
 OWN = "nominal"  # the file's own condition
@@ -20,6 +21,7 @@ class Retrieval(Parameters):
     """What the images are for: one of its tables."""
 
     hot_spots: HotSpots | None = parameter("fires, their power and temperature", default=None)
+    minerals: Minerals | None = parameter("emissivity of minerals, and their classes", default=None)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -90,6 +92,14 @@ class CameraLimits(Parameters):
         limit=POSITIVE,
         default=None,
     )
+    max_emissivity_error: float | None = parameter(
+        "1, rms, in each condition", limit=POSITIVE, default=None
+    )
+    max_wrong: float | None = parameter(
+        "1, fraction of spectra that are classified wrongly, in each condition",
+        limit=POSITIVE,
+        default=None,
+    )
 
     def mass(self, channels: Sequence[Channel]) -> float:
         """Kilogram."""
@@ -117,9 +127,10 @@ class EarthCampaign(Parameters):
     requirements: CameraLimits = parameter("what must hold", default_factory=CameraLimits)
     objective: str = parameter(
         '"area" of the smallest fire that is found, the geometric mean of all temperatures; '
-        '"power", the relative error of the radiative power. Of several conditions the geometric '
-        "mean by their weights",
-        limit=Range(choices=("area", "power")),
+        '"power", the relative error of the radiative power; "emissivity", its rms error; '
+        '"wrong", the fraction of spectra that are classified wrongly. Of several conditions the '
+        "geometric mean by their weights",
+        limit=Range(choices=("area", "power", "emissivity", "wrong")),
         default="area",
     )
     trials: int = parameter("of each design at first", limit=Range(2, 10**6), default=200)

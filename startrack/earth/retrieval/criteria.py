@@ -1,0 +1,205 @@
+"""What a retrieval is judged by: criteria by name, by formula and by trials."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from startrack.core import Floats
+from startrack.earth.retrieval import fire, hot_spots, minerals
+from startrack.earth.retrieval.fire_forecast import forecast_fires
+from startrack.earth.retrieval.study import EarthDesign
+from startrack.metrics import Interval, fraction_interval, level_interval, rms_interval
+
+LARGEST = 1e12  # square metre, of a fire that is not found, where numbers must be finite
+
+
+class Criterion(NamedTuple):
+    """One value that a retrieval is judged by; the smaller, the better.
+
+    words      what it is
+    unit       as a text, "" for a pure number
+    objective  of a campaign, which is made of it
+    limit      key of a limit in the campaign's requirements
+    column     of the rows that it is computed from
+    """
+
+    words: str
+    unit: str
+    objective: str
+    limit: str
+    column: str
+
+
+class Study(Protocol):
+    """A retrieval of a design, in one condition."""
+
+    @property
+    def criteria(self) -> dict[str, Criterion]:
+        """By their names."""
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Numbers of a row of one trial."""
+
+    @property
+    def per_image(self) -> int:
+        """Trials of one image."""
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """What formulas and trials do not know, in words."""
+
+    def expected(self) -> dict[str, float]:
+        """Each criterion by formula."""
+
+    def image(self, seed: int, number: int) -> dict[str, Floats]:
+        """Each column (n,) of the trials of one image."""
+
+    def shown(self, name: str, values: Floats) -> Interval:
+        """A criterion of (n,) values of its column."""
+
+
+def study_of(design: EarthDesign) -> Study:
+    """The study of what the images of a design are for."""
+    assert design.retrieval
+    if design.retrieval.minerals:
+        return Spectra(design, design.retrieval.minerals)
+    assert design.retrieval.hot_spots
+    return Fires(design, design.retrieval.hot_spots)
+
+
+class Fires(NamedTuple):
+    """Smallest fires that are found, and the error of their radiative power."""
+
+    design: EarthDesign
+    spots: hot_spots.HotSpots
+
+    @property
+    def criteria(self) -> dict[str, Criterion]:
+        """As in `Study`."""
+        own = self.spots
+        areas = {
+            f"area {kelvin:g} K": Criterion(
+                f"smallest fire of {kelvin:g} K found in {own.found:.0%}",
+                "m2",
+                "area",
+                "max_area",
+                f"area {kelvin:g} K",
+            )
+            for kelvin in own.temperatures
+        }
+        words = f"error of the radiative power of {own.area:g} m2 at {own.temperature:g} K"
+        return areas | {"power": Criterion(words, "", "power", "max_power_error", "power")}
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """As in `Study`; temperature and area of a fire are NaN where two bands have none."""
+        return (*self.criteria, "temperature", "estimated area")
+
+    @property
+    def per_image(self) -> int:
+        """As in `Study`."""
+        return self.spots.per_image
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """As in `Study`."""
+        return ("lines of sight aside, relief and clouds", "the registration of both channels")
+
+    def expected(self) -> dict[str, float]:
+        """As in `Study`."""
+        found = forecast_fires(self.design, self.spots)
+        return dict(zip(self.criteria, (*found.areas, found.power_error), strict=True))
+
+    def image(self, seed: int, number: int) -> dict[str, Floats]:
+        """As in `Study`."""
+        spots = self.spots
+        views = hot_spots.views_of(self.design, spots)
+        image = hot_spots.image_of(self.design, spots, views, seed, number)
+        columns = dict[str, Floats]()
+        guesses = forecast_fires(self.design, spots).areas
+        for name, kelvin, guess in zip(self.criteria, spots.temperatures, guesses, strict=False):
+            begin = guess if 0 < guess < math.inf else views.mid.across * views.mid.along / 100
+            columns[name] = hot_spots.smallest_areas(views, image, spots, kelvin, begin)
+        found = hot_spots.measure(views, image, spots)
+        true = fire.radiated_power(spots.temperature, spots.area)
+        return columns | {
+            "power": found.power / true - 1,
+            "temperature": found.temperature,
+            "estimated area": found.area,
+        }
+
+    def shown(self, name: str, values: Floats) -> Interval:
+        """As in `Study`.
+
+        An area is the quantile of the smallest areas of all fires; its interval is that of
+        independent trials.
+        """
+        if name == "power":
+            return rms_interval(values**2)
+        interval = level_interval(np.minimum(values, LARGEST), self.spots.found)
+        ends = (interval.value, interval.low, interval.high)
+        return Interval(*(math.inf if end > LARGEST / 1e3 else end for end in ends))
+
+
+class Spectra(NamedTuple):
+    """Emissivity of minerals, and their classes."""
+
+    design: EarthDesign
+    own: minerals.Minerals
+
+    @property
+    def criteria(self) -> dict[str, Criterion]:
+        """As in `Study`."""
+        return {
+            "emissivity": Criterion(
+                "rms error of emissivity",
+                "",
+                "emissivity",
+                "max_emissivity_error",
+                "square of emissivity",
+            ),
+            "wrong": Criterion(
+                "fraction of spectra classified wrongly", "", "wrong", "max_wrong", "wrong"
+            ),
+        }
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """As in `Study`."""
+        return "square of emissivity", "wrong", "temperature", "christiansen"
+
+    @property
+    def per_image(self) -> int:
+        """As in `Study`."""
+        return self.own.pixels
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """As in `Study`."""
+        return ("the optics' blur between spectra", "smile and keystone")
+
+    def expected(self) -> dict[str, float]:
+        """As in `Study`."""
+        found = minerals.forecast_minerals(self.design, self.own)
+        return {"emissivity": found.emissivity_error, "wrong": found.wrong}
+
+    def image(self, seed: int, number: int) -> dict[str, Floats]:
+        """As in `Study`."""
+        spectra = minerals.observe_minerals(self.design, self.own, seed, number)
+        found = minerals.identify_minerals(self.design, self.own, spectra.radiance)
+        return {
+            "square of emissivity": ((found.emissivity - spectra.emissivity) ** 2).mean(1),
+            "wrong": (found.mineral != spectra.mineral).astype(float),
+            "temperature": found.temperature - spectra.temperature,
+            "christiansen": found.christiansen - spectra.christiansen,
+        }
+
+    def shown(self, name: str, values: Floats) -> Interval:
+        """As in `Study`."""
+        if name == "wrong":
+            return fraction_interval(int(values.sum()), len(values))
+        return rms_interval(values)
