@@ -158,7 +158,7 @@ def ours(space: DesignSpace, campaign: Campaign, seed: int, ledger: Ledger) -> R
             run.points.append(np.array(one.coordinates))
 
     try_design = trials_of_tracker(explorer, space, campaign, runner)
-    final, _ = refine(explorer, campaign, try_design, watch)
+    final, _ = refine(explorer, campaign.evaluations, campaign.most_trials, try_design, watch)
     run.trials.append(counted)
     run.points.append(np.array(final[0].coordinates))
     return run

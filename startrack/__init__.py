@@ -16,6 +16,7 @@ identification   spots into catalogue stars       -> Matches
 attitude         matches into an attitude         -> Estimate
 metrics          the estimate against the truth   -> Outcome, Summary
 
+problem          what can be searched: costs, a forecast, trials, a judgement
 design           Instrument, Tracker, Scene, campaign: what a design file holds
 trial            one trial in any fidelity: frame, window, spots, covariance
 population       units of a design: draws, calibrations, and fast trials over many

@@ -19,6 +19,7 @@ from . import optics as optics
 from . import optimise as optimise
 from . import plots as plots
 from . import population as population
+from . import problem as problem
 from . import report as report
 from . import scene as scene
 from . import sequence as sequence

@@ -12,14 +12,23 @@ ROOMS = (
     *("core", "io", "space"),
     *("catalog", "scene", "optics", "motion", "detector"),
     *("detection", "identification", "attitude", "metrics"),
-    *("design", "trial", "population", "sequence", "montecarlo", "budget", "verification"),
+    *(
+        "problem",
+        "design",
+        "trial",
+        "population",
+        "sequence",
+        "montecarlo",
+        "budget",
+        "verification",
+    ),
     *("optimise", "calibration", "mission", "onboard"),
     *("earth.terrain", "earth.geometry", "earth.atmosphere", "earth.imager", "earth.product"),
     *("earth.retrieval",),
     *("plots", "report", "benchmark", "cli"),
 )
 # From catalog to metrics: strangers to each other, which meet only in `core`, `io` and `space`.
-STATIONS = ROOMS[ROOMS.index("catalog") : ROOMS.index("design")]
+STATIONS = ROOMS[ROOMS.index("catalog") : ROOMS.index("problem")]
 ONE_PLACE = {
     "nlopt": "optimise/search.py",
     "emcee": "optimise/ensemble.py",

@@ -45,6 +45,7 @@ class Evaluation:
     summary      of the trials in the design's own condition, None where none was run
     note         why none was run, or empty
     forecast     of the margins that trials measured, what the budget says
+    tried        number of trials, where there is no summary
     """
 
     coordinates: tuple[float, ...]
@@ -56,16 +57,17 @@ class Evaluation:
     summary: Summary | None
     note: str
     forecast: Mapping[str, float] = field(default_factory=dict)
+    tried: int = 0
 
     @property
     def feasible(self) -> bool:
         """Whether every requirement is met."""
-        return self.summary is not None and all(m >= 0 for m in self.margins.values())
+        return self.trials > 0 and all(m >= 0 for m in self.margins.values())
 
     @property
     def trials(self) -> int:
         """How many trials were run."""
-        return self.summary.trials if self.summary else 0
+        return self.summary.trials if self.summary else self.tried
 
 
 def evaluate(

@@ -334,12 +334,13 @@ def _rounds(
     """
     tried, shown, results, ending = list[Evaluation](), list[steps.Shown](), list[_Confirmed](), ""
     most = campaign.evaluations - count
+    try_design = steps.trials_of_tracker(explorer, space, campaign, runner)
     for number in range(steps.ROUNDS):
         left = max(most - len(tried), 1 + steps.FINALISTS if number else 1)
-        rest = replace(campaign, evaluations=left)
         before = {design.point for design in shown}
-        try_design = steps.trials_of_tracker(explorer, space, rest, runner)
-        tried, ending = steps.refine(explorer, rest, try_design, record, tried, shown)
+        tried, ending = steps.refine(
+            explorer, left, campaign.most_trials, try_design, record, tried, shown
+        )
         new = next((design for design in tried if design.coordinates not in before), None)
         met = [result for result in results if not lacking(result.margins)]
         if new is None or (met and not _may_be_better(explorer, tried, met, new.coordinates)):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import ndtr
@@ -20,6 +20,7 @@ from startrack.optimise.forecast import named
 from startrack.optimise.runner import FRESH, FRESH_UNIT, TrialRunner
 from startrack.optimise.search import Search, algorithms, least, least_of_all
 from startrack.optimise.units import fresh_units, likely_errors
+from startrack.problem import SearchSettings
 from startrack.verification import cost_margins, counted
 from startrack.verification import margins as margins_of
 
@@ -40,30 +41,6 @@ class Stage(NamedTuple):
     name: str
     part: float
     best: float
-
-
-class SearchSettings(Protocol):
-    """How far a search goes; a campaign has these keys."""
-
-    @property
-    def search(self) -> str:
-        """How designs are chosen."""
-
-    @property
-    def precision(self) -> float:
-        """Fraction of the objective that is worth no further evaluation."""
-
-    @property
-    def analytic_evaluations(self) -> int:
-        """Forecasts at most before the first trial."""
-
-    @property
-    def evaluations(self) -> int:
-        """Designs at most that are tried by trials."""
-
-    @property
-    def most_trials(self) -> int:
-        """Trials of each of the best designs."""
 
 
 def explore(
@@ -181,7 +158,8 @@ TryDesign = Callable[[Floats, int | None, Correction | None], Evaluation]
 
 def refine(
     explorer: Explorer,
-    settings: SearchSettings,
+    evaluations: int,
+    most_trials: int,
     try_design: TryDesign,
     watch: Watch,
     before: Sequence[Evaluation] = (),
@@ -195,16 +173,18 @@ def refine(
     where that has been tried, the one that is expected to gain most of those where the score
     without trials is within the precision: the noise of the trials counts.
 
+    evaluations  at most, those before among them
+    most_trials  of each of the best designs at the end
     before   evaluations of this branch so far
     shown    what fresh trials showed of designs that missed a limit there
     Returns  the evaluations, those with most trials first and of these the best, and a sentence on
              how it ended
     """
     tried, ending = list(before), "all evaluations were used"
-    for _ in range(max(1, settings.evaluations - FINALISTS)):
+    for _ in range(max(1, evaluations - FINALISTS)):
         explorer.learn(evidence_of(explorer, tried, shown))
         correction = correct(tried, explorer.best, EVERYWHERE)
-        point = _next(explorer, correction, tried, settings.precision)
+        point = _next(explorer, correction, tried, explorer.source.precision)
         if point is None:
             ending = explorer.ending
             break
@@ -222,9 +202,9 @@ def refine(
     for finalist in ranked(list({design.coordinates: design for design in left}.values()))[
         :FINALISTS
     ]:
-        point, most = np.array(finalist.coordinates), settings.most_trials
+        point = np.array(finalist.coordinates)
         correction = correct(tried, explorer.best, EVERYWHERE)
-        last.append(try_design(point, most, correction))
+        last.append(try_design(point, most_trials, correction))
         watch(last[-1])
     tried += last
     last = ranked(last)

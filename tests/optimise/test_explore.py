@@ -92,7 +92,7 @@ def test_trials_begin_at_the_best_forecast_where_the_objective_leaps(monkeypatch
         return Evaluation(tuple(point), {}, error, error, score, known.margins, summary, "")
 
     first = list[Evaluation]()
-    tried, _ = steps.refine(explorer, Campaign, tried_exactly, first.append)
+    tried, _ = steps.refine(explorer, 6, 100, tried_exactly, first.append)
     assert math.log(first[0].error / arcsec) < explorer.score + 0.02
     assert math.log(tried[0].error / arcsec) < explorer.score + 0.02
 

@@ -1,0 +1,397 @@
+"""Problem -> a better one: forecasts, trials that correct them, fresh trials that decide."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from functools import cached_property, partial
+
+import numpy as np
+
+from startrack.core import Floats, Refused, Rows, printed
+from startrack.metrics import Interval
+from startrack.optimise import steps
+from startrack.optimise.correction import Correction, Limit
+from startrack.optimise.evaluate import MOST_EXCESS, PENALTY, Evaluation, Foresight, missed
+from startrack.optimise.explore import Explorer, Landscape, landscape_of
+from startrack.optimise.forecast import bounded
+from startrack.optimise.runner import FRESH
+from startrack.optimise.search import least_of_all
+from startrack.problem import Bounds, Judgement, Margin, Problem, SearchSettings, run_problem
+
+TAIL = 0.05  # probability that a limit is wrongly taken as met, for all margins and rounds together
+LOST = 20.0  # score of a design that has no value; chosen by hand: far above any other
+
+
+@dataclass(frozen=True, eq=False)
+class ProblemSource:
+    """The designs of a problem, by their forecasts.
+
+    executor  computes the forecasts; None: this process
+    """
+
+    problem: Problem
+    own_seed: int = 1
+    executor: Executor | None = None
+
+    @cached_property
+    def variables(self) -> Sequence[Bounds]:
+        """What may change. Raises Refused where there is nothing, or a range is none."""
+        every = list(self.problem.variables)
+        if not every:
+            raise Refused("variables must name at least one parameter, got none")
+        for variable in every:
+            variable.check()
+        return every
+
+    @property
+    def names(self) -> Sequence[str]:
+        """Of the variables."""
+        return [variable.name for variable in self.variables]
+
+    @property
+    def seed(self) -> int:
+        """As given."""
+        return self.own_seed
+
+    @property
+    def search(self) -> str:
+        """As set."""
+        return self.problem.settings.search
+
+    @property
+    def precision(self) -> float:
+        """As set."""
+        return self.problem.settings.precision
+
+    @property
+    def conditions(self) -> Mapping[str, float]:
+        """None: a problem is forecast in all of its conditions at once."""
+        return {}
+
+    @property
+    def rooms(self) -> Mapping[str, float]:
+        """None: all margins are parts of their limits."""
+        return {}
+
+    @property
+    def start(self) -> Floats:
+        """Unit-cube coordinates of the problem as it is, or the nearest that are within bounds."""
+        return np.array([variable.place(variable.start) for variable in self.variables])
+
+    def values(self, point: Floats) -> dict[str, float]:
+        """Values of the variables, SI."""
+        pairs = zip(self.variables, np.clip(point, 0, 1).tolist(), strict=True)
+        return {variable.name: variable.value(place) for variable, place in pairs}
+
+    def design(self, point: Floats) -> Problem:
+        """The problem at a point. Raises Refused where there is none."""
+        return self.problem.replaced(self.values(point))
+
+    def foresee(self, points: Sequence[Floats], enough: float) -> list[Foresight]:
+        """Forecasts, each by a worker."""
+        call = partial(foreseen, self.problem)
+        values = [self.values(point) for point in points]
+        return list(self.executor.map(call, values) if self.executor else map(call, values))
+
+    def complete(self, point: Floats, known: Foresight) -> Foresight:
+        """As it is known."""
+        return known
+
+    def cost_missed(self, point: Floats) -> float:
+        """By all costs together."""
+        return missed(relative(self.design(point).costs()))
+
+
+def relative(margins: Mapping[str, Margin]) -> dict[str, float]:
+    """Margins as parts of their limits."""
+    return bounded({name: margin.relative for name, margin in margins.items()})
+
+
+def foreseen(problem: Problem, values: Mapping[str, float]) -> Foresight:
+    """What is expected of a problem with other values; nothing where it contradicts itself."""
+    try:
+        changed = problem.replaced(values)
+        costs = relative(changed.costs())
+        if missed(costs) > MOST_EXCESS:
+            return Foresight(math.nan, costs)
+        expected = changed.expect()
+    except Refused:
+        return Foresight(math.nan, {})
+    if not (expected.value > 0 and math.isfinite(expected.value)):
+        return Foresight(math.nan, {})
+    return Foresight(math.log(expected.value), costs | relative(expected.margins))
+
+
+@printed
+@dataclass(frozen=True)
+class Improved:
+    """How the search of a problem ended.
+
+    Where no design is better than the start, the start stays: both are it, and the factor is 1.
+
+    start, best    values of the variables, SI
+    problem        the best
+    judged         start and best on fresh trials that no tuning used
+    costs          margins of the best that need no trials
+    factor         objective of the start over that of the best. Its interval takes both as
+                   independent, though they have the same trials: it is too wide, not too narrow
+    verdicts       of the best: "met", "missed", or "not shown", by the names of limits
+    expected       objective of the best by formula
+    evaluations    designs with trials, in order
+    rounds         of fresh trials
+    ending         why the search stopped
+    landscape      what forecasts say of the space around the best
+    """
+
+    start: dict[str, float]
+    best: dict[str, float]
+    problem: Problem
+    judged: tuple[Judgement, Judgement]
+    costs: dict[str, Margin]
+    factor: Interval
+    verdicts: dict[str, str]
+    expected: float
+    evaluations: tuple[Evaluation, ...]
+    rounds: int
+    ending: str
+    landscape: Landscape
+
+    @property
+    def feasible(self) -> bool:
+        """Whether all limits are met, with 95 % confidence where trials decide."""
+        return all(verdict == "met" for verdict in self.verdicts.values())
+
+
+def improve(
+    problem: Problem,
+    seed: int = 1,
+    executor: Executor | None = None,
+    watch: steps.Watch | None = None,
+    watch_forecasts: Callable[[int], None] | None = None,
+) -> Improved:
+    """Search the best values of a problem's variables.
+
+    Forecasts over the space make emulators of the objective and of all margins, until no gain above
+    the precision is expected. Trials of the best designs correct the forecasts. The best is judged
+    on fresh trials; where these miss a limit, they correct the forecasts, too, and the search goes
+    on, in at most `steps.ROUNDS` rounds with fresh trials of their own.
+
+    executor  for forecasts and trials; None: this process
+    watch     called with each design that was tried
+    watch_forecasts  called with the number of forecasts so far
+    Raises    Refused where the problem has no variables, no design has a forecast, or none meets
+              the limits on costs.
+    """
+    source = ProblemSource(problem, seed, executor)
+    explorer, settings = Explorer(source), problem.settings
+    if watch_forecasts:
+        explorer.watch = lambda: watch_forecasts(len(explorer.points))
+    started = problem.replaced(source.values(source.start))
+    explorer.limits = {
+        name: Limit.of_error(None, settings.fresh_trials, TAIL / steps.ROUNDS)
+        for name in started.expect().margins
+    }
+    steps.explore({"": explorer}, {"": _affordable_start(source)}, settings)
+    tried, judge = _Tried(explorer, source), _Fresh(source)
+    last, rounds, ending = _rounds(explorer, settings, tried, judge, watch or _ignore)
+    first = judge(tuple(source.start.tolist()), last.number)
+    values, best = source.values(source.start), np.array(last.point)
+    factor = _over(first.judged.value, last.judged.value)
+    if _rank(first) < _rank(last):
+        last, factor, best = first, Interval(1.0, 1.0, 1.0), source.start
+        ending = f"{ending}; no design is better than the start, on fresh trials"
+    return Improved(
+        values,
+        source.values(best),
+        last.problem,
+        (first.judged, last.judged),
+        dict(last.problem.costs()),
+        factor,
+        last.verdicts,
+        last.problem.expect().value,
+        tuple(tried.every),
+        rounds,
+        ending,
+        landscape_of(explorer, best),
+    )
+
+
+def _ignore(design: Evaluation) -> None:
+    pass
+
+
+def _affordable_start(source: ProblemSource) -> Floats:
+    """The start, or the nearest design that meets the limits on costs."""
+    met = list[Floats]()
+
+    def short(point: Floats) -> float:
+        try:
+            excess = source.cost_missed(point)
+        except Refused:
+            return math.nan
+        if not excess:
+            met.append(point)
+        return excess
+
+    end = least_of_all(
+        short,
+        source.start,
+        steps.START_EVALUATIONS,
+        steps.START_EVALUATIONS,
+        lambda: "met" if met else "",
+    )
+    if not met:
+        raise Refused(
+            f"no design meets the limits on costs; the nearest misses them by {end.score:.3g}"
+        )
+    return met[0]
+
+
+class _Tried:
+    """Trials of designs by their numbers from 0 on; each row is drawn once."""
+
+    def __init__(self, explorer: Explorer, source: ProblemSource) -> None:
+        self._explorer, self._source = explorer, source
+        self._rows = dict[tuple[float, ...], Rows]()
+        self.every = list[Evaluation]()
+
+    def __call__(
+        self, point: Floats, trials: int | None, correction: Correction | None
+    ) -> Evaluation:
+        source, settings = self._source, self._source.problem.settings
+        foreseen, name = self._explorer.unlimited(point), tuple(point.tolist())
+        values = source.values(point)
+        try:
+            design = source.design(point)
+            rows = self._drawn(design, name, trials or settings.trials)
+            judged, costs = design.judge(rows), relative(design.costs())
+        except Refused as reason:
+            nothing = math.nan, math.nan, LOST + PENALTY, dict[str, float](), None
+            return Evaluation(name, values, *nothing, str(reason))
+        measured = relative({name: margins[0] for name, margins in judged.margins.items()})
+        margins = costs | measured
+        expected = math.exp(foreseen.expected)
+        score = foreseen.expected + (correction(point) if correction else 0.0)
+        by_formula = {name: foreseen.margins[name] for name in measured.keys() & foreseen.margins}
+        done = Evaluation(
+            name,
+            values,
+            judged.value.value,
+            expected,
+            score + PENALTY * missed(margins),
+            margins,
+            None,
+            "",
+            by_formula,
+            tried=len(rows),
+        )
+        self.every.append(done)
+        return done
+
+    def _drawn(self, design: Problem, name: tuple[float, ...], trials: int) -> Rows:
+        source, known = self._source, self._rows.get(name)
+        first = 0 if known is None else len(known)
+        if trials > first:
+            new = run_problem(design, source.seed, range(first, trials), source.executor)
+            known = new if known is None else np.concatenate([known, new])
+            self._rows[name] = known
+        assert known is not None
+        return known[:trials]
+
+
+@dataclass(frozen=True, eq=False)
+class _Shown:
+    """A design on fresh trials."""
+
+    point: tuple[float, ...]
+    number: int  # of the round
+    problem: Problem
+    judged: Judgement
+    verdicts: dict[str, str]
+    trials: int
+
+
+@dataclass(frozen=True, eq=False)
+class _Fresh:
+    source: ProblemSource
+
+    def __call__(self, point: tuple[float, ...], number: int) -> _Shown:
+        """A design on the fresh trials of a round."""
+        source = self.source
+        count = source.problem.settings.fresh_trials
+        begin = FRESH + number * count
+        problem = source.design(np.array(point))
+        rows = run_problem(problem, source.seed, range(begin, begin + count), source.executor)
+        judged = problem.judge(rows)
+        return _Shown(point, number, problem, judged, verdicts(problem, judged), count)
+
+
+def verdicts(problem: Problem, judged: Judgement) -> dict[str, str]:
+    """For each limit "met", "missed", or "not shown", where both are within the 95 % interval."""
+    found = {
+        name: "met" if margin.relative >= 0 else "missed"
+        for name, margin in problem.costs().items()
+    }
+    for name, (_, near, far) in judged.margins.items():
+        if near.relative >= 0:
+            found[name] = "met"
+        else:
+            found[name] = "missed" if far.relative < 0 else "not shown"
+    return found
+
+
+def _rounds(
+    explorer: Explorer,
+    settings: SearchSettings,
+    try_design: _Tried,
+    judge: _Fresh,
+    watch: steps.Watch,
+) -> tuple[_Shown, int, str]:
+    tried, shown, results, ending = list[Evaluation](), list[steps.Shown](), list[_Shown](), ""
+    for number in range(steps.ROUNDS):
+        left = max(settings.evaluations - len(tried), 1 + steps.FINALISTS)
+        tried, ending = steps.refine(
+            explorer, left, settings.most_trials, try_design, watch, tried, shown
+        )
+        before = {design.point for design in shown}
+        new = next((each for each in tried if each.coordinates not in before and each.trials), None)
+        if new is None:
+            break
+        results.append(judge(new.coordinates, number))
+        if all(verdict == "met" for verdict in results[-1].verdicts.values()):
+            break
+        found = {
+            name: (margins[0].relative, results[-1].trials)
+            for name, margins in results[-1].judged.margins.items()
+        }
+        shown.append(steps.Shown(new.coordinates, found))
+        explorer.learn(steps.evidence_of(explorer, tried, shown))
+        steps.resume(explorer)
+    if not results:
+        raise Refused("no design could be tried; the first one says: " + tried[0].note)
+    return min(results, key=_rank), len(results), ending
+
+
+def _rank(shown: _Shown) -> tuple[float, float]:
+    """The less, the better: limits that are not met first, then the objective."""
+    short = sum(max(0.0, -margins[0].relative) for margins in shown.judged.margins.values())
+    short += missed(relative(shown.problem.costs()))
+    value = shown.judged.value.value
+    return short, value if math.isfinite(value) else math.inf
+
+
+def _over(first: Interval, second: Interval) -> Interval:
+    """Ratio of two values, as if independent: errors of logarithms add in quadrature."""
+    if not (first.value > 0 and second.value > 0):
+        return Interval(math.nan, 0.0, math.inf)
+    ratio = first.value / second.value
+
+    def log(over: float, under: float) -> float:
+        return math.log(over / under) if over > 0 and under > 0 else math.inf
+
+    down = math.hypot(log(first.value, first.low), log(second.high, second.value))
+    up = math.hypot(log(first.high, first.value), log(second.value, second.low))
+    return Interval(ratio, ratio * math.exp(-down), ratio * math.exp(up))

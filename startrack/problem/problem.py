@@ -1,0 +1,105 @@
+"""Problem: what the engines ask of anything that they search, sample or test."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from startrack.core import Parameters, Range, Rows, parameter
+from startrack.problem.values import Bounds, Expectation, Judgement, Margin, Words
+
+
+class SearchSettings(Protocol):
+    """How far a search goes; a campaign has these keys."""
+
+    @property
+    def search(self) -> str:
+        """How designs are chosen: "emulator", or algorithms of nlopt."""
+
+    @property
+    def precision(self) -> float:
+        """Fraction of the objective that is worth no further evaluation."""
+
+    @property
+    def analytic_evaluations(self) -> int:
+        """Forecasts at most before the first trial."""
+
+    @property
+    def evaluations(self) -> int:
+        """Designs at most that are tried by trials."""
+
+    @property
+    def trials(self) -> int:
+        """Of each design at first."""
+
+    @property
+    def most_trials(self) -> int:
+        """Of each of the best designs."""
+
+    @property
+    def fresh_trials(self) -> int:
+        """On which start and best are compared at the end."""
+
+
+class Settings(Parameters):
+    """How far a search of a user's problem goes."""
+
+    search: str = parameter(
+        '"emulator", or algorithms of nlopt, such as "direct+sbplx"', default="emulator"
+    )
+    precision: float = parameter(
+        "fraction of the objective that is worth no further evaluation",
+        limit=Range(1e-4, 0.5),
+        default=0.01,
+    )
+    analytic_evaluations: int = parameter(
+        "forecasts at most before the first trial", limit=Range(0, 10**6), default=300
+    )
+    evaluations: int = parameter("designs at most with trials", limit=Range(1, 10**6), default=20)
+    trials: int = parameter("of each design at first", limit=Range(2, 10**9), default=200)
+    most_trials: int = parameter("of each of the best designs", limit=Range(2, 10**9), default=800)
+    fresh_trials: int = parameter(
+        "on which start and best are compared", limit=Range(2, 10**9), default=1000
+    )
+
+
+class Problem(Protocol):
+    """A design with a question: the less its objective, the better, and limits must hold.
+
+    It must be possible to pickle it, so that workers can run its trials.
+    """
+
+    @property
+    def columns(self) -> np.dtype[Any]:
+        """Names and types of a row of one trial."""
+
+    @property
+    def variables(self) -> Sequence[Bounds]:
+        """What a search may change."""
+
+    @property
+    def settings(self) -> SearchSettings:
+        """How far a search goes."""
+
+    def replaced(self, values: Mapping[str, float]) -> Problem:
+        """The problem with other values (SI); Refused where one does not fit."""
+
+    def costs(self) -> Mapping[str, Margin]:
+        """Margins that need neither forecast nor trial."""
+
+    def expect(self) -> Expectation:
+        """What is expected by formula. Raises Refused where there is no answer."""
+
+    def trials(self, seed: int, numbers: range) -> Rows:
+        """A row for each number, the same for any worker and any order."""
+
+    def judge(self, rows: Rows) -> Judgement:
+        """What rows show."""
+
+    def described(self) -> str:
+        """All that results depend on."""
+
+    def text(self) -> Words:
+        """Names and units."""

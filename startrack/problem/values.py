@@ -1,0 +1,120 @@
+"""Margin, Expectation, Judgement, Words, Bounds: what a problem gives to the engines."""
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from startrack.core import Refused, printed
+from startrack.metrics import Interval
+
+
+@printed
+class Margin(NamedTuple):
+    """A value beside its limit.
+
+    value, limit  in one unit, SI
+    most          whether the limit is from above
+    unit          as a text; "" for a pure number
+    """
+
+    value: float
+    limit: float
+    most: bool = True
+    unit: str = ""
+
+    @property
+    def relative(self) -> float:
+        """1 - load, where the load is the part of the limit that is used; met from 0 on.
+
+        The load of a limit from above is value / limit, of one from below limit / value.
+        """
+        if not self.most:
+            return 1 - self.limit / self.value if self.value > 0 else -math.inf
+        if self.limit > 0:
+            return 1 - self.value / self.limit
+        return 0.0 if self.value <= self.limit else -math.inf
+
+
+@printed
+class Expectation(NamedTuple):
+    """What is expected by formula.
+
+    value     the objective, in the unit of `Words`, above 0; not finite where there is none
+    margins   those that trials decide, by the names of limits
+    parts     what the value is made of, by names
+    left_out  what the formulas do not know, in words
+    """
+
+    value: float
+    margins: Mapping[str, Margin]
+    parts: Mapping[str, float] = {}
+    left_out: tuple[str, ...] = ()
+
+
+@printed
+class Judgement(NamedTuple):
+    """What trials show.
+
+    value    the objective, with its 95 % interval
+    margins  by the names of limits: of the value, of the end of its interval that is nearer to the
+             limit, and of the other end
+    parts    what the value is made of, with intervals
+    """
+
+    value: Interval
+    margins: Mapping[str, tuple[Margin, Margin, Margin]]
+    parts: Mapping[str, Interval] = {}
+
+
+@printed
+class Words(NamedTuple):
+    """Names and units of an objective, and of what it is made of.
+
+    value  name of the objective
+    unit   of it, as a text
+    parts  name and unit of each part
+    """
+
+    value: str
+    unit: str
+    parts: Mapping[str, tuple[str, str]] = {}
+
+
+@printed
+class Bounds(NamedTuple):
+    """A variable of a search.
+
+    name       of the parameter
+    low, high  SI
+    start      its value in the problem as it is, SI
+    log        whether the range is searched by its logarithm
+    unit       as a text
+    """
+
+    name: str
+    low: float
+    high: float
+    start: float
+    log: bool = False
+    unit: str = ""
+
+    def value(self, place: float) -> float:
+        """The value at a place of the unit interval."""
+        if self.log:
+            return self.low * (self.high / self.low) ** place
+        return self.low + place * (self.high - self.low)
+
+    def place(self, value: float) -> float:
+        """Inverse of `value`, within the unit interval."""
+        if self.log:
+            part = math.log(value / self.low) / math.log(self.high / self.low)
+        else:
+            part = (value - self.low) / (self.high - self.low)
+        return min(max(part, 0.0), 1.0)
+
+    def check(self) -> None:
+        """Refuse a range that cannot be searched."""
+        if not (math.isfinite(self.low) and math.isfinite(self.high) and self.low < self.high):
+            raise Refused(f"{self.name} must have low < high, got {self.low:g} and {self.high:g}")
+        if self.log and self.low <= 0:
+            raise Refused(f"low of {self.name} must be above 0 on a log scale, got {self.low:g}")
