@@ -39,8 +39,11 @@ GALACTIC_POLE = (
 GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))  # radian; turns by it fill a disc evenly
 
 # Prefixes that are 10^9 or more off another of the same letter, before units of small quantities;
-# and millihertz, which is written for megahertz.
-SLIPS = re.compile(r"\b([MPZY])(?=(?:m|s|rad|arcsec|arcmin|deg|K|g|W|V|A|J|N|mag)\b)|\b(m)(?=Hz\b)")
+# and a thousandth of what is counted, which nothing has.
+SLIPS = re.compile(
+    r"\b([MPZY])(?=(?:m|s|rad|arcsec|arcmin|deg|K|g|W|V|A|J|N|mag)\b)"
+    r"|\b(m)(?=(?:b|bit|B|byte|pix|pixel)\b)"
+)
 LONGEST = 100  # characters of a quantity, so that no text takes long to read
 # Units as datasheets write them -> as astropy does.
 SPELLINGS = (

@@ -183,17 +183,15 @@ class _Segment:
 
         A second 60 is one where the time scale has a leap second there.
         """
-        from astropy.time import Time, TimeDelta
+        from astropy.time import TimeDelta
 
         scale = self.must_be("TIME_SYSTEM", tuple(SCALES))
-        try:
-            with installed_tables():
-                warnings.filterwarnings("error", message=".*after end of day.*")
-                time = Time([_calendar(text) for text in texts], format="isot", scale=SCALES[scale])
-                return time + TimeDelta(GPS_BEHIND_TAI, format="sec") if scale == "GPS" else time
-        except (ValueError, Warning) as error:
+        time = _time(texts, SCALES[scale])
+        if time is None:
             rule = "be dates such as 2026-03-20T12:00:00 or 2026-079T12:00:00"
-            raise self.refused("dates", f"{rule} in {scale}", error) from None
+            wrong = next(text for text in texts if _time([text], SCALES[scale]) is None)
+            raise self.refused("dates", f"{rule} in {scale}", shown(wrong))
+        return time + TimeDelta(GPS_BEHIND_TAI, format="sec") if scale == "GPS" else time
 
     def times(self) -> Any:
         """The dates of the rows."""
@@ -231,6 +229,18 @@ def _require_speeds(part: _Segment, time: Any, place: Floats, speed: Floats) -> 
         raise part.refused(
             "rows of data", rule, f"places that the speeds miss by {100 * missed:.3g} % of a step"
         )
+
+
+def _time(texts: Sequence[str], scale: str) -> Any:
+    """Astropy's Time of dates; None where one of them is none in this time scale."""
+    from astropy.time import Time
+
+    try:
+        with installed_tables():
+            warnings.filterwarnings("error", message=".*after end of day.*")
+            return Time([_calendar(text) for text in texts], format="isot", scale=scale)
+    except (ValueError, Warning):
+        return None
 
 
 def _calendar(text: str) -> str:

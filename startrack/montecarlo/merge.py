@@ -75,6 +75,8 @@ def _part(path: Path) -> _Part:
     """What a store holds, except its outcomes."""
     with Store(path) as store:  # which checks the file
         done = store.done()
+        store.sessions()
+        store.failures()
     with closing(Database(path, STORE, create=False)) as base:
         about = dict(base.read("SELECT name, value FROM about"))
         sessions = base.read("SELECT began, origin FROM sessions")

@@ -167,8 +167,14 @@ def require_whole(
     """The numbers that are missing, as `missing_runs`.
 
     partial  whether some may be
-    Raises   Refused, with these numbers, where none may
+    Raises   Refused, with these numbers, where none may; where runs have numbers beyond the count
     """
+    end = max((end for _, end in runs), default=0)
+    if count is not None and count < end:
+        raise Refused(
+            f"trials of the whole campaign must be at least {end}, as the parts have trials up to "
+            f"number {end - 1}, got {count}"
+        )
     missing = missing_runs(runs, count)
     if missing and not partial:
         shown = ", ".join(f"{first} to {end - 1}" for first, end in missing[:9])

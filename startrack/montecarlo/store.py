@@ -139,6 +139,8 @@ class Store:
                 raise ValueError("what it says of its trials is not as it was written")
         if case is not None:
             self._must_match(case, self.seed if seed is None else seed, sampling)
+            if any(key < SESSION for key in self._sums()):
+                self.sessions()
             session = (datetime.now(UTC).isoformat(timespec="seconds"), json.dumps(origin()))
             with self._database.transaction() as execute:
                 write_session(execute, session)
@@ -245,7 +247,7 @@ class Store:
     def sessions(self) -> list[tuple[str, Mapping[str, str]]]:
         """When this store was worked on (UTC), and by which software and machine."""
         query = "SELECT rowid, began, origin FROM sessions ORDER BY rowid"
-        sums, made = self._sums(), list[tuple[str, Mapping[str, str]]]()
+        sums, made, rows = self._sums(), list[tuple[str, Mapping[str, str]]](), set[int]()
         with self._damage():
             for row, began, text in self._database.read(query):
                 digest = sums.get(SESSION - row)  # None: of an earlier version
@@ -253,6 +255,9 @@ class Store:
                     raise ValueError(f"session {row} is not as it was written")
                 origin = {str(name): str(value) for name, value in json.loads(text).items()}
                 made.append((str(began), origin))
+                rows.add(row)
+            if lost := {SESSION - key for key in sums if key < SESSION} - rows:
+                raise ValueError(f"session {min(lost)} is missing")
         if not made:
             raise ValueError(f"{self.path} is damaged: it lacks the session that began it")
         return made

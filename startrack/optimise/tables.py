@@ -138,7 +138,7 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
     )
     lines += [
         "",
-        f"{'' if optimum.candidate else compared}{designs} designs were evaluated, "
+        f"{'' if optimum.candidate else compared}{designs} design{'s were' if designs != 1 else ' was'} evaluated, "
         f"{campaign.trials} to {campaign.most_trials} trials each. {trials} trials "
         f"were done in all. The availability is at least {100 * fraction.low:.2f} % "
         f"(required: {100 * needs.min_availability:g} %); at most {100 * best.false.high:.2f} % of "

@@ -77,7 +77,8 @@ def test_a_wrong_unit_is_refused(text):
         ("1.5 MW", "W", "1.5 mW", "1500000.0 W"),
         ("2 Pm", "m", "2 pm", "2000000000000000.0 m"),
         ("3 Mrad / s", "rad/s", "3 mrad / s", "3000000.0 rad/s"),
-        ("20 mHz", "Hz", "20 MHz", "0.02 Hz"),
+        ("100 mbit / s", "bit / s", "100 Mbit / s", "0.1 bit / s"),
+        ("40 mpix / s", "pix / s", "40 Mpix / s", "0.04 pix / s"),
     ],
 )
 def test_a_slip_of_capitals_is_asked_about(text, unit, meant, plain):
@@ -93,6 +94,7 @@ def test_a_slip_of_capitals_is_asked_about(text, unit, meant, plain):
     ("text", "unit", "value"),
     [
         ("20 MHz", "Hz", 2e7),
+        ("10 mHz", "Hz", 1e-2),  # of a flexible structure
         ("3 Mrad", "Gy", 3e4),
         ("0 Mm", "m", 0.0),
         ("2 km", "m", 2000.0),

@@ -1,8 +1,10 @@
 """Parts of a campaign as one: stores and sketches, in any order."""
 
+import contextlib
 import json
 import math
 import random
+import sqlite3
 
 import numpy as np
 import pytest
@@ -176,6 +178,20 @@ def test_a_lost_part_is_named_and_refused(stored, about, outcomes, tmp_path, cap
     assert json.loads(said.out)["missing"] == [[100, 200], [300, 400]]
     assert "trials 300 to 399 are missing: no part has them" in said.err
     assert merged(range(5), "--trials", "500")[0] == 0
+    for more in ((), ("--partial",)):
+        status, said = merged(range(5), "--trials", "450", *more)
+        assert status == 2
+        assert (
+            "must be at least 500, as the parts have trials up to number 499, got 450" in said.err
+        )
+
+
+def test_a_part_without_a_session_is_refused(stored, tmp_path):
+    parts = [stored("a", 0, 100), stored("b", 100, 200)]
+    with contextlib.closing(sqlite3.connect(parts[1])) as base, base:
+        base.execute("DELETE FROM sessions")
+    with pytest.raises(ValueError, match=r"b is damaged.*session 1 is missing"):
+        merge_stores(parts, tmp_path / "out")
 
 
 def test_sketches_that_overlap_or_differ_are_refused(about, outcomes, tmp_path):
