@@ -144,7 +144,8 @@ def _of_the_motion(case: Case) -> Iterator[str]:
     rolled = abs(motion.rate_z) * instrument.detector.exposure * corner
     if rolled > ROLLED:
         yield f"a smear of up to {rolled:.1f} pixel in the corners (motion.rate_z)"
-    rms = math.hypot(*(math.hypot(tone.rms_x, tone.rms_y) for tone in motion.tones)) * focal
+    rms = math.hypot(*(math.hypot(tone.rms_x, tone.rms_y) for tone in motion.tones))
+    rms *= motion.jitter_factor * focal
     if rms > SHAKEN:
         yield f"that {rms:.1f} pixel of jitter are no blur (motion.tones)"
 

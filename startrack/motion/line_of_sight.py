@@ -236,16 +236,16 @@ def _with_lines(
 
     part  1, function of hertz
     """
-    square = square.copy()
+    square, power = square.copy(), motion.jitter_factor**2
     for tone in tones:
         rms = np.array([tone.rms_x, tone.rms_y, tone.rms_z])
-        square += rms**2 * part(tone.frequency)
+        square += power * rms**2 * part(tone.frequency)
     node, weight = np.polynomial.legendre.leggauss(6)
     for spectrum in motion.broadband:
         table = bands(spectrum)
         # Equal fractions of the power of a band, so that the frequencies contain the density.
         seen = part(table.frequency_at((node[:, None] + 1) / 2))
-        square[AXES.index(spectrum.axis)] += weight / 2 @ seen @ table.power
+        square[AXES.index(spectrum.axis)] += power * (weight / 2 @ seen @ table.power)
     return square
 
 

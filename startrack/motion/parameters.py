@@ -108,6 +108,13 @@ class Motion(Parameters):
         limit=Range(choices=("platform", "head")),
         default="platform",
     )
+    jitter_factor: float = parameter(
+        "on the angles of all tones, spectra and code of jitter: the level of a whole spectrum by "
+        "one number, such as a variable of a campaign or a damper's transmission; densities grow "
+        "with its square",
+        limit=NON_NEGATIVE,
+        default=1.0,
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -130,16 +137,17 @@ class Motion(Parameters):
     @property
     def steady(self) -> Motion:
         """The same without jitter: its rates alone."""
-        return replace(self, tones=(), broadband=(), jitter=())
+        return replace(self, tones=(), broadband=(), jitter=(), jitter_factor=1.0)
 
     @property
     def jitters(self) -> bool:
         """Whether more than the rates moves the camera."""
-        return bool(self.tones or self.broadband or self.jitter)
+        return bool(self.jitter_factor and (self.tones or self.broadband or self.jitter))
 
     @property
     def drawn(self) -> bool:
         """Whether each trial has its own random motion."""
-        return bool(self.broadband or self.jitter) or any(
-            tone.phase is None and not tone.silent for tone in self.tones
+        return self.jitters and (
+            bool(self.broadband or self.jitter)
+            or any(tone.phase is None and not tone.silent for tone in self.tones)
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -15,6 +16,9 @@ from startrack.core import POINTS, Floats, Streams, call_code, printed, returned
 from startrack.motion.parameters import AXES, Broadband, Motion, Tone
 
 GROUP = "jitters"
+
+# Frequencies (k,) hertz and complex amplitudes (k, 3) radian.
+Lines = tuple[Floats, NDArray[np.complex128]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,9 +36,7 @@ class JitterInput:
     generator: np.random.Generator
 
 
-def lines_by_code(
-    name: str, exposure: float, generator: np.random.Generator
-) -> tuple[Floats, NDArray[np.complex128]]:
+def lines_by_code(name: str, exposure: float, generator: np.random.Generator) -> Lines:
     """Frequencies (k,) hertz and complex amplitudes (k, 3) radian of a function of a design.
 
     Raises  ValueError where the function raises an error, or returns what it must not.
@@ -192,32 +194,42 @@ class MotionRealisation:
 
 
 def realise_motion(
-    motion: Motion, exposure: float, streams: Streams | None = None
+    motion: Motion, exposure: float, streams: Streams | None = None, dither: Sequence[Tone] = ()
 ) -> MotionRealisation:
     """Draw the phases of the tones and the lines of the broadband jitter.
 
     exposure  second; sets how much the power of a band varies between trials
     streams   of the trial; needed only for a random motion
+    dither    tones that are commanded, besides: no factor of the jitter is on them
     Raises    TypeError where a random motion has no streams.
     Accuracy  model: the covariance of the sum is exact at all times; its distribution is that of a
               sum over tens of bands, nearly normal.
     """
+    factors = [motion.jitter_factor] * len(motion.tones) + [1.0] * len(dither)
+    tones = enumerate(zip((*motion.tones, *dither), factors, strict=True))
     lines = [
-        _tone(tone, f"tone {number}", streams)
-        for number, tone in enumerate(motion.tones)
-        if not tone.silent
+        _scaled(factor, _tone(tone, f"tone {number}", streams))
+        for number, (tone, factor) in tones
+        if factor and not tone.silent
     ]
-    lines += [_broadband(spectrum, exposure, streams) for spectrum in motion.broadband]
-    lines += [
-        lines_by_code(name, exposure, _generator(streams, f"jitter {name}"))
-        for name in motion.jitter
-    ]
+    if motion.jitter_factor:
+        random = [_broadband(spectrum, exposure, streams) for spectrum in motion.broadband]
+        random += [
+            lines_by_code(name, exposure, _generator(streams, f"jitter {name}"))
+            for name in motion.jitter
+        ]
+        lines += [_scaled(motion.jitter_factor, some) for some in random]
     frequency = np.concatenate([np.zeros(0), *(f for f, _ in lines)])
     amplitude = np.concatenate([np.zeros((0, 3), complex), *(a for _, a in lines)])
     return MotionRealisation(motion.rates, frequency, amplitude.real.copy(), -amplitude.imag)
 
 
-def _tone(tone: Tone, cause: str, streams: Streams | None) -> tuple[Floats, NDArray[np.complex128]]:
+def _scaled(factor: float, lines: Lines) -> Lines:
+    frequency, amplitude = lines
+    return frequency, factor * amplitude
+
+
+def _tone(tone: Tone, cause: str, streams: Streams | None) -> Lines:
     """The frequency (1,) and the complex amplitude (1, 3) of a tone."""
     phase = tone.phase
     if phase is None:
@@ -228,9 +240,7 @@ def _tone(tone: Tone, cause: str, streams: Streams | None) -> tuple[Floats, NDAr
     return np.array([tone.frequency]), amplitude[None, :]
 
 
-def _broadband(
-    spectrum: Broadband, exposure: float, streams: Streams | None
-) -> tuple[Floats, NDArray[np.complex128]]:
+def _broadband(spectrum: Broadband, exposure: float, streams: Streams | None) -> Lines:
     """One line for each band: (k,) hertz, (k, 3) radian.
 
     The frequency is drawn in proportion to the density, so that the covariance is exact for any

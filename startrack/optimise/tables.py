@@ -125,6 +125,7 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
     lines += markdown(head, [(*row, "")[: len(head)] for row in rows])
     factor, optimism, fraction = optimum.factor, optimum.optimism, optimum.availability
     designs, trials = len(optimum.evaluations), sum(optimum.trials.values())
+    evaluated = "design was evaluated" if designs == 1 else "designs were evaluated"
     tuning = optimum.tuning_error / arcsec
     fresh, tuned = f"{start.trials} fresh frames, paired", "error on the tuning trials was"
     what, later = f"{Objective.read(campaign.objective)}", "fresh frames show"
@@ -138,7 +139,7 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
     )
     lines += [
         "",
-        f"{'' if optimum.candidate else compared}{designs} design{'s were' if designs != 1 else ' was'} evaluated, "
+        f"{'' if optimum.candidate else compared}{designs} {evaluated}, "
         f"{campaign.trials} to {campaign.most_trials} trials each. {trials} trials "
         f"were done in all. The availability is at least {100 * fraction.low:.2f} % "
         f"(required: {100 * needs.min_availability:g} %); at most {100 * best.false.high:.2f} % of "

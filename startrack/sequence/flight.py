@@ -83,9 +83,8 @@ def flight(instrument: Instrument, sequence: Sequence, start: Rotation, streams:
               within a long sequence.
     """
     time = _times(instrument, sequence)
-    tones = (*instrument.motion.tones, *sequence.dither)
-    moves = replace(instrument.motion, rate_x=0.0, rate_y=0.0, rate_z=0.0, tones=tones)
-    jitter = realise_motion(moves, sequence.duration, streams)
+    moves = replace(instrument.motion, rate_x=0.0, rate_y=0.0, rate_z=0.0)
+    jitter = realise_motion(moves, sequence.duration, streams, sequence.dither)
     attitude = Rotation.from_rotvec(jitter.at(time)) * attitudes(sequence.legs, start, time)
     turns = tuple(
         replace(jitter.later(float(at)), rate=rate)

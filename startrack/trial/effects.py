@@ -164,7 +164,7 @@ def _jitters(of: str) -> Callable[[Case], bool]:
 
     def jitters(case: Case) -> bool:
         motion = case.instrument.motion
-        return motion.jitter_of == of and bool(motion.tones or motion.broadband)
+        return motion.jitter_of == of and motion.jitters and bool(motion.tones or motion.broadband)
 
     return jitters
 
@@ -187,7 +187,7 @@ EFFECTS = [
     ),
     Effect(
         "instrument.motion.jitter",
-        lambda case: case.instrument.motion.jitter,
+        lambda case: case.instrument.motion.jitters and case.instrument.motion.jitter,
         left_out=lambda case: [
             f"jitter by {name} (motion.jitter)" for name in case.instrument.motion.jitter
         ],

@@ -5,7 +5,7 @@ import pytest
 from scipy import integrate, signal, stats
 
 from startrack.core.streams import Streams
-from startrack.motion import Broadband, Motion, Tone, realise_motion
+from startrack.motion import Broadband, Motion, Tone, blur, jitter_rms, realise_motion
 from startrack.motion.realisation import bands
 
 TABLE = Broadband("x", (2.0, 20.0, 100.0, 400.0), (1e-9, 1e-9, 2e-10, 1e-13))
@@ -116,6 +116,33 @@ def test_a_trial_repeats_and_no_cause_disturbs_another():
     np.testing.assert_allclose(at(full)[:, 1], alone[:, 1], rtol=1e-12)
     noise = at(Motion(broadband=(TABLE,)))[:, 0] + at(Motion(tones=(wheel,)))[:, 0]
     np.testing.assert_allclose(at(full)[:, 0], noise, rtol=1e-9)
+
+
+def test_one_factor_scales_a_whole_spectrum():
+    """It is on angles: densities grow with its square. Without jitter, nothing is drawn."""
+    time = np.linspace(-0.05, 0.05, 7)
+    wheel, cooler = Tone(80.0, rms_x=1e-5), Tone(43.0, rms_y=2e-5, rms_z=3e-6, phase=0.3)
+    motion = Motion(rate_z=0.01, tones=(wheel, cooler), broadband=(TABLE,))
+    louder = Motion(
+        rate_z=0.01,
+        tones=(Tone(80.0, rms_x=3e-5), Tone(43.0, rms_y=6e-5, rms_z=9e-6, phase=0.3)),
+        broadband=(Broadband("x", TABLE.frequency, tuple(9 * s for s in TABLE.density)),),
+    )
+
+    def at(motion, dither=()):
+        return realise_motion(motion, 0.1, Streams(8, 3), dither).at(time)
+
+    scaled = dataclasses.replace(motion, jitter_factor=3.0)
+    np.testing.assert_allclose(at(scaled), at(louder), rtol=1e-12, atol=1e-20)
+    np.testing.assert_allclose(blur(scaled, 0.1), blur(louder, 0.1), rtol=1e-12)
+    np.testing.assert_allclose(jitter_rms(scaled, 0.1), jitter_rms(louder, 0.1), rtol=1e-12)
+    dither = (Tone(0.25, rms_x=1e-3),)
+    moved = at(Motion(), (Tone(1.0), Tone(1.0), *dither))  # the same stream of its phase
+    np.testing.assert_allclose(at(scaled, dither), at(louder) + moved, rtol=1e-9, atol=1e-16)
+    none = dataclasses.replace(motion, jitter_factor=0.0)
+    assert not none.jitters
+    assert not none.drawn
+    np.testing.assert_array_equal(realise_motion(none, 0.1).at(time), time[:, None] * [0, 0, -0.01])
 
 
 def test_trials_of_two_exposures_are_alike():
