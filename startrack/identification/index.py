@@ -160,6 +160,9 @@ STRETCH = 0.02  # ln of the ratio of the bases of two neighbouring cells, as CEL
 SMALLEST = 0.2  # of the field: the noise of a code grows as the inverse of the base
 LARGEST = 1.2  # of the field: few longer ones fit into the diagonal, sqrt(2)
 CELLS_BASE = math.ceil(math.log(LARGEST / SMALLEST) / STRETCH)  # cells along the length of the base
+# Radian, of an index: bases of 1.2 times as much make triangles that the plane which touches the
+# sphere in the middle of a base can hold. Wider images have many such triangles.
+WIDEST = 90 * deg
 POINTS = 512  # resolved across a field: two pixels of 1024; chosen by hand for common cameras
 VOTING_RANK = 40  # stars per field that verify hypotheses; chosen by hand: trades time and memory
 # Error of a star's magnitude in an unknown passband. Chosen by hand: larger ones make brightness
@@ -217,10 +220,10 @@ class PatternIndex:
 def indexed_field(camera: core.Camera) -> float:
     """The field of view (radian) of a camera's index, the same for cameras of similar fields.
 
-    It is the smaller side of the image, rounded down to a power of 1.1.
+    It is the smaller side of the image, at most WIDEST, rounded down to a power of 1.1.
     """
-    step = math.log(1.1)
-    return math.exp(math.floor(math.log(min(camera.fov_x, camera.fov_y)) / step) * step)
+    step, side = math.log(1.1), min(camera.fov_x, camera.fov_y, WIDEST)
+    return math.exp(math.floor(math.log(side) / step) * step)
 
 
 def build_index(
@@ -248,7 +251,7 @@ def build_index(
     Accuracy         model: the number of triangles holds for randomly distributed stars.
     """
     core.positive(field_of_view=field_of_view)
-    within(0, 90 * deg, field_of_view=field_of_view)
+    within(0, WIDEST, field_of_view=field_of_view)
     core.whole(3, VOTING_RANK, stars_per_field=stars_per_field)
     core.whole(1, 2**28, triangles=triangles)
     length = np.linalg.norm(stars.direction, axis=1)

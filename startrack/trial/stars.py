@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from startrack.catalog import Selection, Sky, open_sky
-from startrack.core import Camera, Floats, Ints, Light, Stars, Streams, kept
+from startrack.core import Camera, Floats, Ints, Light, Refused, Stars, Streams, deg, kept
 from startrack.design import Case, Instrument
 from startrack.detector import arriving, electron_rate, mean_wavelength
 from startrack.identification import POINTS, indexed_field, merged
@@ -179,19 +179,33 @@ def _close(selection: Selection, radius: float) -> tuple[Ints, Floats]:
     return pair, np.linalg.norm(apart, axis=1)
 
 
+# Of stars whose images may disturb each other; chosen by hand: some seconds and half a gigabyte.
+MOST_PAIRS = 5_000_000
+
+
 @kept(8)
 def near_pairs(selection: Selection, radius: float, faintest: float) -> Ints:
     """Pairs (2, k) of near stars of a catalogue, of which the first is no fainter than asked.
 
     radius   radian, within which they are
     Returns  indices into the catalogue
+    Raises   Refused where there are more than MOST_PAIRS
     """
     tree, magnitude = _tree_of(selection), open_sky(selection).stars.magnitude_g
     rank = np.argsort(magnitude, kind="stable")
     bright = int((magnitude <= faintest).sum())
-    near = cKDTree(tree.data[:bright]).sparse_distance_matrix(
-        tree, 2 * math.sin(radius / 2), output_type="ndarray"
-    )
+    chord, seen = 2 * math.sin(min(radius, math.pi) / 2), cKDTree(tree.data[:bright])
+    pairs = int(seen.count_neighbors(tree, chord))
+
+    if pairs > MOST_PAIRS:
+        raise Refused(
+            "instrument.optics.focal_length must be so long that stars do not overlap: within "
+            f"{radius / deg:.3g} deg, over which images of two stars disturb each other, each of "
+            f"{bright} stars has {pairs / bright:.0f} others, more than {MOST_PAIRS / bright:.0f}; "
+            "a brighter catalog.limit_g, or smaller pixels, have fewer",
+            key="instrument.optics.focal_length",
+        )
+    near = seen.sparse_distance_matrix(tree, chord, output_type="ndarray")
     near = np.array([near["i"], near["j"]])
     near = near[:, near[0] != near[1]]
     return np.asarray(rank[near[:, np.lexsort(near[::-1])]])

@@ -17,6 +17,7 @@ from startrack.core.camera import Camera
 from startrack.core.units import deg
 from startrack.core.values import Matches, Spots, Stars
 from startrack.identification import Identification, PatternIndex, build_index, identify
+from startrack.identification.index import WIDEST
 
 SETTINGS = Identification()
 
@@ -95,7 +96,7 @@ def make_design(field_deg: float, limit_g: float, margin: float = 1.0) -> Design
     """A square camera of 1024 pixels; its catalogue is deeper than its limit by a margin."""
     camera = Camera.from_field_of_view(1024, 1024, field_deg * deg)
     stars = open_sky(Selection(limit_g=limit_g + margin)).stars
-    return Design(camera, stars, build_index(stars, field_deg * deg), limit_g)
+    return Design(camera, stars, build_index(stars, min(field_deg * deg, WIDEST)), limit_g)
 
 
 @pytest.fixture(scope="session")

@@ -133,6 +133,18 @@ def test_directions_must_be_unit_vectors():
             build_index(stars, 0.2)
 
 
+@pytest.mark.parametrize("field", [100, 120])
+def test_images_wider_than_any_index_are_identified(design, field):
+    """All of 30 skies: of 1,000 others at each of these fields none was lost or false."""
+    camera, rng = design(field, 3.5), np.random.default_rng(field)
+    for _ in range(30):
+        seen = camera.look(rng, false=3)
+        matches = camera.solve(seen.spots)
+        assert matches.status is Status.SOLVED
+        turn = (matches.icrs_to_camera * seen.icrs_to_camera.inv()).magnitude()
+        assert turn < 2 / camera.camera.focal_length_px
+
+
 @pytest.mark.parametrize("field", [0.0, -0.1, np.nan, 2.0])
 def test_a_field_of_view_out_of_range_is_refused(design, field):
     with pytest.raises(ValueError, match="field_of_view must"):
