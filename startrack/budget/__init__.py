@@ -7,6 +7,8 @@ fixed      Case and fields of stars -> errors that are constant from frame to fr
 hot_pixels  Case -> what hot pixels do to the stars that its tracker detects, and to its search.
 tracked    Fields of stars -> which of them the tracker itself identifies, and what it states.
 analytic   Case -> its Budget in milliseconds, without a trial.
+blind      Case that no field of the sky solves -> whether stars, light, dark current or
+           tracker fail it.
 left_out   Case and its fields of stars -> effects that the analytic budget leaves out; its check
            by trials.
 exclusion  Case with a baffle -> error over the angle to Sun, Moon and Earth; exclusion angles.

@@ -9,6 +9,7 @@ from scipy import special
 from scipy.special import ndtr
 
 from startrack import trial
+from startrack.budget.blind import blind
 from startrack.budget.budget import NEIGHBOURS, Budget, Cause, Law, Line, causes, refuse_scans
 from startrack.budget.fields import (
     FIELDS,
@@ -113,7 +114,7 @@ def in_boxes(case: Case) -> Measured:
     finite = np.isfinite(stars.total)
     magnitude, measured = stars.magnitude[finite], stars.measured[finite]
     if len(magnitude) < 2:
-        raise Refused(BLIND)
+        raise blind(case)
     stated, temporal, method, total = (
         part[finite] ** 2 for part in (stars.stated, stars.temporal, stars.method, stars.total)
     )
@@ -171,7 +172,6 @@ UNCOVERED = 0.01  # of the attitudes, farther off than the tracker states
 SIFTED = 4  # stars, of which the solver leaves out one that does not agree
 DISPLACED = 0.1  # mean square of displacements over the noise, below which they are nothing to it
 LEAST = 1e-3  # probability from which on a star counts; chosen by hand, far below the 1 % of fields
-BLIND = "the case must see enough stars somewhere in the sky, it does not"
 
 
 def analytic(case: Case, count: int = FIELDS) -> Budget[Law]:
@@ -200,7 +200,7 @@ def analytic(case: Case, count: int = FIELDS) -> Budget[Law]:
     """
     budget = budget_if_solved(case, count)
     if budget is None:
-        raise Refused(BLIND)
+        raise blind(case)
     return budget
 
 

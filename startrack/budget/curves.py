@@ -7,7 +7,8 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
-from startrack.budget.analytic import BLIND, analytic, of_fields
+from startrack.budget.analytic import analytic, of_fields
+from startrack.budget.blind import blind
 from startrack.budget.budget import Budget
 from startrack.budget.fields import boresights, fields
 from startrack.budget.left_out import Check, check
@@ -222,7 +223,7 @@ def survey(case: Case, places: int = DIRECTIONS) -> Survey:
     view = fields(case.catalog, case.instrument.camera, boresights, places)
     solved = of_fields(case, view)
     if solved is None:
-        raise Refused(BLIND)
+        raise blind(case, view=view)
     per_field, law = solved.attitudes, solved.budget.whole.spread
     square = np.where(per_field.solved[:, None] > 0, law.mean**2 + law.sigma**2, np.nan)
     counts, seen = per_field.gain[:, 3, 0] > 0.5, solved.stars

@@ -11,10 +11,11 @@ import numpy as np
 
 from startrack.attitude import Mounting
 from startrack.budget.analytic import of_fields
+from startrack.budget.blind import blind
 from startrack.budget.budget import Cause, Law, Line, Term
 from startrack.budget.fields import attitudes, fields, lattice_nodes
 from startrack.budget.fixed import displacement, of_the_camera
-from startrack.core import Advance, Floats, Refused, Unit, printed, whole
+from startrack.core import Advance, Floats, Unit, printed, whole
 from startrack.design import Case, Moment, Scope, turning, unchecked
 from startrack.metrics import Interpretation
 from startrack.population import middle_of, of_places, placed, unit_of
@@ -259,7 +260,7 @@ def _middle(case: Case, seed: int, age: float, count: int) -> _Middle | None:
     view = fields(unit.catalog, unit.instrument.camera, attitudes, count)
     solved = of_fields(unit, view, unit)
     if solved is None:
-        raise Refused(f"units of seed {seed} must see enough stars somewhere")
+        raise blind(unit, f"the middle one of the units of seed {seed}", view)
     lines = tuple(
         line
         for line in solved.budget.lines
@@ -330,7 +331,7 @@ def _measured(
     alike = like or _as_measured(unit)
     solved = of_fields(unit, view, alike)
     if solved is None:
-        raise Refused(f"unit {moment.unit} of seed {seed} must see enough stars somewhere")
+        raise blind(unit, f"unit {moment.unit} of seed {seed}", view)
     budget = solved.budget
     lines = _Lines(budget.lines, budget.whole.spread.weight, budget.availability)
     return lines, alike if settings.alike else like

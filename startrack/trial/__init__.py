@@ -54,7 +54,13 @@ from startrack.trial.chain import (
     shrunk,
 )
 from startrack.trial.covariance import outcomes
-from startrack.trial.dark_pattern import HotPixels, dark_pattern, empty_frame, with_uniform_dark
+from startrack.trial.dark_pattern import (
+    HotPixels,
+    dark_electrons,
+    dark_pattern,
+    empty_frame,
+    with_uniform_dark,
+)
 from startrack.trial.effects import (
     DSNU,
     EFFECTS,

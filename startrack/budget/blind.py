@@ -1,0 +1,137 @@
+"""Case that no field of the sky solves -> whether stars, light, dark current or tracker fail it."""
+
+import math
+
+import numpy as np
+
+from startrack import trial
+from startrack.budget.fields import FIELDS, Fields, attitudes, fields
+from startrack.budget.fixed import believed_index
+from startrack.core import Floats, Ints, Refused
+from startrack.design import Case
+
+BRIGHTEST, FAINTEST, STEP = -30.0, 20.0, 0.05  # G, between which the faintest star is looked for
+LIKELY = 0.1  # probability with which a star passes the threshold; chosen by hand
+RULE = "must see enough stars somewhere in the sky, it does not"
+
+
+def blind(case: Case, what: str = "the case", view: Fields | None = None) -> Refused:
+    """Why too few stars count in every field: the first of these that leaves too few.
+
+    The stars of the sky in the frame; their light against dark current, sky and read-out; the
+    tracker's catalogue; its test against hot pixels; and hot pixels among its spots.
+
+    what     as the message names the case
+    view     fields of its sky; None: the usual ones
+    Accuracy  model: a star is bright enough where it passes the threshold once in ten times; the
+              budget counts fainter ones, too. Without dark current or the sky's light, noise alone
+              is smaller.
+    """
+    view = view or fields(case.catalog, case.instrument.camera, attitudes, FIELDS)
+    return Refused(f"{what} {RULE}: {_cause(case, view)}", rule=RULE)
+
+
+def _cause(case: Case, view: Fields) -> str:
+    """What leaves too few stars, with its numbers and keys."""
+    camera, detection, tracker = case.instrument.camera, case.tracker.detection, case.tracker
+    pixel = camera.project(np.column_stack([view.x, view.y, np.ones(len(view.x))]))
+    inside = np.flatnonzero(camera.holds(pixel, -(detection.window // 2 + detection.edge)))
+    star, field = view.star[inside], view.field[inside]
+    magnitude = view.sky.stars.magnitude_g[star]
+    magnitude = magnitude + trial.colour_correction(case, view.sky.stars.colour[star])
+    fewest = tracker.identification.min_matches
+    needed = f"{fewest} are needed (tracker.identification.min_matches)"
+    if _most(field) < fewest:
+        return (
+            f"too few stars are in a field, at most {_most(field)} of the {len(view.sky.stars)} "
+            f"to G = {case.catalog.limit_g:g} (catalog.limit_g); {needed}"
+        )
+    even = trial.with_uniform_dark(case) if trial.dark_pattern(case) else case
+    if hidden := _light(even, magnitude, field, needed):
+        return hidden
+    passing = magnitude < _faintest(even)
+    listed = passing & (believed_index(case.catalog, case.believed_catalog)[view.name[star]] >= 0)
+    if _most(field[listed]) < fewest:
+        return (
+            "the tracker's catalogue leaves out the stars that it sees: of at most "
+            f"{_most(field[passing])} in a field it has {_most(field[listed])} (tracker.catalog, "
+            f"to G = {case.believed_catalog.limit_g:g}); {needed}"
+        )
+    errors = trial.errors(even)
+    kept = listed & (np.interp(magnitude, errors.magnitude, errors.kept) > LIKELY)
+    if _most(field[kept]) < fewest:
+        return (
+            f"the tracker takes the stars that it sees for hot pixels: of at most "
+            f"{_most(field[listed])} in a field it keeps {_most(field[kept])} "
+            f"(tracker.detection.sharpest_sigma = {detection.sharpest_sigma:g} pixel); {needed}"
+        )
+    enough = f"at most {_most(field[kept])} stars of a field are bright enough, but "
+    if pattern := trial.dark_pattern(case):
+        return enough + (
+            f"{len(pattern.outlying)} pixels of outlying dark current raise the threshold or take "
+            f"their places among the {detection.max_spots} brightest spots "
+            "(instrument.detector.defects, age; tracker.detection.dark_map, max_spots)"
+        )
+    return enough + (
+        "too few of them lie where the tracker expects them (tracker.identification.match_radius, "
+        "tracker.attitude.gate): its camera or catalogue differs from the true one, or stars crowd"
+    )
+
+
+def _most(field: Ints) -> int:
+    """The largest number of stars in one field."""
+    return int(np.bincount(field, minlength=1).max())
+
+
+def _faintest(case: Case) -> float:
+    """G of the faintest star that passes the threshold with a probability of LIKELY."""
+    grid = np.arange(BRIGHTEST, FAINTEST, STEP)
+    passing = grid[trial.detection_probability(case, grid) > LIKELY]
+    return float(passing.max(initial=-math.inf))
+
+
+def _light(case: Case, magnitude: Floats, field: Ints, needed: str) -> str:
+    """Whether stars have too little light, and beside what; "" where enough pass the threshold."""
+    size, fewest = trial.scale(case), case.tracker.identification.min_matches
+    dark = trial.dark_electrons(case.instrument.detector)[0]
+    sky = max(size.background - dark, 0.0)
+    if size.background >= size.largest:
+        filled, keys = "the light of the sky", "scene.background_g"
+        if dark > sky:
+            filled, keys = "dark current", "instrument.detector.dark_current"
+        return (
+            f"{filled} fills the pixels, which hold {size.largest:.5g} electrons: dark current "
+            f"makes {dark:.5g} in an exposure, the sky {sky:.5g} ({keys}, "
+            "instrument.detector.exposure)"
+        )
+    limit = _faintest(case)
+    found = _most(field[magnitude < limit])
+    if found >= fewest:
+        return ""
+    seen = (
+        f"stars fainter than G = {limit:.1f} do not pass tracker.detection.threshold, at most "
+        f"{found} of a field do; {needed}"
+    )
+    for name, rest, keys in (
+        ("dark current", sky, "instrument.detector.dark_current"),
+        ("the light of the sky", dark, "scene.background_g"),
+    ):
+        noise = math.sqrt(size.noise**2 + size.excess * rest)
+        deeper = limit + 2.5 * math.log10(size.pixel / noise)
+        if _most(field[magnitude < deeper]) >= fewest:
+            return (
+                f"{name} hides them: it makes {size.background - rest:.4g} electrons in a pixel "
+                f"and the noise {size.pixel:.3g} instead of {noise:.3g} ({keys}); {seen}; without "
+                f"it, those to G = {deeper:.1f} would"
+            )
+    order = np.lexsort((magnitude, field))
+    first = np.searchsorted(field[order], np.unique(field))
+    last = first + fewest - 1
+    last = last[last < len(order)]
+    last = last[field[order][last] == field[order][last - fewest + 1]]
+    return (
+        f"they have too little light: of G = 0 {size.star:.3g} electrons in an exposure, beside a "
+        f"noise of {size.pixel:.3g} in a pixel (instrument.optics, instrument.detector.exposure); "
+        f"{seen}; the best field has {fewest} stars to "
+        f"G = {magnitude[order][last].min():.1f}"
+    )
