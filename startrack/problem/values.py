@@ -88,7 +88,8 @@ class Bounds(NamedTuple):
     low, high  SI
     start      its value in the problem as it is, SI
     log        whether the range is searched by its logarithm
-    unit       as a text
+    unit       in which it is written, as a text
+    size       of this unit, SI
     """
 
     name: str
@@ -97,6 +98,11 @@ class Bounds(NamedTuple):
     start: float
     log: bool = False
     unit: str = ""
+    size: float = 1.0
+
+    def shown(self, value: float) -> str:
+        """A value (SI) as a person reads it."""
+        return f"{value / self.size:.5g} {self.unit}".strip()
 
     def value(self, place: float) -> float:
         """The value at a place of the unit interval."""

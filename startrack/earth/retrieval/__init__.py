@@ -38,7 +38,7 @@ from startrack.earth.retrieval.minerals import (
     observe_minerals,
     spectrometer_of,
 )
-from startrack.earth.retrieval.problem import EarthProblem, Forecast, Judgement, Margin, Words
+from startrack.earth.retrieval.problem import EarthProblem
 from startrack.earth.retrieval.study import (
     CameraLimits,
     EarthCampaign,
@@ -56,14 +56,10 @@ __all__ = [
     "EarthDesign",
     "EarthProblem",
     "FireForecast",
-    "Forecast",
     "HotSpots",
-    "Judgement",
-    "Margin",
     "MineralForecast",
     "Minerals",
     "Retrieval",
-    "Words",
     "forecast_fires",
     "forecast_minerals",
     "load_earth_design",

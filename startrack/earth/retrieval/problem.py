@@ -11,13 +11,12 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from startrack.core import Floats, Refused, inputs_of, printed
-from startrack.design import number_at, replaced_all, unchecked
+from startrack.core import Floats, Refused, Rows, inputs_of
+from startrack.design import number_at, quantity, replaced_all, unchecked, unit_at
 from startrack.earth.geometry import flight_height, ground_rate
 from startrack.earth.imager import figures, known, margins_of
 from startrack.earth.retrieval.criteria import Criterion, Study, study_of
@@ -25,69 +24,9 @@ from startrack.earth.retrieval.fire_forecast import band_in
 from startrack.earth.retrieval.study import CameraLimits, EarthCampaign, EarthDesign, lenses_of
 from startrack.io import to_table
 from startrack.metrics import Interval
+from startrack.problem import Bounds, Expectation, Judgement, Margin, Words
 
 IMAGE = "image"
-
-
-@printed
-class Margin(NamedTuple):
-    """A value beside its limit.
-
-    value, limit  in one unit
-    most          whether the limit is from above
-    unit          as a text, "" for a pure number
-    """
-
-    value: float
-    limit: float
-    most: bool
-    unit: str = ""
-
-    @property
-    def relative(self) -> float:
-        """Over the limit; met where it is 0 or more."""
-        part = self.value / self.limit - 1
-        return -part if self.most else part
-
-
-@printed
-class Forecast(NamedTuple):
-    """What is expected by formula.
-
-    value     the objective, in the unit of `Words`
-    margins   by the names of limits
-    parts     each criterion by its name: what the value is made of
-    left_out  what the formulas do not know, in words
-    """
-
-    value: float
-    margins: dict[str, Margin]
-    parts: dict[str, float]
-    left_out: tuple[str, ...] = ()
-
-
-@printed
-class Judgement(NamedTuple):
-    """What trials show.
-
-    value    the objective, with its 95 % interval
-    margins  by the names of limits, of the value and of both ends of its interval: value, the end
-             that is nearer to the limit, the other
-    parts    each criterion with its interval
-    """
-
-    value: Interval
-    margins: dict[str, tuple[Margin, Margin, Margin]]
-    parts: dict[str, Interval]
-
-
-@printed
-class Words(NamedTuple):
-    """Names and units of an objective and of the criteria it is made of."""
-
-    value: str
-    unit: str
-    parts: dict[str, tuple[str, str]]
 
 
 @dataclass(frozen=True)
@@ -182,7 +121,24 @@ class EarthProblem:
             min(own.swath for own in each),
         )
 
-    def forecast(self, conditions: Sequence[str] | None = None) -> Forecast:
+    @property
+    def settings(self) -> EarthCampaign:
+        """How far a search goes."""
+        return self.campaign
+
+    @cached_property
+    def variables(self) -> list[Bounds]:
+        """What a search may change."""
+        found = []
+        for variable in self.campaign.variables:
+            name, start = variable.name, number_at(self.design, variable.name)
+            low, high = (quantity(self.design, name, end) for end in (variable.low, variable.high))
+            unit = unit_at(self.design, name)
+            shown, size = (unit.shown, 1 / unit.of(1.0)) if unit else ("", 1.0)
+            found.append(Bounds(name, low, high, start, variable.scale == "log", shown, size))
+        return found
+
+    def expect(self, conditions: Sequence[str] | None = None) -> Expectation:
         """The objective and the margins of the retrieval, by formula.
 
         conditions  names of those that are asked; None: all
@@ -196,9 +152,9 @@ class EarthProblem:
         limits = {name: self._limit(name, value) for name, value in parts.items()}
         margins = {name: margin for name, margin in limits.items() if margin}
         left_out = next(iter(self.studies.values())).left_out
-        return Forecast(self._mean(parts), self.costs() | margins, parts, left_out)
+        return Expectation(self._mean(parts), margins, parts, left_out)
 
-    def trials(self, seed: int, numbers: range, fidelity: str = IMAGE) -> NDArray[np.void]:
+    def trials(self, seed: int, numbers: range, fidelity: str = IMAGE) -> Rows:
         """Rows of trials by their numbers, the same for any worker.
 
         Row n is fire, or spectrum, n % k of the image n // k; conditions have the same image.
@@ -217,7 +173,7 @@ class EarthProblem:
                     rows[f"{condition}: {name}"][mine] = values[every[mine] % count]
         return rows
 
-    def judge(self, rows: NDArray[np.void]) -> Judgement:
+    def judge(self, rows: Rows) -> Judgement:
         """The objective and the margins of rows, with 95 % intervals."""
         parts = {
             f"{condition}: {name}": study.shown(name, rows[f"{condition}: {criterion.column}"])

@@ -92,7 +92,7 @@ def test_energies_are_those_of_equation_4():
 def test_formulas_beside_trials(values: dict[str, float]):
     """384 spectra: their rms scatters by 3 %; 15 % is exceeded in less than 1e-5 of all seeds."""
     problem = PROBLEM.replaced(values)
-    expected, judged = problem.forecast(), problem.judge(problem.trials(1, range(384)))
+    expected, judged = problem.expect(), problem.judge(problem.trials(1, range(384)))
     for name in ("nominal: emissivity", "evening: emissivity"):
         assert judged.parts[name].value == pytest.approx(expected.parts[name], rel=0.15)
     wrong = judged.parts["evening: wrong"]

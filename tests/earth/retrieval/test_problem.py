@@ -95,9 +95,9 @@ def test_a_band_may_be_given_by_its_edges():
         EarthProblem(design),
         EarthProblem(design).replaced({"channels.mir.passband.low": 3.7e-6}),
     )
-    usual = PROBLEM.forecast().value
-    assert same.forecast().value == pytest.approx(usual, rel=0.01)
-    assert narrow.forecast().value != pytest.approx(usual, rel=0.01)
+    usual = PROBLEM.expect().value
+    assert same.expect().value == pytest.approx(usual, rel=0.01)
+    assert narrow.expect().value != pytest.approx(usual, rel=0.01)
     with pytest.raises(Refused, match="band must be left out beside passband"):
         replace(first, passband=Passband(**table))
 
@@ -126,7 +126,7 @@ def test_rows_are_the_same_for_any_division_of_the_work():
 def test_judgement_beside_forecast():
     """100 fires: the objective scatters by 6 %; 25 % is exceeded in 1e-4 of all seeds."""
     rows = PROBLEM.trials(1, range(100))
-    judged, expected = PROBLEM.judge(rows), PROBLEM.forecast()
+    judged, expected = PROBLEM.judge(rows), PROBLEM.expect()
     assert judged.value.low < judged.value.value < judged.value.high
     assert judged.value.value == pytest.approx(expected.value, rel=0.25)
     assert set(judged.parts) == set(expected.parts) == set(PROBLEM.text().parts)
@@ -135,12 +135,12 @@ def test_judgement_beside_forecast():
 
 
 def test_night_needs_smaller_fires_and_may_be_asked_alone():
-    parts = PROBLEM.forecast().parts
+    parts = PROBLEM.expect().parts
     assert parts["night: area 800 K"] < parts["nominal: area 800 K"]
-    alone = PROBLEM.forecast(["night"])
+    alone = PROBLEM.expect(["night"])
     assert set(alone.parts) == {name for name in parts if name.startswith("night")}
     with pytest.raises(Refused, match="conditions must be names of nominal, night"):
-        PROBLEM.forecast(["dusk"])
+        PROBLEM.expect(["dusk"])
 
 
 def test_what_results_depend_on_is_described():
@@ -151,7 +151,7 @@ def test_what_results_depend_on_is_described():
 
 def test_fires_that_are_never_found_have_no_area():
     dark = PROBLEM.replaced({"channels.mir.detector.read_noise": 1e9})
-    assert dark.forecast().value == math.inf
+    assert dark.expect().value == math.inf
     judged = dark.judge(dark.trials(1, range(25)))
     assert judged.value.value == math.inf
 
