@@ -9,6 +9,7 @@ from startrack.cli.options import Exit, Options, study, wanted
 
 if wanted(__name__):
     from startrack import optimise
+    from startrack.cli import problems
     from startrack.cli.campaign import open_campaign, stages, write_study
     from startrack.core import arcsec
     from startrack.design import Campaign, Design, Objective, save_design
@@ -28,6 +29,8 @@ declare = Options(
 
 def command(options: argparse.Namespace) -> int:
     """Write best.toml, comparison.md, convergence.png, evaluations.csv and result.json."""
+    if problem := problems.problem_of(options.campaign, options.set):
+        return problems.optimize(options, problem)
     with (
         open_campaign(options, "optimising") as (case, campaign, runner),
         stages("optimising") as show,

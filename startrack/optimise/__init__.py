@@ -28,7 +28,7 @@ from startrack.optimise.ensemble import Chains, Ensembles, draw, median_and_ends
 from startrack.optimise.evaluate import Foresight, evaluate, foresee
 from startrack.optimise.explore import Explorer
 from startrack.optimise.forecast import Forecast, expect, expected_objective
-from startrack.optimise.improve import Improved, improve
+from startrack.optimise.improve import Improved, improve, verdicts
 from startrack.optimise.ledger import Ledger
 from startrack.optimise.optimise import Optimum, optimize
 from startrack.optimise.pareto import UNITS, Goals, Point, front

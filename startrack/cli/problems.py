@@ -1,0 +1,197 @@
+"""What the commands on campaigns do with a problem that is no star tracker: an Earth camera."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+from startrack import optimise
+from startrack.cli import terminal
+from startrack.cli.campaign import open_workers
+from startrack.cli.options import Exit, WrongUse, as_wrong_use
+from startrack.core import Rows
+from startrack.earth.retrieval import EarthProblem, load_earth_design
+from startrack.io import read_table, save_json, save_text, shipped
+from startrack.metrics import Interval, markdown
+from startrack.plots import draw_improvement
+from startrack.problem import Judgement, Problem, run_problem
+
+
+def problem_of(path: Path | None, changes: list[str]) -> Problem | None:
+    """The problem of a file, or of a shipped scene by its name; None where it is a design.
+
+    Raises  WrongUse where it is a scene without a study.
+    """
+    if path is None or not _is_scene(path):
+        return None
+    with as_wrong_use(path=path):
+        return EarthProblem(load_earth_design(path, changes))
+
+
+def _is_scene(path: Path) -> bool:
+    if path.suffix != ".toml":
+        return path.stem in {file.stem for file in shipped("scenes").glob("*.toml")}
+    if not path.exists():
+        return False
+    with as_wrong_use(path=path):
+        return bool(read_table(path, "a design or a scene").keys() & {"camera", "retrieval"})
+
+
+def optimize(options: argparse.Namespace, problem: Problem) -> int:
+    """Search a problem; print and write what was found."""
+    settings = problem.settings
+    with (
+        open_workers(options) as executor,
+        as_wrong_use(path=options.campaign),
+        terminal.progress("forecasts and designs", settings.analytic_evaluations) as advance,
+    ):
+        known = 0
+
+        def forecasts(count: int) -> None:
+            nonlocal known
+            advance(count - known)
+            known = count
+
+        found = optimise.improve(
+            problem,
+            options.seed,
+            executor if options.workers > 1 or options.scheduler else None,
+            watch=lambda design: advance(0, f"tried, {design.trials} trials"),
+            watch_forecasts=forecasts,
+        )
+    table = improved_table(problem, found)
+    result = {"out": str(options.out), "seed": options.seed, **improved_values(problem, found)}
+    save_text(options.out / "comparison.md", table + "\n")
+    save_json(options.out / "result.json", terminal.finite(result))
+    save_text(options.out / "best.json", json.dumps(found.best, indent=1) + "\n")
+    draw_improvement(options.out / "convergence.png", found, problem.text())
+    ending = f"the search ended: {found.ending}; results are in {options.out}"
+    terminal.print_result(options, result, f"{table}\n\n{ending}")
+    return Exit.DONE if found.feasible else Exit.UNSOLVED
+
+
+def montecarlo(options: argparse.Namespace, problem: Problem) -> int:
+    """Run trials of a problem; print what they show beside the forecast."""
+    numbers = range(options.first, options.first + options.trials)
+    with (
+        open_workers(options) as executor,
+        as_wrong_use(path=options.design),
+        terminal.progress("trials", len(numbers)) as advance,
+    ):
+        shared = executor if options.workers > 1 or options.scheduler else None
+        rows = run_problem(problem, options.seed, numbers, shared, advance)
+    judged, expected = problem.judge(rows), problem.expect()
+    words = problem.text()
+    lines = [
+        [words.value, _shown(judged.value, words.unit), f"{expected.value:.4g}"],
+        *(
+            [
+                words.parts[name][0],
+                _shown(part, words.parts[name][1]),
+                f"{expected.parts[name]:.4g}",
+            ]
+            for name, part in judged.parts.items()
+        ),
+    ]
+    head = ["", "by trials", "by formula"]
+    table = "\n".join([*markdown(head, lines), "", *_verdict_lines(problem, judged)])
+    result = {
+        "trials": len(rows),
+        "value": _interval(judged.value),
+        "expected": expected.value,
+        "parts": {name: _interval(part) for name, part in judged.parts.items()},
+        "verdicts": optimise.verdicts(problem, judged),
+        "not_counted": list(expected.left_out),
+    }
+    if options.out:
+        save_json(options.out / "summary.json", terminal.finite(result))
+        _write_rows(options.out / "trials.csv", rows, numbers)
+    terminal.print_result(options, result, table)
+    return Exit.DONE
+
+
+def _write_rows(path: Path, rows: Rows, numbers: range) -> None:
+    names = rows.dtype.names or ()
+    lines = [",".join(["trial", *(f'"{name}"' for name in names)])]
+    for number, row in zip(numbers, rows, strict=True):
+        lines.append(",".join([str(number), *(f"{row[name]:.9g}" for name in names)]))
+    save_text(path, "\n".join(lines) + "\n")
+
+
+def _interval(value: Interval) -> list[float]:
+    return [value.value, value.low, value.high]
+
+
+def _shown(value: Interval, unit: str) -> str:
+    return f"{value.value:.4g} [{value.low:.4g}, {value.high:.4g}] {unit}".strip()
+
+
+def improved_table(problem: Problem, found: optimise.Improved) -> str:
+    """Start beside best, as Markdown."""
+    words, (first, last) = problem.text(), found.judged
+    head = ["", "start", "best", f"range within {100 * problem.settings.precision:g} % of the best"]
+    spans, lines = found.landscape.spans, list[list[str]]()
+    for variable in problem.variables:
+        span = spans[variable.name]
+        low, high = (variable.shown(variable.value(end)) for end in (span.low, span.high))
+        name = variable.name
+        values = variable.shown(found.start[name]), variable.shown(found.best[name])
+        lines.append([name, *values, f"{low} to {high}"])
+    lines.append([words.value, _shown(first.value, words.unit), _shown(last.value, words.unit), ""])
+    for name, (title, unit) in words.parts.items():
+        lines.append([title, _shown(first.parts[name], unit), _shown(last.parts[name], unit), ""])
+    lines.append(["start over best", "", _shown(found.factor, ""), ""])
+    more = [f"By formula the best has {found.expected:.4g} {words.unit}."]
+    if found.landscape.prices:
+        limits = ", ".join(
+            f"{name} (1 % of it is worth {100 * price:.2g} %)"
+            for name, price in found.landscape.prices.items()
+        )
+        more.append(f"It is limited by {limits}.")
+    more.append(
+        "Intervals hold 95 %; that of the ratio takes both as independent, which is too wide."
+    )
+    return "\n".join([*markdown(head, lines), "", *_verdict_lines(found.problem, last), *more])
+
+
+def _verdict_lines(problem: Problem, judged: Judgement) -> list[str]:
+    every = {name: margins[0] for name, margins in judged.margins.items()}
+    every = dict(problem.costs()) | every
+    return [
+        f"{name}: {verdict} ({every[name].value:.4g} {every[name].unit}, "
+        f"{'at most' if every[name].most else 'at least'} {every[name].limit:.4g})"
+        for name, verdict in optimise.verdicts(problem, judged).items()
+    ]
+
+
+def improved_values(problem: Problem, found: optimise.Improved) -> dict[str, Any]:
+    """What was found, for JSON."""
+    first, last = found.judged
+    return {
+        "objective": problem.text().value,
+        "unit": problem.text().unit,
+        "start": _interval(first.value),
+        "best": _interval(last.value),
+        "factor": _interval(found.factor),
+        "expected": found.expected,
+        "start_si": found.start,
+        "best_si": found.best,
+        "verdicts": found.verdicts,
+        "prices": found.landscape.prices,
+        "forecasts": len(found.landscape.forecasts),
+        "evaluations": len(found.evaluations),
+        "rounds": found.rounds,
+        "feasible": found.feasible,
+        "ending": found.ending,
+    }
+
+
+def refuse_scene(path: Path | None, command: str) -> None:
+    """Refuse a scene of an Earth camera where a command takes star trackers alone."""
+    if path is not None and _is_scene(path):
+        raise WrongUse(
+            f"{command} takes a design of a star tracker; a scene with [retrieval] and [campaign] "
+            f"is taken by optimize and montecarlo, got {path}"
+        )
