@@ -1,0 +1,96 @@
+"""Formulas of retrievals beside trials, over designs that stress them.
+
+python experiments/retrieval_formulas.py prints, for each design, the smallest fire of 800 K by day
+and by night, the error of its radiative power, and the error of emissivity, each by trials over
+that by formula. `formula_over_trials` is the worst ratio of each retrieval, as the larger over the
+smaller of both. With 600 fires of a design a 95th percentile scatters by 0.03.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+import command
+
+from startrack.earth.retrieval import EarthProblem, load_earth_design
+
+IMAGES = 24
+BOTH = "channels.*.detector."
+FIRES: dict[str, dict[str, float]] = {
+    "as designed": {},
+    "f/6": {"channels.*.optics.f_number": 6.0},
+    "blur of a pixel": {"channels.*.optics.f_number": 1.6, "channels.*.optics.blur": 30e-6},
+    "short exposure": {"channels.mir.detector.exposure": 2e-4},
+    "noisy thermal channel": {"channels.tir.detector.read_noise": 3e5},
+    "8 bit": {BOTH + "bits": 8, BOTH + "offset": 10},
+    "small surroundings": {
+        "retrieval.hot_spots.window": 5,
+        "retrieval.hot_spots.guard": 2,
+        "retrieval.hot_spots.false_alarms": 1e-4,
+    },
+    "rough ground": {"land.temperature_texture": 10.0, "land.texture": 0.5},
+    "even ground": {"land.temperature_texture": 0.0, "land.texture": 0.0},
+    "long focal length": {
+        "channels.*.optics.focal_length": 0.2,
+        "channels.*.optics.f_number": 3.0,
+        "retrieval.hot_spots.area": 3.0,
+    },
+    "low orbit": {"orbit.altitude": 300e3},
+}
+MINERALS: dict[str, dict[str, float]] = {
+    "as designed": {},
+    "f/4": {"channels.*.optics.f_number": 4.0},
+    "short exposure": {BOTH + "exposure": 2e-3},
+    "noisy": {BOTH + "read_noise": 2e6},
+    "10 bit": {BOTH + "bits": 10},
+    "no differences of pixels": {BOTH + "prnu": 0.0},
+    "narrow": {"retrieval.minerals.step": 30e-9},
+    "wide": {"retrieval.minerals.step": 200e-9, "retrieval.minerals.hottest": 550.0},
+    "cold": {"retrieval.minerals.coldest": 250.0, "retrieval.minerals.hottest": 300.0},
+    "little contrast": {"retrieval.minerals.contrast": 0.05},
+    "full contrast": {"retrieval.minerals.contrast": 1.0},
+    "wrong assumption": {"retrieval.minerals.assumed": 0.95},
+}
+
+
+def main() -> None:
+    """Print and save the ratios."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--images", type=int, default=IMAGES, help="of each design")
+    options = command.read(parser, images=2)
+    figures = {
+        "fires": compare("hsrs", FIRES, options.images),
+        "minerals": compare("mertis", MINERALS, options.images),
+    }
+    worst = {
+        kind: max(max(ratio, 1 / ratio) for design in designs.values() for ratio in design.values())
+        for kind, designs in figures.items()
+    }
+    print("worst", worst)
+    command.save(options, figures | {"formula_over_trials": worst})
+
+
+def compare(
+    scene: str, designs: dict[str, dict[str, float]], images: int
+) -> dict[str, dict[str, float]]:
+    """Trials over formula, of each design and criterion."""
+    start, ratios = EarthProblem(load_earth_design(scene)), {}
+    for name, values in designs.items():
+        problem = start.replaced(values)
+        count = next(iter(problem.studies.values())).per_image
+        judged, expected = (
+            problem.judge(problem.trials(1, range(images * count))),
+            problem.forecast(),
+        )
+        ratios[name] = {
+            criterion: judged.parts[criterion].value / expected.parts[criterion]
+            for criterion in expected.parts
+            if not criterion.endswith(("wrong", "1000 K"))
+        }
+        text = ", ".join(f"{criterion} {ratio:.3f}" for criterion, ratio in ratios[name].items())
+        print(f"{scene}, {name}: {text}", flush=True)
+    return ratios
+
+
+if __name__ == "__main__":
+    main()
