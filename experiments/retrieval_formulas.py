@@ -80,7 +80,7 @@ def compare(
         count = next(iter(problem.studies.values())).per_image
         judged, expected = (
             problem.judge(problem.trials(1, range(images * count))),
-            problem.forecast(),
+            problem.expect(),
         )
         ratios[name] = {
             criterion: judged.parts[criterion].value / expected.parts[criterion]
