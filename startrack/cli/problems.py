@@ -18,6 +18,8 @@ from startrack.metrics import Interval, markdown
 from startrack.plots import draw_improvement
 from startrack.problem import Judgement, Problem, run_problem
 
+APART = 1.5  # factor between trials and formula, from which on it is said
+
 
 def problem_of(path: Path | None, changes: list[str]) -> Problem | None:
     """The problem of a file, or of a shipped scene by its name; None where it is a design.
@@ -144,6 +146,11 @@ def improved_table(problem: Problem, found: optimise.Improved) -> str:
         lines.append([title, _shown(first.parts[name], unit), _shown(last.parts[name], unit), ""])
     lines.append(["start over best", "", _shown(found.factor, ""), ""])
     more = [f"By formula the best has {found.expected:.4g} {words.unit}."]
+    if found.apart > APART:
+        more.append(
+            f"Trials and formula differ by a factor of up to {found.apart:.2g} in the designs that "
+            "were tried: where the formula fails, a better design may have been missed."
+        )
     if found.landscape.prices:
         limits = ", ".join(
             f"{name} (1 % of it is worth {100 * price:.2g} %)"
@@ -183,6 +190,7 @@ def improved_values(problem: Problem, found: optimise.Improved) -> dict[str, Any
         "forecasts": len(found.landscape.forecasts),
         "evaluations": len(found.evaluations),
         "rounds": found.rounds,
+        "trials_over_formula": found.apart,
         "feasible": found.feasible,
         "ending": found.ending,
     }

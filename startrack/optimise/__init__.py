@@ -14,6 +14,7 @@ explore      Source of designs -> forecasts where they tell most, and emulators 
 steps        The steps of the optimiser: start, forecasts, correction, refinement, confirmation.
 units        Fresh units of a design -> the level that a fraction of them keeps, and yields.
 optimise     Campaign, TrialRunner -> the best design that was found, and how good it is.
+improve      Problem -> a better one: forecasts, trials that correct them, fresh trials that decide.
 pareto       DesignSpace, two objectives -> the designs that no other design beats in both.
 sensitivity  DesignSpace -> how much the error depends on each variable, alone and together with
              others.

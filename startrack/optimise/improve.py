@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -143,6 +143,7 @@ class Improved:
     evaluations    designs with trials, in order
     rounds         of fresh trials
     ending         why the search stopped
+    apart          largest factor between trials and formula, of the designs that were tried
     landscape      what forecasts say of the space around the best
     """
 
@@ -157,6 +158,7 @@ class Improved:
     evaluations: tuple[Evaluation, ...]
     rounds: int
     ending: str
+    apart: float
     landscape: Landscape
 
     @property
@@ -196,7 +198,7 @@ def improve(
     }
     steps.explore({"": explorer}, {"": _affordable_start(source)}, settings)
     tried, judge = _Tried(explorer, source), _Fresh(source)
-    last, rounds, ending = _rounds(explorer, settings, tried, judge, watch or _ignore)
+    last, rounds, ending = _rounds(explorer, settings, tried, source, judge, watch or _ignore)
     first = judge(tuple(source.start.tolist()), last.number)
     values, best = source.values(source.start), np.array(last.point)
     factor = _over(first.judged.value, last.judged.value)
@@ -215,6 +217,7 @@ def improve(
         tuple(tried.every),
         rounds,
         ending,
+        _failed(tried.every),
         landscape_of(explorer, best),
     )
 
@@ -347,17 +350,22 @@ def _rounds(
     explorer: Explorer,
     settings: SearchSettings,
     try_design: _Tried,
+    source: ProblemSource,
     judge: _Fresh,
     watch: steps.Watch,
 ) -> tuple[_Shown, int, str]:
-    tried, shown, results, ending = list[Evaluation](), list[steps.Shown](), list[_Shown](), ""
+    shown, results, ending = list[steps.Shown](), list[_Shown](), ""
+    # Beside designs that formulas flatter, the start says what they do not know.
+    start = try_design(source.start, None, None)
+    watch(start)
+    tried = [start] if start.trials else []
     for number in range(steps.ROUNDS):
         left = max(settings.evaluations - len(tried), 1 + steps.FINALISTS)
         tried, ending = steps.refine(
             explorer, left, settings.most_trials, try_design, watch, tried, shown
         )
         before = {design.point for design in shown}
-        new = next((each for each in tried if each.coordinates not in before and each.trials), None)
+        new = _best_by_trials(tried, before)
         if new is None:
             break
         results.append(judge(new.coordinates, number))
@@ -371,8 +379,24 @@ def _rounds(
         explorer.learn(steps.evidence_of(explorer, tried, shown))
         steps.resume(explorer)
     if not results:
-        raise Refused("no design could be tried; the first one says: " + tried[0].note)
+        raise Refused(f"no design could be tried; the start says: {start.note}")
     return min(results, key=_rank), len(results), ending
+
+
+def _best_by_trials(
+    tried: Sequence[Evaluation], before: Collection[tuple[float, ...]]
+) -> Evaluation | None:
+    """Of the designs with most trials the best, by these; None where all were shown before."""
+    left = [design for design in tried if design.coordinates not in before and design.trials]
+    most = max((design.trials for design in left), default=0)
+    last = [design for design in left if design.trials == most]
+    return min(last, key=lambda design: (missed(design.margins), design.error), default=None)
+
+
+def _failed(tried: Sequence[Evaluation]) -> float:
+    """The largest factor between trials and formula, of all designs that were tried."""
+    ratios = [design.error / design.expected for design in tried if design.error > 0]
+    return max((max(ratio, 1 / ratio) for ratio in ratios), default=1.0)
 
 
 def _rank(shown: _Shown) -> tuple[float, float]:

@@ -12,7 +12,7 @@ from startrack.montecarlo import pool
 from startrack.optimise import improve
 from startrack.problem import Bounds, Expectation, Judgement, Margin, Settings, Words, run_problem
 
-SETTINGS = Settings(precision=0.01, fresh_trials=4000, trials=400, most_trials=2000)
+SETTINGS = Settings(precision=0.01, fresh_trials=16000, trials=1000, most_trials=4000)
 
 
 @dataclass(frozen=True)
@@ -90,6 +90,23 @@ def test_trials_correct_a_forecast_that_flatters_a_limit():
     found = improve(Valley(flattered=1.3), seed=3)
     assert found.verdicts["load"] == "met"
     assert 1.6 < found.best["x"] <= 2.5 / 1.3
+
+
+@dataclass(frozen=True)
+class Cliff(Valley):
+    """A formula that knows nothing of a limit: beyond x = 2 the true error is six times larger."""
+
+    def trials(self, seed, numbers):
+        rows = super().trials(seed, numbers)
+        rows["error"] *= 6.0 if self.x > 2 else 1.0
+        return rows
+
+
+def test_where_the_formula_fails_the_start_stays_and_it_is_said():
+    found = improve(Cliff(x=1.9, y=3.0, settings=replace(SETTINGS, evaluations=12)), seed=1)
+    assert found.best["x"] <= 2.0
+    assert found.judged[1].value.value == pytest.approx(Valley(x=1.9, y=3.0).error(), rel=0.05)
+    assert found.apart == pytest.approx(6.0, rel=0.1)
 
 
 def test_a_start_that_is_the_best_stays():
