@@ -29,6 +29,7 @@ FIRST = {
     "Tutorials": ["README", "docs/tutorial", "docs/tutorial-earth", "docs/gallery"],
     "How-to": [
         "docs/choose-a-detector",
+        "docs/choose-what-to-minimise",
         "docs/datasheet-to-verdict",
         "docs/calibrate-night-frames",
         "docs/units",

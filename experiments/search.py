@@ -39,7 +39,7 @@ from startrack.optimise import Foresight, Search, TrackerSource, TrialRunner, le
 from startrack.optimise.evaluate import foresee_all
 from startrack.optimise.evaluate import missed as missed_of
 from startrack.optimise.explore import Explorer
-from startrack.optimise.forecast import budgets_of_units, forecasts, geometric_mean
+from startrack.optimise.forecast import budgets_of_units, forecasts
 from startrack.optimise.steps import explore
 from startrack.optimise.units import fresh_units, level_interval_of_units
 from startrack.population import middle_of
@@ -277,7 +277,7 @@ def _level(end: End, campaign: Campaign, runner: TrialRunner, trials: int) -> fl
             float(objective.of(objective.squares(runner.run(one.case, trials, campaign.fidelity))))
             for one in weighted
         ]
-        return geometric_mean(levels, [one.weight for one in weighted]) / ARCSEC
+        return campaign.goal.over(levels, [one.weight for one in weighted]) / ARCSEC
     campaign = replace(campaign, fresh_units=math.ceil(trials / campaign.trials_per_unit))
     rows = [fresh_units(one, campaign, runner) for one in weighted]
     return level_interval_of_units(objective, weighted, rows, campaign, runner).value / ARCSEC

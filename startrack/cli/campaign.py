@@ -89,7 +89,7 @@ def stages(title: str) -> Iterator[Callable[[Stage], None]]:
         def show(stage: Stage) -> None:
             nonlocal done
             step, done = max(100 * stage.part - done, 0.0), max(100 * stage.part, done)
-            best = f", best {stage.best:.3g} arcsec" if math.isfinite(stage.best) else ""
+            best = f", best {stage.best:.3g} {stage.unit}" if math.isfinite(stage.best) else ""
             advance(step, stage.name + best)
 
         yield show

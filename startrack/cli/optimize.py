@@ -12,7 +12,7 @@ if wanted(__name__):
     from startrack.cli import problems
     from startrack.cli.campaign import open_campaign, stages, write_study
     from startrack.core import arcsec
-    from startrack.design import Campaign, Design, Objective, save_design
+    from startrack.design import Campaign, Design, save_design
     from startrack.metrics import Row, summary_rows, to_json
     from startrack.plots import draw_convergence
 
@@ -40,7 +40,7 @@ def command(options: argparse.Namespace) -> int:
     note = f"found by startrack optimize, seed {options.seed}"
     save_design(options.out / "best.toml", Design(optimum.best, campaign), note)
     optimise.write_evaluations(options.out / "evaluations.csv", optimum.evaluations)
-    draw_convergence(options.out / "convergence.png", optimum, campaign.objective)
+    draw_convergence(options.out / "convergence.png", optimum, campaign)
     result = {"out": str(options.out), "seed": options.seed, **optimum_values(optimum, campaign)}
     write_study(options, "comparison", table, result, f"the search ended: {optimum.ending}; ")
     return Exit.DONE if optimum.feasible else Exit.UNSOLVED
@@ -49,8 +49,13 @@ def command(options: argparse.Namespace) -> int:
 def optimum_values(optimum: optimise.Optimum, campaign: Campaign) -> dict[str, Any]:
     """An optimum for JSON."""
     space, available, units = optimum.space, optimum.availability, optimum.units
+    ends = {"cost_start": optimum.start, "cost_best": optimum.best}
+    costs = {name: campaign.cost(case) for name, case in ends.items()}
+    costs = costs if campaign.minimise != "error" else {}
     return {
-        "objective": str(Objective.read(campaign.objective)),
+        "objective": str(campaign.goal),
+        "minimise": campaign.minimise,
+        **costs,
         "branch": optimum.branch,
         "start": to_json(summary_rows(optimum.fresh[0])),
         "best": to_json(summary_rows(optimum.fresh[1])),

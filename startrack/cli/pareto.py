@@ -10,9 +10,9 @@ if wanted(__name__):
     import numpy as np
 
     from startrack.cli.campaign import open_campaign, stages, write_study
-    from startrack.design import DesignSpace
+    from startrack.design import COSTS, DesignSpace
     from startrack.metrics import markdown
-    from startrack.optimise import UNITS, Goals, front
+    from startrack.optimise import Goals, front
     from startrack.plots import draw_front
 
 
@@ -47,7 +47,7 @@ def command(options: argparse.Namespace) -> int:
         space = DesignSpace(case, campaign.variables, campaign.links)
         points = front(space, campaign, goals, runner, options.points, options.method, show)
     named = (goals.first, goals.second)
-    units = [UNITS.get(goal, "arcsec") for goal in named]
+    units = [COSTS.get(goal, "arcsec") for goal in named]
     head, rows = list[str](), []
     for goal, unit in zip(named, units, strict=True):
         head += [f"{goal} ({unit}) expected", "tried"]

@@ -12,7 +12,7 @@ if wanted(__name__):
     from startrack.budget import caveats, refusal
     from startrack.cli.terminal import example, found_file, print_result, read_design, stage
     from startrack.core import arcsec, deg, um
-    from startrack.design import Objective, Requirements
+    from startrack.design import Requirements
     from startrack.earth import imager
     from startrack.io import aligned, from_table, read_table, shipped
     from startrack.optimise import expect, expected_objective, units_text
@@ -46,7 +46,7 @@ def command(options: argparse.Namespace) -> int:
     with stage("error budget"):
         budget, margins = expect(design.case, campaign)
     over = campaign.over_units(design.case)
-    objective = units_text(over, campaign) if over else str(Objective.read(campaign.objective))
+    objective = units_text(over, campaign) if over else str(campaign.goal)
     error = expected_objective(design.case, campaign) / arcsec
     # No requirement is met by what is no number.
     met = all(math.isfinite(margin) and margin >= 0 for margin in margins.values())

@@ -10,7 +10,7 @@ from startrack.cli.options import Exit, Option, Options, power_of_two, study, wa
 if wanted(__name__):
     from startrack.cli.campaign import open_campaign, write_study
     from startrack.cli.terminal import progress
-    from startrack.design import DesignSpace, Objective
+    from startrack.design import DesignSpace
     from startrack.metrics import Column, Table
     from startrack.optimise import Sensitivity, sensitivities, units_text
     from startrack.plots import draw_tornado
@@ -44,7 +44,7 @@ def command(options: argparse.Namespace) -> int:
         with progress("forecasts", count) as advance:
             studied = sensitivities(space, campaign, runner, options.designs, advance)
     over = campaign.over_units(case)
-    objective = units_text(over, campaign) if over else str(Objective.read(campaign.objective))
+    objective = units_text(over, campaign) if over else str(campaign.goal)
     shown = _table(studied, objective, space.labels())
     table = "\n".join([*shown.markdown(), "", MEANING])
     draw_tornado(options.out / "tornado.png", studied, objective)

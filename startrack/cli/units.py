@@ -81,7 +81,7 @@ def gains_of(
     case: Case, campaign: Campaign, changes: list[Change], options: argparse.Namespace
 ) -> tuple[dict[str, Any], str]:
     """What each change of a design buys and costs: values for JSON, and a table."""
-    objective, needs = design.Objective.read(campaign.objective), campaign.requirements
+    objective, needs = campaign.goal, campaign.requirements
     required, fraction = needs.accuracy, campaign.units or USUAL
     with progress("units", options.units * (1 + len(changes))) as advance:
         allocated = allocation(

@@ -52,7 +52,7 @@ from startrack.design.parameter import (
 )
 from startrack.design.parameter import text as value_text
 from startrack.design.products import products
-from startrack.design.requirements import Accuracy, KeepOut, Requirements
+from startrack.design.requirements import COSTS, Accuracy, KeepOut, Requirements
 from startrack.design.structure import TURNS, Structure
 from startrack.design.variables import OF_IMAGES, Choice, DesignSpace, Link, Variable, branches
 from startrack.design.variation import (

@@ -1,7 +1,10 @@
 """Campaign: what a study of a design is asked."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import ClassVar
 
 from startrack.core import (
@@ -16,8 +19,8 @@ from startrack.core import (
 )
 from startrack.design.case import Case, Fidelity
 from startrack.design.conditions import Condition, Judged, OverUnits, judged
-from startrack.design.objective import Objective
-from startrack.design.requirements import Accuracy, Requirements
+from startrack.design.objective import MEANS, Objective
+from startrack.design.requirements import COSTS, Accuracy, Requirements
 from startrack.design.variables import Choice, Link, Variable
 
 AGES = ("begin", "end")
@@ -49,9 +52,21 @@ class Campaign(Parameters):
         '"across", "about" or "both", whose rms error is made small; with a fraction in '
         'percent, as in "across-99.73", the error that this share of trials does not exceed by its '
         'length; as in "across-99.73 per axis", that this share of errors about single axes does '
-        "not "
-        "exceed. Of several conditions, the geometric mean by their weights",
+        'not exceed; "both radial": the root of the sum of the squares about all axes; as in '
+        '"across + 0.1 about", a weighted sum of rms errors',
         default="across",
+    )
+    conditions_mean: str = parameter(
+        "how the objective counts conditions, by their weights: their geometric, arithmetic or "
+        "quadratic mean; or the worst of those that have a weight",
+        limit=Range(choices=MEANS),
+        default=MEANS[0],
+    )
+    minimise: str = parameter(
+        '"error": the objective; or a cost by the models of the requirements, under their limits, '
+        "which trials of errors and availability decide as ever",
+        limit=Range(choices=("error", *COSTS)),
+        default="error",
     )
     units: float | None = parameter(
         "fraction of the units of the design, such as 0.95, that must be as good: the objective "
@@ -135,6 +150,39 @@ class Campaign(Parameters):
         Objective.read(self.objective)
         whole(self.trials, 10**6, most_trials=self.most_trials)
         self._check_units()
+
+    def error(self, text: str) -> Objective:
+        """A statistic of the error, over the conditions as the campaign counts them."""
+        return replace(Objective.read(text), mean=self.conditions_mean)
+
+    @property
+    def goal(self) -> Objective:
+        """The statistic of the error that it names, whether or not that is made small."""
+        return self.error(self.objective)
+
+    @property
+    def of_errors(self) -> Campaign:
+        """The same, in which the error is made small."""
+        return replace(self, minimise="error")
+
+    def cost(self, case: Case) -> float | None:
+        """What is made small instead of the error; None where it is the error.
+
+        Returns  SI, in the unit of `COSTS`
+        """
+        if self.minimise == "error":
+            return None
+        cost = self.requirements.cost_named(self.minimise, case)
+        if not cost > 0:
+            raise Refused(f"{self.minimise} must be positive to be made small, got {cost:g}")
+        return cost
+
+    @property
+    def made_small(self) -> tuple[str, str]:
+        """What is made small, in words, and its unit."""
+        if self.minimise == "error":
+            return str(self.goal), "arcsec"
+        return self.minimise, COSTS[self.minimise]
 
     def _check_units(self) -> None:
         if self.age not in AGES:

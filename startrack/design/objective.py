@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,6 +15,8 @@ from startrack.metrics import Interval, ratio_of_levels, ratio_of_rms
 
 AXES = {"across": [0, 1], "about": [2], "both": [0, 1, 2]}
 KINDS = ("per axis", "radial")
+MEANS = ("geometric", "arithmetic", "quadratic", "worst")
+TERM = re.compile(r"\s*(?:(\d+\.?\d*|\.\d+)\s+)?(across|about)\s*")
 
 
 @dataclass(frozen=True)
@@ -29,24 +33,35 @@ class Objective:
               sqrt(x^2 + y^2) for across; of the errors about single axes where per axis
     kind      "per axis" or "radial"; "" is per axis for the rms and radial with a fraction. About
               the boresight alone, both are the same
+    terms     axes and weights of a sum of rms errors per axis, in place of the others; () for none
+    mean      over conditions, by their weights w of the errors e in them: "geometric",
+              "arithmetic" (sum w e), "quadratic" (sqrt(sum w e^2)), both over sum w, or "worst",
+              the largest of all that have a weight
     """
 
     axes: str = "across"
     fraction: float | None = None
     kind: str = ""
+    terms: tuple[tuple[str, float], ...] = ()
+    mean: str = "geometric"
 
     def __post_init__(self) -> None:
+        one_of(MEANS, mean=self.mean)
         one_of(AXES, axes=self.axes)
         one_of(("", *KINDS), kind=self.kind)
+        if self.terms and (self.axes != "both" or self.fraction is not None):
+            raise Refused(f"terms must be of all axes and of the rms, got {self.axes}")
         if self.fraction is not None and not 0 < self.fraction < 1:
             raise Refused(f"fraction must lie in (0, 1), got {self.fraction}")
 
     @classmethod
     def read(cls, text: str) -> Objective:
-        """From "across", "about-99.73", "across-99.73 per axis" and the like, in percent.
+        """From "across", "about-99.73", "across-99.73 per axis", "across + 0.1 about" and the like.
 
         Raises  ValueError where the text is none of these.
         """
+        if "+" in text:
+            return cls(axes="both", terms=_terms(text))
         statistic, _, kind = text.partition(" ")
         axes, dash, percent = statistic.partition("-")
         try:
@@ -59,6 +74,14 @@ class Objective:
             ) from None
 
     def __str__(self) -> str:
+        over = "" if self.mean == MEANS[0] else f", {self.mean}"
+        over += " mean over conditions" if self.mean in MEANS[1:3] else " condition" * bool(over)
+        return self._of_axes() + over
+
+    def _of_axes(self) -> str:
+        if self.terms:
+            each = (f"{weight:g} " * (weight != 1) + axes for axes, weight in self.terms)
+            return f"rms errors {' + '.join(each)} the boresight"
         level = "rms" if self.fraction is None else f"{100 * self.fraction:g} %"
         where = "about all axes" if self.axes == "both" else f"{self.axes} the boresight"
         named = self.axes != "about" and (self.fraction is not None or self.radial)
@@ -72,11 +95,12 @@ class Objective:
     def squares(self, outcomes: Rows) -> Floats:
         """Radian^2 of each trial, NaN where there is no attitude or a false one.
 
-        Returns  (n,), their mean over the axes; (n, axes) for a level per axis of several
+        Returns  (n,), their mean over the axes; (n, axes) for a level per axis of several, and for
+                 a sum
         """
         axes = np.stack([outcomes[f"error_{'xyz'[axis]}"] ** 2 for axis in AXES[self.axes]], -1)
         correct = outcomes["solved"] & ~outcomes["false"]
-        if self.per_axis_level:
+        if self.per_axis_level or self.terms:
             return np.where(correct[:, None], axes, np.nan)
         square = axes.sum(axis=1) / axes.shape[1]
         return np.where(correct, square, np.nan)
@@ -94,11 +118,18 @@ class Objective:
     @property
     def rms_per_axis(self) -> bool:
         """Whether it is the root mean square of the errors about single axes."""
-        return self.fraction is None and not (self.radial and len(self.summed) > 1)
+        alone = not (self.radial and len(self.summed) > 1)
+        return self.fraction is None and not self.terms and alone
 
     def of(self, squares: Floats) -> Floats:
-        """Radian, over the last axis of squares (two for a level per axis); NaN without any."""
+        """Radian, over the last axis of squares (two where these have axes); NaN without any."""
         axes = len(AXES[self.axes])
+        if self.terms:
+            parts = [
+                weight * Objective(name).of(squares[..., AXES[name]].mean(axis=-1))
+                for name, weight in self.terms
+            ]
+            return np.asarray(np.sum(parts, axis=0))
         with warnings.catch_warnings():
             # That an axis is all NaN, of which the mean is NaN, as it should be.
             warnings.filterwarnings("ignore", "Mean of empty slice|All-NaN", RuntimeWarning)
@@ -111,6 +142,61 @@ class Objective:
                 return np.sqrt(quantile(squares, self.fraction, axis=(-2, -1)))
             return np.sqrt(axes * quantile(squares, self.fraction, axis=-1))
 
+    def over(self, errors: Sequence[float], weights: Sequence[float]) -> float:
+        """The mean of errors in conditions; NaN where there is none, or one is NaN or zero."""
+        if not errors or not all(error > 0 for error in errors):
+            return math.nan
+        if len(errors) == 1:
+            return errors[0]
+        pairs = list(zip(errors, weights, strict=True))
+        total = math.fsum(weights)
+        match self.mean:
+            case "arithmetic":
+                return math.fsum(weight * error for error, weight in pairs) / total
+            case "quadratic":
+                return math.sqrt(math.fsum(weight * error**2 for error, weight in pairs) / total)
+            case "worst":
+                return max(errors)
+        return math.exp(math.fsum(weight * math.log(error) for error, weight in pairs) / total)
+
+    def _shares(self, errors: Sequence[float], weights: Sequence[float]) -> Floats:
+        """By how much ln(mean) grows with the ln of each error in conditions; their sum is 1."""
+        power = {"geometric": 0, "arithmetic": 1, "quadratic": 2}.get(self.mean)
+        if power is None:
+            return np.eye(len(errors))[int(np.argmax(errors))]
+        share = np.asarray(weights, float) * np.asarray(errors) ** power
+        return np.asarray(share / share.sum())
+
+    def _columns(self, squares: Floats) -> tuple[list[Floats], Floats]:
+        """Squares (n,), whose rms make the error, and by how much ln(error) grows with each."""
+        if not self.terms:
+            return [squares], np.ones(1)
+        columns = [squares[:, AXES[name]].mean(axis=1) for name, _ in self.terms]
+        parts = [
+            weight * float(Objective(name).of(column))
+            for (name, weight), column in zip(self.terms, columns, strict=True)
+        ]
+        return columns, np.array(parts) / sum(parts)
+
+    def _all_columns(
+        self, conditions: Sequence[Floats], shares: Floats
+    ) -> tuple[list[Floats], Floats]:
+        """`_columns` of all conditions, by how much ln(mean) grows with each."""
+        every = [self._columns(squares) for squares in conditions]
+        own = [share * part for share, (_, part) in zip(shares, every, strict=True)]
+        return [column for columns, _ in every for column in columns], np.concatenate(own)
+
+    def as_one_square(self, squares: Floats) -> Floats:
+        """(n,) of each trial, whose mean varies as the square of the error, to first order."""
+        columns, shares = self._columns(squares)
+        if len(columns) == 1:
+            return columns[0]
+        parts = [
+            share * column / np.nanmean(column)
+            for column, share in zip(columns, shares, strict=True)
+        ]
+        return np.asarray(np.sum(parts, axis=0))
+
     def ratio(
         self,
         first: Sequence[Floats],
@@ -121,15 +207,45 @@ class Objective:
     ) -> Interval:
         """Statistic of the squares of some trials over that of others, with its interval.
 
-        Over several conditions, the ratio of the geometric means by their weights. A trial that a
-        design did not solve counts for the other design alone.
+        Over several conditions, the ratio of the means by their weights. A trial that a design did
+        not solve counts for the other design alone.
 
         first, second  radian^2, of trials of each condition, on the same skies in all of them
         paired         whether both are of the same trials, in the same order
-        Accuracy       NaN where one solved none; see `ratio_of_rms` and `ratio_of_levels`.
+        Accuracy       NaN where one solved none; see `ratio_of_rms` and `ratio_of_levels`. Sums and
+                       other means than the geometric one are linearised about what was found; the
+                       worst condition is the one that was found to be.
         """
         if not all(np.isfinite(squares).any() for squares in (*first, *second)):
             return Interval(np.nan, np.nan, np.nan)
-        if self.fraction is None:
-            return ratio_of_rms(first, second, weights, confidence, paired)
-        return ratio_of_levels(first, second, self.fraction, weights, confidence, paired)
+        errors = [[float(self.of(squares)) for squares in side] for side in (first, second)]
+        value = self.over(errors[0], weights) / self.over(errors[1], weights)
+        shares = [self._shares(side, weights) for side in errors]
+        if self.fraction is not None:
+            both = np.mean(shares, axis=0)
+            found = ratio_of_levels(first, second, self.fraction, both, confidence, paired)
+        else:
+            (a, own_a), (b, own_b) = (
+                self._all_columns(side, share)
+                for side, share in zip((first, second), shares, strict=True)
+            )
+            found = ratio_of_rms(a, b, np.stack([own_a, own_b]), confidence, paired)
+        if not self.terms and self.mean == MEANS[0]:
+            return found
+        return Interval(value, value * found.low / found.value, value * found.high / found.value)
+
+
+def _terms(text: str) -> tuple[tuple[str, float], ...]:
+    """Axes and weights of a sum."""
+    terms = list[tuple[str, float]]()
+    for part in text.split("+"):
+        match = TERM.fullmatch(part)
+        if not match or not (weight := float(match[1] or 1)) > 0:
+            raise Refused(
+                "objective must be a sum of rms errors across and about with positive weights, as "
+                f"in across + 0.1 about, got {text!r}"
+            )
+        terms.append((match[2], weight))
+    if len({axes for axes, _ in terms}) < len(terms):
+        raise Refused(f"objective must not add the same axes twice, got {text!r}")
+    return tuple(terms)

@@ -73,6 +73,15 @@ def cost_of(surfaces: Surfaces, elements: float) -> LensCost:
     return LensCost(elements, mass, volume, PRICE * (mass / PRICED) ** STEEP)
 
 
+# What a design costs, and the unit of it.
+COSTS = {
+    "mass": "kg",
+    "power": "W",
+    "data rate": "bit / s",
+    "volume": "m3",
+    "cost": "1",
+    "aperture": "m",
+}
 COST_MODELS = ("aperture",)
 SKIES = ("whole", "worst")
 BLINDED = ("counted", "left out")
@@ -443,6 +452,14 @@ class Requirements(core.CarriesCode):
         if lens := lens_cost(optics):
             return fixed + lens.price
         return fixed + self.cost_of_metre * optics.aperture**self.cost_power
+
+    def aperture(self, case: Case) -> float:
+        """Metre."""
+        return case.instrument.optics.aperture
+
+    def cost_named(self, name: str, case: Case) -> float:
+        """One of COSTS, in its unit."""
+        return float(getattr(self, name.replace(" ", "_"))(case))
 
     def own_margins(self, case: Case) -> dict[str, float]:
         """The margin of each of `checks`, by its name.

@@ -16,7 +16,7 @@ ALLOWANCE = 4.0  # for the variance of few values, as for `mean_bounds`; chosen 
 def ratio_of_rms(
     first: Sequence[Floats],
     second: Sequence[Floats],
-    weights: Sequence[float],
+    weights: Sequence[float] | Floats,
     confidence: float = 0.95,
     paired: bool = True,
 ) -> Interval:
@@ -31,16 +31,21 @@ def ratio_of_rms(
 
     first, second  (n,) squares of each condition, the same trials in all of them; NaN where there
                    is no attitude
+    weights        w; (2, k), those of the first and of the second
     paired         whether both are of the same trials, in the same order
     Returns        NaN where one has no attitude; without bounds of fewer than three trials
     Accuracy       statistical: 95 % intervals hold 0.93 to 0.97 from 20 trials on, paired or not,
                    where errors are normal, and where their sigma varies by exp(0.5) over the sky.
     """
     sides = [[_influences(squares) for squares in side] for side in (first, second)]
-    share = np.asarray(weights, float) / sum(weights)
+    shares = np.broadcast_to(np.asarray(weights, float), (2, len(first)))
+    shares = shares / shares.sum(axis=1, keepdims=True)
     logs = [np.array([log for log, *_ in side]) for side in sides]
-    value = math.exp(float(share @ (logs[0] - logs[1])) / 2)
-    parts = [share @ np.stack([influence for _, influence, _ in side]) / 2 for side in sides]
+    value = math.exp(float(shares[0] @ logs[0] - shares[1] @ logs[1]) / 2)
+    parts = [
+        share @ np.stack([influence for _, influence, _ in side]) / 2
+        for share, side in zip(shares, sides, strict=True)
+    ]
     counts = [min(int(np.isfinite(squares).sum()) for squares in side) for side in (first, second)]
     if min(counts) < 3 or not math.isfinite(value):
         return Interval(value, 0.0, math.inf) if value >= 0 else Interval(*[math.nan] * 3)

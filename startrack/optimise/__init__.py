@@ -26,13 +26,13 @@ tables       The results of studies as CSV, JSON lines and Markdown.
 
 from startrack.optimise.allocation import Change, allocation, halved, levers
 from startrack.optimise.ensemble import Chains, Ensembles, draw, median_and_ends, thinned
-from startrack.optimise.evaluate import Foresight, evaluate, foresee
+from startrack.optimise.evaluate import Evaluation, Foresight, evaluate, foresee
 from startrack.optimise.explore import Explorer
 from startrack.optimise.forecast import Forecast, expect, expected_objective
 from startrack.optimise.improve import Improved, improve, verdicts
 from startrack.optimise.ledger import Ledger
 from startrack.optimise.optimise import Optimum, optimize
-from startrack.optimise.pareto import UNITS, Goals, Point, front
+from startrack.optimise.pareto import Goals, Point, front
 from startrack.optimise.runner import VERIFYING, VERIFYING_UNIT, TrialRunner
 from startrack.optimise.search import Algorithm, Search, SearchInput, least
 from startrack.optimise.sensitivity import Sensitivity, sensitivities

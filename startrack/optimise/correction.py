@@ -59,8 +59,11 @@ def correct(tried: Sequence[Evaluation], middle: Floats, radius: float) -> Corre
     """Fit the correction to the designs within `radius` of the middle along each axis.
 
     Least squares weighted by the trials of each design, with Gaussian priors on the value and the
-    slopes, so that terms that few designs constrain stay near zero.
+    slopes, so that terms that few designs constrain stay near zero. A cost needs no correction.
     """
+    if any(math.isfinite(evaluation.cost) for evaluation in tried):
+        none = np.zeros(len(middle) + 1)
+        return Correction(middle, none, np.outer(none, none))
     near = [
         evaluation
         for evaluation in tried

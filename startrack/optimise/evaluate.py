@@ -46,6 +46,7 @@ class Evaluation:
     note         why none was run, or empty
     forecast     of the margins that trials measured, what the budget says
     tried        number of trials, where there is no summary
+    cost         SI, what the campaign makes small; NaN where that is the error
     """
 
     coordinates: tuple[float, ...]
@@ -58,6 +59,7 @@ class Evaluation:
     note: str
     forecast: Mapping[str, float] = field(default_factory=dict)
     tried: int = 0
+    cost: float = math.nan
 
     @property
     def feasible(self) -> bool:
@@ -95,6 +97,9 @@ def evaluate(
     the constrained problem where PENALTY exceeds the slope of ln(error) along the margin (Fletcher
     1987, Practical Methods of Optimization, 14.3).
 
+    A campaign that makes a cost small has ln(cost) in place of the first two terms: no trial
+    corrects it, and errors count by the margins of their limits alone.
+
     trials      None for the campaign's first number
     correction  ln(error / expected) at unit-cube coordinates, None for zero
     spare       whether no trials are run where a requirement that needs none is missed
@@ -104,13 +109,15 @@ def evaluate(
     """
     coordinates = np.clip(coordinates, 0, 1)
     values = space.values(coordinates)
-    objective = Objective.read(campaign.objective)
+    objective = campaign.goal
     try:
-        judged = campaign.judged(space.design(coordinates))
+        case = space.design(coordinates)
+        judged, cost = campaign.judged(case), campaign.cost(case)
         margins = margins_of(campaign.requirements, judged[0].case)
         given = known.conditions if known else {}
         expected, foreseen = forecasts(judged, objective, runner, known=given)
         score = _log_arcsec(expected) + (correction(coordinates) if correction else 0.0)
+        score = score if cost is None else math.log(cost)
         count, tried = trials or campaign.trials, {}
         if not (spare and missed(margins)):
             tried = {
@@ -135,12 +142,12 @@ def evaluate(
             own = measured(condition, tried[condition.name], runner.seed, there)
         margins |= named(condition.name, own)
     error = combined(judged, tried, objective, foreseen)
-    if not expected > 0:
+    if not expected > 0 and cost is None:
         score = _log_arcsec(error) + (correction(coordinates) if correction else 0.0)
     score += PENALTY * missed(margins)
-    return Evaluation(
-        tuple(coordinates), values, error, expected, score, margins, summary, "", by_budget
-    )
+    found = error, expected, score, margins, summary, "", by_budget
+    paid = math.nan if cost is None else cost
+    return Evaluation(tuple(coordinates), values, *found, cost=paid)
 
 
 def try_out(condition: Judged, trials: int, fidelity: Fidelity, runner: TrialRunner) -> Rows:
@@ -170,13 +177,14 @@ def combined(
         for condition in counted
     ]
     weights = [condition.weight for condition in counted]
-    return forecast.geometric_mean(errors, weights) if counted else math.nan
+    return objective.over(errors, weights)
 
 
 class Foresight(NamedTuple):
     """What is expected of a design without a trial.
 
-    expected    ln(arcsec) of the objective; NaN where no attitude is expected
+    expected    ln of what is made small, the objective in arcsec or a cost; NaN where no attitude
+                is expected
     margins     of the requirements; none where the design cannot be built
     conditions  what the budget expects in each of them that was computed
     lasting     false where the machine refused it, as for `Refused`: no ledger keeps it
@@ -287,7 +295,7 @@ def _foreseen(
     """What is expected of a design; nothing for None, and where it contradicts itself."""
     if case is None:
         return NOTHING
-    objective = Objective.read(campaign.objective)
+    objective = campaign.goal
     try:
         costs, judged = cost_margins(campaign.requirements, case), campaign.judged(case)
         if missed(costs) > most_excess:
@@ -295,7 +303,8 @@ def _foreseen(
         margins = margins_of(campaign.requirements, case)
         weighted = [condition for condition in judged if condition.weight]
         expected, conditions = forecasts(weighted, objective, seed=seed, known=known)
-        log = math.log(expected / arcsec) if expected > 0 else math.nan
+        cost = campaign.cost(case)
+        log = math.log(expected / arcsec if cost is None else cost) if expected > 0 else math.nan
         for last in (False, True):
             for condition in judged:
                 if condition.name in conditions:

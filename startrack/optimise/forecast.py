@@ -22,16 +22,6 @@ Value = TypeVar("Value")
 MOST_MISSED = 9.0
 
 
-def geometric_mean(errors: Sequence[float], weights: Sequence[float]) -> float:
-    """Mean of errors by their weights; NaN where there is none, or one is NaN or zero."""
-    if not errors or not all(error > 0 for error in errors):
-        return math.nan
-    if len(errors) == 1:
-        return errors[0]
-    logs = [weight * math.log(error) for error, weight in zip(errors, weights, strict=True)]
-    return math.exp(math.fsum(logs) / math.fsum(weights))
-
-
 def named(condition: str, margins: Mapping[str, Value]) -> dict[str, Value]:
     """Margins with the name of their condition, except those of the design's own."""
     if condition == NOMINAL:
@@ -208,7 +198,7 @@ def forecasts(
     errors = [expected.error for condition, expected in pairs if condition.weight]
     weights = [condition.weight for condition in judged if condition.weight]
     by_name = {condition.name: expected for condition, expected in pairs}
-    return geometric_mean(errors, weights), by_name
+    return objective.over(errors, weights), by_name
 
 
 def without_units(case: Case) -> Case:
@@ -246,6 +236,6 @@ def expected_objective(case: Case, campaign: Campaign, seed: int = 1) -> float:
 
     seed  of the units, where it is judged over units
     """
-    objective = Objective.read(campaign.objective)
+    objective = campaign.goal
     judged = [condition for condition in campaign.judged(case) if condition.weight]
     return forecasts(judged, objective, seed=seed)[0]

@@ -32,7 +32,7 @@ class Candidate:
     """The best design of a search that is no better than the start, on fresh trials.
 
     design   it
-    factor   error of the start over its error
+    factor   error of the start over its error, or cost over cost
     margins  of the requirements, as for `Optimum`
     """
 
@@ -54,7 +54,8 @@ class Optimum:
     start, best   designs
     evaluations   all, in order
     fresh         summaries of start and best on frames that no tuning used
-    factor        error of the start over that of the best, on these trials
+    factor        error of the start over that of the best, on these trials; of a cost that the
+                  campaign makes small, its ratio
     tuning_error  radian, error of the best on the trials that tuned it
     optimism      error of the best on fresh frames over that on the tuning trials
     availability  of the best on fresh trials, with bounds at 95 % confidence
@@ -142,7 +143,7 @@ class _Progress:
 
     def _tell(self, name: str, part: float) -> None:
         if self._watch:
-            self._watch(Stage(name, part, self._best))
+            self._watch(Stage(name, part, self._best, self._campaign.made_small[1]))
 
 
 def optimize(
@@ -195,7 +196,7 @@ def optimize(
         landscape = landscape_of(explorer, np.array(confirmed.design.coordinates))
     best, second, fresh_trials = confirmed.design, confirmed.frames, confirmed.fresh
     first = _fresh_frames(campaign.judged(case), campaign, runner, fresh_trials, progress.fresh)
-    objective, needs = design.Objective.read(campaign.objective), campaign.requirements
+    objective, needs = campaign.goal, campaign.requirements
     winner = space.design(np.array(best.coordinates))
     counted = [condition for condition in campaign.judged(winner) if condition.weight]
     weights = [condition.weight for condition in counted]
@@ -211,11 +212,14 @@ def optimize(
     before, after, tuned = (
         [objective.squares(rows) for rows in trials.values()] for trials in (first, second, tuning)
     )
+    costs = campaign.cost(case), campaign.cost(winner)
     if units:
         factor, optimism = units.factor, units.optimism
     else:
         factor = objective.ratio(before, after, weights)
         optimism = objective.ratio(after, tuned, weights, paired=False)
+    if costs[0] and costs[1]:
+        factor = Interval(*[costs[0] / costs[1]] * 3)
     fresh = [summarise(trials[design.NOMINAL], needs.limits) for trials in (first, second)]
     found = Optimum(
         space=space,
@@ -412,7 +416,8 @@ class _Confirmed:
     def score(self) -> float:
         """As of a search, by the margins of the fresh trials."""
         error = self.design.error if self.design.error > 0 else math.inf
-        return math.log(error) + PENALTY * missed(self.margins)
+        cost = self.design.cost
+        return math.log(cost if math.isfinite(cost) else error) + PENALTY * missed(self.margins)
 
 
 @dataclass(frozen=True)
@@ -445,7 +450,7 @@ def _shown(
 ) -> _Shown:
     """What fresh trials show of a design in all its conditions."""
     shown = _Shown({}, {}, {}, Interval(math.nan, 0.0, 1.0))
-    objective = design.Objective.read(campaign.objective)
+    objective = campaign.goal
     for condition in judged:
         outcomes = frames.get(condition.name)
         if outcomes is None:

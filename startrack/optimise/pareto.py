@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from startrack.core import Flags, Floats, Refused, Rows, arcsec, one_of, printed, whole
-from startrack.design import Campaign, DesignSpace, Judged, Objective, fewest_trials_beyond
+from startrack.design import COSTS, Campaign, DesignSpace, Judged, Objective, fewest_trials_beyond
 from startrack.metrics import Interval
 from startrack.optimise.emulator import emulator
 from startrack.optimise.evaluate import Foresight, combined, foresee_all, missed
@@ -22,7 +22,6 @@ from startrack.optimise.units import fresh_units, level_interval_of_units
 METHODS = ("epsilon", "weighted")
 NONE_MEETS = "no design in the design space meets the requirements that need no trials"
 SAME = 1e-3  # of ln(goal), by which a limit may be exceeded
-UNITS = {"mass": "kg", "power": "W", "data rate": "bit / s", "volume": "m3", "cost": "1"}
 
 
 @dataclass(frozen=True)
@@ -30,7 +29,7 @@ class Goals:
     """Two objectives that are traded off.
 
     first, second  an objective of the error, such as "across" or "about-99.73", or a cost of a
-                   design: "mass", "power", "data rate", "volume" or "cost"
+                   design: "mass", "power", "data rate", "volume", "cost" or "aperture"
     """
 
     first: str = "across"
@@ -40,7 +39,7 @@ class Goals:
         if self.first == self.second:
             raise Refused(f"first and second must differ, got {self.first} twice")
         for goal in (self.first, self.second):
-            if goal not in UNITS:
+            if goal not in COSTS:
                 Objective.read(goal)
 
 
@@ -91,6 +90,7 @@ def front(
     """
     whole(2, 1000, points=points)
     one_of(METHODS, method=method)
+    campaign = campaign.of_errors
     if campaign.units is not None:
         _check_levels(goals, campaign)
     start = feasible_start(space, campaign.requirements)
@@ -120,7 +120,7 @@ def front(
 
 def _check_levels(goals: Goals, campaign: Campaign) -> None:
     for goal in (goals.first, goals.second):
-        fewest = 0 if goal in UNITS else fewest_trials_beyond(Objective.read(goal))
+        fewest = 0 if goal in COSTS else fewest_trials_beyond(campaign.error(goal))
         if campaign.trials_per_unit < fewest:
             raise Refused(
                 f"campaign.unit_trials must be at least {fewest} for the goal {goal} over units, "
@@ -143,7 +143,7 @@ def undominated(values: Floats) -> list[int]:
 
 def cost_of(campaign: Campaign, goal: str) -> Callable[..., float] | None:
     """The cost model of a goal, None where the goal is an error."""
-    return getattr(campaign.requirements, goal.replace(" ", "_")) if goal in UNITS else None
+    return partial(campaign.requirements.cost_named, goal) if goal in COSTS else None
 
 
 ROUNDS = 4  # of proposals for all points of a front; chosen by hand
@@ -166,7 +166,7 @@ class _Search:
         tell: Callable[[Explorer], None],
     ) -> None:
         self._space, self._goals, self._runner = space, (goals.first, goals.second), runner
-        errors = [goal for goal in self._goals if goal not in UNITS]
+        errors = [goal for goal in self._goals if goal not in COSTS]
         self._campaign = replace(campaign, objective=(errors or [campaign.objective])[0])
         self._known = list[Floats]()
         self.explorer = Explorer(TrackerSource(space, self._campaign, runner))
@@ -275,7 +275,7 @@ def _measured(
         if cost_of(campaign, goal):
             intervals.append(Interval(*[float(value)] * 3))
         else:
-            intervals.append(_interval(judged, tried, Objective.read(goal), campaign, runner))
+            intervals.append(_interval(judged, tried, campaign.error(goal), campaign, runner))
     both = (float(np.exp(expected[0])), float(np.exp(expected[1])))
     first, second = intervals
     measured = first.value, second.value

@@ -148,7 +148,13 @@ class TrialRunner:
         """
         judged = case, campaign.requirements, campaign.conditions, campaign.over_units(case)
         inputs = inputs_of(case), inputs_of(campaign.requirements)
-        text = f"{software()} {self.seed} forecast {campaign.objective} {limits} "
+        usual = Campaign()
+        words = [
+            value
+            for name in ("objective", "conditions_mean", "minimise")
+            if (value := getattr(campaign, name)) != getattr(usual, name) or name == "objective"
+        ]
+        text = f"{software()} {self.seed} forecast {' '.join(words)} {limits} "
         text += f"{described(judged)} {inputs}"
         return hashlib.blake2b(text.encode(), digest_size=16).digest()
 

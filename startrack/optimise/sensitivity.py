@@ -104,7 +104,9 @@ def _log_errors(
 ) -> Floats:
     """ln(error / arcsec) of designs, whatever they cost; NaN where no attitude is expected."""
     limits = -math.inf, math.inf  # in conditions with a weight alone
-    seen = foresee_all(space, campaign, points, runner, runner.seed, *limits, progress=progress)
+    seen = foresee_all(
+        space, campaign.of_errors, points, runner, runner.seed, *limits, progress=progress
+    )
     return np.array([foresight.expected for foresight in seen])
 
 

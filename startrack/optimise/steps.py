@@ -35,12 +35,14 @@ class Stage(NamedTuple):
 
     name  of what it does
     part  1, of the time that all will take, as on the nanosatellite
-    best  arcsec, the objective of the best design so far, as expected; NaN before the first
+    best  what is made small of the best design so far, as expected; NaN before the first
+    unit  of it
     """
 
     name: str
     part: float
     best: float
+    unit: str = "arcsec"
 
 
 def explore(
@@ -235,7 +237,7 @@ class Shown(NamedTuple):
 def corrected_score(
     explorer: Explorer, tried: Sequence[Evaluation]
 ) -> Callable[[tuple[float, ...]], float]:
-    """ln(arcsec) of the objective of any design, as trials correct its forecast, without limits."""
+    """ln of what is made small of any design, as trials correct its forecast, without limits."""
     correction = correct(tried, explorer.best, EVERYWHERE)
 
     def score(coordinates: tuple[float, ...]) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 
 from startrack.budget import caveats, differences, refusal
 from startrack.core import Refused, arcsec
-from startrack.design import NOMINAL, YEAR, Campaign, Objective, OverUnits
+from startrack.design import NOMINAL, YEAR, Campaign, OverUnits
 from startrack.io import save_csv
 from startrack.metrics import Interval, bracketed, markdown
 from startrack.optimise.ensemble import Chains
@@ -86,7 +86,7 @@ def landscape_lines(optimum: Optimum, campaign: Campaign) -> list[str]:
         lines += [
             "",
             "What limits it: if a limit is relaxed by 1 %, the "
-            f"{Objective.read(campaign.objective)} is expected to change by: {prices}.",
+            f"{campaign.made_small[0]} is expected to change by: {prices}.",
         ]
     return lines
 
@@ -97,7 +97,7 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
     before, after = space.text(optimum.start), space.text(optimum.best)
     lines = [f"Best design: {optimum.fresh[1].doubt}.", ""] if optimum.fresh[1].doubt else []
     if optimum.candidate:
-        lines += [kept_start(optimum), ""]
+        lines += [kept_start(optimum, campaign), ""]
     start, best = optimum.fresh
     pair, needs, shown_as = (optimum.start, optimum.best), campaign.requirements, space.labels()
     spans = span_texts(optimum)
@@ -112,9 +112,13 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
         [f"mass (kg), at most {needs.max_mass:g}", *(f"{needs.mass(case):.3f}" for case in pair)],
         [f"power (W), at most {needs.max_power:g}", *(f"{needs.power(case):.3f}" for case in pair)],
     ]
-    if needs.max_cost is not None:
+    if needs.max_cost is not None or campaign.minimise == "cost":
         costs = (f"{needs.cost(case):.5g}" for case in pair)
-        rows.append([f"cost, at most {needs.max_cost:g}", *costs])
+        most = "" if needs.max_cost is None else f", at most {needs.max_cost:g}"
+        rows.append([f"cost{most}", *costs])
+    if campaign.minimise not in ("error", "mass", "power", "cost"):
+        name, unit = campaign.made_small
+        rows.append([f"{name} ({unit})", *(f"{campaign.cost(case):.5g}" for case in pair)])
     rates = (f"{case.instrument.detector.update_rate:.2f}" for case in pair)
     rows.append([f"update rate (Hz), at least {needs.min_update_rate:g}", *rates])
     sky = f"{needs.min_stars} stars in {100 * needs.sky_fraction:g} % of the sky"
@@ -128,7 +132,7 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
     evaluated = "design was evaluated" if designs == 1 else "designs were evaluated"
     tuning = optimum.tuning_error / arcsec
     fresh, tuned = f"{start.trials} fresh frames, paired", "error on the tuning trials was"
-    what, later = f"{Objective.read(campaign.objective)}", "fresh frames show"
+    what, later = f"{campaign.goal}", "fresh frames show"
     if optimum.units:
         fresh = f"{optimum.units.count} fresh units, the same of both designs"
         what, later = units_text(optimum.units.over, campaign), "fresh units show"
@@ -137,6 +141,14 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
         f"Better by a factor of {bracketed(factor, '.2f')} in the {what}, on {fresh}. The {tuned} "
         f"{tuning:.{_digits(tuning)}f} arcsec; {later} {bracketed(optimism, '.3f')} of that. "
     )
+    if campaign.minimise != "error":
+        name, unit = campaign.made_small
+        costs = (f"{campaign.cost(case):.4g}" for case in reversed(pair))
+        compared = (
+            f"Better by a factor of {factor.value:.3g} in the {name}: {' instead of '.join(costs)} "
+            f"{unit}. The {tuned} {tuning:.{_digits(tuning)}f} arcsec; {later} "
+            f"{bracketed(optimism, '.3f')} of that. "
+        )
     lines += [
         "",
         f"{'' if optimum.candidate else compared}{designs} {evaluated}, "
@@ -173,7 +185,7 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
     return "\n".join(lines)
 
 
-def kept_start(optimum: Optimum) -> str:
+def kept_start(optimum: Optimum, campaign: Campaign) -> str:
     """That no design is better than the start, and what stands in the way."""
     assert optimum.candidate is not None
     factor, lacks = optimum.candidate.factor, lacking(optimum.candidate.margins)
@@ -189,14 +201,15 @@ def kept_start(optimum: Optimum) -> str:
     )
     return (
         "No design that was found is better than the start, which stays. The best of the search "
-        f"({values}) has {bracketed(times, '.2f')} times the error of the start{misses}."
+        f"({values}) has {bracketed(times, '.2f')} times the {campaign.minimise} of the start"
+        f"{misses}."
     )
 
 
 def units_text(over: OverUnits, campaign: Campaign) -> str:
     """What is minimised over units, in words."""
     return (
-        f"{Objective.read(campaign.objective)} that {100 * over.fraction:g} % of units at "
+        f"{campaign.goal} that {100 * over.fraction:g} % of units at "
         f"{over.age / YEAR:g} yr do not exceed"
     )
 
@@ -282,7 +295,7 @@ def sharp_conditions(optimum: Optimum, campaign: Campaign) -> list[str]:
 
     There the objective does not see it: a design may be the best for its own rate alone.
     """
-    errors, objective = optimum.errors, Objective.read(campaign.objective)
+    errors, objective = optimum.errors, campaign.goal
     own = errors.get(NOMINAL, math.nan) / arcsec
     weighted = {judged.name for judged in campaign.judged(optimum.best) if judged.weight}
     return [

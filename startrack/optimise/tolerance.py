@@ -126,7 +126,7 @@ def sample(
     Accuracy  model: a quadratic, whose error is in the result, measured in two ways; and the
               budget's differences from the centre, whose trials correct what it has in common.
     """
-    space = DesignSpace(case, campaign.variables, campaign.links)
+    space, campaign = DesignSpace(case, campaign.variables, campaign.links), campaign.of_errors
     d = len(space)
     low = np.maximum(space.start - campaign.span, 0)
     high = np.minimum(space.start + campaign.span, 1)

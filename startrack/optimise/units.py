@@ -69,7 +69,7 @@ def noise_of(objective: Objective, outcomes: Rows, units: OverUnits, campaign: C
     if objective.fraction is not None:
         return 0.0
     order = how(units, campaign)
-    squares = objective.squares(outcomes).reshape(-1, order.trials)
+    squares = objective.as_one_square(objective.squares(outcomes)).reshape(-1, order.trials)
     mean = np.nanmean(squares, axis=1, keepdims=True)
     apart = np.nan_to_num(squares / mean - 1)
     environment = np.arange(order.trials) * order.environments // order.trials
@@ -135,11 +135,13 @@ def compare_units(
     over = best[0][0].units
     if over is None:
         return None
-    objective = Objective.read(campaign.objective)
+    objective = campaign.goal
     weights, n = [condition.weight for condition in best[0]], campaign.fresh_units
     chosen = choices(n, runner.seed)
     before, after = (
-        _levels(_measured(objective, *side, campaign, runner), weights, over.fraction, chosen)
+        _levels(
+            objective, _measured(objective, *side, campaign, runner), weights, over.fraction, chosen
+        )
         for side in (start, best)
     )
     limits = best[0][0].needs.accuracy or (Accuracy(objective, predicted),)
@@ -187,7 +189,7 @@ def level_interval_of_units(
     campaign: Campaign,
     runner: TrialRunner,
 ) -> Interval:
-    """The level over units, radian, as a geometric mean over conditions, with its interval.
+    """The level over units, radian, as the objective's mean over conditions, with its interval.
 
     judged, outcomes  conditions, and the outcomes of the fresh units in each
     """
@@ -195,7 +197,7 @@ def level_interval_of_units(
     assert units is not None
     weights = [condition.weight for condition in judged]
     chosen = choices(len(measured[0].error), runner.seed)
-    return interval_of(_levels(measured, weights, units.fraction, chosen))
+    return interval_of(_levels(objective, measured, weights, units.fraction, chosen))
 
 
 def likely_errors(
@@ -266,16 +268,17 @@ def choices(count: int, seed: int, stream: int = BOOTSTRAP) -> Ints:
 
 
 def _levels(
-    measured: Sequence[MeasuredUnits], weights: Sequence[float], fraction: float, chosen: Ints
+    objective: Objective,
+    measured: Sequence[MeasuredUnits],
+    weights: Sequence[float],
+    fraction: float,
+    chosen: Ints,
 ) -> Floats:
     """The level of each choice of units; NaN where a condition has no trials."""
     if len(measured) < len(weights):
         return np.full(len(chosen), np.nan)
-    logs = [
-        weight * np.log(quantile_of_few(units.freed(chosen), fraction))
-        for units, weight in zip(measured, weights, strict=True)
-    ]
-    return np.asarray(np.exp(np.sum(logs, axis=0) / sum(weights)))
+    levels = np.stack([quantile_of_few(units.freed(chosen), fraction) for units in measured], -1)
+    return np.array([objective.over(each, weights) for each in levels.tolist()])
 
 
 def without_noise(errors: Floats, expected: Floats, noise: float) -> Floats:

@@ -9,9 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from startrack.core import Floats, Ints, arcsec
-from startrack.design import YEAR, Objective
+from startrack.design import COSTS, YEAR, Campaign, Objective
 from startrack.metrics import Interval
-from startrack.optimise import UNITS, Goals, Optimum, Point, Sensitivity, Tolerance, thinned
+from startrack.optimise import Evaluation, Goals, Optimum, Point, Sensitivity, Tolerance, thinned
 from startrack.plots import style
 
 SAME = 0.02  # relative change of an error that is not drawn as a bar
@@ -19,8 +19,8 @@ LARGEST = 1.6  # inch, of a panel of a corner picture whose letters are legible 
 
 
 @style.styled
-def draw_convergence(path: Path, optimum: Optimum, objective: str) -> None:
-    """The error of each evaluated design, and its variables."""
+def draw_convergence(path: Path, optimum: Optimum, campaign: Campaign) -> None:
+    """What is made small of each evaluated design, and its variables."""
     fresh, _ = optimum.fresh
     result = (
         f"the best is better by {optimum.factor.value:.2f} "
@@ -34,12 +34,12 @@ def draw_convergence(path: Path, optimum: Optimum, objective: str) -> None:
         f"frames {result}",
     )
     error, variables = figure.subplots(2, 1, sharex=True, height_ratios=(1.2, 1))
-    words = str(Objective.read(objective))
-    if optimum.units:
+    words, unit = campaign.made_small
+    if optimum.units and campaign.minimise == "error":
         over = optimum.units.over
         age = f"{over.age / YEAR:g} yr"
         words += f"\nthat {100 * over.fraction:g} % of units at {age} do not exceed"
-    _tried(error, optimum, words)
+    _tried(error, optimum, f"{words} ({unit})")
     draw_variables(variables, optimum)
     style.save_picture(path, figure)
 
@@ -48,7 +48,7 @@ def _tried(axes: Axes, optimum: Optimum, objective: str) -> None:
     tried = optimum.evaluations
     number_of = _forecast_count(optimum) + np.arange(1, len(tried) + 1)
     _forecasts(axes, optimum)
-    errors = np.array([evaluation.error / arcsec for evaluation in tried])
+    errors = np.array([_made_small(evaluation) for evaluation in tried])
     feasible = np.array([evaluation.feasible for evaluation in tried])
     solved = np.isfinite(errors)
     for chosen, marker, colour, label in (
@@ -85,7 +85,7 @@ def _tried(axes: Axes, optimum: Optimum, objective: str) -> None:
             label=f"no error: no trial, or none solved ({len(at)})",
         )
     _numbers_of_trials(axes, np.array([done.trials for done in tried]), _forecast_count(optimum))
-    axes.set(yscale="log", ylabel=f"{objective} (arcsec)")
+    axes.set(yscale="log", ylabel=objective)
     axes.tick_params(labelbottom=True)
     axes.set_xlabel("evaluation (number)")
     if not solved.any():
@@ -115,11 +115,17 @@ def _forecasts(axes: Axes, optimum: Optimum) -> None:
         )
 
 
+def _made_small(design: Evaluation) -> float:
+    """Arcsec, or a cost; NaN where no trial is solved."""
+    solved = math.isfinite(design.error)
+    return design.cost if solved and math.isfinite(design.cost) else design.error / arcsec
+
+
 def _counted_errors(optimum: Optimum) -> Floats:
-    """Arcsec (n,) of the evaluations; infinite where a requirement is missed, or none is solved."""
+    """What is made small (n,); infinite where a requirement is missed, or no trial is solved."""
     return np.array(
         [
-            design.error / arcsec if design.feasible and math.isfinite(design.error) else math.inf
+            _made_small(design) if design.feasible and math.isfinite(design.error) else math.inf
             for design in optimum.evaluations
         ]
     )
@@ -375,7 +381,7 @@ def draw_front(
 
 def _goal(name: str) -> str:
     """A goal in words; that of a cost is a word."""
-    return name if name in UNITS else str(Objective.read(name))
+    return name if name in COSTS else str(Objective.read(name))
 
 
 @style.styled

@@ -31,6 +31,7 @@ def expected_error(objective: Objective, budget: Budget[Law]) -> float:
     By length:  sum_i weight_i P(k / 2, L^2 / (2 square_i)) = fraction,   P the regularised
         incomplete gamma function, k = 2, 1, 3 axes, square_i the mean square per axis in field i
     Per axis:   `Law.level`
+    A sum:      of the rms errors, by their weights
 
     Accuracy  model: errors that are normal in each field; by their length, also of equal variance
               about the axes.
@@ -40,6 +41,9 @@ def expected_error(objective: Objective, budget: Budget[Law]) -> float:
 
 def expected_of(objective: Objective, law: Law) -> float:
     """`expected_error` of the errors of a law."""
+    if objective.terms:
+        parts = ((weight, expected_of(Objective(axes), law)) for axes, weight in objective.terms)
+        return math.fsum(weight * error for weight, error in parts)
     axes = AXES[objective.axes]
     if objective.per_axis_level and objective.fraction:
         return law.level(axes, objective.fraction, Interpretation.MIXED)

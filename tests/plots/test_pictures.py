@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.budget import Survey, analytic, curve_steps, curves, error_curves
 from startrack.core import Camera, Frame, Psf, Spots, Stars, arcsec, deg
-from startrack.design import YEAR, Accuracy, Objective, replaced
+from startrack.design import YEAR, Accuracy, Campaign, Objective, replaced
 from startrack.metrics import Interval, Limits, summarise
 from startrack.motion import Tone
 from startrack.optimise import Goals, Optimum, Point, Sensitivity
@@ -391,7 +391,7 @@ def optimum(count):
 
 def test_the_lines_of_a_search_are_explained(drawn):
     found = optimum(40)
-    figure, _ = drawn(draw_convergence, found, "across")
+    figure, _ = drawn(draw_convergence, found, Campaign())
     error, variables = figure.axes
     dotted = [line for line in error.lines if line.get_linestyle() == ":"]
     assert len(dotted) == 1
@@ -438,7 +438,7 @@ def test_the_path_of_a_variable_is_that_of_the_best_so_far_and_no_two_look_alike
         evaluations=tuple(evaluations),
         landscape=landscape,
     )
-    figure, _ = drawn(draw_convergence, found, "across")
+    figure, _ = drawn(draw_convergence, found, Campaign())
     paths = [line for line in figure.axes[1].lines if not line.get_label().startswith("_")]
     assert len({(line.get_color(), str(line.get_linestyle())) for line in paths}) == 9
     expected = points[[0, 0, 0, 0, 0, 5, 6, 6], 4]
@@ -453,7 +453,7 @@ def test_a_search_over_units_says_so_and_explains_its_bars(drawn):
     )
     over = SimpleNamespace(fraction=0.95, age=5 * YEAR)
     found = dataclasses.replace(optimum(40), landscape=landscape, units=SimpleNamespace(over=over))
-    figure, _ = drawn(draw_convergence, found, "across")
+    figure, _ = drawn(draw_convergence, found, Campaign())
     error, variables = figure.axes
     assert "that 95 % of units at 5 yr do not exceed" in error.get_ylabel()
     assert "bars" in variables.get_title("left")
