@@ -206,7 +206,7 @@ class EarthProblem:
             for name, criterion in study.criteria.items()
         }
         first = next(iter(self._objective().values()))
-        return Words(first.words, first.unit, parts)
+        return Words(OBJECTIVES[self.campaign.objective], first.unit, parts)
 
     def _objective(self) -> dict[str, Criterion]:
         """What the objective is made of."""
@@ -243,6 +243,12 @@ class EarthProblem:
         return None if limit is None else Margin(value, limit, True, about.unit)
 
 
+OBJECTIVES = {
+    "area": "smallest fire",
+    "power": "error of the radiative power",
+    "emissivity": "error of emissivity",
+    "wrong": "fraction classified wrongly",
+}
 UNITS = {"nedt": "K", "saturation": "W m-2 sr-1 m-1", "gsd": "m"}
 
 
