@@ -12,6 +12,7 @@ import importlib.util
 import json
 import os
 import shutil
+import subprocess
 import sys
 import tempfile
 import tomllib
@@ -155,6 +156,14 @@ def save(options: argparse.Namespace, figures: Any) -> None:
     _SAVED.update(figures=figures, quick=options.quick)
     if options.json:
         options.json.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
+
+
+def commit() -> str:
+    """Which sources these are."""
+    words = ["git", "describe", "--always", "--dirty", "--exclude=*"]
+    here = Path(__file__).parent
+    done = subprocess.run(words, cwd=here, capture_output=True, text=True, check=False)
+    return done.stdout.strip() or "unknown"
 
 
 def missing(part: str, *packages: str) -> bool:

@@ -1,17 +1,28 @@
-"""Do intervals hold what they promise, of few trials and of many?
+"""Do intervals hold what they promise, and do searches end where trials agree?
 
-    python experiments/intervals.py [--repeats N] [--pool N] [--json FILE] [--quick]
+    python experiments/intervals.py [--parts coverage totals units oracles searches]
+        [--repeats N] [--pool N] [--units N] [--designs NAME ...] [--seeds N] [--first N]
+        [--peers N] [--trials N] [--ends FILE] [--json FILE] [--quick]
 
 Trials of a design are drawn from a pool of its trials, whose statistics are then the truth, by the
 thousand and in small numbers:
 
 coverage          share of repeats in which the 95 % interval holds the truth, by figure, design and
                   number of trials: rms across and about, levels of 95 and 99.73 % across, and the
-                  ratio of the rms across to that of a second design on the same skies
-coverage_least, coverage_most  of an rms and a ratio over all designs and numbers of trials
+                  ratio of the rms across to that of a second design on the same skies; the total of
+                  `budget --montecarlo`; over units, by their number, the level that 95 % of them
+                  keep, the factor between two designs, and yields
+coverage_least, coverage_most  over all designs and numbers: of an rms, a ratio, a total
+coverage_over_units_least  of the figures over units, whose intervals may hold more than they say
 missed_low        share of repeats whose interval lies below the truth, the most of an rms: errors
                   that look better than they are
 open_ended_said   1 where every interval of a level that its trials cannot bound is open above
+sobol_error       largest difference of Sobol indices from those of SALib, on the same function
+rare_ratio        a probability of 1e-3 by trials where it is likely, over that by OpenTURNS
+posterior_error   of emcee beside a grid: means and deviations, in standard deviations
+feasible_ends, regret, optimize_s  share of the ends of whole searches that meet all limits by fresh
+                  trials, excess of these over the best that is known, and seconds, by design
+search_peers      ends of other searches with as many forecasts, and no trials
 """
 
 from __future__ import annotations
@@ -19,127 +30,79 @@ from __future__ import annotations
 import one_thread  # noqa: F401  # isort: skip
 
 import argparse
-import math
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
 
 import command
-import numpy as np
-from numpy.typing import NDArray
+import intervals_coverage
+import intervals_oracles
+import intervals_searches
+import intervals_units
 
-from startrack import Fidelity, load_design, run_trials, shipped
-from startrack.design import Objective
-from startrack.metrics import level_interval, rms_interval
-
-COUNTS = (20, 50, 200, 1000)
-LEVELS = (0.95, 0.9973)
-BLUR = "instrument.optics.blur=4 um"
-
-
-class Design(NamedTuple):
-    """A design and the fidelity of its trials; a second design has another blur.
-
-    changes  as for `--set`
-    """
-
-    file: str
-    changes: tuple[str, ...]
-    fidelity: Fidelity
-
-
-DESIGNS = {
-    "many stars": Design("noise_only", (), Fidelity.COVARIANCE),
-    "five stars": Design("noise_only", ("tracker.detection.max_spots=5",), Fidelity.COVARIANCE),
-    "slew": Design("noise_only", ("instrument.motion.rate_y=1 deg/s",), Fidelity.SPOTS),
-    "nanosatellite": Design("nanosatellite", (), Fidelity.SPOTS),
-    "faint stars": Design("noise_only", ("instrument.detector.exposure=30 ms",), Fidelity.WINDOW),
-    "frames": Design("noise_only", (), Fidelity.FRAME),
-}
-SHARE = {Fidelity.FRAME: 20, Fidelity.WINDOW: 10}  # of the pool, one part of slower fidelities
+PARTS = ("coverage", "totals", "units", "oracles", "searches")
+CLOSED = ("rms across", "rms about", "ratio", "total across", "total about")
+OVER_UNITS = ("unit level", "unit factor", "yield", "yield of verify")
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
+    parser.add_argument("--parts", nargs="+", choices=PARTS, default=PARTS, metavar="PART")
     parser.add_argument("--repeats", type=int, default=2000, help="of each number of trials")
     parser.add_argument("--pool", type=int, default=20_000, help="trials of each design")
-    options = command.read(parser, repeats=50, pool=200)
-    designs = dict(list(DESIGNS.items())[: 2 if options.quick else None])
-    coverage: dict[str, dict[str, dict[str, float]]] = {}
-    below, said = 0.0, True
-    for name, design in designs.items():
-        first, second = pools(design, options.pool)
-        for count in COUNTS[:2] if options.quick else COUNTS:
-            held, low, open_ended = repeated(first, second, count, options.repeats)
-            below, said = max(below, low), said and open_ended
-            for figure, share in held.items():
-                coverage.setdefault(figure, {}).setdefault(name, {})[str(count)] = share
-            words = ", ".join(f"{figure} {share:.3f}" for figure, share in held.items())
-            print(f"{name}, {count} trials: {words}", flush=True)
-    closed = [
-        share
-        for figure in ("rms across", "rms about", "ratio")
-        for shares in coverage[figure].values()
-        for share in shares.values()
-    ]
-    figures = {
-        "coverage": coverage,
-        "coverage_least": min(closed),
-        "coverage_most": max(closed),
-        "missed_low": below,
-        "open_ended_said": int(said),
+    parser.add_argument("--units", type=int, default=300, help="units of each pool of these")
+    designs = intervals_searches.DESIGNS
+    parser.add_argument("--designs", nargs="+", choices=designs, default=designs, metavar="NAME")
+    parser.add_argument("--seeds", type=int, default=20, help="searches of each design")
+    parser.add_argument("--first", type=int, default=1, help="seed of the first")
+    parser.add_argument("--peers", type=int, default=5, help="seeds of each other search")
+    parser.add_argument("--trials", type=int, default=2000, help="fresh ones, which judge each end")
+    parser.add_argument("--ends", type=Path, default=Path("search-ends.jsonl"))
+    options = command.read(
+        parser,
+        parts=PARTS[:4],
+        repeats=50,
+        pool=200,
+        units=4,
+        designs=designs[:1],
+        seeds=1,
+        peers=1,
+        trials=20,
+        ends=None,
+    )
+    parts: dict[str, Callable[[argparse.Namespace], dict[str, Any]]] = {
+        "coverage": lambda asked: intervals_coverage.coverage(
+            asked.repeats, asked.pool, asked.quick
+        ),
+        "totals": lambda asked: intervals_coverage.totals(asked.repeats, asked.pool, asked.quick),
+        "units": lambda asked: intervals_units.unit_coverage(
+            asked.repeats // 2, asked.units, asked.quick
+        ),
+        "oracles": lambda asked: intervals_oracles.oracles(asked.quick),
+        "searches": intervals_searches.searches,
     }
+    figures: dict[str, Any] = {"coverage": {}}
+    for part in options.parts:
+        found = parts[part](options)
+        figures["coverage"] |= found.pop("coverage", {})
+        figures |= found
+    if closed := shares_of(figures["coverage"], CLOSED):
+        figures |= {"coverage_least": min(closed), "coverage_most": max(closed)}
+    if over := shares_of(figures["coverage"], OVER_UNITS):
+        figures["coverage_over_units_least"] = min(over)
     command.save(options, figures)
 
 
-def pools(design: Design, size: int) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Solved trials of a design, and the same trials of one with more blur."""
-    made = []
-    for changes in (design.changes, (*design.changes, BLUR)):
-        case = load_design(shipped(f"designs/{design.file}.toml"), changes).case
-        numbers = range(max(size // SHARE.get(design.fidelity, 1), 200))
-        made.append(run_trials(case, 1, numbers, design.fidelity))
-    both = np.all([rows["solved"] & ~rows["false"] for rows in made], axis=0)
-    return made[0][both], made[1][both]
-
-
-def repeated(
-    first: NDArray[Any], second: NDArray[Any], count: int, repeats: int
-) -> tuple[dict[str, float], float, bool]:
-    """Share of repeats that hold the truth of each figure; the most that lie below an rms; whether
-    intervals of levels that are not bounded are open."""
-    rng = np.random.default_rng((count, len(first)))
-    objective = Objective()
-    across, about = objective.squares(first), Objective("about").squares(first)
-    other = objective.squares(second)
-    sizes = np.sqrt(first["error_x"] ** 2 + first["error_y"] ** 2)
-    truth = {
-        "rms across": math.sqrt(across.mean()),
-        "rms about": math.sqrt(about.mean()),
-        "ratio": math.sqrt(across.mean() / other.mean()),
-    }
-    truth |= {
-        f"level {level:g}": float(np.quantile(sizes, level, method="inverted_cdf"))
-        for level in LEVELS
-    }
-    held, below = dict.fromkeys(truth, 0), dict.fromkeys(truth, 0)
-    open_ended = True
-    for _ in range(repeats):
-        chosen = rng.integers(0, len(first), count)
-        intervals = {
-            "rms across": rms_interval(across[chosen]),
-            "rms about": rms_interval(about[chosen]),
-            "ratio": objective.ratio([across[chosen]], [other[chosen]]),
-        }
-        for level in LEVELS:
-            intervals[f"level {level:g}"] = interval = level_interval(sizes[chosen], level)
-            # The largest of n errors bounds a level with a tail of level^n.
-            open_ended &= math.isinf(interval.high) or level**count <= 0.025
-        for figure, interval in intervals.items():
-            held[figure] += interval.low <= truth[figure] <= interval.high
-            below[figure] += interval.high < truth[figure]
-    most = max(below["rms across"], below["rms about"]) / repeats
-    return {figure: number / repeats for figure, number in held.items()}, most, open_ended
+def shares_of(coverage: intervals_coverage.Coverage, names: Sequence[str]) -> list[float]:
+    """Of some figures, over all designs and numbers."""
+    return [
+        share
+        for name in names
+        for shares in coverage.get(name, {}).values()
+        for share in shares.values()
+    ]
 
 
 if __name__ == "__main__":

@@ -226,7 +226,7 @@ def regrets(name: str, seeds: int, trials: int, quick: bool) -> dict[str, Any]:
     least(long, first.point, Search(evaluations=most, first_step=0.1, last_step=1e-4))
     others = {
         peer: [
-            _least_of(search, Scores(first.space, campaign), int(np.median(counts)), seed)
+            least_of(search, Scores(first.space, campaign), int(np.median(counts)), seed)
             for seed in range(1, min(seeds, PEER_SEEDS) + 1)
         ]
         for peer, search in ({} if campaign.choices else PEERS).items()
@@ -340,7 +340,7 @@ class Scores:
         return value.score
 
 
-def _least_of(
+def least_of(
     search: Callable[[Score, int, int, int], None], score: Scores, most: int, seed: int
 ) -> float:
     """The least score that a search finds in a number of forecasts, of designs that meet all "

@@ -45,6 +45,7 @@ LONG = {
     "ecosystem",
     "exclusion",
     "fidelities",
+    "figures",
     "first_run",
     "identification",
     "lens",
@@ -65,7 +66,6 @@ LONG = {
     "scenes",
     "speed_vs_error",
     "meant",
-    "intervals",
 }
 EXPECTED = {
     name: command.expectations(name)
@@ -77,6 +77,8 @@ NOT_QUICK = {
     ("day", "resumed"),
     ("day", "wheel_same"),
     ("meant", "orders_green"),
+    ("intervals", "sobol_error"),
+    ("intervals", "rare_ratio"),
 }
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
 

@@ -10,7 +10,7 @@ from scipy.special import ndtr
 
 from startrack.core import Floats, Refused, Rows, Unit, arcsec, html_table, printed
 from startrack.design import Case
-from startrack.metrics import Interpretation, level
+from startrack.metrics import Interpretation, Interval, level, level_bounds, rms_interval
 from startrack.trial import METHOD, READ, SHOT, Term, present
 
 
@@ -122,6 +122,18 @@ class Sample:
         """See `startrack.metrics.level`; each axis counts as further members."""
         chosen = np.concatenate([self.error[..., axis] for axis in axes])
         return level(chosen, fraction, interpretation)
+
+    def rms_interval(self, axes: Sequence[int]) -> Interval:
+        """Rms over axes, radian, with its 95 % interval; what a member has is one value of it."""
+        return rms_interval((self.error[..., list(axes)] ** 2).mean(axis=(1, 2)))
+
+    def level_interval(self, axes: Sequence[int], fraction: float) -> Interval:
+        """Mixed level, radian, with its 95 % interval; without an upper bound where the members are
+        too few."""
+        squares = self.error[..., list(axes)].reshape(len(self.error), -1) ** 2
+        low, high = level_bounds(squares, fraction, 0.025, 0.025)
+        value = self.level(axes, fraction, Interpretation.MIXED)
+        return Interval(value, low**0.5, high**0.5)
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,12 +14,13 @@ from startrack.cli.options import DESIGN, Exit, Option, Options, WrongUse, posit
 if wanted(__name__):
     from startrack import budget as budgets
     from startrack import metrics
-    from startrack.budget import INDICES, Budget, Line, Spread, Term, analytic
+    from startrack.budget import INDICES, Budget, Line, Sample, Spread, Term, analytic
     from startrack.cli import terminal
     from startrack.cli.units import AXES, budgets_of, gains_of
     from startrack.core import Refused, arcsec
     from startrack.design import Campaign, Case, found_at, replaced
     from startrack.io import aligned, save_json
+    from startrack.metrics import Interval
     from startrack.montecarlo import pool
     from startrack.optimise import halved, levers
     from startrack.plots import draw_budget, draw_curves, draw_sky
@@ -233,9 +234,20 @@ def _values(budget: Budget[Any]) -> dict[str, Any]:
         "causes": {line.name: _line(line, ways) for line in budget.lines},
         "terms": {term.value: _pair(budget.term(term)) for term in Term},
         "sum": _pair(budget.sum),
-        "end to end": _line(budget.whole, ways),
+        "end to end": _line(budget.whole, ways) | _bounds(budget.whole.spread),
         "availability": budget.availability,
         "stars": budget.stars,
+    }
+
+
+def _bounds(spread: Spread) -> dict[str, Any]:
+    """Intervals of what was simulated, for JSON."""
+    if not isinstance(spread, Sample):
+        return {}
+    bounds = {name: spread.rms_interval(axes) for name, axes in AXES.items()}
+    return {
+        f"{name}_95": [interval.low / arcsec, interval.high / arcsec]
+        for name, interval in bounds.items()
     }
 
 
@@ -269,11 +281,13 @@ def _table(expected: Budget[Any], by_trials: Budget[Any] | None) -> str:
     head = ["measured", "", ""] if by_trials else []
     rows = [["arcsec rms per axis", "term", "across", "about", *head]]
 
-    def add(name: str, term: str, pairs: Iterable[Iterable[float] | None], note: str = "") -> None:
+    def add(
+        name: str, term: str, pairs: Iterable[Iterable[float | Interval] | None], note: str = ""
+    ) -> None:
         cells = [
             cell
             for pair in pairs
-            for cell in ([f"{value / arcsec:.3f}" for value in pair] if pair else ["", ""])
+            for cell in ([_cell(value) for value in pair] if pair else ["", ""])
         ]
         rows.append([name, term, *cells, *([note] if by_trials else [])])
 
@@ -288,15 +302,47 @@ def _table(expected: Budget[Any], by_trials: Budget[Any] | None) -> str:
     add(
         "end to end",
         "",
-        [(budget.whole.across, budget.whole.about) for budget in both],
+        [_rms_of(budget.whole) for budget in both],
         _difference(expected.whole, by_trials.whole if by_trials else None, by_trials),
     )
-    mixed = metrics.Interpretation.MIXED
     for fraction in metrics.LEVELS:
-        levels = [_levels(budget.whole.spread, fraction, mixed) for budget in both]
+        levels = [_bounded_levels(budget.whole.spread, fraction) for budget in both]
         add(f"  {100 * fraction:g} % below", "", levels)
     available = [f"{100 * budget.availability:.2f} %, {budget.stars:.1f} stars" for budget in both]
-    return "\n".join([*aligned(rows, (0, 1)), "", f"available  {' | measured '.join(available)}"])
+    lines = [*aligned(rows, (0, 1)), "", f"available  {' | measured '.join(available)}"]
+    return "\n".join([*lines, *(_open_ended(by_trials) if by_trials else [])])
+
+
+def _cell(value: float | Interval) -> str:
+    if isinstance(value, Interval):
+        return metrics.bracketed(value, ".3f", arcsec)
+    return f"{value / arcsec:.3f}"
+
+
+def _rms_of(line: Line[Spread]) -> list[float | Interval]:
+    """Across and about, with intervals of what was simulated."""
+    if isinstance(line.spread, Sample):
+        return [line.spread.rms_interval(axes) for axes in AXES.values()]
+    return [line.across, line.about]
+
+
+def _bounded_levels(spread: Spread, fraction: float) -> list[float | Interval]:
+    """Mixed levels across and about, with intervals of what was simulated."""
+    if isinstance(spread, Sample):
+        return [spread.level_interval(axes, fraction) for axes in AXES.values()]
+    return [*_levels(spread, fraction, metrics.Interpretation.MIXED)]
+
+
+def _open_ended(by_trials: Budget[Sample]) -> list[str]:
+    """What brackets are, and which levels so few members do not bound."""
+    members = len(by_trials.whole.spread.error)
+    needed = {fraction: metrics.trials_for_level(fraction) for fraction in metrics.LEVELS}
+    unbounded = [
+        f"{members} members bound no level of {100 * fraction:g} %; {count} would"
+        for fraction, count in needed.items()
+        if count > members
+    ]
+    return ["brackets: 95 %", *unbounded]
 
 
 def _difference(

@@ -26,10 +26,12 @@ from startrack.metrics.levels import (
     Interpretation,
     indices,
     level,
+    level_bounds,
     level_interval,
     level_ranks,
     quantile_of_few,
     reproducibility,
+    resampled_interval,
 )
 from startrack.metrics.ratios import ratio_of_levels, ratio_of_rms, trials_for_level
 from startrack.metrics.results import (

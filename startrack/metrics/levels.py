@@ -82,6 +82,50 @@ def level_ranks(n: int, fraction: float, low_tail: float, high_tail: float) -> t
     return low, int(scipy.stats.binom.isf(high_tail, n, fraction)) + 1
 
 
+def level_bounds(
+    squares: Floats, fraction: float, low_tail: float, high_tail: float
+) -> tuple[float, float]:
+    """Bounds of a level of squares by their order, as for `level_interval`.
+
+    squares  (n,), or (n, m) with m that belong together (axes, frames), which count as one of n
+    low_tail, high_tail  probabilities that each bound does not hold
+    Returns  squares; 0 and infinity where there are too few
+    """
+    ordered, n = np.sort(squares, axis=None), len(squares)
+    each = ordered.size // n if n else 1
+    low, high = level_ranks(n, fraction, low_tail, high_tail)
+    return (
+        float(ordered[each * low - 1]) if low > 0 else 0.0,
+        float(ordered[each * high - 1]) if high <= n else math.inf,
+    )
+
+
+def resampled_interval(
+    values: Floats, freedom: float, model: float = 0.0, confidence: float = 0.95
+) -> Interval:
+    """A statistic that the few largest of many values decide, by its bootstrap.
+
+        value -+ t(freedom) sqrt(s^2 + model^2)
+
+    with the standard deviation s over the resamples and the quantile t of Student's law.
+    Percentiles of resamples, which hold no larger values than those that there are, lie too low.
+
+    values   (1 + resamples,) the statistic of all, and of each resample
+    freedom  of s: of a level, twice the number of values that are expected beyond it
+    model    a standard error that resamples do not show
+    Returns  NaN where the statistic is not known; without bounds where the freedom is less than 2,
+             that is less than one value beyond a level
+    """
+    value = float(values[0])
+    if not math.isfinite(value):
+        return Interval(value, math.nan, math.nan)
+    if freedom < 2 - 1e-9:
+        return Interval(value, -math.inf, math.inf)
+    spread = math.hypot(float(np.nanstd(values[1:])), model)
+    half = float(scipy.special.stdtrit(freedom, (1 + confidence) / 2)) * spread
+    return Interval(value, value - half, value + half)
+
+
 def quantile_of_few(values: Floats, fraction: float) -> Floats:
     """Quantile over the last axis of values (..., n), a smooth function of all of them.
 

@@ -7,7 +7,7 @@ import numpy as np
 import scipy.special
 
 from startrack.core import Floats
-from startrack.metrics.levels import level_ranks
+from startrack.metrics.levels import level_bounds
 from startrack.metrics.summary import Interval
 
 ALLOWANCE = 4.0  # for the variance of few values, as for `mean_bounds`; chosen by hand
@@ -136,15 +136,8 @@ def _level(squares: Floats, fraction: float, confidence: float) -> tuple[float, 
     known = squares[np.isfinite(squares).reshape(len(squares), -1).all(axis=1)]
     if not len(known):
         return math.nan, math.nan, math.nan
-    ordered, n = np.sort(known, axis=None), len(known)
-    axes = ordered.size // n
     tail = (1 - confidence) / 2
-    low, high = level_ranks(n, fraction, tail, tail)
-    return (
-        float(np.quantile(ordered, fraction)),
-        float(ordered[axes * low - 1]) if low > 0 else 0.0,
-        float(ordered[axes * high - 1]) if high <= n else math.inf,
-    )
+    return float(np.quantile(known, fraction)), *level_bounds(known, fraction, tail, tail)
 
 
 def _together(first: Floats, second: Floats, level: float, other: float) -> float:

@@ -207,10 +207,13 @@ def bounds_of_mean(
     return low, mean * freedom / least if least > 0 else math.inf
 
 
-def fraction_interval(hits: int, trials: int, confidence: float = 0.95) -> Interval:
+def fraction_interval(hits: float, trials: float, confidence: float = 0.95) -> Interval:
     """Fraction of trials with its exact binomial interval.
 
     Source: Clopper and Pearson (1934), Biometrika 26(4), 404.
+
+    hits, trials  whole numbers; or both times the part of the trials that is as good as all of them
+                  would be, were they independent
     """
     if trials == 0:
         return Interval(float("nan"), 0.0, 1.0)

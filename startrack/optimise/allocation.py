@@ -4,11 +4,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from startrack import design
 from startrack.budget import unit_budgets
 from startrack.core import Advance, Floats, Refused, printed
-from startrack.metrics import Interval, quantile_of_few
-from startrack.optimise.units import choices, interval_of
+from startrack.metrics import Interval, quantile_of_few, resampled_interval
+from startrack.optimise.units import choices
 from startrack.verification import units_expected
 
 ENVIRONMENTS = 2  # of each unit; chosen by hand: time against the rms of a unit
@@ -76,8 +78,9 @@ def allocation(
 ) -> Allocation:
     """Make each change in turn, on the same draws of the same units.
 
-    At the end of life. Intervals are bootstrap percentiles
-    over the units, the same ones before and after, so that what all have in common does not count.
+    At the end of life. Intervals are by a bootstrap over the units, the same ones before and after,
+    so that what all have in common does not count: those of `resampled_interval` of the level,
+    percentiles of the yields.
 
     fraction  1, of the units, whose level counts
     progress  called with 1 for each unit
@@ -106,10 +109,18 @@ def allocation(
             ((values <= limit.most) * 1.0 - was)[chosen].mean(axis=1)
             for values, limit, was in zip(after[1:], limits, kept, strict=True)
         ]
-        gains.append(Gain(change, interval_of(gained), tuple(map(interval_of, more))))
+        freedom = 2 * count * (1 - fraction) + 1  # units are few, and the same before and after
+        rises = (_percentiles(share) for share in more)
+        gains.append(Gain(change, resampled_interval(gained, max(freedom, 2.0)), tuple(rises)))
     gains.sort(key=lambda gain: -gain.level.value)
     shares = tuple(float(flags.mean()) for flags in kept)
     return Allocation(age, fraction, float(level[0]), shares, tuple(gains), tuple(refused))
+
+
+def _percentiles(values: Floats) -> Interval:
+    """The first value, with percentiles of the others."""
+    low, high = np.quantile(values[1:], [0.025, 0.975])
+    return Interval(float(values[0]), float(low), float(high))
 
 
 def halved(case: design.Case) -> Iterator[Change]:

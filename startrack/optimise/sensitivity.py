@@ -81,7 +81,7 @@ def sensitivities(
     step, end = logs[: 2 * d].reshape(d, 2), np.exp(logs[2 * d : 4 * d]).reshape(d, 2)
     fractions = [(Interval(1.0, 1.0, 1.0),) * 2]
     if d > 1:
-        fractions = _indices(over, _filled(logs[4 * d :]))
+        fractions = sobol_indices(over, _filled(logs[4 * d :]))
     result = []
     for i, variable in enumerate(space.variables):
         before, after = (
@@ -115,10 +115,15 @@ def _spread(d: int, count: int, random: np.random.Generator) -> Floats:
     return np.asarray(scipy.stats.qmc.Sobol(d, rng=random).random(count))
 
 
-def _indices(points: Floats, values: Floats) -> list[tuple[Interval, Interval]]:
+def sobol_indices(points: Floats, values: Floats) -> list[tuple[Interval, Interval]]:
     """First-order and total index of each of d variables, with their 95 % intervals.
 
-    values  (n,) at points (n, d)
+    By an emulator through the values, as for `sensitivities`.
+
+    points    (n, d) in the unit cube
+    values    (n,) there, in any unit
+    Accuracy  statistical: 1 % of the base designs, and the error of the emulator, which the
+              intervals state.
     """
     d = points.shape[1]
     base = _spread(2 * d, BASE, Streams(0, 0)("base designs of the indices"))

@@ -19,7 +19,7 @@ from startrack.optimise.explore import Explorer
 from startrack.optimise.forecast import named
 from startrack.optimise.runner import FRESH, FRESH_UNIT, TrialRunner
 from startrack.optimise.search import Search, algorithms, least, least_of_all
-from startrack.optimise.units import fresh_units, likely_errors
+from startrack.optimise.units import fresh_units, likely_units
 from startrack.problem import SearchSettings
 from startrack.verification import cost_margins, counted
 from startrack.verification import margins as margins_of
@@ -431,8 +431,9 @@ def confirm_requirements(
             if units is not None and claim.accuracy:
                 asked = verification.YieldClaim(units.fraction)
                 objective = claim.accuracy.objective
-                errors = likely_errors(objective, condition, judged, campaign, runner)
-                bounds = asked.bounds(errors <= claim.limit, *tails)
+                measured = likely_units(objective, condition, judged, campaign, runner)
+                errors, part = measured.likely, measured.part(claim.limit, runner.seed)
+                bounds = asked.bounds(errors <= claim.limit, *tails, part)
                 decided = asked.answer(bounds) is not verification.Answer.NOT_SHOWN
                 ordered = np.sort(errors)[::-1]
                 worst = float(ordered[asked.most_beyond(len(errors), tails[0])])

@@ -18,7 +18,7 @@ from startrack.optimise.evaluate import Evaluation
 from startrack.optimise.forecast import budget_of, without_units
 from startrack.optimise.optimise import Optimum, lacking
 from startrack.optimise.tolerance import Tolerance
-from startrack.optimise.units import ComparedUnits
+from startrack.optimise.units import ComparedUnits, units_for_interval
 from startrack.verification import margins as margins_of
 
 FRACTIONS = (0.025, 0.16, 0.5, 0.84, 0.975)
@@ -270,6 +270,12 @@ def optimum_caveats(optimum: Optimum, campaign: Campaign) -> list[str]:
             "that has enough of them; the effects named next are possible causes"
         )
     sentences += sharp_conditions(optimum, campaign)
+    if optimum.units and math.isinf(optimum.units.factor.high):
+        fraction, count = optimum.units.over.fraction, optimum.units.count
+        sentences.append(
+            f"{count} fresh units bound no level of {100 * fraction:g} % of them; "
+            f"campaign.fresh_units = {units_for_interval(fraction)} would"
+        )
     if optimum.rounds > 1:
         sentences.append(
             f"{optimum.rounds} designs were judged, each on fresh trials of its own, as one missed "

@@ -65,9 +65,12 @@ def units_expected(objective: Objective, budgets: UnitBudgets) -> Floats:
     return np.array([expected_of(objective, budgets.whole(k)) for k in range(len(budgets))])
 
 
-def yield_of(accuracy: Accuracy, errors: Floats) -> Interval:
-    """Share of the units whose errors (n,) meet a limit, with its interval."""
-    return fraction_interval(int((errors <= accuracy.most).sum()), len(errors))
+def yield_of(accuracy: Accuracy, errors: Floats, part: float = 1.0) -> Interval:
+    """Share of the units whose errors (n,) meet a limit, with its interval.
+
+    part  of the units, that is as good as all, were each known by many trials
+    """
+    return fraction_interval(part * int((errors <= accuracy.most).sum()), part * len(errors))
 
 
 def expected_over(objective: Objective, budget: Budget[Law], sky: str) -> float:

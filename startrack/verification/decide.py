@@ -10,7 +10,14 @@ import scipy
 
 from startrack.core import Flags, Floats, Parameters, Range, Rows, parameter, whole
 from startrack.design import Accuracy, Requirements
-from startrack.metrics import Interval, Limits, correct, fraction_interval, level_ranks, mean_bounds
+from startrack.metrics import (
+    Interval,
+    Limits,
+    correct,
+    fraction_interval,
+    level_bounds,
+    mean_bounds,
+)
 from startrack.verification.accuracy import REGIONS, measured_over
 
 FEWEST = 10  # solved trials in the sky or a region, below which an rms has no bounds
@@ -186,14 +193,15 @@ class YieldClaim:
 
     least: float
 
-    def bounds(self, met: Flags, passing: float, failing: float) -> Interval:
+    def bounds(self, met: Flags, passing: float, failing: float, part: float = 1.0) -> Interval:
         """The yield of n units, the bound that can pass it, and the one that can fail it.
 
         met               (n,) whether each unit keeps the limit
         passing, failing  probabilities that each bound does not hold
+        part              of the units, that is as good as all, were each known by many trials
         Accuracy          exact; where a unit's error is that of few trials, of the yield with it
         """
-        hits, n = int(met.sum()), len(met)
+        hits, n = part * int(met.sum()), part * len(met)
         low = fraction_interval(hits, n, 1 - 2 * passing).low
         return Interval(hits / n, low, fraction_interval(hits, n, 1 - 2 * failing).high)
 
@@ -239,22 +247,8 @@ def _error_bounds(
         if len(finite) >= FEWEST:
             low, high = mean_bounds(finite, failing / 2, passing / 3)
     else:
-        low, high = _level_bounds(finite, objective.fraction, failing, passing)
+        low, high = level_bounds(finite, objective.fraction, failing, passing)
     return scale * math.sqrt(low), scale * math.sqrt(high)
-
-
-def _level_bounds(
-    squares: Floats, fraction: float, low_tail: float, high_tail: float
-) -> tuple[float, float]:
-    """Bounds of a quantile of (n,) or (n, axes) squares, by their order."""
-    n = len(squares)
-    ordered = np.sort(squares, axis=None)
-    axes = len(ordered) // n if n else 1  # the axes of a trial are one of its n
-    low, high = level_ranks(n, fraction, low_tail, high_tail)
-    return (
-        float(ordered[axes * low - 1]) if low > 0 else 0.0,
-        float(ordered[axes * high - 1]) if high <= n else math.inf,
-    )
 
 
 def _needed_hits(share: float, required: float, passing: float, failing: float) -> int | None:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from intervals_oracles import rare_probability
 from scipy import stats
 from variance import by_regions
 
@@ -168,3 +169,11 @@ def test_random_attitudes_find_the_same():
 def test_scores_that_are_none_are_refused(bad):
     with pytest.raises(ValueError, match="score must be finite, not negative"):
         chances(bad)
+
+
+def test_a_rare_probability_is_that_of_openturns():
+    """That a field of the sky shows too few stars, 1.1e-3; a false alarm in 1e-4 of the seeds."""
+    pytest.importorskip("openturns", reason="OpenTURNS is not installed: no probability beside it")
+    found = rare_probability(4000)
+    assert found["rare_ratio"] == pytest.approx(1, abs=4 * found["rare_ratio_sigma"])
+    assert found["rare_ratio_sigma"] < 0.2

@@ -3,6 +3,7 @@ import math
 
 import numpy as np
 import pytest
+from intervals_oracles import sobol_error
 
 from startrack.core import arcsec
 from startrack.design.variables import DesignSpace, Variable
@@ -106,3 +107,13 @@ def test_of_a_product_the_total_indices_are_larger(small, monkeypatch):
         assert one.first.value == pytest.approx(3 / 7, abs=0.02)
         assert one.total.value == pytest.approx(4 / 7, abs=0.02)
         assert one.first.low < one.first.value < one.first.high
+
+
+def test_indices_are_those_of_salib():
+    """Of the least error of a centroid over flux, width and noise, 128 designs beside 1,280.
+
+    Largest difference found: 0.002 to 0.012 for 64 to 1,024 base designs of SALib, whose own error
+    is 0.01 for 256; allowed: 0.03.
+    """
+    pytest.importorskip("SALib", reason="SALib is not installed: indices stand beside no other")
+    assert sobol_error(256) < 0.03

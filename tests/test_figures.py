@@ -1,0 +1,40 @@
+"""Figures of pages that whole commands measure: their words stand there, and are written."""
+
+import figures
+import pytest
+
+COMMANDS, FIGURES = figures.read(figures.TABLE)
+
+
+@pytest.mark.parametrize("figure", FIGURES, ids=lambda figure: figure.text[:30])
+def test_each_figure_has_its_words_in_its_page_once(figure):
+    text = (figures.ROOT / figure.page).read_text(encoding="utf-8")
+    assert len(figure.pattern.findall(text)) == 1
+    assert set(figures.PLACE.findall(figure.text)) == set(figure.places)
+    assert figure.command in COMMANDS
+    assert not figure.text.endswith("}"), "without words behind it, a place has no end"
+
+
+def test_figures_that_differ_are_said_and_written_where_that_is_asked_for(tmp_path, capsys):
+    page = tmp_path / "page.md"
+    page.write_text("It takes 12 s (*abc*), by a factor of 1.92 [1.73, 2.06]. Not this 12 s.\n")
+    places = {"time": ("s", ".0f"), "at": ("commit", "s"), "low": ("factor_95/0", ".2f")}
+    one = figures.Figure(
+        "page.md", "takes {time} s (*{at}*), by a factor of 1.92 [{low},", "", places
+    )
+    result = {"s": 14.4, "commit": "def", "factor_95": [1.731, 2.0]}
+    before = page.read_text()
+    assert figures.compared(one, result, page, write=False) == 2
+    assert page.read_text() == before
+    assert "page.md: time is 12, measured: 14" in capsys.readouterr().out
+    figures.compared(one, result, page, write=True)
+    assert page.read_text() == before.replace("12 s (*abc*)", "14 s (*def*)")
+    assert figures.compared(one, result, page, write=True) == 0
+
+
+def test_words_that_no_longer_stand_in_the_page_end_the_run(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text("It is fast.\n")
+    one = figures.Figure("page.md", "takes {time} s", "", {"time": ("s", ".0f")})
+    with pytest.raises(SystemExit, match=r"page\.md must say once: takes \{time\} s; it does 0"):
+        figures.compared(one, {"s": 1.0}, page, write=True)
