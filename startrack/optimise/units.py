@@ -356,7 +356,7 @@ def compared_levels(before: Levels, after: Levels, count: int, fraction: float) 
     fraction  of them, which do not exceed the levels
     Returns   without bounds where less than one unit is expected beyond the levels
     Accuracy  statistical: of 20 to 200 units by 3 trials each, whose noise is up to four times what
-              units differ by, intervals of levels and of ratios hold 0.93 to 1.
+              units differ by, intervals of levels and of ratios hold 0.92 to 1.
     """
     freedom = 2 * count * (1 - fraction)
     ratio = freedom + 1 if freedom >= 2 - 1e-9 else 0.0  # what both have in common does not count
