@@ -14,6 +14,7 @@ EXPECTED = {
     "frame_for_others": ("Frame(size: 512 x 512", ["frames/orion.ser", "frames/orion.csv"], ""),
     "guide_stars": ("triangles", ["flight/startrack_guide.bin", "flight/startrack_guide.c"], ""),
     "map_of_the_sky": ("arcsec at worst", ["sky.png"], ""),
+    "problem_of_a_photometer": ("error of start over best", [], ""),
     "psf_through_focus": ("of the light in one pixel", ["psf.png"], ""),
     "quantities": ("arcsec Summary(across", [], ""),
     "sequence_in_xarray": ("units:    rad", ["sequence.png"], "xarray"),

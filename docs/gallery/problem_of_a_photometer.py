@@ -73,5 +73,6 @@ class Photometer:
 found = improve(Photometer(), seed=1)
 for name, value in found.best.items():
     print(f"{name} {value:.3g}, from {found.start[name]:.3g}")
-print("error of start over best:", found.factor)
+factor = found.factor
+print(f"error of start over best: {factor.value:.1f} [{factor.low:.1f}, {factor.high:.1f}]")
 print(found.verdicts, "limited by", *found.landscape.prices)

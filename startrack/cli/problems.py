@@ -10,10 +10,10 @@ from typing import Any
 from startrack import optimise
 from startrack.cli import terminal
 from startrack.cli.campaign import open_workers
-from startrack.cli.options import Exit, WrongUse, as_wrong_use
+from startrack.cli.options import Exit, as_wrong_use
 from startrack.core import Rows
 from startrack.earth.retrieval import EarthProblem, load_earth_design
-from startrack.io import read_table, save_json, save_text, shipped
+from startrack.io import save_json, save_text
 from startrack.metrics import Interval, markdown
 from startrack.plots import draw_improvement
 from startrack.problem import Judgement, Problem, run_problem
@@ -26,19 +26,10 @@ def problem_of(path: Path | None, changes: list[str]) -> Problem | None:
 
     Raises  WrongUse where it is a scene without a study.
     """
-    if path is None or not _is_scene(path):
+    if path is None or not terminal.is_scene(path):
         return None
     with as_wrong_use(path=path):
         return EarthProblem(load_earth_design(path, changes))
-
-
-def _is_scene(path: Path) -> bool:
-    if path.suffix != ".toml":
-        return path.stem in {file.stem for file in shipped("scenes").glob("*.toml")}
-    if not path.exists():
-        return False
-    with as_wrong_use(path=path):
-        return bool(read_table(path, "a design or a scene").keys() & {"camera", "retrieval"})
 
 
 def optimize(options: argparse.Namespace, problem: Problem) -> int:
@@ -194,12 +185,3 @@ def improved_values(problem: Problem, found: optimise.Improved) -> dict[str, Any
         "feasible": found.feasible,
         "ending": found.ending,
     }
-
-
-def refuse_scene(path: Path | None, command: str) -> None:
-    """Refuse a scene of an Earth camera where a command takes star trackers alone."""
-    if path is not None and _is_scene(path):
-        raise WrongUse(
-            f"{command} takes a design of a star tracker; a scene with [retrieval] and [campaign] "
-            f"is taken by optimize and montecarlo, got {path}"
-        )

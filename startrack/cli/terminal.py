@@ -45,11 +45,27 @@ def example() -> Path:
     return io.shipped(EXAMPLE)
 
 
+def is_scene(path: Path) -> bool:
+    """Whether a path is that of a scene of an Earth camera, or the name of a shipped one."""
+    if path.suffix != ".toml":
+        return path.name in {file.stem for file in io.shipped("scenes").glob("*.toml")}
+    if not path.is_file():
+        return False
+    with as_wrong_use(path=path):
+        table: Any = io.read_table(path, "a design or a scene")
+    return bool(table.keys() & {"camera", "retrieval"})
+
+
 def read_design(path: Path, changes: Iterable[str] = ()) -> Design:
     """The design of a file with the changes of --set; raises WrongUse where it cannot be used.
 
     A file that is not there is looked for among those that are shipped, by its path or name alone.
     """
+    if is_scene(path):
+        raise WrongUse(
+            f"{path} is a scene of an Earth camera, which earth, requirements, optimize and "
+            "montecarlo take; this command takes the design of a star tracker"
+        )
     with as_wrong_use():
         design = load_design(found_file(path), list(changes))
     for code in used_code():

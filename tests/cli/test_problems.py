@@ -1,0 +1,51 @@
+"""Commands on campaigns take an Earth camera where they can, and say where they cannot."""
+
+import json
+
+import pytest
+
+from startrack.cli.main import main
+from startrack.io import shipped
+
+FEW = [
+    "campaign.analytic_evaluations=4",
+    "campaign.evaluations=3",
+    "campaign.trials=25",
+    "campaign.most_trials=25",
+    "campaign.fresh_trials=50",
+]
+
+
+@pytest.mark.slow
+def test_an_earth_camera_is_optimised(tmp_path, capsys):
+    changes = [word for change in FEW for word in ("--set", change)]
+    words = ["optimize", "hsrs", "--workers", "1", "--out", str(tmp_path), *changes, "--json"]
+    assert main(words) in (0, 3)
+    found = json.loads(capsys.readouterr().out)
+    assert found["factor"][0] >= 1
+    assert set(found["best_si"]) == set(found["start_si"])
+    assert {"aperture", "swath", "nominal: power"} <= set(found["verdicts"])
+    assert "smallest fire" in (tmp_path / "comparison.md").read_text()
+    assert (tmp_path / "convergence.png").stat().st_size > 10_000
+    assert json.loads((tmp_path / "best.json").read_text()) == found["best_si"]
+
+
+def test_trials_of_an_earth_camera_stand_beside_its_formula(tmp_path, capsys):
+    out = str(tmp_path)
+    assert main(["montecarlo", "mertis", "--trials", "40", "--out", out, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["trials"] == 40
+    assert found["value"][1] <= found["value"][0] <= found["value"][2]
+    assert found["expected"] == pytest.approx(found["value"][0], rel=0.5)
+    lines = (tmp_path / "trials.csv").read_text().splitlines()
+    assert len(lines) == 41
+    assert lines[0].startswith('trial,"nominal: ')
+
+
+@pytest.mark.parametrize("command", ["verify", "sample", "pareto", "sensitivity", "budget"])
+def test_what_takes_star_trackers_alone_says_what_takes_a_scene(command, capsys):
+    assert main([command, "hsrs"]) == 2
+    assert "a scene of an Earth camera, which earth, requirements, optimize" in (
+        capsys.readouterr().err
+    )
+    assert main([command, str(shipped("scenes/mertis.toml"))]) == 2
