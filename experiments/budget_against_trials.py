@@ -24,7 +24,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from startrack import Streams, arcsec, deg, shipped
-from startrack.budget import Budget, Law, analytic
+from startrack.budget import Budget, ErrorLaw, analytic
 from startrack.catalog import open_sky
 from startrack.core import Floats
 from startrack.design import Case, Fidelity, load_design, replaced
@@ -117,7 +117,7 @@ class Compared:
     """A design by formula and by trials."""
 
     name: str
-    budget: Budget[Law] | None
+    budget: Budget[ErrorLaw] | None
     summary: Summary
 
     @property

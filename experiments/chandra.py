@@ -47,7 +47,13 @@ from startrack.detector import Detector, Flicker, dark, dark_frames, frame_of, s
 from startrack.detector.ageing import CHANDRA_ACA, Flickering, pixels_above
 from startrack.io.saving import save_json
 from startrack.trial import psf_of
-from startrack.verification import Flown, Windows, compare_flown, correlation, read_windows
+from startrack.verification import (
+    FlightComparison,
+    Windows,
+    compare_flown,
+    correlation,
+    read_windows,
+)
 
 LAUNCH = 1999.56
 # The team counts 5 electrons a number; photon transfer of pixels in flight says 5.9.
@@ -435,7 +441,7 @@ def raw(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
     }
 
 
-def by_budget(case: Case, stars: Sequence[Windows], flown: Flown) -> dict[str, float]:
+def by_budget(case: Case, stars: Sequence[Windows], flown: FlightComparison) -> dict[str, float]:
     """Errors of single stars of these magnitudes by the budget, over what is seen of them."""
     found = single_stars(case)
     seen = {(row.star, row.name): row.seen.value for row in flown.differences}

@@ -34,7 +34,7 @@ from startrack.earth.imager import (
     load_survey,
     render,
 )
-from startrack.earth.product import Product, Settings, against_truth, calibrate, make_product
+from startrack.earth.product import Product, ProductSettings, against_truth, calibrate, make_product
 
 Floats = NDArray[np.float64]
 SIZE, FIRES = 120, 6  # pixel, and fires along each side
@@ -101,7 +101,7 @@ def make(survey: Survey, seed: int) -> tuple[Product, Picture, Channel, Setting]
     picture = Picture.blank(channel.detector.rows, channel.columns)
     setting = render(survey, channel, Path(), seed, picture)
     frames = calibrate(survey, channel, setting, seed)
-    product = make_product(survey, channel, Path(), picture.numbers, frames, Settings())
+    product = make_product(survey, channel, Path(), picture.numbers, frames, ProductSettings())
     return product, picture, channel, setting
 
 

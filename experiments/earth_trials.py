@@ -33,7 +33,7 @@ from startrack.earth.imager import (
     Survey,
     render,
 )
-from startrack.earth.product import Settings, calibrate, make_product
+from startrack.earth.product import ProductSettings, calibrate, make_product
 from startrack.earth.product.ortho import MapGrid
 from startrack.earth.product.retrieval import brightness_temperature
 from startrack.earth.terrain import EQUATORIAL
@@ -217,7 +217,9 @@ def made(
     numbers = picture.numbers
     numbers = numbers + stray * (numbers.mean() - channel.detector.offset)
     frames = frames._replace(radiance=frames.radiance * (1 + lamp))
-    product = make_product(believed, mine, folder, numbers, frames, Settings(uncertainty=True))
+    product = make_product(
+        believed, mine, folder, numbers, frames, ProductSettings(uncertainty=True)
+    )
     return product.image, product.uncertainty, true_places
 
 

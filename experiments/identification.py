@@ -39,8 +39,8 @@ from startrack.benchmark.solving import (
     SETTINGS,
     SIZE,
     TOLERANCE,
+    BenchmarkView,
     Regime,
-    Seen,
     away,
     design,
     sky,
@@ -63,7 +63,7 @@ ALL = [Regime(*r) for r in product(LIMIT_G, (0.05, 0.2, 0.5, 1.0), (0, 5, 20), (
 FEW = [regime for regime in ALL if regime[1:] in ((0.2, 0, 0.0), (0.2, 20, 0.2), (1.0, 20, 0.2))]
 
 
-def bound(seen: Seen, regime: Regime) -> Floats:
+def bound(seen: BenchmarkView, regime: Regime) -> Floats:
     """Standard deviations (3,), radian, of the best attitude from all stars, focal length known."""
     camera, stars, _ = design(regime.field)
     x, y, z = seen.icrs_to_camera.apply(stars.direction[seen.star[seen.star >= 0]]).T
@@ -75,7 +75,7 @@ def bound(seen: Seen, regime: Regime) -> Floats:
     return np.sqrt(np.diag(np.linalg.pinv(rows.T @ rows))) * sigma
 
 
-def within_reach(seen: Seen, regime: Regime) -> bool:
+def within_reach(seen: BenchmarkView, regime: Regime) -> bool:
     """Whether the truth itself is evident enough, its faintest stars left out or not."""
     camera, stars, index = design(regime.field)
     every = see(seen.spots, usable(seen.spots), camera, SETTINGS)
@@ -97,11 +97,11 @@ def within_reach(seen: Seen, regime: Regime) -> bool:
     return best > -math.log(SETTINGS.max_false_probability)
 
 
-Solver = Callable[[Seen], tuple[Rotation | None, float]]  # and the processor's seconds
+Solver = Callable[[BenchmarkView], tuple[Rotation | None, float]]  # and the processor's seconds
 
 
-def timed(solve: Callable[[Seen], Rotation | None]) -> Solver:
-    def run(seen: Seen) -> tuple[Rotation | None, float]:
+def timed(solve: Callable[[BenchmarkView], Rotation | None]) -> Solver:
+    def run(seen: BenchmarkView) -> tuple[Rotation | None, float]:
         start = time.process_time()
         found = solve(seen)
         return found, time.process_time() - start
@@ -109,10 +109,10 @@ def timed(solve: Callable[[Seen], Rotation | None]) -> Solver:
     return run
 
 
-def ours(regime: Regime) -> Callable[[Seen], Rotation | None]:
+def ours(regime: Regime) -> Callable[[BenchmarkView], Rotation | None]:
     _, stars, index = design(regime.field)
 
-    def run(seen: Seen) -> Rotation | None:
+    def run(seen: BenchmarkView) -> Rotation | None:
         return identify(seen.spots, seen.believed, stars, index, SETTINGS).icrs_to_camera
 
     return run
@@ -136,7 +136,7 @@ def peers(regime: Regime) -> Iterator[tuple[str, Solver]]:
     tunings: dict[str, dict[str, float]] = {"tetra3rs": {}, "tetra3rs tuned": tuned}
     for name, settings in tunings.items():
 
-        def run(seen: Seen, settings: dict[str, float] = settings) -> Rotation | None:
+        def run(seen: BenchmarkView, settings: dict[str, float] = settings) -> Rotation | None:
             centre = (SIZE - 1) / 2
             spots = seen.spots
             field = seen.believed.fov_x / deg
@@ -166,7 +166,7 @@ def _cedar(interpreter: str) -> Solver:
         env={key: value for key, value in os.environ.items() if key != "PYTHONPATH"},
     )
 
-    def run(seen: Seen) -> tuple[Rotation | None, float]:
+    def run(seen: BenchmarkView) -> tuple[Rotation | None, float]:
         assert worker.stdin is not None
         assert worker.stdout is not None
         field = seen.believed.fov_x / deg

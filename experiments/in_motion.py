@@ -69,7 +69,7 @@ from startrack.catalog import Selection, open_sky
 from startrack.design import Fidelity
 from startrack.identification import Identification, PatternIndexes
 from startrack.mission import Between, between, frames_of, load_mission, plan_of, surrogate
-from startrack.sequence import Gyro, Head, Leg, Sequence, run
+from startrack.sequence import Gyro, Leg, Sequence, SequenceHead, run
 from startrack.trial import solve_photograph
 
 RATES = (0.0, 0.3, 1.0, 3.0)  # deg/s
@@ -79,7 +79,7 @@ PERIOD = 0.213  # second; a multiple of the tones' periods would make their jitt
 GYRO = Gyro(0.15 * deg / 60, 1e-7, 1e-5)
 CALIBRATED = {100: 64, 1000: 16, 10_000: 4}  # frames: cameras
 STARS, NOISE = 12, 0.05  # in a frame of a calibration; pixel
-SECOND = Head(x=90 * deg, alignment_sigma=60 * arcsec)
+SECOND = SequenceHead(x=90 * deg, alignment_sigma=60 * arcsec)
 BEGIN = 10  # frames of a sequence that are left out, while the filter settles
 # A real frame in which stars are streaks: the test image "random" of PiFinder (31 January 2024,
 # 512 x 512 pixels, 25 mm; 0.75 s was its exposure by default). Expected before it was solved, from
@@ -288,7 +288,7 @@ def stated(outcomes: NDArray[np.void]) -> float:
 
 
 def nees(
-    rate: float, sequences: int, frames: int, heads: tuple[Head, ...] = ()
+    rate: float, sequences: int, frames: int, heads: tuple[SequenceHead, ...] = ()
 ) -> tuple[list[float], list[float]]:
     """Mean of the squared error over the stated variance, of three axes, and its standard error.
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack import Fidelity, load_design, run_trials, shipped
-from startrack.budget import Sample
+from startrack.budget import SkySample
 from startrack.design import Objective
 from startrack.metrics import level_interval, rms_interval
 from startrack.trial import random_attitudes
@@ -81,11 +81,11 @@ def totals(repeats: int, pool: int, quick: bool) -> dict[str, Any]:
         error[rows["false"]] = np.nan
         error = error.reshape(members, TIMES, 3)
         error = error[np.isfinite(error).all(axis=(1, 2))]
-        truth, rng = Sample(error), np.random.default_rng(1)
+        truth, rng = SkySample(error), np.random.default_rng(1)
         for count in COUNTS[:2] if quick else COUNTS:
             holds = dict.fromkeys(("total across", "total about"), 0)
             for _ in range(repeats):
-                drawn = Sample(error[rng.integers(0, len(error), count)])
+                drawn = SkySample(error[rng.integers(0, len(error), count)])
                 for figure, axes in zip(holds, ((0, 1), (2,)), strict=True):
                     interval = drawn.rms_interval(axes)
                     value = truth.rms_interval(axes).value

@@ -62,7 +62,7 @@ from startrack.optics import (
     trace_lens,
 )
 from startrack.optics.ghosts import ghost_map, pairs, reflectances
-from startrack.optics.lens_psf import Band, _Plan, _stars, band_of
+from startrack.optics.lens_psf import ColourBand, _LensPlan, _stars, band_of
 from startrack.optimise import TrialRunner, optimize
 from startrack.scene import WAVELENGTH, illuminate
 from startrack.trial import images_of, line_of_sight, psf_of, stars_in_field, throughput
@@ -164,7 +164,7 @@ def images(quick: bool) -> float:
         errors = np.zeros(wanted.shape[:2])
         for f, w in [(0, 0)] if quick else np.ndindex(errors.shape):
             wave = waves[[w]]
-            plan = _Plan(lens, camera, 10e-6, Band(wave, np.ones((1, 1))), 1.0, 0.0)
+            plan = _LensPlan(lens, camera, 10e-6, ColourBand(wave, np.ones((1, 1))), 1.0, 0.0)
             star = _stars(lens, wave, float(angles[f]), np.pi / 2)[0]
             errors[f, w] = apart(plan, star, wanted[f, w], 8 if quick else None)
         f, w = np.unravel_index(errors.argmax(), errors.shape)
@@ -176,7 +176,7 @@ def images(quick: bool) -> float:
     return worst
 
 
-def apart(plan: _Plan, star: Any, wanted: Floats, tries: int | None = None) -> float:
+def apart(plan: _LensPlan, star: Any, wanted: Floats, tries: int | None = None) -> float:
     """Largest difference of two images over the peak, where they fit best on each other."""
     n = len(wanted)
     plan.count, plan.spacing = n + 1, WIDTH / (n - 1)
@@ -284,7 +284,7 @@ def stamps(case: Case, count: int) -> tuple[float, float]:
     spectra = instrument.detected_spectra(TEMPERATURES)
     order = np.argsort(spectra @ WAVELENGTH / spectra.sum(axis=1))
     camera, images = instrument.camera, field_psf_of(instrument)
-    plan = _Plan(
+    plan = _LensPlan(
         open_optics(instrument.optics),
         camera,
         instrument.detector.pitch,

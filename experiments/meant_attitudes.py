@@ -26,7 +26,7 @@ from startrack import Refused, shipped
 from startrack.core import installed_tables
 from startrack.mission import load_mission
 from startrack.mission.instants import motion_of, path_of
-from startrack.mission.parameters import Attitude, Orbit
+from startrack.mission.parameters import Attitude, MissionOrbit
 from startrack.space import two_line_record
 
 BEGIN = "2026-03-20T12:00:00"
@@ -369,7 +369,7 @@ def _oem(
         else:
             path.write_text(text)
         seconds = np.array([241.0, 250.5, 333.0, 600.0, 777.0, 950.0])
-        place, speed = path_of(Orbit(oem=str(path)), BEGIN).state(seconds)
+        place, speed = path_of(MissionOrbit(oem=str(path)), BEGIN).state(seconds)
         if writer and scale != "GPS" and not form.startswith("day") and version != "3.0":
             with installed_tables():
                 theirs = oem.OrbitEphemerisMessage.open(path)
@@ -543,7 +543,7 @@ def _spk(kind: int, frame: str, segments: int = 1) -> Compare:
             [spice.spkgeo(-77, _ephemeris_second() + t, "J2000", 399)[0] for t in seconds]
         )
         spice.kclear()
-        place, speed = path_of(Orbit(oem=str(path)), BEGIN).state(seconds)
+        place, speed = path_of(MissionOrbit(oem=str(path)), BEGIN).state(seconds)
         return _differs(place.T, 1e3 * theirs[:, :3], PLACE, "m") or _differs(
             speed.T, 1e3 * theirs[:, 3:], 0.05, "m/s"
         )
@@ -595,7 +595,7 @@ def _tle(changes: dict[str, Any], ephemeris: str = "0") -> Compare:
         path.with_suffix(".tle").write_text("\n".join(lines))
         mission = load_mission(shipped("missions/sun-synchronous.toml")).mission
         time = replace(mission.time, begin=BEGIN, duration=7200.0, step=600.0)
-        mine = motion_of(replace(mission, orbit=Orbit(tle=tuple(lines)), time=time)).at(
+        mine = motion_of(replace(mission, orbit=MissionOrbit(tle=tuple(lines)), time=time)).at(
             0.0, 600.0, 12
         )
         theirs = Satrec.twoline2rv(*lines)

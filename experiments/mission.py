@@ -90,7 +90,7 @@ from startrack.mission import (
     Blind,
     Loaded,
     Mission,
-    Plan,
+    MissionPlan,
     exports,
     fly,
     fly_units,
@@ -109,7 +109,7 @@ from startrack.mission.engine import at
 from startrack.mission.fusion import fuse, head_covariance, relative_alignment
 from startrack.mission.instants import path_of
 from startrack.mission.messages import read_aem
-from startrack.mission.parameters import MissionRequirements, Orbit, mounted
+from startrack.mission.parameters import MissionOrbit, MissionRequirements, mounted
 from startrack.mission.rendered import root_of_mean
 from startrack.montecarlo import Serial
 from startrack.optics import Baffle
@@ -198,7 +198,7 @@ def main() -> None:
     command.save(chosen, figures)
 
 
-def directions(plan: Plan, count: int) -> dict[str, float]:
+def directions(plan: MissionPlan, count: int) -> dict[str, float]:
     """Sun and Moon at random steps, by astropy's own transformations."""
     import astropy.units as u
     from astropy.coordinates import (
@@ -243,7 +243,7 @@ def directions(plan: Plan, count: int) -> dict[str, float]:
     return found
 
 
-def limb(plan: Plan, count: int) -> float:
+def limb(plan: MissionPlan, count: int) -> float:
     """Largest difference in arcminutes to the nearest of many points of the limb."""
     span = plan.loaded.mission.time
     worst, flat = 0.0, 1 - 1 / 298.257223563
@@ -290,7 +290,7 @@ def events(days: int) -> dict[str, float]:
     return {"events": count, "events_alone": alone}
 
 
-def speed(plan: Plan, steps: int) -> dict[str, float]:
+def speed(plan: MissionPlan, steps: int) -> dict[str, float]:
     """CPU time of the mission, best of two, and of a plain loop over some of its steps."""
     times = []
     for _ in range(2):
@@ -302,7 +302,7 @@ def speed(plan: Plan, steps: int) -> dict[str, float]:
     return {"year_three_heads_s": min(times), "astropy_speedup": one / own}
 
 
-def _loop(plan: Plan, steps: int) -> float:
+def _loop(plan: MissionPlan, steps: int) -> float:
     """CPU time of a loop that asks astropy for Sun, Moon and axes at each step."""
     import astropy.units as u
     from astropy.coordinates import GCRS, TEME, CartesianRepresentation, get_body
@@ -398,7 +398,7 @@ def bench(count: int) -> dict[str, float]:
     }
 
 
-def round_trip(plan: Plan) -> float:
+def round_trip(plan: MissionPlan) -> float:
     """Largest rotation, radian, between attitudes and the same from their file."""
     own = plan.motion.at(0.0, 10.0, 5000)
     turn = Rotation.from_matrix(own.body.transpose(2, 0, 1))
@@ -423,7 +423,7 @@ def placement(example: Mission, quick: bool) -> float:
     mission = dataclasses.replace(
         loaded.mission,
         heads=heads,
-        orbit=Orbit(altitude=600e3, inclination=0.0),
+        orbit=MissionOrbit(altitude=600e3, inclination=0.0),
         requirements=MissionRequirements(availability_two=0.999),
     )
     if quick:
@@ -483,7 +483,7 @@ def exported(sequences: int, frames: int) -> float | None:
     return max(abs(math.sqrt(b / a) - 1) for a, b in zip(*bands, strict=True))
 
 
-def rendered(plan: Plan, count: int) -> dict[str, float]:
+def rendered(plan: MissionPlan, count: int) -> dict[str, float]:
     """Frames of valid heads at random instants of the mission, beside what it expects."""
     draw = np.random.default_rng(9)
     span, errors, solved = plan.loaded.mission.time, [], []

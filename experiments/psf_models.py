@@ -38,7 +38,7 @@ from startrack.benchmark.optics import (
     FIELD,
     NOLL,
     WAVELENGTH,
-    Pattern,
+    TestPattern,
     by_rings,
     centroid,
     exact,
@@ -98,7 +98,7 @@ def patterns(peers: dict[str, Any], rounds: int, picked: int) -> dict[str, float
     clear = airy(np.hypot(FIELD, FIELD[:, None]), 1.0, 1.0)
     pick = np.random.default_rng(8).integers(0, len(FIELD), (picked, 2))
     aberrated = by_rings(coefficients, FIELD[pick])
-    makers = {"": Pattern()} | {
+    makers = {"": TestPattern()} | {
         f"_{name}": maker(FIELD, NOLL)
         for name, maker in peers.items()
         if name in psf_peers.PATTERNS

@@ -36,7 +36,7 @@ from startrack.earth.atmosphere import (
     Air,
     AirTable,
     Reach,
-    Sight,
+    SlantPath,
     at_sensor,
     in_bands,
     load_table,
@@ -47,7 +47,7 @@ from startrack.earth.atmosphere import (
 from startrack.earth.geometry import EarthScene, observe_earth
 from startrack.io.tables import from_table
 from startrack.plots import LINES, legend_below, picture, save_picture, styled
-from startrack.scene import Orbit, Scene
+from startrack.scene import ObserverOrbit, Scene
 from startrack.scene.ephemeris import observer_of
 from startrack.scene.limb import load_limb
 from startrack.space import EARTH_RADIUS
@@ -221,7 +221,7 @@ def modtran() -> dict[str, Any]:
     forest = np.interp(wavelength, FOREST_AT, FOREST)
     fine = refine(bands, Reach((0.0, 0.0), (0.0, 0.0), (50 * deg, 50 * deg), (90 * deg, 90 * deg)))
     flat = np.ones(1)
-    sight = Sight(
+    sight = SlantPath(
         0 * flat, 0 * flat, 50 * deg * flat, 90 * deg * flat, math.cos(50 * deg) * flat, flat, flat
     )
     ours = radiance(fine, sight, np.full(len(wavelength), TARGET), forest).total[0]
@@ -272,7 +272,7 @@ def table_error(
         azimuth = rng.uniform(0, math.pi)
         here = Reach(*((value, value) for value in (height, sensor, sun, azimuth)))
         whole = (height, sensor, sun, azimuth, math.cos(sun), 1.0, 1.0)
-        sight = Sight._make(np.array([value]) for value in whole)
+        sight = SlantPath._make(np.array([value]) for value in whole)
         ours = radiance(refine(bands, here), sight, ground, ground).total[0]
         rays = [(math.cos(sensor), math.pi - azimuth, TOP)]
         direct = solve(air, table.spectrum[node], height, math.cos(sun), rays, (0.3,), 8, True)
@@ -292,7 +292,7 @@ def speed(table: AirTable, side: int, repeats: int) -> dict[str, Any]:
     reach = Reach((0.0, 2e3), (0.0, 5 * deg), (40 * deg, 45 * deg), (0.0, math.pi))
     fine = refine(in_bands(table, response, 600e3), reach)
     whole = image(side)
-    block = Sight(*(values[: 2**15] for values in whole))
+    block = SlantPath(*(values[: 2**15] for values in whole))
     pixels = min(side**2, 2**15)
     reflectance = np.full((pixels, BANDS), 0.2, np.float32)
     around = np.full(BANDS, 0.2)
@@ -387,7 +387,7 @@ def limb() -> dict[str, float]:
 def tracker_at_the_limb(trials: int) -> dict[str, Any]:
     """The nanosatellite's tracker with the sunlit Earth over a third of its field."""
     design = load_design(shipped("designs/noise_only.toml")).case
-    orbit = Orbit(600e3, phase=0.0)
+    orbit = ObserverOrbit(600e3, phase=0.0)
     scene = Scene(lights=("earth", "sun"), date="2026-03-20T12:00:00", orbit=orbit)
     case = replace(design, scene=scene)
     observer = observer_of(scene, Streams(0, 0))
@@ -425,7 +425,7 @@ def draw(table: AirTable, path: Path, every: int) -> None:
     flat = np.ones(1)
     half = np.full(len(shown), 0.5)
     parts = radiance(
-        fine, Sight(0 * flat, 0 * flat, 0 * flat, 0 * flat, flat, flat, flat), half, half
+        fine, SlantPath(0 * flat, 0 * flat, 0 * flat, 0 * flat, flat, flat, flat), half, half
     )
     figure = picture(4.6, "Sun in the zenith, sensor at 100 km, albedo 0.5, rural aerosol 23 km")
     axes = figure.subplots()

@@ -30,8 +30,8 @@ from startrack import (
 from startrack.detector import Defects, Hits, Pattern
 from startrack.motion import Broadband, Tone
 from startrack.optics import Aberration
-from startrack.scene import Orbit, Scene
-from startrack.scene.ephemeris import Observer, observer_of
+from startrack.scene import ObserverOrbit, Scene
+from startrack.scene.ephemeris import SkyObserver, observer_of
 from startrack.space import EARTH_RADIUS
 
 SEED = 11
@@ -42,7 +42,7 @@ ATTITUDES = 1000  # that a trial may draw until a field is dark
 NIGHT = Scene(
     lights=("zodiacal", "starlight", "planets", "sun", "moon", "earth", "airglow", "cities"),
     date="2026-04-28T12:00:00",
-    orbit=Orbit(600e3, phase=215 * deg),
+    orbit=ObserverOrbit(600e3, phase=215 * deg),
 )
 
 
@@ -105,7 +105,7 @@ def errors(case: Case, attitude: Rotation, number: int, fidelity: Fidelity) -> F
     return np.array([[one.error_x, one.error_z], [one.error_y, math.nan]]) / arcsec
 
 
-def dark_field(observer: Observer, down: Floats, horizon: float, number: int) -> Rotation:
+def dark_field(observer: SkyObserver, down: Floats, horizon: float, number: int) -> Rotation:
     """A random attitude that is far from the Moon and from the Earth's limb."""
     moon = observer.see("moon").direction
     for n in count():

@@ -38,8 +38,8 @@ from terrain import Embree
 
 from startrack.benchmark import (
     STAGES,
+    BenchmarkStage,
     Clocked,
-    Stage,
     Way,
     draw_benchmark,
     markdown,
@@ -96,7 +96,7 @@ def main() -> None:
 Maker = Callable[[], dict[str, Way]]
 
 
-def present(makers: dict[str, Maker], stage: Stage, absent: set[str]) -> dict[str, Way]:
+def present(makers: dict[str, Maker], stage: BenchmarkStage, absent: set[str]) -> dict[str, Way]:
     """The ways of the peers that are installed; the others are named in `absent`."""
     ways: dict[str, Way] = {}
     for name, make in makers.items():
@@ -111,7 +111,7 @@ def present(makers: dict[str, Maker], stage: Stage, absent: set[str]) -> dict[st
 def pattern(name: str) -> dict[str, Way]:
     maker = psf_peers.present()[name] if name in psf_peers.present() else missing(name)
     made = maker(patterns.FIELD, patterns.NOLL)
-    peak = made.clear().max() / patterns.Pattern().clear().max()
+    peak = made.clear().max() / patterns.TestPattern().clear().max()
     return {name: lambda: made.aberrated(patterns.COEFFICIENTS) / peak}
 
 

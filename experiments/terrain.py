@@ -38,7 +38,7 @@ from startrack.earth.terrain import (
     Mosaic,
     Pyramid,
     Rays,
-    Scan,
+    TerrainScan,
     cartesian,
     fractal,
     index,
@@ -93,7 +93,7 @@ def hits(cells: int, count: int) -> dict[str, Any]:
     surface, errors = index(grid, heights), {}
     for elevation in ELEVATIONS:
         rays = random_rays(RANDOM, grid, count, elevation)
-        expected, _ = Scan(grid, heights, HEIGHT - 3e4, HEIGHT + 3e4).meet(rays)
+        expected, _ = TerrainScan(grid, heights, HEIGHT - 3e4, HEIGHT + 3e4).meet(rays)
         found = trace(surface, rays)
         both = found.hit & expected.hit
         errors[elevation] = np.abs(found.distance[both] - expected.distance[both])
@@ -111,7 +111,7 @@ def grazing(count: int) -> dict[str, Any]:
     surface, wrong, asked = index(grid, heights), 0, 0
     while asked < count:
         rays = random_rays(RANDOM, grid, min(50_000, count - asked), RANDOM.uniform(2, 10))
-        expected, _ = Scan(grid, heights, HEIGHT - 5e4, HEIGHT + 5e4).meet(rays)
+        expected, _ = TerrainScan(grid, heights, HEIGHT - 5e4, HEIGHT + 5e4).meet(rays)
         found = trace(surface, rays)
         both = found.hit & expected.hit
         wrong += int((found.hit != expected.hit).sum())
@@ -127,7 +127,7 @@ def shadow(cells: int, count: int) -> dict[str, Any]:
     rays = random_rays(RANDOM, grid, count, 80, 0.9)
     ground, reference = (
         Relief(index(grid, heights)),
-        Scan(grid, heights, HEIGHT - 2e4, HEIGHT + 2e4),
+        TerrainScan(grid, heights, HEIGHT - 2e4, HEIGHT + 2e4),
     )
     wrong, shaded = [], []
     for elevation in (60, 30, 10, 2):

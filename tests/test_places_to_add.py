@@ -20,7 +20,7 @@ from startrack.core.extension import code_of_command
 from startrack.design.keys import keys_of
 from startrack.detection.methods import CENTROIDS
 from startrack.detector import PIXEL_EFFECTS, Detector
-from startrack.detector.effects import PixelEffect, Stage
+from startrack.detector.effects import PixelEffect, PixelStage
 from startrack.io import shipped
 from startrack.optimise.search import Search, algorithms, least
 from startrack.scene import LIGHTS
@@ -48,7 +48,7 @@ def add_popcorn_noise(signal, detector, streams):
 def noisy(monkeypatch):
     row = PixelEffect(
         "popcorn_noise",
-        Stage.SIGNAL,
+        PixelStage.SIGNAL,
         lambda detector: getattr(detector, "popcorn_noise", 0.0),
         add_popcorn_noise,
         left_out="popcorn noise",

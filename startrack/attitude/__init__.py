@@ -32,8 +32,8 @@ from startrack.attitude.camera import (
 from startrack.attitude.camera_filter import CameraFilter, after_frame, attitude_doubt, first_camera
 from startrack.attitude.follow import (
     Gyroscope,
-    Lasting,
-    Measured,
+    LastingErrors,
+    MeasuredAttitude,
     State,
     correct,
     correct_together,

@@ -84,7 +84,7 @@ class State:
 
 
 @dataclass(frozen=True, eq=False)
-class Lasting:
+class LastingErrors:
     """Parts of the error of a measured attitude that are correlated in time (Gauss-Markov).
 
     covariance  (k, 3, 3) radian^2 about the camera's axes, of each part, within that of the
@@ -100,7 +100,7 @@ def start(
     icrs_to_head: Rotation,
     covariance: Floats,
     bias_sigma: float,
-    lasting: Lasting | None = None,
+    lasting: LastingErrors | None = None,
     misalignment_sigma: float = 0.0,
     heads: Sequence[tuple[Rotation, float]] = (),
     head: int = 0,
@@ -142,7 +142,11 @@ def start(
 
 
 def predict(
-    state: State, rate: Floats, step: float, gyroscope: Gyroscope, lasting: Lasting | None = None
+    state: State,
+    rate: Floats,
+    step: float,
+    gyroscope: Gyroscope,
+    lasting: LastingErrors | None = None,
 ) -> State:
     """Propagate the state over a time step with a constant rate.
 
@@ -188,7 +192,7 @@ def predict(
     return replace(state, icrs_to_camera=turned, covariance=covariance, lasting=errors)
 
 
-class Measured(NamedTuple):
+class MeasuredAttitude(NamedTuple):
     """An attitude that a head measured from stars.
 
     covariance  (3, 3) radian^2, about the axes of the head; without that of the lasting errors of
@@ -202,12 +206,12 @@ class Measured(NamedTuple):
 
 
 def correct(state: State, icrs_to_head: Rotation, covariance: Floats, head: int = 0) -> State:
-    """Correct the state with an attitude that one head measured from stars, as `Measured`."""
-    return correct_together(state, [Measured(icrs_to_head, covariance, head)])
+    """Correct the state with an attitude that one head measured, as in `MeasuredAttitude`."""
+    return correct_together(state, [MeasuredAttitude(icrs_to_head, covariance, head)])
 
 
 def correct_together(
-    state: State, measured: Sequence[Measured], shared: Floats | None = None
+    state: State, measured: Sequence[MeasuredAttitude], shared: Floats | None = None
 ) -> State:
     """Correct the state with attitudes that heads measured from stars at one time.
 

@@ -13,9 +13,9 @@ from collections.abc import Callable
 
 from startrack.benchmark import detection, earth, frame, optics, solving, studies
 from startrack.benchmark.stage import (
+    BenchmarkStage,
     Clocked,
-    Row,
-    Stage,
+    StageRow,
     Way,
     draw_benchmark,
     markdown,
@@ -25,7 +25,7 @@ from startrack.benchmark.stage import (
 )
 
 # In the order in which the light goes.
-STAGES: dict[str, Callable[[], Stage]] = {
+STAGES: dict[str, Callable[[], BenchmarkStage]] = {
     "psf": optics.psf,
     "stamping": optics.stamping,
     "noise": frame.noise,
@@ -42,9 +42,9 @@ STAGES: dict[str, Callable[[], Stage]] = {
 
 __all__ = [
     "STAGES",
+    "BenchmarkStage",
     "Clocked",
-    "Row",
-    "Stage",
+    "StageRow",
     "Way",
     "draw_benchmark",
     "markdown",

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 from scipy.special import ndtr
 from scipy.stats import norm
 
-from startrack.benchmark.stage import Stage
+from startrack.benchmark.stage import BenchmarkStage
 from startrack.core import Flags, Floats, Frame, Spots, Streams
 from startrack.detection import Detection, DetectionPlan, detect, gaussian_psf, plan_detection
 from startrack.metrics import Star, centroid_bound
@@ -154,10 +154,10 @@ def sown(snr: float) -> tuple[Frame, Floats, Floats, float]:
     return expose(light, streams), x, y, flux
 
 
-def detection() -> Stage:
+def detection() -> BenchmarkStage:
     """The fraction of faint stars that are not found, at an allowed number of false spots."""
     frame, x, y, flux = sown(FAINT)
-    return Stage(
+    return BenchmarkStage(
         "detection",
         f"a megapixel with {len(x)} stars of SNR {FAINT:g}, background {BACKGROUND:g} e-",
         f"fraction of stars not found (ours at {FALSE} false spots a frame)",
@@ -168,10 +168,10 @@ def detection() -> Stage:
     )
 
 
-def centroid() -> Stage:
+def centroid() -> BenchmarkStage:
     """The scatter of the centroids of bright stars."""
     frame, x, y, flux = sown(BRIGHT)
-    return Stage(
+    return BenchmarkStage(
         "centroid",
         f"the same frame with {len(x)} stars of SNR {BRIGHT:g}",
         "rms of the centroid per axis, pixel",

@@ -9,14 +9,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.benchmark.stage import Stage
+from startrack.benchmark.stage import BenchmarkStage
 from startrack.core import Floats, Streams, deg, nm
 from startrack.earth import atmosphere
 from startrack.earth.terrain import (
     ConstantHeight,
     Grid,
     Rays,
-    Scan,
+    TerrainScan,
     cartesian,
     fractal,
     index,
@@ -74,17 +74,17 @@ def rays_down() -> Rays:
     return image_rays(mountains(CELLS)[0], SIDE, ELEVATION)
 
 
-def terrain() -> Stage:
+def terrain() -> BenchmarkStage:
     """The median error of the distance; the alternative is a surface of constant height."""
     grid, heights = mountains(CELLS)
     surface, rays = index(grid, heights), rays_down()
-    reference, _ = Scan(grid, heights, HEIGHT - 3e4, HEIGHT + 3e4).meet(rays[JUDGED])
+    reference, _ = TerrainScan(grid, heights, HEIGHT - 3e4, HEIGHT + 3e4).meet(rays[JUDGED])
     level = ConstantHeight(float(heights.mean()))
 
     def judge(distance: NDArray[np.floating]) -> float:
         return float(np.nanmedian(np.abs(distance[JUDGED] - reference.distance)))
 
-    return Stage(
+    return BenchmarkStage(
         "terrain",
         f"a ray from {HEIGHT / 1e3:g} km at {ELEVATION} deg to {CELLS} x {CELLS} cells of "
         f"{STEP * 6.4e6:.0f} m",
@@ -107,7 +107,7 @@ PLACES = 24  # pixels that the solver computes
 REACH = atmosphere.Reach((0.0, 2e3), (0.0, 5 * deg), (40 * deg, 45 * deg), (0.0, math.pi))
 
 
-def image(size: int) -> atmosphere.Sight:
+def image(size: int) -> atmosphere.SlantPath:
     """A nadir image over hills, as smooth as images are."""
     y, x = np.mgrid[:size, :size] / size
     height = 1000 + 900 * np.sin(7 * x) * np.cos(5 * y)
@@ -116,7 +116,7 @@ def image(size: int) -> atmosphere.Sight:
     azimuth = np.abs(np.arctan2(y - 0.5, x - 0.5))
     flat = np.ones(size * size)
     places = [part.ravel() for part in (height, sensor, sun, azimuth)]
-    return atmosphere.Sight._make([*places, np.cos(places[2]), flat, flat])
+    return atmosphere.SlantPath._make([*places, np.cos(places[2]), flat, flat])
 
 
 def lines(table: atmosphere.AirTable) -> tuple[atmosphere.AirTable, Floats, NDArray[np.intp]]:
@@ -127,7 +127,7 @@ def lines(table: atmosphere.AirTable) -> tuple[atmosphere.AirTable, Floats, NDAr
     return atmosphere.AirTable(**{**vars(table), "gas": np.ones_like(table.gas)}), response, node
 
 
-class Scenery(NamedTuple):
+class EarthScenery(NamedTuple):
     """An image of hills, and the table that it is made from.
 
     fine  the part of the table that the image needs, in the wavelengths' bands
@@ -138,23 +138,23 @@ class Scenery(NamedTuple):
 
     table: atmosphere.AirTable
     fine: atmosphere.FineTable
-    sight: atmosphere.Sight
+    sight: atmosphere.SlantPath
     unit: Floats
     node: NDArray[np.intp]
     pick: NDArray[np.intp]
 
 
-def scenery() -> Scenery:
+def scenery() -> EarthScenery:
     """What all ways get."""
     table = atmosphere.load_table(shipped("atmosphere/rural-23km.fits"))
     bare, response, node = lines(table)
     unit = response @ (np.gradient(table.spectrum) * table.irradiance)
     fine = atmosphere.refine(atmosphere.in_bands(bare, response, 600e3), REACH)
     pick = np.linspace(0, PIXELS**2 - 1, PLACES).astype(np.intp)
-    return Scenery(table, fine, image(PIXELS), unit, node, pick)
+    return EarthScenery(table, fine, image(PIXELS), unit, node, pick)
 
 
-def radiance() -> Stage:
+def radiance() -> BenchmarkStage:
     """Three wavelengths of an image of hills."""
     scene = scenery()
     ground = np.full((PIXELS**2, len(scene.node)), ALBEDO, np.float32)
@@ -170,7 +170,7 @@ def radiance() -> Stage:
     def judge(values: Floats) -> float:
         return math.nan if wanted is None else float(np.median(np.abs(values / wanted - 1)))
 
-    return Stage(
+    return BenchmarkStage(
         "radiance",
         f"a pixel of an image of hills at {len(scene.node)} wavelengths, seen from an orbit",
         "median against runs of the solver, relative",
@@ -181,7 +181,7 @@ def radiance() -> Stage:
     )
 
 
-def direct(scene: Scenery) -> Floats:
+def direct(scene: EarthScenery) -> Floats:
     """The solver's reflectance at the pixels that are judged, (n, bands), for one unit of light."""
     sys.path.append(str(shipped("atmosphere")))  # where the tables are built
     solver = importlib.import_module("air_solver")

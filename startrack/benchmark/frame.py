@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.benchmark.detection import paint
 from startrack.benchmark.optics import SIGMA, lens
-from startrack.benchmark.stage import Stage
+from startrack.benchmark.stage import BenchmarkStage
 from startrack.core import Camera, Floats, Light, LineOfSight, Streams
 from startrack.detector import Detector, Exposure, expose, read_out
 from startrack.optics import pixel_psf
@@ -45,7 +45,7 @@ def scenery() -> Scenery:
     return Scenery(rng.uniform(12, SIZE - 13, (100, 2)), 10 ** rng.uniform(3, 4.7, 100))
 
 
-def frame() -> Stage:
+def frame() -> BenchmarkStage:
     """The error is that of the noise about the exact image, in the pixels that stars light."""
     stars, camera = scenery(), Camera(SIZE, SIZE, 4000.0)
     optics, pitch, wavelength, response = lens("gauss", SIGMA)
@@ -69,7 +69,7 @@ def frame() -> Stage:
         variance = mean + READ_NOISE**2 + CAMERA.electrons_per_dn**2 / 12
         return float(abs(np.sqrt(np.mean((electrons - mean) ** 2 / variance)) - 1))
 
-    return Stage(
+    return BenchmarkStage(
         "frame",
         f"{SIZE} x {SIZE} pixels, 100 stars, sky, dark current and noise to 16-bit numbers",
         "rms of (image - exact) over the noise there is, less one",
@@ -85,7 +85,7 @@ FRAMES = 8
 EVEN_CAMERA = Detector(SIZE, SIZE, 5e-6, 0.1, full_well=4_095.0, read_noise=READ_NOISE)
 
 
-def noise() -> Stage:
+def noise() -> BenchmarkStage:
     """Even frames; the error is Kolmogorov's distance between histogram and exact distribution."""
     even = np.full((SIZE, SIZE), BACKGROUND)
     step = EVEN_CAMERA.electrons_per_dn
@@ -97,7 +97,7 @@ def noise() -> Stage:
         # A converter may round or truncate; it is judged by the distribution that fits it better.
         return min(float(np.abs(fraction - distribution).max()) for distribution in distributions)
 
-    return Stage(
+    return BenchmarkStage(
         "noise",
         f"a megapixel of {BACKGROUND:g} expected electrons, read noise {READ_NOISE:g}, "
         "to 12-bit numbers",

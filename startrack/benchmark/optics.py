@@ -6,7 +6,7 @@ import numpy as np
 from scipy import special
 
 from startrack import optics
-from startrack.benchmark.stage import Stage
+from startrack.benchmark.stage import BenchmarkStage
 from startrack.core import Floats
 from startrack.detector import stamp
 
@@ -17,16 +17,16 @@ COEFFICIENTS: Floats = 0.05 * np.random.default_rng(7).normal(size=len(NOLL))  #
 PICK = np.random.default_rng(8).integers(0, len(FIELD), (1500, 2))  # points that are judged
 
 
-def psf() -> Stage:
+def psf() -> BenchmarkStage:
     """Noll's modes 4 to 37 on 155 x 155 points; errors are fractions of the clear peak."""
-    own = Pattern()
+    own = TestPattern()
     peak = own.clear().max()
     wanted = by_rings(COEFFICIENTS, FIELD[PICK])
 
     def judge(image: Floats) -> float:
         return float(np.abs(image[PICK[:, 1], PICK[:, 0]] / peak - wanted).max())
 
-    return Stage(
+    return BenchmarkStage(
         "psf",
         "155 x 155 points of an f/1.4 lens at 550 nm with 34 Zernike modes",
         "largest error, fraction of the clear peak",
@@ -37,7 +37,7 @@ def psf() -> Stage:
     )
 
 
-class Pattern:
+class TestPattern:
     """The pattern of a pupil with soft edges, by a folded matrix transform."""
 
     def __init__(self) -> None:
@@ -84,7 +84,7 @@ BOX = 15  # pixels a side
 STARS = 400
 
 
-def stamping() -> Stage:
+def stamping() -> BenchmarkStage:
     """Gaussian stars, each in a box of its own."""
     psf = optics.pixel_psf(*lens("gauss", SIGMA))
     places = star_positions()
@@ -100,7 +100,7 @@ def stamping() -> Stage:
         centres = np.array([centroid(image) for image in images])
         return float(np.sqrt(np.mean((centres - wanted) ** 2)))
 
-    return Stage(
+    return BenchmarkStage(
         "stamping",
         f"a Gaussian star of sigma {SIGMA} pixel on {BOX} x {BOX} pixels, any place",
         "rms of the centroid, pixel",

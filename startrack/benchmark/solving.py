@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from startrack.attitude import align, davenport, foam, quest, svd
-from startrack.benchmark.stage import Stage
+from startrack.benchmark.stage import BenchmarkStage
 from startrack.catalog import Selection, open_sky
 from startrack.core import Camera, Floats, Ints, Spots, Stars, deg
 from startrack.identification import Identification, PatternIndex, build_index, identify
@@ -33,7 +33,7 @@ class Regime(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Seen:
+class BenchmarkView:
     """The spots of one random attitude, and the truth."""
 
     spots: Spots
@@ -58,7 +58,7 @@ def spots_at(pixel: Floats, flux: Floats, noise: float) -> Spots:
     return Spots(x, y, flux, covariance, np.full(n, 50.0), np.full(n, 9))
 
 
-def sky(rng: np.random.Generator, regime: Regime) -> Seen:
+def sky(rng: np.random.Generator, regime: Regime) -> BenchmarkView:
     """Spots at a random attitude; false ones with the brightness distribution of the true ones."""
     camera, stars, _ = design(regime.field)
     icrs_to_camera = Rotation.from_quat(rng.standard_normal(4))
@@ -77,7 +77,9 @@ def sky(rng: np.random.Generator, regime: Regime) -> Seen:
     order = np.argsort(magnitude, kind="stable")
     believed = camera.scaled(1 / rng.uniform(1 - TOLERANCE, 1 + TOLERANCE))
     flux = 10 ** (-0.4 * magnitude[order])
-    return Seen(spots_at(pixel[order], flux, regime.noise), star[order], icrs_to_camera, believed)
+    return BenchmarkView(
+        spots_at(pixel[order], flux, regime.noise), star[order], icrs_to_camera, believed
+    )
 
 
 def blended(pixel: Floats, star: Ints, magnitude: Floats) -> tuple[Ints, Floats]:
@@ -88,12 +90,12 @@ def blended(pixel: Floats, star: Ints, magnitude: Floats) -> tuple[Ints, Floats]
     return star[order[alone]], magnitude[order[alone]]
 
 
-def away(estimate: Rotation, seen: Seen) -> Floats:
+def away(estimate: Rotation, seen: BenchmarkView) -> Floats:
     """Small rotation (3,) from truth, radian."""
     return (estimate * seen.icrs_to_camera.inv()).as_rotvec()
 
 
-def wrong(estimate: Rotation, seen: Seen, regime: Regime) -> bool:
+def wrong(estimate: Rotation, seen: BenchmarkView, regime: Regime) -> bool:
     """Whether an attitude is off by more than noise explains."""
     across = math.hypot(*away(estimate, seen)[:2]) * seen.believed.focal_length_px
     return across > max(3, 6 * regime.noise)
@@ -103,23 +105,23 @@ REGIME = Regime(12, 0.2, 5, 0.1)
 SKIES = 100
 
 
-def skies() -> list[Seen]:
+def skies() -> list[BenchmarkView]:
     """The skies that every solver gets."""
     rng = np.random.default_rng(3)
     return [sky(rng, REGIME) for _ in range(SKIES)]
 
 
-def solver(regime: Regime) -> Callable[[Seen], Rotation | None]:
+def solver(regime: Regime) -> Callable[[BenchmarkView], Rotation | None]:
     """Function from one sky to its attitude, None where it is not identified."""
     _, stars, index = design(regime.field)
 
-    def run(seen: Seen) -> Rotation | None:
+    def run(seen: BenchmarkView) -> Rotation | None:
         return identify(seen.spots, seen.believed, stars, index, SETTINGS).icrs_to_camera
 
     return run
 
 
-def identification() -> Stage:
+def identification() -> BenchmarkStage:
     """The fraction of skies that are not solved, or wrongly."""
     every, run = skies(), solver(REGIME)
 
@@ -130,7 +132,7 @@ def identification() -> Stage:
         )
         return 1 - sum(right) / SKIES
 
-    return Stage(
+    return BenchmarkStage(
         "identification",
         f"a sky of {REGIME.field} deg, {REGIME.noise} px of noise, {REGIME.false} false spots, "
         f"{100 * REGIME.missing:g} % missing",
@@ -179,11 +181,11 @@ def unit(vector: Floats) -> Floats:
     return vector / np.linalg.norm(vector, axis=-1, keepdims=True)
 
 
-def attitude() -> Stage:
+def attitude() -> BenchmarkStage:
     """Without noise, so that the solvers' own errors show."""
     truth, b, r = fields(MANY, STARS, 10 * deg, 0.0, 1)
     w = np.ones(b.shape[:2])
-    return Stage(
+    return BenchmarkStage(
         "attitude",
         f"an attitude from {STARS} exact directions in 20 deg",
         "rms angle, radian",

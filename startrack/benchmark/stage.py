@@ -28,7 +28,7 @@ class Clocked(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Stage:
+class BenchmarkStage:
     """One task, and how its answers are judged.
 
     work      what is done, as text
@@ -52,7 +52,7 @@ class Stage:
     missing: str = ""
 
 
-class Row(NamedTuple):
+class StageRow(NamedTuple):
     """One way through one stage.
 
     seconds  of CPU for a piece of work, the least of several rounds
@@ -66,8 +66,8 @@ class Row(NamedTuple):
 
 
 def measure(
-    stage: Stage, peers: Mapping[str, Way] | None = None, rounds: int = ROUNDS
-) -> list[Row]:
+    stage: BenchmarkStage, peers: Mapping[str, Way] | None = None, rounds: int = ROUNDS
+) -> list[StageRow]:
     """Measure every way of a stage, of startrack and of the peers, on the same work in turns.
 
     The first call of each fills caches, and its answer is judged; the result is the smallest time
@@ -84,7 +84,7 @@ def measure(
         for name, way in ways.items():
             least[name] = min(least[name], clocked(way).seconds)
     return [
-        Row(stage.name, name, name not in stage.ways, least[name] / stage.pieces, errors[name])
+        StageRow(stage.name, name, name not in stage.ways, least[name] / stage.pieces, errors[name])
         for name in ways
     ]
 
@@ -102,7 +102,7 @@ PACKAGES = ("startrack", "numpy", "scipy", "numba", "opencv-contrib-python-headl
 UNITS = (("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9))
 
 
-def markdown(stages: Sequence[Stage], rows: Sequence[Row]) -> str:
+def markdown(stages: Sequence[BenchmarkStage], rows: Sequence[StageRow]) -> str:
     """One table a stage; ways of startrack are bold."""
     text = []
     for stage in stages:
@@ -119,7 +119,7 @@ def markdown(stages: Sequence[Stage], rows: Sequence[Row]) -> str:
     return "\n".join(text)
 
 
-def values(stages: Sequence[Stage], rows: Sequence[Row]) -> dict[str, Any]:
+def values(stages: Sequence[BenchmarkStage], rows: Sequence[StageRow]) -> dict[str, Any]:
     """The results as plain values; times in seconds."""
     return {
         stage.name: {
@@ -165,7 +165,7 @@ ROOM = 0.8  # decades, and a third of the range, to the right of the points, for
 
 
 @plots.styled
-def draw_benchmark(path: Path, stages: Sequence[Stage], rows: Sequence[Row]) -> None:
+def draw_benchmark(path: Path, stages: Sequence[BenchmarkStage], rows: Sequence[StageRow]) -> None:
     """A row for each way of each stage: its CPU time and its error, with their numbers."""
     counts = [max(1, sum(row.stage == stage.name for row in rows)) for stage in stages]
     heights = [HEAD + LINE * count for count in counts]
@@ -198,7 +198,7 @@ def draw_benchmark(path: Path, stages: Sequence[Stage], rows: Sequence[Row]) -> 
 
 def _points(
     axes: Axes,
-    rows: Sequence[Row],
+    rows: Sequence[StageRow],
     values: Sequence[float],
     texts: Sequence[str],
     limit: float = math.nan,

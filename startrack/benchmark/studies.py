@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from startrack.benchmark.stage import Stage
+from startrack.benchmark.stage import BenchmarkStage
 from startrack.core import Floats, arcsec, deg
 from startrack.design import Case, DesignSpace, Fidelity, load_design
 from startrack.io import shipped
@@ -33,7 +33,7 @@ def sized(case: Case, pixels: int) -> Case:
     return replace(case, instrument=replace(instrument, detector=detector))
 
 
-def montecarlo() -> Stage:
+def montecarlo() -> BenchmarkStage:
     """All fidelities on the same skies; answers are angles across the boresight, radian."""
     case = example()
 
@@ -47,7 +47,7 @@ def montecarlo() -> Stage:
         correct = angle[np.isfinite(angle) & (angle < FALSE)]
         return float(np.sqrt(np.mean(correct**2) / 2)) / arcsec if len(correct) else math.nan
 
-    return Stage(
+    return BenchmarkStage(
         "montecarlo",
         f"a trial of the example on {SIDE} x {SIDE} pixels: render, detect, identify, solve, judge",
         f"rms per axis across the boresight of {TRIALS} trials, arcsec",
@@ -94,11 +94,11 @@ def finite(score: float) -> float:
     return score if math.isfinite(score) else REFUSED
 
 
-def optimiser() -> Stage:
+def optimiser() -> BenchmarkStage:
     """Answers are unit-cube coordinates."""
     search = hill()
     best = least(search.score, search.prospect(), Search(evaluations=LONG, last_step=1e-5)).score
-    return Stage(
+    return BenchmarkStage(
         "optimiser",
         f"a search of the example's box on the analytic budget with {TRIES} tries",
         "error of the design that it finds, over that of a search three times as long, less one",

@@ -20,14 +20,14 @@ curves     Case -> its error over the sky and over slew rate, and that of its st
 """
 
 from startrack.budget.analytic import analytic
-from startrack.budget.budget import Budget, Law, Line, Sample, Spread
+from startrack.budget.budget import Budget, BudgetLine, ErrorLaw, SkySample, Spread
 from startrack.budget.curves import (
     LONGEST,
     SMEARS,
-    Curve,
+    BudgetCurve,
     ErrorCurves,
+    RateSurvey,
     Slew,
-    Survey,
     analytic_curve,
     curve_steps,
     error_curves,
@@ -39,7 +39,7 @@ from startrack.budget.exclusion import added, exclusions, stray_light_levels
 from startrack.budget.fields import attitudes
 from startrack.budget.left_out import (
     ADVICE,
-    Check,
+    TrialCheck,
     advice,
     caveats,
     check,

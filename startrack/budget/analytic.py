@@ -10,13 +10,21 @@ from scipy.special import ndtr
 
 from startrack import trial
 from startrack.budget.blind import blind
-from startrack.budget.budget import NEIGHBOURS, Budget, Cause, Law, Line, causes, refuse_scans
+from startrack.budget.budget import (
+    NEIGHBOURS,
+    Budget,
+    BudgetLine,
+    Cause,
+    ErrorLaw,
+    causes,
+    refuse_scans,
+)
 from startrack.budget.fields import (
     FIELDS,
     Attitudes,
+    FieldResponse,
     Fields,
     FieldStars,
-    Response,
     Solver,
     attitudes,
     fields,
@@ -45,7 +53,7 @@ class Measured(NamedTuple):
 
     star: trial.Errors
     above: Floats
-    table: Response
+    table: FieldResponse
     random: list[str]
     lost: Floats
 
@@ -100,7 +108,7 @@ def _measured(
     """Covariances `stated` and `random`, (z, m, 2, 2) of stars, over the magnitudes of a grid."""
     causes = [_fine(star.magnitude, covariance, grid) for covariance in random.values()]
     fine = _fine(star.magnitude, stated, grid)
-    table = Response(float(grid[0]), FINE, fraction, fine, np.stack(causes, axis=1), false)
+    table = FieldResponse(float(grid[0]), FINE, fraction, fine, np.stack(causes, axis=1), false)
     return Measured(star, above, table, list(random), lost)
 
 
@@ -174,7 +182,7 @@ DISPLACED = 0.1  # mean square of displacements over the noise, below which they
 LEAST = 1e-3  # probability from which on a star counts; chosen by hand, far below the 1 % of fields
 
 
-def analytic(case: Case, count: int = FIELDS) -> Budget[Law]:
+def analytic(case: Case, count: int = FIELDS) -> Budget[ErrorLaw]:
     """Error budget from design parameters, the real sky, and the tracker's answer to single stars.
 
         error of a field = sum of gains * errors of its stars (`propagate`), rms over fields
@@ -204,7 +212,7 @@ def analytic(case: Case, count: int = FIELDS) -> Budget[Law]:
     return budget
 
 
-def budget_if_solved(case: Case, count: int = FIELDS) -> Budget[Law] | None:
+def budget_if_solved(case: Case, count: int = FIELDS) -> Budget[ErrorLaw] | None:
     """`analytic`, but None where no field can be solved."""
     solved = of_fields(case, fields(case.catalog, case.instrument.camera, attitudes, count))
     return solved and solved.budget
@@ -213,7 +221,7 @@ def budget_if_solved(case: Case, count: int = FIELDS) -> Budget[Law] | None:
 class FieldBudget(NamedTuple):
     """A budget over some fields, the errors in each of them, and the stars that make these."""
 
-    budget: Budget[Law]
+    budget: Budget[ErrorLaw]
     attitudes: Attitudes
     stars: FieldStars
 
@@ -292,7 +300,7 @@ def _of_fields(
     weight = errors.solved / total
     lines = tuple(_lines(case, errors, weight, random, fixed))
     sigma = np.sqrt(np.sum([line.spread.sigma**2 for line in lines], axis=0))
-    law = Law(np.sum([line.spread.mean for line in lines], axis=0), sigma, weight)
+    law = ErrorLaw(np.sum([line.spread.mean for line in lines], axis=0), sigma, weight)
     covered = decided.covered.astype(float) if decided else None
     if not decided and HOT not in random:  # the tracker knows of these beside
         covered = _covered(case, law, errors, counted)
@@ -301,7 +309,7 @@ def _of_fields(
     if not (decided or trial.boxed(case)) and _astray(case, apart, variance, counts, bool(unsure)):
         answer = tracked(case, view, inside)
         return _of_fields(case, view, like, answer)
-    whole_line = Line("end to end", None, law)
+    whole_line = BudgetLine("end to end", None, law)
     fraction = total / len(weight)
     refused = _refused(star, above, magnitude)
     moved_rms = float(np.sqrt((apart**2).mean())) if fixed else 0.0
@@ -336,7 +344,7 @@ def _astray(case: Case, apart: Floats, variance: Floats, counts: Floats, unsure:
     return unsure and float(counts @ (square / variance)) > 2 * DISPLACED * total
 
 
-def _covered(case: Case, law: Law, errors: Attitudes, stars: FieldStars) -> Floats | None:
+def _covered(case: Case, law: ErrorLaw, errors: Attitudes, stars: FieldStars) -> Floats | None:
     """`Budget.covered`, of the covariance that stars alone make and what the tracker adds to it."""
     solved = errors.solved > 0
     stated = np.zeros((len(solved), 3, 3))
@@ -356,7 +364,7 @@ def _covered(case: Case, law: Law, errors: Attitudes, stars: FieldStars) -> Floa
     return _within(law, stated)
 
 
-def _within(law: Law, stated: Floats) -> Floats:
+def _within(law: ErrorLaw, stated: Floats) -> Floats:
     sigma = np.sqrt(np.maximum(np.diagonal(stated, axis1=1, axis2=2), 0.0))
     return within_stated(law.mean, law.sigma, sigma)
 
@@ -369,7 +377,7 @@ def _apart(moved: Floats, first: Ints) -> Floats:
     return np.asarray(moved - (mean / np.maximum(count, 1)[:, None])[field])
 
 
-def _false_among(star: trial.Errors, above: Floats, table: Response) -> float:
+def _false_among(star: trial.Errors, above: Floats, table: FieldResponse) -> float:
     """Number of false spots that are brighter than the faintest star that is likely to count."""
     faintest = star.magnitude[above > 0.5].max(initial=star.magnitude[0])
     return float(table.false[int((faintest - table.start) / table.step)])
@@ -384,7 +392,7 @@ def _refused(star: trial.Errors, above: Floats, magnitude: Floats) -> float:
 
 def _lines(
     case: Case, errors: Attitudes, weight: Floats, random: list[str], fixed: list[Cause]
-) -> Iterator[Line[Law]]:
+) -> Iterator[BudgetLine[ErrorLaw]]:
     """A line a cause: those of single stars, those that move all stars, those of the camera."""
     none = np.zeros_like(errors.shift[:, 0])
     for k, name in enumerate(random):
@@ -392,18 +400,18 @@ def _lines(
             continue
         term = trial.Term.NOISE if name in (trial.SHOT, trial.READ) else trial.Term.PIXEL
         mean = errors.shift[:, 0] if name == trial.METHOD else none
-        yield Line(name, term, Law(mean, np.sqrt(errors.variance[:, k]), weight))
-    yield Line(NEIGHBOURS, trial.Term.FIELD, Law(errors.shift[:, 1], none, weight))
+        yield BudgetLine(name, term, ErrorLaw(mean, np.sqrt(errors.variance[:, k]), weight))
+    yield BudgetLine(NEIGHBOURS, trial.Term.FIELD, ErrorLaw(errors.shift[:, 1], none, weight))
     for k, cause in enumerate(fixed):
         sigma = none
         if cause.name == trial.LENS_FIELD:
             sigma = np.sqrt(errors.variance[:, random.index(trial.LENS_FIELD)])
-        yield Line(cause.name, cause.term, Law(errors.shift[:, k + 2], sigma, weight))
+        yield BudgetLine(cause.name, cause.term, ErrorLaw(errors.shift[:, k + 2], sigma, weight))
     for cause in causes(case):
         mean_sigma = of_the_camera(case, cause)
         if mean_sigma is not None:
             mean, sigma = (none + value for value in mean_sigma)
-            yield Line(cause.name, cause.term, Law(mean, sigma, weight))
+            yield BudgetLine(cause.name, cause.term, ErrorLaw(mean, sigma, weight))
 
 
 def _variance(covariance: Floats) -> Floats:

@@ -70,7 +70,7 @@ S = TypeVar("S", bound=Spread, covariant=True)
 
 @printed
 @dataclass(frozen=True, eq=False)
-class Law:
+class ErrorLaw:
     """A normal error in each of m fields of the sky, as the analytic budget expects it.
 
     mean, sigma  (m, 3) radian
@@ -106,7 +106,7 @@ class Law:
 
 @printed
 @dataclass(frozen=True, eq=False)
-class Sample:
+class SkySample:
     """Errors that were simulated.
 
     error  (members, times, 3) radian
@@ -137,7 +137,7 @@ class Sample:
 
 
 @dataclass(frozen=True, eq=False)
-class Line(Generic[S]):
+class BudgetLine(Generic[S]):
     """One cause of error, or several.
 
     name    of the cause
@@ -180,8 +180,8 @@ class Budget(Generic[S]):
     solved        1, fraction with any attitude; None: all of them are correct
     """
 
-    lines: tuple[Line[S], ...]
-    whole: Line[S]
+    lines: tuple[BudgetLine[S], ...]
+    whole: BudgetLine[S]
     availability: float
     stars: float
     left_out: tuple[str, ...] = ()

@@ -11,7 +11,7 @@ from startrack.budget.analytic import analytic, of_fields
 from startrack.budget.blind import blind
 from startrack.budget.budget import Budget
 from startrack.budget.fields import boresights, fields
-from startrack.budget.left_out import Check, check
+from startrack.budget.left_out import TrialCheck, check
 from startrack.budget.single_stars import Residuals, residuals
 from startrack.core import Advance, Floats, Refused, Unit, printed
 from startrack.design import Case
@@ -26,7 +26,7 @@ TRIALS = 60  # whose stars are evaluated
 
 
 @printed
-class Curve(NamedTuple):
+class BudgetCurve(NamedTuple):
     """Analytic error over the slew rate.
 
     rate     (n,) radian / second
@@ -93,14 +93,14 @@ def slew_rates(case: Case, longest: float = math.inf) -> Floats:
 
 def analytic_curve(
     case: Case, rates: Floats, advance: Callable[[float], None] | None = None
-) -> Curve:
+) -> BudgetCurve:
     """The analytic budget at some slew rates, of which `advance` is called after each."""
     budgets = []
     for rate in rates:
         budgets.append(_budget(case, float(rate)))
         if advance:
             advance(1)
-    return Curve(rates, tuple(budgets))
+    return BudgetCurve(rates, tuple(budgets))
 
 
 def _budget(case: Case, rate: float) -> Budget[Any] | None:
@@ -154,9 +154,9 @@ class ErrorCurves(NamedTuple):
     trials  number of these
     """
 
-    curve: Curve
+    curve: BudgetCurve
     steps: int
-    tried: tuple[tuple[float, Check], ...]
+    tried: tuple[tuple[float, TrialCheck], ...]
     stars: Errors
     boxed: SingleStars | None
     seen: Residuals
@@ -173,7 +173,7 @@ def error_curves(
     """
     rates = slew_rates(case, LONGEST)
     curve = analytic_curve(case, between(rates), advance)
-    tried = list[tuple[float, Check]]()
+    tried = list[tuple[float, TrialCheck]]()
     for rate, budget in zip(rates.tolist(), curve.budgets[:: BETWEEN + 1], strict=True):
         if budget:
             tried.append((rate, check(slewing(case, rate), budget, seed)))
@@ -195,7 +195,7 @@ DIRECTIONS = 3072
 
 @printed
 @dataclass(frozen=True, eq=False)
-class Survey:
+class RateSurvey:
     """Stars, availability and error in m directions that lie evenly over the sky.
 
     direction      (m, 3) unit vectors of the boresight, ICRS axes
@@ -218,7 +218,7 @@ class Survey:
         return float((self.stars >= stars - 0.5).mean())
 
 
-def survey(case: Case, places: int = DIRECTIONS) -> Survey:
+def survey(case: Case, places: int = DIRECTIONS) -> RateSurvey:
     """The analytic budget in each direction. Raises and accuracy as `analytic`."""
     view = fields(case.catalog, case.instrument.camera, boresights, places)
     solved = of_fields(case, view)
@@ -232,4 +232,4 @@ def survey(case: Case, places: int = DIRECTIONS) -> Survey:
     np.fmax.at(faintest, inside[counts], seen.magnitude[counts])
     direction = view.attitude.inv().apply([0.0, 0.0, 1.0])
     across, about = np.sqrt(square[:, :2].mean(axis=1)), np.sqrt(square[:, 2])
-    return Survey(direction, per_field.stars, per_field.solved, across, about, faintest)
+    return RateSurvey(direction, per_field.stars, per_field.solved, across, about, faintest)

@@ -93,7 +93,7 @@ def boresights(count: int) -> Rotation:
     return Rotation.from_euler("ZYZ", np.column_stack(turn)).inv()
 
 
-class Response(NamedTuple):
+class FieldResponse(NamedTuple):
     """How the tracker detects and measures stars, over their magnitude.
 
     start, step  magnitude of the first entry, and between two
@@ -201,7 +201,7 @@ class Solver(NamedTuple):
     most: int
 
 
-def propagate(seen: FieldStars, response: Response, solver: Solver) -> Attitudes:
+def propagate(seen: FieldStars, response: FieldResponse, solver: Solver) -> Attitudes:
     """Errors of stars into errors of attitudes, by the gain of each star.
 
         e = sum_i gain_i error_i,   gain_i = I^-1 H_i^T W_i - b r_i,   I = sum_i H_i^T W_i H_i
@@ -227,7 +227,9 @@ def propagate(seen: FieldStars, response: Response, solver: Solver) -> Attitudes
 
 
 @kernel
-def _propagate(seen: FieldStars, response: Response, solver: Solver, errors: Attitudes) -> None:
+def _propagate(
+    seen: FieldStars, response: FieldResponse, solver: Solver, errors: Attitudes
+) -> None:
     """Fill in the errors of each field, by two passes over its stars."""
     full, chance = np.empty((4, 4)), np.empty(len(solver.lost))
     for f in range(len(seen.first) - 1):
@@ -251,7 +253,7 @@ def _propagate(seen: FieldStars, response: Response, solver: Solver, errors: Att
 
 
 @kernel
-def _entry(magnitude: float, response: Response) -> tuple[int, float]:
+def _entry(magnitude: float, response: FieldResponse) -> tuple[int, float]:
     """The entry of the table before a magnitude, and the fraction of the step behind it."""
     last = response.fraction.shape[1] - 2
     place = min(max((magnitude - response.start) / response.step, 0.0), last + 0.999)
@@ -259,7 +261,7 @@ def _entry(magnitude: float, response: Response) -> tuple[int, float]:
 
 
 @kernel
-def _detected(i: int, k: int, t: float, seen: FieldStars, response: Response) -> float:
+def _detected(i: int, k: int, t: float, seen: FieldStars, response: FieldResponse) -> float:
     """Probability that a star is detected and kept, at `t` of the step behind entry `k`."""
     fraction = response.fraction[seen.zone[i]]
     return seen.kept[i] * (fraction[k] + t * (fraction[k + 1] - fraction[k]))
@@ -267,7 +269,7 @@ def _detected(i: int, k: int, t: float, seen: FieldStars, response: Response) ->
 
 @kernel
 def _information(
-    f: int, seen: FieldStars, response: Response, solver: Solver, full: Floats, chance: Floats
+    f: int, seen: FieldStars, response: FieldResponse, solver: Solver, full: Floats, chance: Floats
 ) -> tuple[int, float]:
     """Information of a field about turn and scale, and the chances of too few detected stars.
 
@@ -305,7 +307,7 @@ def _gains(
     first: int,
     end: int,
     seen: FieldStars,
-    response: Response,
+    response: FieldResponse,
     solver: Solver,
     inverse: Floats,
     moved: Floats,
@@ -343,7 +345,7 @@ def _gains(
 
 
 @kernel
-def _errors(f: int, end: int, seen: FieldStars, response: Response, errors: Attitudes) -> None:
+def _errors(f: int, end: int, seen: FieldStars, response: FieldResponse, errors: Attitudes) -> None:
     """Variance and shifts of the attitude of a field, by the gains of its stars."""
     for i in range(seen.first[f], end):
         p = errors.gain[i, 3, 0]

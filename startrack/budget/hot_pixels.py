@@ -31,7 +31,7 @@ class NearHot(NamedTuple):
     lost    of `Solver`, with what evidence the places of the stars are among these spots
     """
 
-    search: trial.Search
+    search: trial.StarSearch
     false: Floats
     kept: Floats
     moment: Floats
@@ -61,18 +61,20 @@ def hot_stars(case: Case, even: Case, star: trial.Errors) -> NearHot:
     fewest = case.tracker.identification.min_matches
     empty = trial.empty_frame(case, sky)
     assert empty is not None
-    search = trial.Search(empty.noise, np.quantile(empty.of_places, EVEN))
+    search = trial.StarSearch(empty.noise, np.quantile(empty.of_places, EVEN))
     above = trial.detection_probability(even, magnitude, search=search)
     faintest = magnitude[above > 0.5].max(initial=magnitude[0])
     place = np.arange(max(faintest - HOT_RANGE, magnitude[0]), faintest + 1e-9, HOT_STEP)
     light = trial.scale(even).star * 10 ** (-0.4 * place)
     middle = empty.noise, empty.threshold_sigma
-    hot, higher = trial.hot_windows(trial.Grid(even, sky, search=middle), case, light, WINDOWS)
+    hot, higher = trial.hot_windows(
+        trial.ResponseGrid(even, sky, search=middle), case, light, WINDOWS
+    )
     near = (search.threshold[:, None] - higher[-1]).ravel()
     weight = np.repeat([1 - hot.chance, hot.chance], [len(EVEN), len(near)])
     weight[: len(EVEN)] /= len(EVEN)
     weight[len(EVEN) :] /= len(near)
-    search = trial.Search(empty.noise, _quantiles(np.append(search.threshold, near), weight))
+    search = trial.StarSearch(empty.noise, _quantiles(np.append(search.threshold, near), weight))
     if not hot.chance:
         none = np.zeros_like(star.stated)
         return NearHot(search, empty.flux, np.ones(len(magnitude)), none, np.ones(fewest))

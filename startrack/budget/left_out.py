@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from startrack import trial
-from startrack.budget.budget import Budget, Law
+from startrack.budget.budget import Budget, ErrorLaw
 from startrack.core import Floats, Psf, Refused, arcsec, printed
 from startrack.design import Case, Fidelity
 from startrack.metrics import Summary, bracketed, fraction_interval, summarise
@@ -238,7 +238,7 @@ SURE = 0.99  # confidence of the interval of the availability
 
 @printed
 @dataclass(frozen=True)
-class Check:
+class TrialCheck:
     """Trials of a design beside its analytic budget.
 
     fidelity  of the trials
@@ -251,7 +251,7 @@ class Check:
     differs: tuple[str, ...]
 
 
-def check(case: Case, budget: Budget[Law], seed: int) -> Check:
+def check(case: Case, budget: Budget[ErrorLaw], seed: int) -> TrialCheck:
     """Compare a budget with some trials, with windows of frames where these suffice.
 
     Large detectors are compared by drawn spots, and where these cannot hold the design by a few
@@ -272,7 +272,7 @@ def check(case: Case, budget: Budget[Law], seed: int) -> Check:
         plan = Fidelity.FRAME, frames
         outcomes = trial.run_trials(case, seed, range(frames), Fidelity.FRAME)
     summary = summarise(outcomes)
-    return Check(plan[0], summary, tuple(differences(budget, summary)))
+    return TrialCheck(plan[0], summary, tuple(differences(budget, summary)))
 
 
 def differences(budget: Budget[Any], summary: Summary) -> Iterator[str]:

@@ -12,7 +12,7 @@ from startrack import trial
 from startrack.attitude import Mounting, solve
 from startrack.budget import budget
 from startrack.budget.analytic import has_hot_pixels
-from startrack.budget.budget import Line, Sample
+from startrack.budget.budget import BudgetLine, SkySample
 from startrack.catalog import open_sky
 from startrack.core import Advance, Floats, Frame, Ints, Refused, Spots, Streams, whole
 from startrack.design import Case, Instrument
@@ -37,7 +37,7 @@ def measured(
     times: int = 1,
     workers: int = 1,
     progress: Advance | None = None,
-) -> budget.Budget[budget.Sample]:
+) -> budget.Budget[budget.SkySample]:
     """Error budget from trials.
 
         contribution of a cause = error - error without it
@@ -70,10 +70,10 @@ def measured(
     if not good.any():
         raise Refused(f"a budget needs solved trials, got none of {members}")
     lines = [
-        budget.Line(name, term, budget.Sample(table[good, :, k + 1]))
+        budget.BudgetLine(name, term, budget.SkySample(table[good, :, k + 1]))
         for k, (name, term) in enumerate(terms(case))
     ]
-    whole_line = budget.Line("end to end", None, budget.Sample(table[good, :, 0]))
+    whole_line = budget.BudgetLine("end to end", None, budget.SkySample(table[good, :, 0]))
     available = float(np.isfinite(table).all(axis=(2, 3)).mean())
     return budget.Budget(tuple(lines), whole_line, available, float(stars[good].mean()))
 
@@ -293,7 +293,7 @@ def indices_of(
     window: float,
     executor: Executor,
     progress: Advance | None = None,
-) -> dict[str, Line[Sample]]:
+) -> dict[str, BudgetLine[SkySample]]:
     """The indices of the attitudes of single frames, over sequences of random attitudes.
 
     window   second
@@ -322,7 +322,9 @@ def indices_of(
             f"sequences were solved in, {step:g} s apart, got {window:g} s"
         )
     return {
-        name: Line(name, None, Sample(np.stack([getattr(member, part) for member in runs])))
+        name: BudgetLine(
+            name, None, SkySample(np.stack([getattr(member, part) for member in runs]))
+        )
         for name, part in zip(INDICES, ("absolute", "mean", "relative", "drift"), strict=True)
     }
 

@@ -12,7 +12,7 @@ import numpy as np
 from startrack.attitude import Mounting
 from startrack.budget.analytic import of_fields
 from startrack.budget.blind import blind
-from startrack.budget.budget import Cause, Law, Line, Term
+from startrack.budget.budget import BudgetLine, Cause, ErrorLaw, Term
 from startrack.budget.fields import attitudes, fields, lattice_nodes
 from startrack.budget.fixed import displacement, of_the_camera
 from startrack.core import Advance, Floats, Unit, printed, whole
@@ -62,9 +62,9 @@ class UnitBudgets:
     def __len__(self) -> int:
         return len(self.mean)
 
-    def unit(self, number: int) -> Law:
+    def unit(self, number: int) -> ErrorLaw:
         """The error of one unit, without its bias."""
-        return Law(self.mean[number], self.sigma[number], self.weight[number])
+        return ErrorLaw(self.mean[number], self.sigma[number], self.weight[number])
 
     def first(self, count: int) -> UnitBudgets:
         """The budgets of the first of these units."""
@@ -72,15 +72,17 @@ class UnitBudgets:
         some = {name: getattr(self, name)[:count] for name in ARRAYS}
         return replace(self, terms=terms, **some)
 
-    def all(self, biased: bool = True) -> Law:
+    def all(self, biased: bool = True) -> ErrorLaw:
         """The error of all units together, with their biases or without."""
         mean = self.mean + self.bias[:, None] if biased else self.mean
         flat = [values.reshape(-1, 3) for values in (mean, self.sigma)]
-        return Law(flat[0], flat[1], self.weight.ravel() / len(self))
+        return ErrorLaw(flat[0], flat[1], self.weight.ravel() / len(self))
 
-    def whole(self, number: int) -> Law:
+    def whole(self, number: int) -> ErrorLaw:
         """The error of one unit, with its bias."""
-        return Law(self.mean[number] + self.bias[number], self.sigma[number], self.weight[number])
+        return ErrorLaw(
+            self.mean[number] + self.bias[number], self.sigma[number], self.weight[number]
+        )
 
     def rms(self) -> Floats:
         """(n, 3) radian, of each unit, without its bias."""
@@ -111,7 +113,7 @@ class UnitBudgets:
                 return float(self.levels(axes, fraction).max())
             case Interpretation.ENSEMBLE:
                 every = [
-                    Law(self.mean[:, f], self.sigma[:, f], self.weight[:, f] / total)
+                    ErrorLaw(self.mean[:, f], self.sigma[:, f], self.weight[:, f] / total)
                     for f in range(self.mean.shape[1])
                     if (total := self.weight[:, f].sum()) > 0
                 ]
@@ -199,7 +201,7 @@ def _alike(case: Case) -> bool:
 class _Lines(NamedTuple):
     """The lines of a budget over m fields, the weight (m,) of each field, and the availability."""
 
-    lines: tuple[Line[Law], ...]
+    lines: tuple[BudgetLine[ErrorLaw], ...]
     weight: Floats
     availability: float
 
@@ -227,12 +229,12 @@ class _Middle(NamedTuple):
         weight = self.shared.weight
         lines, none = list(self.shared.lines), np.zeros((len(weight), 3))
         mean = np.tensordot(self.answer, moved, 2).T
-        lines.append(Line(CAMERA_MODEL, Term.FIELD, Law(mean, none, weight)))
+        lines.append(BudgetLine(CAMERA_MODEL, Term.FIELD, ErrorLaw(mean, none, weight)))
         for cause in TURNS:
             of_all = of_the_camera(unit, cause)
             if of_all and np.any(of_all):
                 mean, sigma = (none + values for values in of_all)
-                lines.append(Line(cause.name, cause.term, Law(mean, sigma, weight)))
+                lines.append(BudgetLine(cause.name, cause.term, ErrorLaw(mean, sigma, weight)))
         return self.shared._replace(lines=tuple(lines))
 
 

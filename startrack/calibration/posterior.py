@@ -118,7 +118,7 @@ def sample_camera(
     width = None
     if images is not None:
         width = width_likelihood(images, spots, prior.width_low, prior.width_high)
-    law = _Law([_frame(*pair) for pair in chosen], camera, prior, width)
+    law = _PosteriorLaw([_frame(*pair) for pair in chosen], camera, prior, width)
     middle, spread = _least_squares(law, *zip(*chosen, strict=True))
 
     def start(rng: np.random.Generator, n: int) -> Floats:
@@ -133,7 +133,7 @@ def sample_camera(
     )
 
 
-class _Law:
+class _PosteriorLaw:
     """The logarithm of the posterior, with the prior in the same columns."""
 
     def __init__(
@@ -194,7 +194,7 @@ def _frame(spots: core.Spots, matches: core.Matches) -> tuple[Floats, Floats, Fl
 
 
 def _least_squares(
-    law: _Law, spots: Sequence[core.Spots], matches: Sequence[core.Matches]
+    law: _PosteriorLaw, spots: Sequence[core.Spots], matches: Sequence[core.Matches]
 ) -> tuple[Floats, Floats]:
     """Least-squares estimate and its standard errors, in the columns of the posterior."""
     tight = dict(zip(UNKNOWNS, np.zeros(len(UNKNOWNS)), strict=True))

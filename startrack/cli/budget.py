@@ -14,7 +14,7 @@ from startrack.cli.options import DESIGN, Exit, Option, Options, WrongUse, posit
 if wanted(__name__):
     from startrack import budget as budgets
     from startrack import metrics
-    from startrack.budget import INDICES, Budget, Line, Sample, Spread, Term, analytic
+    from startrack.budget import INDICES, Budget, BudgetLine, SkySample, Spread, Term, analytic
     from startrack.cli import terminal
     from startrack.cli.units import AXES, budgets_of, gains_of
     from startrack.core import Refused, arcsec
@@ -216,7 +216,7 @@ def _star_table(case: Case, stars: SingleStars) -> metrics.Table:
     )
 
 
-def _checked(checked: budgets.Check, expected: Budget[Any]) -> list[str]:
+def _checked(checked: budgets.TrialCheck, expected: Budget[Any]) -> list[str]:
     """What the check by trials says, a line each."""
     doubt = [checked.summary.doubt, budgets.unseen(expected)] if checked.summary.doubt else []
     trials = f"{checked.summary.trials} trials ({checked.fidelity})"
@@ -242,7 +242,7 @@ def _values(budget: Budget[Any]) -> dict[str, Any]:
 
 def _bounds(spread: Spread) -> dict[str, Any]:
     """Intervals of what was simulated, for JSON."""
-    if not isinstance(spread, Sample):
+    if not isinstance(spread, SkySample):
         return {}
     bounds = {name: spread.rms_interval(axes) for name, axes in AXES.items()}
     return {
@@ -256,7 +256,7 @@ def _pair(errors: Iterable[float]) -> dict[str, float]:
     return {name: error / arcsec for name, error in zip(AXES, errors, strict=True)}
 
 
-def _line(line: Line[Spread], ways: Iterable[metrics.Interpretation]) -> dict[str, Any]:
+def _line(line: BudgetLine[Spread], ways: Iterable[metrics.Interpretation]) -> dict[str, Any]:
     values: dict[str, Any] = {} if line.term is None else {"term": line.term.value}
     name = getattr(line, "name", "")
     values |= {"advice": budgets.ADVICE[name]} if name in budgets.ADVICE else {}
@@ -319,21 +319,21 @@ def _cell(value: float | Interval) -> str:
     return f"{value / arcsec:.3f}"
 
 
-def _rms_of(line: Line[Spread]) -> list[float | Interval]:
+def _rms_of(line: BudgetLine[Spread]) -> list[float | Interval]:
     """Across and about, with intervals of what was simulated."""
-    if isinstance(line.spread, Sample):
+    if isinstance(line.spread, SkySample):
         return [line.spread.rms_interval(axes) for axes in AXES.values()]
     return [line.across, line.about]
 
 
 def _bounded_levels(spread: Spread, fraction: float) -> list[float | Interval]:
     """Mixed levels across and about, with intervals of what was simulated."""
-    if isinstance(spread, Sample):
+    if isinstance(spread, SkySample):
         return [spread.level_interval(axes, fraction) for axes in AXES.values()]
     return [*_levels(spread, fraction, metrics.Interpretation.MIXED)]
 
 
-def _open_ended(by_trials: Budget[Sample]) -> list[str]:
+def _open_ended(by_trials: Budget[SkySample]) -> list[str]:
     """What brackets are, and which levels so few members do not bound."""
     members = len(by_trials.whole.spread.error)
     needed = {fraction: metrics.trials_for_level(fraction) for fraction in metrics.LEVELS}
@@ -346,7 +346,7 @@ def _open_ended(by_trials: Budget[Sample]) -> list[str]:
 
 
 def _difference(
-    line: Line[Any] | None, other: Line[Any] | None, by_trials: Budget[Any] | None
+    line: BudgetLine[Any] | None, other: BudgetLine[Any] | None, by_trials: Budget[Any] | None
 ) -> str:
     """By how much the two differ, where that is much; a cause that is a small part may differ."""
     if not (line and other and by_trials):

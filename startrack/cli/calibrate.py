@@ -23,7 +23,7 @@ if wanted(__name__):
     from startrack.io import field_hint, save_json
     from startrack.optimise import Ledger, chain_text, chain_values, thinned
     from startrack.plots import draw_corner
-    from startrack.trial import View, lost_in_space, solve_photograph
+    from startrack.trial import PhotographView, lost_in_space, solve_photograph
 
 ANGLES = {"yz": ("y_angle", "z_angle"), "xy": ("x_angle", "y_angle")}
 WARM = {"auto": None, "none": False, "linear": True}
@@ -203,7 +203,7 @@ def _start(
         photo = solve_photograph(frame, indexes, identification, hint)
         if photo.axis is None:
             continue
-        if photo.view != View():
+        if photo.view != PhotographView():
             terminal.print_message(
                 f"startrack calibrate: {path} is solved as {photo.view}, which a camera of "
                 "square pixels is not"

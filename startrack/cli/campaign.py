@@ -13,7 +13,7 @@ from startrack.core import Refused
 from startrack.design import NOMINAL, Campaign, Case, DesignSpace, Fidelity, branches
 from startrack.io import regular_file, save_json, save_text
 from startrack.montecarlo import Certificates, Sampling, cluster, pool, warm
-from startrack.optimise import Ledger, Stage, TrialRunner
+from startrack.optimise import Ledger, SearchStage, TrialRunner
 from startrack.trial import require_fidelity
 
 LEDGER = "ledger.sqlite"
@@ -81,12 +81,12 @@ def open_campaign(
 
 
 @contextmanager
-def stages(title: str) -> Iterator[Callable[[Stage], None]]:
+def stages(title: str) -> Iterator[Callable[[SearchStage], None]]:
     """A bar of the stages of a search; yields what shows one."""
     with terminal.progress(title, 100) as advance:
         done = 0.0
 
-        def show(stage: Stage) -> None:
+        def show(stage: SearchStage) -> None:
             nonlocal done
             step, done = max(100 * stage.part - done, 0.0), max(100 * stage.part, done)
             best = f", best {stage.best:.3g} {stage.unit}" if math.isfinite(stage.best) else ""

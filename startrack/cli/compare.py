@@ -35,7 +35,7 @@ LEVEL = 0.9973  # of the errors that are compared
 WIDEST = 40  # letters of a value in the table of parameters
 
 
-class Side(NamedTuple):
+class ComparedSide(NamedTuple):
     """One of the two: a design, or a campaign with its trials.
 
     outcomes  None for a design, whose trials are run
@@ -95,22 +95,24 @@ def command(options: argparse.Namespace) -> int:
     return Exit.DONE
 
 
-def _read(path: Path, changes: list[str]) -> Side:
+def _read(path: Path, changes: list[str]) -> ComparedSide:
     with shared.as_wrong_use():
         path = found_file(path)
     if path.suffix == ".toml":
         design = read_design(path, changes)
-        return Side(design.case, design.campaign, None, None)
+        return ComparedSide(design.case, design.campaign, None, None)
     if changes:
         raise WrongUse(f"--set must be given with design files alone, got {path}")
     with shared.as_wrong_use(), Store(path) as store:
         outcomes, drawn = store.outcomes(), (store.seed, store.sampling.attitudes)
         if not len(outcomes):
             raise WrongUse(f"{path} must hold trials, but holds none")
-        return Side(store.case, store.campaign, outcomes, drawn)
+        return ComparedSide(store.case, store.campaign, outcomes, drawn)
 
 
-def _trials(first: Side, second: Side, options: argparse.Namespace) -> tuple[Rows, Rows]:
+def _trials(
+    first: ComparedSide, second: ComparedSide, options: argparse.Namespace
+) -> tuple[Rows, Rows]:
     """The same trials of two designs."""
     fidelity, made = Fidelity(options.fidelity), []
     for side in (first, second):
@@ -132,7 +134,7 @@ def _trials(first: Side, second: Side, options: argparse.Namespace) -> tuple[Row
     return made[0], made[1]
 
 
-def _common(first: Side, second: Side, paired: bool) -> tuple[Rows, Rows]:
+def _common(first: ComparedSide, second: ComparedSide, paired: bool) -> tuple[Rows, Rows]:
     """The trials of two campaigns; those of the same numbers where they are paired."""
     assert first.outcomes is not None
     assert second.outcomes is not None

@@ -105,7 +105,7 @@ def _stars(options: argparse.Namespace, case: Case) -> list[verification.Windows
     return [star for star in stars if not names or star.name in names]
 
 
-def _table(flown: verification.Flown) -> Table:
+def _table(flown: verification.FlightComparison) -> Table:
     return Table(
         [
             Column("star", "star", lambda row: row.star),
@@ -122,13 +122,13 @@ def _table(flown: verification.Flown) -> Table:
     )
 
 
-def _untested(flown: verification.Flown) -> list[str]:
+def _untested(flown: verification.FlightComparison) -> list[str]:
     """What the comparison does not test, and why."""
     rows = [row for row in flown.differences if row.untested]
     return list(dict.fromkeys(f"{row.name} is not tested: {row.untested}" for row in rows))
 
 
-def _text(flown: verification.Flown, table: Table) -> list[str]:
+def _text(flown: verification.FlightComparison, table: Table) -> list[str]:
     lines = table.text((0, 1, 6))
     for star, pair in flown.curves.items():
         value = verification.correlation(*pair)

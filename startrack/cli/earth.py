@@ -313,7 +313,7 @@ def processed(options: argparse.Namespace) -> int:
     path = _scene_path(options)
     with as_wrong_use():
         survey = imager.load_survey(path)
-        settings = product.Settings(
+        settings = product.ProductSettings(
             options.projection, options.cell, options.resampling, options.uncertainty
         )
     products = []
@@ -373,7 +373,7 @@ def processed(options: argparse.Namespace) -> int:
 
 
 def _product_values(
-    name: str, mapped: product.Product, settings: product.Settings, truth: Floats | None
+    name: str, mapped: product.Product, settings: product.ProductSettings, truth: Floats | None
 ) -> dict[str, Any]:
     error, rms = (math.nan, math.nan) if truth is None else product.against_truth(mapped, truth)
     grid = mapped.grid

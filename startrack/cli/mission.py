@@ -21,7 +21,7 @@ if wanted(__name__):
     from startrack.cli.terminal import attitude_values, finite, print_result, progress
     from startrack.core import Floats, Refused, Rows, Streams, arcsec, deg, utc
     from startrack.io import save_json, save_text, shipped, write_fits
-    from startrack.metrics import ARCSEC, Column, Unit
+    from startrack.metrics import ARCSEC, Column, DisplayUnit
     from startrack.montecarlo import cluster, export, pool
     from startrack.plots import draw_beta, draw_mission, draw_placement
     from startrack.trial import observe
@@ -139,7 +139,7 @@ def command(options: argparse.Namespace) -> int:
             return _trade(options, path, plan)
         with progress("trials and steps", loaded.mission.check.trials + time.steps) as advance:
             plan, checks, flown = mission.flown_from(plan, options.out / STORE, advance)
-    flight = report.Flight(plan, checks, flown, mission.availability_of(flown))
+    flight = report.ReportedFlight(plan, checks, flown, mission.availability_of(flown))
     if options.place:
         return _place(options, path, flight)
     with as_wrong_use(ValueError, ImportError):
@@ -196,12 +196,12 @@ def fly_whole(
 ) -> tuple[dict[str, Any], str, bool]:
     """Plan, check and fly a mission, write its files; values, text, and whether all is met."""
     plan, checks, flown = mission.flown_from(mission.plan_of(loaded), out / STORE)
-    flight = report.Flight(plan, checks, flown, mission.availability_of(flown))
+    flight = report.ReportedFlight(plan, checks, flown, mission.availability_of(flown))
     return *_written(options, path, out, flight), flight.met
 
 
 def _written(
-    options: argparse.Namespace, path: Path, out: Path, flight: report.Flight
+    options: argparse.Namespace, path: Path, out: Path, flight: report.ReportedFlight
 ) -> tuple[dict[str, Any], str]:
     """Write the files of a mission that was flown; values and text."""
     steps = flight.plan.loaded.mission.time.steps
@@ -221,13 +221,13 @@ def _written(
     return result, "\n".join([*_text(flight), *_check_lines(flight)])
 
 
-def _check_lines(flight: report.Flight) -> list[str]:
+def _check_lines(flight: report.ReportedFlight) -> list[str]:
     if not flight.checks:
         return ["errors are not checked by trials (--set check.trials=200)"]
     return [f"{report.CHECKED}:", *report.checks_table(flight).text()]
 
 
-def _render(options: argparse.Namespace, path: Path, plan: mission.Plan) -> int:
+def _render(options: argparse.Namespace, path: Path, plan: mission.MissionPlan) -> int:
     """Write and print what each head sees at one time, beside the error that is expected."""
     solved = True
     for number, (head, scene) in enumerate(
@@ -275,7 +275,7 @@ def _render(options: argparse.Namespace, path: Path, plan: mission.Plan) -> int:
     return Exit.DONE if solved else Exit.UNSOLVED
 
 
-def _trade(options: argparse.Namespace, path: Path, plan: mission.Plan) -> int:
+def _trade(options: argparse.Namespace, path: Path, plan: mission.MissionPlan) -> int:
     """Print numbers of heads and angles of baffles, with what they are worth and weigh."""
     counts = options.heads or [len(plan.heads)]
     angles = [angle * deg for angle in options.baffle or [plan.heads[0].limits.sun / deg]]
@@ -296,9 +296,17 @@ def _trade(options: argparse.Namespace, path: Path, plan: mission.Plan) -> int:
     table = metrics.Table(
         [
             Column("heads", "heads", lambda row: row.heads, form="d"),
-            Column("baffle_deg", "baffle", lambda row: row.angle, Unit("deg", deg, deg), ".1f"),
-            Column("baffle_length_m", "length", lambda row: row.length, Unit("mm", 1e-3, 1), ".0f"),
-            Column("mass_kg", "mass", lambda row: row.mass, Unit("kg", 1, 1), ".2f"),
+            Column(
+                "baffle_deg", "baffle", lambda row: row.angle, DisplayUnit("deg", deg, deg), ".1f"
+            ),
+            Column(
+                "baffle_length_m",
+                "length",
+                lambda row: row.length,
+                DisplayUnit("mm", 1e-3, 1),
+                ".0f",
+            ),
+            Column("mass_kg", "mass", lambda row: row.mass, DisplayUnit("kg", 1, 1), ".2f"),
             Column("longest_s", "longest", lambda row: row.quality.longest, metrics.SECOND, ".0f"),
             Column("one", "one", lambda row: row.quality.one, metrics.PERCENT),
             Column("two", "two", lambda row: row.quality.two, metrics.PERCENT),
@@ -314,7 +322,7 @@ def _trade(options: argparse.Namespace, path: Path, plan: mission.Plan) -> int:
     return Exit.DONE if any(trade.met for trade in traded) else Exit.UNSOLVED
 
 
-def _place(options: argparse.Namespace, path: Path, before: report.Flight) -> int:
+def _place(options: argparse.Namespace, path: Path, before: report.ReportedFlight) -> int:
     """Search for mountings, and print the whole mission with the file's and with the best."""
     plan = before.plan
     with progress("mountings", 5000) as advance:
@@ -323,7 +331,7 @@ def _place(options: argparse.Namespace, path: Path, before: report.Flight) -> in
         mapped = mission.map_of(better, 0)
     with progress("steps", plan.loaded.mission.time.steps) as advance:
         flown = mission.fly(better, advance)
-    after = report.Flight(better, before.checks, flown, mission.availability_of(flown))
+    after = report.ReportedFlight(better, before.checks, flown, mission.availability_of(flown))
     old, new = (
         [mission.angles_of(head.boresight) for head in placed.heads] for placed in (plan, better)
     )
@@ -359,7 +367,7 @@ def _place(options: argparse.Namespace, path: Path, before: report.Flight) -> in
     return Exit.DONE if after.met else Exit.UNSOLVED
 
 
-def _draw(out: Path, flight: report.Flight, title: str, placed: Path | None = None) -> None:
+def _draw(out: Path, flight: report.ReportedFlight, title: str, placed: Path | None = None) -> None:
     """Write mission.png, beta.png, and report.html with them and the picture of a placement."""
     plan, _, flown, available = flight
     overview, beta = out / "mission.png", out / "beta.png"
@@ -374,7 +382,7 @@ def _draw(out: Path, flight: report.Flight, title: str, placed: Path | None = No
     save_text(out / "report.html", report.write_mission_report(flight, pictures, title))
 
 
-def _values(flight: report.Flight) -> dict[str, Any]:
+def _values(flight: report.ReportedFlight) -> dict[str, Any]:
     plan, _, flown, available = flight
     time, none = plan.loaded.mission.time, available.none
     return {
@@ -407,7 +415,7 @@ def _values(flight: report.Flight) -> dict[str, Any]:
     }
 
 
-def _head_values(flight: report.Flight, h: int) -> dict[str, Any]:
+def _head_values(flight: report.ReportedFlight, h: int) -> dict[str, Any]:
     plan, _, flown, available = flight
     head, total, blind = plan.heads[h], flown.head_sum[h], available.each[h]
     across, about = np.sqrt(total[1:3] / max(total[0], 1))
@@ -439,7 +447,7 @@ def _head_values(flight: report.Flight, h: int) -> dict[str, Any]:
     }
 
 
-def _which(plan: mission.Plan) -> str:
+def _which(plan: mission.MissionPlan) -> str:
     """What the errors of the heads are those of."""
     heads, time = plan.loaded.mission.heads, plan.loaded.mission.time
     drawn = sum(head.unit is not None for head in heads)
@@ -451,7 +459,7 @@ def _which(plan: mission.Plan) -> str:
     return f"{units or 'perfect and drawn units'}{', ' if ages else ''}{ages}"
 
 
-def _frames(plan: mission.Plan, table: Rows) -> tuple[dict[str, Any], list[str]]:
+def _frames(plan: mission.MissionPlan, table: Rows) -> tuple[dict[str, Any], list[str]]:
     """Agreement of rendered heads with the mission, and angles between them: values and lines."""
     heads, lines, values = range(len(plan.heads)), list[str](), dict[str, Any]()
     values["heads"] = []
@@ -499,7 +507,7 @@ def _frames(plan: mission.Plan, table: Rows) -> tuple[dict[str, Any], list[str]]
     return values, ["rendered heads, at random instants:", *lines]
 
 
-def _fleet_values(plan: mission.Plan, fleet: mission.Fleet) -> dict[str, Any]:
+def _fleet_values(plan: mission.MissionPlan, fleet: mission.Fleet) -> dict[str, Any]:
     heat, high = fleet.heat, np.quantile(fleet.heads, 0.95, axis=0) / arcsec
 
     def ends(kelvin: Floats) -> list[float] | None:
@@ -524,7 +532,7 @@ def _fleet_values(plan: mission.Plan, fleet: mission.Fleet) -> dict[str, Any]:
     }
 
 
-def _fleet_text(plan: mission.Plan, fleet: mission.Fleet) -> str:
+def _fleet_text(plan: mission.MissionPlan, fleet: mission.Fleet) -> str:
     lines = [
         f"{len(fleet.rms)} spacecraft of drawn units: 95 % keep "
         f"{metrics.bracketed(fleet.level(), '.2f', arcsec)} arcsec rms about the worst axis, "
@@ -547,7 +555,7 @@ def _fleet_text(plan: mission.Plan, fleet: mission.Fleet) -> str:
     return "\n".join(lines)
 
 
-def _radiation(plan: mission.Plan) -> list[dict[str, Any]]:
+def _radiation(plan: mission.MissionPlan) -> list[dict[str, Any]]:
     """Dose and displaced atoms in the mission's orbit, for each shield of a detector that ages."""
     if plan.loaded.mission.radiation.ageing != "orbit":
         return []
@@ -563,7 +571,7 @@ def _radiation(plan: mission.Plan) -> list[dict[str, Any]]:
     ]
 
 
-def _left_out(plan: mission.Plan) -> list[str]:
+def _left_out(plan: mission.MissionPlan) -> list[str]:
     """What availability and errors do not know of the mission."""
     text = (
         "hits of protons and electrons (radiation.hits), in the availability and the errors; "
@@ -572,7 +580,7 @@ def _left_out(plan: mission.Plan) -> list[str]:
     return [] if plan.loaded.mission.radiation.hits is None else [text]
 
 
-def _platform_lines(plan: mission.Plan) -> list[str]:
+def _platform_lines(plan: mission.MissionPlan) -> list[str]:
     """What of their errors is the motion of the platform; nothing where no design has any."""
     moved = [
         f"{math.sqrt((x + y) / 2) / arcsec:.2f} across and {math.sqrt(z) / arcsec:.2f} about "
@@ -595,7 +603,7 @@ def _platform_lines(plan: mission.Plan) -> list[str]:
     ]
 
 
-def _text(flight: report.Flight) -> list[str]:
+def _text(flight: report.ReportedFlight) -> list[str]:
     plan, _, flown, available = flight
     time = plan.loaded.mission.time
     lines = [

@@ -27,7 +27,7 @@ if wanted(__name__):
     from startrack.core import Floats, Rows, arcsec, parse
     from startrack.design import Case, Design, Fidelity, Requirements
     from startrack.io import save_json
-    from startrack.metrics import ARCSEC, Limits, Row
+    from startrack.metrics import ARCSEC, ErrorLimits, Row
     from startrack.montecarlo import Endings, Precision, Sampling
     from startrack.plots import draw_errors
     from startrack.population import Units
@@ -306,7 +306,11 @@ def _refuse_parts(options: argparse.Namespace) -> None:
 
 
 def _sketch(
-    options: argparse.Namespace, case: Case, sampling: Sampling, limits: Limits, workers: Workers
+    options: argparse.Namespace,
+    case: Case,
+    sampling: Sampling,
+    limits: ErrorLimits,
+    workers: Workers,
 ) -> int:
     """Fill the file of --sketch, and print what it holds."""
     numbers = range(options.first, options.first + options.trials)

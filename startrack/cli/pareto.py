@@ -12,7 +12,7 @@ if wanted(__name__):
     from startrack.cli.campaign import open_campaign, stages, write_study
     from startrack.design import COSTS, DesignSpace
     from startrack.metrics import markdown
-    from startrack.optimise import Goals, front
+    from startrack.optimise import FrontGoals, front
     from startrack.plots import draw_front
 
 
@@ -39,7 +39,7 @@ declare = Options(
 def command(options: argparse.Namespace) -> int:
     """Write front.md, front.png and result.json."""
     with as_wrong_use():
-        goals = Goals(options.first, options.second)
+        goals = FrontGoals(options.first, options.second)
     with (
         open_campaign(options, "trading off goals of") as (case, campaign, runner),
         stages("trading off") as show,

@@ -52,7 +52,7 @@ def command(options: argparse.Namespace) -> int:
         point = replace(instrument.detector, fill_factor=SMALL, diffusion=0.0)
         image = psf_of(replace(instrument, detector=point))
         reason = "the lens has a table; the image is its mean over the frame"
-        choice = optics.Choice("lens table", instrument.optics.psf_tolerance, reason, {})
+        choice = optics.PsfChoice("lens table", instrument.optics.psf_tolerance, reason, {})
     else:
         image = optics.pixel_psf(instrument.optics, pitch, WAVELENGTH, weight, optics.POINT)
         choice = optics.choose(instrument.optics, pitch, mean)
@@ -97,7 +97,7 @@ def _curves(
 
 
 def _values(
-    judged: optics.Quality, choice: optics.Choice, mean: float, curves: list[Curves]
+    judged: optics.Quality, choice: optics.PsfChoice, mean: float, curves: list[Curves]
 ) -> dict[str, Any]:
     return {
         "model": choice.model,
@@ -123,7 +123,9 @@ def _energies(form: str, sizes: Sequence[float], fractions: Sequence[float]) -> 
     )
 
 
-def _text(judged: optics.Quality, choice: optics.Choice, mean: float, curves: list[Curves]) -> str:
+def _text(
+    judged: optics.Quality, choice: optics.PsfChoice, mean: float, curves: list[Curves]
+) -> str:
     lines = [
         f"model               {choice.model}, because {choice.reason}; error at most "
         f"{choice.error:.2g} of the peak",

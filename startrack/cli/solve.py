@@ -22,7 +22,13 @@ if wanted(__name__):
     from startrack.io import field_hint, tetra3_values, to_table, write_solution
     from startrack.montecarlo import pool
     from startrack.plots import draw_solution
-    from startrack.trial import THRESHOLDS, Photograph, View, lost_in_space, solve_photograph
+    from startrack.trial import (
+        THRESHOLDS,
+        Photograph,
+        PhotographView,
+        lost_in_space,
+        solve_photograph,
+    )
 
 
 declare = Options(
@@ -193,7 +199,7 @@ def _with_camera(
         spots, matches, estimate = lost_in_space(frame, camera, indexes, tracker)
         if estimate.icrs_to_camera is not None:
             break
-    return Photograph(spots, matches, estimate, estimate.icrs_to_camera, View())
+    return Photograph(spots, matches, estimate, estimate.icrs_to_camera, PhotographView())
 
 
 def _values(solved: Photograph, exposure: float) -> dict[str, Any]:

@@ -20,7 +20,7 @@ if wanted(__name__):
     from startrack.io import aligned
     from startrack.metrics import ARCSEC, LEVELS, Interpretation, Interval, bounds_json, bracketed
     from startrack.montecarlo import Sampling
-    from startrack.optimise import Change, allocation
+    from startrack.optimise import LeverChange, allocation
     from startrack.population import explain, per_unit
     from startrack.verification import USUAL, units_expected, yield_of
 
@@ -78,7 +78,7 @@ def budgets_of(
 
 
 def gains_of(
-    case: Case, campaign: Campaign, changes: list[Change], options: argparse.Namespace
+    case: Case, campaign: Campaign, changes: list[LeverChange], options: argparse.Namespace
 ) -> tuple[dict[str, Any], str]:
     """What each change of a design buys and costs: values for JSON, and a table."""
     objective, needs = campaign.goal, campaign.requirements

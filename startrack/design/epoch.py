@@ -6,7 +6,7 @@ import numpy as np
 
 from startrack.catalog import Selection, earth_observer
 from startrack.core import LIGHT_SPEED, Floats, Refused, arcsec
-from startrack.scene import Orbit, Scene, orbital_velocity
+from startrack.scene import ObserverOrbit, Scene, orbital_velocity
 from startrack.space import AU
 
 # What of the sky may lie beside the date. A star to G = 8 moves by 0.03 arcsec (median), 0.4 arcsec
@@ -94,7 +94,7 @@ def _check_place(scene: Scene, catalog: Selection) -> None:
         )
 
 
-def _check_velocity(orbit: Orbit, velocity: tuple[float, ...]) -> None:
+def _check_velocity(orbit: ObserverOrbit, velocity: tuple[float, ...]) -> None:
     given = np.array(velocity)
     if orbit.phase is None:  # any velocity of the orbit may be meant
         phases = np.linspace(0, 2 * np.pi, PHASES)

@@ -11,7 +11,7 @@ from startrack import core
 from startrack.core import NON_NEGATIVE, POSITIVE, Parameters, Range, Refused, Unit, parameter
 from startrack.design.case import Case
 from startrack.design.objective import AXES, KINDS, Objective
-from startrack.metrics import Limits
+from startrack.metrics import ErrorLimits
 from startrack.optics import Optics, Surfaces, element_count, full_surfaces
 
 BARREL = 3.7  # kilogram of a whole lens for one of its glass
@@ -376,9 +376,9 @@ class Requirements(core.CarriesCode):
         )
 
     @property
-    def limits(self) -> Limits:
+    def limits(self) -> ErrorLimits:
         """What an attitude must keep to be correct."""
-        return Limits(**{accuracy.name: accuracy.single for accuracy in self.accuracy})
+        return ErrorLimits(**{accuracy.name: accuracy.single for accuracy in self.accuracy})
 
     def mass(self, case: Case) -> float:
         """Kilogram."""

@@ -31,15 +31,15 @@ from startrack.detection.box import Box, Taken, box_reach, corner_level, follow,
 from startrack.detection.connect import Peaks
 from startrack.detection.detect import centroid, detect, detect_near, places
 from startrack.detection.expectation import (
-    Expectation,
     Response,
+    SpotExpectation,
     chance_kept,
     expect,
     half_of,
     joined,
     response,
 )
-from startrack.detection.find import DetectionInput, Ground, levels_at
+from startrack.detection.find import DetectionInput, FrameBackground, levels_at
 from startrack.detection.matched import filtered, highest_between
 from startrack.detection.methods import CentroidInput
 from startrack.detection.parameters import LONGEST_STREAK, STREAK, Detection

@@ -23,7 +23,7 @@ SHOWN_SKEWNESS = 0.86
 MORE_THAN_MODEL = 1.08  # of the model's noise; 25 tiles show that by chance once in 1000
 
 
-class Sky(NamedTuple):
+class SkyBackground(NamedTuple):
     """Background and noise of an image, at the centres of its tiles and of one more tile around.
 
     mean      (down + 2, across + 2) digital number
@@ -40,7 +40,7 @@ class Sky(NamedTuple):
     mesh: int
 
 
-def sky(filtered: Singles, mesh: int, floor: float) -> Sky:
+def sky(filtered: Singles, mesh: int, floor: float) -> SkyBackground:
     """Measure the background and the noise of an image that was filtered.
 
     A plane and the noise about it are measured on the filtered image itself, in tiles. So haze,
@@ -67,16 +67,18 @@ def sky(filtered: Singles, mesh: int, floor: float) -> Sky:
     mild = np.minimum(skewness, np.float32(MILD_SKEWNESS))
     mean = mean + np.float32(0.05) * mild * noise
     noise = noise * (np.float32(1.007) + mild * (np.float32(0.03) + np.float32(0.06) * mild))
-    return Sky(mean, noise, skewness, np.float32(KURTOSIS_RATIO) * skewness**2, mesh)
+    return SkyBackground(mean, noise, skewness, np.float32(KURTOSIS_RATIO) * skewness**2, mesh)
 
 
-def with_gain_noise(ground: Sky, model: tuple[Singles, Singles, Singles]) -> Sky:
+def with_gain_noise(
+    ground: SkyBackground, model: tuple[Singles, Singles, Singles]
+) -> SkyBackground:
     """The law that the gain model tells, where the tiles show no more noise than that."""
     kept = ground.rms <= MORE_THAN_MODEL * model[0]
     rms, skewness, kurtosis = (
         np.where(kept, by_gain, seen) for by_gain, seen in zip(model, ground[1:4], strict=True)
     )
-    return Sky(ground.mean, rms, skewness, kurtosis, ground.mesh)
+    return SkyBackground(ground.mean, rms, skewness, kurtosis, ground.mesh)
 
 
 def _wider(grid: Singles) -> Singles:

@@ -23,7 +23,7 @@ from startrack.core import (
     arcsec,
     parameter,
 )
-from startrack.detection.pixels import Gain, corrected, gain_of
+from startrack.detection.pixels import PixelGain, corrected, gain_of
 from startrack.detection.plan import DetectionPlan
 
 SIZES = (4, 6, 8)
@@ -304,7 +304,7 @@ def _background(window: Singles, box: Box, offset: float) -> Singles:
 
 
 def _settled(
-    image: Singles, corner: tuple[int, int], box: Box, expected: StarImage, gain: Gain
+    image: Singles, corner: tuple[int, int], box: Box, expected: StarImage, gain: PixelGain
 ) -> tuple[float, ...]:
     """As `_measure`, of an image that is moved until its moment lies in its middle."""
     measured: tuple[float, ...] = NOTHING
@@ -318,7 +318,7 @@ def _settled(
 
 
 def _measure(
-    image: Singles, corner: tuple[int, int], box: Box, expected: StarImage, gain: Gain
+    image: Singles, corner: tuple[int, int], box: Box, expected: StarImage, gain: PixelGain
 ) -> tuple[float, ...]:
     """Place, flux, covariance (xx, xy, yy), sigma of the flux, and the next corner of an image."""
     rows, columns = image.shape

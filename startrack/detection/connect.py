@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import Ints, Singles, kernel
-from startrack.detection.background import Sky, between
+from startrack.detection.background import SkyBackground, between
 
 
 class Peaks(NamedTuple):
@@ -136,7 +136,9 @@ MOST = 4  # stars for one peak
 
 
 @kernel
-def split(image: Singles, merged: Peaks, sky: Sky, noise: float, shot: float, border: int) -> Peaks:
+def split(
+    image: Singles, merged: Peaks, sky: SkyBackground, noise: float, shot: float, border: int
+) -> Peaks:
     """Take the peaks apart that the filter has merged.
 
     Two maxima of the image itself are two stars where the image dips between them by more than

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import Flags, Floats, Ints, Singles, Streams, kernel
-from startrack.detection.background import Sky, between
+from startrack.detection.background import SkyBackground, between
 from startrack.detection.matched import highest_between
 from startrack.detection.robust import around, around_among
 
@@ -27,7 +27,7 @@ def stands_out(
     y: Ints,
     ring_half: int,
     sigmas: Singles,
-    sky: Sky,
+    sky: SkyBackground,
     floor: float,
 ) -> Flags:
     """Whether peaks stand out of their tile, and out of the ring around them where it is uneven.
@@ -58,7 +58,7 @@ def levels_to_pass(
     y: Ints,
     ring_half: int,
     sigmas: Singles,
-    sky: Sky,
+    sky: SkyBackground,
     floor: float,
     peaks: Ints,
 ) -> Floats:
@@ -76,7 +76,7 @@ def levels_to_pass(
 
 
 @kernel
-def _of_tile(x: int, y: int, sigmas: Singles, sky: Sky) -> tuple[float, float, float]:
+def _of_tile(x: int, y: int, sigmas: Singles, sky: SkyBackground) -> tuple[float, float, float]:
     """Level, noise, and how many sigma a peak must stand out by."""
     # At the edge of trees, their own tile describes them better than its neighbours do.
     mesh = sky.mesh

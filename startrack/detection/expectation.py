@@ -16,11 +16,11 @@ from startrack.detection.examine import chance_to_pass, largest_fraction
 from startrack.detection.gravity import FLUX, FLUX_SIGMA, XX, XY, YY, X, Y
 from startrack.detection.matched import filtered, highest_between
 from startrack.detection.parameters import Detection
-from startrack.detection.pixels import Gain, Pixels, gain_of
+from startrack.detection.pixels import PixelGain, Pixels, gain_of
 from startrack.detection.plan import DetectionPlan, calibrated
 
 
-class Expectation(NamedTuple):
+class SpotExpectation(NamedTuple):
     """What is to be expected of stars; NaN where no centroid comes of them.
 
     x, y        (n,) pixel, centroid without noise
@@ -49,7 +49,7 @@ def expect(
     area: int,
     plan: DetectionPlan,
     search: tuple[float, float] | None = None,
-) -> Expectation:
+) -> SpotExpectation:
     """Search and measure a frame without noise.
 
     A star is found with the probability kept Phi(above / spread).
@@ -87,7 +87,7 @@ def expect(
     table = measured(seen._replace(floor=dark, offset=level, read_noise=0.0), plan)
     covariance = table[:, [XX, XY, XY, YY]].reshape(-1, 2, 2)
     x, y, flux, sigma = (table[:, column] for column in (X, Y, FLUX, FLUX_SIGMA))
-    return Expectation(x, y, flux, sigma, covariance, height - far, spread, kept)
+    return SpotExpectation(x, y, flux, sigma, covariance, height - far, spread, kept)
 
 
 def chance_kept(frame: Frame, place: Floats, level: float, plan: DetectionPlan) -> Floats:
@@ -101,9 +101,15 @@ def chance_kept(frame: Frame, place: Floats, level: float, plan: DetectionPlan) 
 
 
 def _kept(
-    image: Singles, x: Ints, y: Ints, level: float, dark: float, gain: Gain, settings: Detection
+    image: Singles,
+    x: Ints,
+    y: Ints,
+    level: float,
+    dark: float,
+    gain: PixelGain,
+    settings: Detection,
 ) -> Floats:
-    """`Expectation.kept` of peaks; `dark` is the noise of an empty pixel, digital number."""
+    """`SpotExpectation.kept` of peaks; `dark` is the noise of an empty pixel, digital number."""
     if not settings.sharpest_sigma > 0:
         return np.ones(len(x))
     shot, fraction = 1 / gain.light, largest_fraction(settings.sharpest_sigma)

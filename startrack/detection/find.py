@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from startrack import core
 from startrack.core import Flags, Floats, Ints, Singles, kernel
-from startrack.detection.background import Sky, sky, with_gain_noise
+from startrack.detection.background import SkyBackground, sky, with_gain_noise
 from startrack.detection.connect import Peaks, lit, peaks, split
 from startrack.detection.examine import (
     has_dead_pixel,
@@ -78,7 +78,7 @@ KERNEL_TAIL = 2  # pixel; the outer pixels of a filtered star are too faint to m
 
 
 @dataclass(frozen=True, eq=False)
-class Ground:
+class FrameBackground:
     """What the search of a frame compares its pixels with.
 
     sky   background and noise
@@ -86,7 +86,7 @@ class Ground:
     look  digital number from which on pixels are looked at, on the grid of the Sky
     """
 
-    sky: Sky
+    sky: SkyBackground
     far: Singles
     look: Singles
 
@@ -134,21 +134,21 @@ def levels_at(pixels: Pixels, plan: DetectionPlan, x: Ints, y: Ints) -> Floats:
 
 def ground_of(
     pixels: Pixels, image: Singles, plan: DetectionPlan, mesh: int | None = None
-) -> Ground:
+) -> FrameBackground:
     """Background and noise of the filtered image; its noise by the gain model where that holds."""
     law = sky(image, mesh or plan.settings.mesh, rounding(pixels, plan.kernel))
     if pixels.gain.known:
         model = noise_from_gain(law.mean, pixels.gain, pixels.step, plan.kernel)
         law = with_gain_noise(law, model)
     far = equivalent_sigmas(plan.threshold(image.size), law.skewness, law.kurtosis)
-    return Ground(law, far, np.asarray(law.mean + EXAMINED * far * law.rms, np.float32))
+    return FrameBackground(law, far, np.asarray(law.mean + EXAMINED * far * law.rms, np.float32))
 
 
 def choose(
     pixels: Pixels,
     image: Singles,
     bright: Ints,
-    ground: Ground,
+    ground: FrameBackground,
     plan: DetectionPlan,
     regions: Ints | None = None,
 ) -> Peaks:
@@ -165,7 +165,7 @@ def choose(
     return Peaks(*_choose(*images, bright, waiting, *law, plan.filters, regions, rules))
 
 
-class _Rules(NamedTuple):
+class _SpotRules(NamedTuple):
     """What a peak must meet, for the kernel.
 
     min_area, max_area  of its connected component, pixel
@@ -191,10 +191,10 @@ class _Rules(NamedTuple):
     beside: int
 
 
-def _rules(pixels: Pixels, plan: DetectionPlan) -> _Rules:
+def _rules(pixels: Pixels, plan: DetectionPlan) -> _SpotRules:
     settings, kernel = plan.settings, plan.kernel
     half, sharpest = settings.window // 2, settings.sharpest_sigma
-    return _Rules(
+    return _SpotRules(
         settings.min_area,
         settings.max_area,
         half,
@@ -215,11 +215,11 @@ def _choose(
     image: Singles,
     bright: Ints,
     waiting: NDArray[np.uint8],
-    ground: Sky,
+    ground: SkyBackground,
     far: Singles,
     filters: Floats,
     regions: Ints,
-    rules: _Rules,
+    rules: _SpotRules,
 ) -> tuple[Ints, Ints, Ints]:
     """Columns, rows and areas of the peaks that `choose` keeps."""
     merged = peaks(image, bright, waiting, rules.min_area, rules.max_area, rules.half, rules.border)

@@ -11,7 +11,7 @@ import scipy
 from numpy.typing import NDArray
 
 from startrack.core import Floats, Psf, Singles, kernel
-from startrack.detection.pixels import Gain
+from startrack.detection.pixels import PixelGain
 from startrack.detection.star_model import expected
 
 FAINTEST = 0.01  # of the peak; what is fainter hardly helps the filter
@@ -109,7 +109,7 @@ RAREST = 7.0  # sigma, which normal noise exceeds in one of 1e12 pixels
 
 
 def noise_from_gain(
-    level: Grid, gain: Gain, step: float, kernel: Kernel
+    level: Grid, gain: PixelGain, step: float, kernel: Kernel
 ) -> tuple[Grid, Grid, Grid]:
     """Noise of a filtered image by the gain model: Poisson's photons and normal read noise.
 

@@ -70,7 +70,7 @@ class DarkFrames(NamedTuple):
 Calibration = Callable[[], DarkFrames]  # dark frames are taken when they are first needed
 
 
-class Correction(NamedTuple):
+class PixelCorrection(NamedTuple):
     """What the map tells of each pixel.
 
     offset    (rows, columns) digital number, to be subtracted
@@ -83,18 +83,18 @@ class Correction(NamedTuple):
     marks: NDArray[np.uint8]
 
 
-def correction_of(settings: DarkMap, dark: DarkFrames) -> Correction:
+def correction_of(settings: DarkMap, dark: DarkFrames) -> PixelCorrection:
     """The correction that a map of these dark frames makes."""
     stored = np.rint(dark.mean / settings.step) * settings.step
     excess = stored - np.median(stored)
     marks = excess > settings.hot * dark.noise
     offset = excess if settings.subtracted else np.zeros_like(excess)
-    return Correction(offset.astype(np.float32), np.flatnonzero(marks), marks.astype(np.uint8))
+    return PixelCorrection(offset.astype(np.float32), np.flatnonzero(marks), marks.astype(np.uint8))
 
 
 def corrected(
     value: Singles,
-    correction: Correction,
+    correction: PixelCorrection,
     saturation: float | None,
     pivot: float = 0.0,
     within: tuple[Ints, Singles] | None = None,
@@ -118,7 +118,7 @@ def corrected(
     return out
 
 
-def correction_image(correction: Correction) -> Singles:
+def correction_image(correction: PixelCorrection) -> Singles:
     """What an image loses by the correction, digital number: hot pixels as their neighbours."""
     return -corrected(np.zeros_like(correction.offset), correction, None)
 
@@ -157,7 +157,7 @@ LARGEST = 1e12  # digital number; what is beyond is no reading, and its square m
 EPSILON = float(np.finfo(np.float32).eps)
 
 
-class Gain(NamedTuple):
+class PixelGain(NamedTuple):
     """What is known of the law of a pixel's numbers; NaN where unknown.
 
     light       digital number of light over its variance, as `Frame.noise_gain`
@@ -175,7 +175,7 @@ class Gain(NamedTuple):
         return bool(np.isfinite(self).all())
 
 
-UNKNOWN = Gain(np.nan, np.nan, np.nan)
+UNKNOWN = PixelGain(np.nan, np.nan, np.nan)
 NONE_DEAD = np.empty((0, 0), np.uint8)
 
 
@@ -193,7 +193,7 @@ class Pixels(NamedTuple):
     pivot: float
     step: float
     dead: NDArray[np.uint8] | None
-    gain: Gain = UNKNOWN
+    gain: PixelGain = UNKNOWN
 
     @property
     def marks(self) -> NDArray[np.uint8]:
@@ -230,10 +230,10 @@ def pixels(frame: core.Frame) -> Pixels:
     return Pixels(value, pivot, step, marks, gain)
 
 
-def gain_of(frame: core.Frame, pivot: float) -> Gain:
+def gain_of(frame: core.Frame, pivot: float) -> PixelGain:
     """What a frame knows of its pixels."""
     read_noise = frame.read_noise / frame.electrons_per_dn
-    return Gain(frame.noise_gain, frame.offset - pivot, read_noise)
+    return PixelGain(frame.noise_gain, frame.offset - pivot, read_noise)
 
 
 def _narrow(image: NDArray[np.number]) -> tuple[Singles, float]:

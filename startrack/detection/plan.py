@@ -9,7 +9,7 @@ from startrack.detection.methods import CENTROIDS, CentroidMethod, method_of
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import (
     Calibration,
-    Correction,
+    PixelCorrection,
     Pixels,
     corrected,
     correction_of,
@@ -48,7 +48,7 @@ class DetectionPlan:
         return matched.gaussian_kernel(self.settings.kernel_sigma)
 
     @cached_property
-    def correction(self) -> Correction | None:
+    def correction(self) -> PixelCorrection | None:
         """What the tracker's dark map tells of each pixel; None without one.
 
         Raises  ValueError where the settings have a dark map and there are no dark frames.

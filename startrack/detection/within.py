@@ -7,7 +7,7 @@ from startrack.core import Floats, Frame, Ints, Psf, Singles, Spots, assign, ker
 from startrack.detection.background import between
 from startrack.detection.connect import any_above
 from startrack.detection.detect import centroid
-from startrack.detection.find import Ground, choose, ground_of, ring_half
+from startrack.detection.find import FrameBackground, choose, ground_of, ring_half
 from startrack.detection.matched import Kernel, filtered
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Pixels, corrected, gain_of
@@ -16,13 +16,15 @@ from startrack.detection.plan import DetectionPlan, calibrated
 RING = 3  # pixel, from a window to the far side of the ring about it
 
 
-def measure_ground(frame: Frame, plan: DetectionPlan) -> Ground:
+def measure_ground(frame: Frame, plan: DetectionPlan) -> FrameBackground:
     """Background and noise of a whole frame, as `detect` measures them."""
     image = calibrated(frame, plan)
     return ground_of(image, filtered(image.value, plan.kernel), plan)
 
 
-def detect_within(frame: Frame, regions: Ints, ground: Ground, plan: DetectionPlan) -> Spots:
+def detect_within(
+    frame: Frame, regions: Ints, ground: FrameBackground, plan: DetectionPlan
+) -> Spots:
     """Find the stars whose peaks lie in some regions, as `detect` finds them in a whole frame.
 
     frame     whose image, best float32, is right in the regions and `margin` pixel around each

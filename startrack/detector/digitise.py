@@ -32,7 +32,7 @@ from startrack.detector.law import (
     EMPTY,
     ENTRY_BITS,
     Image,
-    Law,
+    SignalLaw,
     Tables,
     blank,
     number,
@@ -43,7 +43,9 @@ from startrack.detector.law import (
 SHOT = "shot noise"  # the stream of caught electrons
 
 
-def digitise(electrons: Floats, law: Law, streams: Streams, tables: Tables | None = None) -> Image:
+def digitise(
+    electrons: Floats, law: SignalLaw, streams: Streams, tables: Tables | None = None
+) -> Image:
     """The digital image of expected electrons.
 
     Most pixels of a frame are near its background and take their number from a table of the exact
@@ -71,7 +73,7 @@ def shot(electrons: Floats, streams: Streams, cause: str = SHOT) -> Floats:
 
 
 def digitise_hit(
-    image: Image, electrons: Floats, pixel: Ints, extra: Floats, law: Law, streams: Streams
+    image: Image, electrons: Floats, pixel: Ints, extra: Floats, law: SignalLaw, streams: Streams
 ) -> None:
     """Replace some pixels of an image, in place, by their numbers with extra electrons.
 
@@ -97,11 +99,11 @@ class Draws(NamedTuple):
 
     shot: np.uint64
     read: np.uint64
-    law: Law
+    law: SignalLaw
     tables: Tables
 
 
-def draws_of(law: Law, tables: Tables, streams: Streams) -> Draws:
+def draws_of(law: SignalLaw, tables: Tables, streams: Streams) -> Draws:
     """The draws of a law and its tables, by the streams of a trial."""
     read = streams.key("read noise") if law.noise else np.uint64(0)
     return Draws(streams.key(SHOT), read, law, tables)

@@ -183,7 +183,7 @@ def _numbers_by_code(numbers: Floats, detector: Detector, streams: Streams) -> F
 Change = Callable[[Floats, Detector, Streams], Floats]
 
 
-class Stage(StrEnum):
+class PixelStage(StrEnum):
     """What the values of the pixels are, from light to number (EMVA 1288)."""
 
     EXPECTED = "expected electrons"
@@ -208,7 +208,7 @@ class PixelEffect(NamedTuple):
     """
 
     key: str
-    stage: Stage
+    stage: PixelStage
     present: Callable[[Detector], Any]
     change: Change | None = None
     whole_frame: bool = True
@@ -216,7 +216,7 @@ class PixelEffect(NamedTuple):
     left_out: str = ""
 
 
-EXPECTED, CHARGE, SIGNAL, IMAGE = Stage
+EXPECTED, CHARGE, SIGNAL, IMAGE = PixelStage
 CODE = "charge_effects", "signal_effects", "image_effects"  # keys of lists of user code
 
 # A row of another effect is inserted where the physics has it.
@@ -292,7 +292,7 @@ def require_independent_pixels(detector: Detector) -> None:
         )
 
 
-def after(stage: Stage, values: Floats, detector: Detector, streams: Streams) -> Floats:
+def after(stage: PixelStage, values: Floats, detector: Detector, streams: Streams) -> Floats:
     """Values (rows, columns) after all effects of a stage that a detector has."""
     for effect in present(detector):
         if effect.stage is stage and effect.change:

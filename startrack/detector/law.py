@@ -15,7 +15,7 @@ from startrack.detector.parameters import Detector
 Image = NDArray[np.uint16] | NDArray[np.uint32]
 
 
-class Law(NamedTuple):
+class SignalLaw(NamedTuple):
     """From electrons to a digital number, without the random draws.
 
         charge = min(electrons, full_well)
@@ -46,13 +46,13 @@ class Law(NamedTuple):
     largest: float
 
 
-COUNT = Law(0.0, math.inf, 0.0, 1.0, 0.0, 0.0, math.inf)  # numbers are electrons
+COUNT = SignalLaw(0.0, math.inf, 0.0, 1.0, 0.0, 0.0, math.inf)  # numbers are electrons
 
 
-def law_of(detector: Detector) -> Law:
+def law_of(detector: Detector) -> SignalLaw:
     """The law of a detector's pixels."""
     largest = 2**detector.bits - 1
-    return Law(
+    return SignalLaw(
         math.hypot(detector.read_noise, detector.reset_noise),
         detector.full_well,
         detector.nonlinearity,
@@ -95,7 +95,7 @@ def number(level, gain, offset, adc_inl, largest):  # type: ignore[no-untyped-de
     return float(math.floor(unrounded(level, gain, offset, adc_inl, largest) + 0.5))
 
 
-def converted(level: Floats, law: Law) -> Floats:
+def converted(level: Floats, law: SignalLaw) -> Floats:
     """Digital numbers of signals that contain their noise, element by element."""
     level = np.asarray(level, dtype=float)
     flat = _numbers(level.ravel(), law.gain, law.offset, law.adc_inl, law.largest)
@@ -110,7 +110,7 @@ def _numbers(level, gain, offset, adc_inl, largest):  # type: ignore[no-untyped-
     return numbers
 
 
-def mean_numbers(electrons: Floats, law: Law) -> Floats:
+def mean_numbers(electrons: Floats, law: SignalLaw) -> Floats:
     """Digital numbers of expected electrons without noise and rounding, element by element."""
     charge = np.minimum(electrons, law.full_well)
     level = np.asarray(nonlinear_signal(charge, law.full_well, law.nonlinearity), dtype=float)
@@ -126,12 +126,12 @@ def _means(level, gain, offset, adc_inl, largest):  # type: ignore[no-untyped-de
     return means
 
 
-def blank(shape: tuple[int, ...], law: Law) -> Image:
+def blank(shape: tuple[int, ...], law: SignalLaw) -> Image:
     """An image without content, of the smaller of the two types that hold its numbers."""
     return np.empty(shape, np.uint16) if law.largest < 2**16 else np.empty(shape, np.uint32)
 
 
-def upper_edge(law: Law, numbers: Floats) -> Floats:
+def upper_edge(law: SignalLaw, numbers: Floats) -> Floats:
     """Signal at which each digital number gives way to the next, electron; inverse of `number`."""
     wanted = numbers + 0.5
     inside = (wanted > 0) & (wanted < law.largest)
@@ -198,7 +198,7 @@ def lowest_mean(low: float, middle: float, noise: float) -> float:
     return max(low, (middle + noise**2) / 4 - noise**2, 0.0)
 
 
-def tables_for(mean: Floats, law: Law, wings: float = 0.1) -> Tables:
+def tables_for(mean: Floats, law: SignalLaw, wings: float = 0.1) -> Tables:
     """The tables for most pixels of a frame; empty where they would cost more than they save.
 
     They depend on the frame alone, so that a frame does not depend on those before it.
@@ -222,7 +222,7 @@ def tables_for(mean: Floats, law: Law, wings: float = 0.1) -> Tables:
 
 
 @lru_cache(maxsize=4)
-def build(law: Law, first: int, count: int, spacing: float) -> Tables:
+def build(law: SignalLaw, first: int, count: int, spacing: float) -> Tables:
     """The tables of some levels; empty where the numbers spread too far."""
     mean = np.arange(first, first + count) * spacing
     least = max(math.floor(mean[0] - FARTHEST * math.sqrt(mean[0])), 0.0)

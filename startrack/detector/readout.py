@@ -2,7 +2,7 @@
 
 from startrack.core import Floats, Streams
 from startrack.detector.digitise import digitise, digitise_hit, shot
-from startrack.detector.effects import Stage, after, hits_in, need_whole_frame
+from startrack.detector.effects import PixelStage, after, hits_in, need_whole_frame
 from startrack.detector.law import Image, Tables, blank, converted, law_of
 from startrack.detector.parameters import Detector
 
@@ -21,7 +21,7 @@ def read_out(
     Accuracy   that of `digitise` and of the effects
     """
     law = law_of(detector)
-    if any(effect.stage is not Stage.EXPECTED for effect in need_whole_frame(detector)):
+    if any(effect.stage is not PixelStage.EXPECTED for effect in need_whole_frame(detector)):
         return _by_effects(electrons, detector, streams)
     image = digitise(electrons, law, streams, tables)
     if detector.hits:
@@ -32,8 +32,8 @@ def read_out(
 
 def _by_effects(electrons: Floats, detector: Detector, streams: Streams) -> Image:
     law = law_of(detector)
-    charge = after(Stage.CHARGE, shot(electrons, streams), detector, streams)
-    signal = after(Stage.SIGNAL, charge, detector, streams)
+    charge = after(PixelStage.CHARGE, shot(electrons, streams), detector, streams)
+    signal = after(PixelStage.SIGNAL, charge, detector, streams)
     image = blank(electrons.shape, law)
-    image[...] = after(Stage.IMAGE, converted(signal, law), detector, streams)
+    image[...] = after(PixelStage.IMAGE, converted(signal, law), detector, streams)
     return image

@@ -11,7 +11,7 @@ from startrack.detector.collect import background, background_tables
 from startrack.detector.digitise import digitise_window, draw_number, draws_of, work_row
 from startrack.detector.exposure import Places, colours, to_frame
 from startrack.detector.imperfections import tracks
-from startrack.detector.law import Law, Tables, law_of
+from startrack.detector.law import SignalLaw, Tables, law_of
 from startrack.detector.maps import dark, response
 from startrack.detector.parameters import Detector
 from startrack.detector.stamp import UNIT_GAIN, Work, add_path, work_arrays
@@ -87,7 +87,7 @@ def expose_within(
 
 
 @kept(4)
-def _device(detector: Detector, sky: float) -> tuple[float, PixelMaps, Law, Tables]:
+def _device(detector: Detector, sky: float) -> tuple[float, PixelMaps, SignalLaw, Tables]:
     """What all exposures of one background share; first the mean digital number without stars."""
     gain, electrons = response(detector), np.atleast_2d(dark(detector)) * detector.exposure
     empty = (sky + detector.dark_rate * detector.exposure) / detector.electrons_per_dn

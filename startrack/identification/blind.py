@@ -200,7 +200,7 @@ def fit_lens(
     """
     if matches.icrs_to_camera is None:
         raise Refused(f"matches must be solved, got {matches.status}: {matches.reason}")
-    best = _Fit(spots, matches, STAGES[0])
+    best = _BlindFit(spots, matches, STAGES[0])
     for stage in (*STAGES[1:], GRID):
         free = best.free + GRID if stage is GRID else stage
         if 2 * len(best.matches) - 3 - len(free) < (LEAST_GRID if stage is GRID else LEAST_FREE):
@@ -219,7 +219,7 @@ def fit_lens(
     return lens._replace(covariance=lens.covariance * more)
 
 
-def _without_blocks(spots: Spots, best: _Fit) -> list[_Fit]:
+def _without_blocks(spots: Spots, best: _BlindFit) -> list[_BlindFit]:
     """The fits without each of BLOCKS parts of the image, for the jackknife; none for few stars.
 
         cov = (m - 1) / m  sum_k (a_k - mean a)(a_k - mean a)^T
@@ -243,20 +243,20 @@ def _without_blocks(spots: Spots, best: _Fit) -> list[_Fit]:
             star=matches.star[kept],
             direction=matches.direction[kept],
         )
-        fits.append(_Fit(spots, some, best.free))
+        fits.append(_BlindFit(spots, some, best.free))
     return fits
 
 
 def _rematched(
     spots: Spots,
-    start: _Fit,
+    start: _BlindFit,
     free: tuple[str, ...],
     stars: core.Stars,
     index: PatternIndex,
     settings: Identification,
-) -> _Fit:
+) -> _BlindFit:
     """The fit with more unknowns, after the matches have stayed the same."""
-    fit = _Fit(spots, start.matches, free)
+    fit = _BlindFit(spots, start.matches, free)
     log_p = math.log(max(start.matches.false_probability, 1e-300))
     for turn in range(ROUNDS):
         wider = RADII[min(turn, len(RADII) - 1)]
@@ -276,13 +276,13 @@ def _rematched(
         if again.icrs_to_camera is None or len(again) < LEAST_FREE // 2 + len(free):
             break
         same = np.array_equal(again.star, fit.matches.star)
-        fit = _Fit(spots, again, free)
+        fit = _BlindFit(spots, again, free)
         if same and wider == RADII[-1]:
             break
     return fit
 
 
-class _Fit:
+class _BlindFit:
     """Robust least squares of attitude and camera for given matches, by Gauss-Newton.
 
     free   names of what is estimated of the camera; the rest stays at its start

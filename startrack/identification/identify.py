@@ -11,9 +11,9 @@ from startrack.identification.agree import FOCAL_ROUNDS, Gathered, gather
 from startrack.identification.grids import SkyGrid, VerificationStars
 from startrack.identification.index import CodeTable, PatternIndex
 from startrack.identification.parameters import Identification, matches_by_code
-from startrack.identification.search import Limits, breadth_first, search
+from startrack.identification.search import TripleLimits, breadth_first, search
 from startrack.identification.seen import Seen, keep_brightest, see, usable
-from startrack.identification.verify import Verdict
+from startrack.identification.verify import MatchVerdict
 
 # Bound on chance below which a refused hypothesis is reported as ambiguous, not as no match. Chosen
 # by hand: it changes the status alone.
@@ -55,7 +55,7 @@ def identify(
     if len(finite) < settings.min_matches:
         return too_few(len(finite), camera, settings)
     log_accepted = math.log(settings.max_false_probability)
-    limits = Limits(
+    limits = TripleLimits(
         settings.verify_spots,
         settings.code_tolerance,
         settings.min_matches,
@@ -84,8 +84,8 @@ def _identify(
     voters: VerificationStars,
     faint: SkyGrid,
     magnitude: Floats,
-    limits: Limits,
-) -> tuple[Verdict, int, Gathered]:
+    limits: TripleLimits,
+) -> tuple[MatchVerdict, int, Gathered]:
     """`search` and `gather` in one call: a call takes about as long as the work in it."""
     voting = keep_brightest(seen, limits.voting)
     best, tried = search(voting, choices, table, voters, limits)

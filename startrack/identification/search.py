@@ -22,7 +22,7 @@ from startrack.identification.index import (
 from startrack.identification.seen import Seen
 from startrack.identification.verify import (
     FIRST_RADIUS,
-    Verdict,
+    MatchVerdict,
     attempt_attitude,
     leave_one_out,
     prefilter,
@@ -56,7 +56,7 @@ def _choices(start: int, stop: int) -> Ints:
     return choices[np.lexsort((choices[:, 2], choices.sum(axis=1)))]
 
 
-class Limits(NamedTuple):
+class TripleLimits(NamedTuple):
     """Of a search.
 
     voting           number of the brightest spots that verify a hypothesis
@@ -75,8 +75,8 @@ class Limits(NamedTuple):
 
 @kernel
 def search(
-    seen: Seen, choices: Ints, table: CodeTable, voters: VerificationStars, limits: Limits
-) -> tuple[Verdict, int]:
+    seen: Seen, choices: Ints, table: CodeTable, voters: VerificationStars, limits: TripleLimits
+) -> tuple[MatchVerdict, int]:
     """Look up one triangle after the other until a hypothesis is accepted.
 
     seen           the spots that verify
@@ -86,7 +86,7 @@ def search(
     """
     _, code_tolerance, fewest, log_accepted, most_hypotheses = limits
     tried = 0
-    best = Verdict(np.eye(3), 1.0, 0, 0, 0.0)
+    best = MatchVerdict(np.eye(3), 1.0, 0, 0, 0.0)
     screen = spot_grid(seen.plane, seen.low, seen.high, FIRST_RADIUS * seen.radius)
     names, codes = np.empty((6, 3), np.int64), np.empty((6, 2))
     direction = table.sky.direction

@@ -18,7 +18,7 @@ from startrack.identification.seen import Seen, predict
 FIRST_RADIUS = 2.0
 
 
-class Verdict(NamedTuple):
+class MatchVerdict(NamedTuple):
     """Result of the verification of a hypothesis.
 
     rotation  (3, 3) icrs_to_camera
@@ -68,7 +68,7 @@ def _scale_tolerance(seen: Seen) -> float:
 @kernel
 def verify(
     seen: Seen, voters: VerificationStars, rotation: Floats, scale: float, fewest: int
-) -> Verdict:
+) -> MatchVerdict:
     """Predict the stars of the image, match them to spots, and compute the evidence.
 
     fewest  matches; with fewer the hypothesis is refused
@@ -89,7 +89,9 @@ def verify(
 
 
 @kernel
-def leave_one_out(seen: Seen, voters: VerificationStars, verdict: Verdict, fewest: int) -> Verdict:
+def leave_one_out(
+    seen: Seen, voters: VerificationStars, verdict: MatchVerdict, fewest: int
+) -> MatchVerdict:
     """The best of a verdict and those found with each of its matches left out of the first fit.
 
     One false spot far from a group of true ones can rotate and scale the fit so that all other
@@ -119,18 +121,18 @@ def leave_one_out(seen: Seen, voters: VerificationStars, verdict: Verdict, fewes
 @kernel
 def _verdict(
     seen: Seen, voters: VerificationStars, star: Ints, agreed: Agreed, fewest: int
-) -> Verdict:
+) -> MatchVerdict:
     """The verdict on what `agree` found; refused where it is too little or the scale is off."""
     matches = len(agreed.spot)
     if matches < fewest or not abs(agreed.scale - 1) <= _scale_tolerance(seen):
-        return Verdict(agreed.rotation, agreed.scale, 0, 0, 0.0)
+        return MatchVerdict(agreed.rotation, agreed.scale, 0, 0, 0.0)
     evidence = log_evidence_of_match(seen, voters, star, agreed)
     magnitude = voters.magnitude[star]
     limit = magnitude[order(magnitude)[matches - 1]]
     expected = 0
     for taken in agreed.taken:
         expected += magnitude[taken] <= limit
-    return Verdict(agreed.rotation, agreed.scale, matches, expected, min(-evidence, 0.0))
+    return MatchVerdict(agreed.rotation, agreed.scale, matches, expected, min(-evidence, 0.0))
 
 
 @kernel

@@ -22,7 +22,7 @@ ORIENTATION = 0x0112  # tag of EXIF
 HEIF_BRANDS = {b"heic", b"heix", b"heim", b"heis", b"hevc", b"mif1", b"msf1"}
 
 
-class Pixels(NamedTuple):
+class PicturePixels(NamedTuple):
     """An image of a file.
 
     image        (rows, columns) or (rows, columns, channels) of light, without alpha
@@ -68,7 +68,9 @@ def open_picture(path: Path, data: bytes) -> Any:
         raise Refused(f"{path} must be a whole PNG or JPEG image: {first_line(error)}") from None
 
 
-def read_picture(path: Path, data: bytes, require: Callable[[Path, int, int, int], None]) -> Pixels:
+def read_picture(
+    path: Path, data: bytes, require: Callable[[Path, int, int, int], None]
+) -> PicturePixels:
     """The pixels of a PNG, JPEG or HEIC, 16 bits as 16 bits.
 
     require  refuses an image of (path, columns, rows, bytes of a pixel) that is too large
@@ -107,7 +109,7 @@ def read_picture(path: Path, data: bytes, require: Callable[[Path, int, int, int
         image = image.astype(np.uint8) * np.uint8(255)
     if image.ndim == 3:
         image = image[..., :3] if image.shape[-1] > 2 else image[..., 0]
-    return Pixels(image, orientation if 1 <= orientation <= 8 else 1)
+    return PicturePixels(image, orientation if 1 <= orientation <= 8 else 1)
 
 
 def is_heif(data: bytes) -> bool:
@@ -133,7 +135,9 @@ def open_heif(path: Path, data: bytes) -> Any:
         raise Refused(f"{path} must be a whole HEIC image: {first_line(error)}") from None
 
 
-def _read_heif(path: Path, data: bytes, require: Callable[[Path, int, int, int], None]) -> Pixels:
+def _read_heif(
+    path: Path, data: bytes, require: Callable[[Path, int, int, int], None]
+) -> PicturePixels:
     """Its decoder has turned the image already."""
     heif = open_heif(path, data)
     columns, rows = heif.size
@@ -142,4 +146,4 @@ def _read_heif(path: Path, data: bytes, require: Callable[[Path, int, int, int],
         colours = np.asarray(heif)
     except Exception as error:
         raise Refused(f"{path} must be a whole HEIC image: {first_line(error)}") from None
-    return Pixels(colours if colours.ndim == 2 else colours[..., :3])
+    return PicturePixels(colours if colours.ndim == 2 else colours[..., :3])

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import Refused, require_memory
-from startrack.io.pictures import Pixels
+from startrack.io.pictures import PicturePixels
 from startrack.io.text import first_line
 
 MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
@@ -27,7 +27,7 @@ DEFLATE, BY_TIFFFILE = 1032, ("ADOBE_DEFLATE", "DEFLATE")
 
 def read_tiff(
     path: Path, data: bytes, plane: int | None, require: Callable[[Path, int, int, int], None]
-) -> Pixels:
+) -> PicturePixels:
     """One image of a TIFF, of any layout that tifffile reads; bright is large.
 
     Smaller copies and masks of an image are no images. White that is zero becomes black; a palette
@@ -49,7 +49,9 @@ def read_tiff(
             require(path, columns, rows, pixel)
             _refuse_layout(path, page, len(data))
             image = _decoded(path, page, data)
-            return Pixels(_light(path, page, image), _orientation(page), _pattern(path, page))
+            return PicturePixels(
+                _light(path, page, image), _orientation(page), _pattern(path, page)
+            )
     except (MemoryError, Refused):
         raise
     except Exception as error:  # tifffile, its decoders and numpy each raise their own

@@ -15,7 +15,7 @@ from startrack.metrics.judge import (
     JUDGED,
     STATED,
     STATED_ALONE,
-    Limits,
+    ErrorLimits,
     Outcome,
     correct,
     judge,
@@ -40,9 +40,9 @@ from startrack.metrics.results import (
     PURE,
     SECOND,
     Column,
+    DisplayUnit,
     Row,
     Table,
-    Unit,
     bounds_json,
     bracketed,
     four_digits,
@@ -66,7 +66,7 @@ from startrack.metrics.summary import (
 
 # Public; the other imports serve other rooms.
 __all__ = [
-    "Limits",
+    "ErrorLimits",
     "Star",
     "attitude_bound",
     "centroid_bound",

@@ -16,7 +16,7 @@ FALSE_ANGLE = 0.5 * deg
 STATED = 5.0
 
 
-class Limits(NamedTuple):
+class ErrorLimits(NamedTuple):
     """Largest error of a correct attitude, radian; None where nothing is required.
 
     across  angle between the boresight and the true one
@@ -27,7 +27,7 @@ class Limits(NamedTuple):
     about: float | None = None
 
 
-STATED_ALONE = Limits()
+STATED_ALONE = ErrorLimits()
 
 
 @printed
@@ -58,7 +58,7 @@ class Outcome(NamedTuple):
     false: bool
 
 
-def correct(outcomes: Rows, limits: Limits = STATED_ALONE) -> Flags:
+def correct(outcomes: Rows, limits: ErrorLimits = STATED_ALONE) -> Flags:
     """Which trials have a correct attitude.
 
         across: hypot(x, y) <= required,   or hypot(x / sigma_x, y / sigma_y) <= 5 where nothing is

@@ -12,11 +12,11 @@ import numpy as np
 
 from startrack.core import arcsec, deg
 from startrack.io import aligned
-from startrack.metrics.judge import FALSE_ANGLE, STATED, STATED_ALONE, Limits
+from startrack.metrics.judge import FALSE_ANGLE, STATED, STATED_ALONE, ErrorLimits
 from startrack.metrics.summary import Interval, Summary
 
 
-class Unit(NamedTuple):
+class DisplayUnit(NamedTuple):
     """How a value is written.
 
     name  in text
@@ -29,10 +29,10 @@ class Unit(NamedTuple):
     json: float
 
 
-PURE = Unit("", 1.0, 1.0)
-PERCENT = Unit("%", 0.01, 1.0)  # a fraction in JSON
-ARCSEC = Unit("arcsec", arcsec, arcsec)
-SECOND = Unit("s", 1.0, 1.0)
+PURE = DisplayUnit("", 1.0, 1.0)
+PERCENT = DisplayUnit("%", 0.01, 1.0)  # a fraction in JSON
+ARCSEC = DisplayUnit("arcsec", arcsec, arcsec)
+SECOND = DisplayUnit("s", 1.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Row:
     key: str
     value: Any
     label: str = ""
-    unit: Unit = PURE
+    unit: DisplayUnit = PURE
     form: str = ".3f"
     note: str = ""
 
@@ -67,7 +67,7 @@ class Column:
     key: str
     title: str
     of: Callable[[Any], Any]
-    unit: Unit = PURE
+    unit: DisplayUnit = PURE
     form: str = ".3f"
 
     @property
@@ -180,7 +180,7 @@ def bracketed(interval: Interval, form: str, unit: float = 1.0) -> str:
     return f"{value} [{low}, {high}]"
 
 
-def bounds_json(interval: Interval, unit: Unit = PURE) -> dict[str, float]:
+def bounds_json(interval: Interval, unit: DisplayUnit = PURE) -> dict[str, float]:
     """An interval as fields of JSON: value, low, high."""
     return {name: value / unit.json for name, value in vars(interval).items()}
 
@@ -211,7 +211,7 @@ def _bounds(value: Any, how: Row | Column) -> str:
     return f"[{_number(value.low, how)}, {_number(value.high, how)}]"
 
 
-def limits_text(limits: Limits) -> str:
+def limits_text(limits: ErrorLimits) -> str:
     """The error of a correct attitude, in words."""
     stated = f"{STATED:g} standard deviations that the tracker states"
     parts = [
@@ -221,7 +221,7 @@ def limits_text(limits: Limits) -> str:
     return stated if limits == STATED_ALONE else " or ".join(parts)
 
 
-def summary_rows(summary: Summary, limits: Limits = STATED_ALONE) -> list[Row]:
+def summary_rows(summary: Summary, limits: ErrorLimits = STATED_ALONE) -> list[Row]:
     """Rows of a summary of trials.
 
     limits  by which attitudes were judged to be right

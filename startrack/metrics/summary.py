@@ -8,7 +8,7 @@ import numpy as np
 from scipy import special
 
 from startrack.core import Floats, Rows, arcsec, printed
-from startrack.metrics.judge import STATED_ALONE, Limits, correct
+from startrack.metrics.judge import STATED_ALONE, ErrorLimits, correct
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ def interval_table(statistics: Any) -> Rows:
     return np.array([tuple(columns.values())], kind)
 
 
-def summarise(outcomes: Rows, limits: Limits = STATED_ALONE) -> Summary:
+def summarise(outcomes: Rows, limits: ErrorLimits = STATED_ALONE) -> Summary:
     """Statistics of a structured array with the fields of `Outcome`.
 
     Errors, `nees` and `stars` are taken over all solved trials that are not false: those that are

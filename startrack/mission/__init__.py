@@ -23,7 +23,7 @@ summary     Flown -> availability, times without an attitude, reacquisition, ver
             a row for each step.
 """
 
-from startrack.mission.engine import Flown, Plan, fly, plan_of
+from startrack.mission.engine import Flown, MissionPlan, fly, plan_of
 from startrack.mission.exports import (
     SMEARS,
     HeadModel,
@@ -43,8 +43,8 @@ from startrack.mission.store import flown_from
 from startrack.mission.summary import (
     EDGES,
     Availability,
+    MissionVerdict,
     Spells,
-    Verdict,
     availability_of,
     over_beta,
     reacquisition_of,
@@ -65,7 +65,7 @@ __all__ = [
     "HeadModel",
     "Loaded",
     "Mission",
-    "Plan",
+    "MissionPlan",
     "UnitChoice",
     "availability_of",
     "fly",

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from startrack.core import Advance, Flags, Floats, Refused, printed, require_memory
 from startrack.mission.fusion import fused_variance, platform_motion
 from startrack.mission.heads import (
+    HeadView,
     Mounted,
-    Seen,
     Shadow,
     in_anomaly,
     look,
@@ -47,7 +47,7 @@ SUMMED = ("planets", "count", "valid_sum", "known", "square_sum", "head_sum", "e
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class MissionPlan:
     """What is computed once for a mission, before its steps.
 
     motion      where the spacecraft is and how it points
@@ -63,7 +63,7 @@ class Plan:
     stray: tuple[StrayLight | None, ...] = ()
 
 
-def plan_of(loaded: Loaded, errors: bool = True, advance: Advance = lambda _: None) -> Plan:
+def plan_of(loaded: Loaded, errors: bool = True, advance: Advance = lambda _: None) -> MissionPlan:
     """The plan of a mission.
 
     advance called with 1 when a head is done
@@ -80,7 +80,7 @@ def plan_of(loaded: Loaded, errors: bool = True, advance: Advance = lambda _: No
     ]
     heads = tuple(mount(head, case) for head, case in zip(mission.heads, cases, strict=True))
     if not errors:
-        return Plan(loaded, motion, heads)
+        return MissionPlan(loaded, motion, heads)
     rates = _ranges(motion, heads)
     stray = [stray_light_of(case, head) for case, head in zip(cases, heads, strict=True)]
     made = dict[int, Surrogate]()
@@ -102,7 +102,7 @@ def plan_of(loaded: Loaded, errors: bool = True, advance: Advance = lambda _: No
         advance(len(same))
     surrogates = tuple(made[h] for h in range(len(heads)))
     lights = tuple(own_light[0] if own_light else None for own_light in stray)
-    return Plan(loaded, motion, heads, surrogates, lights)
+    return MissionPlan(loaded, motion, heads, surrogates, lights)
 
 
 def groups_of(loaded: Loaded, heads: Sequence[Mounted]) -> list[list[int]]:
@@ -200,13 +200,13 @@ class Chunk:
     first: int
     instants: Instants
     shadow: Shadow
-    seen: tuple[Seen, ...]
+    seen: tuple[HeadView, ...]
     errors: tuple[tuple[Floats, Floats, Floats], ...] = ()
     moved: tuple[Floats, ...] | None = None
     variance: Floats | None = None
 
 
-def at(plan: Plan, instants: Instants, first: int = 0) -> Chunk:
+def at(plan: MissionPlan, instants: Instants, first: int = 0) -> Chunk:
     """What the heads of a mission see at some instants."""
     mission = plan.loaded.mission
     shadow = shadow_of(instants, mission.structure)
@@ -246,7 +246,7 @@ def own_errors(chunk: Chunk) -> list[tuple[Floats, Floats]]:
     ]
 
 
-def platform_motions(plan: Plan, chunk: Chunk) -> list[Floats] | None:
+def platform_motions(plan: MissionPlan, chunk: Chunk) -> list[Floats] | None:
     """(n, 3, 3) of each head, as `platform_motion`; None without any."""
     if chunk.moved is None:
         return None
@@ -256,7 +256,9 @@ def platform_motions(plan: Plan, chunk: Chunk) -> list[Floats] | None:
     ]
 
 
-def conditions_of(plan: Plan, h: int, instants: Instants, seen: Seen, shadow: Shadow) -> Conditions:
+def conditions_of(
+    plan: MissionPlan, h: int, instants: Instants, seen: HeadView, shadow: Shadow
+) -> Conditions:
     """What the error of a head depends on, at some instants."""
     head, stray = plan.heads[h], plan.stray[h]
     background = stray(seen, shadow) if stray else None
@@ -264,7 +266,7 @@ def conditions_of(plan: Plan, h: int, instants: Instants, seen: Seen, shadow: Sh
     return Conditions(seen.line, rate_across(head, instants.rate), background, warmer, age)
 
 
-def fly(plan: Plan, advance: Advance = lambda _: None) -> Flown:
+def fly(plan: MissionPlan, advance: Advance = lambda _: None) -> Flown:
     """All steps of a mission.
 
     advance  called with the number of steps after each part
@@ -281,7 +283,7 @@ def parts_of(steps: int) -> list[tuple[int, int]]:
     return [(first, min(PART, steps - first)) for first in range(0, steps, PART)]
 
 
-def fly_part(plan: Plan, first: int, count: int) -> Flown:
+def fly_part(plan: MissionPlan, first: int, count: int) -> Flown:
     """Some steps of a mission, from the step `first` on."""
     heads, time = len(plan.heads), plan.loaded.mission.time
     require_memory(time.steps * (2 * heads + 16), f"a mission of {time.steps} steps")
@@ -407,7 +409,7 @@ def _add_chances(chunk: Chunk, flown: Flown, before: NDArray[np.uint8]) -> None:
         chances.extend(errors[2][ends].tolist())
 
 
-def _keep_extremes(plan: Plan, chunk: Chunk, flown: Flown) -> None:
+def _keep_extremes(plan: MissionPlan, chunk: Chunk, flown: Flown) -> None:
     """Least angles to Sun, Moon and limb, and largest rates, of each head."""
     shadow, rate = chunk.shadow, chunk.instants.rate
     for h, (head, seen) in enumerate(zip(plan.heads, chunk.seen, strict=True)):
@@ -420,7 +422,7 @@ def _keep_extremes(plan: Plan, chunk: Chunk, flown: Flown) -> None:
         flown.rate[h] = np.maximum(flown.rate[h], largest)
 
 
-def _count_planets(plan: Plan, chunk: Chunk, flown: Flown) -> None:
+def _count_planets(plan: MissionPlan, chunk: Chunk, flown: Flown) -> None:
     """Add the time in which a planet is in the field and the Earth does not fill it."""
     second = chunk.instants.second
     block = max(int(PLANET_KNOT / flown.step), 1)

@@ -342,7 +342,7 @@ def _row(values: tuple[float, ...]) -> str:
     return "{" + ",\n     ".join(rows) + "}"
 
 
-class Variable(NamedTuple):
+class ModelVariable(NamedTuple):
     """A real variable of the FMU, in the order of its numbers."""
 
     name: str
@@ -353,21 +353,27 @@ class Variable(NamedTuple):
 
 
 VARIABLES = (
-    Variable("rate", "input", "rad/s", 0.0, "across the boresight"),
-    Variable("sun", "input", "rad", 4.0, "from the boresight to the Sun; 4 where it is hidden"),
-    Variable("moon", "input", "rad", 4.0, "from the boresight to the Moon; 4 where it is hidden"),
-    Variable("limb", "input", "rad", 4.0, "from the boresight to the Earth's lit limb; 4: none"),
-    Variable("orbit", "input", "rad", 0.0, "phase of the orbit"),
+    ModelVariable("rate", "input", "rad/s", 0.0, "across the boresight"),
+    ModelVariable(
+        "sun", "input", "rad", 4.0, "from the boresight to the Sun; 4 where it is hidden"
+    ),
+    ModelVariable(
+        "moon", "input", "rad", 4.0, "from the boresight to the Moon; 4 where it is hidden"
+    ),
+    ModelVariable(
+        "limb", "input", "rad", 4.0, "from the boresight to the Earth's lit limb; 4: none"
+    ),
+    ModelVariable("orbit", "input", "rad", 0.0, "phase of the orbit"),
     *(
-        Variable(f"true_{axis}", "input", "1", float(axis == "w"), "true quaternion, w scalar")
+        ModelVariable(f"true_{axis}", "input", "1", float(axis == "w"), "true quaternion, w scalar")
         for axis in "xyzw"
     ),
     *(
-        Variable(f"error_{axis}", "output", "rad", 0.0, "rotation vector, camera axes")
+        ModelVariable(f"error_{axis}", "output", "rad", 0.0, "rotation vector, camera axes")
         for axis in "xyz"
     ),
     *(
-        Variable(f"measured_{axis}", "output", "1", float(axis == "w"), "measured quaternion")
+        ModelVariable(f"measured_{axis}", "output", "1", float(axis == "w"), "measured quaternion")
         for axis in "xyzw"
     ),
 )

@@ -8,9 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from startrack.core import Advance, Floats, Refused, Rows, Streams, whole
 from startrack.design import Fidelity
-from startrack.mission.engine import Plan, at
+from startrack.mission.engine import MissionPlan, at
 from startrack.mission.fusion import relative_alignment
-from startrack.mission.rendered import Scene, root_of_mean, scene_at
+from startrack.mission.rendered import HeadScene, root_of_mean, scene_at
 from startrack.mission.units import temperatures_of, turned_by_heat, turns_of
 from startrack.motion import realise_motion
 from startrack.trial import run_trial
@@ -33,7 +33,7 @@ FRAMES: np.dtype[np.void] = np.dtype(
 
 
 def frames_of(
-    plan: Plan, count: int, seed: int, fidelity: Fidelity, advance: Advance = lambda _: None
+    plan: MissionPlan, count: int, seed: int, fidelity: Fidelity, advance: Advance = lambda _: None
 ) -> Rows:
     """Trials of all heads of a mission together, at random instants of it.
 
@@ -89,7 +89,7 @@ def frames_of(
     return table.ravel()
 
 
-def _moved_together(plan: Plan, scene: Scene, h: int, streams: Streams) -> Scene:
+def _moved_together(plan: MissionPlan, scene: HeadScene, h: int, streams: Streams) -> HeadScene:
     """The scene of a head whose jitter is that of the platform, one for all such heads."""
     designs = plan.loaded.designs
     motions = [
@@ -164,7 +164,7 @@ class Between:
     after: float
 
 
-def between(plan: Plan, table: Rows, first: int, second: int) -> Between:
+def between(plan: MissionPlan, table: Rows, first: int, second: int) -> Between:
     """The angle between two heads as their attitudes give it, before and after a thermal model.
 
     The model is `relative_alignment`, of a constant, sine and cosine of the place of the orbit and,

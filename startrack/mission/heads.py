@@ -17,7 +17,7 @@ from startrack.budget import exclusions
 from startrack.core import Flags, Floats, Refused, deg, printed
 from startrack.design import Case, Moment, Scope, found_at, replaced_all
 from startrack.mission.instants import Instants
-from startrack.mission.parameters import Head, HeadTemperature, Obstacle, Radiation
+from startrack.mission.parameters import Head, HeadTemperature, MissionRadiation, Obstacle
 from startrack.population import unit_of
 from startrack.space import EarthSeen, angle, cross, dot, unit
 from startrack.trial import platform_jitter
@@ -140,7 +140,7 @@ class Blind(IntFlag):
 
 
 @dataclass(frozen=True)
-class Limits:
+class BlindingLimits:
     """Angles from the boresight of a head below which it is blind, radian.
 
     sun, moon  to the centre;  earth  to the lit limb;  ground  to any limb
@@ -180,7 +180,7 @@ class Mounted:
 
     name: str
     axes: Floats
-    limits: Limits
+    limits: BlindingLimits
     drift: tuple[float, float]
     field: float
     position: Floats
@@ -265,7 +265,7 @@ def _drift(mounting: Mounting) -> tuple[float, float]:
     return (x + y) / 2, z
 
 
-def limits_of(head: Head, case: Case) -> Limits:
+def limits_of(head: Head, case: Case) -> BlindingLimits:
     """The angles at which a head is blind: its own, else of its design's baffle, else of the field.
 
     Raises  ValueError where the baffle keeps a body out at no angle.
@@ -278,11 +278,11 @@ def limits_of(head: Head, case: Case) -> Limits:
         least |= {name: max(of_baffle[name], least[name]) for name in missing}
     least |= given.angles
     clear = least["earth"] if head.clear is None else max(head.clear, half)
-    return Limits(least["sun"], least["moon"], least["earth"], half, clear)
+    return BlindingLimits(least["sun"], least["moon"], least["earth"], half, clear)
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class HeadView:
     """What one head sees at n instants.
 
     line             (3, n) boresight, ICRS axes
@@ -325,7 +325,7 @@ def shadow_of(instants: Instants, structure: Sequence[Obstacle] = ()) -> Shadow:
     return Shadow(hidden[0], hidden[1], earth, faces_of(structure, instants))
 
 
-def in_anomaly(radiation: Radiation, instants: Instants) -> Flags | None:
+def in_anomaly(radiation: MissionRadiation, instants: Instants) -> Flags | None:
     """(n,) whether the South Atlantic anomaly, a box, blinds all heads; None: nowhere."""
     if radiation.saa != "blind":
         return None
@@ -335,7 +335,7 @@ def in_anomaly(radiation: Radiation, instants: Instants) -> Flags | None:
     return np.asarray(between & (longitude < east - west))
 
 
-def look(head: Mounted, instants: Instants, shadow: Shadow, saa: Flags | None) -> Seen:
+def look(head: Mounted, instants: Instants, shadow: Shadow, saa: Flags | None) -> HeadView:
     """The angles of one head, and why it is blind.
 
     saa  (n,) where the anomaly blinds it; None: nowhere
@@ -356,4 +356,4 @@ def look(head: Mounted, instants: Instants, shadow: Shadow, saa: Flags | None) -
         blind |= (near < limit) * np.uint8(Blind.STRUCTURE)
     if saa is not None:
         blind |= saa * np.uint8(Blind.SAA)
-    return Seen(line, sun, moon, earth, limb, blind)
+    return HeadView(line, sun, moon, earth, limb, blind)

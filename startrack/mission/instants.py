@@ -23,7 +23,7 @@ from startrack.core import (
 )
 from startrack.mission.files import OrbitSegment, read_ck, read_spk, seconds_after
 from startrack.mission.messages import read_aem, read_oem
-from startrack.mission.parameters import Attitude, Mission, Orbit, Scan
+from startrack.mission.parameters import Attitude, Mission, MissionOrbit, ScanLaw
 from startrack.space import cross, dot, times, unit
 
 # Between these times, positions follow from polynomials.
@@ -191,7 +191,7 @@ def _file(attitude: Attitude, begin: str) -> Law:
     return _Filed(np.array(spans), tuple(samples), begin)
 
 
-def _scanned(scan: Scan, second: Floats, body: Floats) -> Floats:
+def _scanned(scan: ScanLaw, second: Floats, body: Floats) -> Floats:
     """The body turned about its own axis, by Rodrigues' formula on the columns of its matrix."""
     axis = np.array(scan.axis) / np.linalg.norm(scan.axis)
     turn = scan.amplitude * np.sin(math.tau / scan.period * second) + scan.rate * second
@@ -326,7 +326,7 @@ def motion_of(mission: Mission) -> SpacecraftMotion:
     return SpacecraftMotion(mission, bodies, path, law)
 
 
-def path_of(orbit: Orbit, begin: str) -> space.Carrier:
+def path_of(orbit: MissionOrbit, begin: str) -> space.Carrier:
     """What moves along an orbit.
 
     begin   of the mission, UTC

@@ -25,7 +25,7 @@ OLDEST = 100 * JULIAN_YEAR  # second, of a head
 UNIT_NORM = 1e-3  # by which the norm of a quaternion in a file may differ from one
 
 
-class Orbit(Parameters):
+class MissionOrbit(Parameters):
     """An orbit around the Earth: exactly one of mean elements, `tle` and `oem`."""
 
     altitude: float | None = parameter(
@@ -87,7 +87,7 @@ class Orbit(Parameters):
             core.utc(self.epoch)
 
 
-class Scan(Parameters):
+class ScanLaw(Parameters):
     """A rotation about a body axis on top of the law: a swing, a steady rate, or both.
 
         angle = amplitude * sin(2 pi t / period) + rate * t,   t from the begin of the mission
@@ -156,7 +156,7 @@ class Attitude(Parameters):
         limit=core.FILE,
         default=None,
     )
-    scan: Scan | None = parameter("a rotation on top of the law; None: none", default=None)
+    scan: ScanLaw | None = parameter("a rotation on top of the law; None: none", default=None)
     _files: tuple[core.FileState, ...] = field(init=False, repr=False, default=())
 
     def __post_init__(self) -> None:
@@ -303,7 +303,7 @@ class TimeSpan(Parameters):
         return max(math.ceil(self.duration / self.step - 1e-9), 1)
 
 
-class Radiation(Parameters):
+class MissionRadiation(Parameters):
     """What the South Atlantic anomaly does, as a box; the orbit by which detectors age."""
 
     saa: str = parameter(
@@ -449,10 +449,12 @@ class Mission(Parameters):
     """What a mission file holds; see the tables."""
 
     time: TimeSpan = parameter("begin, duration and step")
-    orbit: Orbit = parameter("of the spacecraft")
+    orbit: MissionOrbit = parameter("of the spacecraft")
     heads: tuple[Head, ...] = parameter("its star trackers")
     attitude: Attitude = parameter("its attitude law", default_factory=Attitude)
-    radiation: Radiation = parameter("the South Atlantic anomaly", default_factory=Radiation)
+    radiation: MissionRadiation = parameter(
+        "the South Atlantic anomaly", default_factory=MissionRadiation
+    )
     common: SharedAlignmentError = parameter(
         "errors that all heads share; they count once", default_factory=SharedAlignmentError
     )

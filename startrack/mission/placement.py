@@ -11,12 +11,12 @@ import numpy as np
 from startrack.budget import exclusions
 from startrack.core import Advance, Flags, Floats, Refused, arcsec, deg
 from startrack.design import Case, Requirements, replaced_all
-from startrack.mission.engine import Plan
+from startrack.mission.engine import MissionPlan
 from startrack.mission.fusion import fused_variance, platform_motion
 from startrack.mission.heads import (
     MOON_RADIUS,
     SUN_RADIUS,
-    Limits,
+    BlindingLimits,
     Mounted,
     Shadow,
     in_anomaly,
@@ -45,7 +45,7 @@ FINE: Floats = np.arange(0.2, 90.0, 0.2) * deg  # at which their exclusion angle
 
 
 @dataclass(frozen=True, eq=False)
-class Samples:
+class PlacementSamples:
     """Some orbits of a mission, at instants that follow each other within each.
 
     step      second between two of them
@@ -61,7 +61,7 @@ class Samples:
 
 
 @dataclass(frozen=True)
-class Quality:
+class PlacementQuality:
     """What a set of mountings is worth.
 
     longest    second, longest time without a valid head within one orbit of the samples
@@ -106,7 +106,7 @@ class Quality:
         return ratios
 
 
-def sample(plan: Plan) -> Samples:
+def sample(plan: MissionPlan) -> PlacementSamples:
     """Orbits that lie evenly over the mission."""
     mission = plan.loaded.mission
     first = plan.motion.at(0.0, 1.0, 2)
@@ -124,10 +124,10 @@ def sample(plan: Plan) -> Samples:
         )
     )
     saa = in_anomaly(mission.radiation, instants)
-    return Samples(step, windows, instants, shadow_of(instants, mission.structure), saa)
+    return PlacementSamples(step, windows, instants, shadow_of(instants, mission.structure), saa)
 
 
-def blind_at(samples: Samples, head: Mounted, boresight: Floats) -> Flags:
+def blind_at(samples: PlacementSamples, head: Mounted, boresight: Floats) -> Flags:
     """(n,) whether a head is blind at the samples, with a boresight (3,) in body axes."""
     axes = np.column_stack([np.zeros((3, 2)), boresight])
     moved = replace(head, axes=axes)
@@ -152,14 +152,14 @@ class Placement:
     """
 
     mission: Mission
-    before: Quality
-    after: Quality
+    before: PlacementQuality
+    after: PlacementQuality
     evaluations: int
     ending: str
 
 
 def place(
-    plan: Plan,
+    plan: MissionPlan,
     advance: Advance = lambda _: None,
     grid_step: float | None = None,
     evaluations: int | None = None,
@@ -183,7 +183,7 @@ def place(
     around = _Around(plan, samples, lines)
     tried = 0
 
-    def worth(lines: Sequence[Floats], blind: Sequence[Flags]) -> Quality:
+    def worth(lines: Sequence[Floats], blind: Sequence[Flags]) -> PlacementQuality:
         nonlocal tried
         tried += 1
         advance(1)
@@ -221,7 +221,7 @@ def place(
     return Placement(_mounted_at(mission, lines), before, after, tried, ending)
 
 
-def moved_plan(plan: Plan, mission: Mission) -> Plan:
+def moved_plan(plan: MissionPlan, mission: Mission) -> MissionPlan:
     """The plan with the mountings of another mission, and all else as it was."""
     heads = tuple(
         replace(head, axes=moved.mounting.as_matrix())
@@ -246,12 +246,15 @@ class Trade:
     angle: float
     length: float
     mass: float
-    quality: Quality
+    quality: PlacementQuality
     met: bool
 
 
 def trades(
-    plan: Plan, counts: Sequence[int], angles: Sequence[float], advance: Advance = lambda _: None
+    plan: MissionPlan,
+    counts: Sequence[int],
+    angles: Sequence[float],
+    advance: Advance = lambda _: None,
 ) -> list[Trade]:
     """Each number of heads with each angle of the baffle, at the mountings that a search finds.
 
@@ -274,7 +277,7 @@ def trades(
     return results
 
 
-def _trade(plan: Plan, angle: float, placement: Placement) -> Trade:
+def _trade(plan: MissionPlan, angle: float, placement: Placement) -> Trade:
     """A placement of the heads of a plan, whose baffles have this angle."""
     designs, quality = plan.loaded.designs, placement.after
     length = max(
@@ -285,7 +288,7 @@ def _trade(plan: Plan, angle: float, placement: Placement) -> Trade:
     return Trade(len(designs), angle, length, _mass(plan, angle), quality, met)
 
 
-def _mass(plan: Plan, angle: float) -> float:
+def _mass(plan: MissionPlan, angle: float) -> float:
     """Kilogram of all heads, with baffles of this angle."""
     total = 0.0
     for head, design in zip(plan.loaded.mission.heads, plan.loaded.designs, strict=True):
@@ -298,7 +301,7 @@ def _mass(plan: Plan, angle: float) -> float:
 
 
 def lightest(
-    plan: Plan,
+    plan: MissionPlan,
     counts: Sequence[int],
     angles: tuple[float, float],
     advance: Advance = lambda _: None,
@@ -330,7 +333,7 @@ def lightest(
 
 
 def _lightest(
-    plan: Plan, count: int, angles: tuple[float, float], evaluations: int
+    plan: MissionPlan, count: int, angles: tuple[float, float], evaluations: int
 ) -> tuple[Trade, Placement]:
     low, high = angles
     longest = _with_heads(plan, count, low)
@@ -378,8 +381,8 @@ def _lightest(
 class _Around:
     """Heads of a plan within REACH of some directions, at the samples of a search."""
 
-    plan: Plan
-    samples: Samples
+    plan: MissionPlan
+    samples: PlacementSamples
     lines: Sequence[Floats]
 
     @cached_property
@@ -419,7 +422,7 @@ class _Around:
             heads = _mounted_behind(self.plan, sun)
         return [blind_at(self.samples, *pair) for pair in zip(heads, lines, strict=True)]
 
-    def worth(self, lines: Sequence[Floats], blind: Sequence[Flags]) -> Quality:
+    def worth(self, lines: Sequence[Floats], blind: Sequence[Flags]) -> PlacementQuality:
         """What heads along some directions are worth, blind at some samples."""
         mission, samples = self.plan.loaded.mission, self.samples
         valid = [~hidden for hidden in blind]
@@ -441,9 +444,9 @@ class _Around:
         inside_cones = sum(cone.depth(line) for cone in mission.keep_out for line in lines)
         longest = _longest(many == 0, samples.windows) * samples.step
         fractions = float(covered.mean()), float((many > 1).mean())
-        return Quality(longest, *fractions, math.sqrt(float(square)), inside_cones)
+        return PlacementQuality(longest, *fractions, math.sqrt(float(square)), inside_cones)
 
-    def quality(self, coordinates: Floats, sun: float) -> Quality:
+    def quality(self, coordinates: Floats, sun: float) -> PlacementQuality:
         """The same at coordinates, with an exclusion angle of the Sun (radian)."""
         lines = self.moved(coordinates)
         return self.worth(lines, self.blind(lines, sun))
@@ -458,7 +461,7 @@ def _mounted_at(mission: Mission, lines: Sequence[Floats]) -> Mission:
     return replace(mission, heads=heads)
 
 
-def _with_heads(plan: Plan, count: int, angle: float) -> Plan:
+def _with_heads(plan: MissionPlan, count: int, angle: float) -> MissionPlan:
     """The plan with `count` heads, whose exclusion angle of the Sun is that of the baffle."""
     of = [k % len(plan.heads) for k in range(count)]
     heads = []
@@ -493,7 +496,7 @@ def _with_heads(plan: Plan, count: int, angle: float) -> Plan:
     return replace(changed, loaded=replace(changed.loaded, mission=mission), heads=mounted_heads)
 
 
-def _mounted_behind(plan: Plan, angle: float) -> tuple[Mounted, ...]:
+def _mounted_behind(plan: MissionPlan, angle: float) -> tuple[Mounted, ...]:
     """The heads of a plan behind baffles that keep the Sun out from an angle on."""
     changed = []
     for mounted_head, head, design in zip(
@@ -561,7 +564,7 @@ def _baffle_length(case: Case, angle: float) -> float:
     return case.instrument.optics.aperture / (math.tan(angle) - field)
 
 
-def _meets(quality: Quality, needs: MissionRequirements) -> bool:
+def _meets(quality: PlacementQuality, needs: MissionRequirements) -> bool:
     return not (
         (needs.max_blind is not None and quality.longest > needs.max_blind)
         or (needs.availability_one is not None and quality.one < needs.availability_one)
@@ -594,7 +597,9 @@ def sphere(step: float) -> Floats:
     return np.concatenate(rows)
 
 
-def map_of(plan: Plan, head: int, step: float = 5 * deg) -> tuple[Floats, Floats, Floats, Floats]:
+def map_of(
+    plan: MissionPlan, head: int, step: float = 5 * deg
+) -> tuple[Floats, Floats, Floats, Floats]:
     """Blind time of one head, and the search's score, over all directions of its boresight.
 
     plan     with errors
@@ -616,9 +621,9 @@ def map_of(plan: Plan, head: int, step: float = 5 * deg) -> tuple[Floats, Floats
     return lines, np.array([mask.mean() for mask in blind]), np.array(longest), np.array(score)
 
 
-def _masks(samples: Samples, heads: Sequence[Mounted], grid: Floats) -> list[Flags]:
+def _masks(samples: PlacementSamples, heads: Sequence[Mounted], grid: Floats) -> list[Flags]:
     """(directions, n) whether each head is blind there; once for heads with the same limits."""
-    masks = dict[tuple[Limits, bytes], Flags]()
+    masks = dict[tuple[BlindingLimits, bytes], Flags]()
     keys = [(head_.limits, head_.position.tobytes()) for head_ in heads]
     for key, head in zip(keys, heads, strict=True):
         if key not in masks:

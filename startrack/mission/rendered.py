@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 from startrack.core import Advance, Floats, Ints, Refused, Streams
 from startrack.design import Case, replaced_all
 from startrack.detector import Hits
-from startrack.mission.engine import Chunk, Plan, at, conditions_of, groups_of
+from startrack.mission.engine import Chunk, MissionPlan, at, conditions_of, groups_of
 from startrack.mission.heads import state_of
-from startrack.mission.surrogate import Correction
+from startrack.mission.surrogate import SurrogateCorrection
 from startrack.space import hit_map
 from startrack.trial import run_trial
 
@@ -23,7 +23,7 @@ STEPS = 50  # of the fit
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class HeadScene:
     """What one head sees at one instant.
 
     case            its design at its age and temperature, turning as the spacecraft does, with the
@@ -42,7 +42,7 @@ class Scene:
     solved: float
 
 
-def scenes_at(plan: Plan, second: float) -> tuple[Scene, ...]:
+def scenes_at(plan: MissionPlan, second: float) -> tuple[HeadScene, ...]:
     """Each head at an instant, to be rendered by a trial of any fidelity.
 
     plan    with errors
@@ -53,7 +53,7 @@ def scenes_at(plan: Plan, second: float) -> tuple[Scene, ...]:
     return tuple(scene_at(plan, chunk, h, 0) for h in range(len(plan.heads)))
 
 
-def scene_at(plan: Plan, chunk: Chunk, h: int, k: int) -> Scene:
+def scene_at(plan: MissionPlan, chunk: Chunk, h: int, k: int) -> HeadScene:
     """One head at one of the instants of a chunk."""
     head, seen, instants = plan.heads[h], chunk.seen[h], chunk.instants
     mission, design = plan.loaded.mission, plan.loaded.designs[h]
@@ -70,10 +70,10 @@ def scene_at(plan: Plan, chunk: Chunk, h: int, k: int) -> Scene:
     across, about, solved = (float(values[k]) for values in chunk.errors[h])
     to_camera = Rotation.from_matrix(head.axes.T)
     body = Rotation.from_matrix(instants.body[..., k])
-    return Scene(case, to_camera * body, int(seen.blind[k]), across**0.5, about**0.5, solved)
+    return HeadScene(case, to_camera * body, int(seen.blind[k]), across**0.5, about**0.5, solved)
 
 
-def hit_at(plan: Plan, case: Case, chunk: Chunk, k: int) -> Case:
+def hit_at(plan: MissionPlan, case: Case, chunk: Chunk, k: int) -> Case:
     """The case whose detector is hit by the trapped particles of an instant of a chunk, too."""
     mission, detector = plan.loaded.mission, case.instrument.detector
     if mission.radiation.hits is None:
@@ -115,7 +115,9 @@ class Checked:
     corrected_about: tuple[float, float]
 
 
-def checked(plan: Plan, advance: Advance = lambda _: None) -> tuple[Plan, tuple[Checked, ...]]:
+def checked(
+    plan: MissionPlan, advance: Advance = lambda _: None
+) -> tuple[MissionPlan, tuple[Checked, ...]]:
     """The plan with its surrogates corrected by trials, and how far they were off.
 
     The trials of a design lie at instants of the mission that are spread evenly over the rate, the
@@ -141,8 +143,8 @@ def checked(plan: Plan, advance: Advance = lambda _: None) -> tuple[Plan, tuple[
 
 
 def _checked(
-    plan: Plan, chunk: Chunk, group: Sequence[int], count: int, advance: Advance
-) -> tuple[Correction, Checked]:
+    plan: MissionPlan, chunk: Chunk, group: Sequence[int], count: int, advance: Advance
+) -> tuple[SurrogateCorrection, Checked]:
     names = ", ".join(plan.heads[h].name for h in group)
     places, values = _places(plan, chunk, group, count)
     check = plan.loaded.mission.check
@@ -188,7 +190,7 @@ def root_of_mean(square: Floats) -> tuple[float, float]:
 
 
 def _places(
-    plan: Plan, chunk: Chunk, group: Sequence[int], count: int
+    plan: MissionPlan, chunk: Chunk, group: Sequence[int], count: int
 ) -> tuple[list[tuple[int, int]], dict[str, Floats]]:
     """Heads and instants of the trials, and the values that a correction may depend on there."""
     where, parts = list[Ints](), list[dict[str, Floats]]()
@@ -215,7 +217,7 @@ def _places(
     return picked, {name: value[chosen] for name, value in values.items()}
 
 
-def fitted(ratio: Floats, values: dict[str, Floats]) -> Correction:
+def fitted(ratio: Floats, values: dict[str, Floats]) -> SurrogateCorrection:
     """The correction that makes squared errors most likely.
 
     A squared error over its expected value has a mean of exp(features . coefficient) and a standard
@@ -229,7 +231,7 @@ def fitted(ratio: Floats, values: dict[str, Floats]) -> Correction:
     used = [(name, low, high) for name, (low, high) in ends.items() if high > low]
     scale = [(0.0, 1.0), *(((low + high) / 2, (high - low) / 2) for _, low, high in used)]
     names = "all", *(name for name, _, _ in used)
-    shape = Correction(names, np.array(scale), np.empty(0), np.empty(0))
+    shape = SurrogateCorrection(names, np.array(scale), np.empty(0), np.empty(0))
     features = shape.features({"stars": np.zeros(len(ratio)), **values})
     coefficient, spread = zip(
         *(_gamma(features, ratio[:, k], dispersion) for k, dispersion in enumerate((1.0, 2.0))),

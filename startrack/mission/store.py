@@ -12,11 +12,11 @@ import numpy as np
 
 from startrack.core import Advance, file_digest, inputs_of, software
 from startrack.io import Database, FileKind, to_table
-from startrack.mission.engine import Flown, Plan, fly_part, merged, parts_of
+from startrack.mission.engine import Flown, MissionPlan, fly_part, merged, parts_of
 from startrack.mission.files import clock_of
 from startrack.mission.parameters import Loaded, with_files
 from startrack.mission.rendered import Checked, checked
-from startrack.mission.surrogate import Correction
+from startrack.mission.surrogate import SurrogateCorrection
 
 # "STRM" in the file's header. Files of format 0 had rows without a checksum.
 STORE = FileKind("mission store", 0x5354524D, version=1)
@@ -41,8 +41,8 @@ def key_of(loaded: Loaded) -> bytes:
 
 
 def flown_from(
-    plan: Plan, path: Path | None, advance: Advance = lambda _: None
-) -> tuple[Plan, tuple[Checked, ...], Flown]:
+    plan: MissionPlan, path: Path | None, advance: Advance = lambda _: None
+) -> tuple[MissionPlan, tuple[Checked, ...], Flown]:
     """Check a plan by the trials that its mission asks for, and fly all of its steps.
 
     What is done is kept part by part, and not done again by the same mission. A store of another
@@ -73,8 +73,8 @@ def flown_from(
 
 
 def _checked(
-    plan: Plan, database: Database, key: bytes, stored: bytes | None, advance: Advance
-) -> tuple[Plan, tuple[Checked, ...]]:
+    plan: MissionPlan, database: Database, key: bytes, stored: bytes | None, advance: Advance
+) -> tuple[MissionPlan, tuple[Checked, ...]]:
     if stored is None:
         plan, checks = checked(plan, advance)
         corrections = (plan.surrogates[check.heads[0]].correction for check in checks)
@@ -90,7 +90,7 @@ def _checked(
         lists = {k: tuple(v) for k, v in entry["check"].items() if isinstance(v, list)}
         checks_.append(Checked(**(entry["check"] | lists)))
         names, *numbers = entry["correction"].values()
-        correction = Correction(tuple(names), *map(np.array, numbers))
+        correction = SurrogateCorrection(tuple(names), *map(np.array, numbers))
         for h in checks_[-1].heads:
             surrogates[h] = replace(surrogates[h], correction=correction)
         advance(checks_[-1].trials)

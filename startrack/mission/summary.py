@@ -13,7 +13,7 @@ from startrack.core import Advance, Flags, Floats, Ints, Rows, arcsec, deg, prin
 from startrack.design import Case
 from startrack.io import save_netcdf
 from startrack.mission import files
-from startrack.mission.engine import CHUNK, Chunk, Flown, Plan, at
+from startrack.mission.engine import CHUNK, Chunk, Flown, MissionPlan, at
 from startrack.mission.heads import Blind
 from startrack.mission.parameters import MissionRequirements
 
@@ -183,7 +183,7 @@ def over_beta(flown: Flown) -> list[OfBeta]:
 
 @printed
 @dataclass(frozen=True)
-class Verdict:
+class MissionVerdict:
     """Whether a requirement of the mission is met.
 
     name   key in the mission file
@@ -200,7 +200,7 @@ class Verdict:
 
 def verdicts(
     needs: MissionRequirements, availability: Availability, error: float | None = None
-) -> list[Verdict]:
+) -> list[MissionVerdict]:
     """The requirements that the mission file gives, in their order.
 
     error  radian, rms of the fused attitude about its worst axis; None: not known
@@ -216,14 +216,14 @@ def verdicts(
         limit = getattr(needs, name)
         if limit is not None and value is not None:
             met = value >= limit if name.startswith("availability") else value <= limit
-            results.append(Verdict(name, limit, value, bool(met)))
+            results.append(MissionVerdict(name, limit, value, bool(met)))
     return results
 
 
 DECIMALS = 5  # of a degree: 0.04 arcsec
 
 
-def timeline(plan: Plan, every: int = 1, advance: Advance = lambda _: None) -> Rows:
+def timeline(plan: MissionPlan, every: int = 1, advance: Advance = lambda _: None) -> Rows:
     """A row for every step, or for every k-th step; angles in degrees.
 
     Errors are rms, in arcseconds, with the alignment of each head; infinite without an attitude.
@@ -242,7 +242,7 @@ def timeline(plan: Plan, every: int = 1, advance: Advance = lambda _: None) -> R
     return np.concatenate(parts)
 
 
-def write_kernels(plan: Plan, every: int, orbit: Path, attitude: Path) -> None:
+def write_kernels(plan: MissionPlan, every: int, orbit: Path, attitude: Path) -> None:
     """Write where the spacecraft is and how it points, at every k-th step, for SPICE.
 
     Raises  ImportError without spiceypy
@@ -277,7 +277,7 @@ def save_timeline(path: Path, table: Rows) -> None:
     )
 
 
-def _rows(plan: Plan, chunk: Chunk) -> Rows:
+def _rows(plan: MissionPlan, chunk: Chunk) -> Rows:
     own = chunk.instants
     columns = {
         "second": own.second,

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from startrack.budget import added, stray_light_levels, survey
 from startrack.core import Floats, Refused, deg, printed
 from startrack.design import Case, turning
-from startrack.mission.heads import Mounted, Seen, Shadow
+from startrack.mission.heads import HeadView, Mounted, Shadow
 
 PLACES = 12288  # directions of a survey: 1.8 degrees apart
 ROWS, COLUMNS = 90, 180  # cells of two degrees on the sky
@@ -42,7 +42,7 @@ class Conditions:
 
 @printed
 @dataclass(frozen=True, eq=False)
-class Correction:
+class SurrogateCorrection:
     """What trials say of a surrogate: a factor on its variances, by what they depend on.
 
         variance of trials / variance of the budget = exp(features . coefficient)
@@ -95,7 +95,7 @@ class Surrogate:
     age: Floats
     table: Floats
     stars: Floats
-    correction: Correction | None = None
+    correction: SurrogateCorrection | None = None
 
     def __call__(self, at: Conditions) -> tuple[Floats, Floats, Floats]:
         """(n,) variances across and about (radian^2), and probabilities of an attitude.
@@ -257,7 +257,7 @@ class StrayLight:
     sky: float
     bodies: dict[str, Floats]
 
-    def __call__(self, seen: Seen, shadow: Shadow) -> Floats:
+    def __call__(self, seen: HeadView, shadow: Shadow) -> Floats:
         """(n,) magnitude per square arcsecond.
 
         Accuracy  model: a full Moon and a noon Earth at 600 km at all times, unless hidden or dark

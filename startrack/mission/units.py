@@ -9,7 +9,15 @@ from startrack.budget import UnitBudgets, analytic, unit_budgets
 from startrack.core import Advance, Flags, Floats, Refused, printed, utc, whole
 from startrack.design import TURNS, Case
 from startrack.metrics import Interval, level_interval
-from startrack.mission.engine import CHUNK, Chunk, Plan, at, groups_of, own_errors, platform_motions
+from startrack.mission.engine import (
+    CHUNK,
+    Chunk,
+    MissionPlan,
+    at,
+    groups_of,
+    own_errors,
+    platform_motions,
+)
 from startrack.mission.heads import state_of
 from startrack.mission.instants import Instants
 from startrack.mission.parameters import JULIAN_YEAR
@@ -28,7 +36,7 @@ PRINCIPAL = "instrument.optics.principal_x"
 
 @printed
 @dataclass(frozen=True, eq=False)
-class Temperatures:
+class MissionTemperatures:
     """Of a platform and its h heads, at n times.
 
     second    (n,) after the begin of the mission
@@ -52,7 +60,7 @@ class Temperatures:
         )
 
 
-def temperatures_of(plan: Plan, heat: Heat) -> Temperatures:
+def temperatures_of(plan: MissionPlan, heat: Heat) -> MissionTemperatures:
     """Temperatures of a platform and its heads along a mission.
 
     Sun, albedo and infrared of the Earth fall on the six faces of the box in its attitude, and on
@@ -80,10 +88,10 @@ def temperatures_of(plan: Plan, heat: Heat) -> Temperatures:
         march(begin, size, capacity, heat.conductance, step, kelvin, np.empty_like(begin))
     course = np.empty_like(power)
     march(power, size, capacity, heat.conductance, step, kelvin, course)
-    return Temperatures(step * np.arange(count, dtype=float), course[0], course[1:], sides)
+    return MissionTemperatures(step * np.arange(count, dtype=float), course[0], course[1:], sides)
 
 
-def _taken(plan: Plan, heat: Heat, instants: Instants) -> tuple[Floats, Floats, list[float]]:
+def _taken(plan: MissionPlan, heat: Heat, instants: Instants) -> tuple[Floats, Floats, list[float]]:
     """W (1 + h, n) that platform and heads take up and dissipate, `sides`, their black surfaces."""
     day = float(utc(plan.loaded.mission.time.begin).to_datetime().timetuple().tm_yday)
     angle = math.tau * (day - PERIHELION + instants.second / 86400) / YEAR
@@ -122,14 +130,14 @@ class Fleet:
     heads: Floats
     swing: Floats
     known: float
-    heat: Temperatures | None
+    heat: MissionTemperatures | None
 
     def level(self, fraction: float = 0.95, aligned: bool = False) -> Interval:
         """Radian, about the worst axis, that a fraction of the spacecraft keeps."""
         return level_interval((self.aligned if aligned else self.rms).max(axis=1), fraction)
 
 
-def fly_units(plan: Plan, count: int, seed: int, advance: Advance = lambda _: None) -> Fleet:
+def fly_units(plan: MissionPlan, count: int, seed: int, advance: Advance = lambda _: None) -> Fleet:
     """The errors of spacecraft whose heads are drawn units, at all steps of a mission.
 
         e_h = b_h + A_h l(t) + N(0, V_h + U_h),   x = P sum_h V_h^-1 e_h,   P = (sum_h V_h^-1)^-1
@@ -187,7 +195,7 @@ def fly_units(plan: Plan, count: int, seed: int, advance: Advance = lambda _: No
     )
 
 
-def _drawn(plan: Plan, count: int, seed: int) -> tuple[Floats, Floats]:
+def _drawn(plan: MissionPlan, count: int, seed: int) -> tuple[Floats, Floats]:
     """Biases (s, h, 3) radian and extra variances (s, h, 3) radian^2 of the units, camera axes."""
     mission, heads = plan.loaded.mission, len(plan.heads)
     bias, extra = np.zeros((count, heads, 3)), np.zeros((count, heads, 3))
@@ -238,7 +246,7 @@ def turns_of(case: Case) -> Floats:
 
 
 def turned_by_heat(
-    plan: Plan, turns: Floats, h: int, instants: Instants, heat: Temperatures | None
+    plan: MissionPlan, turns: Floats, h: int, instants: Instants, heat: MissionTemperatures | None
 ) -> Floats:
     """Thermo-elastic error (3, n) radian of a head, in camera axes: the turn, backwards."""
     instrument = plan.loaded.designs[h].case.instrument
@@ -249,7 +257,9 @@ def turned_by_heat(
     return np.asarray(-turns @ instrument.structure.loads(instrument.optics, place, *given))
 
 
-def _gains(plan: Plan, chunk: Chunk, weight: Floats, valid: Flags) -> tuple[list[Floats], Floats]:
+def _gains(
+    plan: MissionPlan, chunk: Chunk, weight: Floats, valid: Flags
+) -> tuple[list[Floats], Floats]:
     """Fused error about the body's axes (n, 3, 3) by each head's in its camera axes; its noise.
 
     weight   (h, 3) radian^2, which the tracker adds to the variances of the surrogate
@@ -310,7 +320,7 @@ def _squares(bias: Floats, extra: Floats, moments: Floats) -> Floats:
     return np.asarray(square + more @ np.einsum("ikk->ki", moments)[:size])
 
 
-def _aligned(plan: Plan, bias: Floats) -> Floats:
+def _aligned(plan: MissionPlan, bias: Floats) -> Floats:
     """Biases where heads were aligned to each other in flight: all have one turn of the body.
 
     It is their best mean, weighted by the mean squares of each head's biases over the units.

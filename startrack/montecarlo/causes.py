@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from startrack.core import Floats, Rows, arcsec, deg
 from startrack.design import Case, KeepOut
 from startrack.io import celestials
-from startrack.metrics import STATED, STATED_ALONE, Limits, correct
+from startrack.metrics import STATED, STATED_ALONE, ErrorLimits, correct
 from startrack.scene import BODIES, SUN_RADIUS, body_angles
 
 DISC = math.asin(SUN_RADIUS / 1.496e11)  # radian, of the Sun, and near that of the Moon
@@ -59,7 +59,7 @@ def endings(
     seed: int,
     outcomes: Rows,
     icrs_to_camera: Rotation,
-    limits: Limits = STATED_ALONE,
+    limits: ErrorLimits = STATED_ALONE,
     keep_out: KeepOut | None = None,
 ) -> Endings:
     """How each trial ended, from its outcome, without repeating it.
@@ -86,7 +86,7 @@ def _ending(
     outcome: np.void,
     right: bool,
     around: Mapping[str, float],
-    limits: Limits,
+    limits: ErrorLimits,
     keep_out: KeepOut | None,
 ) -> tuple[Ending, str]:
     if outcome["solved"]:

@@ -38,7 +38,10 @@ class Difference(NamedTuple):
 def differences(
     first: Rows,
     second: Rows,
-    limits: tuple[metrics.Limits, metrics.Limits] = (metrics.STATED_ALONE, metrics.STATED_ALONE),
+    limits: tuple[metrics.ErrorLimits, metrics.ErrorLimits] = (
+        metrics.STATED_ALONE,
+        metrics.STATED_ALONE,
+    ),
     paired: bool = True,
 ) -> list[Difference]:
     """Errors and availability of two campaigns, the ratios of errors, and how availability differs.

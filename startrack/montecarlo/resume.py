@@ -55,7 +55,7 @@ class Precision(Parameters):
     statistic: str = parameter(limit=Range(choices=STATISTICS), default="across")
     confidence: float = parameter(limit=Range(0.5, 0.9999), default=0.95)
     sobol: bool = False
-    limits: metrics.Limits = metrics.STATED_ALONE
+    limits: metrics.ErrorLimits = metrics.STATED_ALONE
 
     def interval(self, outcomes: Rows) -> metrics.Interval:
         """The statistic of structured outcomes; errors over solved trials that are not false.

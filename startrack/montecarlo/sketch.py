@@ -179,7 +179,9 @@ def edge(index: int) -> float:
     return float(np.int64(index << BITS).view(np.float64))
 
 
-def about_of(case: Case, seed: int, sampling: Sampling, limits: metrics.Limits) -> dict[str, Any]:
+def about_of(
+    case: Case, seed: int, sampling: Sampling, limits: metrics.ErrorLimits
+) -> dict[str, Any]:
     """What sketches of one campaign have in common, as JSON has it."""
     about = {
         "case": to_table(case),
@@ -194,7 +196,7 @@ def about_of(case: Case, seed: int, sampling: Sampling, limits: metrics.Limits) 
 
 def _sketch_of(
     sampling: Sampling,
-    limits: metrics.Limits,
+    limits: metrics.ErrorLimits,
     about: dict[str, Any],
     case: Case,
     seed: int,
@@ -204,7 +206,7 @@ def _sketch_of(
     return sketched(sampling.trials(case, seed, numbers), limits, about)
 
 
-def sketched(outcomes: Rows, limits: metrics.Limits, about: dict[str, Any]) -> Sketch:
+def sketched(outcomes: Rows, limits: metrics.ErrorLimits, about: dict[str, Any]) -> Sketch:
     """The sketch of outcomes (n,) of trials first, first + 1, ..., n > 0."""
     first = int(outcomes["trial"][0])
     judged = outcomes[outcomes["solved"] & ~outcomes["false"]]
@@ -337,7 +339,7 @@ def resume_sketch(
     numbers: range,
     executor: Executor,
     workers: int = 1,
-    limits: metrics.Limits = metrics.STATED_ALONE,
+    limits: metrics.ErrorLimits = metrics.STATED_ALONE,
     progress: Advance | None = None,
     block: int = BLOCK,
 ) -> Sketch:

@@ -42,7 +42,7 @@ CELLS_X, CELLS_Y = 25, 88  # of codes, 0.02 wide: x to 1/2, and y to sqrt(3) / 2
 SHARE = 0.01  # of a star's light, from which on others within the resolution make it double
 
 
-class Variable(NamedTuple):
+class GuideVariable(NamedTuple):
     """A variable star of a list: place at J2000 (3,), name."""
 
     direction: tuple[float, float, float]
@@ -74,7 +74,7 @@ class GuideSettings(Parameters):
     pattern_stars: int = parameter(limit=Range(3, 12), default=5)
 
 
-def read_variables(path: Path | None = None) -> list[Variable]:
+def read_variables(path: Path | None = None) -> list[GuideVariable]:
     """Variable stars of a CSV file with the columns ra, dec (degree, J2000) and name.
 
     path     None: the shipped list
@@ -90,11 +90,11 @@ def read_variables(path: Path | None = None) -> list[Variable]:
         raise Refused(f"{path} must have ra and dec in each row")
     x, y, z = np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)
     names = [str(name) for name in table["name"]] if "name" in table.colnames else [""] * len(table)
-    return [Variable(*star) for star in zip(zip(x, y, z, strict=True), names, strict=True)]
+    return [GuideVariable(*star) for star in zip(zip(x, y, z, strict=True), names, strict=True)]
 
 
 def guide_stars(
-    case: Case, settings: GuideSettings | None = None, variables: list[Variable] | None = None
+    case: Case, settings: GuideSettings | None = None, variables: list[GuideVariable] | None = None
 ) -> Guide:
     """The guide stars of a design, and the triangles of them; the same for the same arguments.
 
@@ -155,7 +155,7 @@ def _barycentric(catalog: Selection, epoch: float, limit: float = math.inf) -> S
     return replace(still, limit_g=limit, epoch=epoch)
 
 
-def _variable(case: Case, stars: core.Stars, variables: list[Variable]) -> Flags:
+def _variable(case: Case, stars: core.Stars, variables: list[GuideVariable]) -> Flags:
     """Which stars are those of the list: the brightest near each place, at J2000."""
     variable = np.zeros(len(stars), bool)
     old = open_sky(_barycentric(case.believed_catalog, 2000.0))

@@ -30,7 +30,7 @@ baffle        Light -> Light: stray light of Sun, Moon and Earth past the baffle
 """
 
 from startrack.optics.baffle import Baffle, BaffleTube, stray_light, transmittance_of
-from startrack.optics.choose import Choice, choose
+from startrack.optics.choose import PsfChoice, choose
 from startrack.optics.diffraction import (
     airy,
     blur_transfer,

@@ -90,7 +90,7 @@ STRETCH = 0.81  # maximum of |v dE/dv| of the Airy disk, of its peak: 4 jinc(v) 
 
 
 @dataclass(frozen=True)
-class Choice:
+class PsfChoice:
     """A model, its error and the reason for it.
 
     model   one of MODELS
@@ -105,7 +105,7 @@ class Choice:
     errors: dict[str, float]
 
 
-def choose(optics: Optics, pitch: float, wavelength: float, side: float | None = None) -> Choice:
+def choose(optics: Optics, pitch: float, wavelength: float, side: float | None = None) -> PsfChoice:
     """The cheapest model within `optics.psf_tolerance`, or the one that optics names.
 
     The error of a model is the sum of the differences from model to model up to Kirchhoff. For two
@@ -119,7 +119,7 @@ def choose(optics: Optics, pitch: float, wavelength: float, side: float | None =
     """
     if is_code(optics.psf):
         unknown = dict.fromkeys(MODELS, math.nan)
-        return Choice(optics.psf, math.nan, "the design names code of its own", unknown)
+        return PsfChoice(optics.psf, math.nan, "the design names code of its own", unknown)
     kappa, gaussian = _integrals(optics, side or pitch, wavelength)
     steps = {
         "gaussian": gaussian if optics.plain else math.inf,
@@ -141,7 +141,7 @@ def choose(optics: Optics, pitch: float, wavelength: float, side: float | None =
             reason = f"{before} needs a clear pupil in focus without aberrations"
         elif before:
             reason = f"{before} may err by {errors[before]:.1g} of the peak"
-    return Choice(model, errors[model], reason, errors)
+    return PsfChoice(model, errors[model], reason, errors)
 
 
 def _integrals(optics: Optics, side: float, wavelength: float) -> tuple[float, float]:

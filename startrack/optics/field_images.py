@@ -23,7 +23,7 @@ KEPT = 4e-3  # of the norm of an image, that the left-out terms may have
 FITTED = 48  # angles to which a camera is fitted
 
 
-class Plan(Protocol):
+class FieldImagePlan(Protocol):
     """What the images of all places of a frame share.
 
     side          samples along a side of a table
@@ -40,7 +40,7 @@ class Plan(Protocol):
         ...
 
 
-class Band(NamedTuple):
+class ColourBand(NamedTuple):
     """Spectra as weights of a few wavelengths.
 
     wavelength  (n,) metre;  weight  (c, n) 1, of each spectrum, whose sum is one
@@ -50,7 +50,7 @@ class Band(NamedTuple):
     weight: Floats
 
 
-def band_of(wavelength: Floats, spectra: Floats, count: int = BAND_NODES) -> Band:
+def band_of(wavelength: Floats, spectra: Floats, count: int = BAND_NODES) -> ColourBand:
     """Wavelengths whose weighted sums are those of whole spectra.
 
     The nodes are those of a Gaussian quadrature of the mean spectrum; each spectrum is integrated
@@ -63,7 +63,7 @@ def band_of(wavelength: Floats, spectra: Floats, count: int = BAND_NODES) -> Ban
     fraction = spectra / spectra.sum(axis=1, keepdims=True)
     nodes, _ = gauss_band(wavelength, fraction.mean(axis=0), count)
     nodes = np.sort(nodes)
-    return Band(nodes, fraction @ lagrange_weights(nodes, wavelength))
+    return ColourBand(nodes, fraction @ lagrange_weights(nodes, wavelength))
 
 
 def node_count(optics: Optics) -> int:
@@ -128,7 +128,7 @@ def camera_through(
 
 
 def images_over_frame(
-    plan: Plan, optics: Optics, camera: Camera, colour: Floats, nodes: int
+    plan: FieldImagePlan, optics: Optics, camera: Camera, colour: Floats, nodes: int
 ) -> FieldPsf:
     """The images of a plan at nodes over the frame, as sums of their principal components.
 
@@ -218,7 +218,7 @@ def _components(tables: Floats) -> tuple[Floats, Floats]:
     return vector[:, :count].T @ tables, vector[:, :count]
 
 
-def _checked(psf: FieldPsf, plan: Plan, camera: Camera) -> tuple[float, float]:
+def _checked(psf: FieldPsf, plan: FieldImagePlan, camera: Camera) -> tuple[float, float]:
     """Error of images between the nodes over their peak, and of their places in pixel."""
     last_x, last_y = len(psf.x) - 1, len(psf.y) - 1
     worst = far = 0.0
@@ -259,7 +259,7 @@ def cube_psf(
     cube = open_psf_file(optics.psf_file)
     _refuse_colours(cube, wavelength, spectra)
     band = band_of(wavelength, spectra, node_count(optics))
-    plan = _Plan(optics, cube, camera, pitch, band, fill_factor, diffusion)
+    plan = _FieldPlan(optics, cube, camera, pitch, band, fill_factor, diffusion)
     return images_over_frame(plan, optics, camera, colour, nodes)
 
 
@@ -299,7 +299,7 @@ def _refuse_colours(cube: PsfFile, wavelength: Floats, spectra: Floats) -> None:
         refuse_band("psf_file", cube.wavelength, wavelength, spectra)
 
 
-def _over_colour(cube: PsfFile, band: Band) -> Floats:
+def _over_colour(cube: PsfFile, band: ColourBand) -> Floats:
     """Weights (n, w) of the images at the wavelengths of a band."""
     nodes = cube.wavelength
     unit = np.eye(len(nodes))
@@ -317,7 +317,7 @@ def _over_field(cube: PsfFile, angles: Floats, odd: bool = False) -> Floats:
     return spline(both, mirrored, angles, 0, DEGREE)
 
 
-class _Plan:
+class _FieldPlan:
     """What the images of all places share."""
 
     def __init__(
@@ -326,7 +326,7 @@ class _Plan:
         cube: PsfFile,
         camera: Camera,
         pitch: float,
-        band: Band,
+        band: ColourBand,
         fill_factor: float,
         diffusion: float,
     ) -> None:

@@ -13,7 +13,7 @@ from scipy import fft
 from startrack.core import Camera, FieldPsf, Floats, Ints, Refused, Singles
 from startrack.optics import field_images, lens_table
 from startrack.optics.diffraction import blur_transfer, pixel_transfer
-from startrack.optics.field_images import COARSE, NODES, Band, band_of, node_count
+from startrack.optics.field_images import COARSE, NODES, ColourBand, band_of, node_count
 from startrack.optics.lens_family import family_table
 from startrack.optics.parameters import Optics
 from startrack.optics.pixel_psf import at_field
@@ -501,11 +501,11 @@ def field_psf(
     """
     field_images.refuse_band("lens_file", lens.table.wavelength, wavelength, spectra)
     band = band_of(wavelength, spectra, node_count(lens.optics))
-    plan = _Plan(lens, camera, pitch, band, fill_factor, diffusion)
+    plan = _LensPlan(lens, camera, pitch, band, fill_factor, diffusion)
     return field_images.images_over_frame(plan, lens.optics, camera, colour, nodes)
 
 
-class _Plan:
+class _LensPlan:
     """What the images of all places share.
 
     rough          whether the tolerance of the design is COARSE
@@ -522,7 +522,7 @@ class _Plan:
         lens: Lens,
         camera: Camera,
         pitch: float,
-        band: Band,
+        band: ColourBand,
         fill_factor: float,
         diffusion: float,
     ) -> None:

@@ -23,7 +23,7 @@ REJECT = 0.05  # the same where pixels are left out
 
 
 @dataclass(frozen=True)
-class Stars:
+class PsfStars:
     """Cut-outs of stars that stand alone.
 
     image  (n, s, s) digital number, s odd
@@ -37,7 +37,7 @@ class Stars:
     flux: Floats
 
 
-def lone_stars(image: NDArray[np.number], spots: Spots, half: int, saturation: float) -> Stars:
+def lone_stars(image: NDArray[np.number], spots: Spots, half: int, saturation: float) -> PsfStars:
     """Cut-outs of the stars of an image without neighbours, borders and saturation.
 
     half        pixel, half side of a cut-out
@@ -60,18 +60,18 @@ def lone_stars(image: NDArray[np.number], spots: Spots, half: int, saturation: f
             cuts.append(np.asarray(cut, float))
             chosen.append(n)
     made = np.array(cuts).reshape(-1, 2 * half + 1, 2 * half + 1)
-    return Stars(made, (x - column)[chosen], (y - row)[chosen], spots.flux[chosen])
+    return PsfStars(made, (x - column)[chosen], (y - row)[chosen], spots.flux[chosen])
 
 
-def brightest(measured: Sequence[Stars], count: int) -> Stars:
+def brightest(measured: Sequence[PsfStars], count: int) -> PsfStars:
     """The brightest stars of some images."""
     columns = zip(*(vars(part).values() for part in measured), strict=True)
     image, x, y, flux = (np.concatenate(parts) for parts in columns)
     order = np.argsort(-flux, kind="stable")[:count]
-    return Stars(image[order], x[order], y[order], flux[order])
+    return PsfStars(image[order], x[order], y[order], flux[order])
 
 
-class Measured(NamedTuple):
+class MeasuredPsf(NamedTuple):
     """A reconstructed PSF.
 
     psf       pixels of a point, whose energy inside the box counts as one
@@ -87,7 +87,7 @@ class Measured(NamedTuple):
     flux: Floats
 
 
-def reconstruct(stars: Stars, oversampling: int = 4) -> Measured:
+def reconstruct(stars: PsfStars, oversampling: int = 4) -> MeasuredPsf:
     """The PSF of pixels that the images of many stars share.
 
     The table is a cubic spline. It is fitted to all pixels by least squares, then places, fluxes
@@ -106,7 +106,7 @@ def reconstruct(stars: Stars, oversampling: int = 4) -> Measured:
             f"stars must be {2 * oversampling} at least for an oversampling of {oversampling}, got "
             f"{count}"
         )
-    fit = _Fit(stars, oversampling)
+    fit = _PsfFit(stars, oversampling)
     for number in range(ROUNDS):
         fit.shape()
         if number > 1:
@@ -120,8 +120,8 @@ def reconstruct(stars: Stars, oversampling: int = 4) -> Measured:
     return fit.result()
 
 
-class _Fit:
-    def __init__(self, stars: Stars, oversampling: int) -> None:
+class _PsfFit:
+    def __init__(self, stars: PsfStars, oversampling: int) -> None:
         count, side, _ = stars.image.shape
         self.image, self.step = stars.image.reshape(count, -1), oversampling
         self.x, self.y = stars.x.astype(float), stars.y.astype(float)
@@ -229,12 +229,12 @@ class _Fit:
         smooth = scipy.ndimage.convolve1d(square, third, axis=0)
         return scipy.ndimage.convolve1d(smooth, third, axis=1)[2:-2, 2:-2]
 
-    def result(self) -> Measured:
+    def result(self) -> MeasuredPsf:
         table = self.table()
         residual = (self.image - self.model(self.basis()))[self.good]
         peak = float(np.median(self.flux)) * float(table.max())
         rms = float(np.sqrt(np.mean(residual**2))) / peak
-        return Measured(Psf(table, self.step, 1.0), rms, self.x, self.y, self.flux)
+        return MeasuredPsf(Psf(table, self.step, 1.0), rms, self.x, self.y, self.flux)
 
 
 def _cubic(at: Floats, slope: bool) -> Floats:
@@ -250,7 +250,7 @@ def _cubic(at: Floats, slope: bool) -> Floats:
     )
 
 
-def file_of(measured: Measured, source: str) -> PsfFile:
+def file_of(measured: MeasuredPsf, source: str) -> PsfFile:
     """What a design takes as its `psf_file`: images in pixels of any size."""
     psf = measured.psf
     return PsfFile(source, psf.table[None, None], 1 / psf.oversampling, True, energy=psf.energy)

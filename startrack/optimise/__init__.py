@@ -24,7 +24,7 @@ tolerance    Design -> how far each parameter may vary, by emcee on a quadratic 
 tables       The results of studies as CSV, JSON lines and Markdown.
 """
 
-from startrack.optimise.allocation import Change, allocation, halved, levers
+from startrack.optimise.allocation import LeverChange, allocation, halved, levers
 from startrack.optimise.ensemble import Chains, Ensembles, draw, median_and_ends, thinned
 from startrack.optimise.evaluate import Evaluation, Foresight, evaluate, foresee
 from startrack.optimise.explore import Explorer
@@ -32,12 +32,12 @@ from startrack.optimise.forecast import Forecast, expect, expected_objective
 from startrack.optimise.improve import Improved, improve, verdicts
 from startrack.optimise.ledger import Ledger
 from startrack.optimise.optimise import Optimum, optimize
-from startrack.optimise.pareto import Goals, Point, front
+from startrack.optimise.pareto import FrontGoals, Point, front
 from startrack.optimise.runner import VERIFYING, VERIFYING_UNIT, TrialRunner
 from startrack.optimise.search import Algorithm, Search, SearchInput, least
 from startrack.optimise.sensitivity import Sensitivity, sensitivities
-from startrack.optimise.source import Source, TrackerSource
-from startrack.optimise.steps import Stage
+from startrack.optimise.source import DesignSource, TrackerSource
+from startrack.optimise.steps import SearchStage
 from startrack.optimise.tables import (
     chain_text,
     chain_values,
@@ -58,12 +58,12 @@ __all__ = [
     "Ensembles",
     "Forecast",
     "Foresight",
-    "Goals",
+    "FrontGoals",
     "Improved",
     "Ledger",
     "Search",
     "SearchInput",
-    "Stage",
+    "SearchStage",
     "TrialRunner",
     "evaluate",
     "front",

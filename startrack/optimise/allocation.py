@@ -18,7 +18,7 @@ BOOTSTRAP = 4  # names the stream of the resampling
 
 
 @printed
-class Change(NamedTuple):
+class LeverChange(NamedTuple):
     """A design that differs in one thing.
 
     name   of what is changed
@@ -33,7 +33,7 @@ class Change(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Gain:
+class LeverGain:
     """What is gained by one change of the design.
 
     change  and the design that has it
@@ -41,7 +41,7 @@ class Gain:
     yields  1, by which the yield of each limit rises, with its interval
     """
 
-    change: Change
+    change: LeverChange
     level: Interval
     yields: tuple[Interval, ...]
 
@@ -62,7 +62,7 @@ class Allocation:
     fraction: float
     level: float
     yields: tuple[float, ...]
-    gains: tuple[Gain, ...]
+    gains: tuple[LeverGain, ...]
     refused: tuple[str, ...] = ()
 
 
@@ -73,7 +73,7 @@ def allocation(
     fraction: float,
     seed: int,
     count: int,
-    changes: Sequence[Change],
+    changes: Sequence[LeverChange],
     progress: Advance | None = None,
 ) -> Allocation:
     """Make each change in turn, on the same draws of the same units.
@@ -97,7 +97,7 @@ def allocation(
     before = errors(case)
     level = quantile_of_few(before[0][chosen], fraction)
     kept = [values <= limit.most for values, limit in zip(before[1:], limits, strict=True)]
-    gains, refused = list[Gain](), list[str]()
+    gains, refused = list[LeverGain](), list[str]()
     for change in changes:
         try:
             after = errors(change.case)
@@ -111,7 +111,7 @@ def allocation(
         ]
         freedom = 2 * count * (1 - fraction) + 1  # units are few, and the same before and after
         rises = (_percentiles(share) for share in more)
-        gains.append(Gain(change, resampled_interval(gained, max(freedom, 2.0)), tuple(rises)))
+        gains.append(LeverGain(change, resampled_interval(gained, max(freedom, 2.0)), tuple(rises)))
     gains.sort(key=lambda gain: -gain.level.value)
     shares = tuple(float(flags.mean()) for flags in kept)
     return Allocation(age, fraction, float(level[0]), shares, tuple(gains), tuple(refused))
@@ -123,17 +123,17 @@ def _percentiles(values: Floats) -> Interval:
     return Interval(float(values[0]), float(low), float(high))
 
 
-def halved(case: design.Case) -> Iterator[Change]:
+def halved(case: design.Case) -> Iterator[LeverChange]:
     """Each tolerance of a design, and the parts of its residual, halved."""
     for number, variation in enumerate(case.variation):
         half = replace(variation, scale=variation.scale / 2)
         every = (*case.variation[:number], half, *case.variation[number + 1 :])
         half_case = replace(case, variation=every)
-        yield Change(f"{variation.name} per {variation.per}", half_case, price=variation.price)
+        yield LeverChange(f"{variation.name} per {variation.per}", half_case, price=variation.price)
     for name in PARTS if case.instrument.residual is not None else ():
         path = f"instrument.residual.{name}"
         if now := design.found_at(case, path):
-            yield Change(path, design.replaced_all(case, {path: now / 2}))
+            yield LeverChange(path, design.replaced_all(case, {path: now / 2}))
 
 
 PARTS = ("rms", "angle", "grid", "flatness", "decentre", "tilt", "wedge", "drift")
@@ -156,7 +156,7 @@ DEEPER = 0.5  # magnitude
 HIGHEST, FIRST_MAP, FINEST_MAP = 7, 5, 9  # order of a polynomial; nodes along a side
 
 
-def levers(case: design.Case) -> Iterator[Change]:
+def levers(case: design.Case) -> Iterator[LeverChange]:
     """What a designer may change beside tolerances, each by a step (`STEPS`).
 
     Number of tracked stars, catalogue, calibration, causes of the residual, structure, colour,
@@ -191,11 +191,11 @@ def levers(case: design.Case) -> Iterator[Change]:
         if isinstance(value, str):
             thin = {FEET: THIN} if design.found_at(case, FEET) > THIN else {}
             changed = design.replaced_all(case, {name: value, **thin})
-            yield Change(name, changed, f"to {value} from {now}" + ", thin feet" * bool(thin))
+            yield LeverChange(name, changed, f"to {value} from {now}" + ", thin feet" * bool(thin))
             continue
         new, old = (design.value_text(case, name, number) for number in (value, now))
         text = "on" if value is True else f"to {new} from {old}"
-        yield Change(name, design.replaced_all(case, {name: value}), text)
+        yield LeverChange(name, design.replaced_all(case, {name: value}), text)
     for change in halved(case):
         if ".residual." in change.name:
             yield change._replace(text="halved")
@@ -203,7 +203,9 @@ def levers(case: design.Case) -> Iterator[Change]:
         name = f"instrument.structure.{key}"
         less = {f"{name}{end}": _value(case, f"{name}{end}") / 2 for end in ends}
         if any(less.values()):
-            yield Change(f"{name}{' and '.join(ends)}", design.replaced_all(case, less), "halved")
+            yield LeverChange(
+                f"{name}{' and '.join(ends)}", design.replaced_all(case, less), "halved"
+            )
 
 
 def _value(case: design.Case, name: str) -> Any:

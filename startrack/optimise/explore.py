@@ -17,7 +17,7 @@ from startrack.optimise.emulator import Emulator, emulator
 from startrack.optimise.evaluate import PENALTY, Foresight, missed
 from startrack.optimise.forecast import named
 from startrack.optimise.search import least_smooth
-from startrack.optimise.source import Source, affordable
+from startrack.optimise.source import DesignSource, affordable
 
 # All chosen by hand.
 FIRST, FIRST_MORE = 3, 5  # forecasts per variable, and besides, before the first emulator
@@ -229,7 +229,7 @@ class Explorer:
     watch   called after new forecasts
     """
 
-    source: Source
+    source: DesignSource
     label: str = ""
     points: list[Floats] = field(default_factory=list)
     limits: Mapping[str, Limit] = field(default_factory=dict)

@@ -7,7 +7,7 @@ from functools import lru_cache, partial
 from typing import NamedTuple, TypeVar
 
 from startrack import verification
-from startrack.budget import Budget, Law, UnitBudgets, analytic, joined, unit_budgets
+from startrack.budget import Budget, ErrorLaw, UnitBudgets, analytic, joined, unit_budgets
 from startrack.core import Refused, Rows
 from startrack.design import NOMINAL, Campaign, Case, Judged, Objective, Requirements
 from startrack.metrics import quantile_of_few
@@ -49,7 +49,7 @@ def _coarse(case: Case) -> Case:
 
 
 @lru_cache(maxsize=16)
-def _budget(case: Case) -> Budget[Law] | None:
+def _budget(case: Case) -> Budget[ErrorLaw] | None:
     """The analytic budget, None where it expects no attitude anywhere; of the 16 last cases.
 
     Behind a lens table from images of few wavelengths, because each design needs its own.
@@ -60,7 +60,7 @@ def _budget(case: Case) -> Budget[Law] | None:
         return None
 
 
-def budget_of(case: Case) -> Budget[Law]:
+def budget_of(case: Case) -> Budget[ErrorLaw]:
     """The analytic budget, kept as those of a search are; Refused where it expects no attitude."""
     return _budget(case) or analytic(case)  # which says why there is none
 
@@ -207,7 +207,9 @@ def without_units(case: Case) -> Case:
     return replace(alone, instrument=replace(alone.instrument, residual=None))
 
 
-def expect(case: Case, campaign: Campaign, seed: int = 1) -> tuple[Budget[Law], dict[str, float]]:
+def expect(
+    case: Case, campaign: Campaign, seed: int = 1
+) -> tuple[Budget[ErrorLaw], dict[str, float]]:
     """The analytic budget of a design in its own condition, and all its margins without a trial.
 
     seed    of the units, where it is judged over units; the budget is of the unit as designed

@@ -306,7 +306,7 @@ class _Tried:
 
 
 @dataclass(frozen=True, eq=False)
-class _Shown:
+class _OnFresh:
     """A design on fresh trials."""
 
     point: tuple[float, ...]
@@ -321,7 +321,7 @@ class _Shown:
 class _Fresh:
     source: ProblemSource
 
-    def __call__(self, point: tuple[float, ...], number: int) -> _Shown:
+    def __call__(self, point: tuple[float, ...], number: int) -> _OnFresh:
         """A design on the fresh trials of a round."""
         source = self.source
         count = source.problem.settings.fresh_trials
@@ -329,7 +329,7 @@ class _Fresh:
         problem = source.design(np.array(point))
         rows = run_problem(problem, source.seed, range(begin, begin + count), source.executor)
         judged = problem.judge(rows)
-        return _Shown(point, number, problem, judged, verdicts(problem, judged), count)
+        return _OnFresh(point, number, problem, judged, verdicts(problem, judged), count)
 
 
 def verdicts(problem: Problem, judged: Judgement) -> dict[str, str]:
@@ -353,8 +353,8 @@ def _rounds(
     source: ProblemSource,
     judge: _Fresh,
     watch: steps.Watch,
-) -> tuple[_Shown, int, str]:
-    shown, results, ending = list[steps.Shown](), list[_Shown](), ""
+) -> tuple[_OnFresh, int, str]:
+    shown, results, ending = list[steps.Shown](), list[_OnFresh](), ""
     # Beside designs that formulas flatter, the start says what they do not know.
     start = try_design(source.start, None, None)
     watch(start)
@@ -399,7 +399,7 @@ def _failed(tried: Sequence[Evaluation]) -> float:
     return max((max(ratio, 1 / ratio) for ratio in ratios), default=1.0)
 
 
-def _rank(shown: _Shown) -> tuple[float, float]:
+def _rank(shown: _OnFresh) -> tuple[float, float]:
     """The less, the better: limits that are not met first, then the objective."""
     short = sum(max(0.0, -margins[0].relative) for margins in shown.judged.margins.values())
     short += missed(relative(shown.problem.costs()))

@@ -20,7 +20,7 @@ from startrack.optimise.explore import Explorer, Landscape, landscape_of
 from startrack.optimise.forecast import named
 from startrack.optimise.runner import TrialRunner
 from startrack.optimise.source import TrackerSource
-from startrack.optimise.steps import FreshTrials, Stage
+from startrack.optimise.steps import FreshTrials, SearchStage
 from startrack.optimise.units import ComparedUnits, compare_units, fresh_units
 from startrack.trial import OUTCOMES
 from startrack.verification import margins as margins_of
@@ -113,7 +113,7 @@ FRESH_SETS = 3  # of fresh trials: of the start, of the best, and of the best at
 class _Progress:
     """The stages of an optimisation, as they are reported."""
 
-    def __init__(self, campaign: Campaign, watch: Callable[[Stage], None] | None) -> None:
+    def __init__(self, campaign: Campaign, watch: Callable[[SearchStage], None] | None) -> None:
         self._campaign, self._watch, self._best = campaign, watch, math.nan
         self._tried, self._fresh = 0, 0
 
@@ -143,7 +143,7 @@ class _Progress:
 
     def _tell(self, name: str, part: float) -> None:
         if self._watch:
-            self._watch(Stage(name, part, self._best, self._campaign.made_small[1]))
+            self._watch(SearchStage(name, part, self._best, self._campaign.made_small[1]))
 
 
 def optimize(
@@ -151,7 +151,7 @@ def optimize(
     campaign: Campaign,
     runner: TrialRunner,
     watch: steps.Watch | None = None,
-    watch_stage: Callable[[Stage], None] | None = None,
+    watch_stage: Callable[[SearchStage], None] | None = None,
     adapt: Callable[[design.Case], design.Case] | None = None,
 ) -> Optimum:
     """Forecast designs where they tell most, then run trials where they decide.

@@ -16,7 +16,7 @@ from startrack.optimise.explore import WIDTH, Explorer
 from startrack.optimise.forecast import Forecast
 from startrack.optimise.runner import FRESH, TrialRunner
 from startrack.optimise.source import TrackerSource
-from startrack.optimise.steps import USUAL, Stage, explore, feasible_start
+from startrack.optimise.steps import USUAL, SearchStage, explore, feasible_start
 from startrack.optimise.units import fresh_units, level_interval_of_units
 
 METHODS = ("epsilon", "weighted")
@@ -25,7 +25,7 @@ SAME = 1e-3  # of ln(goal), by which a limit may be exceeded
 
 
 @dataclass(frozen=True)
-class Goals:
+class FrontGoals:
     """Two objectives that are traded off.
 
     first, second  an objective of the error, such as "across" or "about-99.73", or a cost of a
@@ -65,11 +65,11 @@ class Point:
 def front(
     space: DesignSpace,
     campaign: Campaign,
-    goals: Goals,
+    goals: FrontGoals,
     runner: TrialRunner,
     points: int = 7,
     method: str = "epsilon",
-    watch: Callable[[Stage], None] | None = None,
+    watch: Callable[[SearchStage], None] | None = None,
 ) -> list[Point]:
     """Pareto front of both goals by the analytic budget; trials then measure each point.
 
@@ -100,7 +100,7 @@ def front(
     def tell(explorer: Explorer) -> None:
         if watch:
             count, usual = len(explorer.points), (USUAL + ROUNDS) * len(space)
-            watch(Stage(f"{count} forecasts", FORECAST * min(count / usual, 1.0), math.nan))
+            watch(SearchStage(f"{count} forecasts", FORECAST * min(count / usual, 1.0), math.nan))
 
     search = _Search(space, campaign, goals, runner, start.coordinates, tell)
     for _ in range(ROUNDS):
@@ -114,11 +114,11 @@ def front(
         result.append(_measured(space, campaign, goals, runner, coordinates, pair))
         if watch:
             part = FORECAST + (1 - FORECAST) * len(result) / len(numbers)
-            watch(Stage(f"{len(result)} of {len(numbers)} points tried", part, math.nan))
+            watch(SearchStage(f"{len(result)} of {len(numbers)} points tried", part, math.nan))
     return result
 
 
-def _check_levels(goals: Goals, campaign: Campaign) -> None:
+def _check_levels(goals: FrontGoals, campaign: Campaign) -> None:
     for goal in (goals.first, goals.second):
         fewest = 0 if goal in COSTS else fewest_trials_beyond(campaign.error(goal))
         if campaign.trials_per_unit < fewest:
@@ -160,7 +160,7 @@ class _Search:
         self,
         space: DesignSpace,
         campaign: Campaign,
-        goals: Goals,
+        goals: FrontGoals,
         runner: TrialRunner,
         start: Floats,
         tell: Callable[[Explorer], None],
@@ -257,7 +257,7 @@ class _Search:
 def _measured(
     space: DesignSpace,
     campaign: Campaign,
-    goals: Goals,
+    goals: FrontGoals,
     runner: TrialRunner,
     coordinates: Floats,
     expected: Floats,

@@ -18,7 +18,7 @@ from startrack.optimise.runner import TrialRunner
 from startrack.verification import cost_margins
 
 
-class Source(Protocol):
+class DesignSource(Protocol):
     """Designs in the unit cube, and what is expected of each without a trial."""
 
     @property
@@ -120,7 +120,7 @@ class TrackerSource:
         return missed(cost_margins(self.campaign.requirements, self.space.design(point)))
 
 
-def affordable(source: Source, random: np.random.Generator) -> Iterator[Floats]:
+def affordable(source: DesignSource, random: np.random.Generator) -> Iterator[Floats]:
     """Points of a scrambled Sobol sequence, of which seven in eight cost no more than they may."""
     size = len(source.names)
     sequence = scipy.stats.qmc.Sobol(size, rng=random)

@@ -30,7 +30,7 @@ RESUMED = 3  # forecasts per variable at most after trials that show a limit mis
 RIVAL = 0.1  # of ln(error), by which budgets of branches may be wrong; chosen by hand
 
 
-class Stage(NamedTuple):
+class SearchStage(NamedTuple):
     """How far a search has come.
 
     name  of what it does

@@ -17,7 +17,7 @@ from startrack.optimise.runner import TrialRunner
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class ErrorSurface:
     """Least-squares quadratic of one or more results over the variables.
 
     coefficients  (terms, k)
@@ -32,7 +32,7 @@ class Surface:
         return _terms(coordinates) @ self.coefficients
 
 
-def fit(coordinates: Floats, result: Floats) -> Surface:
+def fit(coordinates: Floats, result: Floats) -> ErrorSurface:
     """Fit a quadratic.
 
     coordinates  (n, d) in [-1, 1]
@@ -49,7 +49,7 @@ def fit(coordinates: Floats, result: Floats) -> Surface:
     q, _ = np.linalg.qr(terms)
     leverage = np.minimum((q**2).sum(axis=1), 1 - 1e-9)
     left_out = (result - terms @ coefficients) / (1 - leverage)[:, None]
-    return Surface(coefficients, np.asarray(np.sqrt(np.mean(left_out**2, axis=0)), float))
+    return ErrorSurface(coefficients, np.asarray(np.sqrt(np.mean(left_out**2, axis=0)), float))
 
 
 def terms_needed(dimensions: int) -> int:
@@ -189,7 +189,7 @@ def designs_needed(dimensions: int) -> int:
     return 1 + math.ceil(DESIGNS_PER_TERM * terms_needed(dimensions)) + CHECKS
 
 
-def region(surface: Surface, limit: float) -> Callable[[Floats], Floats]:
+def region(surface: ErrorSurface, limit: float) -> Callable[[Floats], Floats]:
     """Log-probability that designs (n, d) in [-1, 1] keep the limit and the margins."""
     error = np.maximum(surface.error, LEAST_ERROR)
 

@@ -10,7 +10,16 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.spatial import cKDTree
 
-from startrack.budget import Budget, Curve, ErrorCurves, Line, Residuals, Survey, Term, UnitBudgets
+from startrack.budget import (
+    Budget,
+    BudgetCurve,
+    BudgetLine,
+    ErrorCurves,
+    RateSurvey,
+    Residuals,
+    Term,
+    UnitBudgets,
+)
 from startrack.core import Floats, arcsec, deg, is_code
 from startrack.design import YEAR, Accuracy, Case
 from startrack.detection import STREAK
@@ -53,7 +62,7 @@ def draw_budget(
     required  limits on the error; those of other statistics than the rms per axis are named only
     units     whose classes of error follow below the causes of the unit as designed
     """
-    names: dict[str, Line[Any] | _OfUnits] = {line.name: line for line in expected.lines}
+    names: dict[str, BudgetLine[Any] | _OfUnits] = {line.name: line for line in expected.lines}
     beside = {line.name: line for line in by_trials.lines} if by_trials else {}
     total = "as designed" if units else "end to end"
     of_units = _of_units(units) if units else {}
@@ -104,8 +113,8 @@ def _of_units(units: UnitBudgets) -> dict[str, _OfUnits]:
 def _bars(
     axes: Axes,
     order: list[str],
-    names: Mapping[str, Line[Any] | _OfUnits],
-    beside: Mapping[str, Line[Any]],
+    names: Mapping[str, BudgetLine[Any] | _OfUnits],
+    beside: Mapping[str, BudgetLine[Any]],
     kind: str,
 ) -> list[float]:
     """The bars of a panel; returns the largest value of each, arcsec."""
@@ -144,7 +153,7 @@ def _bars(
     return ends
 
 
-def _measured(line: Line[Any], kind: str) -> tuple[float, float, float]:
+def _measured(line: BudgetLine[Any], kind: str) -> tuple[float, float, float]:
     """Arcsec rms per axis with its interval over the members."""
     square = (line.spread.error**2).mean(axis=1)
     rms: Interval = rms_interval(square[:, :2].mean(axis=1) if kind == "across" else square[:, 2])
@@ -179,7 +188,7 @@ def _once(figure: Figure) -> tuple[list[Any], list[str]]:
 
 
 @style.styled
-def draw_sky(path: Path | None, survey: Survey, case: Case, title: str) -> Figure:
+def draw_sky(path: Path | None, survey: RateSurvey, case: Case, title: str) -> Figure:
     """Detected stars and errors over directions of the boresight."""
     few = case.tracker.identification.min_matches
     figure = style.picture(
@@ -220,7 +229,7 @@ def draw_sky(path: Path | None, survey: Survey, case: Case, title: str) -> Figur
     return style.save_picture(path, figure)
 
 
-def _worst(axes: Axes, survey: Survey, values: Floats, least: bool) -> str:
+def _worst(axes: Axes, survey: RateSurvey, values: Floats, least: bool) -> str:
     """Marks the worst direction, and says where it is."""
     if not np.isfinite(values).any():
         return "no attitude anywhere"
@@ -310,7 +319,7 @@ def _over_rate(axes: Axes, curves: ErrorCurves, case: Case) -> None:
     style.legend_below(axes, 2)
 
 
-def _shade_rates(axes: Axes, curve: Curve) -> None:
+def _shade_rates(axes: Axes, curve: BudgetCurve) -> None:
     """Rates at which the formula leaves out more than at rest, or a part of the sky is lost."""
     shown = curve.rate / deg
     few = np.flatnonzero(curve.available < AVAILABLE)

@@ -11,7 +11,7 @@ from startrack.core import Floats, Rows, arcsec, deg
 from startrack.metrics import Interval, Summary, summarise
 from startrack.plots import style
 from startrack.sequence import Mode
-from startrack.verification import Flown
+from startrack.verification import FlightComparison
 
 BINS = 41
 
@@ -236,7 +236,7 @@ def _alignment(axes: Axes, table: Rows) -> None:
 
 
 @style.styled
-def draw_flown(path: Path | None, flown: Flown, title: str) -> Figure:
+def draw_flown(path: Path | None, flown: FlightComparison, title: str) -> Figure:
     """Predicted over seen of each figure, and the centroid over the phase of the pixel."""
     shown = [row for row in flown.differences if np.isfinite(row.ratio) and row.predicted.value]
     curves = {star: pair for star, pair in flown.curves.items() if np.isfinite(pair[0]).any()}

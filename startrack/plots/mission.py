@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from startrack.core import Flags, Floats, arcsec, deg
-from startrack.mission import EDGES, Availability, Flown, KeepClear, Plan
+from startrack.mission import EDGES, Availability, Flown, KeepClear, MissionPlan
 from startrack.plots import style
 
 DAY = 86400.0
@@ -16,7 +16,9 @@ ERROR = "error, worst axis\n(arcsec rms)"
 
 
 @style.styled
-def draw_mission(path: Path, plan: Plan, flown: Flown, available: Availability, title: str) -> None:
+def draw_mission(
+    path: Path, plan: MissionPlan, flown: Flown, available: Availability, title: str
+) -> None:
     """Blind time of each head and of all over time; valid heads and error over season and orbit."""
     figure = style.picture(11.0, title)
     over, phase, error, lengths = figure.subplots(4, 1, height_ratios=(1.1, 1.1, 1.1, 0.9))
@@ -36,7 +38,7 @@ def draw_mission(path: Path, plan: Plan, flown: Flown, available: Availability, 
 
 
 @style.styled
-def draw_beta(path: Path, plan: Plan, flown: Flown, title: str) -> None:
+def draw_beta(path: Path, plan: MissionPlan, flown: Flown, title: str) -> None:
     """Valid heads and error over the beta angle (Sun to the plane of the orbit) and the orbit."""
     steps, any_valid, _, valid, *squares = flown.by_beta
     worst = np.sqrt(_mean(np.array(squares), any_valid).max(axis=0)) / arcsec
@@ -62,7 +64,7 @@ def draw_beta(path: Path, plan: Plan, flown: Flown, title: str) -> None:
     style.save_picture(path, figure)
 
 
-def _blind_over_time(axes: Axes, plan: Plan, flown: Flown) -> None:
+def _blind_over_time(axes: Axes, plan: MissionPlan, flown: Flown) -> None:
     seasons = np.array_split(np.arange(flown.blind.shape[1]), len(flown.count))
     seasons = [season for season in seasons if len(season)]
     day = [season.mean() * flown.step / DAY for season in seasons]

@@ -11,7 +11,15 @@ from matplotlib.ticker import MaxNLocator
 from startrack.core import Floats, Ints, arcsec
 from startrack.design import COSTS, YEAR, Campaign, Objective
 from startrack.metrics import Interval
-from startrack.optimise import Evaluation, Goals, Optimum, Point, Sensitivity, Tolerance, thinned
+from startrack.optimise import (
+    Evaluation,
+    FrontGoals,
+    Optimum,
+    Point,
+    Sensitivity,
+    Tolerance,
+    thinned,
+)
 from startrack.plots import style
 
 SAME = 0.02  # relative change of an error that is not drawn as a bar
@@ -339,7 +347,7 @@ def _swing(variable: Sensitivity) -> float:
 
 @style.styled
 def draw_front(
-    path: Path, points: Sequence[Point], goals: Goals, units: Sequence[str], trials: int
+    path: Path, points: Sequence[Point], goals: FrontGoals, units: Sequence[str], trials: int
 ) -> None:
     """The Pareto front of the analytic budget, and the same designs in trials."""
     figure = style.picture(5.0, f"{len(points)} Pareto-optimal designs by the analytic budget")

@@ -176,7 +176,7 @@ def _priors(settings: CameraCalibration) -> Calibration:
     return Calibration(FOCAL, principal, k1, k2, k3, tangential, floor=0.0)
 
 
-class _Fit(NamedTuple):
+class _CalibrationFit(NamedTuple):
     """A linear fit of the camera.
 
     free    (k,) which of UNKNOWNS are fitted
@@ -194,7 +194,7 @@ class _Fit(NamedTuple):
 
 
 @lru_cache(maxsize=32)
-def _fit(design: Camera, settings: CameraCalibration) -> _Fit:
+def _fit(design: Camera, settings: CameraCalibration) -> _CalibrationFit:
     sigma = _priors(settings).sigma(design)
     free = np.flatnonzero(sigma > 0)
     prior = np.diag(sigma[free] ** -2.0)
@@ -206,14 +206,14 @@ def _fit(design: Camera, settings: CameraCalibration) -> _Fit:
         normal = apart.T @ apart
         both = normal[np.ix_(free, free)] + noise**2 * prior
         gain = np.asarray(np.linalg.solve(both, apart[:, free].T), float)
-        return _Fit(free, normal, prior, noise, gain)
+        return _CalibrationFit(free, normal, prior, noise, gain)
     # In orbit: the expected information of a frame of these stars, from many frames.
     random, size = core.Streams(0, 0)("places of a calibration"), (design.columns, design.rows)
     normal, frames = np.zeros((len(UNKNOWNS), len(UNKNOWNS))), 200
     for _ in range(frames):
         apart = _slopes(design, random.random((settings.stars, 2)) * size - 0.5)
         normal += apart.T @ apart * (settings.frames / frames)
-    return _Fit(free, normal, prior, noise, np.zeros((len(free), 0)))
+    return _CalibrationFit(free, normal, prior, noise, np.zeros((len(free), 0)))
 
 
 def _slopes(camera: Camera, pixel: Floats) -> Floats:

@@ -8,7 +8,15 @@ import numpy as np
 
 from startrack.core import Curve, Floats, Refused, local_weights
 from startrack.design import YEAR, Case, Scope, aged, found_at, law_of, replaced
-from startrack.trial import Limits, Plan, limits_of, plan_within, refuse, through_of, view_of
+from startrack.trial import (
+    FluxLimits,
+    SpotPlan,
+    limits_of,
+    plan_within,
+    refuse,
+    through_of,
+    view_of,
+)
 
 NODES = 9  # of each number, evenly over its range; cubic between the four nearest
 WIDEST = 3.5  # standard normal deviate, to which a range reaches; beyond, it is the last
@@ -137,14 +145,14 @@ class UnitPlans:
     """
 
     case: Case
-    limits: Limits
-    plan: Plan
+    limits: FluxLimits
+    plan: SpotPlan
     parts: list[Floats]
     axes: list[Axis]
     change: list[list[Floats]]
-    last: dict[tuple[float, ...], Plan] = field(default_factory=dict)
+    last: dict[tuple[float, ...], SpotPlan] = field(default_factory=dict)
 
-    def of(self, unit: Case) -> Plan:
+    def of(self, unit: Case) -> SpotPlan:
         """The plan of a unit of this design.
 
         Accuracy  the rms error of a unit is that of its own plan within 3 %.
@@ -185,7 +193,7 @@ def _unit_plans(case: Case, age: float) -> UnitPlans:
     unit = bare.unit_of(case)  # in which nothing differs
     cases = [[_at(case, bare, axis.name, value) for value in axis.values()] for axis in axes]
     faintest, brightest, stars = zip(*map(limits_of, sum(cases, [unit])), strict=True)
-    limits = Limits(min(faintest), max(brightest), max(stars, key=len))
+    limits = FluxLimits(min(faintest), max(brightest), max(stars, key=len))
     plan = plan_within(unit, limits)
     parts, change = _parts(plan), []
     for axis, row in zip(axes, cases, strict=True):
@@ -215,7 +223,7 @@ def _at(case: Case, bare: Case, name: str, value: float) -> Case:
     return replaced(bare, name, new).unit_of(case)
 
 
-def _parts(plan: Plan) -> list[Floats]:
+def _parts(plan: SpotPlan) -> list[Floats]:
     """The arrays of a plan that change from unit to unit, on scales on which they add."""
     _, bias, root, light, above, kept, least = plan.response
     return [
@@ -231,7 +239,7 @@ def _parts(plan: Plan) -> list[Floats]:
     ]
 
 
-def _with(plan: Plan, parts: list[Floats]) -> Plan:
+def _with(plan: SpotPlan, parts: list[Floats]) -> SpotPlan:
     """A plan with other arrays."""
     flux, bias, root, light, above, kept, least, pull, false = parts
     old = plan.response

@@ -11,7 +11,7 @@ earth     The page of an Earth camera: its figures, requirements, images, produc
 from startrack.report.earth import write_earth_report
 from startrack.report.mission import (
     CHECKED,
-    Flight,
+    ReportedFlight,
     beta_table,
     checks_table,
     heads_table,

@@ -11,26 +11,26 @@ import tomli_w
 from startrack import mission
 from startrack.core import arcsec, deg
 from startrack.io import to_table
-from startrack.metrics import ARCSEC, PERCENT, SECOND, Column, Table, Unit
+from startrack.metrics import ARCSEC, PERCENT, SECOND, Column, DisplayUnit, Table
 from startrack.report.page import Section, code, embedded, page, paragraph, records, table
 
 DAY = 86400.0
-DEGREE = Unit("deg", deg, deg)
-MINUTE = Unit("min", 60.0, 1.0)
-BLIND = Unit("", 0.01, 1.0)  # percent, said by the caption
+DEGREE = DisplayUnit("deg", deg, deg)
+MINUTE = DisplayUnit("min", 60.0, 1.0)
+BLIND = DisplayUnit("", 0.01, 1.0)  # percent, said by the caption
 MOST = 10  # rows of a list of the worst
 
 
-class Flight(NamedTuple):
+class ReportedFlight(NamedTuple):
     """A mission that was flown: plan, trials beside it, steps, and how often heads are valid."""
 
-    plan: mission.Plan
+    plan: mission.MissionPlan
     checks: tuple[mission.Checked, ...]
     flown: mission.Flown
     available: mission.Availability
 
     @property
-    def verdicts(self) -> list[mission.Verdict]:
+    def verdicts(self) -> list[mission.MissionVerdict]:
         """One for each requirement."""
         requirements = self.plan.loaded.mission.requirements
         return mission.verdicts(requirements, self.available, float(self.flown.rms.max()))
@@ -41,7 +41,9 @@ class Flight(NamedTuple):
         return all(verdict.met for verdict in self.verdicts)
 
 
-def write_mission_report(flight: Flight, pictures: Sequence[tuple[str, Path]], title: str) -> str:
+def write_mission_report(
+    flight: ReportedFlight, pictures: Sequence[tuple[str, Path]], title: str
+) -> str:
     """The page as HTML.
 
     pictures  caption and PNG file of each, which the page holds itself
@@ -67,12 +69,12 @@ def write_mission_report(flight: Flight, pictures: Sequence[tuple[str, Path]], t
     return page(title, lead, sections)
 
 
-def verdict_table(met: Sequence[mission.Verdict]) -> Table:
+def verdict_table(met: Sequence[mission.MissionVerdict]) -> Table:
     """Requirements of the mission; an error in arcsecond, in JSON all in SI."""
     units = {"max_error": ARCSEC, "max_blind": SECOND}
 
-    def shown(verdict: mission.Verdict, value: float) -> str:
-        unit = units.get(verdict.name, Unit("of the time", 1.0, 1.0))
+    def shown(verdict: mission.MissionVerdict, value: float) -> str:
+        unit = units.get(verdict.name, DisplayUnit("of the time", 1.0, 1.0))
         return f"{value / unit.size:.6g} {unit.name}"
 
     return Table(
@@ -89,7 +91,7 @@ def verdict_table(met: Sequence[mission.Verdict]) -> Table:
     )
 
 
-def heads_table(flight: Flight) -> Table:
+def heads_table(flight: ReportedFlight) -> Table:
     """How long each head is blind, and its error while it is valid."""
     plan, _, flown, available = flight
     error = np.sqrt(flown.head_sum[:, 1:3] / np.maximum(flown.head_sum[:, :1], 1))
@@ -145,7 +147,7 @@ CHECKED = (
 )
 
 
-def checks_table(flight: Flight) -> Table:
+def checks_table(flight: ReportedFlight) -> Table:
     """The trials beside the errors of the budget, for each group of heads."""
 
     def names(row: mission.Checked) -> list[str]:
@@ -175,13 +177,13 @@ def checks_table(flight: Flight) -> Table:
     )
 
 
-def _requirements(met: Sequence[mission.Verdict]) -> Section:
+def _requirements(met: Sequence[mission.MissionVerdict]) -> Section:
     if not met:
         return Section("Requirements", paragraph("The mission names no requirement."))
     return Section("Requirements", records("Requirements of the mission", verdict_table(met)))
 
 
-def _heads(flight: Flight) -> Section:
+def _heads(flight: ReportedFlight) -> Section:
     available = flight.available
     many = [
         [
@@ -199,7 +201,7 @@ def _heads(flight: Flight) -> Section:
     return Section("Heads", records(caption, heads_table(flight)) + shown)
 
 
-def _errors(flight: Flight) -> Section:
+def _errors(flight: ReportedFlight) -> Section:
     flown = flight.flown
     fused = [[axis, f"{rms / arcsec:.3g}"] for axis, rms in zip("xyz", flown.rms, strict=True)]
     body = table("Rms error of the fused attitude about the axes, arcsec", ["axis", "rms"], fused)
@@ -210,7 +212,7 @@ def _errors(flight: Flight) -> Section:
     return Section("Errors", body + table(caption, ["second", "day", "arcsec rms"], moments))
 
 
-def _blinded(flight: Flight) -> Section:
+def _blinded(flight: ReportedFlight) -> Section:
     none, names = flight.available.none, [head.name for head in flight.plan.heads]
     every = {"no head valid": none, **dict(zip(names, flight.available.each, strict=True))}
     head = ["", *(f"to {high:g} s" for high in mission.EDGES[1:-1]), "longer", "longest (s)"]
@@ -225,7 +227,7 @@ def _blinded(flight: Flight) -> Section:
     return Section("Blindings", shown + longest)
 
 
-def _reacquired(flight: Flight) -> Section:
+def _reacquired(flight: ReportedFlight) -> Section:
     rows, plan = [], flight.plan
     for head, design, chances in zip(
         plan.heads, plan.loaded.designs, flight.flown.chances, strict=True

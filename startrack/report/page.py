@@ -84,7 +84,7 @@ summary { cursor: pointer; padding: .3rem 0 }
 POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 
 
-class Picture(NamedTuple):
+class PagePicture(NamedTuple):
     """A figure, and a text for readers who cannot see it."""
 
     figure: Figure
@@ -162,7 +162,7 @@ def records(caption: str, shown: Table) -> str:
     return table(caption, shown.head, shown.cells)
 
 
-def panels(pictures: Sequence[Picture], name: str, caption: str) -> str:
+def panels(pictures: Sequence[PagePicture], name: str, caption: str) -> str:
     """Figures side by side, one below the other on a narrow screen, with one caption (plain text).
 
     Each is drawn at the width of a phone, so that its letters are legible there.

@@ -15,11 +15,11 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from startrack import plots
-from startrack.budget import Curve, Slew, StarErrors
+from startrack.budget import BudgetCurve, Slew, StarErrors
 from startrack.core import Floats, Ints, Rows, arcsec, deg
 from startrack.metrics import Interval, rms_interval
 from startrack.montecarlo import Regions, quantile_interval
-from startrack.report.page import HIGH, WIDE, Picture
+from startrack.report.page import HIGH, WIDE, PagePicture
 
 FRACTIONS = (0.5, 0.68, 0.9545, 0.9973)
 POINTS = 300  # of a curve
@@ -37,7 +37,7 @@ def quantiles(size: Floats) -> list[Interval]:
     return [quantile_interval(size, fraction) for fraction in FRACTIONS]
 
 
-def exceedance(outcomes: Rows) -> list[Picture]:
+def exceedance(outcomes: Rows) -> list[PagePicture]:
     """Fraction of trials that exceed an error, with its interval, and the normal distribution."""
     across, about = sizes(outcomes)
     rms = [float(np.sqrt(np.mean(size**2))) if len(size) else 1.0 for size in (across, about)]
@@ -56,9 +56,9 @@ def exceedance(outcomes: Rows) -> list[Picture]:
 
 
 @plots.styled
-def _exceedance(size: Floats, law: Any, label: str) -> Picture:
+def _exceedance(size: Floats, law: Any, label: str) -> PagePicture:
     (figure, axes), n = _panel(), len(size)
-    picture = Picture(figure, f"Fraction of trials beyond each {label}")
+    picture = PagePicture(figure, f"Fraction of trials beyond each {label}")
     axes.set(xlabel=label, ylabel="fraction of trials beyond")
     if n == 0:
         plots.say(axes, "no attitude")
@@ -105,7 +105,7 @@ FINE = 12  # pieces along each border of a region
 
 
 @plots.styled
-def sky_map(boresight: Floats, outcomes: Rows) -> list[Picture]:
+def sky_map(boresight: Floats, outcomes: Rows) -> list[PagePicture]:
     """The error of each trial at its boresight, and its rms over regions of equal area.
 
     As many regions as the trials bear; none where they are too few for eight.
@@ -135,7 +135,7 @@ def sky_map(boresight: Floats, outcomes: Rows) -> list[Picture]:
         text += f"; red crosses: {(~solved).sum()} with no or a false attitude"
     axes.set_title(fill(text, LETTERS))
     _bar(points, axes, error[solved])
-    pictures = [Picture(figure, "Map of the sky with the error of each trial")]
+    pictures = [PagePicture(figure, "Map of the sky with the error of each trial")]
     cut = next((parts for parts in CUTS if solved.sum() >= IN_A_REGION * math.prod(parts)), None)
     if cut:
         regions = Regions(*cut)
@@ -144,7 +144,7 @@ def sky_map(boresight: Floats, outcomes: Rows) -> list[Picture]:
         drawn = _regions(axes, regions, rms / arcsec, scale)
         axes.set_title(f"rms per axis in {len(regions)} regions of equal area")
         _bar(drawn, axes, rms / arcsec)
-        pictures.append(Picture(figure, "Map of the sky with the rms error of its regions"))
+        pictures.append(PagePicture(figure, "Map of the sky with the rms error of its regions"))
     return pictures
 
 
@@ -202,7 +202,7 @@ FEWEST = 8  # stars in a bin, at least; chosen by hand
 
 
 @plots.styled
-def draw_stars(seen: StarErrors, half_diagonal: float) -> list[Picture]:
+def draw_stars(seen: StarErrors, half_diagonal: float) -> list[PagePicture]:
     """Rms centroid error per axis against magnitude and against field position."""
     pictures = []
     for at, label in (
@@ -213,7 +213,7 @@ def draw_stars(seen: StarErrors, half_diagonal: float) -> list[Picture]:
         _binned(axes, at, seen.error)
         axes.set(xlabel=label, ylabel="centroid error, rms per axis (pixel)", yscale="log")
         plots.legend_below(axes, 1)
-        pictures.append(Picture(figure, f"Centroid error of the stars over the {label}"))
+        pictures.append(PagePicture(figure, f"Centroid error of the stars over the {label}"))
     axes.set_xlim(0, 1)
     return pictures
 
@@ -252,7 +252,9 @@ def _binned(axes: Axes, at: Floats, error: Floats) -> None:
 
 
 @plots.styled
-def draw_slews(slewed: Sequence[Slew], design_rate: float, expected: Curve) -> list[Picture]:
+def draw_slews(
+    slewed: Sequence[Slew], design_rate: float, expected: BudgetCurve
+) -> list[PagePicture]:
     """Error and availability against the rate; `design_rate` in radian / second."""
     rate, pictures = np.array([slew.rate for slew in slewed]) / deg, []
     solved = any(slew.across.value > 0 for slew in slewed)
@@ -291,5 +293,5 @@ def draw_slews(slewed: Sequence[Slew], design_rate: float, expected: Curve) -> l
         elif solved:
             axes.set_yscale("log")
         plots.legend_below(axes, 1)
-        pictures.append(Picture(figure, f"{label} over the slew rate"))
+        pictures.append(PagePicture(figure, f"{label} over the slew rate"))
     return pictures

@@ -11,7 +11,16 @@ from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
 from startrack import verification
-from startrack.budget import Budget, Line, Sample, analytic, caveats, differences, measured, refusal
+from startrack.budget import (
+    Budget,
+    BudgetLine,
+    SkySample,
+    analytic,
+    caveats,
+    differences,
+    measured,
+    refusal,
+)
 from startrack.catalog import open_sky
 from startrack.core import Advance, Floats, Ints, Refused, Rows, Streams, arcsec, deg, mm, um
 from startrack.design import YEAR, Case, Fidelity, Objective
@@ -198,7 +207,7 @@ def _cells(line: Any) -> list[str]:
     return [f"{line.across / arcsec:.3f}", f"{line.about / arcsec:.3f}"]
 
 
-def _intervals(line: Line[Sample] | None) -> list[str]:
+def _intervals(line: BudgetLine[SkySample] | None) -> list[str]:
     """Measured, with their 95 % intervals over the members."""
     if line is None:
         return ["none", "none"]
@@ -257,12 +266,12 @@ def units(store: Store, outcomes: Rows) -> list[page.Section]:
 
 
 @styled
-def _spread(errors: Floats, name: str, limit: float | None) -> page.Picture:
+def _spread(errors: Floats, name: str, limit: float | None) -> page.PagePicture:
     """Histogram of the rms of the units."""
     figure = Figure(figsize=(page.WIDE, page.HIGH), layout="constrained")
     axes, finite = figure.subplots(), errors[np.isfinite(errors)] / arcsec
     text = f"Histogram of the rms {name} the boresight of {len(finite)} units"
-    picture = page.Picture(figure, text)
+    picture = page.PagePicture(figure, text)
     axes.set(xlabel=f"rms {name} the boresight (arcsec)", ylabel="units")
     if not len(finite):
         say(axes, "no attitude")

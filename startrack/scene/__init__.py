@@ -18,7 +18,7 @@ from startrack.scene.bodies import EARTH_ALBEDO, SUN_G, SUN_RADIUS, Disc, Earth,
 from startrack.scene.ephemeris import BODIES, body_angles, date_of, orbital_velocity
 from startrack.scene.illuminate import LightInput, Sight, illuminate
 from startrack.scene.limb import Limb
-from startrack.scene.parameters import DARK, LIGHTS, Orbit, Scene
+from startrack.scene.parameters import DARK, LIGHTS, ObserverOrbit, Scene
 from startrack.scene.photometry import (
     SUN,
     SUN_G_MINUS_V,
@@ -29,4 +29,4 @@ from startrack.scene.photometry import (
 )
 
 # Public; the other imports serve other rooms.
-__all__ = ["LightInput", "Orbit", "Scene", "Sight", "illuminate"]
+__all__ = ["LightInput", "ObserverOrbit", "Scene", "Sight", "illuminate"]

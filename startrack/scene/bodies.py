@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from startrack.core import Flags, Floats, Refused, StrayLightSource, deg
-from startrack.scene.ephemeris import Observer
+from startrack.scene.ephemeris import SkyObserver
 from startrack.scene.photometry import SUN, SUN_G_MINUS_V, photon_irradiance
 from startrack.space import AU, EARTH_RADIUS
 
@@ -67,7 +67,7 @@ class Disc:
         return StrayLightSource(self.direction[None], np.full(1, fraction), self.photon_irradiance)
 
 
-def sun_of(observer: Observer) -> Disc:
+def sun_of(observer: SkyObserver) -> Disc:
     """The Sun.
 
     Accuracy  model: no limb darkening.
@@ -81,7 +81,7 @@ def sunlight(distance: float) -> Floats:
     return photon_irradiance(np.array([SUN_G]), np.array([SUN]))[0] * (AU / distance) ** 2
 
 
-def moon_of(observer: Observer) -> Disc:
+def moon_of(observer: SkyObserver) -> Disc:
     """The Moon, by its phase.
 
         V = -12.73 + 0.026 a + 4e-9 a^4,   a the phase angle in degrees, at the mean distance
@@ -132,7 +132,7 @@ class Earth:
         return StrayLightSource(point[lit], fraction[lit], self.light)
 
 
-def earth_of(observer: Observer) -> Earth:
+def earth_of(observer: SkyObserver) -> Earth:
     """The Earth, seen from an orbit.
 
     Accuracy  model: one mean albedo for clouds, seas and land; 50 % at one point, 10 % for the

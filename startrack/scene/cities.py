@@ -7,7 +7,7 @@ import numpy as np
 
 from startrack.core import GOLDEN_ANGLE, Floats, deg, nm
 from startrack.scene.bodies import Earth
-from startrack.scene.ephemeris import Observer
+from startrack.scene.ephemeris import SkyObserver
 from startrack.scene.photometry import BIN, WAVELENGTH, blackbody_photons
 from startrack.space import EARTH_RADIUS, J2000
 
@@ -40,7 +40,7 @@ HEADS_PER_POINT = 0.5e6  # chosen by hand: shape of a city against the number of
 DUSK = -6 * deg  # elevation of the Sun at the end of civil twilight, when lamps are lit
 
 
-def cities(earth: Earth, observer: Observer) -> tuple[Floats, Floats]:
+def cities(earth: Earth, observer: SkyObserver) -> tuple[Floats, Floats]:
     """The cities that are lit and visible.
 
         V = -2.5 log10(lumen cos(a) / pi / distance^2 / 2.54e-6 lux),  a from the zenith

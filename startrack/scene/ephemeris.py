@@ -10,14 +10,14 @@ import numpy as np
 
 from startrack.core import Floats, Streams, installed_tables
 from startrack.scene.parameters import J2000 as J2000_UTC
-from startrack.scene.parameters import JULIAN_YEAR, Orbit, Scene
+from startrack.scene.parameters import JULIAN_YEAR, ObserverOrbit, Scene
 from startrack.space import EARTH_RADIUS, GM, J2000, Body, barycentric, orbit_direction, seen_from
 
 BODIES = ("sun", "moon", "earth")
 
 
 @dataclass(frozen=True, eq=False)
-class Observer:
+class SkyObserver:
     """Date and position of the observer.
 
     day       Julian day, TDB
@@ -39,7 +39,7 @@ class Observer:
         return seen_from(self.position, self.day, name)
 
 
-def observer_of(scene: Scene, streams: Streams | None) -> Observer:
+def observer_of(scene: Scene, streams: Streams | None) -> SkyObserver:
     """The observer of one trial.
 
     streams  of the trial; needed only where the scene draws a date or a phase of the orbit
@@ -57,16 +57,16 @@ def observer_of(scene: Scene, streams: Streams | None) -> Observer:
         position = earth + on_orbit(scene.orbit, phase)
     else:
         position = earth
-    return Observer(day, position, earth - position)
+    return SkyObserver(day, position, earth - position)
 
 
-def on_orbit(orbit: Orbit, phase: float) -> Floats:
+def on_orbit(orbit: ObserverOrbit, phase: float) -> Floats:
     """(3,) metre from the Earth's centre, ICRS axes."""
     radius = EARTH_RADIUS + orbit.altitude
     return radius * orbit_direction(orbit.node, orbit.inclination, phase)
 
 
-def orbital_velocity(orbit: Orbit, phase: float) -> Floats:
+def orbital_velocity(orbit: ObserverOrbit, phase: float) -> Floats:
     """(3,) m/s against the Earth's centre, ICRS axes.
 
     Accuracy  model: a circular orbit of two bodies, 0.1 % of the speed of a low one.
@@ -109,7 +109,7 @@ def body_angles(scene: Scene, seed: int, trials: Sequence[int], boresight: Float
     seed, trials  (n,) that date and orbit are drawn by, where each trial draws them
     boresight     (n, 3) unit vectors, ICRS axes
     Returns       (n, 3) in the order of BODIES; NaN without a date, or without an orbit
-    Accuracy      model: that of `Observer.see`; a spherical Earth.
+    Accuracy      model: that of `SkyObserver.see`; a spherical Earth.
     """
     angles = np.full((len(trials), len(BODIES)), math.nan)
     if scene.date is None:

@@ -14,7 +14,7 @@ from startrack.scene import photometry
 from startrack.scene.background import starlight, starlight_spectrum, zodiacal, zodiacal_spectrum
 from startrack.scene.bodies import Disc, Earth, disc_points, earth_of, moon_of, sun_of
 from startrack.scene.cities import cities
-from startrack.scene.ephemeris import Observer, observer_of
+from startrack.scene.ephemeris import SkyObserver, observer_of
 from startrack.scene.limb import HIGHEST, airglow, limb_light
 from startrack.scene.parameters import LIGHTS, Scene
 from startrack.scene.photometry import SUN, SUN_G_MINUS_V, WAVELENGTH, photon_irradiance
@@ -175,7 +175,7 @@ def _uniform_background(background_g: float | None) -> Floats:
 
 
 def _diffuse_light(
-    scene: Scene, sight: Sight, observer: Observer | None, earth: Earth | None
+    scene: Scene, sight: Sight, observer: SkyObserver | None, earth: Earth | None
 ) -> Iterator[core.DiffuseLight]:
     """All light that varies over the field, in front of the Earth and beside it."""
     limb = earth is not None and sight.sees(earth.disc)
@@ -221,7 +221,7 @@ def _with_air(earth: Earth) -> Disc:
 
 
 def _with_bodies(
-    light: Light, scene: Scene, sight: Sight, observer: Observer, earth: Earth | None
+    light: Light, scene: Scene, sight: Sight, observer: SkyObserver, earth: Earth | None
 ) -> Light:
     """Add the bodies from the farthest to the nearest, each of which hides what is behind it."""
     if "planets" in scene.lights:
@@ -250,7 +250,7 @@ def _stray_sources(discs: list[Disc], earth: Earth | None) -> Iterator[core.Stra
         yield source
 
 
-def _planets(observer: Observer, scene: Scene) -> tuple[Floats, Floats]:
+def _planets(observer: SkyObserver, scene: Scene) -> tuple[Floats, Floats]:
     """Directions and photon irradiances; with the Earth for an observer far from it."""
     names = PLANETS if scene.place is None else (*PLANETS, "earth")
     bodies = {name: observer.see(name) for name in names}

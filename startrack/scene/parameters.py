@@ -53,7 +53,7 @@ LIGHTS = {
 }
 
 
-class Orbit(Parameters):
+class ObserverOrbit(Parameters):
     """A circular orbit around the Earth."""
 
     altitude: float = parameter("above the equator's radius", unit=Unit("m", "km"), limit=POSITIVE)
@@ -100,7 +100,7 @@ class Scene(Parameters):
         limit=NON_NEGATIVE,
         default=0.0,
     )
-    orbit: Orbit | None = parameter(
+    orbit: ObserverOrbit | None = parameter(
         "around the Earth; None: the observer is at the Earth's centre, without an Earth",
         default=None,
     )

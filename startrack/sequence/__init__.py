@@ -6,9 +6,18 @@ run         Case and sequence -> a table with a row for each frame; the filter's
 summary     Tables of sequences -> accuracy, losses of track and reacquisitions, with intervals.
 """
 
-from startrack.sequence.parameters import Gyro, Head, Leg, Sequence, load_sequence
+from startrack.sequence.parameters import Gyro, Leg, Sequence, SequenceHead, load_sequence
 from startrack.sequence.run import Mode, Recording, fly_sequences, run
 from startrack.sequence.summary import Tracking, summarise_sequences
 
 # Public; the other imports serve other rooms.
-__all__ = ["Gyro", "Head", "Leg", "Recording", "Sequence", "fly_sequences", "load_sequence", "run"]
+__all__ = [
+    "Gyro",
+    "Leg",
+    "Recording",
+    "Sequence",
+    "SequenceHead",
+    "fly_sequences",
+    "load_sequence",
+    "run",
+]

@@ -52,7 +52,7 @@ def _leg_of(begin: Floats, time: Floats) -> Ints:
 
 @printed
 @dataclass(frozen=True, eq=False)
-class Flight:
+class SequenceFlight:
     """True motion of the camera.
 
     time      (m,) second, the middle of each exposure, of its middle row
@@ -64,13 +64,15 @@ class Flight:
     attitude: Rotation
     turns: tuple[MotionRealisation, ...]
 
-    def seen_from(self, turn: Rotation) -> Flight:
+    def seen_from(self, turn: Rotation) -> SequenceFlight:
         """The motion of another camera on the same bench, to whose axes `turn` rotates."""
         turns = tuple(motion.seen_from(turn) for motion in self.turns)
-        return Flight(self.time, turn * self.attitude, turns)
+        return SequenceFlight(self.time, turn * self.attitude, turns)
 
 
-def flight(instrument: Instrument, sequence: Sequence, start: Rotation, streams: Streams) -> Flight:
+def flight(
+    instrument: Instrument, sequence: Sequence, start: Rotation, streams: Streams
+) -> SequenceFlight:
     """Draw the jitter once for the whole sequence, so that it continues from frame to frame.
 
     start   attitude at time 0, before the jitter
@@ -90,7 +92,7 @@ def flight(instrument: Instrument, sequence: Sequence, start: Rotation, streams:
         replace(jitter.later(float(at)), rate=rate)
         for at, rate in zip(time, rates(sequence.legs, time), strict=True)
     )
-    return Flight(time, attitude, turns)
+    return SequenceFlight(time, attitude, turns)
 
 
 def _times(instrument: Instrument, sequence: Sequence) -> Floats:
@@ -109,7 +111,7 @@ def _times(instrument: Instrument, sequence: Sequence) -> Floats:
     return np.asarray(sweep / 2 + period * np.arange(frames), float)
 
 
-def gyro_rates(flight: Flight, gyro: Gyro, streams: Streams) -> Floats:
+def gyro_rates(flight: SequenceFlight, gyro: Gyro, streams: Streams) -> Floats:
     """Mean rates from each frame to the next, as the gyroscope measures them.
 
     White noise of the rate and a bias that walks at random; the mean of the walk over a step and
@@ -134,7 +136,7 @@ def gyro_rates(flight: Flight, gyro: Gyro, streams: Streams) -> Floats:
     return true + bias + gyro.angle_random_walk / np.sqrt(step) * white
 
 
-def exposure_rates(flight: Flight, shown: Floats) -> Floats:
+def exposure_rates(flight: SequenceFlight, shown: Floats) -> Floats:
     """Rates (m, 3) in the exposures, as the gyroscope that showed mean rates measures them.
 
     The slew's rate, with the gyroscope's error of the step before; in the first exposure with that
@@ -147,7 +149,7 @@ def exposure_rates(flight: Flight, shown: Floats) -> Floats:
     return np.asarray(slew + np.concatenate([error[:1], error]) if len(error) else slew)
 
 
-def _mean_rates(flight: Flight) -> Floats:
+def _mean_rates(flight: SequenceFlight) -> Floats:
     """True mean rates from each frame to the next, (m - 1, 3) radian / second."""
     step = np.diff(flight.time)[:, None]
     turned = flight.attitude[1:] * flight.attitude[:-1].inv()

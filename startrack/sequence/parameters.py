@@ -60,7 +60,7 @@ class Gyro(Parameters):
     )
 
 
-class Head(Parameters):
+class SequenceHead(Parameters):
     """A further head of the tracker: another camera of the same make on the same bench.
 
     Its axes are those of the camera of the design, turned by the rotation vector (x, y, z) about
@@ -125,7 +125,7 @@ class Sequence(Parameters):
         limit=Range(0, 10**6),
         default=3,
     )
-    heads: tuple[Head, ...] = parameter(
+    heads: tuple[SequenceHead, ...] = parameter(
         "further heads, whose frames are taken at the same times; one filter has the attitudes of "
         "all",
         default=(),

@@ -29,7 +29,7 @@ from startrack.io import FrameFiles, save_arrays
 from startrack.metrics import Outcome, judge
 from startrack.motion import trace
 from startrack.scene import date_of
-from startrack.sequence.flight import Flight, exposure_rates, flight, gyro_rates
+from startrack.sequence.flight import SequenceFlight, exposure_rates, flight, gyro_rates
 from startrack.sequence.parameters import Sequence
 from startrack.trial import Images
 
@@ -107,7 +107,7 @@ def predict_state(
         along = lengths[1] / 2 * z
         moved = np.array([y + along, x + along, np.hypot(x, y) + z / 2])
         keep.append(np.exp(-moved / lengths[[0, 0, 1]]))
-    errors = attitude.Lasting(tracker.lasting.reshape(-1, 3, 3), np.concatenate(keep))
+    errors = attitude.LastingErrors(tracker.lasting.reshape(-1, 3, 3), np.concatenate(keep))
     return replace(
         tracker,
         state=attitude.predict(tracker.state, rate, step, attitude.Gyroscope(*walks), errors),
@@ -258,7 +258,7 @@ def _corrected(
         estimate = estimates[head]
         assert estimate.icrs_to_camera is not None
         new = estimate.covariance - parts[head].sum(axis=0) - own
-        measured.append(attitude.Measured(estimate.icrs_to_camera, new, head))
+        measured.append(attitude.MeasuredAttitude(estimate.icrs_to_camera, new, head))
     return attitude.correct_together(state, measured, shared) if measured else state
 
 
@@ -268,7 +268,7 @@ def _started(
     """The state from the first attitude, of a head."""
     assert estimate.icrs_to_camera is not None
     gyro, heads = sequence.gyro, sequence.heads
-    errors = attitude.Lasting(np.concatenate([parts] * (1 + len(heads))), np.ones(()))
+    errors = attitude.LastingErrors(np.concatenate([parts] * (1 + len(heads))), np.ones(()))
     return start(
         estimate.icrs_to_camera,
         estimate.covariance,
@@ -531,7 +531,7 @@ class _Head:
 def _heads(
     case: Case,
     sequence: Sequence,
-    true: Flight,
+    true: SequenceFlight,
     seed: int,
     number: int,
     recording: Recording | None,
@@ -616,7 +616,7 @@ class _StarImages:
         save_arrays(path, tables)
 
 
-def asked_of(case: Case, true: Flight, streams: core.Streams) -> Rotation:
+def asked_of(case: Case, true: SequenceFlight, streams: core.Streams) -> Rotation:
     """The attitudes that a tracker must report in a flight, so that the spacecraft's are correct.
 
     As `trial.reference_attitude`: at late time tags, as the mean over exposures, in the axes of a
@@ -641,7 +641,7 @@ class _View(NamedTuple):
 
 
 def _whole_frames(
-    case: Case, true: Flight, seed: int, number: int, recording: Recording | None, name: str
+    case: Case, true: SequenceFlight, seed: int, number: int, recording: Recording | None, name: str
 ) -> Iterator[_View]:
     for frame in _kept(case, true, seed, number, recording, name):
         yield _View(partial(_in_frame, case, trial.as_believed(case, frame)), frame)
@@ -653,7 +653,7 @@ def _in_frame(case: Case, frame: core.Frame, smear: tuple[float, float]) -> core
 
 def _windows(
     case: Case,
-    true: Flight,
+    true: SequenceFlight,
     seed: int,
     number: int,
     recording: Recording | None,
@@ -681,7 +681,7 @@ def _sky(seed: int, number: int) -> core.Streams:
 
 
 def _kept(
-    case: Case, true: Flight, seed: int, number: int, recording: Recording | None, name: str
+    case: Case, true: SequenceFlight, seed: int, number: int, recording: Recording | None, name: str
 ) -> Iterator[core.Frame]:
     """The frames of a flight, each written before it is used where they are kept."""
     if recording is None or recording.format is None:
@@ -701,7 +701,7 @@ def _kept(
 
 
 def _frames(
-    case: Case, true: Flight, seed: int, number: int
+    case: Case, true: SequenceFlight, seed: int, number: int
 ) -> Iterator[tuple[core.Frame, core.Stars]]:
     """The frames of a flight, each with other noise, and residual charge of the one before."""
     instrument, camera = case.instrument, case.instrument.camera

@@ -75,7 +75,7 @@ from startrack.trial.effects import (
 )
 from startrack.trial.exposure import at_one_time, expected_electrons
 from startrack.trial.images import detected_spectrum, images_of, psf_of
-from startrack.trial.photograph import THRESHOLDS, Photograph, View, solve_photograph
+from startrack.trial.photograph import THRESHOLDS, Photograph, PhotographView, solve_photograph
 from startrack.trial.pointing import (
     in_believed_axes,
     line_of_sight,
@@ -85,8 +85,8 @@ from startrack.trial.pointing import (
     rotations_from_cube,
 )
 from startrack.trial.spot_plan import (
-    Limits,
-    Plan,
+    FluxLimits,
+    SpotPlan,
     limits_of,
     plan_within,
     refuse,
@@ -94,10 +94,10 @@ from startrack.trial.spot_plan import (
     through_of,
     view_of,
 )
-from startrack.trial.spot_response import Grid, hot_windows
+from startrack.trial.spot_response import ResponseGrid, hot_windows
 from startrack.trial.star_errors import METHOD, READ, SHOT, TYPICAL, Errors, errors, lasting
 from startrack.trial.star_response import (
-    Search,
+    StarSearch,
     cell_side,
     detection_probability,
     measure,

@@ -14,7 +14,7 @@ from startrack.design import Case
 from startrack.metrics import JUDGED, judge_all
 from startrack.trial import pointing
 from startrack.trial.effects import require_least_squares
-from startrack.trial.spot_plan import Plan, plan_of, refuse
+from startrack.trial.spot_plan import SpotPlan, plan_of, refuse
 from startrack.trial.spots import false_spots, sights, trial_keys
 from startrack.trial.systematic import shared_errors
 
@@ -139,7 +139,7 @@ def outcomes(
     seed: int,
     numbers: Sequence[int],
     icrs_to_camera: Rotation | None = None,
-    plan: Plan | None = None,
+    plan: SpotPlan | None = None,
 ) -> Rows:
     """The outcomes of some trials, with identification assumed to be perfect.
 
@@ -188,7 +188,9 @@ class Drawn(NamedTuple):
     spots: Ints
 
 
-def _tried(case: Case, plan: Plan, seed: int, numbers: Sequence[int], attitude: Rotation) -> Rows:
+def _tried(
+    case: Case, plan: SpotPlan, seed: int, numbers: Sequence[int], attitude: Rotation
+) -> Rows:
     """Draw, solve and judge a block of trials."""
     many, streams = len(numbers), [Streams(seed, number) for number in numbers]
     instrument, jitters = case.instrument, case.instrument.motion.jitters
@@ -235,7 +237,7 @@ def _tried(case: Case, plan: Plan, seed: int, numbers: Sequence[int], attitude: 
 
 
 @kernel
-def _draw(attitude: Floats, keys: NDArray[np.uint64], plan: Plan, drawn: Drawn) -> None:
+def _draw(attitude: Floats, keys: NDArray[np.uint64], plan: SpotPlan, drawn: Drawn) -> None:
     """Write the detected stars of each trial, and how many matches and spots it has."""
     _, _, field, _, view, gate, false, through, _ = plan
     most = drawn.star.shape[1]

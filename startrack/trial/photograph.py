@@ -74,7 +74,7 @@ MOST_SHAPES, LEAST_SHAPES, THINNEST = 60, 4, 0.99  # stars whose shape is measur
 MUCH_CLIPPED, UNEVEN, FEW, DRAWN_OUT, ALONG = 0.001, 0.5, 10, 1.4, 10.0
 
 
-class View(NamedTuple):
+class PhotographView(NamedTuple):
     """How the pixels of a file become those of a camera with square pixels.
 
     mirrored  whether left and right are exchanged
@@ -147,7 +147,7 @@ class Photograph:
     matches: Matches
     estimate: Estimate
     axis: Rotation | None
-    view: View
+    view: PhotographView
     as_hinted: bool | None = None
     streak: tuple[float, float] | None = None
 
@@ -188,7 +188,7 @@ class _Try(NamedTuple):
     threshold: float
     scales: tuple[int, ...]
     spread: bool
-    view: View
+    view: PhotographView
     cameras: list[tuple[Camera, float]]
     share: float = 0.0
 
@@ -352,12 +352,15 @@ def _tries(
     squeezed: list[float],
 ) -> tuple[list[_Try], list[_Try]]:
     """What is tried by the hint, and what is tried without it, each in turn."""
-    as_it_is = View(aspect=aspect or 1.0)
+    as_it_is = PhotographView(aspect=aspect or 1.0)
     size = as_it_is.size(columns, rows)
     every = cameras(*size, hint)
     looks = [look for look in LOOKS if min(columns, rows) >= LEAST_SIDE * look[1][0]]
     rest = [_Try(*look, as_it_is, every) for look in looks or [FIRST]]
-    for view in [as_it_is._replace(mirrored=True), *(View(aspect=ratio) for ratio in squeezed)]:
+    for view in [
+        as_it_is._replace(mirrored=True),
+        *(PhotographView(aspect=ratio) for ratio in squeezed),
+    ]:
         made = cameras(*view.size(columns, rows), hint, fisheyes=False)
         rest += [_Try(*look, view, made) for look in (FIRST, COARSER) if look in (FIRST, *looks)]
     for field in FISHEYES:
@@ -380,7 +383,7 @@ def _middle(columns: int, rows: int, field: float, tolerance: float) -> list[_Tr
     if not LEAST_SIDE <= side <= min(columns, rows):
         return []
     made = [(identification.fisheye(side, side, MIDDLE), tolerance)]
-    return [_Try(*FIRST, View(middle=side), made)]
+    return [_Try(*FIRST, PhotographView(middle=side), made)]
 
 
 def squeezes(columns: int, rows: int, elongation: float) -> list[float]:

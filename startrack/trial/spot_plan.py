@@ -28,7 +28,7 @@ STEPS, COLOURS = 16, 32  # of the shifts by a lens table: along a side, and over
 TYPICAL = 5.0  # times the faintest flux: star for which shifts by companions are measured
 
 
-class Field(NamedTuple):
+class SpotField(NamedTuple):
     """The stars that can be detected, in order of the last coordinate of their directions.
 
     direction, believed  (n, 3) unit vectors, true and in the tracker's catalogue
@@ -85,7 +85,7 @@ class Companions(NamedTuple):
     flux: Floats
 
 
-class View(NamedTuple):
+class SpotView(NamedTuple):
     """A camera and the part of its frame that is searched, for the kernels.
 
     focal .. k3   as in Camera; centre_x, centre_y of the principal point, pixel
@@ -110,17 +110,17 @@ class View(NamedTuple):
 NO_LENS = Through(np.zeros((0, 1, 1, 3)), 1.0, 1.0, 1.0, 1.0, 1, 1, 0.0)
 
 
-class Plan(NamedTuple):
+class SpotPlan(NamedTuple):
     """What the trials of a case have in common; gate as in the solver, false spots per frame.
 
     Accuracy  model: hot pixels near companions, and which of two spots is brighter, are left out.
     """
 
-    response: spot_response.Response
+    response: spot_response.SpotResponse
     pull: Floats
-    field: Field
+    field: SpotField
     companions: Companions
-    view: View
+    view: SpotView
     gate: float
     false: float
     through: Through
@@ -159,7 +159,7 @@ def _refuse_crowded(case: Case) -> None:
         )
 
 
-class Limits(NamedTuple):
+class FluxLimits(NamedTuple):
     """The stars that a plan holds.
 
     faintest, brightest  electrons, between which stars are measured
@@ -171,7 +171,7 @@ class Limits(NamedTuple):
     found: Ints
 
 
-def limits_of(case: Case) -> Limits:
+def limits_of(case: Case) -> FluxLimits:
     """The stars that can be detected."""
     case = with_uniform_dark(case)
     instrument = case.instrument
@@ -193,16 +193,16 @@ def limits_of(case: Case) -> Limits:
     # At least one, so that arrays are not empty.
     detectable = np.flatnonzero(flux >= min(faintest, flux.max()))
     detectable = detectable[np.argsort(stars.direction[detectable, 2])]
-    return Limits(faintest, float(flux[detectable].max(initial=faintest)), detectable)
+    return FluxLimits(faintest, float(flux[detectable].max(initial=faintest)), detectable)
 
 
 @kept(8)
-def plan_of(case: Case) -> Plan:
+def plan_of(case: Case) -> SpotPlan:
     """Measure the stars of a case; kept for the 8 last cases."""
     return plan_within(case, limits_of(case))
 
 
-def plan_within(case: Case, limits: Limits) -> Plan:
+def plan_within(case: Case, limits: FluxLimits) -> SpotPlan:
     """`plan_of`, with given stars, so that the plans of several cases have the same shape."""
     even, settings = with_uniform_dark(case), case.tracker.detection
     instrument = even.instrument
@@ -213,14 +213,16 @@ def plan_within(case: Case, limits: Limits) -> Plan:
     believed = open_sky(case.believed_catalog).stars
     there, is_known = believed.find(stars.identifier[detectable])
     empty = empty_frame(case, sky)
-    grid = spot_response.Grid(even, sky, search=empty and (empty.noise, empty.threshold_sigma))
+    grid = spot_response.ResponseGrid(
+        even, sky, search=empty and (empty.noise, empty.threshold_sigma)
+    )
     fluxes = spot_response.fluxes_between(faintest, brightest)
-    return Plan(
+    return SpotPlan(
         spot_response.response_of_zones(grid, faintest, brightest)
         if lens
         else spot_response.response_of(grid, faintest, brightest),
         spot_response.companion_shift(grid, TYPICAL * faintest),
-        Field(
+        SpotField(
             np.ascontiguousarray(stars.direction[detectable]),
             np.ascontiguousarray(believed.direction[there]),
             is_known,
@@ -240,10 +242,10 @@ def plan_within(case: Case, limits: Limits) -> Plan:
     )
 
 
-def view_of(camera: Camera, border: int) -> View:
+def view_of(camera: Camera, border: int) -> SpotView:
     """A camera for the kernels."""
     x, y = camera.centre
-    return View(
+    return SpotView(
         *(camera.columns, camera.rows, camera.focal_length_px, x, y),
         *(camera.k1, camera.k2, camera.p1, camera.p2, camera.k3),
         *(border, math.cos(camera.half_diagonal)),

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.core import Flags, Floats, Psf, Streams
 from startrack.design import Case
-from startrack.detection import Expectation, expect, margin
+from startrack.detection import SpotExpectation, expect, margin
 from startrack.detector import star_grid
 from startrack.trial.belief import detection_plan
 from startrack.trial.dark_pattern import NO_HOT, SAMPLES, HotPixels, near_stars
@@ -24,7 +24,7 @@ KEPT = 0.5  # chance to pass for a star, below which hot pixels make it lost
 RATIOS = np.arange(-4, 4) * 0.8  # logarithm of a companion's flux over the star's
 
 
-class Response(NamedTuple):
+class SpotResponse(NamedTuple):
     """Detection and centroid of a star, over its flux and position in the pixel.
 
     In each of z zones of the frame and of colour; without a lens table there is one.
@@ -50,7 +50,7 @@ class Response(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Grid:
+class ResponseGrid:
     """Stars of a case on a grid of cells, which the detection measures.
 
     sky     electron in a pixel
@@ -76,7 +76,7 @@ class Grid:
         flux: Floats,
         companions: tuple[Floats, Floats] | None = None,
         dark: Floats | None = None,
-    ) -> tuple[Expectation, Floats]:
+    ) -> tuple[SpotExpectation, Floats]:
         """What is to be expected of stars (n), and their places; arguments as `star_grid`."""
         detector = self.case.instrument.detector
         plan = detection_plan(self.case)
@@ -90,7 +90,7 @@ class Grid:
         return expect(frame, at, level, area, plan, self.search), at
 
 
-def response_of(grid: Grid, faintest: float, brightest: float) -> Response:
+def response_of(grid: ResponseGrid, faintest: float, brightest: float) -> SpotResponse:
     """The response of the detection to stars of all fluxes and positions in the pixel."""
     flux = fluxes_between(faintest, brightest)
     count, light = len(flux), np.repeat(flux, PHASES**2)
@@ -105,7 +105,7 @@ def response_of(grid: Grid, faintest: float, brightest: float) -> Response:
         root = np.stack([xx, yx, np.sqrt(np.maximum(variance_y - yx**2, 0))], axis=-1)
         gain = np.column_stack([seen.flux / light, seen.sigma / seen.flux])
     root *= light[:, None]
-    return Response(
+    return SpotResponse(
         math.log(faintest),
         np.where(good[:, None], bias, 0.0).reshape(1, *shape, 2),
         np.where(good[:, None], root, 0.0).reshape(1, *shape, 3),
@@ -116,7 +116,7 @@ def response_of(grid: Grid, faintest: float, brightest: float) -> Response:
     )
 
 
-def response_of_zones(grid: Grid, faintest: float, brightest: float) -> Response:
+def response_of_zones(grid: ResponseGrid, faintest: float, brightest: float) -> SpotResponse:
     """`response_of` in each zone of a lens table.
 
     The bias is without the part that `centroid_shift` has beside the shift of the image, which
@@ -139,10 +139,10 @@ def response_of_zones(grid: Grid, faintest: float, brightest: float) -> Response
         zones.append(zone._replace(bias=zone.bias - apart))
     tables = zip(*(zone[1:6] for zone in zones), strict=True)
     joined = map(np.concatenate, tables)
-    return Response._make([mean.first, *joined, mean.star_at_threshold])
+    return SpotResponse._make([mean.first, *joined, mean.star_at_threshold])
 
 
-def _mirrored(response: Response, mirror: Floats) -> Response:
+def _mirrored(response: SpotResponse, mirror: Floats) -> SpotResponse:
     """The response where displacements are those of a place times a mirror (2, 2)."""
     swapped, signs = mirror[0, 0] == 0, mirror.sum(axis=1)
 
@@ -162,11 +162,11 @@ def _mirrored(response: Response, mirror: Floats) -> Response:
     yx = covariance[..., 0, 1] / np.where(xx > 0, xx, 1.0)
     yy = np.sqrt(np.maximum(covariance[..., 1, 1] - yx**2, 0))
     bias, root = bias @ mirror.T, np.stack([xx, yx, yy], axis=-1)
-    return Response(response.first, bias, root, light, above, kept, response.star_at_threshold)
+    return SpotResponse(response.first, bias, root, light, above, kept, response.star_at_threshold)
 
 
-def _at_threshold(seen: Expectation, good: Flags) -> Floats:
-    """`Response.star_at_threshold`: interpolated over flux, the median of all positions."""
+def _at_threshold(seen: SpotExpectation, good: Flags) -> Floats:
+    """`SpotResponse.star_at_threshold`: interpolated over flux, the median of all positions."""
     xx, xy, yy = (seen.covariance[:, i, j] for i, j in ((0, 0), (0, 1), (1, 1)))
     values = np.stack([seen.above, seen.flux, seen.sigma, xx, xy, yy]).reshape(6, *good.shape)
     above, *rest = np.median(values[:, good.all(axis=1)], axis=2)
@@ -176,7 +176,7 @@ def _at_threshold(seen: Expectation, good: Flags) -> Floats:
 
 
 def hot_windows(
-    grid: Grid, true: Case, flux: Floats, samples: int = SAMPLES
+    grid: ResponseGrid, true: Case, flux: Floats, samples: int = SAMPLES
 ) -> tuple[HotPixels, Floats]:
     """What hot pixels do to the centroids of stars of some fluxes, and to their detection.
 
@@ -208,12 +208,12 @@ def hot_windows(
 
 
 def fluxes_between(faintest: float, brightest: float) -> Floats:
-    """Electron, of the stars of a `Response`."""
+    """Electron, of the stars of a `SpotResponse`."""
     count = math.ceil(math.log(brightest / faintest) / STEP) + 2
     return np.asarray(faintest * np.exp(STEP * np.arange(count)))
 
 
-def companion_shift(grid: Grid, flux: float) -> Floats:
+def companion_shift(grid: ResponseGrid, flux: float) -> Floats:
     """Shift of a centroid by a companion, pixel: (r, d, d, 2) over its flux and position.
 
     NaN where only the companion is detected.

@@ -24,8 +24,8 @@ from startrack.core import (
 from startrack.design import Case, Instrument
 from startrack.trial.dark_pattern import HotPixels
 from startrack.trial.pointing import mean_attitude
-from startrack.trial.spot_plan import Plan, Through, plan_of, refuse
-from startrack.trial.spot_response import RATIOS, REACH, STEP, Response
+from startrack.trial.spot_plan import SpotPlan, Through, plan_of, refuse
+from startrack.trial.spot_response import RATIOS, REACH, STEP, SpotResponse
 from startrack.trial.star_response import PHASES
 
 MARGIN = 8.0  # pixel beyond the frame, from which a lens table moves no star into it
@@ -48,7 +48,7 @@ SIGHT = np.dtype(
 
 
 @kernel
-def sights(a: Floats, key: np.uint64, plan: Plan) -> Rows:
+def sights(a: Floats, key: np.uint64, plan: SpotPlan) -> Rows:
     """The stars (k,) that are detected in the trial of a key, at the attitude `a`."""
     response, pull, field, companions, view, _, _, through, hot = plan
     near = in_view(a, field.direction, view)
@@ -163,7 +163,7 @@ def _measure(
     flux: float,
     zone: int,
     start: np.uint64,
-    response: Response,
+    response: SpotResponse,
     hot: HotPixels,
     seen: Any,
 ) -> bool:
@@ -272,7 +272,7 @@ def _rolled(instrument: Instrument, place: Floats) -> Floats:
 
 
 @kernel
-def _draw(a: Floats, key: np.uint64, plan: Plan) -> Floats:
+def _draw(a: Floats, key: np.uint64, plan: SpotPlan) -> Floats:
     """The table of all spots, stars first; the gate is applied by the solver."""
     response, _, _, _, view, _, false, _, _ = plan
     stars, noise = sights(a, key, plan), false_spots(key, false)

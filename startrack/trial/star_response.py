@@ -104,7 +104,7 @@ class Chart(NamedTuple):
     covariance: Floats
 
 
-class Scale(NamedTuple):
+class NoiseScale(NamedTuple):
     """Signal levels of a detector: electrons in an exposure.
 
     star        of a sunlike star of G = 0
@@ -132,13 +132,13 @@ class Scale(NamedTuple):
 
 
 @lru_cache(maxsize=16)
-def scale(case: Case) -> Scale:
+def scale(case: Case) -> NoiseScale:
     """The scale of a case; see `electron_rate` for its errors. Kept for the 16 last cases."""
     detector = case.instrument.detector
     sunlike = light_by_colour(case, np.full(1, np.nan))
     star, sky = electron_rate(sunlike, detector, throughput(case.instrument))
     solid_angle = case.instrument.camera.focal_length_px**-2
-    return Scale(
+    return NoiseScale(
         float(star[0]) * detector.exposure,
         float(sky) * solid_angle * detector.exposure + dark_electrons(detector)[0],
         math.hypot(detector.noise, detector.electrons_per_dn / math.sqrt(12)),
@@ -314,7 +314,7 @@ def kept_fraction(case: Case, plain: Chart, images: StarImages) -> Floats:
     return np.where(np.isfinite(plain.offset[..., 0]), chance.reshape(electrons.shape[:2]), 0.0)
 
 
-class Search(NamedTuple):
+class StarSearch(NamedTuple):
     """How a tracker searches a frame with hot pixels.
 
     noise      digital number, of the filtered frame in a typical tile
@@ -326,7 +326,7 @@ class Search(NamedTuple):
 
 
 def detection_probability(
-    case: Case, magnitude: Floats, point: Floats | None = None, search: Search | None = None
+    case: Case, magnitude: Floats, point: Floats | None = None, search: StarSearch | None = None
 ) -> Floats:
     """Fraction of the stars (m,) of a magnitude whose filtered peak passes the threshold.
 

@@ -15,7 +15,7 @@ from startrack.optics import Residual
 from startrack.trial.belief import detection_plan
 from startrack.trial.dark_pattern import dark_pattern, with_uniform_dark
 from startrack.trial.images import with_images_of
-from startrack.trial.spot_response import Grid, hot_windows
+from startrack.trial.spot_response import ResponseGrid, hot_windows
 from startrack.trial.star_errors import errors, lasting
 from startrack.trial.star_response import RING, cell_side, measure, phases, scale, star_images
 from startrack.trial.stars import (
@@ -315,7 +315,7 @@ def _of_hot_pixels(design: Case) -> Floats:
     star, even = errors(design), with_uniform_dark(design)
     magnitude = star.magnitude[::2]
     flux = scale(even).star * 10 ** (-0.4 * magnitude)
-    hot, _ = hot_windows(Grid(even, sky_electrons(design)), design, flux)
+    hot, _ = hot_windows(ResponseGrid(even, sky_electrons(design)), design, flux)
     if not hot.chance:
         return np.zeros(len(stars))
     square = np.nan_to_num((hot.shift**2).sum(axis=-1) / 2, nan=np.inf)

@@ -14,7 +14,7 @@ from startrack import core, detection
 from startrack.catalog import open_sky
 from startrack.core import Floats, Ints, Refused, Spots, kept, kernel
 from startrack.design import Case, Instrument
-from startrack.detection import DetectionPlan, Ground, grown_mask, margin, peak_border
+from startrack.detection import DetectionPlan, FrameBackground, grown_mask, margin, peak_border
 from startrack.detector import (
     Detector,
     NumberDistributions,
@@ -183,7 +183,7 @@ def cost(pixels: float, proposals: float) -> float:
 
 
 def arrive(
-    case: Case, plan: Plan, icrs_to_camera: Rotation, streams: core.Streams
+    case: Case, plan: WindowPlan, icrs_to_camera: Rotation, streams: core.Streams
 ) -> tuple[Floats, Floats, Floats | None]:
     """Directions (n, 3) of the points that reach the detector, and their electrons (n,).
 
@@ -246,11 +246,11 @@ class Noise(NamedTuple):
     outliers: Ints
     numbers: NumberDistributions
     tilt: TiltedLaw
-    grounds: tuple[tuple[Ground, ProposalRates], ...]
+    grounds: tuple[tuple[FrameBackground, ProposalRates], ...]
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class WindowPlan:
     """What the trials of a case have in common.
 
     detector   without its lag, which changes stars only, not a uniform background
@@ -279,7 +279,7 @@ class Plan:
 
 
 @kept(8)
-def plan_of(case: Case, smear: Smear = None) -> Plan:
+def plan_of(case: Case, smear: Smear = None) -> WindowPlan:
     """Render and measure some frames of a case; kept for the 8 last cases."""
     instrument = case.instrument
     detector, psf = replace(instrument.detector, lag=0.0), psf_of(instrument)
@@ -290,7 +290,7 @@ def plan_of(case: Case, smear: Smear = None) -> Plan:
     plan = detection_plan(case, smear=smear)
     grounds = [ground_of(case, core.Streams(SAMPLE_SEED, n), plan) for n in range(SAMPLES)]
     kernel = plan.kernel
-    return Plan(
+    return WindowPlan(
         detector,
         None if case.scene.lights else stars.electrons_of(case),
         stars.colours_of(case) if instrument.optics.tabulated and not case.scene.lights else None,
@@ -306,7 +306,7 @@ def plan_of(case: Case, smear: Smear = None) -> Plan:
 
 
 def noise_of(
-    detector: Detector, sky: float, grounds: Sequence[Ground], plan: DetectionPlan
+    detector: Detector, sky: float, grounds: Sequence[FrameBackground], plan: DetectionPlan
 ) -> Noise | None:
     """Laws with the number of outlier pixels that makes windows take the least time.
 
@@ -347,7 +347,7 @@ def noise_of(
     return best
 
 
-def ground_of(case: Case, streams: core.Streams, plan: DetectionPlan) -> Ground:
+def ground_of(case: Case, streams: core.Streams, plan: DetectionPlan) -> FrameBackground:
     """Background and noise of one frame of the design, which its stars raise a little."""
     case = replace(case, scene=replace(case.scene, lights=()))
     instrument, attitude = case.instrument, random_attitude(streams)
@@ -379,7 +379,7 @@ def merged(spots: Spots, more: Spots, most: int) -> Spots:
     return Spots(*together)
 
 
-def reach_of(flux: Floats, noise: float, plan: Plan) -> Ints:
+def reach_of(flux: Floats, noise: float, plan: WindowPlan) -> Ints:
     """Distance from each star within which its light matters to the search, pixel; -1: nowhere.
 
     flux   (n,) digital number

@@ -261,7 +261,7 @@ def _between(at: Floats, magnitude: Floats, covariance: Floats) -> Floats:
 
 
 def zone_detection(
-    case: Case, magnitude: Floats, search: star_response.Search | None = None
+    case: Case, magnitude: Floats, search: star_response.StarSearch | None = None
 ) -> Floats:
     """Fraction (z, m) of the stars of a magnitude that pass the threshold in each zone.
 

@@ -27,7 +27,7 @@ from startrack.verification.accuracy import (
 from startrack.verification.cases import boresights, cases, counted
 from startrack.verification.decide import Answer, Looks, YieldClaim, claims_of
 from startrack.verification.flown import (
-    Flown,
+    FlightComparison,
     Windows,
     compare_flown,
     correlation,

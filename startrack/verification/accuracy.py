@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 from scipy import special
 
-from startrack.budget import Budget, Law, UnitBudgets, attitudes
+from startrack.budget import Budget, ErrorLaw, UnitBudgets, attitudes
 from startrack.catalog import FAINTEST_G, LIMITS, Selection, Sky, open_sky
 from startrack.core import Camera, Floats, Rows, Stars
 from startrack.design import AXES, Accuracy, Case, Objective, Requirements
@@ -25,12 +25,12 @@ from startrack.trial import detection_plan, psf_of, throughput
 REGIONS = Regions(3, 4)
 
 
-def expected_error(objective: Objective, budget: Budget[Law]) -> float:
+def expected_error(objective: Objective, budget: Budget[ErrorLaw]) -> float:
     """The objective's statistic of the errors that a budget expects (radian).
 
     By length:  sum_i weight_i P(k / 2, L^2 / (2 square_i)) = fraction,   P the regularised
         incomplete gamma function, k = 2, 1, 3 axes, square_i the mean square per axis in field i
-    Per axis:   `Law.level`
+    Per axis:   `ErrorLaw.level`
     A sum:      of the rms errors, by their weights
 
     Accuracy  model: errors that are normal in each field; by their length, also of equal variance
@@ -39,7 +39,7 @@ def expected_error(objective: Objective, budget: Budget[Law]) -> float:
     return expected_of(objective, budget.whole.spread)
 
 
-def expected_of(objective: Objective, law: Law) -> float:
+def expected_of(objective: Objective, law: ErrorLaw) -> float:
     """`expected_error` of the errors of a law."""
     if objective.terms:
         parts = ((weight, expected_of(Objective(axes), law)) for axes, weight in objective.terms)
@@ -73,7 +73,7 @@ def yield_of(accuracy: Accuracy, errors: Floats, part: float = 1.0) -> Interval:
     return fraction_interval(part * int((errors <= accuracy.most).sum()), part * len(errors))
 
 
-def expected_over(objective: Objective, budget: Budget[Law], sky: str) -> float:
+def expected_over(objective: Objective, budget: Budget[ErrorLaw], sky: str) -> float:
     """`expected_error` over the whole sky, or in the worst of its regions.
 
     budget  of `analytic`
@@ -86,19 +86,19 @@ def expected_over(objective: Objective, budget: Budget[Law], sky: str) -> float:
     return max(expected_of(objective, part) if part else math.inf for part in _parts(law))
 
 
-def _parts(law: Law) -> Iterator[Law | None]:
+def _parts(law: ErrorLaw) -> Iterator[ErrorLaw | None]:
     boresight = attitudes(len(law.weight)).inv().apply([0.0, 0.0, 1.0])
     region = REGIONS.of(boresight)
     for number in range(len(REGIONS)):
         inside = (region == number) & (law.weight > 0)
         total = float(law.weight[inside].sum())
         if total > 0:
-            yield Law(law.mean[inside], law.sigma[inside], law.weight[inside] / total)
+            yield ErrorLaw(law.mean[inside], law.sigma[inside], law.weight[inside] / total)
         else:
             yield None
 
 
-def expected_availability(needs: Requirements, budget: Budget[Law]) -> float:
+def expected_availability(needs: Requirements, budget: Budget[ErrorLaw]) -> float:
     """The fraction of attitudes that are solved and within what is required of a single one.
 
         sum_i weight_i P(1, A^2 / (2 across_i)) P(1/2, B^2 / (2 about_i)) * solved
@@ -139,7 +139,7 @@ def margin(limit: float, value: float) -> float:
     return 1 - value / limit if math.isfinite(value) else -math.inf
 
 
-def expected_margins(needs: Requirements, budget: Budget[Law]) -> dict[str, float]:
+def expected_margins(needs: Requirements, budget: Budget[ErrorLaw]) -> dict[str, float]:
     """The margins of accuracy and availability by a budget."""
     by_name = {
         accuracy.name: margin(accuracy.most, expected_over(accuracy.objective, budget, needs.sky))

@@ -11,8 +11,8 @@ import scipy
 from startrack.core import Flags, Floats, Parameters, Range, Rows, parameter, whole
 from startrack.design import Accuracy, Requirements
 from startrack.metrics import (
+    ErrorLimits,
     Interval,
-    Limits,
     correct,
     fraction_interval,
     level_bounds,
@@ -94,7 +94,7 @@ class Claim:
 
     accuracy: Accuracy | None
     least: float
-    limits: Limits
+    limits: ErrorLimits
     sky: str = "whole"
 
     @property

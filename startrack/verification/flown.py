@@ -351,7 +351,7 @@ def level_of(windows: Windows, box: detection.Box) -> Floats:
     )
 
 
-class Measured(NamedTuple):
+class MeasuredWindows(NamedTuple):
     """What is measured of one star.
 
     scalar  name: value, of `KEYS` less the curve
@@ -365,7 +365,7 @@ class Measured(NamedTuple):
 
 def measure(
     stars: Sequence[Windows], box: detection.Box, psf: core.Psf | None, read_noise: float = math.nan
-) -> list[Measured]:
+) -> list[MeasuredWindows]:
     """Measure stars that were seen together.
 
     read_noise  digital number, of the design, for the offset
@@ -416,7 +416,7 @@ def measure(
         curve = np.full((2, PHASES), math.nan)
         if together:
             curve = _curve(track.place[known], off[known])
-        measured.append(Measured(scalar, curve))
+        measured.append(MeasuredWindows(scalar, curve))
     return measured
 
 
@@ -697,7 +697,7 @@ def _cut(image: Any, corner: Ints, device: Detector) -> Floats:
     return np.asarray(parts, float) - device.offset
 
 
-class Difference(NamedTuple):
+class FlightDifference(NamedTuple):
     """One figure of one star: as seen and as predicted, and what it points to in the design.
 
     seen       95 % by a jackknife over eight blocks of time
@@ -727,13 +727,13 @@ class Difference(NamedTuple):
 
 
 @printed
-class Flown(NamedTuple):
+class FlightComparison(NamedTuple):
     """A comparison of all stars.
 
     curves  star: as seen and as predicted (2, PHASES), mean of the devices, pixel
     """
 
-    differences: list[Difference]
+    differences: list[FlightDifference]
     curves: dict[str, tuple[Floats, Floats]]
 
 
@@ -743,7 +743,7 @@ def compare_flown(
     devices: int = 16,
     seed: int = 0,
     progress: Advance | None = None,
-) -> Flown:
+) -> FlightComparison:
     """Measure images in flight and those that the design predicts, by the same code.
 
     The predicted images have the light that is seen. So the brightness of a star tests transmission
@@ -778,13 +778,13 @@ def compare_flown(
                         bright * predicted.value, bright * predicted.low, bright * predicted.high
                     )
             if math.isfinite(seen.value):
-                row = Difference(star.name, name, seen, predicted, KEYS[name], untested)
+                row = FlightDifference(star.name, name, seen, predicted, KEYS[name], untested)
                 differences.append(row)
         curves[star.name] = (
             measured[n].curve,
             _known_mean(np.array([unit[n].curve for unit in drawn]), 0),
         )
-    return Flown(_of_known_offset(differences), curves)
+    return FlightComparison(_of_known_offset(differences), curves)
 
 
 SCALED = (
@@ -801,7 +801,7 @@ def _light_by_magnitude(case: Case, star: Windows) -> float:
     return scale(case).star * 10 ** (-0.4 * star.magnitude_g) * image / injected
 
 
-def _of_known_offset(differences: list[Difference]) -> list[Difference]:
+def _of_known_offset(differences: list[FlightDifference]) -> list[FlightDifference]:
     """The differences; those of the background are not tested where the offset differs."""
     off = {
         row.star: row

@@ -5,8 +5,8 @@ from scipy.spatial.transform import Rotation
 
 from startrack.attitude import (
     Gyroscope,
-    Lasting,
-    Measured,
+    LastingErrors,
+    MeasuredAttitude,
     correct,
     correct_together,
     predict,
@@ -91,7 +91,7 @@ def test_errors_that_last_are_followed_where_they_are_known(known):
     """Two thirds of the variance last for some 20 frames: 50 runs, false alarm 1e-4."""
     keep, total = 0.95, 0.0
     part, new = SEEN * 2 / 3, SEEN / 3
-    errors = Lasting(part[None], np.full(1, keep)) if known else None
+    errors = LastingErrors(part[None], np.full(1, keep)) if known else None
     for seed in range(50):
         rng = np.random.default_rng(seed)
         sigma = np.sqrt(np.diag(part))
@@ -161,7 +161,7 @@ def heads_of(seed, sigma, keep=0.9):
     truth, bias = Rotation.from_quat(rng.standard_normal(4)), 5 * arcsec * rng.standard_normal(3)
     root = np.sqrt(np.diag(SEEN) / 2)
     slow = root * rng.standard_normal((2, 3))
-    errors = Lasting(np.array([SEEN / 2] * 2), np.full(2, keep))
+    errors = LastingErrors(np.array([SEEN / 2] * 2), np.full(2, keep))
     first = rng.integers(2)
     turns = Rotation.identity(), to_head
     seen = Rotation.from_rotvec(slow[first] + root * rng.standard_normal(3)) * turns[first] * truth
@@ -223,7 +223,7 @@ def test_heads_that_share_an_error_are_no_better_than_it():
     for _ in range(4000):  # of a variance 2.2 %; five standard errors: false alarms of 2e-6
         motion = Rotation.from_rotvec(generator.multivariate_normal(np.zeros(3), shared))
         seen = [
-            Measured(
+            MeasuredAttitude(
                 Rotation.from_rotvec(generator.multivariate_normal(np.zeros(3), own))
                 * (turn * motion * truth),
                 own,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from startrack.benchmark import Clocked, Stage, markdown, measure, values
+from startrack.benchmark import BenchmarkStage, Clocked, markdown, measure, values
 from startrack.benchmark.optics import exact
 from startrack.benchmark.stage import ROUNDS, figure, spent
 from startrack.cli import main as cli
@@ -19,8 +19,8 @@ def busy(seconds: float) -> None:
         pass
 
 
-def stage(ways, **more) -> Stage:
-    return Stage("sums", "a sum", "off by", ways, lambda answer: abs(answer - 3.0), **more)
+def stage(ways, **more) -> BenchmarkStage:
+    return BenchmarkStage("sums", "a sum", "off by", ways, lambda answer: abs(answer - 3.0), **more)
 
 
 def test_ways_take_turns_and_the_first_answer_is_judged():

@@ -5,9 +5,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from startrack.budget.fields import (
+    FieldResponse,
     Fields,
     FieldStars,
-    Response,
     Solver,
     attitudes,
     fields,
@@ -41,16 +41,16 @@ def scattered(count: int, stars: int, fov: float, seed: int = 1) -> Fields:
     )
 
 
-def response(sigma: float, fraction: float = 1.0) -> Response:
+def response(sigma: float, fraction: float = 1.0) -> FieldResponse:
     """The same for all magnitudes."""
     covariance = np.tile(np.eye(2) * sigma**2, (3, 1, 1))
     none = np.zeros(3)
-    return Response(
+    return FieldResponse(
         0.0, 1.0, np.full((1, 3), fraction), covariance[None], covariance[None, None], none
     )
 
 
-def spread(view: Fields, displacement: np.ndarray, table: Response, **changes: object):  # type: ignore[no-untyped-def]
+def spread(view: Fields, displacement: np.ndarray, table: FieldResponse, **changes: object):  # type: ignore[no-untyped-def]
     options = {"tolerance": 0.0, "lost": np.ones(4), "most": 100} | changes
     first = np.searchsorted(view.field, np.arange(len(view.attitude) + 1))
     ones = np.ones(len(view.x))

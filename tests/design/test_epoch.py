@@ -10,13 +10,13 @@ from startrack.core import arcsec, deg
 from startrack.design.case import Case
 from startrack.design.files import Design, load_design, save_design
 from startrack.io import shipped
-from startrack.scene import Orbit, Scene
+from startrack.scene import ObserverOrbit, Scene
 from startrack.scene.ephemeris import observer_of, on_orbit, orbital_velocity
 from startrack.space import AU, EARTH_RADIUS
 
 CASE = load_design(shipped("designs/noise_only.toml")).case
 DATE = "2026-03-20T12:00:00"
-ORBIT = Orbit(600e3, 51.6 * deg, 30 * deg, 100 * deg)
+ORBIT = ObserverOrbit(600e3, 51.6 * deg, 30 * deg, 100 * deg)
 
 
 def case_of(scene: Scene, catalog: Selection, believed: Selection | None = None) -> Case:

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from startrack.budget import Budget, Law, Line
+from startrack.budget import Budget, BudgetLine, ErrorLaw
 from startrack.design.objective import Objective
 from startrack.trial.chain import OUTCOMES
 from startrack.verification import expected_error
@@ -139,8 +139,8 @@ def test_what_a_budget_expects_is_the_statistic_of_such_errors(text):
     """Errors drawn with the variances of 2000 fields, 100 of each: within 2 %."""
     rng = np.random.default_rng(3)
     sigma = np.exp(rng.normal(0, 0.5, 2000))[:, None] * np.ones(3)
-    law = Law(np.zeros((2000, 3)), sigma, np.full(2000, 1 / 2000))
-    budget = Budget((), Line("end to end", None, law), 1.0, 10.0)
+    law = ErrorLaw(np.zeros((2000, 3)), sigma, np.full(2000, 1 / 2000))
+    budget = Budget((), BudgetLine("end to end", None, law), 1.0, 10.0)
     table = np.zeros(200_000, OUTCOMES)
     for k, axis in enumerate("xyz"):
         table[f"error_{axis}"] = rng.normal(0, np.repeat(sigma[:, k], 100))

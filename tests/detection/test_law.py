@@ -8,7 +8,7 @@ from startrack.core.streams import Streams
 from startrack.core.values import Frame
 from startrack.detection import Detection, detect, false_alarms, plan_detection
 from startrack.detection.matched import Kernel, equivalent_sigmas, noise_from_gain
-from startrack.detection.pixels import Gain
+from startrack.detection.pixels import PixelGain
 
 SIDE = 1024
 LINE = np.array([1, 2, 1])
@@ -29,7 +29,7 @@ def exact_tail(mean, level):
 @pytest.mark.parametrize("mean", [2.0, 10.0, 60.0])
 def test_the_level_is_passed_as_often_as_normal_noise_passes_it(mean):
     kernel = Kernel((np.outer(LINE, LINE) / 16).astype(np.float32), None, None)
-    gain = Gain(0.5, 100.0, 0.0)
+    gain = PixelGain(0.5, 100.0, 0.0)
     rms, skewness, kurtosis = noise_from_gain(np.float64(100 + 2 * mean), gain, 0.0, kernel)
     level = mean + 0.5 * rms * equivalent_sigmas(5.0, skewness, kurtosis)
     # The sum moves in steps of 1/16, so the law is known between two of them only.

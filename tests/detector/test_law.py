@@ -14,12 +14,12 @@ from startrack.core.variates import inverse_normal, poisson_quantile
 from startrack.design import load_design
 from startrack.detector import Detector
 from startrack.detector.digitise import _digitise, digitise, draws_of, shot
-from startrack.detector.law import EMPTY, Law, blank, law_of, mean_numbers, tables_for
+from startrack.detector.law import EMPTY, SignalLaw, blank, law_of, mean_numbers, tables_for
 from startrack.io import shipped
 from startrack.trial import noise_free_frame
 
 
-def summed(mean: float, law: Law) -> np.ndarray:
+def summed(mean: float, law: SignalLaw) -> np.ndarray:
     """Probability of each digital number, straight from the equation."""
     electrons = np.arange(0, math.ceil(mean + 12 * math.sqrt(mean) + 40))
     weight = stats.poisson.pmf(electrons, mean)
@@ -42,14 +42,14 @@ def summed(mean: float, law: Law) -> np.ndarray:
 
 
 LAWS = {
-    "sky": (20.0, Law(8.0, 2e4, 0.0, 0.2, 64.0, 0.0, 1023.0)),
-    "quiet": (0.5, Law(2.0, 2e4, 0.0, 0.2047, 64.0, 0.0, 1023.0)),
-    "nearly dark": (0.02, Law(0.35, 2e4, 0.0, 2.0, 20.0, 0.0, 1023.0)),
-    "counting": (3.4, Law(0.0, 2e4, 0.0, 1.0, 0.0, 0.0, 1023.0)),
-    "bright": (1500.0, Law(5.0, 2e4, 0.0, 0.2, 60.0, 0.0, 1023.0)),
-    "full": (400.0, Law(6.0, 405.0, 0.0, 0.5, 20.0, 0.0, 1023.0)),
-    "bent": (300.0, Law(4.0, 800.0, 0.2, 1.0, 20.0, 12.0, 1023.0)),
-    "saturated": (300.0, Law(4.0, 800.0, 0.0, 1.0, 20.0, 0.0, 330.0)),
+    "sky": (20.0, SignalLaw(8.0, 2e4, 0.0, 0.2, 64.0, 0.0, 1023.0)),
+    "quiet": (0.5, SignalLaw(2.0, 2e4, 0.0, 0.2047, 64.0, 0.0, 1023.0)),
+    "nearly dark": (0.02, SignalLaw(0.35, 2e4, 0.0, 2.0, 20.0, 0.0, 1023.0)),
+    "counting": (3.4, SignalLaw(0.0, 2e4, 0.0, 1.0, 0.0, 0.0, 1023.0)),
+    "bright": (1500.0, SignalLaw(5.0, 2e4, 0.0, 0.2, 60.0, 0.0, 1023.0)),
+    "full": (400.0, SignalLaw(6.0, 405.0, 0.0, 0.5, 20.0, 0.0, 1023.0)),
+    "bent": (300.0, SignalLaw(4.0, 800.0, 0.2, 1.0, 20.0, 12.0, 1023.0)),
+    "saturated": (300.0, SignalLaw(4.0, 800.0, 0.0, 1.0, 20.0, 0.0, 330.0)),
 }
 
 
@@ -79,7 +79,7 @@ def test_the_law_is_exact(name, tabled):
 @pytest.mark.parametrize("noise", [0.0, 0.4, 3.0])
 def test_between_levels_the_law_is_as_near_as_stated(mean, noise):
     """From the tables themselves: total variation 2e-5, the mean exact, the tail within 2 %."""
-    law = Law(noise, 2e4, 0.0, 1.0, 64.0, 0.0, 1023.0)
+    law = SignalLaw(noise, 2e4, 0.0, 1.0, 64.0, 0.0, 1023.0)
     tables = tables_for(np.full((256, 256), mean), law)
     level = math.floor(mean / tables.spacing)
     middle = (level + 0.5) * tables.spacing

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from startrack.benchmark.earth import HEIGHT, RELIEF, STEP, image_rays, mountains, towards
-from startrack.earth.terrain import ConstantHeight, Grid, Rays, Scan, cartesian, index
+from startrack.earth.terrain import ConstantHeight, Grid, Rays, TerrainScan, cartesian, index
 from startrack.earth.terrain.trace import trace
 from tests.hard.case import hard, refused
 
@@ -60,7 +60,7 @@ for _name, _height, _place in (
 def _grazing() -> float:
     grid, heights = mountains(160)
     rays = random_rays(np.random.default_rng(2), grid, 500, 2.0)
-    wanted, _ = Scan(grid, heights, HEIGHT - 5e4, HEIGHT + 5e4).meet(rays)
+    wanted, _ = TerrainScan(grid, heights, HEIGHT - 5e4, HEIGHT + 5e4).meet(rays)
     found = trace(index(grid, heights), rays)
     both = found.hit & wanted.hit
     far = np.abs(found.distance[both] - wanted.distance[both]) > 1.0

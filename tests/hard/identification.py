@@ -8,7 +8,15 @@ from functools import lru_cache
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.benchmark.solving import SETTINGS, Regime, Seen, design, sky, spots_at, wrong
+from startrack.benchmark.solving import (
+    SETTINGS,
+    BenchmarkView,
+    Regime,
+    design,
+    sky,
+    spots_at,
+    wrong,
+)
 from startrack.core.values import Spots
 from startrack.identification import Identification, build_index, identify
 from tests.hard.case import hard, refused
@@ -17,16 +25,16 @@ REGIME = Regime(12, 0.1, 3, 0.0)
 
 
 @lru_cache
-def seen(seed: int) -> Seen:
+def seen(seed: int) -> BenchmarkView:
     return sky(np.random.default_rng(seed), REGIME)
 
 
-def solve(spots: Spots, one: Seen):
+def solve(spots: Spots, one: BenchmarkView):
     _, stars, index = design(REGIME.field)
     return identify(spots, one.believed, stars, index, SETTINGS)
 
 
-def right(found: Rotation | None, one: Seen) -> float:
+def right(found: Rotation | None, one: BenchmarkView) -> float:
     return float(found is not None and not wrong(found, one, REGIME))
 
 

@@ -10,7 +10,7 @@ from startrack.core import Stars
 from startrack.core.camera import Camera
 from startrack.identification import Identification, build_index
 from startrack.identification.index import CELLS_BASE, STRETCH, cell_base
-from startrack.identification.search import Limits, _measure, _namings, search
+from startrack.identification.search import TripleLimits, _measure, _namings, search
 from startrack.identification.seen import see
 
 pytestmark = pytest.mark.usefixtures("in_python")
@@ -30,7 +30,7 @@ def test_a_search_that_may_try_nothing_ends_with_no_evidence(seen):
     direction = Rotation.random(60, random_state=1).apply([0.0, 0.0, 1.0])
     index = build_index(Stars(np.arange(60), direction, np.linspace(1, 5, 60), np.zeros(60)), 0.5)
     nothing = np.empty((0, 3), np.int64)
-    limits = Limits(40, 0.003, 4, -10.0, 100)
+    limits = TripleLimits(40, 0.003, 4, -10.0, 100)
     best, tried = search(seen, nothing, index.table, index.bright, limits)
     assert (best.matches, best.expected, best.log_p, best.scale, tried) == (0, 0, 0.0, 1.0, 0)
     np.testing.assert_array_equal(best.rotation, np.eye(3))

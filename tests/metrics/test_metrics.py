@@ -4,7 +4,14 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from startrack.core.values import Estimate, Status
-from startrack.metrics import Limits, correct, fraction_interval, judge, rms_interval, summarise
+from startrack.metrics import (
+    ErrorLimits,
+    correct,
+    fraction_interval,
+    judge,
+    rms_interval,
+    summarise,
+)
 from startrack.trial.chain import OUTCOMES
 
 TRUTH = Rotation.from_rotvec([0.3, -1.0, 2.0])
@@ -53,21 +60,21 @@ def test_an_attitude_is_right_within_what_is_required_or_stated():
     """Errors of 5 across, and of 1 and 7 about; 2 is stated about each axis."""
     table = outcomes(TRIALS)
     for limits, found in (
-        (Limits(), [1, 1, 0, 0]),
-        (Limits(across=4.9), [0, 0, 0, 0]),
-        (Limits(across=5.1), [1, 1, 0, 0]),
-        (Limits(across=5.1, about=6.9), [1, 0, 0, 0]),
-        (Limits(across=1e9, about=1e9), [1, 1, 0, 0]),
+        (ErrorLimits(), [1, 1, 0, 0]),
+        (ErrorLimits(across=4.9), [0, 0, 0, 0]),
+        (ErrorLimits(across=5.1), [1, 1, 0, 0]),
+        (ErrorLimits(across=5.1, about=6.9), [1, 0, 0, 0]),
+        (ErrorLimits(across=1e9, about=1e9), [1, 1, 0, 0]),
     ):
         assert correct(table, limits).tolist() == [bool(one) for one in found]
     for axis in "xyz":
         table[f"sigma_{axis}"] = 0.99  # of which 5 is more than five
     assert not correct(table).any()
-    assert correct(table, Limits(5.1, 7.1)).tolist() == [True, True, False, False]
+    assert correct(table, ErrorLimits(5.1, 7.1)).tolist() == [True, True, False, False]
 
 
 def test_inaccurate_attitudes_count_in_the_errors_and_not_in_the_availability():
-    summary = summarise(outcomes(TRIALS), Limits(about=6.9))
+    summary = summarise(outcomes(TRIALS), ErrorLimits(about=6.9))
     assert summary.about.value == pytest.approx(5)
     assert (summary.availability.value, summary.inaccurate.value) == (0.25, 0.25)
     assert summary.false.value == 0.25

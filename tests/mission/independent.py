@@ -26,7 +26,7 @@ from startrack import shipped
 from startrack.core import deg, installed_tables
 from startrack.design import KeepOut
 from startrack.mission import load_mission, plan_of
-from startrack.mission.parameters import Orbit
+from startrack.mission.parameters import MissionOrbit
 
 # The space station, from the documentation of the package sgp4.
 TLE = (
@@ -58,7 +58,7 @@ def low_heads():
         loaded.mission,
         heads=tuple(heads),
         time=dataclasses.replace(loaded.mission.time, begin=BEGIN),
-        orbit=Orbit(tle=TLE),
+        orbit=MissionOrbit(tle=TLE),
     )
     return plan_of(dataclasses.replace(loaded, mission=mission), errors=False)
 

@@ -18,7 +18,7 @@ from startrack.mission import (
     scenes_at,
 )
 from startrack.mission.frames import AXES, FRAMES
-from startrack.mission.parameters import Radiation
+from startrack.mission.parameters import MissionRadiation
 from startrack.motion import Motion, Tone
 from startrack.space.radiation import HitMap
 from tests.mission.test_units import plan_with
@@ -94,7 +94,7 @@ def test_particles_of_a_place_hit_the_detector(plan, monkeypatch):
     )
     where = HitMap(rate, np.array([400e6, 100e6]))
     monkeypatch.setattr(rendered, "hit_map", lambda altitude, shielding: where)
-    radiation = Radiation(hits=5e-3)
+    radiation = MissionRadiation(hits=5e-3)
     mission = dataclasses.replace(plan.loaded.mission, radiation=radiation)
     hit = dataclasses.replace(plan, loaded=dataclasses.replace(plan.loaded, mission=mission))
     seen = set()

@@ -25,7 +25,7 @@ from startrack.core import LIGHT_SPEED, arcsec, deg, installed_tables
 from startrack.mission.engine import at, plan_of
 from startrack.mission.heads import Blind
 from startrack.mission.instants import motion_of
-from startrack.mission.parameters import Attitude, Orbit, Scan, load_mission, save_mission
+from startrack.mission.parameters import Attitude, MissionOrbit, ScanLaw, load_mission, save_mission
 from tests.mission import independent
 
 EXAMPLE = shipped("missions/sun-synchronous.toml")
@@ -37,7 +37,7 @@ INSTANTS = 60
 def mission():
     loaded = load_mission(EXAMPLE, ["time.duration=20 d"])
     time = dataclasses.replace(loaded.mission.time, begin=BEGIN)
-    return dataclasses.replace(loaded.mission, time=time, orbit=Orbit(tle=TLE))
+    return dataclasses.replace(loaded.mission, time=time, orbit=MissionOrbit(tle=TLE))
 
 
 @pytest.fixture(scope="module")
@@ -139,7 +139,7 @@ def test_laws_point_where_they_say(mission):
         "inertial": Attitude(law="inertial", quaternion=(0.5, 0.5, 0.5, 0.5)),
         "sun": Attitude(law="sun", axis=(0.0, 1.0, 1.0)),
         "target": Attitude(law="target", latitude=0.6, longitude=0.2),
-        "scan": Attitude(scan=Scan(amplitude=0.3, period=400.0)),
+        "scan": Attitude(scan=ScanLaw(amplitude=0.3, period=400.0)),
     }
     day = dataclasses.replace(mission.time, duration=86400.0)
     for name, law in laws.items():

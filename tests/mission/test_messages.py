@@ -16,7 +16,7 @@ from startrack.mission import load_mission
 from startrack.mission.files import read_ck, write_ck
 from startrack.mission.instants import law_of, motion_of, path_of
 from startrack.mission.messages import read_aem, read_oem
-from startrack.mission.parameters import Attitude, Orbit
+from startrack.mission.parameters import Attitude, MissionOrbit
 from tests.mission.messages import (
     message,
     standard_matrix,
@@ -310,7 +310,7 @@ def test_states_between_those_of_a_file_are_as_oem_reads_them(tmp_path, method, 
     lines = message("OEM", "2.0", epochs, keys, np.hstack([place, speed]) / 1e3)
     (tmp_path / "a.oem").write_text("\n".join([*lines, ""]))
     theirs = oem.OrbitEphemerisMessage.open(tmp_path / "a.oem")
-    path = path_of(Orbit(oem=str(tmp_path / "a.oem")), "2024-01-01T00:00:00")
+    path = path_of(MissionOrbit(oem=str(tmp_path / "a.oem")), "2024-01-01T00:00:00")
     seconds = np.array([0.0, 1470.0, 2222.0, 3000.0])
     mine = path.state(seconds)
     for k, second in enumerate(seconds):
@@ -332,7 +332,7 @@ def test_an_orbit_is_not_interpolated_over_a_gap_or_a_manoeuvre(tmp_path):
         lines += ["COVARIANCE_START", f"EPOCH = {epochs[0]}", "COV_REF_FRAME = RTN", "1e-3"]
         lines += ["0 1e-3", "COVARIANCE_STOP", "COMMENT nothing = here"]
     (tmp_path / "a.oem").write_text("\n".join(lines))
-    orbit = Orbit(oem=str(tmp_path / "a.oem"))
+    orbit = MissionOrbit(oem=str(tmp_path / "a.oem"))
     path = path_of(orbit, "2024-01-01T00:00:00")
     place, speed = path.state(np.array([1190.0, 1210.0, 3010.0]))
     assert place[0] == pytest.approx(1e3 * np.array([7000 + 1190, 7000 + 50, 7000 + 90]), abs=1e-3)

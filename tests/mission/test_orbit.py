@@ -15,7 +15,7 @@ from startrack.core import Refused, deg, installed_tables
 from startrack.mission import load_mission
 from startrack.mission.files import read_ck, read_spk, write_ck, write_spk
 from startrack.mission.instants import motion_of, path_of, spread
-from startrack.mission.parameters import Orbit
+from startrack.mission.parameters import MissionOrbit
 from startrack.space import Kepler, sun_synchronous
 from tests.mission.messages import write_oem
 
@@ -53,7 +53,7 @@ def test_kepler_is_a_solution_of_newton():
 def test_a_sun_synchronous_orbit_keeps_its_local_time():
     """The published inclination at 600 km, and by astropy the mean Sun at the node a year later."""
     assert sun_synchronous(6378137.0 + 600e3) / deg == pytest.approx(97.79, abs=0.02)
-    orbit = path_of(Orbit(altitude=600e3, local_time=10.5 * 3600), BEGIN)
+    orbit = path_of(MissionOrbit(altitude=600e3, local_time=10.5 * 3600), BEGIN)
     for days in (0.0, 365.0):
         with installed_tables():
             date = Time(BEGIN, scale="utc") + days * u.d
@@ -85,7 +85,7 @@ def test_an_orbit_file_moves_the_spacecraft_as_its_elements_do(tmp_path):
     with installed_tables():
         epochs = tuple((Time(BEGIN, scale="utc") + own.second * u.s).isot)
     write_oem(tmp_path / "a.oem", epochs, own.place.T, own.speed.T)
-    flown = motion_of(dataclasses.replace(MISSION, orbit=Orbit(oem=str(tmp_path / "a.oem"))))
+    flown = motion_of(dataclasses.replace(MISSION, orbit=MissionOrbit(oem=str(tmp_path / "a.oem"))))
     a, b = (one.at(0.0, 10.0, 2000) for one in (course, flown))
     assert np.abs(a.place - b.place).max() < 0.05  # epochs in milliseconds: 7 m / ms, exact here
     assert np.abs(a.body - b.body).max() < 1e-6

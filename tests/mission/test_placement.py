@@ -13,7 +13,7 @@ from startrack.mission import load_mission, placement, plan_of, surrogate
 from startrack.mission.engine import at, fly
 from startrack.mission.heads import Blind, faces_of, nearest
 from startrack.mission.instants import Instants
-from startrack.mission.parameters import KeepClear, MissionRequirements, Obstacle, Orbit
+from startrack.mission.parameters import KeepClear, MissionOrbit, MissionRequirements, Obstacle
 from startrack.mission.placement import (
     angles_of,
     lightest,
@@ -55,7 +55,7 @@ def test_three_heads_above_the_earth(loaded, monkeypatch):
     mission = dataclasses.replace(
         loaded.mission,
         heads=tuple(heads),
-        orbit=Orbit(altitude=600e3, inclination=0.0),
+        orbit=MissionOrbit(altitude=600e3, inclination=0.0),
         requirements=MissionRequirements(availability_two=0.999),
     )
     found = place(plan_of(dataclasses.replace(loaded, mission=mission)))

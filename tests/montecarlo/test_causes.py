@@ -10,16 +10,18 @@ from scipy.spatial.transform import Rotation
 from startrack.core import arcsec, deg
 from startrack.design import KeepOut
 from startrack.io import pointing
-from startrack.metrics import Limits
+from startrack.metrics import ErrorLimits
 from startrack.montecarlo import Ending, endings, export, with_causes
-from startrack.scene import Orbit, body_angles
+from startrack.scene import ObserverOrbit, body_angles
 from startrack.trial import OUTCOMES
 
 DATE = "2026-03-20T12:00:00"
 
 
 def lit(case, *lights):
-    scene = dataclasses.replace(case.scene, lights=lights, date=DATE, orbit=Orbit(600e3, phase=0.0))
+    scene = dataclasses.replace(
+        case.scene, lights=lights, date=DATE, orbit=ObserverOrbit(600e3, phase=0.0)
+    )
     return dataclasses.replace(case, scene=scene)
 
 
@@ -44,7 +46,9 @@ def sun_at(angle):
 def test_each_trial_has_its_cause(case):
     """Six ends of trials; the last two looked 30 and 120 degrees from the Sun."""
     attitudes = Rotation.concatenate([*[pointing(0, 85, 0)] * 4, sun_at(30), sun_at(80)])
-    found = endings(lit(case, "sun"), 1, six_trials(), attitudes, Limits(), KeepOut(sun=40 * deg))
+    found = endings(
+        lit(case, "sun"), 1, six_trials(), attitudes, ErrorLimits(), KeepOut(sun=40 * deg)
+    )
     assert found.ending == [
         Ending.CORRECT,
         Ending.INACCURATE,
@@ -55,7 +59,7 @@ def test_each_trial_has_its_cause(case):
     ]
     assert found.reason[4] == "sun at 30.0 deg"
     assert found.count()[Ending.BLINDED] == 1
-    wide = endings(lit(case, "sun"), 1, six_trials(), attitudes, Limits(across=21 * arcsec))
+    wide = endings(lit(case, "sun"), 1, six_trials(), attitudes, ErrorLimits(across=21 * arcsec))
     assert wide.ending[1] is Ending.CORRECT
     assert wide.ending[4] is Ending.NO_MATCH  # without a requirement, only a body in the field
 

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from startrack.metrics import Limits, ratio_of_levels, trials_for_level
+from startrack.metrics import ErrorLimits, ratio_of_levels, trials_for_level
 from startrack.montecarlo import differences
 
-EVERYTHING = (Limits(1.0, 1.0),) * 2
+EVERYTHING = (ErrorLimits(1.0, 1.0),) * 2
 
 
 def test_a_paired_ratio_is_known_better_than_either(outcomes):

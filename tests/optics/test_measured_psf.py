@@ -9,7 +9,7 @@ from scipy.optimize import minimize
 
 from startrack.detector import stamp
 from startrack.optics import Aberration, Optics, pixel_psf, reconstruct
-from startrack.optics.measured_psf import Stars
+from startrack.optics.measured_psf import PsfStars
 
 PITCH, SIDE, ELECTRONS = 5e-6, 15, 20000.0
 WAVES = np.array([600e-9]), np.ones(1)
@@ -26,7 +26,7 @@ def stars(psf, count, seed=1, ground=100.0):
         )
         cut[:] = random.poisson(frame + ground) + random.normal(0, 5, frame.shape)
     guess = random.normal(0, 0.05, (2, count))
-    return Stars(cuts, x + guess[0], y + guess[1], np.ones(len(x))), x, y
+    return PsfStars(cuts, x + guess[0], y + guess[1], np.ones(len(x))), x, y
 
 
 def test_stars_give_back_the_psf_that_they_were_rendered_with():

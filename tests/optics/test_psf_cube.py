@@ -13,8 +13,8 @@ from startrack.cli.main import main
 from startrack.core import Camera, Refused
 from startrack.metrics import summarise
 from startrack.optics import Optics, PsfFile, load_lens, load_psf_file, open_optics, save_psf_file
-from startrack.optics.field_images import Band
-from startrack.optics.lens_psf import _Plan, _stars
+from startrack.optics.field_images import ColourBand
+from startrack.optics.lens_psf import _LensPlan, _stars
 from startrack.optics.zemax_text import psfs_of_pages
 from startrack.trial.images import field_psf_of
 
@@ -35,8 +35,13 @@ def cube(tmp_path_factory):
     path = tmp_path_factory.mktemp("cube") / "cube.fits"
     optics = Optics(FOCAL, F_NUMBER, lens_file="double_gauss", blur=BLUR, psf_tolerance=0.05)
     lens = open_optics(optics)
-    plan = _Plan(
-        lens, Camera(8, 8, FOCAL / 11e-6), 11e-6, Band(WAVES, np.ones((1, len(WAVES)))), 1.0, 0.0
+    plan = _LensPlan(
+        lens,
+        Camera(8, 8, FOCAL / 11e-6),
+        11e-6,
+        ColourBand(WAVES, np.ones((1, len(WAVES)))),
+        1.0,
+        0.0,
     )
     plan.count, plan.spacing = SIDE, SPACING
     image, place = np.empty((len(WAVES), len(ANGLES), SIDE, SIDE)), np.empty((25, 6))

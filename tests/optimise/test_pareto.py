@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from startrack.design.variables import DesignSpace
-from startrack.optimise.pareto import Goals, front, undominated
+from startrack.optimise.pareto import FrontGoals, front, undominated
 from startrack.optimise.runner import TrialRunner
 
 
@@ -21,7 +21,7 @@ def test_accuracy_is_paid_for_in_mass(small, method):
     )
     space = DesignSpace(small.case, campaign.variables)
     stages = []
-    goals, runner = Goals("across", "mass"), TrialRunner(1)
+    goals, runner = FrontGoals("across", "mass"), TrialRunner(1)
     points = front(space, campaign, goals, runner, 4, method, stages.append)
     assert len(points) >= 3
     parts = [stage.part for stage in stages]
@@ -37,9 +37,9 @@ def test_accuracy_is_paid_for_in_mass(small, method):
 
 def test_a_goal_is_not_traded_for_itself():
     with pytest.raises(ValueError, match="must differ"):
-        Goals("mass", "mass")
+        FrontGoals("mass", "mass")
     with pytest.raises(ValueError, match="objective must be"):
-        Goals("speed", "mass")
+        FrontGoals("speed", "mass")
 
 
 def test_a_box_that_meets_nothing_has_no_front(small, monkeypatch):
@@ -50,4 +50,6 @@ def test_a_box_that_meets_nothing_has_no_front(small, monkeypatch):
         small.campaign, requirements=tight, variables=small.campaign.variables[:2]
     )
     with pytest.raises(ValueError, match="no design in the design space meets the requirements"):
-        front(DesignSpace(small.case, campaign.variables), campaign, Goals(), TrialRunner(1), 3)
+        front(
+            DesignSpace(small.case, campaign.variables), campaign, FrontGoals(), TrialRunner(1), 3
+        )

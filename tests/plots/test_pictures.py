@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from startrack.budget import Survey, analytic, curve_steps, curves, error_curves
+from startrack.budget import RateSurvey, analytic, curve_steps, curves, error_curves
 from startrack.core import Camera, Frame, Psf, Spots, Stars, arcsec, deg
 from startrack.design import YEAR, Accuracy, Campaign, Objective, replaced
-from startrack.metrics import Interval, Limits, summarise
+from startrack.metrics import ErrorLimits, Interval, summarise
 from startrack.motion import Tone
-from startrack.optimise import Goals, Optimum, Point, Sensitivity
+from startrack.optimise import FrontGoals, Optimum, Point, Sensitivity
 from startrack.optimise.evaluate import Evaluation
 from startrack.plots import (
     draw_budget,
@@ -109,7 +109,7 @@ def test_errors_have_the_availability_of_their_summary(drawn):
     few["error_x"][:10] = 100 * arcsec
     for axis in "xyz":
         few[f"sigma_{axis}"] = 50 * arcsec
-    required = summarise(few, Limits(20 * arcsec, None))
+    required = summarise(few, ErrorLimits(20 * arcsec, None))
     assert "availability 75.0 %" in texts(drawn(draw_errors, few, "few", required)[0])
     assert "availability 100.0 %" in texts(drawn(draw_errors, few, "few")[0])
 
@@ -286,7 +286,7 @@ def test_a_sky_that_is_alike_everywhere_has_no_offset(drawn, small):
     across[:3] = 50 * arcsec
     about = np.where(np.arange(400) < 40, np.nan, 5 * arcsec)
     alike = 99.9999 + 1e-6 * random.random(400)
-    found = Survey(direction, alike, np.ones(400), across, about, alike)
+    found = RateSurvey(direction, alike, np.ones(400), across, about, alike)
     figure, _ = drawn(draw_sky, found, small.case, "alike")
     bars = [axes for axes in figure.axes if axes.get_label() == "<colorbar>"]
     extends = [axes._colorbar.extend for axes in bars]
@@ -470,7 +470,7 @@ def test_a_front_has_the_intervals_of_its_trials(drawn):
         )
         for k in range(4)
     ]
-    figure, _ = drawn(draw_front, points, Goals(), ("arcsec", "kg"), 60)
+    figure, _ = drawn(draw_front, points, FrontGoals(), ("arcsec", "kg"), 60)
     (axes,) = figure.axes
     spans = {
         round(float(np.ptp(part.get_segments()[0][:, 0])), 6) for part in axes.collections[::2]

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from startrack.core.units import deg, nm
-from startrack.scene import Orbit, Scene, illuminate
+from startrack.scene import ObserverOrbit, Scene, illuminate
 from startrack.scene.bodies import Disc, Earth, earth_of
 from startrack.scene.cities import CITIES, cities
-from startrack.scene.ephemeris import Observer, observer_of
+from startrack.scene.ephemeris import SkyObserver, observer_of
 from startrack.scene.limb import RAYLEIGH, SHELLS, airglow, spectrum
 from startrack.scene.photometry import WAVELENGTH
 from startrack.space import EARTH_RADIUS, J2000
@@ -93,7 +93,7 @@ def over(million, latitude, longitude, day=J2000 + 9600.3):
     zenith = _earth_to_icrs(day) @ local
     centre = -(EARTH_RADIUS + HIGH) * zenith
     disc = Disc(-zenith, np.arcsin(EARTH_RADIUS / (EARTH_RADIUS + HIGH)), NIGHT)
-    return Earth(disc, np.zeros_like(WAVELENGTH), centre, -zenith), Observer(day, centre, centre)
+    return Earth(disc, np.zeros_like(WAVELENGTH), centre, -zenith), SkyObserver(day, centre, centre)
 
 
 def test_a_city_below_is_a_bright_false_star():
@@ -132,7 +132,7 @@ def test_a_scene_has_them_where_it_names_them():
         return Scene(
             lights=("earth", "airglow", "cities"),
             date="2026-03-20T12:00:00",
-            orbit=Orbit(600e3, 40 * deg, phase=phase),
+            orbit=ObserverOrbit(600e3, 40 * deg, phase=phase),
         )
 
     def lamps(phase: float) -> int:
@@ -150,4 +150,4 @@ def test_a_scene_has_them_where_it_names_them():
 
 def test_they_need_an_earth():
     with pytest.raises(ValueError, match="lights must have earth where they have airglow"):
-        Scene(lights=("airglow",), date="2026-03-20", orbit=Orbit(600e3))
+        Scene(lights=("airglow",), date="2026-03-20", orbit=ObserverOrbit(600e3))

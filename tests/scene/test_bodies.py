@@ -12,7 +12,7 @@ from startrack.scene.bodies import (
     sun_of,
     sunlight,
 )
-from startrack.scene.ephemeris import Observer, observer_of
+from startrack.scene.ephemeris import SkyObserver, observer_of
 from startrack.scene.parameters import Scene
 from startrack.scene.photometry import WAVELENGTH
 from startrack.space import AU, EARTH_RADIUS
@@ -20,18 +20,18 @@ from startrack.space import AU, EARTH_RADIUS
 ENERGY = PLANCK * LIGHT_SPEED / WAVELENGTH  # joule of a photon
 
 
-def at(date: str) -> Observer:
+def at(date: str) -> SkyObserver:
     return observer_of(Scene(lights=("sun",), date=date), None)
 
 
-def near_earth(distance: float, phase: float) -> Observer:
+def near_earth(distance: float, phase: float) -> SkyObserver:
     """An observer who sees the Earth at this phase angle, on a day in March."""
     centre = at("2026-03-20")
     sun = centre.see("sun").direction
     side = np.cross(sun, [0.0, 0.0, 1.0])
     side /= np.linalg.norm(side)
     away = np.cos(phase) * sun + np.sin(phase) * side
-    return Observer(centre.day, centre.position + distance * away, -distance * away)
+    return SkyObserver(centre.day, centre.position + distance * away, -distance * away)
 
 
 def test_sunlight_has_the_energy_of_the_solar_constant():

@@ -6,7 +6,7 @@ import pytest
 from startrack.core.streams import Streams
 from startrack.core.units import deg, installed_tables
 from startrack.scene.ephemeris import observer_of, on_orbit
-from startrack.scene.parameters import Orbit, Scene
+from startrack.scene.parameters import ObserverOrbit, Scene
 from startrack.scene.planets import magnitude_v
 from startrack.space import AU, EARTH_RADIUS
 
@@ -74,7 +74,7 @@ def test_the_earth_from_far_away():
 
 
 def test_an_orbit_is_a_circle_around_the_earth():
-    orbit = Orbit(550e3, 97.6 * deg, 40 * deg)
+    orbit = ObserverOrbit(550e3, 97.6 * deg, 40 * deg)
     places = np.array([on_orbit(orbit, phase) for phase in np.linspace(0, 2 * np.pi, 13)])
     np.testing.assert_allclose(np.linalg.norm(places, axis=1), EARTH_RADIUS + 550e3)
     normal = np.cross(places[0], places[3])
@@ -85,7 +85,7 @@ def test_an_orbit_is_a_circle_around_the_earth():
 
 
 def test_what_is_drawn_belongs_to_the_trial():
-    scene = Scene(lights=("sun",), date="2026-01-01", days=365.0, orbit=Orbit(600e3, 1.0))
+    scene = Scene(lights=("sun",), date="2026-01-01", days=365.0, orbit=ObserverOrbit(600e3, 1.0))
     first, again, other = (observer_of(scene, Streams(1, number)) for number in (4, 4, 5))
     assert first.day == again.day
     np.testing.assert_array_equal(first.position, again.position)
@@ -111,7 +111,10 @@ def test_a_date_of_another_zone_is_the_same_instant():
         ({"lights": ("earth",), "date": "2026-01-01"}, "orbit must be given where lights has"),
         ({"lights": ("zodiacal",), "date": "2026-01-01", "background_g": 22.0}, "must be left out"),
         ({"place": (AU, 0.0)}, "place must have three coordinates, got 2"),
-        ({"place": (AU, 0.0, 0.0), "orbit": Orbit(5e5)}, "orbit and place must not both be given"),
+        (
+            {"place": (AU, 0.0, 0.0), "orbit": ObserverOrbit(5e5)},
+            "orbit and place must not both be given",
+        ),
         ({"days": -1.0}, "days must not be negative"),
     ],
 )

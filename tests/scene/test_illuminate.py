@@ -7,7 +7,7 @@ from startrack.core.camera import Camera
 from startrack.core.streams import Streams
 from startrack.core.units import deg
 from startrack.core.values import Stars
-from startrack.scene import Orbit, Scene, Sight, illuminate
+from startrack.scene import ObserverOrbit, Scene, Sight, illuminate
 from startrack.scene.background import zodiacal
 from startrack.scene.bodies import MOON_RADIUS, SUN_RADIUS
 from startrack.scene.ephemeris import observer_of
@@ -107,7 +107,7 @@ def test_the_glow_follows_the_sky_between_its_places():
     assert wanted.max() > 1.3 * wanted.min()
 
 
-ORBIT = Orbit(600e3, 98 * deg, 20 * deg, phase=50 * deg)
+ORBIT = ObserverOrbit(600e3, 98 * deg, 20 * deg, phase=50 * deg)
 
 
 def test_the_earth_hides_the_sky_and_shines_itself():
@@ -131,7 +131,7 @@ def test_in_the_earths_shadow_there_is_no_sun():
     """
     phases = np.linspace(0, 2 * np.pi, 72, endpoint=False)
     scenes = [
-        Scene(lights=("sun", "earth"), date=DATE, orbit=Orbit(600e3, 98 * deg, 4.0, phase))
+        Scene(lights=("sun", "earth"), date=DATE, orbit=ObserverOrbit(600e3, 98 * deg, 4.0, phase))
         for phase in phases
     ]
     sight = sight_of(np.array([0.0, 1.0, 0.2]))
@@ -178,7 +178,9 @@ def test_the_moon_hides_the_suns_stray_light(nearer):
 
 def test_half_a_sun_above_the_limb_has_half_its_stray_light():
     def scene(phase: float) -> Scene:
-        return Scene(lights=("sun", "earth"), date=DATE, orbit=Orbit(600e3, 98 * deg, 4.0, phase))
+        return Scene(
+            lights=("sun", "earth"), date=DATE, orbit=ObserverOrbit(600e3, 98 * deg, 4.0, phase)
+        )
 
     def above(phase: float) -> float:
         observer = observer_of(scene(phase), None)

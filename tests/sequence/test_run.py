@@ -25,11 +25,11 @@ from startrack.montecarlo.workers import Serial
 from startrack.motion import Motion, Tone
 from startrack.sequence import (
     Gyro,
-    Head,
     Leg,
     Mode,
     Recording,
     Sequence,
+    SequenceHead,
     fly_sequences,
     run,
     summarise_sequences,
@@ -345,7 +345,7 @@ def test_sequences_of_one_frame_tell_no_rate_of_losses(small):
     assert (rate.low, rate.high) == (0, np.inf)
 
 
-PAIR = (Head(x=90 * deg, alignment_sigma=60 * arcsec),)
+PAIR = (SequenceHead(x=90 * deg, alignment_sigma=60 * arcsec),)
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from startrack.detector import Exposure, expected
 from startrack.io import shipped
 from startrack.motion import Motion
 from startrack.optics import Baffle
-from startrack.scene import Orbit, Scene
+from startrack.scene import ObserverOrbit, Scene
 from startrack.scene.ephemeris import observer_of
 from startrack.trial.chain import observe
 from startrack.trial.exposure import exposure_of
@@ -98,7 +98,7 @@ def test_a_scene_that_names_nothing_is_as_it_was():
 
 def test_a_scene_survives_a_file(tmp_path):
     scene = Scene(
-        None, ("zodiacal", "earth"), DATE, 365.0, Orbit(550e3, 97 * deg, 30 * deg, 80 * deg)
+        None, ("zodiacal", "earth"), DATE, 365.0, ObserverOrbit(550e3, 97 * deg, 30 * deg, 80 * deg)
     )
     case = case_with(scene, BAFFLE)
     save_design(tmp_path / "design.toml", Design(case))

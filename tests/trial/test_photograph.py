@@ -13,7 +13,7 @@ from startrack.core import Camera, Frame, deg
 from startrack.detection import Detection, detect
 from startrack.identification import Identification, build_index, cameras_of
 from startrack.identification.index import indexed_field
-from startrack.trial import View, photograph, solve_photograph
+from startrack.trial import PhotographView, photograph, solve_photograph
 from startrack.trial.photograph import _Looks
 
 STARS = open_sky(Selection("bright", limit_g=6.5)).stars
@@ -76,15 +76,15 @@ def apart_from(found, turn=TURN):
 @pytest.mark.parametrize("view", ["as it is", "mirrored", "squeezed"])
 def test_views_are_found_and_said(view):
     image = draw(PINHOLE.project, COLUMNS, ROWS)
-    expected = View()
+    expected = PhotographView()
     if view == "mirrored":
-        image, expected = image[:, ::-1].copy(), View(mirrored=True)
+        image, expected = image[:, ::-1].copy(), PhotographView(mirrored=True)
     if view == "squeezed":  # from 16 : 9, stars round before
         made = Camera.from_field_of_view(854, ROWS, FIELD)
         image = cv2.resize(
             draw(made.project, 854, ROWS), (COLUMNS, ROWS), None, 0, 0, cv2.INTER_AREA
         )
-        expected = View(aspect=4 / 3)
+        expected = PhotographView(aspect=4 / 3)
     found = solve_photograph(Frame(image), Indexes(), SETTINGS, FIELD)
     assert found.axis is not None, found.estimate.reason
     assert found.view.mirrored == expected.mirrored

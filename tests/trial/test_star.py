@@ -6,7 +6,7 @@ import pytest
 from startrack.core.camera import Camera
 from startrack.core.streams import Streams
 from startrack.trial.pointing import random_attitude
-from startrack.trial.spot_plan import View, plan_of
+from startrack.trial.spot_plan import SpotView, plan_of
 from startrack.trial.spot_response import REACH
 from startrack.trial.spots import _project, _pulled
 
@@ -16,7 +16,7 @@ from .designs import CASE
 def test_the_kernel_projects_as_the_camera_does():
     camera = Camera(800, 600, 900.0, 3.0, -5.0, -0.1, 0.05, 1e-3, -2e-3, 0.01)
     x, y = camera.centre
-    view = View(800, 600, 900.0, x, y, -0.1, 0.05, 1e-3, -2e-3, 0.01, 2, 0.0)
+    view = SpotView(800, 600, 900.0, x, y, -0.1, 0.05, 1e-3, -2e-3, 0.01, 2, 0.0)
     attitude = random_attitude(Streams(1, 0))
     pixel = np.random.default_rng(1).uniform([0, 0], [799, 599], (50, 2))
     direction = attitude.inv().apply(camera.unproject(pixel))

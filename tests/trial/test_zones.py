@@ -17,7 +17,7 @@ from startrack.metrics import summarise
 from startrack.optics import save_lens
 from startrack.trial import mean_colour, residual_shift, run_trials, zones_of
 from startrack.trial.images import field_psf_of
-from startrack.trial.spot_response import Grid, _mirrored, response_of
+from startrack.trial.spot_response import ResponseGrid, _mirrored, response_of
 from startrack.trial.zones import focal_stretch, unique_places
 from tests.optics.lenses import ideal
 
@@ -61,7 +61,7 @@ def test_stars_in_mirrored_places_are_measured_alike(fast):
     assert unique[0] == pytest.approx((259.0, 200.0, 650e-9))
     images = field_psf_of(case.instrument)
     first, direct = (
-        response_of(Grid(case, 10.0, images.image(*one)[0]), 2000.0, 9000.0)
+        response_of(ResponseGrid(case, 10.0, images.image(*one)[0]), 2000.0, 9000.0)
         for one in (unique[which[0]], place)
     )
     derived = _mirrored(first, mirror[0])

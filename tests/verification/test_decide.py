@@ -6,14 +6,14 @@ from scipy import stats
 
 from startrack.core import arcsec
 from startrack.design import Accuracy, Objective, Requirements
-from startrack.metrics import Limits
+from startrack.metrics import ErrorLimits
 from startrack.trial import OUTCOMES
 from startrack.verification import Answer, Looks, claims_of
 from startrack.verification.accuracy import REGIONS
 from startrack.verification.decide import Claim
 
 NOWHERE = np.empty((0, 3))
-EVERYTHING = Limits(math.inf, math.inf)
+EVERYTHING = ErrorLimits(math.inf, math.inf)
 
 
 def normal(rng, trials, sigma=1.0):

@@ -3,7 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from startrack.budget import Budget, Law, Line
+from startrack.budget import Budget, BudgetLine, ErrorLaw
 from startrack.core import arcsec, deg
 from startrack.design import (
     YEAR,
@@ -157,8 +157,8 @@ def test_the_expected_availability_is_that_of_such_errors():
     """Errors drawn with the variances of 500 fields, 90 % of them solved: within 0.5 %."""
     rng = np.random.default_rng(1)
     sigma = np.exp(rng.normal(0, 0.5, 500))[:, None] * np.array([1, 1, 8])
-    law = Law(np.zeros((500, 3)), sigma, np.full(500, 1 / 500))
-    budget = Budget((), Line("end to end", None, law), 0.9, 10.0)
+    law = ErrorLaw(np.zeros((500, 3)), sigma, np.full(500, 1 / 500))
+    budget = Budget((), BudgetLine("end to end", None, law), 0.9, 10.0)
     needs = Requirements(max_across=1.0, max_about=8.0)
     error = rng.normal(size=(200, 500, 3)) * sigma
     across = np.hypot(error[..., 0], error[..., 1]) <= needs.limits.across

@@ -13,10 +13,10 @@ The tables are built by the scripts in catalogs/atmosphere.
 
 from startrack.earth.atmosphere.cloud import LayerOptics, layer_optics
 from startrack.earth.atmosphere.infrared import InfraredTable, infrared_bands, load_infrared, vacuum
-from startrack.earth.atmosphere.look_up import FineTable, Reach, Sight, look_up, refine
+from startrack.earth.atmosphere.look_up import FineTable, Reach, SlantPath, look_up, refine
 from startrack.earth.atmosphere.radiance import (
-    Heat,
     Terms,
+    ThermalRadiance,
     at_sensor,
     heat_of,
     planck,

@@ -27,7 +27,7 @@ class Reach(NamedTuple):
     azimuth: tuple[float, float]
 
 
-class Sight(NamedTuple):
+class SlantPath(NamedTuple):
     """Viewing geometry and illumination of n pixels of ground.
 
     height     (n,) metre above the sea
@@ -69,7 +69,7 @@ class FineTable:
     rise: Singles | None = None
     fall: Singles | None = None
 
-    def heat(self, values: Singles, sight: Sight) -> Floats:
+    def heat(self, values: Singles, sight: SlantPath) -> Floats:
         """(n, b) of `through`, `rise` or `fall`, linear between its nodes."""
         last = np.array(values.shape[:2]) - 1
         height = np.clip((sight.height - self.start[0]) / self.step[0], 0, last[0])
@@ -116,7 +116,7 @@ def _single(values: Floats) -> Singles:
 
 def look_up(
     table: FineTable,
-    sight: Sight,
+    sight: SlantPath,
     reflectance: Reals,
     surroundings: Reals,
     direct: Reals | None = None,

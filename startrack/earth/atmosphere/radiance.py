@@ -8,7 +8,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from startrack.core import BOLTZMANN, LIGHT_SPEED, PLANCK, Floats, Singles
-from startrack.earth.atmosphere.look_up import FineTable, Reach, Reals, Sight, look_up, refine
+from startrack.earth.atmosphere.look_up import FineTable, Reach, Reals, SlantPath, look_up, refine
 from startrack.earth.atmosphere.table import BandTable
 from startrack.earth.terrain import Ground, up
 
@@ -30,7 +30,7 @@ def planck(wavelength: Floats, temperature: Floats | float) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
-class Heat:
+class ThermalRadiance:
     """Radiance of a blackbody in each band, as a spline of its logarithm over 1 / T."""
 
     spline: CubicSpline
@@ -50,7 +50,7 @@ class Heat:
         return np.exp(self.spline(-1 / temperature))
 
 
-def heat_of(spectrum: Floats, response: Floats) -> Heat:
+def heat_of(spectrum: Floats, response: Floats) -> ThermalRadiance:
     """Heat of bands: the radiance of a blackbody in each.
 
     spectrum  (f,) metre
@@ -60,7 +60,7 @@ def heat_of(spectrum: Floats, response: Floats) -> Heat:
     weights = response * np.gradient(spectrum)
     used = weights.any(0)  # the rest of the spectrum costs time
     bands = planck(spectrum[used], -1 / inverse[:, None]) @ weights[:, used].T
-    return Heat(CubicSpline(inverse, np.log(np.maximum(bands, 1e-300))))
+    return ThermalRadiance(CubicSpline(inverse, np.log(np.maximum(bands, 1e-300))))
 
 
 PIXELS = 2**15  # at a time, so that intermediate arrays stay in the cache
@@ -92,10 +92,10 @@ class Terms(NamedTuple):
 
 def radiance(
     table: FineTable,
-    sight: Sight,
+    sight: SlantPath,
     reflectance: Reals,
     surroundings: Reals,
-    heat: Heat | None = None,
+    heat: ThermalRadiance | None = None,
     temperature: Floats | None = None,
     air_temperature: float = 275.0,
     direct: Reals | None = None,
@@ -117,7 +117,8 @@ def radiance(
     temperature      (n,) kelvin, of the ground; needed with `heat`
     air_temperature  kelvin, of isothermal air, where the table has no thermal radiance
     direct           (n, b) 1, reflectance factor for sunlight; None for `reflectance`
-    Raises           ValueError as `look_up` and `Heat`; TypeError where heat has no temperature.
+    Raises           ValueError as `look_up` and `ThermalRadiance`; TypeError where heat has no
+                     temperature.
     Accuracy         model: isothermal air over a black ground of its own temperature gives Planck's
                      law exactly; it errs by some per cent of L_th in the windows and more in the
                      bands of gases.
@@ -128,7 +129,7 @@ def radiance(
     beam = reflectance if direct is None else direct
     for first in range(0, count, PIXELS):
         some = slice(first, first + PIXELS)
-        part = Sight(*(values[some] for values in sight))
+        part = SlantPath(*(values[some] for values in sight))
         around = surroundings if np.ndim(surroundings) < 3 else surroundings[:, some]
         lit = look_up(table, part, reflectance[some], around, beam[some])
         for term, values in zip(out, lit, strict=False):
@@ -150,7 +151,7 @@ def radiance(
 TINY = 1e-12  # product of sines, below which the azimuth is undefined
 
 
-def sight_of(ground: Ground) -> Sight:
+def sight_of(ground: Ground) -> SlantPath:
     """Viewing geometry and illumination of each of the m visible points of ground."""
     seen = ground.hit
     zenith = up(ground.longitude[seen], ground.latitude[seen])
@@ -161,7 +162,7 @@ def sight_of(ground: Ground) -> Sight:
     apart, about = (np.sqrt(np.einsum("ij,ij->i", vector, vector)) for vector in (level, shone))
     turned = np.einsum("ij,ij->i", level, shone) / np.maximum(apart * about, TINY)
     lit = (~ground.shadow[seen]).astype(np.float64)
-    return Sight(
+    return SlantPath(
         ground.height[seen],
         np.arctan2(apart, high),
         np.arctan2(about, low),
@@ -177,7 +178,7 @@ def at_sensor(
     table: BandTable,
     reflectance: Reals,
     surroundings: Reals,
-    heat: Heat | None = None,
+    heat: ThermalRadiance | None = None,
     temperature: Floats | None = None,
     direct: Reals | None = None,
 ) -> Terms:

@@ -28,9 +28,9 @@ from startrack.earth.geometry.sight import Elements
 from startrack.earth.terrain import (
     EQUATORIAL,
     Array,
-    Chart,
     Grid,
     Ground,
+    HeightChart,
     Mosaic,
     Pyramid,
     Raster,
@@ -200,12 +200,12 @@ class Terrain(Parameters):
             holes=self.holes,
         )
 
-    def charts(self, folder: Path) -> dict[str, Chart]:
+    def charts(self, folder: Path) -> dict[str, HeightChart]:
         """The maps by their names."""
         charts = {}
         for entry in self.maps:
             source = Raster(folder / entry.file, entry.band, entry.exact)
-            charts[entry.name] = Chart(Mosaic((source,)), entry.exact, entry.absent)
+            charts[entry.name] = HeightChart(Mosaic((source,)), entry.exact, entry.absent)
         return charts
 
 

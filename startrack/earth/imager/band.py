@@ -37,7 +37,7 @@ class Band(NamedTuple):
     weight: Floats
     electrons: float
     table: BandTable
-    heat: atmosphere.Heat | None
+    heat: atmosphere.ThermalRadiance | None
     irradiance: float
 
 

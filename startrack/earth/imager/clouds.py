@@ -23,7 +23,7 @@ from startrack.core import (
     printed,
 )
 from startrack.earth.imager.land import TEXELS, on_texture
-from startrack.earth.terrain import EQUATORIAL, Chart, Mosaic, Raster, fractal, geodetic, up
+from startrack.earth.terrain import EQUATORIAL, HeightChart, Mosaic, Raster, fractal, geodetic, up
 
 ROUGHNESS = 4 / 3  # of it: a power spectrum of |k|^(-5/3) along a line, as that of clouds
 GRAZING = 0.02  # least cosine of the zenith angle of a path through a layer; chosen by hand
@@ -118,13 +118,15 @@ class CloudLayer(Parameters):
         """
         if self.file:
             mosaic = Mosaic((Raster(folder / self.file, self.band),))
-            return Sheet(self, partial(_mapped, Chart(mosaic, absent=0.0), self.optical_depth))
+            return Sheet(
+                self, partial(_mapped, HeightChart(mosaic, absent=0.0), self.optical_depth)
+            )
         if self.cover is None:
             return Sheet(self, lambda longitude, _: np.full(len(longitude), self.optical_depth))
         return Sheet(self, partial(_generated, self, _clouds(self.seed, self.cover)))
 
 
-class Field(Protocol):
+class CloudField(Protocol):
     """Optical depth over the Earth."""
 
     def __call__(self, longitude: Floats, latitude: Floats, /) -> Floats:
@@ -132,7 +134,7 @@ class Field(Protocol):
         ...
 
 
-def _mapped(chart: Chart, factor: float, longitude: Floats, latitude: Floats) -> Floats:
+def _mapped(chart: HeightChart, factor: float, longitude: Floats, latitude: Floats) -> Floats:
     depth = chart.at(longitude, latitude, np.full(len(longitude), chart.mosaic.grid.step_y))
     return np.maximum(depth * factor, 0.0)
 
@@ -166,7 +168,7 @@ class Sheet:
     """A cloud layer with its field of optical depth."""
 
     layer: CloudLayer
-    field: Field
+    field: CloudField
 
     def cross(self, point: Floats, direction: Floats) -> Crossing:
         """Where straight paths leave the layer, and its optical depth there.

@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 from startrack import core
 from startrack.core import NON_NEGATIVE, POSITIVE, Parameters, Range, Unit, deg, parameter, um
 from startrack.detector import Detector
-from startrack.earth.atmosphere import Reach, Sight, radiance, refine
+from startrack.earth.atmosphere import Reach, SlantPath, radiance, refine
 from startrack.earth.geometry import fly, ground_rate
 from startrack.earth.imager.band import INFRARED, Band, band_of
 from startrack.earth.imager.lens import field_lens, image_pixels
@@ -228,7 +228,7 @@ def reference(band: Band) -> float:
     ones = np.ones(1)
     geometry = 0.0, 0.0, SUN, math.pi / 2
     fine = refine(band.table, Reach(*((angle, angle) for angle in geometry)))
-    sight = Sight(*(value * ones for value in (*geometry, math.cos(SUN), 1.0, 1.0)))
+    sight = SlantPath(*(value * ones for value in (*geometry, math.cos(SUN), 1.0, 1.0)))
     grey = np.full(1, GREY)
     return float(radiance(fine, sight, grey, grey, band.heat, WARM * ones).total[0, 0])
 

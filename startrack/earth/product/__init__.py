@@ -9,7 +9,13 @@ files      FITS of raw images and calibration frames; GeoTIFF of products.
 chain      A product of a channel from its raw image and its calibration frames.
 """
 
-from startrack.earth.product.chain import UNITS, Product, Settings, against_truth, make_product
+from startrack.earth.product.chain import (
+    UNITS,
+    Product,
+    ProductSettings,
+    against_truth,
+    make_product,
+)
 from startrack.earth.product.files import (
     camera_id,
     read_calibration,
@@ -22,4 +28,4 @@ from startrack.earth.product.ortho import QUALITY
 from startrack.earth.product.retrieval import calibrate
 
 # Public; the other imports serve other rooms.
-__all__ = ["Settings", "calibrate", "make_product"]
+__all__ = ["ProductSettings", "calibrate", "make_product"]

@@ -37,7 +37,7 @@ UNITS = {
 }
 
 
-class Settings(Parameters):
+class ProductSettings(Parameters):
     """How a product is put on a map."""
 
     projection: str = parameter(limit=Range(choices=ortho.PROJECTIONS), default="utm")
@@ -51,7 +51,7 @@ class Settings(Parameters):
     uncertainty: bool = parameter("whether each pixel has one, by contributors", default=False)
 
 
-STANDARD = Settings()
+STANDARD = ProductSettings()
 
 
 @printed
@@ -85,8 +85,8 @@ def make_product(
     channel: Channel,
     folder: Path,
     numbers: NDArray[np.integer],
-    calibration: retrieval.Calibration,
-    settings: Settings = STANDARD,
+    calibration: retrieval.RadiometricCalibration,
+    settings: ProductSettings = STANDARD,
     advance: Callable[[float], None] = lambda part: None,
 ) -> Product:
     """Radiance, reflectance or temperature, and their map on the terrain.

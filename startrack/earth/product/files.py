@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from startrack.core import Floats
 from startrack.earth.imager import ABOUT, RADIANCE, Channel, Performance, write_bands
 from startrack.earth.product.ortho import QUALITY, Bytes, MapGrid
-from startrack.earth.product.retrieval import Calibration
+from startrack.earth.product.retrieval import RadiometricCalibration
 from startrack.earth.terrain import require_rasterio
 from startrack.io import open_checked, regular_file, whole
 
@@ -63,7 +63,7 @@ def read_raw(path: Path, channel: Channel) -> RawImage:
         return RawImage(first.data.astype(np.int32), truth)
 
 
-def save_calibration(path: Path, calibration: Calibration, channel: Channel) -> None:
+def save_calibration(path: Path, calibration: RadiometricCalibration, channel: Channel) -> None:
     """Write calibration frames as FITS with checksums."""
     from astropy.io import fits
 
@@ -95,7 +95,7 @@ def save_calibration(path: Path, calibration: Calibration, channel: Channel) -> 
         fits.HDUList(parts).writeto(draft)
 
 
-def read_calibration(path: Path, channel: Channel) -> Calibration:
+def read_calibration(path: Path, channel: Channel) -> RadiometricCalibration:
     """Calibration frames of a channel.
 
     Raises  as `read_raw`.
@@ -107,7 +107,7 @@ def read_calibration(path: Path, channel: Channel) -> Calibration:
             parts[name].data.astype(np.float64)
             for name in ("DARK", "FLAT", "RADIANCE", "GAIN", "SATURATION")
         )
-        return Calibration(
+        return RadiometricCalibration(
             dark, flat, light, gain, float(head["EPERDN"]), saturation, int(head["FRAMES"])
         )
 

@@ -25,7 +25,7 @@ THINNED = 2**14  # pixels at most that give it
 
 
 @printed
-class Calibration(NamedTuple):
+class RadiometricCalibration(NamedTuple):
     """Mean frames of one channel; lines of a scanner are averaged into one.
 
     dark       (r, columns) digital number, r = 1 for a scanner
@@ -54,7 +54,7 @@ def calibrate(
     seed: int,
     count: int | None = None,
     advance: Advance = lambda frames: None,
-) -> Calibration:
+) -> RadiometricCalibration:
     """Simulate dark frames, and flat frames of known radiance, with the detector's own noise.
 
     setting  of the channel's images
@@ -86,7 +86,7 @@ def calibrate(
     noise = float((variance[1 + TRANSFER] - variance[0]).mean())
     radiance = light[1:-1] * um
     saturation = np.round(mean[-1] - SIGMA * np.sqrt(variance[-1]))
-    return Calibration(
+    return RadiometricCalibration(
         mean[0],
         np.stack(mean[1:-1]),
         radiance,
@@ -125,7 +125,7 @@ def _frames(
     return start + total / count, (squares - total**2 / count) / (count - 1)
 
 
-def to_radiance(numbers: NDArray[np.integer], calibration: Calibration) -> Floats:
+def to_radiance(numbers: NDArray[np.integer], calibration: RadiometricCalibration) -> Floats:
     """Radiance of raw numbers, watt / m^2 / sr / um.
 
     Straight lines of each pixel through its dark frame and its flats, beyond the last one as

@@ -32,7 +32,7 @@ def contributors(
     layers: dict[str, Floats],
     numbers: NDArray[np.integer],
     ground: Ground,
-    calibration: retrieval.Calibration,
+    calibration: retrieval.RadiometricCalibration,
     setting: Setting,
     survey: Survey,
     channel: Channel,
@@ -137,7 +137,7 @@ def _of_surface(
 def _of_radiance(
     radiance: Floats,
     numbers: NDArray[np.integer],
-    calibration: retrieval.Calibration,
+    calibration: retrieval.RadiometricCalibration,
     knowledge: Knowledge,
     channel: Channel,
 ) -> dict[str, Floats]:

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.constants import Stefan_Boltzmann
 
 from startrack.core import Floats
-from startrack.earth.atmosphere import Heat
+from startrack.earth.atmosphere import ThermalRadiance
 
 LOW, HIGH = 650.0, 1350.0  # kelvin, of the fires for which the power law is fitted
 NODES = 141
@@ -15,7 +15,7 @@ STEPS = 331
 
 
 @lru_cache(maxsize=64)
-def power_coefficient(heat: Heat) -> float:
+def power_coefficient(heat: ThermalRadiance) -> float:
     """The coefficient of the power law by which a band's radiance follows the temperature.
 
         B(T) ~ a T^4,   fitted to ln B from 650 to 1350 K
@@ -34,7 +34,7 @@ def radiated_power(temperature: float, area: float) -> float:
     return float(Stefan_Boltzmann * temperature**4 * area)
 
 
-def power_of(excess: Floats, heat: Heat) -> Floats:
+def power_of(excess: Floats, heat: ThermalRadiance) -> Floats:
     """Fire radiative power from the radiance of the mid infrared.
 
         FRP = sigma / a * sum over pixels of A (L - L_background)
@@ -50,7 +50,10 @@ def power_of(excess: Floats, heat: Heat) -> Floats:
 
 
 def temperature_and_area(
-    mid: Floats, thermal: Floats, heats: tuple[Heat, Heat], background: tuple[float, float]
+    mid: Floats,
+    thermal: Floats,
+    heats: tuple[ThermalRadiance, ThermalRadiance],
+    background: tuple[float, float],
 ) -> tuple[Floats, Floats]:
     """Temperature and area of fires from two bands.
 

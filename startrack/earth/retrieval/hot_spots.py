@@ -309,7 +309,7 @@ def smallest_areas(
     return np.where((low == 0) & (below > limit), 0.0, found)
 
 
-class Measured(NamedTuple):
+class MeasuredFires(NamedTuple):
     """What is retrieved of fires, (n,) each: watt, kelvin, square metre."""
 
     power: Floats
@@ -317,7 +317,7 @@ class Measured(NamedTuple):
     area: Floats
 
 
-def measure(views: Views, image: Image, spots: HotSpots) -> Measured:
+def measure(views: Views, image: Image, spots: HotSpots) -> MeasuredFires:
     """Radiative power, temperature and area of fires of the area and temperature that are asked."""
     fires = burning(views, image, spots.temperature, spots.area)
     seen = observed(views, image, spots, fires, np.full(len(image.pixel), spots.area))
@@ -338,7 +338,7 @@ def measure(views: Views, image: Image, spots: HotSpots) -> Measured:
     kelvin, area = fire.temperature_and_area(
         sums[0], sums[1], (mid, thermal), (ground[0], ground[1])
     )
-    return Measured(fire.power_of(sums[0], mid), kelvin, area)
+    return MeasuredFires(fire.power_of(sums[0], mid), kelvin, area)
 
 
 def false_alarms(views: Views, image: Image, spots: HotSpots) -> tuple[int, int]:

@@ -41,7 +41,7 @@ PLACES = 6  # temperatures of the ground in a forecast
 DRAWS = 32  # nodes over the noise of a spectrum in a forecast
 
 
-class Band(Parameters):
+class MineralBand(Parameters):
     """A reststrahlen band of a mineral."""
 
     at: float = parameter(unit=Unit("m", "um"))
@@ -58,7 +58,7 @@ class Mineral(Parameters):
     tail: float = parameter(
         "1, by which the emissivity of longer waves is lower", limit=Range(0, 1)
     )
-    bands: tuple[Band, ...] = ()
+    bands: tuple[MineralBand, ...] = ()
 
     def emissivity(self, wavelength: Floats, peak: float, contrast: float) -> Floats:
         """(f,) 1, with bands of a contrast over those of the library."""
@@ -138,7 +138,7 @@ def library() -> tuple[Mineral, ...]:
 
 
 @printed
-class Spectrometer(NamedTuple):
+class MineralSpectrometer(NamedTuple):
     """What is constant over the spectra of a design.
 
     detector      with a pixel in each row and a spectral channel in each column
@@ -192,7 +192,7 @@ class Spectrometer(NamedTuple):
         return (min(charge, detector.full_well) - dark) / self.electrons
 
 
-def spectrometer_of(survey: Survey, minerals: Minerals) -> Spectrometer:
+def spectrometer_of(survey: Survey, minerals: Minerals) -> MineralSpectrometer:
     """What is constant over the spectra of a design.
 
     Raises  ValueError where the camera has no such channel, or there is air.
@@ -211,7 +211,7 @@ def spectrometer_of(survey: Survey, minerals: Minerals) -> Spectrometer:
 
 
 @lru_cache(maxsize=8)
-def _spectrometer(channel: Channel, own: Minerals, exposure: float) -> Spectrometer:
+def _spectrometer(channel: Channel, own: Minerals, exposure: float) -> MineralSpectrometer:
     open_channel = replace(channel, band=ALL, passband=None)
     wavelength = own.wavelengths
     node, part = np.polynomial.legendre.leggauss(NODES)
@@ -227,7 +227,7 @@ def _spectrometer(channel: Channel, own: Minerals, exposure: float) -> Spectrome
         (mineral.emissivity(place, own.peak, own.contrast) * middle).sum(1) for mineral in library()
     ]
     scan = replace(channel.detector, scan=None, rows=own.pixels, columns=len(wavelength))
-    return Spectrometer(
+    return MineralSpectrometer(
         scan,
         exposure,
         wavelength,
@@ -319,7 +319,9 @@ def identify_minerals(survey: Survey, own: Minerals, radiance: Floats) -> Identi
     return Identified(temperature, emissivity, _largest(device, emissivity), mineral)
 
 
-def _temperature(device: Spectrometer, own: Minerals, radiance: Floats) -> tuple[Floats, Ints]:
+def _temperature(
+    device: MineralSpectrometer, own: Minerals, radiance: Floats
+) -> tuple[Floats, Ints]:
     """Kelvin (n,), and the middle channel (n,) that gave it."""
     bright = device.brightness(radiance / own.assumed)
     sums = np.cumsum(np.pad(bright, ((0, 0), (1, 0))), axis=1)
@@ -328,13 +330,13 @@ def _temperature(device: Spectrometer, own: Minerals, radiance: Floats) -> tuple
     return means[np.arange(len(best)), best], best + SMOOTHED // 2
 
 
-def _warmer(device: Spectrometer, temperature: Floats) -> Floats:
+def _warmer(device: MineralSpectrometer, temperature: Floats) -> Floats:
     """Relative change (n, c) of the radiance of a blackbody with its temperature, 1 / kelvin."""
     steps = [device.radiance(temperature + step) for step in (-0.5, 0.5)]
     return np.asarray(np.log(steps[1] / steps[0]))
 
 
-def _largest(device: Spectrometer, emissivity: Floats) -> Floats:
+def _largest(device: MineralSpectrometer, emissivity: Floats) -> Floats:
     """Metre (n,), the vertex of a parabola through the channels around the largest mean of 5."""
     kernel = np.ones(SMOOTHED) / SMOOTHED
     smooth = np.stack([np.convolve(row, kernel, "valid") for row in emissivity])

@@ -12,7 +12,7 @@ import numpy as np
 
 from startrack.core import Floats, Ints, Psf, Singles, Streams, printed
 from startrack.detector import Detector, read_out
-from startrack.earth.atmosphere import Heat
+from startrack.earth.atmosphere import ThermalRadiance
 from startrack.earth.geometry import inside_pixel
 from startrack.earth.imager import (
     Band,
@@ -50,7 +50,7 @@ class Radiation(NamedTuple):
     path: float
     lit: float
     through: float
-    heat: Heat | None
+    heat: ThermalRadiance | None
 
     def emitted(self, temperature: Floats) -> Floats:
         """(n,) of a blackbody on the ground at (n,) kelvin."""

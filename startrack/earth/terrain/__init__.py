@@ -31,10 +31,10 @@ from startrack.earth.terrain.ellipsoid import EQUATORIAL, cartesian, geodetic, u
 from startrack.earth.terrain.ground import Ground, Rays, between, joined, rays_down
 from startrack.earth.terrain.mosaic import Mosaic
 from startrack.earth.terrain.pyramid import Pyramid
-from startrack.earth.terrain.scan import Scan
+from startrack.earth.terrain.scan import TerrainScan
 from startrack.earth.terrain.sources import Array, Raster, Source, fractal, require_rasterio
 from startrack.earth.terrain.surface import Grid, NorthUp, index
-from startrack.earth.terrain.survey import Chart, Intersector, read_charts, survey
+from startrack.earth.terrain.survey import HeightChart, Intersector, read_charts, survey
 from startrack.earth.terrain.trace import trace
 
 # Public; the other imports serve other rooms.

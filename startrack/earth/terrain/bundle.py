@@ -6,7 +6,7 @@ import numpy as np
 
 from startrack.core import Floats, Singles, kernel
 from startrack.earth.terrain.ellipsoid import ECCENTRICITY_2, EQUATORIAL
-from startrack.earth.terrain.march import Segment, above, entry_and_exit, segment_from
+from startrack.earth.terrain.march import RaySegment, above, entry_and_exit, segment_from
 from startrack.earth.terrain.path import Path, Ray, path_at
 from startrack.earth.terrain.surface import Lattice
 
@@ -196,7 +196,7 @@ def ray_of(bundle: Floats, k: int) -> Ray:
 
 
 @kernel(borrows=True, forceinline=True)
-def segment_of(bundle: Floats, k: int) -> Segment:
+def segment_of(bundle: Floats, k: int) -> RaySegment:
     """The first segment of ray k."""
     path = Path(
         bundle[U0 + k],
@@ -211,7 +211,7 @@ def segment_of(bundle: Floats, k: int) -> Segment:
         bundle[SINE + k],
         bundle[COSINE + k],
     )
-    return Segment(bundle[MIDDLE + k], bundle[HALF + k], bundle[MARGIN + k], path)
+    return RaySegment(bundle[MIDDLE + k], bundle[HALF + k], bundle[MARGIN + k], path)
 
 
 @kernel(borrows=True)

@@ -9,7 +9,7 @@ from startrack.core import Flags, Floats, finite, kernel
 from startrack.earth.terrain.ellipsoid import angle, shell, vertical
 from startrack.earth.terrain.ground import Levels, Rays
 from startrack.earth.terrain.march import HIT, MISS
-from startrack.earth.terrain.trace import Hits, no_hits
+from startrack.earth.terrain.trace import RayHits, no_hits
 
 STEPS = 8  # of Newton's method; it begins within a metre and converges quadratically
 
@@ -23,7 +23,7 @@ class ConstantHeight:
     def __post_init__(self) -> None:
         finite(height=self.height)
 
-    def meet(self, rays: Rays) -> tuple[Hits, Levels]:
+    def meet(self, rays: Rays) -> tuple[RayHits, Levels]:
         """Find where rays from above meet the surface; at height 0 in closed form.
 
         Accuracy  numerical: 1e-8 m; a ray that grazes within 1e-6 m may be put on the wrong side.
@@ -40,7 +40,7 @@ class ConstantHeight:
 
 
 @kernel
-def _meet(origin: Floats, direction: Floats, height: float, hits: Hits) -> None:
+def _meet(origin: Floats, direction: Floats, height: float, hits: RayHits) -> None:
     status, distance, place, normal = hits.status, hits.distance, hits.place, hits.normal
     for n in range(len(origin)):
         ox, oy, oz = origin[n]

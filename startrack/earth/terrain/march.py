@@ -26,7 +26,7 @@ STRAIGHT = 5e-4  # 1, curvature of a path up to which `crossing` is its series
 SEAMLESS = 0.9  # of a turn; a path cannot leave a narrower grid and return on its other side
 
 
-class Segment(NamedTuple):
+class RaySegment(NamedTuple):
     """A part of a ray, and the path that approximates it.
 
     middle  metre along the ray, from where the path counts its distances
@@ -65,7 +65,7 @@ def entry_and_exit(lines: Lattice, ray: Ray, start: float) -> tuple[float, float
 
 
 @kernel(forceinline=True)
-def segment_from(lines: Lattice, ray: Ray, begin: float, end: float, ahead: bool) -> Segment:
+def segment_from(lines: Lattice, ray: Ray, begin: float, end: float, ahead: bool) -> RaySegment:
     """The Segment of a ray that begins at `begin`.
 
     ahead  whether its middle, where it is exact, lies at `begin` and not half its length farther
@@ -73,12 +73,12 @@ def segment_from(lines: Lattice, ray: Ray, begin: float, end: float, ahead: bool
     wish = end - begin if ahead else 0.5 * (end - begin)
     half, margin = reach(lines, ray, begin, wish)
     middle = begin if ahead else begin + half
-    return Segment(middle, half, margin, path_at(lines, ray, middle))
+    return RaySegment(middle, half, margin, path_at(lines, ray, middle))
 
 
 @kernel(borrows=True, forceinline=True)
 def march(
-    lines: Lattice, surface: Surface, ray: Ray, segment: Segment, begin: float, end: float
+    lines: Lattice, surface: Surface, ray: Ray, segment: RaySegment, begin: float, end: float
 ) -> tuple[int, float, float, float, int, int]:
     """Follow one ray, a unit direction from a point, on its first path and those after it.
 
@@ -101,7 +101,7 @@ def march(
 
 @kernel(borrows=True, forceinline=True)
 def _along(
-    lines: Lattice, surface: Surface, ray: Ray, segment: Segment, begin: float
+    lines: Lattice, surface: Surface, ray: Ray, segment: RaySegment, begin: float
 ) -> tuple[int, float, float, float, int, int]:
     """Follow a path from `begin` to half, in pieces on which columns and rows are monotonic."""
     path, half = segment.path, segment.half
@@ -183,7 +183,7 @@ class Rates(NamedTuple):
 
 
 @kernel(forceinline=True)
-def _rates_of(segment: Segment, s: float, end: float) -> Rates:
+def _rates_of(segment: RaySegment, s: float, end: float) -> Rates:
     path = segment.path
     return Rates(
         max(abs(path.u1 + 2 * s * path.u2), abs(path.u1 + 2 * end * path.u2)),
@@ -256,7 +256,7 @@ def _exits(
 
 @kernel(borrows=True, forceinline=True)
 def _through(
-    lines: Lattice, surface: Surface, ray: Ray, segment: Segment, piece: Piece, s: float
+    lines: Lattice, surface: Surface, ray: Ray, segment: RaySegment, piece: Piece, s: float
 ) -> tuple[int, float, float, float, int, int]:
     """Follow a monotonic piece from `s` on through the blocks of the grid.
 
@@ -349,7 +349,7 @@ def _first_block(
     maxima: Singles,
     steepness: Singles,
     used: NDArray[np.uint8],
-    segment: Segment,
+    segment: RaySegment,
     u0: float,
     rates: Rates,
     slot: int,
@@ -433,7 +433,14 @@ def _horizon_at(horizon: Horizon, u: float, v: float) -> float:
 
 @kernel(borrows=True, forceinline=True)
 def _cell_by_parabola(
-    heights: Singles, segment: Segment, u0: float, s: float, leave: float, slot: int, j: int, i: int
+    heights: Singles,
+    segment: RaySegment,
+    u0: float,
+    s: float,
+    leave: float,
+    slot: int,
+    j: int,
+    i: int,
 ) -> tuple[int, float, float, float]:
     """Whether the path meets the surface of one cell between two distances, and an estimate where.
 

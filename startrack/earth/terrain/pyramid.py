@@ -14,10 +14,10 @@ from startrack.earth.terrain.mosaic import Mosaic
 from startrack.earth.terrain.sources import Source
 from startrack.earth.terrain.surface import FULL_TURN, Grid, Surface, covered
 from startrack.earth.terrain.tile import CELLS, Cache, Key
-from startrack.earth.terrain.trace import Hits, go_on, no_hits, waiting
+from startrack.earth.terrain.trace import RayHits, go_on, no_hits, waiting
 
 
-def beside(surface: Surface, wet: Hits, hits: Hits) -> Hits:
+def beside(surface: Surface, wet: RayHits, hits: RayHits) -> RayHits:
     """The same hits, replaced by those of the sea where it is met first, beside the surface."""
     first = wet.hit & (wet.distance < hits.distance) & ~covered(surface, wet.place)
     hits.put(first, wet.of(first))
@@ -71,7 +71,7 @@ class Pyramid:
             )
         object.__setattr__(self, "cache", Cache(self._read, self.tiles))
 
-    def meet(self, rays: Rays) -> tuple[Hits, Levels]:
+    def meet(self, rays: Rays) -> tuple[RayHits, Levels]:
         """Where rays meet the terrain, each ray on one level.
 
         Raises    OSError where a tile cannot be read; Refused where a height lies beyond the
@@ -104,7 +104,7 @@ class Pyramid:
             out[mine] = hits.hit | under(surface, self.sea, some, start)
         return out
 
-    def choose(self, rays: Rays, there: Hits) -> Levels:
+    def choose(self, rays: Rays, there: RayHits) -> Levels:
         """The level of each ray, from its resolution where it meets the sea.
 
         level = floor(log2(sharpness * distance * spread / cell)),  at least that of the source
@@ -119,7 +119,7 @@ class Pyramid:
         level[hit] = np.maximum(level[hit], self.terrain.level_of(there.place[hit, :2]))
         return level
 
-    def _fetch(self, level: int, hits: Hits) -> bool:
+    def _fetch(self, level: int, hits: RayHits) -> bool:
         """Load tiles that rays wait for; whether any ray waits.
 
         At most half of the cache at a time: the tiles of the last call are then still there, and
@@ -177,7 +177,7 @@ class Pyramid:
             part[v, u] = np.where(holes[v, u], inside, self.sea)
         return holes
 
-    def _require_heights(self, level: int, hits: Hits) -> None:
+    def _require_heights(self, level: int, hits: RayHits) -> None:
         """Refuse hits in holes whose height nobody gave."""
         grid, hit = self.terrain.grid, np.flatnonzero(hits.hit)
         u = ((hits.place[hit, 0] - grid.west) % FULL_TURN) / grid.step_x / 2.0**level

@@ -16,14 +16,14 @@ from startrack.earth.terrain.ellipsoid import ECCENTRICITY_2, EQUATORIAL, vertic
 from startrack.earth.terrain.ground import Levels, Rays
 from startrack.earth.terrain.march import HIT, MISS
 from startrack.earth.terrain.surface import FULL_TURN, Grid, index
-from startrack.earth.terrain.trace import Hits, describe_all, no_hits
+from startrack.earth.terrain.trace import RayHits, describe_all, no_hits
 
 SAMPLES = 5  # in each cell, between which the height above the surface is searched
 GOLDEN = (math.sqrt(5) - 1) / 2
 
 
 @dataclass(frozen=True, eq=False)
-class Scan:
+class TerrainScan:
     """The reference: every cell is searched between two distances in metres along each ray."""
 
     grid: Grid
@@ -31,7 +31,7 @@ class Scan:
     start: float
     stop: float
 
-    def meet(self, rays: Rays) -> tuple[Hits, Levels]:
+    def meet(self, rays: Rays) -> tuple[RayHits, Levels]:
         """The first cell on or under whose surface each ray lies."""
         hits = no_hits(len(rays))
         heights = self.heights.astype(np.float32)

@@ -16,13 +16,13 @@ from startrack.earth.terrain.mosaic import Mosaic
 from startrack.earth.terrain.sources import bilinear
 from startrack.earth.terrain.surface import FULL_TURN
 from startrack.earth.terrain.tile import CELLS
-from startrack.earth.terrain.trace import Hits
+from startrack.earth.terrain.trace import RayHits
 
 LIFT = 1e-3  # metre towards the light, so that a point does not shade itself; chosen by hand
 
 
 @dataclass(frozen=True, eq=False)
-class Chart:
+class HeightChart:
     """One map of the ground, in the same pyramid of tiles as the terrain.
 
     mosaic  its sources
@@ -72,7 +72,7 @@ class Chart:
             out[mine[part]] = np.where(np.isnan(values), self.absent, values)
 
 
-def read_charts(ground: Ground, charts: dict[str, Chart], cell: float) -> Ground:
+def read_charts(ground: Ground, charts: dict[str, HeightChart], cell: float) -> Ground:
     """The same ground with the values of maps; NaN for the sky.
 
     cell  radian, of the terrain's finest level
@@ -90,7 +90,7 @@ def read_charts(ground: Ground, charts: dict[str, Chart], cell: float) -> Ground
 class Intersector(Protocol):
     """Terrain that rays can meet."""
 
-    def meet(self, rays: Rays) -> tuple[Hits, Levels]:
+    def meet(self, rays: Rays) -> tuple[RayHits, Levels]:
         """Where rays meet it, and the (n,) levels of its pyramid that were used."""
         ...
 

@@ -29,7 +29,7 @@ from startrack.earth.terrain.tile import CELLS, SIZE
 
 
 @printed
-class Hits(NamedTuple):
+class RayHits(NamedTuple):
     """Where rays meet a surface; NaN, and infinity as the distance, where they do not.
 
     status    (n,) MISS, HIT, or ABSENT: the ray waits at `distance` for the tile `tile`
@@ -44,15 +44,15 @@ class Hits(NamedTuple):
         """Which rays meet the surface."""
         return self.status == HIT
 
-    def put(self, choice: NDArray[np.intp] | Flags, other: Hits) -> None:
+    def put(self, choice: NDArray[np.intp] | Flags, other: RayHits) -> None:
         """Take the rays of `choice` from other hits, in their order."""
         pairs: Any = zip(self, other, strict=True)
         for mine, theirs in pairs:
             mine[choice] = theirs
 
-    def of(self, choice: NDArray[np.intp] | Flags) -> Hits:
+    def of(self, choice: NDArray[np.intp] | Flags) -> RayHits:
         """The hits of some rays."""
-        return Hits._make(values[choice] for values in self)
+        return RayHits._make(values[choice] for values in self)
 
     status: NDArray[np.uint8]
     distance: Floats
@@ -61,7 +61,7 @@ class Hits(NamedTuple):
     tile: NDArray[np.int32]
 
 
-def trace(surface: Surface, rays: Rays) -> Hits:
+def trace(surface: Surface, rays: Rays) -> RayHits:
     """Find the nearest point at which each ray meets a surface that is in memory.
 
     The ray is straight; the surface is bilinear in longitude and latitude above WGS84. A ray that
@@ -76,20 +76,20 @@ def trace(surface: Surface, rays: Rays) -> Hits:
     return hits
 
 
-def waiting(count: int, start: float) -> Hits:
+def waiting(count: int, start: float) -> RayHits:
     """Hits of rays that have not begun, to be filled in by `go_on`; `start` in metres."""
     place, normal = np.full((2, count, 3), np.nan)
     tile = np.full((count, 2), -1, np.int32)
-    return Hits(np.full(count, ABSENT, np.uint8), np.full(count, start), place, normal, tile)
+    return RayHits(np.full(count, ABSENT, np.uint8), np.full(count, start), place, normal, tile)
 
 
-def no_hits(count: int) -> Hits:
+def no_hits(count: int) -> RayHits:
     """Hits of rays that meet nothing."""
     return waiting(count, np.inf)._replace(status=np.full(count, MISS, np.uint8))
 
 
 @kernel
-def go_on(surface: Surface, origin: Floats, direction: Floats, hits: Hits, exact: bool) -> None:
+def go_on(surface: Surface, origin: Floats, direction: Floats, hits: RayHits, exact: bool) -> None:
     """Follow the rays whose status is ABSENT until they end or need another absent tile.
 
     exact  whether to find their points and normals
@@ -107,7 +107,7 @@ def go_on(surface: Surface, origin: Floats, direction: Floats, hits: Hits, exact
 
 @kernel(borrows=True)
 def _gather(
-    bundle: Floats, who: Ints, n: int, origin: Floats, direction: Floats, hits: Hits
+    bundle: Floats, who: Ints, n: int, origin: Floats, direction: Floats, hits: RayHits
 ) -> tuple[int, int]:
     """Fill a bundle with waiting rays from number n on; returns the next number, and how many."""
     status, distance, count = hits.status, hits.distance, 0
@@ -128,7 +128,7 @@ def _gather(
 
 @kernel(borrows=True)
 def _march_all(
-    surface: Surface, lines: Lattice, bundle: Floats, who: Ints, hits: Hits, exact: bool
+    surface: Surface, lines: Lattice, bundle: Floats, who: Ints, hits: RayHits, exact: bool
 ) -> None:
     """Follow the rays of a bundle to a cell each, whose corners replace the path."""
     status, distance, tile = hits.status, hits.distance, hits.tile
@@ -154,7 +154,9 @@ def _march_all(
 
 
 @kernel(borrows=True)
-def _describe_all(surface: Surface, lines: Lattice, bundle: Floats, who: Ints, hits: Hits) -> None:
+def _describe_all(
+    surface: Surface, lines: Lattice, bundle: Floats, who: Ints, hits: RayHits
+) -> None:
     """Point and normal of each ray that hit; by `settle` where `refine` did not find them."""
     status, distance, place, normal = hits.status, hits.distance, hits.place, hits.normal
     for k in range(len(who)):

@@ -8,7 +8,7 @@ from astropy.modeling.physical_models import BlackBody
 from startrack.core.units import deg, um
 from startrack.earth.atmosphere import (
     Reach,
-    Sight,
+    SlantPath,
     heat_of,
     in_bands,
     load_table,
@@ -49,7 +49,7 @@ def infrared():
     fine = refine(bands, Reach((0.0, 0.0), (0.0, 60 * deg), (30 * deg, 31 * deg), (0.0, 0.1)))
     angles = np.linspace(0, 60, 7) * deg
     flat = np.ones(7)
-    sight = Sight(0 * flat, angles, 30.5 * deg * flat, 0.05 * flat, 0.8 * flat, flat, flat)
+    sight = SlantPath(0 * flat, angles, 30.5 * deg * flat, 0.05 * flat, 0.8 * flat, flat, flat)
     return fine, sight, heat_of(table.spectrum, response)
 
 

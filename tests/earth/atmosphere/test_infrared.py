@@ -8,7 +8,7 @@ from startrack.core.units import deg, um
 from startrack.earth.atmosphere import (
     InfraredTable,
     Reach,
-    Sight,
+    SlantPath,
     heat_of,
     infrared_bands,
     load_infrared,
@@ -39,7 +39,7 @@ def flat(spectrum, bands):
 def looked_at(bands, zenith, height=0.0):
     ones = np.ones(1)
     here = Reach(*((one, one) for one in (height, zenith, 50 * deg, 90 * deg)))
-    sight = Sight(
+    sight = SlantPath(
         height * ones,
         zenith * ones,
         50 * deg * ones,

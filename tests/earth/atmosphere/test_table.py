@@ -12,7 +12,7 @@ from startrack.earth.atmosphere import (
     Air,
     AirTable,
     Reach,
-    Sight,
+    SlantPath,
     in_bands,
     load_table,
     look_up,
@@ -49,7 +49,7 @@ def sights(count, rng, reach=EVERYWHERE, **other):
     places = [rng.uniform(low, high, count) for low, high in reach]
     incidence = np.cos(places[2])
     rest = {"incidence": incidence, "lit": np.ones(count), "sky_view": np.ones(count)} | other
-    return Sight(*places, **rest)
+    return SlantPath(*places, **rest)
 
 
 def test_a_table_survives_its_file(table, tmp_path):
@@ -96,7 +96,7 @@ def test_light_is_blue_in_the_air_and_forward(bands):
 
 
 def test_a_fine_table_holds_the_nodes(bands, fine):
-    sight = Sight(
+    sight = SlantPath(
         *(np.array([value]) for value in (1500.0, 30 * deg, 40 * deg, 120 * deg, 0.0, 0.0, 0.0))
     )
     *ground, scattered = look_up(fine, sight, np.ones(3), np.zeros(3))
@@ -111,7 +111,7 @@ def test_straight_lines_are_close_to_the_splines(bands, fine):
     exact = []
     for i in range(100):
         here = Reach(*((values[i], values[i]) for values in sight[:4]))
-        one = Sight(*(values[i : i + 1] for values in sight))
+        one = SlantPath(*(values[i : i + 1] for values in sight))
         exact.append(sum(look_up(refine(bands, here), one, np.full(3, 0.3), np.full(3, 0.3)))[0])
     error = np.abs(total / np.array(exact) - 1)
     assert np.quantile(error, 0.95) < 1e-3
@@ -190,7 +190,7 @@ def test_a_band_outside_the_spectrum_is_refused(table):
 def test_many_pixels_are_the_same_as_few(fine):
     many = sights(40000, np.random.default_rng(7))
     whole = radiance(fine, many, np.full(3, 0.2), np.full(3, 0.2)).total
-    last = Sight(*(values[-5:] for values in many))
+    last = SlantPath(*(values[-5:] for values in many))
     np.testing.assert_array_equal(
         whole[-5:], radiance(fine, last, np.full(3, 0.2), np.full(3, 0.2)).total
     )
@@ -239,7 +239,7 @@ def test_scattered_and_reflected_light_are_those_of_modtran(table, oracle):
     august = in_bands(table, shape, 24.5e3, 1.0104)
     fine = refine(august, Reach(*((value, value) for value in where)))
     ones = np.ones(1)
-    sight = Sight(*(value * ones for value in (*where, np.cos(50 * deg), 1.0, 1.0)))
+    sight = SlantPath(*(value * ones for value in (*where, np.cos(50 * deg), 1.0, 1.0)))
     ours = radiance(fine, sight, np.full(2, 0.15), np.array(theirs["surroundings"]))
     own_sun = (shape * np.gradient(table.spectrum)) @ table.irradiance
     factor = np.interp(at, sun["wavelength_nm"], sun["irradiance"]) / nm / own_sun

@@ -38,7 +38,7 @@ from startrack.earth.imager import (
     render,
 )
 from startrack.earth.imager.band import band_of
-from startrack.earth.product import Settings, calibrate, make_product, uncertainty
+from startrack.earth.product import ProductSettings, calibrate, make_product, uncertainty
 from startrack.earth.product.ortho import (
     CLOUD,
     CLOUD_SHADOW,
@@ -51,7 +51,7 @@ from startrack.earth.product.ortho import (
     resample,
 )
 from startrack.earth.product.retrieval import (
-    Calibration,
+    RadiometricCalibration,
     apparent_reflectance,
     brightness_temperature,
     to_radiance,
@@ -196,7 +196,7 @@ def _down(longitude, latitude) -> Rays:
 def test_radiance_follows_the_flats_of_each_pixel():
     dark = np.array([[10.0, 20.0, 5.0]])
     flat = np.stack([dark + np.array([[100, 200, 0]]), dark + np.array([[190, 400, 0]])])
-    frames = Calibration(dark, flat, np.array([1.0, 2.0]), flat[0], 1.0, 0 * dark, 2)
+    frames = RadiometricCalibration(dark, flat, np.array([1.0, 2.0]), flat[0], 1.0, 0 * dark, 2)
     numbers = np.array([[110, 120, 7], [200, 620, 7]])
     found = to_radiance(numbers, frames)
     np.testing.assert_allclose(found[:, :2], [[1.0, 0.5], [2.0, 3.0]])
@@ -312,7 +312,7 @@ def test_each_pixel_has_an_uncertainty_by_contributors():
     setting = render(one, channel, Path(), 1, picture)
     frames = calibrate(one, channel, setting, 1, count=4096)
     product = make_product(
-        one, channel, Path(), picture.numbers, frames, Settings(uncertainty=True)
+        one, channel, Path(), picture.numbers, frames, ProductSettings(uncertainty=True)
     )
     truth = picture.terms.total.astype(float)
     scatter = (product.image["radiance"] - truth) / product.uncertainty["radiance"]["noise"]
@@ -340,7 +340,7 @@ def test_read_noise_far_above_that_of_photons_is_as_designed(measured):
     )
     channel = Channel("thermal", Optics(0.1, 2.0), detector, curve)
     one = np.ones((1, 8))
-    frames = Calibration(20 * one, one[None], np.ones(1), 2.0 * one, measured, one, 256)
+    frames = RadiometricCalibration(20 * one, one[None], np.ones(1), 2.0 * one, measured, one, 256)
     numbers = np.full((2, 8), 23)
     found = uncertainty._of_radiance(numbers / 2.0, numbers, frames, Knowledge(), channel)
     shot = 3 / measured if measured else 0.0

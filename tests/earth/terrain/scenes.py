@@ -9,7 +9,7 @@ from startrack.core.streams import Streams
 from startrack.earth.terrain import ConstantHeight, Grid, Rays, cartesian, fractal, up
 from startrack.earth.terrain.pyramid import Flags, Levels, beside, under
 from startrack.earth.terrain.surface import Surface
-from startrack.earth.terrain.trace import Hits, blocked, trace
+from startrack.earth.terrain.trace import RayHits, blocked, trace
 
 STEP = np.radians(1 / 3600)  # 31 m along a meridian
 
@@ -24,7 +24,7 @@ class Relief:
     surface: Surface
     sea: float | None = None
 
-    def meet(self, rays: Rays) -> tuple[Hits, Levels]:
+    def meet(self, rays: Rays) -> tuple[RayHits, Levels]:
         """As `trace`, or the sea where that is nearer and beside the surface."""
         hits = trace(self.surface, rays)
         if self.sea is not None:

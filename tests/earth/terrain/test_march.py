@@ -7,7 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from startrack.earth.terrain import ConstantHeight, Grid, Rays, Scan, cartesian, geodetic, index
+from startrack.earth.terrain import (
+    ConstantHeight,
+    Grid,
+    Rays,
+    TerrainScan,
+    cartesian,
+    geodetic,
+    index,
+)
 from startrack.earth.terrain.horizon import FEWEST, with_horizon
 from startrack.earth.terrain.trace import blocked, go_on, trace, waiting
 
@@ -27,7 +35,7 @@ def relief():
 def test_hits_are_those_of_the_search(elevation):
     rays = random_rays(GRID, 1000, elevation, HEIGHTS.max())
     found = trace(relief(), rays)
-    expected, _ = Scan(GRID, HEIGHTS, 2.8e5, 3.2e5).meet(rays)
+    expected, _ = TerrainScan(GRID, HEIGHTS, 2.8e5, 3.2e5).meet(rays)
     np.testing.assert_array_equal(found.hit, expected.hit)
     hit = found.hit
     error = np.abs(found.distance[hit] - expected.distance[hit])
@@ -98,7 +106,7 @@ def test_a_camera_within_the_shell_of_the_terrain():
     eye = cartesian(np.array(lon), np.array(lat), np.array(float(HEIGHTS[100, 100]) + 5))
     rays = Rays(np.tile(eye, (72, 1)), view, np.zeros(72))
     found = trace(relief(), rays)
-    expected, _ = Scan(GRID, HEIGHTS, 0.0, 2e4).meet(rays)
+    expected, _ = TerrainScan(GRID, HEIGHTS, 0.0, 2e4).meet(rays)
     assert 5 < expected.hit.sum() < 72
     np.testing.assert_array_equal(found.hit, expected.hit)
     hit = found.hit
@@ -123,7 +131,10 @@ def test_rays_that_rise_are_stopped_where_the_search_stops_them(slope):
     e, a = np.radians(slope), random.uniform(0, 2 * np.pi, (1500, 1))
     view = np.cos(e) * (np.sin(a) * east + np.cos(a) * north) + np.sin(e) * rise
     rays = Rays(place, view, np.zeros(1500))
-    found, expected = trace(index(grid, heights), rays), Scan(grid, heights, 0.0, 9e3).meet(rays)[0]
+    found, expected = (
+        trace(index(grid, heights), rays),
+        TerrainScan(grid, heights, 0.0, 9e3).meet(rays)[0],
+    )
     assert 100 < expected.hit.sum() < 1400
     # A corner of a hole that is cut by less than a path's tolerance may be missed.
     assert (found.hit != expected.hit).sum() <= 2
@@ -146,7 +157,7 @@ def test_a_ray_over_the_edge_ends_at_its_side():
         np.radians(-70),
     )
     found = trace(index(grid, heights), rays)
-    expected, _ = Scan(grid, heights, 2.9e5, 3.1e5).meet(rays)
+    expected, _ = TerrainScan(grid, heights, 2.9e5, 3.1e5).meet(rays)
     np.testing.assert_array_equal(found.hit, expected.hit)
     assert 5 < (found.place[:, 2] < 499).sum() < found.hit.sum()
     np.testing.assert_allclose(found.distance, expected.distance, rtol=0, atol=1e-7)
@@ -164,7 +175,7 @@ def test_a_cliff_of_two_kilometres_in_one_cell():
             20,
             np.radians(azimuth),
         )
-        expected, _ = Scan(grid, heights, 2.9e5, 3.1e5).meet(rays)
+        expected, _ = TerrainScan(grid, heights, 2.9e5, 3.1e5).meet(rays)
         np.testing.assert_allclose(trace(surface, rays).distance, expected.distance, atol=1e-6)
 
 
@@ -188,7 +199,7 @@ def test_rays_fall_through_holes_and_meet_what_is_behind():
     assert not trace(surface, down).hit[0]
     # At 45 degrees the ray passes the hole and comes against the terrain's side, from within.
     rays = ray(grid.west + 20 * STEP, grid.north - 20 * STEP, 500.0, 45, np.radians(90))
-    found, (expected, _) = trace(surface, rays), Scan(grid, heights, 2.9e5, 3.1e5).meet(rays)
+    found, (expected, _) = trace(surface, rays), TerrainScan(grid, heights, 2.9e5, 3.1e5).meet(rays)
     assert found.hit[0]
     assert found.distance[0] == pytest.approx(expected.distance[0], abs=1e-3)
     assert found.place[0, 2] < 499

@@ -6,8 +6,8 @@ import pytest
 from startrack.core.streams import Streams
 from startrack.earth.terrain import (
     Array,
-    Chart,
     Grid,
+    HeightChart,
     Mosaic,
     Pyramid,
     Rays,
@@ -136,8 +136,8 @@ def test_maps_lie_on_the_same_footing():
     ramp = np.broadcast_to(np.linspace(0, 1, 41, dtype=np.float32), (41, 41)).copy()
     cover = np.broadcast_to(np.arange(41, dtype=np.float32) // 20, (41, 41)).copy()
     charts = {
-        "albedo": Chart(Mosaic((Array(grid, ramp),)), absent=0.06),
-        "cover": Chart(Mosaic((Array(grid, cover),)), exact=True),
+        "albedo": HeightChart(Mosaic((Array(grid, ramp),)), absent=0.06),
+        "cover": HeightChart(Mosaic((Array(grid, cover),)), exact=True),
     }
     u = np.array([3.25, 19.4, 19.6, 77.0])
     rays = ray(grid.west + u * STEP, grid.north - 20.3 * STEP, 0.0, 90)

@@ -3,7 +3,16 @@
 import numpy as np
 import pytest
 
-from startrack.earth.terrain import ConstantHeight, Grid, Rays, Scan, cartesian, index, survey, up
+from startrack.earth.terrain import (
+    ConstantHeight,
+    Grid,
+    Rays,
+    TerrainScan,
+    cartesian,
+    index,
+    survey,
+    up,
+)
 
 from .scenes import STEP, Relief, axes, flat, mountains, random_rays, ray
 
@@ -21,7 +30,7 @@ def test_shadows_are_those_of_the_search(elevation):
     rays = random_rays(GRID, 500, 80, HEIGHTS.max())
     sun = sun_at(elevation, 120)
     found = survey(Relief(index(GRID, HEIGHTS)), rays, sun)
-    expected = survey(Scan(GRID, HEIGHTS, 2.8e5, 3.2e5), rays, sun)
+    expected = survey(TerrainScan(GRID, HEIGHTS, 2.8e5, 3.2e5), rays, sun)
     assert 0 < expected.shadow.sum() < 500 or elevation == 60
     np.testing.assert_array_equal(found.shadow, expected.shadow)
 
