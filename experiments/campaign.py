@@ -174,7 +174,6 @@ def side_by_side(code: str, firsts: tuple[int, ...]) -> float:
     return spent
 
 
-@dataclasses.dataclass(frozen=True)
 class Waiting(Sampling):
     """Trials that take 10 ms of no processor, so that only the engine works."""
 

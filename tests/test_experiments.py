@@ -61,6 +61,7 @@ LONG = {
     "earth_images",
     "earth_sensors",
     "in_motion",
+    "intervals",
     "mission",
     "scanner_jitter",
     "scenes",

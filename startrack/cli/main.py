@@ -115,6 +115,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(f"{' '.join(('startrack', *_called(arguments)))}: {message}", file=sys.stderr)
     if alone:
         stopping.ignore_signals()
+        stopping.drop_unwritten_messages()
         gc.freeze()  # or Python looks for garbage in all that the process leaves: 0.6 s
     return int(status)
 

@@ -171,6 +171,7 @@ def test_texture_has_the_rms_of_the_land():
     assert abs(np.mean(squares) - 1) < 4 * error + 0.02
 
 
+@pytest.mark.slow
 def test_ground_is_as_bright_as_that_of_rendered_images():
     """`render` over level terrain at the height of the patch, near the middle of the field."""
     terrain = SURVEY.terrain
