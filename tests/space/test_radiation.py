@@ -148,6 +148,7 @@ def test_a_map_of_hits_has_the_anomaly_and_the_mean_of_its_orbits():
     assert at[0] == pytest.approx((low + high) / 2)
 
 
+@pytest.mark.slow
 def test_electrons_make_the_dose_of_a_geostationary_orbit(oracle):
     """Beside AE-8 and SHIELDOSE-2, at other places of the orbit: within 1.3 behind 1 to 5 mm, as
     was expected. They displace as many atoms as a fraction of one large event of the Sun does."""
@@ -175,6 +176,7 @@ def test_where_no_electrons_are_trapped_there_are_none():
         trapped_electrons(-1.0, 0.0)
 
 
+@pytest.mark.slow
 def test_cells_of_the_field_have_the_electrons_of_their_places(monkeypatch):
     """At a fifth of the places, in the horns of the outer belt and the anomaly: within 5 %."""
     pytest.importorskip("radbelt")
