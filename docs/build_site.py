@@ -32,6 +32,7 @@ FIRST = {
         "docs/choose-what-to-minimise",
         "docs/datasheet-to-verdict",
         "docs/calibrate-night-frames",
+        "docs/optimise-an-earth-camera",
         "docs/units",
         "docs/mission",
         "docs/onboard",
