@@ -14,10 +14,12 @@ from startrack.core import Refused
 from startrack.design import replaced_all
 from startrack.earth.imager import Cover, Land, Picture, load_imager, load_survey, render
 from startrack.earth.retrieval import (
+    EarthProblem,
     HotSpots,
     false_alarms,
     forecast_fires,
     image_of,
+    load_earth_design,
     measure,
     patch,
     power_coefficient,
@@ -251,3 +253,20 @@ def test_fires_that_cannot_be_seen_are_refused_or_infinite():
         views_of(replaced_all(SURVEY, {"camera.channels.0.optics.focal_length": 0.05}), SPOTS)
     with pytest.raises(Refused, match="guard must be below window"):
         HotSpots(window=4, guard=4)
+
+
+def test_formula_and_trials_agree_that_warm_ground_saturates():
+    """At 0.58 ms and f/1.6 the warmest ground fills the thermal channel; at 0.5 ms it does not."""
+    problem = EarthProblem(load_earth_design("hsrs"))
+    values = {
+        "channels.*.optics.f_number": 1.6032807,
+        "channels.*.optics.focal_length": 0.04805,
+        "channels.mir.detector.exposure": 6.668e-3,
+        "retrieval.hot_spots.window": 5.0,
+    }
+    for exposure, sees in ((5.0e-4, True), (5.79e-4, False)):
+        changed = problem.replaced(values | {"channels.tir.detector.exposure": exposure})
+        found = changed.judge(changed.trials(1, range(50))).value.value
+        expected = changed.expect().value
+        assert (expected < math.inf) == sees
+        assert found == pytest.approx(2.3, rel=0.2) if sees else found > 5.0
