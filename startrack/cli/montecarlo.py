@@ -139,6 +139,7 @@ def command(options: argparse.Namespace) -> int:
     command continues an interrupted run.
     """
     if problem := problems.problem_of(options.design, options.set):
+        problems.refuse_options(declare.given(options))
         return problems.montecarlo(options, problem)
     path = options.design or terminal.example()
     design = terminal.read_design(path, options.set)

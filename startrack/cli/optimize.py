@@ -22,7 +22,9 @@ declare = Options(
     "the start on fresh trials. Writes best.toml (a design for any other command), comparison.md, "
     "convergence.png, evaluations.csv, result.json, and ledger.sqlite, from which the same "
     "command continues after an interruption. Where no design is better than the start, the start "
-    "stays, and the text says what stands in the way. The status is 3 if a requirement is not met.",
+    "stays, and the text says what stands in the way. The status is 3 if a requirement is not met. "
+    "Of the scene of an Earth camera, by its file or name, it writes best.json in place of "
+    "best.toml, and neither evaluations.csv nor a ledger: an interrupted search begins anew.",
     *study("optimize"),
 )
 

@@ -263,6 +263,16 @@ class Options:
         for option in COMMON:
             option.add_to(parser)
 
+    def given(self, arguments: argparse.Namespace) -> list[str]:
+        """Names of the options whose values are not their defaults."""
+        every = [option for option in self.options if isinstance(option, Option)]
+        return [
+            option.name
+            for option in every
+            if getattr(arguments, option.name.strip("-").replace("-", "_"))
+            != option.more["default"]
+        ]
+
 
 class Parts:
     """A command of parts, each with its line of the help and its options.

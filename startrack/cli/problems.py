@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from startrack import optimise
 from startrack.cli import terminal
 from startrack.cli.campaign import open_workers
-from startrack.cli.options import Exit, as_wrong_use
+from startrack.cli.options import Exit, WrongUse, as_wrong_use
 from startrack.core import Rows
 from startrack.earth.retrieval import EarthProblem, load_earth_design
 from startrack.io import save_json, save_text
 from startrack.metrics import Interval, markdown
 from startrack.plots import draw_improvement
-from startrack.problem import Judgement, Problem, run_problem
+from startrack.problem import Expectation, Judgement, Margin, Problem, run_problem
 
+# Options of `montecarlo` that a problem takes.
+TAKEN = {"design", "--set", "--trials", "--first", "--seed", "--workers", "--out"}
+TAKEN |= {"--scheduler", "--tls"}
 APART = 1.5  # factor between trials and formula, from which on it is said
 
 
@@ -30,6 +34,12 @@ def problem_of(path: Path | None, changes: list[str]) -> Problem | None:
         return None
     with as_wrong_use(path=path):
         return EarthProblem(load_earth_design(path, changes))
+
+
+def refuse_options(given: Iterable[str]) -> None:
+    """Refuse options that only trials of star trackers have."""
+    if more := [name for name in given if name not in TAKEN]:
+        raise WrongUse(f"{', '.join(more)} must be left out for a scene of an Earth camera")
 
 
 def optimize(options: argparse.Namespace, problem: Problem) -> int:
@@ -89,13 +99,17 @@ def montecarlo(options: argparse.Namespace, problem: Problem) -> int:
         ),
     ]
     head = ["", "by trials", "by formula"]
-    table = "\n".join([*markdown(head, lines), "", *_verdict_lines(problem, judged)])
+    costs = problem.costs()
+    verdicts = optimise.verdicts(costs, judged)
+    table = "\n".join(
+        [*markdown(head, lines), "", *_verdict_lines(verdicts, costs, judged), *_left_out(expected)]
+    )
     result = {
         "trials": len(rows),
         "value": _interval(judged.value),
         "expected": expected.value,
         "parts": {name: _interval(part) for name, part in judged.parts.items()},
-        "verdicts": optimise.verdicts(problem, judged),
+        "verdicts": verdicts,
         "not_counted": list(expected.left_out),
     }
     if options.out:
@@ -136,7 +150,7 @@ def improved_table(problem: Problem, found: optimise.Improved) -> str:
     for name, (title, unit) in words.parts.items():
         lines.append([title, _shown(first.parts[name], unit), _shown(last.parts[name], unit), ""])
     lines.append(["start over best", "", _shown(found.factor, ""), ""])
-    more = [f"By formula the best has {found.expected:.4g} {words.unit}."]
+    more = [f"By formula the best has {found.expected.value:.4g} {words.unit}."]
     if found.apart > APART:
         more.append(
             f"Trials and formula differ by a factor of up to {found.apart:.2g} in the designs that "
@@ -149,18 +163,26 @@ def improved_table(problem: Problem, found: optimise.Improved) -> str:
         )
         more.append(f"It is limited by {limits}.")
     more.append(
-        "Intervals hold 95 %; that of the ratio takes both as independent, which is too wide."
+        "Intervals hold 95 %, each alone: of several limits, one may be wrongly met. That of the "
+        "ratio takes both designs as independent, which is too wide."
     )
-    return "\n".join([*markdown(head, lines), "", *_verdict_lines(found.problem, last), *more])
+    said = _verdict_lines(found.verdicts, found.costs, last)
+    return "\n".join([*markdown(head, lines), "", *said, *more, *_left_out(found.expected)])
 
 
-def _verdict_lines(problem: Problem, judged: Judgement) -> list[str]:
-    every = {name: margins[0] for name, margins in judged.margins.items()}
-    every = dict(problem.costs()) | every
+def _left_out(expected: Expectation) -> list[str]:
+    """What neither trials nor formula know."""
+    return [f"Not counted: {'; '.join(expected.left_out)}."] if expected.left_out else []
+
+
+def _verdict_lines(
+    verdicts: Mapping[str, str], costs: Mapping[str, Margin], judged: Judgement
+) -> list[str]:
+    every = dict(costs) | {name: margins[0] for name, margins in judged.margins.items()}
     return [
         f"{name}: {verdict} ({every[name].value:.4g} {every[name].unit}, "
         f"{'at most' if every[name].most else 'at least'} {every[name].limit:.4g})"
-        for name, verdict in optimise.verdicts(problem, judged).items()
+        for name, verdict in verdicts.items()
     ]
 
 
@@ -173,7 +195,8 @@ def improved_values(problem: Problem, found: optimise.Improved) -> dict[str, Any
         "start": _interval(first.value),
         "best": _interval(last.value),
         "factor": _interval(found.factor),
-        "expected": found.expected,
+        "expected": found.expected.value,
+        "not_counted": list(found.expected.left_out),
         "start_si": found.start,
         "best_si": found.best,
         "verdicts": found.verdicts,

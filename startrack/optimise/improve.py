@@ -14,26 +14,36 @@ from startrack.core import Floats, Refused, Rows, printed
 from startrack.metrics import Interval
 from startrack.optimise import steps
 from startrack.optimise.correction import Correction, Limit
-from startrack.optimise.evaluate import MOST_EXCESS, PENALTY, Evaluation, Foresight, missed
+from startrack.optimise.evaluate import LOST, MOST_EXCESS, PENALTY, Evaluation, Foresight, missed
 from startrack.optimise.explore import Explorer, Landscape, landscape_of
 from startrack.optimise.forecast import bounded
 from startrack.optimise.runner import FRESH
 from startrack.optimise.search import least_of_all
-from startrack.problem import Bounds, Judgement, Margin, Problem, SearchSettings, run_problem
+from startrack.problem import (
+    Bounds,
+    Expectation,
+    Judgement,
+    Margin,
+    Problem,
+    SearchSettings,
+    run_problem,
+)
 
-TAIL = 0.05  # probability that a limit is wrongly taken as met, for all margins and rounds together
-LOST = 20.0  # score of a design that has no value; chosen by hand: far above any other
+# Probability, over all rounds, that a design at what the search aims for is wrongly taken to meet a
+# limit. The verdicts are by the problem's own intervals.
+TAIL = 0.05
 
 
 @dataclass(frozen=True, eq=False)
 class ProblemSource:
     """The designs of a problem, by their forecasts.
 
+    seed      of random proposals, and of trials
     executor  computes the forecasts; None: this process
     """
 
     problem: Problem
-    own_seed: int = 1
+    seed: int = 1
     executor: Executor | None = None
 
     @cached_property
@@ -50,11 +60,6 @@ class ProblemSource:
     def names(self) -> Sequence[str]:
         """Of the variables."""
         return [variable.name for variable in self.variables]
-
-    @property
-    def seed(self) -> int:
-        """As given."""
-        return self.own_seed
 
     @property
     def search(self) -> str:
@@ -139,7 +144,7 @@ class Improved:
     factor         objective of the start over that of the best. Its interval takes both as
                    independent, though they have the same trials: it is too wide, not too narrow
     verdicts       of the best: "met", "missed", or "not shown", by the names of limits
-    expected       objective of the best by formula
+    expected       the best by formula
     evaluations    designs with trials, in order
     rounds         of fresh trials
     ending         why the search stopped
@@ -154,7 +159,7 @@ class Improved:
     costs: dict[str, Margin]
     factor: Interval
     verdicts: dict[str, str]
-    expected: float
+    expected: Expectation
     evaluations: tuple[Evaluation, ...]
     rounds: int
     ending: str
@@ -163,7 +168,7 @@ class Improved:
 
     @property
     def feasible(self) -> bool:
-        """Whether all limits are met, with 95 % confidence where trials decide."""
+        """Whether all limits are met, each by its own 95 % interval where trials decide."""
         return all(verdict == "met" for verdict in self.verdicts.values())
 
 
@@ -199,10 +204,11 @@ def improve(
     steps.explore({"": explorer}, {"": _affordable_start(source)}, settings)
     tried, judge = _Tried(explorer, source), _Fresh(source)
     last, rounds, ending = _rounds(explorer, settings, tried, source, judge, watch or _ignore)
-    first = judge(tuple(source.start.tolist()), last.number)
+    begin = tuple(source.start.tolist())
+    first = last if last.point == begin else judge(begin, last.number)
     values, best = source.values(source.start), np.array(last.point)
     factor = _over(first.judged.value, last.judged.value)
-    if _rank(first) < _rank(last):
+    if _rank(first) <= _rank(last):
         last, factor, best = first, Interval(1.0, 1.0, 1.0), source.start
         ending = f"{ending}; no design is better than the start, on fresh trials"
     return Improved(
@@ -210,10 +216,10 @@ def improve(
         source.values(best),
         last.problem,
         (first.judged, last.judged),
-        dict(last.problem.costs()),
+        last.costs,
         factor,
         last.verdicts,
-        last.problem.expect().value,
+        last.problem.expect(),
         tuple(tried.every),
         rounds,
         ending,
@@ -312,6 +318,7 @@ class _OnFresh:
     point: tuple[float, ...]
     number: int  # of the round
     problem: Problem
+    costs: dict[str, Margin]
     judged: Judgement
     verdicts: dict[str, str]
     trials: int
@@ -328,16 +335,13 @@ class _Fresh:
         begin = FRESH + number * count
         problem = source.design(np.array(point))
         rows = run_problem(problem, source.seed, range(begin, begin + count), source.executor)
-        judged = problem.judge(rows)
-        return _OnFresh(point, number, problem, judged, verdicts(problem, judged), count)
+        judged, costs = problem.judge(rows), dict(problem.costs())
+        return _OnFresh(point, number, problem, costs, judged, verdicts(costs, judged), count)
 
 
-def verdicts(problem: Problem, judged: Judgement) -> dict[str, str]:
+def verdicts(costs: Mapping[str, Margin], judged: Judgement) -> dict[str, str]:
     """For each limit "met", "missed", or "not shown", where both are within the 95 % interval."""
-    found = {
-        name: "met" if margin.relative >= 0 else "missed"
-        for name, margin in problem.costs().items()
-    }
+    found = {name: "met" if margin.relative >= 0 else "missed" for name, margin in costs.items()}
     for name, (_, near, far) in judged.margins.items():
         if near.relative >= 0:
             found[name] = "met"
@@ -402,7 +406,7 @@ def _failed(tried: Sequence[Evaluation]) -> float:
 def _rank(shown: _OnFresh) -> tuple[float, float]:
     """The less, the better: limits that are not met first, then the objective."""
     short = sum(max(0.0, -margins[0].relative) for margins in shown.judged.margins.values())
-    short += missed(relative(shown.problem.costs()))
+    short += missed(relative(shown.costs))
     value = shown.judged.value.value
     return short, value if math.isfinite(value) else math.inf
 

@@ -1,6 +1,6 @@
 """What can be searched, sampled and tested: parameters, costs, a forecast, trials, a judgement.
 
-values   Margin, Expectation, Judgement, Words, Variable: what a problem gives.
+values   Margin, Expectation, Judgement, Words, Bounds: what a problem gives.
 problem  Problem: what the engines ask of it; a star tracker, an Earth camera, or a user's own.
 run      Trials of a problem by their numbers, the same for any number of workers.
 """

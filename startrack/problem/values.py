@@ -119,8 +119,13 @@ class Bounds(NamedTuple):
         return min(max(part, 0.0), 1.0)
 
     def check(self) -> None:
-        """Refuse a range that cannot be searched."""
+        """Refuse a range that cannot be searched, or does not hold the start."""
         if not (math.isfinite(self.low) and math.isfinite(self.high) and self.low < self.high):
             raise Refused(f"{self.name} must have low < high, got {self.low:g} and {self.high:g}")
         if self.log and self.low <= 0:
             raise Refused(f"low of {self.name} must be above 0 on a log scale, got {self.low:g}")
+        if not self.low <= self.start <= self.high:
+            raise Refused(
+                f"{self.name} must start within [{self.shown(self.low)}, {self.shown(self.high)}], "
+                f"got {self.shown(self.start)}"
+            )

@@ -42,6 +42,17 @@ def test_trials_of_an_earth_camera_stand_beside_its_formula(tmp_path, capsys):
     assert lines[0].startswith('trial,"nominal: ')
 
 
+def test_options_of_star_trackers_are_refused_for_a_scene(capsys):
+    words = ["montecarlo", "mertis", "--trials", "5", "--fidelity", "spots", "--units", "3"]
+    assert main(words) == 2
+    assert "--fidelity, --units must be left out for a scene" in capsys.readouterr().err
+
+
+def test_what_neither_trials_nor_formula_know_stands_below_the_table(capsys):
+    assert main(["montecarlo", "mertis", "--trials", "5", "--workers", "1"]) == 0
+    assert "Not counted: the optics' blur between spectra; smile" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("command", ["verify", "sample", "pareto", "sensitivity", "budget"])
 def test_what_takes_star_trackers_alone_says_what_takes_a_scene(command, capsys):
     assert main([command, "hsrs"]) == 2

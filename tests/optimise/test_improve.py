@@ -111,6 +111,8 @@ def test_where_the_formula_fails_the_start_stays_and_it_is_said():
 
 def test_a_start_that_is_the_best_stays():
     found = improve(Valley(x=2.4, y=1.0, settings=Settings(evaluations=1, analytic_evaluations=0)))
+    assert found.factor == Interval(1.0, 1.0, 1.0)
+    assert found.judged[0] is found.judged[1]
     assert found.best["x"] == pytest.approx(2.4)
     assert found.factor.value == pytest.approx(1.0, abs=0.05)
 
@@ -120,6 +122,8 @@ def test_limits_on_costs_that_no_design_meets_are_named():
         improve(Valley(most_cost=-1.0))
     with pytest.raises(Refused, match="x must have low < high, got 5 and 5"):
         Bounds("x", 5.0, 5.0, 5.0).check()
+    with pytest.raises(Refused, match=r"x must start within \[0, 5\], got 6"):
+        improve(Valley(x=6.0))
 
 
 def test_rows_are_the_same_for_any_number_of_workers():
