@@ -27,7 +27,7 @@ tables       The results of studies as CSV, JSON lines and Markdown.
 from startrack.optimise.allocation import LeverChange, allocation, halved, levers
 from startrack.optimise.ensemble import Chains, Ensembles, draw, median_and_ends, thinned
 from startrack.optimise.evaluate import Evaluation, Foresight, evaluate, foresee
-from startrack.optimise.explore import Explorer
+from startrack.optimise.explore import Explorer, Landscape
 from startrack.optimise.forecast import Forecast, expect, expected_objective
 from startrack.optimise.improve import Improved, improve, verdicts
 from startrack.optimise.ledger import Ledger

@@ -6,6 +6,7 @@ import numpy as np
 
 from startrack.optimise import Improved
 from startrack.plots import style
+from startrack.plots.optimise import draw_forecasts
 from startrack.problem import Words
 
 
@@ -19,22 +20,11 @@ def draw_improvement(path: Path, found: Improved, words: Words) -> None:
         f"[{factor.low:.3g}, {factor.high:.3g}] (95 %)",
     )
     axes = figure.subplots()
-    landscape = found.landscape
-    value, met = np.exp(landscape.expected), np.array(landscape.met, bool)
-    number = 1 + np.arange(len(value))
-    for chosen, face, label in ((met, style.GREY, "meets"), (~met, "none", "misses")):
-        axes.plot(
-            number[chosen],
-            value[chosen],
-            "o",
-            ms=3,
-            color=style.GREY,
-            mfc=face,
-            label=f"forecast, {label} the limits ({chosen.sum()})",
-        )
+    draw_forecasts(axes, found.landscape)
+    before = len(found.landscape.expected)
     tried = np.array([design.error for design in found.evaluations])
     feasible = np.array([design.feasible for design in found.evaluations], bool)
-    number = len(value) + 1 + np.arange(len(tried))
+    number = before + 1 + np.arange(len(tried))
     for chosen, marker, colour, label in (
         (feasible, "o", style.GREEN, "meets"),
         (~feasible, "X", style.RED, "misses"),
@@ -45,9 +35,9 @@ def draw_improvement(path: Path, found: Improved, words: Words) -> None:
             marker,
             ms=4.5,
             color=colour,
-            label=f"by trials, {label} the limits ({chosen.sum()})",
+            label=f"by trials, {label} the requirements ({chosen.sum()})",
         )
-    end = len(value) + len(tried)
+    end = before + len(tried)
     for place, judged, marker, label in (
         (end + 2, found.judged[0], "s", "start, fresh trials"),
         (end + 4, found.judged[1], "D", "best, fresh trials"),

@@ -14,6 +14,7 @@ from startrack.metrics import Interval
 from startrack.optimise import (
     Evaluation,
     FrontGoals,
+    Landscape,
     Optimum,
     Point,
     Sensitivity,
@@ -55,7 +56,8 @@ def draw_convergence(path: Path, optimum: Optimum, campaign: Campaign) -> None:
 def _tried(axes: Axes, optimum: Optimum, objective: str) -> None:
     tried = optimum.evaluations
     number_of = _forecast_count(optimum) + np.arange(1, len(tried) + 1)
-    _forecasts(axes, optimum)
+    if optimum.landscape:
+        draw_forecasts(axes, optimum.landscape)
     errors = np.array([_made_small(evaluation) for evaluation in tried])
     feasible = np.array([evaluation.feasible for evaluation in tried])
     solved = np.isfinite(errors)
@@ -105,11 +107,9 @@ def _forecast_count(optimum: Optimum) -> int:
     return len(optimum.landscape.forecasts) if optimum.landscape else 0
 
 
-def _forecasts(axes: Axes, optimum: Optimum) -> None:
-    """What the budget expects of the designs before any trial."""
-    if optimum.landscape is None:
-        return
-    error, met = np.exp(optimum.landscape.expected), np.array(optimum.landscape.met)
+def draw_forecasts(axes: Axes, landscape: Landscape) -> None:
+    """What formulas expect of the designs before any trial."""
+    error, met = np.exp(landscape.expected), np.array(landscape.met, bool)
     number_of = np.arange(1, len(error) + 1)
     for chosen, face, label in ((met, style.GREY, "meets"), (~met, "none", "misses")):
         axes.plot(

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from startrack.core import Parameters, Range, Rows, parameter
+from startrack.core import Parameters, Range, Refused, Rows, parameter
 from startrack.problem.values import Bounds, Expectation, Judgement, Margin, Words
 
 
@@ -44,10 +44,11 @@ class SearchSettings(Protocol):
 
 
 class Settings(Parameters):
-    """How far a search of a user's problem goes."""
+    """How far a search goes."""
 
     search: str = parameter(
-        '"emulator", or algorithms of nlopt, such as "direct+sbplx"', default="emulator"
+        'how designs are chosen: "emulator", or algorithms of nlopt, such as "direct+sbplx"',
+        default="emulator",
     )
     precision: float = parameter(
         "fraction of the objective that is worth no further evaluation",
@@ -55,14 +56,25 @@ class Settings(Parameters):
         default=0.01,
     )
     analytic_evaluations: int = parameter(
-        "forecasts at most before the first trial", limit=Range(0, 10**6), default=300
+        "designs at most that the forecast evaluates, before the first trial",
+        limit=Range(0, 10**6),
+        default=300,
     )
-    evaluations: int = parameter("designs at most with trials", limit=Range(1, 10**6), default=20)
-    trials: int = parameter("of each design at first", limit=Range(2, 10**9), default=200)
-    most_trials: int = parameter("of each of the best designs", limit=Range(2, 10**9), default=800)
+    evaluations: int = parameter(
+        "designs at most that are tried by trials", limit=Range(1, 10**6), default=20
+    )
+    trials: int = parameter("of each design at first", limit=Range(2, 10**6), default=200)
+    most_trials: int = parameter(
+        "of each of the best designs at last", limit=Range(2, 10**6), default=800
+    )
     fresh_trials: int = parameter(
-        "on which start and best are compared", limit=Range(2, 10**9), default=1000
+        "on which start and best are compared at the end", limit=Range(2, 10**6), default=1000
     )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.most_trials < self.trials:
+            raise Refused(f"most_trials must be at least trials, {self.trials}")
 
 
 class Problem(Protocol):

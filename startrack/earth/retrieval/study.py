@@ -13,6 +13,7 @@ from startrack.earth.imager import Channel, Survey, scene_of
 from startrack.earth.retrieval.hot_spots import HotSpots
 from startrack.earth.retrieval.minerals import Minerals
 from startrack.io import shipped
+from startrack.problem import Settings
 
 OWN = "nominal"  # the file's own condition
 
@@ -116,7 +117,7 @@ def lenses_of(channels: Sequence[Channel]) -> list[float]:
     return [channel.optics.aperture for channel in lenses.values()]
 
 
-class EarthCampaign(Parameters):
+class EarthCampaign(Settings):
     """The question that is put to an Earth camera."""
 
     variables: tuple[Variable, ...] = parameter("what may change", default=())
@@ -133,53 +134,12 @@ class EarthCampaign(Parameters):
         limit=Range(choices=("area", "power", "emissivity", "wrong")),
         default="area",
     )
-    trials: int = parameter("of each design at first", limit=Range(2, 10**6), default=200)
-    most_trials: int = parameter(
-        "of each design at last; the number doubles between", limit=Range(2, 10**6), default=800
-    )
-    evaluations: int = parameter(
-        "designs at most that are tried by trials", limit=Range(1, 10**6), default=20
-    )
-    analytic_evaluations: int = parameter(
-        "designs at most that the forecast evaluates, before the first trial",
-        limit=Range(0, 10**6),
-        default=300,
-    )
-    search: str = parameter(
-        'how designs are chosen: "emulator", or algorithms of nlopt, such as "direct+sbplx"',
-        default="emulator",
-    )
-    precision: float = parameter(
-        "fraction of the objective that is worth no further evaluation",
-        limit=Range(1e-4, 0.5),
-        default=0.01,
-    )
-    fresh_trials: int = parameter(
-        "on which start and best are compared at the end", limit=Range(2, 10**6), default=1000
-    )
-    sample_trials: int = parameter(
-        "for each design that the tolerance region is computed from",
-        limit=Range(2, 10**6),
-        default=200,
-    )
-    margin: float = parameter(
-        "fraction by which the objective may grow in the tolerance region",
-        limit=POSITIVE,
-        default=0.2,
-    )
-    span: float = parameter(
-        "half the width of that region's box, as a fraction of each variable's range",
-        limit=Range(0.001, 0.5),
-        default=0.15,
-    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
         names = [condition.name for condition in self.conditions]
         if len(set(names)) < len(names):
             raise Refused(f"conditions must have different names, got {', '.join(names)}")
-        if self.most_trials < self.trials:
-            raise Refused(f"most_trials must be at least trials, {self.trials}")
 
 
 class EarthDesign(Survey):
