@@ -12,7 +12,7 @@ from scipy import constants, ndimage, stats
 from startrack.core.streams import Streams
 from startrack.detector import Defects, Detector, Hits, Pattern, RegionOfInterest, Thermal, read_out
 from startrack.detector.collect import carry, diffuse
-from startrack.detector.effects import bloom, settle
+from startrack.detector.effects import added_noise, bloom, settle
 from startrack.detector.imperfections import tracks
 from startrack.detector.maps import dark, read_noise, response
 from startrack.io.tables import from_table, to_table
@@ -116,6 +116,19 @@ def test_a_region_is_cut_from_the_array():
     np.testing.assert_array_equal(response(part), response(fine)[60:90, 150:190])
     # The array's centre (99.5, 49.5) seen from the image's (169.5, 74.5).
     assert part.shift == (-70.0, -25.0)
+
+
+def test_noise_of_the_read_out_is_that_of_dark_frames_without_light():
+    """Beside the numbers of frames of zero electrons, rounded: by 1 / sqrt(12) number at most.
+
+    Hits and settling are no noise: the first needs an exposure, the second filters the rest.
+    """
+    pattern = Pattern(row=3.0, column=2.0)
+    noisy = replace(PLAIN, read_noise=8.0, pattern=pattern, hits=Hits(rate=2e8, depth=10e-6))
+    noise = added_noise(noisy, Streams(1, 0))
+    dark = drawn(np.zeros((100, 200)), read_noise=8.0, pattern=pattern)
+    assert np.abs(noise - dark).max() <= 0.5 + 1e-9
+    assert noise.std() == pytest.approx(math.sqrt(8**2 + 3**2 + 2**2), rel=0.1)
 
 
 def test_blooming_keeps_the_charge():

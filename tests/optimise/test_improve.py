@@ -9,7 +9,7 @@ import pytest
 from startrack.core import Refused, Streams
 from startrack.metrics import Interval
 from startrack.montecarlo import pool
-from startrack.optimise import improve
+from startrack.optimise import improve, verdicts
 from startrack.problem import Bounds, Expectation, Judgement, Margin, Settings, Words, run_problem
 
 SETTINGS = Settings(precision=0.01, fresh_trials=16000, trials=1000, most_trials=4000)
@@ -149,6 +149,15 @@ def test_rows_are_the_same_for_any_number_of_workers():
 )
 def test_a_margin_is_one_less_the_load(margin, relative):
     assert margin.relative == relative
+
+
+@pytest.mark.parametrize(
+    ("near", "far", "said"), [(0.9, 0.7, "met"), (1.1, 0.8, "not shown"), (1.3, 1.1, "missed")]
+)
+def test_a_verdict_needs_the_whole_interval(near, far, said):
+    middle = Interval(1.0, 0.9, 1.1)
+    judged = Judgement(middle, {"load": tuple(Margin(x, 1.0) for x in (0.95, near, far))})
+    assert verdicts({"cost": Margin(2.0, 1.0)}, judged) == {"cost": "missed", "load": said}
 
 
 @pytest.mark.parametrize("log", [False, True])

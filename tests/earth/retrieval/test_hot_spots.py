@@ -256,7 +256,7 @@ def test_fires_that_cannot_be_seen_are_refused_or_infinite():
 
 
 def test_formula_and_trials_agree_that_warm_ground_saturates():
-    """At 0.58 ms and f/1.6 the warmest ground fills the thermal channel; at 0.5 ms it does not."""
+    """At 0.56 ms and f/1.6 the warmest ground fills the thermal channel; at 0.54 ms it does not."""
     problem = EarthProblem(load_earth_design("hsrs"))
     values = {
         "channels.*.optics.f_number": 1.6032807,
@@ -264,9 +264,9 @@ def test_formula_and_trials_agree_that_warm_ground_saturates():
         "channels.mir.detector.exposure": 6.668e-3,
         "retrieval.hot_spots.window": 5.0,
     }
-    for exposure, sees in ((5.0e-4, True), (5.79e-4, False)):
+    for exposure, sees in ((5.4e-4, True), (5.6e-4, False), (5.79e-4, False)):
         changed = problem.replaced(values | {"channels.tir.detector.exposure": exposure})
         found = changed.judge(changed.trials(1, range(50))).value.value
         expected = changed.expect().value
         assert (expected < math.inf) == sees
-        assert found == pytest.approx(2.3, rel=0.2) if sees else found > 5.0
+        assert found == pytest.approx(2.3, rel=0.2) if sees else found > 3.5
