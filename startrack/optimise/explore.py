@@ -553,7 +553,7 @@ def landscape_of(explorer: Explorer, best: Floats) -> Landscape:
     return Landscape(
         tuple(tuple(point.tolist()) for point, _ in tried),
         tuple(value.expected for _, value in tried),
-        tuple(not missed(value.margins) for _, value in tried),
+        tuple(math.isfinite(value.expected) and not missed(value.margins) for _, value in tried),
         max(0.0, explorer.score - explorer.lowest()),
         spans,
         explorer.prices(best),

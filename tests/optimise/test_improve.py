@@ -109,6 +109,22 @@ def test_where_the_formula_fails_the_start_stays_and_it_is_said():
     assert found.apart == pytest.approx(6.0, rel=0.1)
 
 
+@dataclass(frozen=True)
+class Dark(Valley):
+    """A formula without an answer below x = 0.9."""
+
+    def expect(self):
+        expected = super().expect()
+        return expected if self.x >= 0.9 else expected._replace(value=math.inf)
+
+
+def test_a_design_without_a_forecast_is_not_counted_as_good():
+    landscape = improve(Dark(), seed=2).landscape
+    unknown = ~np.isfinite(landscape.expected)
+    assert 0 < unknown.sum() < len(unknown)
+    assert not np.array(landscape.met)[unknown].any()
+
+
 def test_a_start_that_is_the_best_stays():
     found = improve(Valley(x=2.4, y=1.0, settings=Settings(evaluations=1, analytic_evaluations=0)))
     assert found.factor == Interval(1.0, 1.0, 1.0)
