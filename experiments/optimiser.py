@@ -29,7 +29,7 @@ from startrack.metrics import Star
 from startrack.optimise import Ledger, Search, TrackerSource, TrialRunner, evaluate, least
 from startrack.optimise.correction import correct
 from startrack.optimise.evaluate import LOST, PENALTY, Evaluation, measured, missed
-from startrack.optimise.explore import Explorer
+from startrack.optimise.explorer import Explorer
 from startrack.optimise.forecast import expected_objective
 from startrack.optimise.runner import FRESH
 from startrack.optimise.steps import confirm_requirements, explore, refine, trials_of_tracker

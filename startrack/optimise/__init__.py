@@ -1,35 +1,41 @@
 """Better designs: search, Pareto front, sensitivity, tolerances.
 
-search       Function over the unit cube -> the point of its least value (nlopt).
-ledger       One SQLite file with the outcomes of all trials, so that no trial is repeated.
-runner       TrialRunner: trials of any design; it keeps each outcome, so that no trial is repeated.
-forecast     Case -> what the analytic budget expects of it, as designed or over its units.
-evaluate     Point of a DesignSpace -> the score of its design.
-emulator     Points and values -> a Gaussian process through them, and what it expects.
-correction   Trials of designs -> by how much forecasts of other designs are wrong.
-source       DesignSpace and campaign -> what an explorer asks of designs: forecasts, costs,
-             conditions.
-explore      Source of designs -> forecasts where they tell most, and emulators of all that they
-             say.
-steps        The steps of the optimiser: start, forecasts, correction, refinement, confirmation.
-units        Fresh units of a design -> the level that a fraction of them keeps, and yields.
-optimise     Campaign, TrialRunner -> the best design that was found, and how good it is.
-improve      Problem -> a better one: forecasts, trials that correct them, fresh trials that decide.
-pareto       DesignSpace, two objectives -> the designs that no other design beats in both.
-sensitivity  DesignSpace -> how much the error depends on each variable, alone and together with
-             others.
-allocation   Case, units -> what each tolerance and each lever of a design buys.
-ensemble     Log-probability -> samples and their convergence diagnostics (emcee).
-tolerance    Design -> how far each parameter may vary, by emcee on a quadratic surface.
-tables       The results of studies as CSV, JSON lines and Markdown.
+search             Function over the unit cube -> the point of its least value (nlopt).
+ledger             One SQLite file with the outcomes of all trials, so that no trial is repeated.
+runner             TrialRunner: trials of any design; it keeps each outcome, so that no trial is
+                   repeated.
+forecast           Case -> what the analytic budget expects of it, as designed or over its units.
+evaluate           Point of a DesignSpace -> the score of its design.
+gaussian_process   Points and values -> a Gaussian process through them, and what it expects.
+explorer_settings  How an explorer chooses designs, and how their forecasts are emulated.
+emulators          Forecasts of designs -> emulators of the objective and of each margin.
+correction         Trials of designs -> by how much forecasts of other designs are wrong.
+source             DesignSpace and campaign -> what an explorer asks of designs: forecasts, costs,
+                   conditions.
+explorer           Source of designs -> forecasts where they tell most.
+landscape          Emulators of a design space -> what they say around its best design.
+steps              The steps of the optimiser: start, forecasts, correction, refinement,
+                   confirmation.
+units              Fresh units of a design -> the level that a fraction of them keeps, and yields.
+optimise           Campaign, TrialRunner -> the best design that was found, and how good it is.
+improve            Problem -> a better one: forecasts, trials that correct them, fresh trials that
+                   decide.
+pareto             DesignSpace, two objectives -> the designs that no other design beats in both.
+sensitivity        DesignSpace -> how much the error depends on each variable, alone and together
+                   with others.
+allocation         Case, units -> what each tolerance and each lever of a design buys.
+ensemble           Log-probability -> samples and their convergence diagnostics (emcee).
+tolerance          Design -> how far each parameter may vary, by emcee on a quadratic surface.
+tables             The results of studies as CSV, JSON lines and Markdown.
 """
 
 from startrack.optimise.allocation import LeverChange, allocation, halved, levers
 from startrack.optimise.ensemble import Chains, Ensembles, draw, median_and_ends, thinned
 from startrack.optimise.evaluate import Evaluation, Foresight, evaluate, foresee
-from startrack.optimise.explore import Explorer, Landscape
+from startrack.optimise.explorer import Explorer
 from startrack.optimise.forecast import Forecast, expect, expected_objective
 from startrack.optimise.improve import Improved, improve, verdicts
+from startrack.optimise.landscape import Landscape
 from startrack.optimise.ledger import Ledger
 from startrack.optimise.optimise import Optimum, optimize
 from startrack.optimise.pareto import FrontGoals, Point, front

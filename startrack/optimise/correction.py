@@ -11,9 +11,9 @@ import numpy as np
 import scipy
 
 from startrack.core import Floats
-from startrack.optimise.emulator import matern
 from startrack.optimise.evaluate import Evaluation
 from startrack.optimise.forecast import MOST_MISSED
+from startrack.optimise.gaussian_process import matern
 
 
 @dataclass(frozen=True, eq=False)

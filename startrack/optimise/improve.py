@@ -15,8 +15,9 @@ from startrack.metrics import Interval
 from startrack.optimise import steps
 from startrack.optimise.correction import Correction, Limit
 from startrack.optimise.evaluate import LOST, MOST_EXCESS, PENALTY, Evaluation, Foresight, missed
-from startrack.optimise.explore import Explorer, Landscape, landscape_of
+from startrack.optimise.explorer import Explorer
 from startrack.optimise.forecast import bounded
+from startrack.optimise.landscape import Landscape
 from startrack.optimise.runner import FRESH
 from startrack.optimise.search import least_of_all
 from startrack.problem import (
@@ -224,7 +225,7 @@ def improve(
         rounds,
         ending,
         _failed(tried.every),
-        landscape_of(explorer, best),
+        explorer.landscape(best),
     )
 
 

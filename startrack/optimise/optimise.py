@@ -16,8 +16,9 @@ from startrack.design import Campaign
 from startrack.metrics import Interval, Summary, summarise
 from startrack.optimise import steps
 from startrack.optimise.evaluate import PENALTY, Evaluation, evaluate, missed, try_out
-from startrack.optimise.explore import Explorer, Landscape, landscape_of
+from startrack.optimise.explorer import Explorer
 from startrack.optimise.forecast import named
+from startrack.optimise.landscape import Landscape
 from startrack.optimise.runner import TrialRunner
 from startrack.optimise.source import TrackerSource
 from startrack.optimise.steps import FreshTrials, SearchStage
@@ -193,7 +194,7 @@ def optimize(
         confirmed, ending, rounds = _rounds(
             explorer, space, campaign, runner, record, judge, len(tried)
         )
-        landscape = landscape_of(explorer, np.array(confirmed.design.coordinates))
+        landscape = explorer.landscape(np.array(confirmed.design.coordinates))
     best, second, fresh_trials = confirmed.design, confirmed.frames, confirmed.fresh
     first = _fresh_frames(campaign.judged(case), campaign, runner, fresh_trials, progress.fresh)
     objective, needs = campaign.goal, campaign.requirements

@@ -10,10 +10,10 @@ import numpy as np
 from startrack.core import Flags, Floats, Refused, Rows, arcsec, one_of, printed, whole
 from startrack.design import COSTS, Campaign, DesignSpace, Judged, Objective, fewest_trials_beyond
 from startrack.metrics import Interval
-from startrack.optimise.emulator import emulator
 from startrack.optimise.evaluate import Foresight, combined, foresee_all, missed
-from startrack.optimise.explore import WIDTH, Explorer
+from startrack.optimise.explorer import Explorer
 from startrack.optimise.forecast import Forecast
+from startrack.optimise.gaussian_process import emulator
 from startrack.optimise.runner import FRESH, TrialRunner
 from startrack.optimise.source import TrackerSource
 from startrack.optimise.steps import USUAL, SearchStage, explore, feasible_start
@@ -215,8 +215,9 @@ class _Search:
             starts = np.vstack([near, ends, self._best(pairs, 1 - part, limit)])
             if method == "epsilon":
                 # As a margin, near zero on the scale of `Scale`.
-                mean, weight = (limit - second.mean) / WIDTH, -second.weight / WIDTH
-                room = replace(second, mean=mean, weight=weight, size=second.size / WIDTH)
+                width = like.settings.margin_width
+                mean, weight = (limit - second.mean) / width, -second.weight / width
+                room = replace(second, mean=mean, weight=weight, size=second.size / width)
                 limited = replace(like, objective=first, margins=like.margins | {"goal": room})
                 point = ends[1] if part == 1 else limited.least(starts)[0]
             else:

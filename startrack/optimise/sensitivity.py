@@ -10,8 +10,8 @@ import scipy
 from startrack.core import Advance, Floats, Refused, Streams, whole
 from startrack.design import Campaign, DesignSpace, found_at
 from startrack.metrics import Interval
-from startrack.optimise.emulator import Emulator, emulator
 from startrack.optimise.evaluate import foresee_all
+from startrack.optimise.gaussian_process import Emulator, emulator
 from startrack.optimise.runner import TrialRunner
 
 STEP = 0.01  # of each range, for derivatives; chosen by hand: the budget is smooth over it

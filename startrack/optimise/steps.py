@@ -15,7 +15,7 @@ from startrack.design import Campaign, Case, DesignSpace, Judged, Requirements
 from startrack.metrics import Interval
 from startrack.optimise.correction import Correction, Evidence, Limit, correct
 from startrack.optimise.evaluate import Evaluation, evaluate, missed
-from startrack.optimise.explore import Explorer
+from startrack.optimise.explorer import Explorer
 from startrack.optimise.forecast import named
 from startrack.optimise.runner import FRESH, FRESH_UNIT, TrialRunner
 from startrack.optimise.search import Search, algorithms, least, least_of_all

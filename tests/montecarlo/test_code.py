@@ -400,7 +400,7 @@ def test_own_requirements_and_costs_are_judged(others):
 def test_an_own_search_by_its_entry_point_chooses_the_designs_that_are_forecast(installed):
     from startrack.design import DesignSpace
     from startrack.optimise import Search, least
-    from startrack.optimise.explore import Explorer
+    from startrack.optimise.explorer import Explorer
     from startrack.optimise.source import TrackerSource
     from startrack.optimise.steps import explore
 

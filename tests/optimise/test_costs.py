@@ -19,7 +19,7 @@ from startrack.verification import margin
 
 WORSE = 1.25  # true error over that of the formula
 MOST = 2.0  # arcsec, where the start has 1 by the formula
-ROOMS = ("evaluate", "explore", "steps", "optimise")
+ROOMS = ("evaluate", "explorer", "steps", "optimise")
 
 
 class Truth(TrialRunner):

@@ -21,7 +21,7 @@ from startrack.optimise.runner import TrialRunner
 from startrack.optimise.tables import sharp_conditions
 from startrack.trial import OUTCOMES
 
-ROOMS = ("evaluate", "explore", "steps", "optimise")
+ROOMS = ("evaluate", "explorer", "steps", "optimise")
 LEAST, ROOM = 0.99, 0.01
 FORMULA = 5e-4  # fraction of trials that the formula expects to be lost, everywhere
 

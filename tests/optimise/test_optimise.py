@@ -13,7 +13,7 @@ from startrack import Refused
 from startrack.design.files import Design, save_design
 from startrack.design.variables import Choice, DesignSpace, Variable, branches
 from startrack.optimise.evaluate import evaluate
-from startrack.optimise.explore import Explorer
+from startrack.optimise.explorer import Explorer
 from startrack.optimise.ledger import Ledger
 from startrack.optimise.optimise import optimize
 from startrack.optimise.runner import TrialRunner

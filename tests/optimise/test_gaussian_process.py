@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from startrack.optimise.emulator import emulator
+from startrack.optimise.gaussian_process import emulator
 
 
 def bowl(points):

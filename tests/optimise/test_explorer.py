@@ -10,10 +10,13 @@ import pytest
 from startrack.core import arcsec
 from startrack.design import DesignSpace
 from startrack.metrics import summarise
-from startrack.optimise import Ledger, TrackerSource, TrialRunner, explore, source, steps
+from startrack.optimise import Ledger, TrackerSource, TrialRunner, source, steps
+from startrack.optimise.emulators import Scale, emulators
 from startrack.optimise.evaluate import Evaluation, Foresight, foresee_all
-from startrack.optimise.explore import Explorer, Scale
+from startrack.optimise.explorer import Explorer
+from startrack.optimise.explorer_settings import DEFAULTS
 from startrack.optimise.forecast import forecasts
+from startrack.optimise.landscape import prices_of
 from startrack.trial.chain import OUTCOMES
 
 
@@ -124,14 +127,14 @@ def test_what_does_not_matter_is_said_and_what_does_is_bounded(of_limited):
     x, _, z = found.spans(best)
     assert z.everywhere
     assert not x.everywhere
-    assert x.low == pytest.approx(0.5, abs=1.05 / (explore.NODES - 1))
-    assert x.high == pytest.approx(0.6, abs=1.05 / (explore.NODES - 1))
+    assert x.low == pytest.approx(0.5, abs=1.05 / (DEFAULTS.span_nodes - 1))
+    assert x.high == pytest.approx(0.6, abs=1.05 / (DEFAULTS.span_nodes - 1))
 
 
 def test_the_price_of_a_limit_is_its_multiplier(of_limited):
     """One per cent more of x + y = 0.8 lowers the score by 0.008."""
     found, best = of_limited
-    prices = found.prices(best)
+    prices = prices_of(found.emulators, best, found.source.precision)
     assert prices == {"mass": pytest.approx(0.008, rel=0.2)}
 
 
@@ -160,7 +163,7 @@ def test_designs_far_from_the_best_do_not_make_the_good_ones_uncertain(seed):
     points, others = random.random((40, 4)), random.random((200, 4))
     others = others[others[:, 0] < 0.45]
     values = [Foresight(float(one), {}, {}) for one in value(points)]
-    known = explore.emulators(points, values, {})
+    known = emulators(points, values, {})
     expected, sigma = known.objective.expected_and_sigma(others)
     error = expected - value(others)
     assert np.sqrt((error**2).mean()) < 0.1

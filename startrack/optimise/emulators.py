@@ -1,0 +1,173 @@
+"""Forecasts of designs -> emulators of the objective and of each margin, and their least score."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from startrack.core import Floats, Refused
+from startrack.optimise.correction import Correction
+from startrack.optimise.evaluate import PENALTY, Foresight
+from startrack.optimise.explorer_settings import DEFAULTS, ExplorerSettings
+from startrack.optimise.gaussian_process import Emulator, emulator
+from startrack.optimise.search import least_smooth
+
+SOLVED = "solved"  # an emulated margin: 1 where a design has a forecast, -1 where it has none
+
+
+class Scale(NamedTuple):
+    """On which a margin is emulated: between -1 and 1, of its sign, with most of it near zero.
+
+        margins    m / sqrt(m^2 + margin_width^2)
+        of chances the same of ln(room / (room - m)) and 1: the unavailability against its limit
+
+    room      1, of a chance: one less the least that is asked; 0: of any other margin
+    settings  of which the scale takes `margin_width` and `least_chance`
+    """
+
+    room: float = 0.0
+    settings: ExplorerSettings = DEFAULTS
+
+    def of(self, margin: Floats) -> Floats:
+        """The place on the scale of margins."""
+        if not self.room:
+            return np.asarray(margin / np.hypot(margin, self.settings.margin_width))
+        least = self.settings.least_chance * self.room
+        log = np.log(self.room / np.maximum(self.room - margin, least))
+        return np.asarray(log / np.hypot(log, 1.0))
+
+    def missing(self, place: Floats) -> Floats:
+        """The amounts by which margins at places on the scale are missed."""
+        short = np.clip(-place, 0.0, 0.999)
+        ratio = short / np.sqrt(1 - short**2)
+        if self.room:
+            return self.room * np.expm1(np.minimum(ratio, 20.0))
+        return self.settings.margin_width * ratio
+
+
+@dataclass(frozen=True, eq=False)
+class Emulators:
+    """What all forecasts together expect of any design.
+
+    objective  ln(error / arcsec)
+    margins    of those that some design misses, by name, each on its scale
+    scales     of the margins that are chances, by name
+    settings   of the scales of the others, and how far a limit must be met
+    """
+
+    objective: Emulator
+    margins: dict[str, Emulator]
+    scales: Mapping[str, Scale]
+    settings: ExplorerSettings = DEFAULTS
+
+    def scale(self, name: str) -> Scale:
+        """The scale of a margin."""
+        return self.scales.get(name, Scale(settings=self.settings))
+
+    def score(self, points: Floats, sigmas: float = 0.0) -> Floats:
+        """The score (m,) of designs (m, d) if all is better by some standard deviations."""
+        score, sigma = self.objective.expected_and_sigma(points)
+        score = score - sigmas * sigma
+        for name, margin in self.margins.items():
+            mean, sigma = margin.expected_and_sigma(points)
+            score = score + PENALTY * self.scale(name).missing(mean + sigmas * sigma)
+        return np.asarray(score)
+
+    def least(
+        self,
+        starts: Floats,
+        sigmas: float = 0.0,
+        correction: Correction | None = None,
+        box: tuple[Floats, Floats] | None = None,
+        allowed: Callable[[Floats], bool] | None = None,
+    ) -> tuple[Floats, float]:
+        """The design of the least score, by nlopt's SLSQP (Kraft 1994) from some starts (m, d).
+
+        correction  is added to the objective
+        box         (d,) least and largest coordinates; None: the whole cube
+        allowed     whether a design may be the answer; None: each may
+        Returns     the design (d,) and its score, infinite where none is allowed
+        """
+        low, high = box or (np.zeros(starts.shape[1]), np.ones(starts.shape[1]))
+        starts = np.clip(starts, low, high)
+        best, least = starts[0], np.inf
+
+        def value(point: Floats, gradient: Floats) -> float:
+            bound, slope = self.objective.bound(point, -sigmas)
+            if correction:
+                bound, slope = bound + correction(point), slope + correction.slope
+            if gradient.size:
+                gradient[:] = slope
+            return bound
+
+        def missing(point: Floats, gradient: Floats, margin: Emulator) -> float:
+            bound, slope = margin.bound(point, sigmas)
+            if gradient.size:
+                gradient[:] = -slope
+            return self.settings.safe_margin / self.settings.margin_width - bound
+
+        limits = [partial(missing, margin=margin) for margin in self.margins.values()]
+        for start in starts:
+            for end in (start, least_smooth(value, limits, start, (low, high))):
+                if allowed and not allowed(end):
+                    continue
+                score = float(self.score(end[None], sigmas)[0])
+                score += correction(end) if correction else 0.0
+                if score < least:
+                    best, least = end, score
+        return best, least
+
+    def with_point(self, point: Floats) -> Emulators:
+        """The emulators if they were right at one more design (d,)."""
+        margins = {name: margin.with_point(point) for name, margin in self.margins.items()}
+        return replace(self, objective=self.objective.with_point(point), margins=margins)
+
+
+def emulators(
+    points: Floats,
+    values: Sequence[Foresight],
+    scales: Mapping[str, Scale],
+    like: Emulators | None = None,
+    settings: ExplorerSettings = DEFAULTS,
+    beyond: float | None = None,
+) -> Emulators:
+    """The emulators of some forecasts.
+
+    scales   of the margins that are chances, by name
+    like     of fewer forecasts of the same space
+    beyond   ln(error) above the least, from which on the objective need not go through a design;
+             None: that of the settings
+    Raises   Refused where no design has a forecast.
+    """
+    beyond = settings.inexact_objective if beyond is None else beyond
+    expected = np.array([value.expected for value in values])
+    finite = np.isfinite(expected)
+    if not finite.any():
+        raise Refused("none of the designs that were tried has a forecast")
+    least = expected[finite].min()
+    above = np.clip(np.where(finite, expected - least, 0.0), 0.0, settings.clipped_objective)
+    fewest = np.sort(above[finite])[: settings.exact_per_variable * points.shape[1]][-1]
+    doubt = (np.maximum(above - max(beyond, fewest), 0.0) / beyond) ** 2
+    before = like.objective if like else None
+    objective = emulator(points[finite], least + above[finite], before, doubt[finite])
+    alike, margins = like.margins if like else {}, dict[str, Emulator]()
+    tried = ~np.array([value.left_out for value in values])
+    if not finite[tried].all():
+        solved = np.where(finite[tried], 1.0, -1.0)
+        margins[SOLVED] = emulator(points[tried], solved, alike.get(SOLVED))
+    names = dict.fromkeys(name for value in values for name in value.margins)
+    for name in names:
+        present = np.array([name in value.margins for value in values])
+        margin = np.array([value.margins[name] for value in values if name in value.margins])
+        if (margin < 0).any():
+            place = scales.get(name, Scale(settings=settings)).of(margin)
+            # What all designs have are costs, which are smooth everywhere.
+            missed = settings.inexact_margin
+            short = np.maximum(-place - missed, 0.0) / missed
+            unsure = None if present.all() else doubt[present] + short**2
+            margins[name] = emulator(points[present], place, alike.get(name), unsure)
+    return Emulators(objective, margins, scales, settings)

@@ -1,0 +1,320 @@
+"""Source of designs -> forecasts where they tell most, and emulators of all that they say."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import islice
+
+import numpy as np
+
+from startrack.core import Floats, Streams
+from startrack.optimise.correction import Evidence, Limit
+from startrack.optimise.emulators import Emulators, Scale, emulators
+from startrack.optimise.evaluate import Foresight, missed
+from startrack.optimise.explorer_settings import DEFAULTS, ExplorerSettings
+from startrack.optimise.forecast import named
+from startrack.optimise.landscape import Landscape, Span, prices_of, spans_of
+from startrack.optimise.source import DesignSource, affordable
+
+
+@dataclass(eq=False)
+class Explorer:
+    """The forecasts of a design space so far, and what they let expect of any other design.
+
+    The next designs are where the emulators' means, and their bounds of `sigmas`, are least: lower
+    confidence bounds, see Cox and John (1992), IEEE Conference on Systems, Man and Cybernetics.
+
+    label     of the branch that the designs belong to
+    points    unit-cube coordinates of the designs
+    limits    of the margins that trials decide, by name: what the fresh trials can show, and what
+              trials said of the forecasts; none: forecasts are taken as they are
+    raw       their forecasts
+    values    the same with these limits
+    ending    why no more are worth it; empty as long as some are
+    watch     called after new forecasts
+    settings  how designs are chosen and emulated
+    """
+
+    source: DesignSource
+    label: str = ""
+    points: list[Floats] = field(default_factory=list)
+    limits: Mapping[str, Limit] = field(default_factory=dict)
+    raw: list[Foresight] = field(default_factory=list)
+    values: list[Foresight] = field(default_factory=list)
+    ending: str = ""
+    watch: Callable[[], None] | None = None
+    settings: ExplorerSettings = DEFAULTS
+    _emulators: tuple[int, Emulators] | None = None
+    _spanned: float = np.inf  # a score below it is so much lower that its spans are others
+    _in_vain: int = 0  # batches of bold designs since the last gain
+
+    @cached_property
+    def scales(self) -> dict[str, Scale]:
+        """Of the margins that are chances."""
+        return {name: Scale(room, self.settings) for name, room in self.source.rooms.items()}
+
+    def forecast(self, points: Sequence[Floats]) -> None:
+        """Add the forecasts of some designs, and that of the best one in all conditions."""
+        self._add(points)
+        self.complete()
+
+    def _add(self, points: Sequence[Floats]) -> None:
+        new = [np.clip(point, 0, 1) for point in points]
+        enough = self.score + self.settings.bad_score if self._all_matter else -math.inf
+        raw = self.source.foresee(new, enough)
+        self.values += map(self._limited, new, raw)
+        self.raw += raw
+        self.points += new
+        if self.watch:
+            self.watch()
+
+    def _limited(self, point: Floats, raw: Foresight) -> Foresight:
+        margins = {
+            name: self.limits[name].corrected(point, margin) if name in self.limits else margin
+            for name, margin in raw.margins.items()
+        }
+        return raw._replace(margins=margins)
+
+    def learn(self, evidence: Mapping[str, Sequence[Evidence]]) -> None:
+        """Correct the forecasts of margins by all that trials say of them, by the margins' names.
+
+        Only margins that are among `limits`.
+        """
+        self.limits = {
+            name: limit.fitted(evidence.get(name, ())) for name, limit in self.limits.items()
+        }
+        self.values = list(map(self._limited, self.points, self.raw))
+        self._forget()
+        self.complete()
+
+    def _forget(self) -> None:
+        """Fit the emulators again, because values of known designs are others."""
+        if self._emulators:
+            self._emulators = 0, self._emulators[1]
+
+    def complete(self) -> bool:
+        """Forecast the best design in all conditions, until the best one is.
+
+        Returns  whether a score changed
+        """
+        done, before = set[int](), [value.score for value in self.values]
+        while np.isfinite(self.score):
+            best = self._leader
+            if best in done or not self._complete(best):
+                break
+            done.add(best)
+        return [value.score for value in self.values] != before
+
+    def _complete(self, number: int) -> bool:
+        """Forecast a design in all conditions; whether some had no forecast."""
+        if self.source.conditions.keys() <= self.raw[number].conditions.keys():
+            return False
+        point = self.points[number]
+        self.raw[number] = self.source.complete(point, self.raw[number])
+        self.values[number] = self._limited(point, self.raw[number])
+        self._forget()
+        return True
+
+    @property
+    def _all_matter(self) -> bool:
+        """Whether conditions without a weight may limit a design, as far as the good ones tell."""
+        good = [
+            value
+            for value in self.values
+            if value.score <= self.score + self.settings.good_score and len(value.conditions) > 1
+        ]
+        if len(good) < self.settings.good_designs:
+            return True
+        far = 1 - self.settings.margin_width
+        weighted = {name for name, weight in self.source.conditions.items() if weight}
+        return not all(
+            name in weighted
+            or all(part < far for part in self._parts(value, named(name, own.margins)))
+            for value in good
+            for name, own in value.conditions.items()
+        )
+
+    def _parts(self, value: Foresight, names: Iterable[str]) -> list[float]:
+        """The parts that a design takes of what some margins allow."""
+        rooms = [(name, self.scales.get(name, Scale()).room or 1.0) for name in names]
+        return [(room - value.margins[name]) / room for name, room in rooms]
+
+    def close(self, point: Floats) -> list[str]:
+        """Names of the conditions in which a design is not far from a limit, as far as known."""
+        value, near = self.forecast_of(point), self.settings.close_part
+        return [
+            name
+            for name, own in value.conditions.items()
+            if any(part > near for part in self._parts(value, named(name, own.margins)))
+        ]
+
+    def met(self, point: Floats) -> bool:
+        """Whether a design is expected to be shown to meet all limits, or nearly so."""
+        value = self.forecast_of(point)
+        needless = [margin for name, margin in value.margins.items() if name not in self.limits]
+        limited = value.margins.keys() & self.limits.keys()
+        parts = self._parts(value, limited)
+        most = 1 + self.settings.short_part
+        return all(margin >= 0 for margin in needless) and all(part <= most for part in parts)
+
+    def unlimited(self, point: Floats) -> Foresight:
+        """The forecast of a design in all conditions, as no trial has corrected it."""
+        self.forecast_of(point)
+        number = next(i for i, other in enumerate(self.points) if (other == point).all())
+        self._complete(number)
+        return self.raw[number]
+
+    def forecast_of(self, point: Floats) -> Foresight:
+        """The forecast of a design, which is added where it is not known."""
+        for other, value in zip(self.points, self.values, strict=True):
+            if (other == point).all():
+                return value
+        self.forecast([point])
+        return self.values[-1]
+
+    @property
+    def emulators(self) -> Emulators:
+        """Of all forecasts so far."""
+        if self._emulators is None or self._emulators[0] < len(self.points):
+            like = self._emulators[1] if self._emulators else None
+            fitted = emulators(np.array(self.points), self.values, self.scales, like, self.settings)
+            self._emulators = len(self.points), fitted
+        return self._emulators[1]
+
+    @property
+    def best(self) -> Floats:
+        """The design of the least score of those that meet all limits; of all where none does."""
+        return self.points[self._leader]
+
+    @property
+    def _leader(self) -> int:
+        ranks = [(missed(value.margins) > 0, value.score) for value in self.values]
+        return min(range(len(ranks)), key=ranks.__getitem__)
+
+    @property
+    def score(self) -> float:
+        """The score of the best design so far; infinite where none has one."""
+        return self.values[self._leader].score if self.values else math.inf
+
+    def begin(self, start: Floats, most: int) -> None:
+        """Forecast the start, and designs over the whole space that do not cost too much."""
+        per_variable, besides = self.settings.first_per_variable, self.settings.first_besides
+        count = min(per_variable * len(self.source.names) + besides, most)
+        random = self._random(0, "first designs to forecast")
+        others = list(islice(affordable(self.source, random), count - 1))
+        # The first ones say which others are bad.
+        batch = self.settings.batch
+        self._add([start, *others[: batch - 1]])
+        self._add(others[batch - 1 :])
+
+    def step(self, most: int) -> None:
+        """Forecast the next designs, as many as are allowed, or say in `ending` why none.
+
+        Where none is proposed, the ends of the spans are forecast, which the emulators expect to be
+        as good: they show whether the emulators are right, and how far a variable may go. At last,
+        those that would be better if the emulators were wrong by far more than they say.
+        """
+        points = self._proposals()
+        if not points and self.complete():
+            return
+        if not points and self.score < self._spanned and np.isfinite(self.score):
+            self._spanned = self.score - self.source.precision
+            ends = [end for span in self.spans(self.best) for end in (span.at_low, span.at_high)]
+            for end in ends:
+                if self.is_new(end, points):
+                    points.append(end)
+        if not points and self._in_vain < self.settings.bold_batches:
+            points, self._in_vain = self._proposals(bold=True), self._in_vain + 1
+        if points:
+            before = self.score
+            self._add(points[:most])
+            if self.score < before - self.settings.worthwhile_gain * self.source.precision:
+                self._in_vain = 0
+        else:
+            gain = 100 * self.source.precision
+            self.ending = f"a further gain is expected to be below {gain:g} %"
+
+    def _proposals(self, bold: bool = False) -> list[Floats]:
+        """The next designs; none where no design can be expected to gain what is asked.
+
+        First the one that the emulators expect to be the best, then those that may be the best, as
+        if the emulators were right about those before.
+
+        bold  only near the best, where a design may be far better than expected
+        """
+        model, starts = self.emulators, self.starts()
+        least, worth = self.score, self.settings.worthwhile_gain * self.source.precision
+        proposed = list[Floats]()
+        bound, box, bold_loss = self.settings.sigmas, None, self.settings.bold_loss
+        if bold:
+            model = emulators(
+                np.array(self.points),
+                self.values,
+                self.scales,
+                model,
+                self.settings,
+                self.settings.inexact_near_best,
+            )
+            reach = self.settings.bold_distance
+            box = np.maximum(self.best - reach, 0), np.minimum(self.best + reach, 1)
+            bound = self.settings.bold_sigmas
+        for sigmas, gain in ((0.0, worth), *[(bound, 2.5 * worth)] * (self.settings.batch - 1)):
+
+            def may_be(point: Floats) -> bool:
+                expected, most = self.emulators.score(point[None])[0], self.score + bold_loss
+                return bool(expected < most) and self.is_new(point, proposed)
+
+            point, score = model.least(starts, sigmas, box=box, allowed=may_be if bold else None)
+            if least - score > gain and self.is_new(point, proposed):
+                proposed.append(point)
+                model = model.with_point(point)
+                least = min(least, float(model.score(point[None])[0]))
+        return proposed
+
+    def is_new(self, point: Floats, others: Sequence[Floats]) -> bool:
+        """Whether a design is apart from all that have a forecast, and from others."""
+        every = np.array([*self.points, *others])
+        return bool(np.abs(every - point).max(axis=1).min() > self.settings.same_design)
+
+    def starts(self) -> Floats:
+        """Designs (m, d) to search from: the best ones, and others that may be good."""
+        settings, random = self.settings, self._random(len(self.points), "designs to forecast")
+        order = np.argsort([value.score for value in self.values], kind="stable")
+        order = order[: settings.leaders]
+        leaders = np.array([self.points[number] for number in order])
+        pool = random.random((settings.pool, len(self.source.names)))
+        shift = settings.leader_spread * random.standard_normal((len(leaders), *pool.shape))
+        near = leaders[:, None] + shift
+        pool = np.vstack([pool, np.clip(near.reshape(-1, len(self.source.names)), 0, 1)])
+        good = np.argsort(self.emulators.score(pool, settings.sigmas), kind="stable")
+        return np.vstack([leaders[:2], pool[good[: settings.leaders]]])
+
+    def _random(self, number: int, what: str) -> np.random.Generator:
+        return Streams(self.source.seed, number)(f"{what} {self.label}".strip())
+
+    def lowest(self) -> float:
+        """The score below which no design is with 98 % confidence, as the emulators see it."""
+        return min(self.score, self.emulators.least(self.starts(), self.settings.sigmas)[1])
+
+    def spans(self, best: Floats) -> list[Span]:
+        """The spans of all variables around a design, as `spans_of`."""
+        return spans_of(self.emulators, best, self.source.precision)
+
+    def landscape(self, best: Floats) -> Landscape:
+        """What the forecasts say of the design space around a design."""
+        every = zip(self.points, self.values, strict=True)
+        tried = [(point, value) for point, value in every if not value.left_out]
+        return Landscape(
+            tuple(tuple(point.tolist()) for point, _ in tried),
+            tuple(value.expected for _, value in tried),
+            tuple(
+                math.isfinite(value.expected) and not missed(value.margins) for _, value in tried
+            ),
+            max(0.0, self.score - self.lowest()),
+            dict(zip(self.source.names, self.spans(best), strict=True)),
+            prices_of(self.emulators, best, self.source.precision),
+            self.ending,
+        )

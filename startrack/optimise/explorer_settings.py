@@ -1,0 +1,147 @@
+"""Settings of an explorer: how many designs it forecasts, what it calls good, what is precise."""
+
+from __future__ import annotations
+
+from startrack.core import POSITIVE, Parameters, Range, parameter
+
+COUNT = Range(1, 10**6)
+FRACTION = Range(0.0, 1.0)
+
+
+class ExplorerSettings(Parameters):
+    """How the designs to forecast are chosen, and how their forecasts are emulated.
+
+    The defaults are chosen by hand. Scores are differences of ln(error), coordinates those of the
+    unit cube.
+    """
+
+    first_per_variable: int = parameter(
+        "forecasts per variable before the first emulator", limit=COUNT, default=3
+    )
+    first_besides: int = parameter("further forecasts before it", limit=COUNT, default=5)
+    batch: int = parameter(
+        "forecasts between two fits of the emulators, the same for any number of workers",
+        limit=COUNT,
+        default=4,
+    )
+    worthwhile_gain: float = parameter(
+        "part of the precision; a smaller expected gain does not justify a forecast",
+        limit=FRACTION,
+        default=0.2,
+    )
+    sigmas: float = parameter(
+        "by which a design may be better than expected: 98 % of a normal law",
+        limit=POSITIVE,
+        default=2.0,
+    )
+    bold_sigmas: float = parameter(
+        "the same of bold designs, which are tried where no other is left: near a cliff, emulators "
+        "are wrong by as much",
+        limit=POSITIVE,
+        default=6.0,
+    )
+    bold_distance: float = parameter(
+        "largest distance of bold designs from the best, in each coordinate",
+        limit=FRACTION,
+        default=0.1,
+    )
+    bold_loss: float = parameter(
+        "largest amount by which a bold design may be expected to be worse than the best",
+        limit=POSITIVE,
+        default=0.15,
+    )
+    bold_batches: int = parameter(
+        "batches of bold designs without a gain, after which the search ends",
+        limit=COUNT,
+        default=2,
+    )
+    bad_score: float = parameter(
+        "above the least score, beyond which no condition without a weight is forecast",
+        limit=POSITIVE,
+        default=0.5,
+    )
+    good_score: float = parameter(
+        "above the least score, up to which a design shows whether these conditions matter",
+        limit=POSITIVE,
+        default=0.2,
+    )
+    good_designs: int = parameter(
+        "good designs that meet all limits of these conditions by far, after which none is "
+        "forecast",
+        limit=COUNT,
+        default=8,
+    )
+    close_part: float = parameter(
+        "part of what a limit allows, from which on trials are worth it in any condition",
+        limit=FRACTION,
+        default=0.5,
+    )
+    short_part: float = parameter(
+        "part of what a limit allows, by which a design may miss what fresh trials can show, and "
+        "yet be tried",
+        limit=FRACTION,
+        default=0.1,
+    )
+    pool: int = parameter(
+        "random designs among which starts of a search are chosen", limit=COUNT, default=256
+    )
+    leaders: int = parameter(
+        "best designs near which others are drawn, and starts that are kept", limit=COUNT, default=6
+    )
+    leader_spread: float = parameter(
+        "standard deviation of the coordinates of designs drawn near these",
+        limit=FRACTION,
+        default=0.05,
+    )
+    same_design: float = parameter(
+        "distance in each coordinate, below which two points are the same design",
+        limit=FRACTION,
+        default=1e-3,
+    )
+    clipped_objective: float = parameter(
+        "ln(error) above the least, beyond which a design is only bad", limit=POSITIVE, default=2.0
+    )
+    inexact_objective: float = parameter(
+        "ln(error) above the least, from which on an emulator need not go through a design, the "
+        "less the worse it is: else the worst would decide its lengths",
+        limit=POSITIVE,
+        default=0.7,
+    )
+    inexact_near_best: float = parameter(
+        "the same where only the neighbourhood of the best is looked at",
+        limit=POSITIVE,
+        default=0.25,
+    )
+    inexact_margin: float = parameter(
+        "the same of a margin that is missed, on its scale", limit=POSITIVE, default=0.4
+    )
+    exact_per_variable: int = parameter(
+        "least number of designs per variable that an emulator goes through", limit=COUNT, default=2
+    )
+    margin_width: float = parameter(
+        "margin beyond which its scale grows slowly", limit=POSITIVE, default=0.2
+    )
+    least_chance: float = parameter(
+        "part of the unavailability that is allowed; below it all is equally good",
+        limit=FRACTION,
+        default=1e-4,
+    )
+    safe_margin: float = parameter(
+        "amount by which an emulated margin must be met, because it is wrong by as much at a limit",
+        limit=FRACTION,
+        default=1e-3,
+    )
+    relaxed_limit: float = parameter(
+        "part of a limit, by which its price relaxes it", limit=FRACTION, default=0.01
+    )
+    span_nodes: int = parameter(
+        "values of each variable at which its span is looked for", limit=Range(2, 10**4), default=25
+    )
+    whole_span: float = parameter(
+        "part of its range, from which on a variable that may have any value does not matter",
+        limit=FRACTION,
+        default=0.9,
+    )
+
+
+DEFAULTS = ExplorerSettings()

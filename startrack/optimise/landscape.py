@@ -1,0 +1,98 @@
+"""Emulators of a design space -> what they say around its best design: ranges and prices."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from startrack.core import Floats, printed
+from startrack.optimise.emulators import SOLVED, Emulators
+
+
+@printed
+class Span(NamedTuple):
+    """Between which unit-cube coordinates of a variable the score stays within the precision.
+
+    at_low, at_high  (d,) the designs there
+    everywhere       whether the variable does not matter
+    """
+
+    low: float
+    high: float
+    at_low: Floats
+    at_high: Floats
+    everywhere: bool
+
+
+def spans_of(model: Emulators, best: Floats, precision: float) -> list[Span]:
+    """For each variable, where the score stays within the precision of that of a design.
+
+    The other variables follow: at each value they are where the score is least.
+    """
+    spans = list[Span]()
+    limit = float(model.score(best[None])[0]) + precision
+    nodes = np.linspace(0, 1, model.settings.span_nodes)
+    for axis, middle in enumerate(best):
+        ends = [best, best]
+        for side, way in enumerate((nodes[nodes < middle][::-1], nodes[nodes > middle])):
+            for value in way:
+                starts, fixed = np.array([ends[side], best]), np.arange(len(best)) == axis
+                box = np.where(fixed, value, 0.0), np.where(fixed, value, 1.0)
+                point, score = model.least(starts, box=box)
+                if score > limit:
+                    break
+                ends[side] = point
+        low, high = (float(end[axis]) for end in ends)
+        everywhere = high - low >= model.settings.whole_span
+        spans.append(Span(low, high, ends[0], ends[1], everywhere))
+    return spans
+
+
+def prices_of(model: Emulators, best: Floats, precision: float) -> dict[str, float]:
+    """What limits a design: for each margin, by how much ln(error) falls if it is relaxed.
+
+    By one per cent of its limit; of margins that are met by more, and of those whose price is
+    below a tenth of the precision, none.
+    """
+    least, prices = float(model.score(best[None])[0]), dict[str, float]()
+    for name, margin in model.margins.items():
+        expected = float(margin.expected(best[None])[0])
+        scale = model.scale(name)
+        step = float(scale.of(np.array(model.settings.relaxed_limit * (scale.room or 1.0))))
+        if name == SOLVED or expected > 2 * step:
+            continue
+        easier = replace(margin, mean=margin.mean + step)
+        relaxed = replace(model, margins=model.margins | {name: easier})
+        price = least - relaxed.least(best[None])[1]
+        if price > precision / 10:
+            prices[name] = price
+    return dict(sorted(prices.items(), key=lambda item: -item[1]))
+
+
+@printed
+class Landscape(NamedTuple):
+    """What the forecasts say of a design space around its best design.
+
+    forecasts  unit-cube coordinates of the designs
+    expected   of these ln(arcsec) of the objective, NaN where no attitude is expected
+    met        of these whether all requirements are met, as expected
+    left       by how much ln(error) may yet fall, with 98 % confidence
+    spans      of each variable, by its name
+    prices     by how much ln(error) falls if a limit is relaxed by 1 %, by the margin's name
+    ending     why there are no more
+    """
+
+    forecasts: tuple[tuple[float, ...], ...]
+    expected: tuple[float, ...]
+    met: tuple[bool, ...]
+    left: float
+    spans: dict[str, Span]
+    prices: dict[str, float]
+    ending: str
+
+    @property
+    def unimportant(self) -> list[str]:
+        """Names of the variables that do not matter."""
+        return [name for name, span in self.spans.items() if span.everywhere]
