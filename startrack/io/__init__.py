@@ -7,8 +7,11 @@ saving        Files that are written whole or not at all, and folders that one p
 sqlite        SQLite file of one kind -> its tables, open for one process at a time; errors as
               sentences.
 text          Bytes of a text file from any program -> text; CSV of any locale -> columns.
+toml_file     Path of a TOML file -> its table.
 tables        Frozen dataclasses to tables of TOML and back, units in strings, each error with its
-              place; a file, the files below it, and single values -> one table.
+              place.
+layers        A file, files that lie below it, and single values -> one table, and the file of each
+              value.
 wcs           Camera and attitude as a FITS world coordinate system, and back to pixels by any
               reader; a solved image as FITS files of astrometry.net, and by the names of tetra3.
 recordings    SER, raw and video files -> images; Bayer mosaics -> images of one colour or of all.
@@ -24,6 +27,7 @@ frame_files   Frames, their times and attitudes -> FITS, PNG, SER, raw or video 
 from startrack.io.frame_files import FrameFiles
 from startrack.io.images import field_hint, read_frames, read_image, write_fits
 from startrack.io.interchange import aligned, to_pandas, to_qtable, to_xarray
+from startrack.io.layers import Layers, Renewed, read_layers
 from startrack.io.reading import (
     open_checked,
     read_bytes,
@@ -46,12 +50,8 @@ from startrack.io.saving import (
 from startrack.io.sqlite import Database, Execute, FileKind
 from startrack.io.tables import (
     LARGEST_INTEGER,
-    Layers,
-    Renewed,
     current_key,
     from_table,
-    read_layers,
-    read_table,
     refuse_unknown,
     to_table,
     written,
@@ -65,6 +65,7 @@ from startrack.io.text import (
     in_lower_case,
     with_points,
 )
+from startrack.io.toml_file import read_table
 from startrack.io.wcs import (
     camera_to_wcs,
     celestial,

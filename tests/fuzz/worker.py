@@ -99,9 +99,9 @@ def _hangs(*_: object, **__: object) -> None:
 # Faults put in on purpose: what is put in place of which names.
 FAULTS: dict[str, dict[str, object]] = {
     "": {},
-    "quantities are not limited": {"startrack.io.tables.parse": _naive_parse},
-    "any file is opened": {"startrack.io.tables.read_bytes": _waits},
-    "long keys are read": {"startrack.io.tables._long_key": _nothing},
+    "quantities are not limited": {"startrack.core.parse": _naive_parse},
+    "any file is opened": {"startrack.io.toml_file.read_bytes": _waits},
+    "long keys are read": {"startrack.io.toml_file._long_key": _nothing},
     "images of any kind are read": {
         "startrack.io.images.read_bytes": _waits,
         "startrack.io.images.regular_file": _nothing,
@@ -117,7 +117,7 @@ FAULTS: dict[str, dict[str, object]] = {
     "JSON with NaN": {"startrack.cli.requirements.print_result": _writes_nan},
     "memory beyond the limit": {"startrack.detection.detect": _takes_memory},
     "a command that hangs": {"startrack.cli.terminal.open_sky": _hangs},
-    "sizes of numbers are not limited": {"startrack.io.tables.moderate": _same},
+    "sizes of numbers are not limited": {"startrack.core.moderate": _same},
 }
 
 

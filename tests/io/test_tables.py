@@ -9,7 +9,7 @@ import pytest
 from startrack.core import Unit
 from startrack.design import Case
 from startrack.io import from_table, read_table, to_table
-from startrack.io.tables import DEEPEST, read_layers
+from startrack.io.layers import DEEPEST, read_layers
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from startrack.core import Refused
-from startrack.io.tables import read_table
 from startrack.io.text import csv_table, decoded
+from startrack.io.toml_file import read_table
 
 VALUES = [(1, 57.25, -0.5), (2, 18.75, 1e-3), (3, 255.5, 12.0)]
 

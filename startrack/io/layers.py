@@ -1,0 +1,276 @@
+"""A file, files that lie below it, and single values over all -> one table.
+
+Of each value it is known which file it is from, so that an error names that one.
+"""
+
+import difflib
+import os
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from startrack import core
+from startrack.core import Refused
+from startrack.io.reading import shipped
+from startrack.io.tables import LONGEST_NAME
+from startrack.io.toml_file import read_table
+
+LAYERED = ("variations", "trackers", "designs")  # folders of what lies below a design
+MOST_FILES = 256  # that a file is made of, each as often as it is named; chosen by hand
+DEEPEST = 16  # files below each other; chosen by hand
+KEY = re.compile(r"[A-Za-z0-9_]+(\.[A-Za-z0-9_]+)*")
+PLACE = re.compile(r"[^\s:]+")
+SET = "--set"
+Joined = Mapping[str, Mapping[str, Any]]
+NOT_JOINED: Joined = {}
+
+
+class Renewed(NamedTuple):
+    """A key that stands for the other keys of its table, such as the name of a product.
+
+    Where a file names it, what files below say in that table no longer holds.
+
+    key   of the table
+    kept  keys of the table that hold nevertheless
+    """
+
+    key: str
+    kept: tuple[str, ...]
+
+
+NOT_RENEWED: Mapping[str, Renewed] = {}
+
+
+@dataclass
+class Layers:
+    """One table of several files.
+
+    table    the values
+    origin   file (or `--set`) of each value that is no table, by its place: "scene.background_g"
+    renewed  tables, by their places, of which one key stands for the others
+    """
+
+    table: dict[str, Any] = field(default_factory=dict)
+    origin: dict[str, str] = field(default_factory=dict)
+    renewed: Mapping[str, Renewed] = field(default_factory=lambda: NOT_RENEWED)
+
+    def lay(
+        self,
+        above: dict[str, Any],
+        origin: str | dict[str, str],
+        place: str = "",
+        joined: Joined = NOT_JOINED,
+    ) -> None:
+        """Put a table over this one: tables are merged by their keys, all else is replaced.
+
+        joined  as `read_layers` has it
+        """
+        below = self.table
+        for name in filter(None, place.split(".")):
+            below = below[name]
+        rule = self.renewed.get(place)
+        if rule and rule.key in above:
+            self._renew(below, rule, place, _origin(origin, f"{place}.{rule.key}"))
+        for key, value in above.items():
+            inner = f"{place}.{key}" if place else key
+            if isinstance(value, dict) and isinstance(below.get(key), dict):
+                self.lay(value, origin, inner)
+                continue
+            if origin == SET and isinstance(value, dict) and isinstance(below.get(key), list):
+                below[key] = self._with_entries(below[key], value, inner)
+                continue
+            if key in joined and isinstance(value, list) and isinstance(below.get(key), list):
+                value = _joined(below[key], value, joined[key])
+            for place_below in [place for place in self.origin if _within(place, inner)]:
+                del self.origin[place_below]
+            below[key] = {} if isinstance(value, dict) else value
+            if isinstance(value, dict):
+                self.lay(value, origin, inner)
+            else:
+                self.origin[inner] = _origin(origin, inner)
+
+    def _renew(self, below: dict[str, Any], rule: Renewed, place: str, by: str) -> None:
+        """Take out what other files say beside a key that stands for it."""
+        for key in [key for key in below if key not in rule.kept]:
+            inner = f"{place}.{key}"
+            said = {at for name, at in self.origin.items() if _within(name, inner)}
+            if said != {by}:
+                self.drop(inner)
+
+    def _with_entries(self, entries: list[Any], above: dict[str, Any], place: str) -> list[Any]:
+        """A list of tables with changes of some, by their numbers: {"0": {"scale": 0.5}}."""
+        changed = list(entries)
+        for number, change in above.items():
+            known = number.isdecimal() and int(number) < len(entries)
+            if (
+                not known
+                or not isinstance(entries[int(number)], dict)
+                or not isinstance(change, dict)
+            ):
+                raise Refused(
+                    f"{SET} {place}.{number} must be a key of an entry, {place}.0.KEY to "
+                    f"{place}.{len(entries) - 1}.KEY"
+                )
+            entry = Layers(dict(entries[int(number)]))
+            entry.lay(change, SET)
+            changed[int(number)] = entry.table
+            of_entry = f"{place}[{number}]"
+            self.origin |= {f"{of_entry}.{name}": at for name, at in entry.origin.items()}
+        return changed
+
+    def drop(self, place: str) -> None:
+        """Take out a value or a table."""
+        table: Any = self.table
+        *outer, last = place.split(".")
+        for name in outer:
+            table = table.get(name) if isinstance(table, dict) else None
+        if not isinstance(table, dict) or last not in table:
+            raise Refused(f"{SET} {place}= must name a key that the files have, and none has it")
+        del table[last]
+        self.origin = {name: at for name, at in self.origin.items() if not _within(name, place)}
+
+    def blamed(self, message: str, path: Path) -> str:
+        """A message on a place in the table, with the file that the value there is from."""
+        match = PLACE.match(message)
+        place = match[0] if match else ""
+        origins = {origin for name, origin in self.origin.items() if _within(name, place)}
+        return f"{origins.pop() if len(origins) == 1 else path}: {message}"
+
+
+def _origin(origin: str | dict[str, str], place: str) -> str:
+    return origin if isinstance(origin, str) else origin[place]
+
+
+def read_layers(
+    path: Path,
+    what: str,
+    changes: Sequence[str] = (),
+    joined: Joined = NOT_JOINED,
+    renewed: Mapping[str, Renewed] = NOT_RENEWED,
+) -> Layers:
+    """The table of a file over those that it names.
+
+        base = "other.toml"          the file below all others
+        include = ["a.toml", ...]    over the base, each over the one before
+
+    Both stand first in the file, which is over them; they may name others themselves. A name is
+    that of a file beside the one that names it, or of one in the catalogue
+    ("designs/nanosatellite.toml"). Tables are merged by their keys; a list replaces a list.
+
+    what     the file must be, for the errors: "a design file"
+    joined   keys of the outermost table whose lists of tables are added to those of the files
+             below; an entry replaces one below that is alike in some keys, given with defaults
+    renewed  tables of which one key stands for the others, by their places
+    changes  "key = value" each, over all files: "instrument.optics.f_number=2.0", and of an entry
+             of a list of tables "variation.0.scale=0.5". A value that is no TOML is a text:
+             "instrument.optics.blur=3 um". Without a value, the key is taken out of the files, so
+             that its default holds: "instrument.detector.age=".
+    Raises   ValueError, one sentence with the file: where a file is missing or no TOML, names
+             itself by way of others, or a change is none.
+    """
+    layers = _read_layers(path, what, joined, renewed, (), [])
+    for change in changes:
+        key, _, text = change.partition("=")
+        if "=" in change and not text.strip() and KEY.fullmatch(key.strip()):
+            layers.drop(key.strip())
+        else:
+            layers.lay(_changed(change), SET)
+    return layers
+
+
+def _joined(below: list[Any], above: list[Any], alike: Mapping[str, Any]) -> list[Any]:
+    """The entries of both lists, without those below that one above is alike."""
+
+    def name(entry: Any) -> list[Any] | None:
+        table = isinstance(entry, dict)
+        return [entry.get(key, default) for key, default in alike.items()] if table else None
+
+    named = [name(entry) for entry in above]
+    return [entry for entry in below if name(entry) not in named] + above
+
+
+def _read_layers(
+    path: Path,
+    what: str,
+    joined: Joined,
+    renewed: Mapping[str, Renewed],
+    above: tuple[Path, ...],
+    done: list[Path],
+) -> Layers:
+    """The layers of a file and of those that it names.
+
+    above  files that lead to it
+    done   files that were read until now; each is counted as often as it is named
+    """
+    real = Path(os.path.realpath(path))  # `resolve` has no OSError for a loop
+    if real in above:
+        raise Refused(f"{above[0]}: base and include must not lead back to {path}")
+    if len(above) == DEEPEST:
+        raise Refused(f"{above[0]} must have at most {DEEPEST} files below each other")
+    done.append(real)
+    if len(done) > MOST_FILES:
+        top = above[0] if above else path
+        raise Refused(
+            f"{top} must be made of at most {MOST_FILES} files, named by base and include"
+        )
+    own = read_table(path, what)
+    below, more = own.pop("base", None), own.pop("include", [])
+    if below is not None and not isinstance(below, str):
+        raise Refused(f"{path}: base must be the name of a file, got {core.shown(below)}")
+    if not (isinstance(more, list) and all(isinstance(name, str) for name in more)):
+        raise Refused(f"{path}: include must be a list of names of files, got {core.shown(more)}")
+    layers = Layers(renewed=renewed)
+    for key, name in [("base", below)] * (below is not None) + [("include", name) for name in more]:
+        inner = _found(path, key, str(name))
+        read = _read_layers(inner, what, joined, renewed, (*above, real), done)
+        layers.lay(read.table, read.origin, joined=joined)
+    layers.lay(own, str(path), joined=joined)
+    return layers
+
+
+def _found(path: Path, key: str, name: str) -> Path:
+    try:
+        beside = path.parent / name
+        return beside if name and beside.exists() else shipped(name or "-")
+    except (OSError, ValueError):  # not there, or a name that no file can have
+        raise Refused(
+            f"{path}: {key} must be the name of a file beside it, or of one in the catalogue, such "
+            f"as {_like(name)!r}, got {core.shown(name)}"
+        ) from None
+
+
+def _like(name: str) -> str:
+    """The file of the catalogue whose name is most like another one."""
+    stems = {
+        file.stem: f"{folder}/{file.name}"
+        for folder in LAYERED
+        for file in sorted(shipped(folder).glob("*.toml"))
+    }
+    asked = name.rpartition("/")[2].removesuffix(".toml")
+    close = difflib.get_close_matches(asked[:LONGEST_NAME], stems, 1, 0.75)
+    return stems[close[0] if close else "nanosatellite"]
+
+
+def _changed(change: str) -> dict[str, Any]:
+    key, equals, text = (part.strip() for part in change.partition("="))
+    if not (equals and KEY.fullmatch(key)):
+        raise Refused(
+            f"{SET} must be KEY=VALUE, such as instrument.optics.f_number=2.0, got "
+            f"{core.shown(change)}"
+        )
+    try:
+        read = tomllib.loads(f"value = {text}")
+    except (ValueError, RecursionError):
+        read = {}
+    *outer, last = key.split(".")
+    table: dict[str, Any] = {last: read["value"] if list(read) == ["value"] else text}
+    for name in reversed(outer):
+        table = {name: table}
+    return table
+
+
+def _within(place: str, other: str) -> bool:
+    return place == other or place.startswith(f"{other}.")

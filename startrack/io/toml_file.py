@@ -1,0 +1,54 @@
+"""Path of a TOML file -> its table; files that are too large, or too slow to parse, are refused."""
+
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from startrack import core
+from startrack.core import Refused
+from startrack.io.reading import read_bytes
+
+LARGEST = 2**20  # byte; the largest design of the catalogue has 5 kB
+LONGEST_KEY = 32  # parts between dots; keys of some 10000 parts take tomllib minutes
+QUOTED = re.compile(r"\"(?:[^\"\\\n]|\\.)*+\"|'[^'\n]*+'")
+BREAKS = str.maketrans("=,[]{}", "      ")
+
+
+def read_table(path: Path, what: str) -> dict[str, Any]:
+    """The table of a TOML file.
+
+    what    it must be, for the errors: "a design file"
+    Raises  ValueError, one sentence with the file.
+    """
+    try:
+        text = read_bytes(path, what, LARGEST).decode("utf-8-sig")  # of an editor of Windows
+    except UnicodeDecodeError as error:
+        raise Refused(f"{path} must be a TOML file: {error}") from None
+    except OSError as error:
+        raise Refused(str(error) if error.errno is None else f"{path}: {error}") from None
+    if key := _long_key(text):
+        raise Refused(
+            f"{path} must have keys of at most {LONGEST_KEY} parts, got {core.shown(key)} of "
+            f"{key.count('.') + 1}"
+        )
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise Refused(f"{path} must be a TOML file without deeply nested values") from None
+    except ValueError as error:
+        raise Refused(f"{path} must be a TOML file: {error}") from None
+
+
+def _long_key(text: str) -> str:
+    """A dotted key of too many parts, empty where there is none."""
+    if text.count(".") < LONGEST_KEY:
+        return ""
+    for line in text.splitlines():
+        if line.count(".") < LONGEST_KEY:
+            continue
+        bare = "".join(QUOTED.sub("q", line).split("#", 1)[0].split())
+        for key in bare.translate(BREAKS).split():
+            if key.count(".") >= LONGEST_KEY:
+                return key
+    return ""
