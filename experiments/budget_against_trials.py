@@ -23,7 +23,16 @@ import command
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack import Streams, arcsec, deg, shipped
+from startrack import (
+    Streams,
+    arcsec,
+    deg,
+    line_of_sight,
+    random_attitude,
+    run_trials,
+    shipped,
+    stars_in_field,
+)
 from startrack.budget import Budget, ErrorLaw, analytic
 from startrack.catalog import open_sky
 from startrack.core import Floats
@@ -31,14 +40,8 @@ from startrack.design import Case, Fidelity, load_design, replaced
 from startrack.detector import Hits
 from startrack.io import save_text
 from startrack.metrics import Summary, summarise
+from startrack.observation import expected_electrons
 from startrack.scene import Scene
-from startrack.trial import (
-    expected_electrons,
-    line_of_sight,
-    random_attitude,
-    run_trials,
-    stars_in_field,
-)
 
 SEED = 24
 RATES = (0.0, 0.05, 0.3, 1.0, 2.0, 3.0)  # deg / s, of the designs

@@ -31,7 +31,7 @@ import numpy as np
 from flight_page import draw, write_page
 from scipy import stats
 
-from startrack import Case, Frame, Streams, arcsec, load_design, shipped
+from startrack import Case, Frame, Streams, arcsec, load_design, psf_of, shipped
 from startrack.budget import analytic, single_stars
 from startrack.calibration import (
     Order,
@@ -46,7 +46,6 @@ from startrack.detection import Box, DarkFrames, DarkMap, Detection, plan_detect
 from startrack.detector import Detector, Flicker, dark, dark_frames, frame_of, stamp
 from startrack.detector.ageing import CHANDRA_ACA, Flickering, pixels_above
 from startrack.io.saving import save_json
-from startrack.trial import psf_of
 from startrack.verification import (
     FlightComparison,
     Windows,

@@ -38,10 +38,10 @@ from typing import Any
 import command
 import numpy as np
 
-from startrack import Refused, Streams, load_design, random_attitude, shipped
+from startrack import Refused, Streams, load_design, observe, random_attitude, shipped
 from startrack.mission import UnitChoice, head_model, write_model
 from startrack.plots.frames import stretch
-from startrack.trial import observe, searched
+from startrack.trial import searched
 
 ROOT = Path(__file__).parents[1]
 CLI = (sys.executable, "-m", "startrack.cli")

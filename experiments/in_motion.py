@@ -69,8 +69,8 @@ from startrack.catalog import Selection, open_sky
 from startrack.design import Fidelity
 from startrack.identification import Identification, PatternIndexes
 from startrack.mission import Between, between, frames_of, load_mission, plan_of, surrogate
+from startrack.photograph import solve_photograph
 from startrack.sequence import Gyro, Leg, Sequence, SequenceHead, run
-from startrack.trial import solve_photograph
 
 RATES = (0.0, 0.3, 1.0, 3.0)  # deg/s
 ROW_DELAY = 20e-6  # second

@@ -12,7 +12,7 @@ from startrack import Fidelity, load_design, run_trials, shipped
 from startrack.budget import SkySample
 from startrack.design import Objective
 from startrack.metrics import level_interval, rms_interval
-from startrack.trial import random_attitudes
+from startrack.observation import random_attitudes
 
 COUNTS = (20, 50, 200, 1000)
 LEVELS = (0.95, 0.9973)

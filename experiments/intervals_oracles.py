@@ -20,10 +20,10 @@ from startrack.catalog import open_sky
 from startrack.core import Floats
 from startrack.metrics import Star, centroid_bound
 from startrack.montecarlo import Regions, chances, probability, where_likely
+from startrack.observation import rotations_from_cube
 from startrack.optimise import Ensembles, draw
 from startrack.optimise.sensitivity import sobol_indices
 from startrack.optimise.tolerance import fit, region
-from startrack.trial import rotations_from_cube
 
 DESIGNS = 128  # as `startrack sensitivity` has them
 SMALLEST_FLUX, LARGEST_FLUX = 500.0, 50_000.0  # electron

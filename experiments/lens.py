@@ -41,15 +41,22 @@ from startrack import (
     FieldPsf,
     Psf,
     Streams,
+    line_of_sight,
     load_design,
+    psf_of,
     run_trials,
     shipped,
+    stars_in_field,
+    throughput,
 )
 from startrack.catalog import open_sky
 from startrack.cli.lens import interpolation_error
 from startrack.core import Floats
 from startrack.detector import Exposure, arriving, expose, mean_wavelength
 from startrack.metrics import summarise
+from startrack.observation import images_of
+from startrack.observation.images import TEMPERATURES, field_psf_of
+from startrack.observation.stars import colours_of
 from startrack.optics import (
     Ghosts,
     LensTable,
@@ -64,12 +71,9 @@ from startrack.optics import (
 from startrack.optics.ghosts import ghost_map, pairs, reflectances
 from startrack.optics.lens_psf import ColourBand, _LensPlan, _stars, band_of
 from startrack.optimise import TrialRunner, optimize
+from startrack.response.zones import residual_shift
 from startrack.scene import WAVELENGTH, illuminate
-from startrack.trial import images_of, line_of_sight, psf_of, stars_in_field, throughput
-from startrack.trial.images import TEMPERATURES, field_psf_of
-from startrack.trial.stars import colours_of
 from startrack.trial.window import plan_of, spots_in_windows
-from startrack.trial.zones import residual_shift
 
 ORACLE = Path(__file__).parents[1] / "tests/oracle/lens_grid.fits"
 PIXEL = 5.5e-6  # metre, for errors of places

@@ -12,7 +12,18 @@ import numpy as np
 from meant_check import Check, checked
 from scipy.spatial.transform import Rotation
 
-from startrack import Camera, Curve, Frame, Psf, Stars, Streams, load_design, shipped
+from startrack import (
+    Camera,
+    Curve,
+    Frame,
+    Psf,
+    Stars,
+    Streams,
+    load_design,
+    run_trials,
+    shipped,
+    throughput,
+)
 from startrack.attitude import align
 from startrack.attitude.wahba import davenport, quest, svd
 from startrack.budget import analytic
@@ -26,11 +37,10 @@ from startrack.earth.imager.figures import figures
 from startrack.metrics import Star, attitude_bound, centroid_bound
 from startrack.mission.fusion import fused_variance
 from startrack.motion import Motion, Tone, blur, jitter_rms, slew, transfer
+from startrack.observation.stars import light_by_colour
 from startrack.optics import Optics, pixel_psf
 from startrack.scene import Scene, illuminate
 from startrack.space import sun_synchronous
-from startrack.trial import run_trials, throughput
-from startrack.trial.stars import light_by_colour
 
 ARCSEC = math.pi / 648000
 NM, UM = 1e-9, 1e-6

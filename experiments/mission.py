@@ -80,7 +80,7 @@ import numpy as np
 import one_thread  # noqa: F401
 from scipy.spatial.transform import Rotation
 
-from startrack import Fidelity, Streams, arcsec, deg, load_design, shipped
+from startrack import Fidelity, Streams, arcsec, deg, load_design, run_trial, run_trials, shipped
 from startrack.budget import analytic, unit_budgets
 from startrack.core import LIGHT_SPEED, Floats, Ints, installed_tables
 from startrack.design import Case, KeepOut, Moment, turning
@@ -118,7 +118,6 @@ from startrack.population import Units, per_unit, unit_of, unit_trials
 from startrack.sequence import Leg, Sequence, fly_sequences
 from startrack.space import hit_map, trapped_protons
 from startrack.space.radiation import Protons
-from startrack.trial import run_trial, run_trials
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from tests.mission import independent

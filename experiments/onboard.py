@@ -28,10 +28,10 @@ from startrack.core import Floats, Ints
 from startrack.design import Case
 from startrack.identification import merged
 from startrack.metrics import fraction_interval
+from startrack.observation import colour_correction
 from startrack.onboard import CompiledGuide, GuideSettings, guide_stars, read_variables
 from startrack.onboard.compiled import c_compiler
 from startrack.onboard.layout import Guide
-from startrack.trial import colour_correction
 
 FIELDS = (10, 15, 20)  # degree
 LIMITS = (5.5, 6.0, 6.5)  # magnitude

@@ -33,7 +33,7 @@ from startrack import Frame, read_image
 from startrack.catalog import Selection, open_sky
 from startrack.cli.main import main as startrack
 from startrack.identification import Identification, PatternIndexes
-from startrack.trial import Photograph, solve_photograph
+from startrack.photograph import Photograph, solve_photograph
 
 EPOCH = 2016.0  # of the catalogue that the known attitudes come from
 WRONG = 0.02  # of the field: a worse attitude is no attitude of this image

@@ -33,9 +33,9 @@ from startrack.core import Floats, Ints
 from startrack.design import replaced
 from startrack.montecarlo import pool
 from startrack.motion import Motion, Tone, image_path, slew, stability
+from startrack.observation.exposure import duration
 from startrack.optimise import TrialRunner
 from startrack.plots import BLUE, GREEN, legend_below, picture, save_picture, styled
-from startrack.trial.exposure import duration
 
 FREQUENCIES = (0.05, 0.15, 0.5, 1.5, 5.0, 15.0, 50.0, 150.0)  # Hz; two cycles a line at most
 PHASES = (0.0, 120 * deg, 240 * deg)

@@ -43,7 +43,7 @@ from startrack.montecarlo import Sampling, Store, pool, resume
 from startrack.optics import Optics, Residual
 from startrack.population import Units, per_unit, unit_trials
 from startrack.population.calibrate import calibrated, drawn, left_over
-from startrack.trial import errors as star_errors
+from startrack.response import errors as star_errors
 
 ALL = tuple(term for term in Term if term is not Term.BIAS)
 FLIGHT = (Term.NOISE, Term.PIXEL)

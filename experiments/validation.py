@@ -28,7 +28,7 @@ from startrack.catalog.colour import v_from_g
 from startrack.core import Floats
 from startrack.core.units import LIGHT_SPEED
 from startrack.metrics import attitude_bound
-from startrack.trial import errors
+from startrack.response import errors
 
 PLACES = 20_000  # circles over the sky
 CHANDRA = np.arange(7.0, 9.6, 0.5)  # magnitudes of guide stars

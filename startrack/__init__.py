@@ -18,7 +18,10 @@ metrics          the estimate against the truth   -> Outcome, Summary
 
 problem          what can be searched: costs, a forecast, trials, a judgement
 design           Instrument, Tracker, Scene, campaign: what a design file holds
+observation      what enters an exposure: stars, images, attitude and motion; the tracker's belief
+response         how one star is measured: its errors, and its chance of being detected
 trial            one trial in any fidelity: frame, window, spots, covariance
+photograph       images of unknown cameras: their attitude and lens
 population       units of a design: draws, calibrations, and fast trials over many
 sequence         trials in time: tracking, loss, reacquisition
 montecarlo       many trials: workers, store, resume, variance reduction

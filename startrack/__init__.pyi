@@ -21,10 +21,10 @@ from . import plots as plots
 from . import population as population
 from . import problem as problem
 from . import report as report
+from . import response as response
 from . import scene as scene
 from . import sequence as sequence
 from . import space as space
-from . import trial as trial
 from . import verification as verification
 from .core import Camera as Camera
 from .core import Curve as Curve
@@ -70,6 +70,12 @@ from .io import to_pandas as to_pandas
 from .io import to_qtable as to_qtable
 from .io import to_xarray as to_xarray
 from .io import write_fits as write_fits
+from .observation import light_of as light_of
+from .observation import line_of_sight as line_of_sight
+from .observation import psf_of as psf_of
+from .observation import random_attitude as random_attitude
+from .observation import stars_in_field as stars_in_field
+from .observation import throughput as throughput
 from .plots import draw_errors as draw_errors
 from .plots import draw_frame as draw_frame
 from .plots import draw_solution as draw_solution
@@ -77,16 +83,10 @@ from .plots import draw_spots as draw_spots
 from .trial import OUTCOMES as OUTCOMES
 from .trial import Record as Record
 from .trial import identify_and_solve as identify_and_solve
-from .trial import light_of as light_of
-from .trial import line_of_sight as line_of_sight
 from .trial import lost_in_space as lost_in_space
 from .trial import observe as observe
-from .trial import psf_of as psf_of
-from .trial import random_attitude as random_attitude
 from .trial import run_random_trial as run_random_trial
 from .trial import run_trial as run_trial
 from .trial import run_trials as run_trials
-from .trial import stars_in_field as stars_in_field
-from .trial import throughput as throughput
 
 __version__: str

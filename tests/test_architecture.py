@@ -15,7 +15,10 @@ ROOMS = (
     *(
         "problem",
         "design",
+        "observation",
+        "response",
         "trial",
+        "photograph",
         "population",
         "sequence",
         "montecarlo",

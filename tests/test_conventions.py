@@ -27,9 +27,9 @@ from startrack.io.images import write_fits
 from startrack.io.wcs import pointing
 from startrack.metrics import judge
 from startrack.motion import Motion
-from startrack.trial.exposure import expected_electrons
-from startrack.trial.pointing import line_of_sight
-from startrack.trial.stars import stars_in_field
+from startrack.observation.exposure import expected_electrons
+from startrack.observation.pointing import line_of_sight
+from startrack.observation.stars import stars_in_field
 
 # Right ascension and declination, degree: the belt of Orion from east to west.
 ALNITAK, ALNILAM, MINTAKA = (85.1897, -1.9426), (84.0534, -1.2019), (83.0017, -0.2991)

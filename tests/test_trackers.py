@@ -10,9 +10,9 @@ from startrack.core.values import Stars
 from startrack.design.files import load_design
 from startrack.detector import electron_rate
 from startrack.io import shipped
+from startrack.observation.stars import throughput
 from startrack.scene import illuminate
 from startrack.trial.chain import run_random_trial
-from startrack.trial.stars import throughput
 
 NAMES = sorted(path.stem for path in shipped("trackers").glob("*.toml"))
 # A deep catalogue, megapixels; the others of a kind are tried by one.

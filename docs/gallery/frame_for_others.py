@@ -5,9 +5,17 @@ from pathlib import Path
 
 from astropy.table import QTable
 
-from startrack import FrameFiles, Layout, Streams, load_design, pointing, read_image, shipped
+from startrack import (
+    FrameFiles,
+    Layout,
+    Streams,
+    load_design,
+    observe,
+    pointing,
+    read_image,
+    shipped,
+)
 from startrack.detection import detect, plan_detection
-from startrack.trial import observe
 
 case = load_design(shipped("designs/noise_only.toml")).case
 orion = pointing(83.8, -1.2, 0.0)  # degree

@@ -2,8 +2,7 @@
 
 import matplotlib.pyplot as plt
 
-from startrack import load_design, shipped
-from startrack.trial import psf_of
+from startrack import load_design, psf_of, shipped
 
 coma = 'instrument.optics.aberrations=[{noll = 8, rms = "60 nm"}]'
 figure, axes = plt.subplots(1, 5, figsize=(10, 2.6), layout="constrained")

@@ -1,9 +1,8 @@
 """One frame, its spots and the stars that they were matched with, as a tracker sees Orion."""
 
-from startrack import Streams, arcsec, load_design, pointing, shipped
+from startrack import Streams, arcsec, load_design, observe, pointing, shipped
 from startrack.catalog import open_sky
 from startrack.plots import draw_solution
-from startrack.trial import observe
 
 case = load_design(shipped("designs/noise_only.toml")).case
 orion, sky = pointing(83.8, -1.2, 0.0), open_sky(case.catalog)  # degree

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import special
 from scipy.special import ndtr
 
-from startrack import trial
+from startrack import response, trial
 from startrack.budget.blind import blind
 from startrack.budget.budget import (
     NEIGHBOURS,
@@ -51,7 +51,7 @@ class Measured(NamedTuple):
     lost     of `Solver`
     """
 
-    star: trial.Errors
+    star: response.Errors
     above: Floats
     table: FieldResponse
     random: list[str]
@@ -59,44 +59,44 @@ class Measured(NamedTuple):
 
 
 @lru_cache(maxsize=2)
-def response(case: Case) -> Measured:
+def measured_response(case: Case) -> Measured:
     """Detection and errors of single stars; kept for the 2 last cases, as units share one."""
     if trial.boxed(case):
         return in_boxes(case)
-    pattern = trial.dark_pattern(case) if has_hot_pixels(case) else None
-    even = trial.with_uniform_dark(case) if pattern else case
-    star = trial.errors(even)
+    pattern = response.dark_pattern(case) if has_hot_pixels(case) else None
+    even = response.with_uniform_dark(case) if pattern else case
+    star = response.errors(even)
     # Where dark signal fills the converter no star is measured, and none is moved.
     hot = hot_stars(case, even, star) if pattern and _variance(star.stated).all() else None
     search = hot and hot.search
     grid = np.arange(star.magnitude[0], star.magnitude[-1] + FINE / 2, FINE)
     if case.instrument.optics.tabulated:
-        zone = trial.zone_errors(even)
+        zone = response.zone_errors(even)
         kept, stated, random = zone.kept, zone.stated, zone.random
-        fraction = trial.zone_detection(even, grid, search)
+        fraction = response.zone_detection(even, grid, search)
     else:
         kept, stated = star.kept[None], star.stated[None]
         random = {name: covariance[None] for name, covariance in star.random.items()}
-        fraction = trial.detection_probability(even, grid, search=search)[None]
+        fraction = response.detection_probability(even, grid, search=search)[None]
     false, lost = np.zeros(len(grid)), np.ones(case.tracker.identification.min_matches)
     if pattern and hot:
         lost = hot.lost
-        size = trial.scale(even)
+        size = response.scale(even)
         # Of what the read-out adds, the spread of the dark signal is constant in time.
         part = (pattern.spread / size.noise) ** 2
-        read = random[trial.READ]
-        random = random | {trial.READ: (1 - part) * read, "DSNU": part * read}
+        read = random[response.READ]
+        random = random | {response.READ: (1 - part) * read, "DSNU": part * read}
         random |= {HOT: np.broadcast_to(hot.moment, stated.shape)}
         kept = kept * hot.kept
         light = size.star * 10 ** (-0.4 * grid)
         false = (hot.false > light[:, None]).sum(axis=1).astype(float)
-    above = trial.detection_probability(even, star.magnitude, search=search)
+    above = response.detection_probability(even, star.magnitude, search=search)
     fraction = fraction * _between(star.magnitude, kept, grid)
     return _measured(star, above, grid, fraction, stated, random, false, lost)
 
 
 def _measured(
-    star: trial.Errors,
+    star: response.Errors,
     above: Floats,
     grid: Floats,
     fraction: Floats,
@@ -118,7 +118,7 @@ def in_boxes(case: Case) -> Measured:
     Noise is of the light by the share of a star's electrons in those of its image; what different
     pixels add is that of hot pixels.
     """
-    stars, size, box = trial.boxed_stars(case), trial.scale(case), case.tracker.box
+    stars, size, box = trial.boxed_stars(case), response.scale(case), case.tracker.box
     finite = np.isfinite(stars.total)
     magnitude, measured = stars.magnitude[finite], stars.measured[finite]
     if len(magnitude) < 2:
@@ -129,17 +129,17 @@ def in_boxes(case: Case) -> Measured:
     electrons = size.excess * size.star * 10 ** (-0.4 * magnitude)
     light = electrons / (electrons + size.pixel**2 * box.size**2)
     variance = {
-        trial.SHOT: light * temporal,
-        trial.READ: (1 - light) * temporal,
-        trial.METHOD: method,
+        response.SHOT: light * temporal,
+        response.READ: (1 - light) * temporal,
+        response.METHOD: method,
         HOT: np.maximum(total - temporal - method, 0.0),
     }
     random = {name: square[:, None, None] * np.eye(2) for name, square in variance.items()}
     no_mean = np.zeros((len(magnitude), 2))
     kept, covariance = np.ones(len(measured)), stated[:, None, None] * np.eye(2)
-    star = trial.Errors(magnitude, kept, covariance, random, no_mean)
+    star = response.Errors(magnitude, kept, covariance, random, no_mean)
     grid = np.arange(magnitude[0], magnitude[-1] + FINE / 2, FINE)
-    zones = len(trial.zone_errors(case).kept) if case.instrument.optics.tabulated else 1
+    zones = len(response.zone_errors(case).kept) if case.instrument.optics.tabulated else 1
     fraction, stated = (
         np.repeat(part, zones, axis=0)  # zones are all alike
         for part in (_between(magnitude, measured[None], grid), star.stated[None])
@@ -250,12 +250,12 @@ def _of_fields(
             "that a hot pixel moved, so that errors are not normal; trials show them (montecarlo)"
         )
     same = like or case
-    star, above, table, random, lost = response(same)
+    star, above, table, random, lost = measured_response(same)
     gate = case.tracker.attitude.gate
     if not table.fraction.any():
         return None
     inside, magnitude = visible(case, view, float(star.magnitude[-1]), same)
-    systematic = trial.systematic_variance_of(same, view.sky.stars[view.star[inside]])
+    systematic = response.systematic_variance_of(same, view.sky.stars[view.star[inside]])
     near = displaced(same, view, inside)
     lens = through_lens(same, case.instrument.camera, view, inside)
     magnitude = magnitude + lens.fainter
@@ -352,7 +352,7 @@ def _covered(case: Case, law: ErrorLaw, errors: Attitudes, stars: FieldStars) ->
     answer = _within(law, stated)
     if law.weight @ answer.prod(axis=1) >= 1 - UNCOVERED:
         return None
-    shared = trial.shared_errors(case)
+    shared = response.shared_errors(case)
     if shared is None:
         return answer
     camera = case.instrument.camera
@@ -377,13 +377,13 @@ def _apart(moved: Floats, first: Ints) -> Floats:
     return np.asarray(moved - (mean / np.maximum(count, 1)[:, None])[field])
 
 
-def _false_among(star: trial.Errors, above: Floats, table: FieldResponse) -> float:
+def _false_among(star: response.Errors, above: Floats, table: FieldResponse) -> float:
     """Number of false spots that are brighter than the faintest star that is likely to count."""
     faintest = star.magnitude[above > 0.5].max(initial=star.magnitude[0])
     return float(table.false[int((faintest - table.start) / table.step)])
 
 
-def _refused(star: trial.Errors, above: Floats, magnitude: Floats) -> float:
+def _refused(star: response.Errors, above: Floats, magnitude: Floats) -> float:
     """Fraction of the stars above the threshold (n,) that are taken for hot pixels."""
     above = np.interp(magnitude, star.magnitude, above)
     lost = above * (1 - np.interp(magnitude, star.magnitude, star.kept))
@@ -396,16 +396,16 @@ def _lines(
     """A line a cause: those of single stars, those that move all stars, those of the camera."""
     none = np.zeros_like(errors.shift[:, 0])
     for k, name in enumerate(random):
-        if name == trial.LENS_FIELD:
+        if name == response.LENS_FIELD:
             continue
-        term = trial.Term.NOISE if name in (trial.SHOT, trial.READ) else trial.Term.PIXEL
-        mean = errors.shift[:, 0] if name == trial.METHOD else none
+        term = trial.Term.NOISE if name in (response.SHOT, response.READ) else trial.Term.PIXEL
+        mean = errors.shift[:, 0] if name == response.METHOD else none
         yield BudgetLine(name, term, ErrorLaw(mean, np.sqrt(errors.variance[:, k]), weight))
     yield BudgetLine(NEIGHBOURS, trial.Term.FIELD, ErrorLaw(errors.shift[:, 1], none, weight))
     for k, cause in enumerate(fixed):
         sigma = none
-        if cause.name == trial.LENS_FIELD:
-            sigma = np.sqrt(errors.variance[:, random.index(trial.LENS_FIELD)])
+        if cause.name == response.LENS_FIELD:
+            sigma = np.sqrt(errors.variance[:, random.index(response.LENS_FIELD)])
         yield BudgetLine(cause.name, cause.term, ErrorLaw(errors.shift[:, k + 2], sigma, weight))
     for cause in causes(case):
         mean_sigma = of_the_camera(case, cause)

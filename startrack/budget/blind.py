@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from startrack import trial
+from startrack import observation, response
 from startrack.budget.fields import FIELDS, Fields, attitudes, fields
 from startrack.budget.fixed import believed_index
 from startrack.core import Floats, Ints, Refused
@@ -38,7 +38,7 @@ def _cause(case: Case, view: Fields) -> str:
     inside = np.flatnonzero(camera.holds(pixel, -(detection.window // 2 + detection.edge)))
     star, field = view.star[inside], view.field[inside]
     magnitude = view.sky.stars.magnitude_g[star]
-    magnitude = magnitude + trial.colour_correction(case, view.sky.stars.colour[star])
+    magnitude = magnitude + observation.colour_correction(case, view.sky.stars.colour[star])
     fewest = tracker.identification.min_matches
     needed = f"{fewest} are needed (tracker.identification.min_matches)"
     if _most(field) < fewest:
@@ -46,7 +46,7 @@ def _cause(case: Case, view: Fields) -> str:
             f"too few stars are in a field, at most {_most(field)} of the {len(view.sky.stars)} "
             f"to G = {case.catalog.limit_g:g} (catalog.limit_g); {needed}"
         )
-    even = trial.with_uniform_dark(case) if trial.dark_pattern(case) else case
+    even = response.with_uniform_dark(case) if response.dark_pattern(case) else case
     if hidden := _light(even, magnitude, field, needed):
         return hidden
     passing = magnitude < _faintest(even)
@@ -57,7 +57,7 @@ def _cause(case: Case, view: Fields) -> str:
             f"{_most(field[passing])} in a field it has {_most(field[listed])} (tracker.catalog, "
             f"to G = {case.believed_catalog.limit_g:g}); {needed}"
         )
-    errors = trial.errors(even)
+    errors = response.errors(even)
     kept = listed & (np.interp(magnitude, errors.magnitude, errors.kept) > LIKELY)
     if _most(field[kept]) < fewest:
         return (
@@ -66,7 +66,7 @@ def _cause(case: Case, view: Fields) -> str:
             f"(tracker.detection.sharpest_sigma = {detection.sharpest_sigma:g} pixel); {needed}"
         )
     enough = f"at most {_most(field[kept])} stars of a field are bright enough, but "
-    if pattern := trial.dark_pattern(case):
+    if pattern := response.dark_pattern(case):
         return enough + (
             f"{len(pattern.outlying)} pixels of outlying dark current raise the threshold or take "
             f"their places among the {detection.max_spots} brightest spots "
@@ -86,14 +86,14 @@ def _most(field: Ints) -> int:
 def _faintest(case: Case) -> float:
     """G of the faintest star that passes the threshold with a probability of LIKELY."""
     grid = np.arange(BRIGHTEST, FAINTEST, STEP)
-    passing = grid[trial.detection_probability(case, grid) > LIKELY]
+    passing = grid[response.detection_probability(case, grid) > LIKELY]
     return float(passing.max(initial=-math.inf))
 
 
 def _light(case: Case, magnitude: Floats, field: Ints, needed: str) -> str:
     """Whether stars have too little light, and beside what; "" where enough pass the threshold."""
-    size, fewest = trial.scale(case), case.tracker.identification.min_matches
-    dark = trial.dark_electrons(case.instrument.detector)[0]
+    size, fewest = response.scale(case), case.tracker.identification.min_matches
+    dark = response.dark_electrons(case.instrument.detector)[0]
     sky = max(size.background - dark, 0.0)
     if size.background >= size.largest:
         filled, keys = "the light of the sky", "scene.background_g"

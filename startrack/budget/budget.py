@@ -11,7 +11,8 @@ from scipy.special import ndtr
 from startrack.core import Floats, Refused, Rows, Unit, arcsec, html_table, printed
 from startrack.design import Case
 from startrack.metrics import Interpretation, Interval, level, level_bounds, rms_interval
-from startrack.trial import METHOD, READ, SHOT, Term, present
+from startrack.response import METHOD, READ, SHOT
+from startrack.trial import Term, present
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,8 @@ from startrack.core import Advance, Floats, Refused, Unit, printed
 from startrack.design import Case
 from startrack.metrics import Interval, summarise
 from startrack.montecarlo import Serial, run
-from startrack.trial import Errors, SingleStars, boxed, boxed_stars, errors
+from startrack.response import Errors, errors
+from startrack.trial import SingleStars, boxed, boxed_stars
 
 SMEARS = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)  # pixel in an exposure
 LONGEST = 8.0  # of those of the formula, which takes ten seconds for a longer one

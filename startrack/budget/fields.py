@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.catalog import Selection, Sky, open_sky
 from startrack.core import GOLDEN_ANGLE, Camera, Floats, Ints, assign, kernel, local_weights
-from startrack.trial import index_resolution, rotations_from_cube, separated
+from startrack.observation import index_resolution, rotations_from_cube, separated
 
 FIELDS = 512
 LEAST = 1e-4  # probability from which on a star counts; chosen by hand

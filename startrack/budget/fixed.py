@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack import trial
+from startrack import observation, response, trial
 from startrack.budget.budget import Cause
 from startrack.budget.fields import Fields
 from startrack.catalog import Selection, open_sky
@@ -29,7 +29,7 @@ def visible(case: Case, view: Fields, faintest: float, like: Case) -> tuple[Ints
     pixel = camera.project(np.column_stack([view.x[near], view.y[near], np.ones(len(near))]))
     near = near[camera.holds(pixel, -(detection.window // 2 + detection.edge))]
     star = view.star[near]
-    magnitude = stars.magnitude_g[star] + trial.colour_correction(like, stars.colour[star])
+    magnitude = stars.magnitude_g[star] + observation.colour_correction(like, stars.colour[star])
     believed = believed_index(case.catalog, case.believed_catalog)[view.name[star]]
     seen = (magnitude < faintest) & (believed >= 0)
     return near[seen], magnitude[seen]
@@ -44,7 +44,7 @@ def believed_index(true: Selection, believed: Selection) -> Ints:
 
 # Causes that move single stars.
 OF_STARS = (
-    trial.LENS_FIELD,
+    response.LENS_FIELD,
     trial.LENS_COLOUR,
     "camera model",
     "proper motion",
@@ -75,14 +75,14 @@ def through_lens(case: Case, camera: Camera, view: Fields, inside: Ints) -> Thro
     many = len(inside)
     if not case.instrument.optics.tabulated:
         return ThroughLens(np.zeros(many, np.int64), np.zeros(many), {})
-    colour = trial.mean_colour(case, view.sky.stars.colour[view.star[inside]])
+    colour = observation.mean_colour(case, view.sky.stars.colour[view.star[inside]])
     x, y = camera.project(np.column_stack([view.x[inside], view.y[inside], np.ones(many)])).T
-    sunlike, rest = trial.residual_shift(case)
+    sunlike, rest = response.residual_shift(case)
     field, other = sunlike.at(x, y, colour), rest.at(x, y, colour)
     return ThroughLens(
-        trial.zones_of(case).of(x, y, colour),
+        response.zones_of(case).of(x, y, colour),
         -2.5 * np.log10(np.maximum(other[:, 2], 1e-6)),
-        {trial.LENS_FIELD: field[:, :2], trial.LENS_COLOUR: other[:, :2]},
+        {response.LENS_FIELD: field[:, :2], trial.LENS_COLOUR: other[:, :2]},
     )
 
 
@@ -139,9 +139,10 @@ def displaced(case: Case, view: Fields, inside: Ints) -> Floats:
     """
     x, y = view.x[inside], view.y[inside]
     # The camera that the fields are seen with may merge other stars than that of the case.
-    stars = trial.separated(case.catalog, trial.index_resolution(case.instrument.camera))
+    resolution = observation.index_resolution(case.instrument.camera)
+    stars = observation.separated(case.catalog, resolution)
     place = stars.places(len(open_sky(case.catalog)))[view.name[view.star[inside]]]
-    of_stars = trial.blending_shift(case, case.catalog)
+    of_stars = response.blending_shift(case, case.catalog)
     shift = np.where((place >= 0)[:, None], of_stars[place], 0.0)
     move = view.attitude[view.field[inside]].apply(shift)
     slant = np.sqrt(1 + x * x + y * y)[:, None]

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from startrack import trial
+from startrack import observation, response
 from startrack.attitude import FEWEST
 from startrack.budget.fields import attitudes, design_row, fields
 from startrack.budget.fixed import visible
@@ -31,14 +31,14 @@ class NearHot(NamedTuple):
     lost    of `Solver`, with what evidence the places of the stars are among these spots
     """
 
-    search: trial.StarSearch
+    search: response.StarSearch
     false: Floats
     kept: Floats
     moment: Floats
     lost: Floats
 
 
-def hot_stars(case: Case, even: Case, star: trial.Errors) -> NearHot:
+def hot_stars(case: Case, even: Case, star: response.Errors) -> NearHot:
     """What hot pixels near stars do to those that are detected.
 
         kept = P(used),   moment = <s s^T> of the used
@@ -57,28 +57,28 @@ def hot_stars(case: Case, even: Case, star: trial.Errors) -> NearHot:
               error across is 1.00 of theirs where 0.6 % of the pixels are hot, 0.89 and 1.03 where
               1.7 and 4.4 % are, 1.15 where 5.6 % are; attitudes are up to 5 % too few.
     """
-    magnitude, sky = star.magnitude, trial.sky_electrons(case)
+    magnitude, sky = star.magnitude, observation.sky_electrons(case)
     fewest = case.tracker.identification.min_matches
-    empty = trial.empty_frame(case, sky)
+    empty = response.empty_frame(case, sky)
     assert empty is not None
-    search = trial.StarSearch(empty.noise, np.quantile(empty.of_places, EVEN))
-    above = trial.detection_probability(even, magnitude, search=search)
+    search = response.StarSearch(empty.noise, np.quantile(empty.of_places, EVEN))
+    above = response.detection_probability(even, magnitude, search=search)
     faintest = magnitude[above > 0.5].max(initial=magnitude[0])
     place = np.arange(max(faintest - HOT_RANGE, magnitude[0]), faintest + 1e-9, HOT_STEP)
-    light = trial.scale(even).star * 10 ** (-0.4 * place)
+    light = response.scale(even).star * 10 ** (-0.4 * place)
     middle = empty.noise, empty.threshold_sigma
-    hot, higher = trial.hot_windows(
-        trial.ResponseGrid(even, sky, search=middle), case, light, WINDOWS
+    hot, higher = response.hot_windows(
+        response.ResponseGrid(even, sky, search=middle), case, light, WINDOWS
     )
     near = (search.threshold[:, None] - higher[-1]).ravel()
     weight = np.repeat([1 - hot.chance, hot.chance], [len(EVEN), len(near)])
     weight[: len(EVEN)] /= len(EVEN)
     weight[len(EVEN) :] /= len(near)
-    search = trial.StarSearch(empty.noise, _quantiles(np.append(search.threshold, near), weight))
+    search = response.StarSearch(empty.noise, _quantiles(np.append(search.threshold, near), weight))
     if not hot.chance:
         none = np.zeros_like(star.stated)
         return NearHot(search, empty.flux, np.ones(len(magnitude)), none, np.ones(fewest))
-    detected = trial.detection_probability(even, magnitude, search=search) * star.kept
+    detected = response.detection_probability(even, magnitude, search=search) * star.kept
     drawn, rules = _frames(case, even, star, detected, place, hot, empty.flux)
     seen, used, solved, square = np.zeros((4, len(place)))
     tried, accepted = np.zeros((2, max(MOST, fewest)))
@@ -151,10 +151,10 @@ class _Drawn(NamedTuple):
 def _frames(
     case: Case,
     even: Case,
-    star: trial.Errors,
+    star: response.Errors,
     detected: Floats,
     place: Floats,
-    hot: trial.HotPixels,
+    hot: response.HotPixels,
     false: Floats,
 ) -> tuple[_Drawn, _Rules]:
     """Frames of the case, and what its tracker asks of them.
@@ -171,10 +171,10 @@ def _frames(
     stars = view.sky.stars[view.star[inside]]
     stated = np.trace(star.stated, axis1=1, axis2=2) / 2
     noise = np.interp(magnitude, star.magnitude, stated)
-    assumed = trial.systematic_variance_of(case, stars)
+    assumed = response.systematic_variance_of(case, stars)
     lasting = assumed
-    if (of_pixels := trial.pixel_variance_of(case, stars)).any():  # with hot ones
-        lasting = assumed - of_pixels + trial.lasting(star, magnitude) ** 2
+    if (of_pixels := response.pixel_variance_of(case, stars)).any():  # with hot ones
+        lasting = assumed - of_pixels + response.lasting(star, magnitude) ** 2
     sigma = np.sqrt([noise + lasting, np.maximum(noise, LEAST_SIGMA**2), noise + assumed])
     closest = np.abs(magnitude[:, None] - place).argmin(axis=1)
     random, many = Streams(0, 0)("stars near hot pixels in frames"), (DRAWS, len(magnitude))
@@ -199,7 +199,7 @@ def _frames(
         len(false),
         settings.verify_spots,
     )
-    light = trial.scale(even).star * 10 ** (-0.4 * magnitude)
+    light = response.scale(even).star * 10 ** (-0.4 * magnitude)
     brighter = len(false) - np.searchsorted(np.sort(false), light, side="right")
     drawn = _Drawn(
         np.searchsorted(view.field[inside], np.arange(FIELDS + 1)),

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from startrack import trial
+from startrack import observation, response, trial
 from startrack.budget.budget import Budget, ErrorLaw
 from startrack.core import Floats, Psf, Refused, arcsec, printed
 from startrack.design import Case, Fidelity
@@ -32,11 +32,11 @@ REFUSED = 0.3  # of the stars above the threshold
 
 # What each cause is, and the keys that change it.
 ADVICE = {
-    trial.SHOT: "the light of the stars: instrument.optics.f_number, "
+    response.SHOT: "the light of the stars: instrument.optics.f_number, "
     "instrument.optics.focal_length, instrument.detector.exposure, tracker.detection.max_spots",
-    trial.READ: "instrument.detector.read_noise beside the light of the stars in their windows: "
+    response.READ: "instrument.detector.read_noise beside the light of the stars in their windows: "
     "less blur (instrument.optics.defocus), a longer instrument.detector.exposure",
-    trial.METHOD: "pixels sample the image coarsely: more blur (instrument.optics.defocus), or "
+    response.METHOD: "pixels sample the image coarsely: more blur (instrument.optics.defocus), or "
     'tracker.detection.centroid = "likelihood"',
     "PRNU": "pixels respond unequally: instrument.detector.prnu, or more blur",
     "DSNU": "dark signal differs from pixel to pixel: instrument.detector.thermal.temperature, "
@@ -46,7 +46,7 @@ ADVICE = {
     "read-out": "instrument.detector.settling, instrument.detector.lag, "
     "instrument.detector.nonlinearity, instrument.detector.adc_inl",
     "neighbours": "fainter stars in the window: a smaller tracker.detection.window, less blur",
-    trial.LENS_FIELD: "the image of a star differs over the field: instrument.optics.defocus, "
+    response.LENS_FIELD: "the image of a star differs over the field: instrument.optics.defocus, "
     "another lens, fewer tracker.detection.max_spots",
     trial.LENS_COLOUR: "stars of other colours lie elsewhere: tracker.focal_length_by_colour, a "
     "narrower instrument.optics.transmission",
@@ -109,7 +109,7 @@ def of_the_case(case: Case) -> Iterator[str]:
             f"more read noise at {detector.pixel_rate / 1e6:.3g} Mpix/s than at {rated / 1e6:.3g}, "
             "where instrument.detector.read_noise holds"
         )
-    size = trial.scale(case)
+    size = response.scale(case)
     level = size.background + detector.offset * detector.electrons_per_dn
     if level < CUT * size.pixel:
         yield (
@@ -120,9 +120,9 @@ def of_the_case(case: Case) -> Iterator[str]:
 
 
 def _of_the_motion(case: Case) -> Iterator[str]:
-    instrument, plan = case.instrument, trial.detection_plan(case)
+    instrument, plan = case.instrument, observation.detection_plan(case)
     motion, focal = instrument.motion, instrument.camera.focal_length_px
-    true = np.array(trial.smear_of(case, motion.rate_x, motion.rate_y))
+    true = np.array(observation.smear_of(case, motion.rate_x, motion.rate_y))
     believed = np.array(plan.settings.smear)
     # The two directions of a motion make the same streak.
     unknown = min(float(np.hypot(*(true - believed))), float(np.hypot(*(true + believed))))
@@ -177,7 +177,7 @@ def of_the_sky(case: Case, stars: Floats, refused: float, moved: float) -> Itera
         )
     elif by_search and refused > REFUSED:
         yield f"which star is which, where {100 * refused:.0f} % of the stars are missing"
-    side = settings.window + math.hypot(*trial.detection_plan(case).settings.smear)
+    side = settings.window + math.hypot(*observation.detection_plan(case).settings.smear)
     crowded = float(stars.mean()) * settings.window * side / (detector.columns * detector.rows)
     if crowded > CROWDED:
         yield f"wrong centroids of merged stars, {100 * crowded:.0f} % of all"

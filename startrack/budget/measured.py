@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack import trial
+from startrack import observation, response, trial
 from startrack.attitude import Mounting, solve
 from startrack.budget import budget
 from startrack.budget.analytic import has_hot_pixels
@@ -115,11 +115,11 @@ def contributions(case: Case, attitude: Rotation, streams: Streams) -> tuple[Flo
     error, noise_free = again.error(case, Content.REAL), again.error(case, Content.NOISE_FREE)
     ideal = budget.bare(case)
     parts = {
-        trial.SHOT: again.error(case, Content.SHOT) - noise_free,
-        trial.READ: again.error(case, Content.READ) - noise_free,
+        response.SHOT: again.error(case, Content.SHOT) - noise_free,
+        response.READ: again.error(case, Content.READ) - noise_free,
         budget.NEIGHBOURS: again.error(ideal, Content.NOISE_FREE)
         - again.error(ideal, Content.SINGLE),
-        trial.METHOD: again.error(ideal, Content.SINGLE),
+        response.METHOD: again.error(ideal, Content.SINGLE),
     }
     for cause in budget.causes(case):
         hits = cause.name == trial.HITS
@@ -145,7 +145,7 @@ class _Trial:
         matches, (star, direction) = self._record.matches, self._believed(case)
         chosen = replace(matches, direction=direction)
         believes = case.tracker.identification
-        stretch = trial.focal_stretches(case)
+        stretch = response.focal_stretches(case)
         if stretch is None:
             chosen = replace(chosen, camera=refit(spots, chosen, case.believed_camera, believes))
         else:
@@ -154,10 +154,10 @@ class _Trial:
         used = self._used
         kept = replace(chosen, spot=matches.spot[used], star=star[used], direction=direction[used])
         settings = replace(case.tracker.attitude, gate=1e9, sift=False)
-        systematic = trial.systematic_variance(self._case)[matches.star[used]]
+        systematic = response.systematic_variance(self._case)[matches.star[used]]
         estimate = solve(spots, kept, settings, believes.focal_tolerance, systematic)
         assert estimate.icrs_to_camera is not None
-        asked = trial.reference_attitude(case, self._attitude, self._streams)
+        asked = observation.reference_attitude(case, self._attitude, self._streams)
         return (estimate.icrs_to_camera * asked.inv()).as_rotvec()
 
     def _believed(self, case: Case) -> tuple[Ints, Floats]:
@@ -184,7 +184,7 @@ class _Trial:
         return self._known[key]
 
     def _frame(self, case: Case, content: Content) -> Frame:
-        detector, size = case.instrument.detector, trial.scale(case)
+        detector, size = case.instrument.detector, response.scale(case)
         electrons = self._electrons(case)
         # Where one kind of noise is alone, the ripple represents the others.
         match content:
@@ -192,19 +192,19 @@ class _Trial:
                 return frame_of(electrons, detector, self._streams)
             case Content.SHOT:
                 caught = multiplied(shot(electrons, self._streams), detector, self._streams)
-                return trial.noise_free_frame(
+                return response.noise_free_frame(
                     caught / detector.em_gain, detector, size.noise, size.noise
                 )
             case Content.READ:
-                frame = trial.noise_free_frame(electrons, detector, size.shot, size.noise)
-                noise = trial.pixel_noise(detector, self._streams) / detector.electrons_per_dn
+                frame = response.noise_free_frame(electrons, detector, size.shot, size.noise)
+                noise = response.pixel_noise(detector, self._streams) / detector.electrons_per_dn
                 return replace(frame, image=np.rint(frame.image + noise).astype(np.float32))
-        return trial.noise_free_frame(electrons, detector, size.pixel, size.noise)
+        return response.noise_free_frame(electrons, detector, size.pixel, size.noise)
 
     def _electrons(self, case: Case) -> Floats:
-        path = trial.line_of_sight(case.instrument, self._streams)
+        path = observation.line_of_sight(case.instrument, self._streams)
         stars = self._record.stars
-        return trial.expected_electrons(case, stars, path, self._attitude, self._streams)
+        return observation.expected_electrons(case, stars, path, self._attitude, self._streams)
 
     def _single(self, case: Case) -> Spots:
         """Spots with each matched star measured in a separate cell, for a case without causes."""
@@ -213,15 +213,15 @@ class _Trial:
         stars = stars[stars.find(matched)[0]]
         light = illuminate(case.scene, stars)
         detector = case.instrument.detector
-        rate, _ = electron_rate(light, detector, trial.throughput(case.instrument))
+        rate, _ = electron_rate(light, detector, observation.throughput(case.instrument))
         pixel = camera.project(self._attitude.apply(self._believed(case)[1]))
         old = self._record.spots
         # A star between two pixels may be measured in the window around either: use the one of
         # the other frames.
         nearest = np.rint(np.column_stack([old.x, old.y])[matches.spot])
-        side = trial.cell_side(case.instrument, case.tracker.detection)
-        shape = trial.star_images(case.instrument, pixel - nearest, side)
-        place, _ = trial.measure(case, (rate * detector.exposure)[:, None, None] * shape)
+        side = response.cell_side(case.instrument, case.tracker.detection)
+        shape = response.star_images(case.instrument, pixel - nearest, side)
+        place, _ = response.measure(case, (rate * detector.exposure)[:, None, None] * shape)
         x, y = old.x.copy(), old.y.copy()
         finite = np.isfinite(place[:, 0])
         x[matches.spot[finite]], y[matches.spot[finite]] = (nearest + place)[finite].T
@@ -232,7 +232,7 @@ class _Trial:
         old = self._record.spots
         column, row = (np.rint(place).astype(np.int64) for place in (old.x, old.y))
         candidates = Peaks(column, row, old.area)
-        plan = trial.detection_plan(self._case, detection)
+        plan = observation.detection_plan(self._case, detection)
         new = centroid(frame, calibrated(frame, plan), candidates, plan)
         if not len(new):
             return old
@@ -256,7 +256,7 @@ def _used(case: Case, record: trial.Record) -> Ints:
     assert estimate.icrs_to_camera is not None
     seen = matches.camera.project(estimate.icrs_to_camera.apply(matches.direction))
     spots = record.spots
-    systematic = trial.systematic_variance(case)[matches.star, None, None] * np.eye(2)
+    systematic = response.systematic_variance(case)[matches.star, None, None] * np.eye(2)
     residual = np.column_stack([spots.x, spots.y])[matches.spot] - seen
     inverse = np.linalg.inv(spots.covariance[matches.spot] + systematic)
     square = np.einsum("ni,nij,nj->n", residual, inverse, residual)
@@ -268,7 +268,7 @@ def _members(case: Case, seed: int, times: int, members: range) -> tuple[Floats,
     table = np.empty((len(members), times, 1 + len(terms(case)), 3))
     stars = np.empty((len(members), times))
     for i, member in enumerate(members):
-        attitude = trial.random_attitude(Streams(seed, member * times))
+        attitude = observation.random_attitude(Streams(seed, member * times))
         for k in range(times):
             streams = Streams(seed, member * times + k)
             table[i, k], stars[i, k] = contributions(case, attitude, streams)

@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack import trial
-from startrack.budget.analytic import HOT, response
+from startrack import observation, response, trial
+from startrack.budget.analytic import HOT, measured_response
 from startrack.catalog import open_sky
 from startrack.core import Advance, Floats, Ints, Streams
 from startrack.design import Case
@@ -27,7 +27,7 @@ def single_stars(case: Case, seed: int = 0) -> trial.SingleStars:
     """
     if trial.boxed(case):
         return trial.boxed_stars(case, seed)
-    of_stars = response(case)
+    of_stars = measured_response(case)
     table, rows = of_stars.table, slice(None, None, STEP)
     by_cause = {
         name: np.trace(table.causes[:, k, rows], axis1=2, axis2=3).mean(axis=0) / 2
@@ -41,7 +41,7 @@ def single_stars(case: Case, seed: int = 0) -> trial.SingleStars:
     measured = table.fraction[:, rows].mean(axis=0)
     magnitude: Floats = table.start + table.step * STEP * np.arange(len(measured), dtype=float)
     stated = np.sqrt(np.trace(table.stated[:, rows], axis1=2, axis2=3).mean(axis=0) / 2)
-    noise, method = rms(only=(trial.SHOT, trial.READ)), rms(only=(trial.METHOD,))
+    noise, method = rms(only=(response.SHOT, response.READ)), rms(only=(response.METHOD,))
     return trial.SingleStars(magnitude, measured, stated, noise, method, rms(), rms(HOT))
 
 
@@ -67,11 +67,11 @@ def residuals(case: Case, seed: int, trials: int, progress: Advance = lambda _: 
     """
     stars, believed = open_sky(case.catalog).stars, open_sky(case.believed_catalog).stars
     true, _ = stars.find(believed.identifier)
-    faint = trial.colour_correction(case, stars.colour)
+    faint = observation.colour_correction(case, stars.colour)
     parts = []
     for number in range(trials):
         streams = Streams(seed, number)
-        record = trial.observe(case, trial.random_attitude(streams), streams)
+        record = trial.observe(case, observation.random_attitude(streams), streams)
         matches, spots = record.matches, record.spots
         star = true[matches.star]
         # Where the tracker merges two stars, their light has one position.

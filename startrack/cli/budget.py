@@ -24,8 +24,9 @@ if wanted(__name__):
     from startrack.montecarlo import pool
     from startrack.optimise import halved, levers
     from startrack.plots import draw_budget, draw_curves, draw_sky
+    from startrack.response import TYPICAL, errors, lasting
     from startrack.sequence import Sequence
-    from startrack.trial import TYPICAL, SingleStars, errors, lasting
+    from startrack.trial import SingleStars
 
 UNITS = 6  # where a design varies and no number is asked for
 MOST_ROWS = 12  # of single stars in text; JSON has all

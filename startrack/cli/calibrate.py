@@ -22,8 +22,9 @@ if wanted(__name__):
     from startrack.identification import WIDEST_PINHOLE, Identification, PatternIndexes
     from startrack.io import field_hint, save_json
     from startrack.optimise import Ledger, chain_text, chain_values, thinned
+    from startrack.photograph import PhotographView, solve_photograph
     from startrack.plots import draw_corner
-    from startrack.trial import PhotographView, lost_in_space, solve_photograph
+    from startrack.trial import lost_in_space
 
 ANGLES = {"yz": ("y_angle", "z_angle"), "xy": ("x_angle", "y_angle")}
 WARM = {"auto": None, "none": False, "linear": True}

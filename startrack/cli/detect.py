@@ -14,8 +14,8 @@ if wanted(__name__):
     from startrack.cli.terminal import image_reader, print_failed_image, print_result, read_design
     from startrack.core import Psf, Spots
     from startrack.metrics import Column, Table
+    from startrack.observation import psf_of
     from startrack.plots import draw_spots
-    from startrack.trial import psf_of
 
 
 declare = Options(

@@ -19,9 +19,9 @@ if wanted(__name__):
     from startrack.design import Instrument
     from startrack.io import save_json
     from startrack.motion import image_path, transfer
+    from startrack.observation import detected_spectrum, line_of_sight, psf_of
     from startrack.plots import Curves, draw_psf
     from startrack.scene import WAVELENGTH
-    from startrack.trial import detected_spectrum, line_of_sight, psf_of
 
 NYQUIST = 0.5  # cycle / pixel
 SMALL = 0.01  # fill factor, least of a detector, so that images through a lens are without pixels

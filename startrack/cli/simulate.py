@@ -15,9 +15,10 @@ if wanted(__name__):
     from startrack.cli import terminal
     from startrack.core import Streams
     from startrack.io import FrameFiles, pointing, write_fits
+    from startrack.observation import random_attitude
     from startrack.plots import draw_frame, draw_solution
     from startrack.scene import date_of
-    from startrack.trial import observe, random_attitude, searched
+    from startrack.trial import observe, searched
 
 if TYPE_CHECKING:
     from startrack.design import Case

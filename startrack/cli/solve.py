@@ -21,14 +21,9 @@ if wanted(__name__):
     from startrack.identification import Identification, PatternIndexes
     from startrack.io import field_hint, tetra3_values, to_table, write_solution
     from startrack.montecarlo import pool
+    from startrack.photograph import THRESHOLDS, Photograph, PhotographView, solve_photograph
     from startrack.plots import draw_solution
-    from startrack.trial import (
-        THRESHOLDS,
-        Photograph,
-        PhotographView,
-        lost_in_space,
-        solve_photograph,
-    )
+    from startrack.trial import lost_in_space
 
 
 declare = Options(

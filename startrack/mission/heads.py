@@ -19,8 +19,8 @@ from startrack.design import Case, Moment, Scope, found_at, replaced_all
 from startrack.mission.instants import Instants
 from startrack.mission.parameters import Head, HeadTemperature, MissionRadiation, Obstacle
 from startrack.population import unit_of
+from startrack.response import platform_jitter
 from startrack.space import EarthSeen, angle, cross, dot, unit
-from startrack.trial import platform_jitter
 
 SIDES = ((0, 1, 2), (1, 2, 0), (2, 0, 1))  # normal of a side of a box, and its two edges
 SUN_RADIUS, MOON_RADIUS = 0.2666 * deg, 0.2591 * deg  # mean, seen from the Earth

@@ -8,7 +8,7 @@ import scipy
 from scipy.spatial.transform import Rotation
 
 from startrack.core import Floats, Ints, Parameters, Range, Refused, Streams, parameter
-from startrack.trial import random_attitudes, rotations_from_cube
+from startrack.observation import random_attitudes, rotations_from_cube
 
 
 class Regions(Parameters):

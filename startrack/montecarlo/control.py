@@ -12,7 +12,9 @@ from startrack.core import Camera, Flags, Floats, Frame, Ints, Refused, Stars
 from startrack.design import Case
 from startrack.detection import Response, half_of, joined, peak_border, response
 from startrack.detector import Detector, law_of, require_independent_pixels
-from startrack.trial import detection_plan, pattern_indexes, systematic_variance
+from startrack.observation import detection_plan
+from startrack.response import systematic_variance
+from startrack.trial import pattern_indexes
 
 FEWEST = 3  # stars; two observe an attitude, one more checks it
 SAME = 2.0  # pixel, between two stars that make one spot

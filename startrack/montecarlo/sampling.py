@@ -10,8 +10,9 @@ from startrack.core import Floats, Parameters, Range, Refused, Rows, Streams, pa
 from startrack.design import YEAR, Case, Fidelity
 from startrack.montecarlo.attitudes import at_random, by_sobol
 from startrack.montecarlo.control import control
+from startrack.observation import expected_electrons
 from startrack.population import UNITS, Units, unit_trials
-from startrack.trial import OUTCOMES, expected_electrons, observe, run_trials
+from startrack.trial import OUTCOMES, observe, run_trials
 
 AXES = "xyz"
 CONTROLS = np.dtype(

@@ -25,8 +25,8 @@ from startrack.core import (
 from startrack.design import Case
 from startrack.identification import local_rank, merged
 from startrack.io import shipped
+from startrack.observation import colour_correction, index_resolution
 from startrack.onboard.layout import DOUBLE, STILL, UNIT, VARIABLE, Guide, triangle_codes
-from startrack.trial import colour_correction, index_resolution
 
 NEAR = 20 * core.arcsec  # of a variable star's place in its list, at J2000
 CHOICES = ("mark", "omit")

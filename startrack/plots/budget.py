@@ -26,7 +26,8 @@ from startrack.detection import STREAK
 from startrack.metrics import Interval, rms_interval
 from startrack.montecarlo import quantile_interval
 from startrack.plots import style
-from startrack.trial import Errors, SingleStars
+from startrack.response import Errors
+from startrack.trial import SingleStars
 
 COLOURS = {
     Term.BIAS: style.GREY,

@@ -11,9 +11,10 @@ from scipy.spatial.transform import Rotation
 from startrack.core import NON_NEGATIVE, Floats, Ints, Parameters, Range, Rows, parameter, whole
 from startrack.design import Case, Fidelity, Moment, Objective, Scope
 from startrack.metrics import Interval, fraction_interval
+from startrack.observation import random_attitudes
 from startrack.population.nodes import unit_plans
 from startrack.population.unit import unit_of
-from startrack.trial import OUTCOMES, outcomes, random_attitudes, run_trials
+from startrack.trial import OUTCOMES, outcomes, run_trials
 
 ENVIRONMENTS = 10  # of each unit
 # A row of a table of trials of units: of which, and in which environment.

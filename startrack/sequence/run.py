@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack import attitude, core, trial
+from startrack import attitude, core, observation, response, trial
 from startrack.attitude import start
 from startrack.catalog import open_sky
 from startrack.core import Advance, Floats, Refused, Rows
@@ -143,7 +143,7 @@ def lasting_parts(
     noise = np.trace(spots.covariance[matches.spot], axis1=1, axis2=2) / 2
     systematic, pixel, hot = (
         part(case)[matches.star]
-        for part in (trial.systematic_variance, trial.pixel_variance, trial.hot_variance)
+        for part in (response.systematic_variance, response.pixel_variance, response.hot_variance)
     )
     weight = 1 / (noise + systematic)
     u, v, w = estimate.icrs_to_camera.apply(matches.direction).T
@@ -155,7 +155,7 @@ def lasting_parts(
         return np.asarray(sum((weight[:, None] * slope).T @ slope for slope in slopes))
 
     # User code states its covariance itself.
-    shared = None if core.is_code(case.tracker.attitude.method) else trial.shared_errors(case)
+    shared = None if core.is_code(case.tracker.attitude.method) else response.shared_errors(case)
     still = estimate.covariance - np.diag(shared.turn) if shared else estimate.covariance
     # Triangles of P^-1 and of the inverse of what is stated: P is stretched to it.
     fit = np.linalg.cholesky(summed(weight, in_x, in_y))
@@ -403,7 +403,7 @@ def run(
               before as it turns now.
     """
     streams = core.Streams(seed, number)
-    true = flight(case.instrument, sequence, trial.random_attitude(streams), streams)
+    true = flight(case.instrument, sequence, observation.random_attitude(streams), streams)
     rates = gyro_rates(true, sequence.gyro, streams) if sequence.gyro else None
     seen = None if rates is None else exposure_rates(true, rates)
     heads = list(_heads(case, sequence, true, seed, number, recording, fidelity))
@@ -411,7 +411,7 @@ def run(
     tracker, asked = TrackerState(), asked_of(case, true, streams)
     # Code of a user's own states its covariance itself.
     stated = not core.is_code(case.tracker.attitude.method)
-    moved = trial.platform_jitter(case) if stated else None
+    moved = response.platform_jitter(case) if stated else None
     step, lengths = 0.0, error_lengths(case)
     views = zip(true.time.tolist(), *(head.views for head in heads), strict=True)
     for k, (time, *shown) in enumerate(views):
@@ -619,8 +619,8 @@ class _StarImages:
 def asked_of(case: Case, true: SequenceFlight, streams: core.Streams) -> Rotation:
     """The attitudes that a tracker must report in a flight, so that the spacecraft's are correct.
 
-    As `trial.reference_attitude`: at late time tags, as the mean over exposures, in the axes of a
-    mounting that the tracker does not know.
+    As `observation.reference_attitude`: at late time tags, as the mean over exposures, in the axes
+    of a mounting that the tracker does not know.
     """
     when = np.array([case.time_tag_error])
     if case.tracker.reference == "mean":
@@ -630,7 +630,7 @@ def asked_of(case: Case, true: SequenceFlight, streams: core.Streams) -> Rotatio
     if when.any():
         turned = [turn.at(when).mean(axis=0) for turn in true.turns]
         asked = Rotation.from_rotvec(np.array(turned)) * asked
-    return trial.in_believed_axes(case, asked, streams)
+    return observation.in_believed_axes(case, asked, streams)
 
 
 class _View(NamedTuple):
@@ -644,11 +644,11 @@ def _whole_frames(
     case: Case, true: SequenceFlight, seed: int, number: int, recording: Recording | None, name: str
 ) -> Iterator[_View]:
     for frame in _kept(case, true, seed, number, recording, name):
-        yield _View(partial(_in_frame, case, trial.as_believed(case, frame)), frame)
+        yield _View(partial(_in_frame, case, observation.as_believed(case, frame)), frame)
 
 
 def _in_frame(case: Case, frame: core.Frame, smear: tuple[float, float]) -> core.Spots:
-    return detect(frame, trial.detection_plan(case, smear=smear))
+    return detect(frame, observation.detection_plan(case, smear=smear))
 
 
 def _windows(
@@ -708,17 +708,17 @@ def _frames(
     detector, before = instrument.detector, None
     state = flickering(detector, core.Streams(seed, number))
     for k, turn in enumerate(true.turns):
-        stars = trial.stars_in_field(open_sky(case.catalog), true.attitude[k], camera)
+        stars = observation.stars_in_field(open_sky(case.catalog), true.attitude[k], camera)
         path = trace(turn, detector.exposure, 1 / camera.focal_length_px, camera.half_diagonal)
-        light = trial.light_of(case, stars, true.attitude[k], _sky(seed, number))
+        light = observation.light_of(case, stars, true.attitude[k], _sky(seed, number))
         exposure = Exposure(
             light,
-            trial.images_of(instrument),
+            observation.images_of(instrument),
             path,
             true.attitude[k],
             camera,
             detector,
-            trial.throughput(instrument),
+            observation.throughput(instrument),
             turn.over,
             before,
         )
@@ -751,18 +751,18 @@ def _see(
     if alone and tracker.rate == "images":
         predicted = None
     if predicted is None and tracker.rate == "images" and frame:
-        x, y = trial.seen_smear(case, frame)
+        x, y = observation.seen_smear(case, frame)
     else:
-        smears = trial.smear_of(case, rate[0], rate[1])
-        x, y = (trial.SMEAR_STEP * round(smear / trial.SMEAR_STEP) for smear in smears)
+        smears = observation.smear_of(case, rate[0], rate[1])
+        x, y = (observation.SMEAR_STEP * round(smear / observation.SMEAR_STEP) for smear in smears)
     if trial.boxed(case) and predicted is not None and frame:
-        plan = trial.detection_plan(case, smear=(x, y))
+        plan = observation.detection_plan(case, smear=(x, y))
         spots, matches, images = trial.follow_boxes(case, frame, camera, predicted[0], images, plan)
-        spots = trial.at_one_time(spots, case.believed_row_delay, rate, camera)
+        spots = observation.at_one_time(spots, case.believed_row_delay, rate, camera)
         estimate = trial.estimate_of(case, trial.agreeing(tracker), spots, matches)
         return spots, matches, estimate, images
     stars = open_sky(case.believed_catalog).stars
-    spots = trial.at_one_time(view.spots((x, y)), case.believed_row_delay, rate, camera)
+    spots = observation.at_one_time(view.spots((x, y)), case.believed_row_delay, rate, camera)
     rooms = spots, camera, stars, trial.pattern_indexes(case.believed_catalog)(case.believed_camera)
     if predicted is None:
         matches = identify(*rooms, tracker.identification)

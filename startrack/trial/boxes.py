@@ -15,9 +15,8 @@ from startrack.core import Camera, Floats, Frame, Ints, Matches, Spots, Streams,
 from startrack.design import Case, Tracker
 from startrack.detection import Detection, DetectionPlan, Taken, box_reach, take
 from startrack.detector import dark, flickering, frame_of, response, to_frame
-from startrack.trial.belief import as_believed, detection_plan
-from startrack.trial.star_response import magnitudes, point_images, scale, star_images, within_frame
-from startrack.trial.stars import electrons_of, nearby, sky_electrons
+from startrack.observation import as_believed, detection_plan, electrons_of, nearby, sky_electrons
+from startrack.response import magnitudes, point_images, scale, star_images, within_frame
 from startrack.trial.window import frame_in_windows
 
 BOX = "box"

@@ -17,19 +17,26 @@ from startrack.detection import corrected, detect
 from startrack.detector import expose
 from startrack.identification import PatternIndexes, identify, refit
 from startrack.metrics import JUDGED, Outcome, judge
-from startrack.trial.belief import as_believed, detection_plan, seen_smear, smear, with_smear
+from startrack.observation import (
+    as_believed,
+    at_one_time,
+    detection_plan,
+    exposure_of,
+    light_of,
+    line_of_sight,
+    random_attitude,
+    reference_attitude,
+    seen_smear,
+    smear,
+    stars_in_field,
+    straighten,
+    sweep,
+    with_smear,
+)
+from startrack.response import focal_stretches, hot_variance, shared_errors, systematic_variance
 from startrack.trial.boxes import agreeing, boxed, boxes_in_windows, expected_attitude, follow_boxes
 from startrack.trial.covariance import outcomes as drawn_outcomes
-from startrack.trial.exposure import at_one_time, exposure_of, straighten, sweep
-from startrack.trial.pointing import line_of_sight, random_attitude, reference_attitude
 from startrack.trial.spots import spots_of
-from startrack.trial.stars import light_of, stars_in_field
-from startrack.trial.systematic import (
-    focal_stretches,
-    hot_variance,
-    shared_errors,
-    systematic_variance,
-)
 from startrack.trial.window import spots_in_windows
 
 MANY = 0.8  # of the stars that match, with which a motion may be the right one

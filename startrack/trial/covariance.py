@@ -12,11 +12,16 @@ from startrack.attitude import attitude_gain, independent, refine_all
 from startrack.core import Flags, Floats, Ints, Rows, Streams, kernel
 from startrack.design import Case
 from startrack.metrics import JUDGED, judge_all
-from startrack.trial import pointing
+from startrack.observation import (
+    in_believed_axes,
+    mean_attitude,
+    random_attitudes,
+    reference_attitude,
+)
+from startrack.response import shared_errors
 from startrack.trial.effects import require_least_squares
 from startrack.trial.spot_plan import SpotPlan, plan_of, refuse
 from startrack.trial.spots import false_spots, sights, trial_keys
-from startrack.trial.systematic import shared_errors
 
 UNIT = np.eye(2)
 SURPRISE = 1e-3  # probability below which noise alone does not explain the residuals; as `solve`
@@ -164,7 +169,7 @@ def outcomes(
     for at in range(0, len(numbers), BLOCK):
         block = numbers[at : at + BLOCK]
         if icrs_to_camera is None:
-            attitude = pointing.random_attitudes(seed, block)
+            attitude = random_attitudes(seed, block)
         else:
             attitude = icrs_to_camera[at : at + BLOCK]
         parts.append(_tried(case, plan, seed, block, attitude))
@@ -197,9 +202,7 @@ def _tried(
     seen_at = attitude
     if jitters:
         pairs = zip(attitude, streams, strict=True)
-        seen_at = Rotation.concatenate(
-            [pointing.mean_attitude(instrument, *pair) for pair in pairs]
-        )
+        seen_at = Rotation.concatenate([mean_attitude(instrument, *pair) for pair in pairs])
     matrix = seen_at.as_matrix()
     keys = trial_keys(seed, np.array(numbers, np.uint64))
     most = case.tracker.detection.max_spots
@@ -210,11 +213,9 @@ def _tried(
     own = case.time_tag_error or case.instrument.mounting.swings
     if own or (jitters and case.tracker.reference == "mean"):
         trials = zip(attitude, streams, strict=True)
-        truth = Rotation.concatenate(
-            [pointing.reference_attitude(case, *trial) for trial in trials]
-        )
+        truth = Rotation.concatenate([reference_attitude(case, *trial) for trial in trials])
     else:
-        truth = pointing.in_believed_axes(case, attitude, streams[0])
+        truth = in_believed_axes(case, attitude, streams[0])
     judged = np.empty(many, JUDGED)
     # Trials of about as many stars go together, so that few elements of the arrays stay empty.
     for part in np.array_split(np.argsort(matched, kind="stable"), -(-many // TOGETHER)):

@@ -13,9 +13,8 @@ from typing import Any, NamedTuple
 from startrack.core import Refused, is_code
 from startrack.design import Case, replaced, replaced_all
 from startrack.detector import PIXEL_EFFECTS, require_independent_pixels
+from startrack.response import LENS_FIELD, dark_currents
 from startrack.scene import LIGHTS
-from startrack.trial.dark_pattern import dark_currents
-from startrack.trial.zones import LENS_FIELD
 
 MOST_ROLL = 0.5  # pixel of smear in the corner, by rotation about the boresight; chosen by hand
 SHARED = 0.3  # of the noise of a pixel, what a row or a column has in common

@@ -11,14 +11,37 @@ from startrack.core import Camera, Flags, Floats, Ints, Refused, kept
 from startrack.design import Case, Fidelity
 from startrack.detection import false_alarms, peak_border, star_profile
 from startrack.detector import require_independent_pixels
-from startrack.trial import spot_response
-from startrack.trial.belief import detection_plan
-from startrack.trial.dark_pattern import HotPixels, dark_pattern, empty_frame, with_uniform_dark
+from startrack.observation import (
+    colour_range,
+    detection_plan,
+    electrons_of,
+    field_psf_of,
+    mean_colour,
+    near_pairs,
+    psf_of,
+    sky_electrons,
+)
+from startrack.response import (
+    COMPANION_RADIUS,
+    COMPANION_RATIOS,
+    HotPixels,
+    ResponseGrid,
+    SpotResponse,
+    centroid_shift,
+    companion_shift,
+    dark_pattern,
+    empty_frame,
+    fluxes_between,
+    focal_stretch,
+    hot_variance,
+    hot_windows,
+    response_of,
+    response_of_zones,
+    systematic_variance,
+    with_uniform_dark,
+    zones_of,
+)
 from startrack.trial.effects import require_least_squares, require_no_image, require_window
-from startrack.trial.images import colour_range, field_psf_of, psf_of
-from startrack.trial.stars import electrons_of, mean_colour, near_pairs, sky_electrons
-from startrack.trial.systematic import hot_variance, systematic_variance
-from startrack.trial.zones import centroid_shift, focal_stretch, zones_of
 
 FAINTEST = 4.5  # sigma below the threshold: a star passes it three times in a million
 LEAST = 0.5  # sigma, for thresholds so low that all stars would count; chosen by hand
@@ -116,7 +139,7 @@ class SpotPlan(NamedTuple):
     Accuracy  model: hot pixels near companions, and which of two spots is brighter, are left out.
     """
 
-    response: spot_response.SpotResponse
+    response: SpotResponse
     pull: Floats
     field: SpotField
     companions: Companions
@@ -213,15 +236,13 @@ def plan_within(case: Case, limits: FluxLimits) -> SpotPlan:
     believed = open_sky(case.believed_catalog).stars
     there, is_known = believed.find(stars.identifier[detectable])
     empty = empty_frame(case, sky)
-    grid = spot_response.ResponseGrid(
-        even, sky, search=empty and (empty.noise, empty.threshold_sigma)
-    )
-    fluxes = spot_response.fluxes_between(faintest, brightest)
+    grid = ResponseGrid(even, sky, search=empty and (empty.noise, empty.threshold_sigma))
+    fluxes = fluxes_between(faintest, brightest)
     return SpotPlan(
-        spot_response.response_of_zones(grid, faintest, brightest)
+        response_of_zones(grid, faintest, brightest)
         if lens
-        else spot_response.response_of(grid, faintest, brightest),
-        spot_response.companion_shift(grid, TYPICAL * faintest),
+        else response_of(grid, faintest, brightest),
+        companion_shift(grid, TYPICAL * faintest),
         SpotField(
             np.ascontiguousarray(stars.direction[detectable]),
             np.ascontiguousarray(believed.direction[there]),
@@ -238,7 +259,7 @@ def plan_within(case: Case, limits: FluxLimits) -> SpotPlan:
         false_alarms(detection_plan(even), detector.columns, detector.rows)
         + (empty.spots if empty else 0.0),
         through_of(case),
-        spot_response.hot_windows(grid, case, fluxes)[0],
+        hot_windows(grid, case, fluxes)[0],
     )
 
 
@@ -308,10 +329,10 @@ def _companions(case: Case, flux: Floats, detectable: Ints) -> Companions:
     """The stars near each of the detectable ones, except those that are much fainter."""
     stars, row = open_sky(case.catalog).stars, np.full(len(flux), -1)
     row[detectable] = np.arange(len(detectable))
-    radius = (spot_response.REACH + 1) / case.instrument.camera.focal_length_px
+    radius = (COMPANION_RADIUS + 1) / case.instrument.camera.focal_length_px
     faintest = float(stars.magnitude_g[detectable].max())
     star, other = near_pairs(case.catalog, radius, faintest)
-    kept = (row[star] >= 0) & (flux[other] > flux[star] * math.exp(spot_response.RATIOS[0]))
+    kept = (row[star] >= 0) & (flux[other] > flux[star] * math.exp(COMPANION_RATIOS[0]))
     star, other = star[kept], other[kept]
     order = np.argsort(row[star], kind="stable")
     other, count = other[order], np.bincount(row[star], minlength=len(detectable))

@@ -22,11 +22,16 @@ from startrack.core import (
     uniform,
 )
 from startrack.design import Case, Instrument
-from startrack.trial.dark_pattern import HotPixels
-from startrack.trial.pointing import mean_attitude
+from startrack.observation import mean_attitude
+from startrack.response import (
+    COMPANION_RADIUS,
+    COMPANION_RATIOS,
+    FLUX_STEP,
+    PHASES,
+    HotPixels,
+    SpotResponse,
+)
 from startrack.trial.spot_plan import SpotPlan, Through, plan_of, refuse
-from startrack.trial.spot_response import RATIOS, REACH, STEP, SpotResponse
-from startrack.trial.star_response import PHASES
 
 MARGIN = 8.0  # pixel beyond the frame, from which a lens table moves no star into it
 FALSE = np.uint64(2**63)  # number of the draws of false spots; those of stars are less
@@ -170,7 +175,7 @@ def _measure(
     """Whether a single star is detected at a position in a pixel; writes its measurement."""
     i = min(int((x - column + 0.5) * PHASES), PHASES - 1)
     j = min(int((y - row + 0.5) * PHASES), PHASES - 1)
-    at = (flux - response.first) / STEP
+    at = (flux - response.first) / FLUX_STEP
     k = min(max(int(at), 0), response.threshold_margin.shape[1] - 2)
     t = min(max(at - k, 0.0), 1.0)
     above = (1 - t) * response.threshold_margin[zone, k, j, i] + t * response.threshold_margin[
@@ -207,13 +212,14 @@ def _between(table, zone, k, t, j, i, c):  # type: ignore[no-untyped-def]
 @kernel
 def _pulled(dx: float, dy: float, ratio: float, pull: Floats) -> tuple[float, float]:
     """Shift of a centroid by a companion; NaN where only the companion is detected."""
-    r, q = (ratio - RATIOS[0]) / (RATIOS[1] - RATIOS[0]), len(RATIOS) - 1
-    if not (abs(dx) < REACH and abs(dy) < REACH) or r < 0:
+    ratios, radius = COMPANION_RATIOS, COMPANION_RADIUS
+    r, q = (ratio - ratios[0]) / (ratios[1] - ratios[0]), len(ratios) - 1
+    if not (abs(dx) < radius and abs(dy) < radius) or r < 0:
         return 0.0, 0.0
-    if np.isnan(pull[min(int(r + 0.5), q), round(dy) + REACH, round(dx) + REACH, 0]):
+    if np.isnan(pull[min(int(r + 0.5), q), round(dy) + radius, round(dx) + radius, 0]):
         return np.nan, np.nan
-    k, i, j = min(int(r), q - 1), int(dx + REACH), int(dy + REACH)
-    t, u, v = min(r - k, 1.0), dx + REACH - i, dy + REACH - j
+    k, i, j = min(int(r), q - 1), int(dx + radius), int(dy + radius)
+    t, u, v = min(r - k, 1.0), dx + radius - i, dy + radius - j
     x = y = total = 0.0
     for n in range(8):
         c, b, a = n // 4, (n // 2) % 2, n % 2

@@ -36,12 +36,26 @@ from startrack.detector import (
     write_numbers,
 )
 from startrack.motion import MotionRealisation
-from startrack.trial import stars
-from startrack.trial.belief import as_believed, detection_plan
+from startrack.observation import (
+    as_believed,
+    colours_of,
+    detection_plan,
+    electrons_of,
+    expected_electrons,
+    exposure_of,
+    images_of,
+    light_of,
+    line_of_sight,
+    motion_before,
+    motion_function,
+    nearby,
+    psf_of,
+    random_attitude,
+    sky_electrons,
+    stars_in_field,
+    throughput,
+)
 from startrack.trial.effects import require_window
-from startrack.trial.exposure import expected_electrons, exposure_of
-from startrack.trial.images import images_of, psf_of
-from startrack.trial.pointing import line_of_sight, motion_before, motion_function, random_attitude
 
 Smear = tuple[float, float] | None
 SAMPLES = 16  # frames, whose background and noise represent those of all
@@ -133,10 +147,10 @@ def frame_in_windows(
     require_independent_pixels(detector)
     require_window(case, "instrument.ghosts")
     sky, psf = open_sky(case.catalog), images_of(instrument)
-    near = stars.nearby(sky, icrs_to_camera, instrument.camera)
-    colour = stars.colours_of(case)[near] if isinstance(psf, core.FieldPsf) else None
+    near = nearby(sky, icrs_to_camera, instrument.camera)
+    colour = colours_of(case)[near] if isinstance(psf, core.FieldPsf) else None
     places = path_points(instrument, sky.stars.direction[near], icrs_to_camera, streams)
-    star, level = stars.electrons_of(case)[near], stars.sky_electrons(case)
+    star, level = electrons_of(case)[near], sky_electrons(case)
     return expose_within(
         windows, places, star, psf, detector, level, streams, core.Workspace(), colour
     )
@@ -162,8 +176,8 @@ def whole_frame(
 ) -> core.Frame:
     """The whole frame of a trial."""
     instrument = case.instrument
-    in_field = stars.stars_in_field(open_sky(case.catalog), icrs_to_camera, instrument.camera)
-    light = stars.light_of(case, in_field, icrs_to_camera, streams)
+    in_field = stars_in_field(open_sky(case.catalog), icrs_to_camera, instrument.camera)
+    light = light_of(case, in_field, icrs_to_camera, streams)
     path = line_of_sight(instrument, streams, turn)
     return expose(exposure_of(instrument, light, path, icrs_to_camera, streams, turn), streams)
 
@@ -192,16 +206,16 @@ def arrive(
     camera, detector = case.instrument.camera, case.instrument.detector
     sky = open_sky(case.catalog)
     if plan.star is not None:
-        near = stars.nearby(sky, icrs_to_camera, camera)
+        near = nearby(sky, icrs_to_camera, camera)
         colour = None if plan.colour is None else plan.colour[near]
         return sky.stars.direction[near], plan.star[near], colour
-    in_field = stars.stars_in_field(sky, icrs_to_camera, camera)
-    light = stars.light_of(case, in_field, icrs_to_camera, streams)
+    in_field = stars_in_field(sky, icrs_to_camera, camera)
+    light = light_of(case, in_field, icrs_to_camera, streams)
     if light.diffuse:
         raise Refused(
             "fidelity must be frame where the light of the sky varies over the field, got window"
         )
-    through, colour = stars.throughput(case.instrument), None
+    through, colour = throughput(case.instrument), None
     if isinstance(plan.psf, core.FieldPsf):
         colour = mean_wavelength(light, detector, through)
     return light.direction, arriving(light, camera, detector, through)[0], colour
@@ -286,14 +300,14 @@ def plan_of(case: Case, smear: Smear = None) -> WindowPlan:
     require_independent_pixels(detector)
     # Lights that vary over the field in some attitudes are refused in these.
     require_window(case, "instrument.ghosts", "tracker.detection.search", "tracker.rate")
-    sky = stars.sky_electrons(case)
+    sky = sky_electrons(case)
     plan = detection_plan(case, smear=smear)
     grounds = [ground_of(case, core.Streams(SAMPLE_SEED, n), plan) for n in range(SAMPLES)]
     kernel = plan.kernel
     return WindowPlan(
         detector,
-        None if case.scene.lights else stars.electrons_of(case),
-        stars.colours_of(case) if instrument.optics.tabulated and not case.scene.lights else None,
+        None if case.scene.lights else electrons_of(case),
+        colours_of(case) if instrument.optics.tabulated and not case.scene.lights else None,
         sky,
         images_of(instrument),
         None if detector.flickers else noise_of(detector, sky, grounds, plan),
@@ -351,7 +365,7 @@ def ground_of(case: Case, streams: core.Streams, plan: DetectionPlan) -> FrameBa
     """Background and noise of one frame of the design, which its stars raise a little."""
     case = replace(case, scene=replace(case.scene, lights=()))
     instrument, attitude = case.instrument, random_attitude(streams)
-    in_field = stars.stars_in_field(open_sky(case.catalog), attitude, instrument.camera)
+    in_field = stars_in_field(open_sky(case.catalog), attitude, instrument.camera)
     path = line_of_sight(instrument, streams)
     electrons = expected_electrons(case, in_field, path, attitude, streams)
     frame = as_believed(case, frame_of(electrons, instrument.detector, streams))

@@ -17,8 +17,8 @@ from startrack.detector import electron_rate
 from startrack.metrics import Interpretation, Interval, fraction_interval
 from startrack.montecarlo import Regions
 from startrack.motion import blur
+from startrack.observation import detection_plan, psf_of, throughput
 from startrack.scene import illuminate
-from startrack.trial import detection_plan, psf_of, throughput
 
 # Whose worst counts where a requirement holds in the worst part of the sky. Chosen by hand: more
 # are smaller parts and need more trials, as each must have its own.

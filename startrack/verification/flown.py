@@ -23,7 +23,8 @@ from startrack.core import Advance, Flags, Floats, Ints, Refused, printed
 from startrack.design import Case
 from startrack.detector import Detector, dark, dark_frames, flickering, frame_of, response, stamp
 from startrack.metrics import Interval
-from startrack.trial import frames_of_map, psf_of, scale, sky_electrons
+from startrack.observation import frames_of_map, psf_of, sky_electrons
+from startrack.response import scale
 
 PHASES = 10  # of a pixel, of the curve of the centroid
 CELLS = 4  # of a pixel along each side, of the mean images

@@ -16,10 +16,10 @@ from startrack.design.case import Case, Fidelity
 from startrack.io import shipped
 from startrack.metrics import Interpretation, fraction_interval, summarise
 from startrack.motion import Broadband, Motion, Tone, jitter_rms
-from startrack.trial import errors
+from startrack.observation.pointing import line_of_sight
+from startrack.response import errors
+from startrack.response.star_response import BRIGHTEST, chart, detection_probability, scale
 from startrack.trial.chain import run_random_trial, run_trials
-from startrack.trial.pointing import line_of_sight
-from startrack.trial.star_response import BRIGHTEST, chart, detection_probability, scale
 from startrack.verification.accuracy import limiting_magnitude
 
 

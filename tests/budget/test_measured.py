@@ -19,9 +19,9 @@ from startrack.detector.parameters import Scan
 from startrack.io import shipped
 from startrack.metrics import Interpretation
 from startrack.montecarlo.workers import Serial
+from startrack.observation.pointing import random_attitude
+from startrack.response.star_response import noise_free_frame
 from startrack.trial.chain import observe
-from startrack.trial.pointing import random_attitude
-from startrack.trial.star_response import noise_free_frame
 
 
 def parts(case, number: int = 0) -> dict[str, np.ndarray]:

@@ -12,7 +12,8 @@ from startrack.catalog import open_sky
 from startrack.core import ZERO_CELSIUS
 from startrack.design import Fidelity
 from startrack.metrics import summarise
-from startrack.trial import colour_correction, run_trials
+from startrack.observation import colour_correction
+from startrack.trial import run_trials
 from startrack.trial.boxes import MEDIAN, boxes_in_windows
 
 

@@ -12,7 +12,9 @@ import pytest
 from startrack import load_design, shipped
 from startrack.core import Streams
 from startrack.detection import examine
-from startrack.trial import observe, random_attitude, star_response
+from startrack.observation import random_attitude
+from startrack.response import star_response
+from startrack.trial import observe
 
 HEAVY = ["scipy.stats", "scipy.optimize", "scipy.signal", "astropy", "matplotlib", "nlopt", "rich"]
 

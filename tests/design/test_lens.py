@@ -10,8 +10,8 @@ import pytest
 from startrack.budget.budget import causes
 from startrack.design import Design, load_design, save_design
 from startrack.io import from_table, shipped, to_table
+from startrack.observation import images
 from startrack.optics import open_lens
-from startrack.trial import images
 
 CASE = load_design(shipped("designs/noise_only.toml")).case
 

@@ -9,9 +9,9 @@ from startrack.core.streams import Streams
 from startrack.design.files import load_design
 from startrack.design.requirements import Requirements
 from startrack.io import shipped
+from startrack.observation.pointing import random_attitude
+from startrack.observation.stars import stars_in_field
 from startrack.trial.chain import observe
-from startrack.trial.pointing import random_attitude
-from startrack.trial.stars import stars_in_field
 from startrack.verification.accuracy import limiting_magnitude, needed_magnitude
 from startrack.verification.accuracy import margins as margins_of
 

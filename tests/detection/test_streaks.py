@@ -9,7 +9,8 @@ from startrack import load_design, random_attitude, run_trials, shipped
 from startrack.core import Frame, Streams, arcsec, deg
 from startrack.design import Fidelity
 from startrack.detection import detect, plan_detection, refined, streak_of
-from startrack.trial import detection_plan, observe
+from startrack.observation import detection_plan
+from startrack.trial import observe
 
 CASE = load_design(shipped("designs/noise_only.toml")).case
 

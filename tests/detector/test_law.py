@@ -16,7 +16,7 @@ from startrack.detector import Detector
 from startrack.detector.digitise import _digitise, digitise, draws_of, shot
 from startrack.detector.law import EMPTY, SignalLaw, blank, law_of, mean_numbers, tables_for
 from startrack.io import shipped
-from startrack.trial import noise_free_frame
+from startrack.response import noise_free_frame
 
 
 def summed(mean: float, law: SignalLaw) -> np.ndarray:

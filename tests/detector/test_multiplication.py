@@ -8,7 +8,7 @@ import pytest
 from startrack.core import Streams
 from startrack.detector import Detector, frame_of
 from startrack.detector.effects import multiplied
-from startrack.trial import star_response
+from startrack.response import star_response
 from tests.trial.designs import with_detector
 
 # Robbins and Hadwen (2003), IEEE Trans. Electron Devices 50, 1227, eq. (9), for 536 stages.

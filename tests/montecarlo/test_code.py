@@ -178,7 +178,7 @@ def test_an_own_identification_finds_the_same_stars(installed, plain):
 
 def test_an_own_effect_adds_its_light_and_needs_frames(installed, plain):
     from startrack import Streams, observe
-    from startrack.trial import random_attitude
+    from startrack.observation import random_attitude
 
     case = changed(plain, ALL[2])
     detector = case.instrument.detector
@@ -326,7 +326,7 @@ def test_an_own_attitude_goes_through_a_sequence(others):
 def test_an_own_light_is_as_the_uniform_background_that_it_repeats(others):
     from startrack import observe
     from startrack.core import Streams
-    from startrack.trial import random_attitude
+    from startrack.observation import random_attitude
 
     def mean(*changes):
         case = others("scene.background_g=30", *changes).case
@@ -361,7 +361,7 @@ def test_an_own_jitter_is_a_tone(others):
 
 
 def test_an_own_psf_has_its_width_with_blur_and_pixel(others):
-    from startrack.trial import psf_of
+    from startrack.observation import psf_of
 
     instrument = others("instrument.optics.psf=mylab.others:wide").case.instrument
     psf, pitch = psf_of(instrument), instrument.detector.pitch

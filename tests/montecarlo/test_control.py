@@ -13,8 +13,8 @@ from startrack.montecarlo.attitudes import at_random
 from startrack.montecarlo.control import control
 from startrack.montecarlo.estimate import controlled, plain
 from startrack.montecarlo.sampling import sample_controlled, squares, surplus
-from startrack.trial.pointing import random_attitude
-from startrack.trial.stars import stars_in_field
+from startrack.observation.pointing import random_attitude
+from startrack.observation.stars import stars_in_field
 
 CASE = load_design(shipped("designs/noise_only.toml")).case
 CAMERA = CASE.instrument.camera

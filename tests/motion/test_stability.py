@@ -7,8 +7,8 @@ from startrack.core.streams import Streams
 from startrack.design.files import load_design
 from startrack.io import shipped
 from startrack.motion import Broadband, Motion, Tone, blur, sample_jitter, slew, stability
+from startrack.observation.pointing import random_attitude
 from startrack.trial.chain import observe
-from startrack.trial.pointing import random_attitude
 
 PIXEL = 1e-4
 TABLE = Broadband("y", (0.05, 3.0, 300.0), (1e-8, 1e-8, 1e-12))

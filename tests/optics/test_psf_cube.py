@@ -12,11 +12,11 @@ from startrack.budget import analytic
 from startrack.cli.main import main
 from startrack.core import Camera, Refused
 from startrack.metrics import summarise
+from startrack.observation.images import field_psf_of
 from startrack.optics import Optics, PsfFile, load_lens, load_psf_file, open_optics, save_psf_file
 from startrack.optics.field_images import ColourBand
 from startrack.optics.lens_psf import _LensPlan, _stars
 from startrack.optics.zemax_text import psfs_of_pages
-from startrack.trial.images import field_psf_of
 
 FOCAL, F_NUMBER = 0.0350, 2.8
 # As many wavelengths as the chromatic focus of this lens needs: nine err by a tenth of the peak.

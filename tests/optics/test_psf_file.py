@@ -13,10 +13,10 @@ from astropy.io import fits
 from startrack import Fidelity, load_design, run_random_trial, shipped
 from startrack.design import DesignSpace
 from startrack.detector import stamp
+from startrack.observation import psf_of
 from startrack.optics import Aberration, Optics, PsfFile, load_psf_file, pixel_psf, save_psf_file
 from startrack.optimise import TrialRunner
 from startrack.optimise.evaluate import evaluate
-from startrack.trial import psf_of
 
 ORACLE = Path(__file__).parents[1] / "oracle/chandra_psf.json"
 PITCH = 5e-6

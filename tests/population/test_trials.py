@@ -11,10 +11,11 @@ from startrack.design import YEAR, CameraCalibration, Fidelity, Moment, Variatio
 from startrack.detection import DarkMap
 from startrack.detector import Age, dark
 from startrack.io import shipped
+from startrack.observation import detection_plan
 from startrack.optics import Residual
 from startrack.population import Units, explain, nodes, unit_of, unit_trials
-from startrack.trial import detection_plan, run_trials
-from startrack.trial.systematic import shared_errors
+from startrack.response.systematic import shared_errors
+from startrack.trial import run_trials
 
 CASE = load_design(shipped("designs/noise_only.toml")).case
 VARIED = replace(

@@ -11,10 +11,10 @@ from startrack.design.files import load_design
 from startrack.io import shipped
 from startrack.metrics import Outcome
 from startrack.motion import Motion, Tone
+from startrack.observation.images import psf_of
+from startrack.observation.pointing import random_attitude, reference_attitude
+from startrack.response.systematic import systematic_variance
 from startrack.trial.chain import lost_in_space, observe, pattern_indexes, run_random_trial
-from startrack.trial.images import psf_of
-from startrack.trial.pointing import random_attitude, reference_attitude
-from startrack.trial.systematic import systematic_variance
 
 CASE = load_design(shipped("designs/noise_only.toml")).case
 

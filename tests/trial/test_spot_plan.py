@@ -12,11 +12,11 @@ from startrack.core import Refused
 from startrack.design.case import Fidelity
 from startrack.detector import Defects, Hits
 from startrack.motion import Motion, Tone
+from startrack.observation.stars import electrons_of
+from startrack.response.spot_response import COMPANION_RADIUS, COMPANION_RATIOS
 from startrack.scene import Scene
 from startrack.trial.chain import run_random_trial
 from startrack.trial.spot_plan import plan_of
-from startrack.trial.spot_response import RATIOS, REACH
-from startrack.trial.stars import electrons_of
 
 from .designs import CASE, changed, with_detector
 
@@ -72,12 +72,12 @@ def test_companions_are_the_stars_near_each_detectable_one():
     plan, stars = plan_of(CASE), open_sky(CASE.catalog).stars
     companions, index = plan.companions, plan.field.number.astype(int)
     flux = electrons_of(CASE)
-    radius = (REACH + 1) / CASE.instrument.camera.focal_length_px
+    radius = (COMPANION_RADIUS + 1) / CASE.instrument.camera.focal_length_px
     count = np.diff(companions.start)
     assert count.sum() > 100
     for place in [*np.argsort(-count, kind="stable")[:50], *range(0, len(index), 997)]:
         apart = np.linalg.norm(stars.direction - stars.direction[index[place]], axis=1)
-        near = (apart < radius) & (flux > flux[index[place]] * np.exp(RATIOS[0]))
+        near = (apart < radius) & (flux > flux[index[place]] * np.exp(COMPANION_RATIOS[0]))
         near[index[place]] = False
         of_plan = slice(companions.start[place], companions.start[place + 1])
         np.testing.assert_allclose(

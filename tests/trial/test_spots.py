@@ -10,12 +10,12 @@ from startrack.catalog import open_sky
 from startrack.core import Curve
 from startrack.core.streams import Streams
 from startrack.design.case import Fidelity
+from startrack.observation.pointing import random_attitude
+from startrack.observation.stars import electrons_of
 from startrack.trial import chain
 from startrack.trial.chain import run_random_trial, run_trials
-from startrack.trial.pointing import random_attitude
 from startrack.trial.spot_plan import plan_of
 from startrack.trial.spots import spots_of
-from startrack.trial.stars import electrons_of
 from startrack.trial.window import spots_in_windows
 
 from .designs import CASE, marginal

@@ -14,9 +14,9 @@ from startrack.detection import DarkMap, Detection
 from startrack.detector import Defects, Hits, Pattern
 from startrack.io import shipped
 from startrack.motion import Motion
+from startrack.observation.pointing import random_attitude
 from startrack.trial import window
 from startrack.trial.chain import observe, run_random_trial, run_trials
-from startrack.trial.pointing import random_attitude
 from startrack.trial.window import plan_of, spots_in_windows
 
 MARGINAL = 60.0  # digital number, twice the flux at which the threshold lies

@@ -14,7 +14,8 @@ from startrack.catalog import open_sky
 from startrack.cli.main import main
 from startrack.detector import dark_frames
 from startrack.io import FrameFiles, Layout, read_frames
-from startrack.trial import colour_correction, observe
+from startrack.observation import colour_correction
+from startrack.trial import observe
 from startrack.verification.flown import (
     Centroids,
     Windows,

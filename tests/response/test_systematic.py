@@ -15,7 +15,7 @@ from startrack.design.files import load_design
 from startrack.detector.parameters import Scan
 from startrack.io import shipped
 from startrack.motion import Motion, Tone
-from startrack.trial import systematic_variance, systematic_variance_of
+from startrack.response import systematic_variance, systematic_variance_of
 from startrack.trial.chain import run_trials
 
 

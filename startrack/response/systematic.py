@@ -11,22 +11,22 @@ from startrack.catalog import Selection, open_sky
 from startrack.core import Floats, Ints, Stars, kept
 from startrack.design import Case, Scope, aged, found_at, unchecked
 from startrack.motion import jitter_rms
-from startrack.optics import Residual
-from startrack.trial.belief import detection_plan
-from startrack.trial.dark_pattern import dark_pattern, with_uniform_dark
-from startrack.trial.images import with_images_of
-from startrack.trial.spot_response import ResponseGrid, hot_windows
-from startrack.trial.star_errors import errors, lasting
-from startrack.trial.star_response import RING, cell_side, measure, phases, scale, star_images
-from startrack.trial.stars import (
+from startrack.observation import (
     colour_correction,
+    detection_plan,
     index_resolution,
     mean_colour,
     near_pairs,
     separated,
     sky_electrons,
+    with_images_of,
 )
-from startrack.trial.zones import focal_stretch, lens_variance
+from startrack.optics import Residual
+from startrack.response.dark_pattern import dark_pattern, with_uniform_dark
+from startrack.response.spot_response import ResponseGrid, hot_windows
+from startrack.response.star_errors import errors, lasting
+from startrack.response.star_response import RING, cell_side, measure, phases, scale, star_images
+from startrack.response.zones import focal_stretch, lens_variance
 
 CONTRAST = np.arange(-2.0, 6.0)  # magnitude, of the neighbour less that of the star
 STEP = 0.5  # pixel, between two distances; beyond EVEN, longer by GROWTH each

@@ -10,9 +10,9 @@ from startrack.core.units import deg
 from startrack.design.case import Fidelity
 from startrack.metrics import summarise
 from startrack.motion import Motion
-from startrack.trial import detection_plan, run_trials
-
-from .designs import CASE, changed
+from startrack.observation import detection_plan
+from startrack.trial import run_trials
+from tests.trial.designs import CASE, changed
 
 
 def slewing(rate_x, rate_y=0.0, **tracker):
@@ -51,7 +51,7 @@ def test_a_likelihood_of_sharp_stars_does_not_leap_where_others_give_way_to_it()
 
 def test_a_diagonal_streak_is_drawn_as_the_stars_move():
     """The tracker's star model and a rendered star agree in the direction of the streak."""
-    from startrack.trial.star_response import star_images
+    from startrack.response.star_response import star_images
 
     case = slewing(1.5, 1.0)
     image = star_images(case.instrument, np.zeros((1, 2)), 41)[0]

@@ -7,8 +7,8 @@ import pytest
 
 from startrack.core import BOLTZMANN, LIGHT_SPEED, PLANCK, Curve, Refused, nm
 from startrack.detector import electron_rate
-from startrack.trial import images
-from startrack.trial.stars import light_by_colour, throughput
+from startrack.observation import images
+from startrack.observation.stars import light_by_colour, throughput
 from tests.trial.designs import CASE, changed
 
 BANDS = (655.5, 657.1), (654, 666), (656, 664), (645, 675), (640, 690), (402, 403), (885, 999)

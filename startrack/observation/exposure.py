@@ -9,9 +9,9 @@ from startrack.core import Camera, Floats, Frame, Light, LineOfSight, Spots, Sta
 from startrack.design import Case, Instrument
 from startrack.detector import Detector, Exposure, Line, LineExposure, Scan, expected, scan
 from startrack.motion import Motion, MotionRealisation, realise_motion
-from startrack.trial.images import images_of, psf_of
-from startrack.trial.pointing import motion_before, motion_function
-from startrack.trial.stars import light_of, throughput
+from startrack.observation.images import images_of, psf_of
+from startrack.observation.pointing import motion_before, motion_function
+from startrack.observation.stars import light_of, throughput
 
 
 def sweep(case: Case, light: Light, icrs_to_camera: Rotation, streams: Streams) -> Frame:

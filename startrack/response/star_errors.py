@@ -9,9 +9,9 @@ import numpy as np
 
 from startrack.core import Floats, Unit, printed
 from startrack.design import Case, unchecked
-from startrack.trial import star_response
-from startrack.trial.dark_pattern import dark_residual
-from startrack.trial.star_response import Chart, chart, magnitudes, pattern, scale
+from startrack.response import star_response
+from startrack.response.dark_pattern import dark_residual
+from startrack.response.star_response import Chart, chart, magnitudes, pattern, scale
 
 LEAST_KEPT = 1e-6  # sum of chances below which a magnitude is not used
 TYPICAL = 4.5  # G of a star of high weight in most trackers; chosen by hand

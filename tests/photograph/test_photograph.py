@@ -13,8 +13,8 @@ from startrack.core import Camera, Frame, deg
 from startrack.detection import Detection, detect
 from startrack.identification import Identification, build_index, cameras_of
 from startrack.identification.index import indexed_field
-from startrack.trial import PhotographView, photograph, solve_photograph
-from startrack.trial.photograph import _Looks
+from startrack.photograph import PhotographView, photograph, solve_photograph
+from startrack.photograph.photograph import _Looks
 
 STARS = open_sky(Selection("bright", limit_g=6.5)).stars
 SETTINGS = Identification(focal_tolerance=0.1)

@@ -9,10 +9,16 @@ import numpy as np
 
 from startrack.core import FieldPsf, Floats, Ints, kept
 from startrack.design import Case
+from startrack.observation import (
+    field_psf_of,
+    mean_by_colour,
+    psf_of,
+    sorted_wavelengths,
+    sunlike_colour,
+    with_images_of,
+)
 from startrack.optics import mirrored
-from startrack.trial import star_errors, star_response
-from startrack.trial.images import field_psf_of, psf_of, sunlike_colour, with_images_of
-from startrack.trial.stars import mean_by_colour, sorted_wavelengths
+from startrack.response import star_errors, star_response
 
 PLACES = 5  # zones along each side of the frame
 COLOURS = 3  # classes of stars, each a third of them

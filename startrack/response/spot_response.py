@@ -11,17 +11,16 @@ from startrack.core import Flags, Floats, Psf, Streams
 from startrack.design import Case
 from startrack.detection import SpotExpectation, expect, margin
 from startrack.detector import star_grid
-from startrack.trial.belief import detection_plan
-from startrack.trial.dark_pattern import NO_HOT, SAMPLES, HotPixels, near_stars
-from startrack.trial.images import field_psf_of
-from startrack.trial.pointing import line_of_sight
-from startrack.trial.star_response import PHASES, phases, shaken, within_frame
-from startrack.trial.zones import centroid_shift, unique_places, zones_of
+from startrack.observation import detection_plan, field_psf_of, line_of_sight
+from startrack.response.dark_pattern import NO_HOT, SAMPLES, HotPixels, near_stars
+from startrack.response.star_response import PHASES, phases, shaken, within_frame
+from startrack.response.zones import centroid_shift, unique_places, zones_of
 
-STEP = 0.2 * math.log(10)  # of the logarithm of flux: half a magnitude
-REACH = 7  # pixel, within which a companion shifts a star; chosen by hand, a window and its ring
+FLUX_STEP = 0.2 * math.log(10)  # of the logarithm of flux: half a magnitude
+# pixel, within which a companion shifts a star; chosen by hand, a window and its ring
+COMPANION_RADIUS = 7
 KEPT = 0.5  # chance to pass for a star, below which hot pixels make it lost
-RATIOS = np.arange(-4, 4) * 0.8  # logarithm of a companion's flux over the star's
+COMPANION_RATIOS = np.arange(-4, 4) * 0.8  # logarithm of a companion's flux over the star's
 
 
 class SpotResponse(NamedTuple):
@@ -209,8 +208,8 @@ def hot_windows(
 
 def fluxes_between(faintest: float, brightest: float) -> Floats:
     """Electron, of the stars of a `SpotResponse`."""
-    count = math.ceil(math.log(brightest / faintest) / STEP) + 2
-    return np.asarray(faintest * np.exp(STEP * np.arange(count)))
+    count = math.ceil(math.log(brightest / faintest) / FLUX_STEP) + 2
+    return np.asarray(faintest * np.exp(FLUX_STEP * np.arange(count)))
 
 
 def companion_shift(grid: ResponseGrid, flux: float) -> Floats:
@@ -218,21 +217,21 @@ def companion_shift(grid: ResponseGrid, flux: float) -> Floats:
 
     NaN where only the companion is detected.
     """
-    offset = np.arange(-REACH, REACH + 1.0)
+    offset = np.arange(-COMPANION_RADIUS, COMPANION_RADIUS + 1.0)
     y, x = np.meshgrid(offset, offset, indexing="ij")
     many = x.size
     middle, off = np.zeros((many, 2)), np.column_stack([x.ravel(), y.ravel()])
-    other = flux * np.exp(RATIOS)
-    seen, place = grid.expect(middle, np.full(len(RATIOS), flux), (off, other))
+    other = flux * np.exp(COMPANION_RATIOS)
+    seen, place = grid.expect(middle, np.full(len(COMPANION_RATIOS), flux), (off, other))
     alone, _ = grid.expect(middle, np.array([flux]))
     centroid = np.column_stack([seen.x, seen.y])
-    pull = centroid - np.tile(np.column_stack([alone.x, alone.y]), (len(RATIOS), 1))
-    pull[:, 1] -= np.repeat(np.arange(len(RATIOS)), many) * (place[many, 1] - place[0, 1])
+    pull = centroid - np.tile(np.column_stack([alone.x, alone.y]), (len(COMPANION_RATIOS), 1))
+    pull[:, 1] -= np.repeat(np.arange(len(COMPANION_RATIOS)), many) * (place[many, 1] - place[0, 1])
     away = np.hypot(*(centroid - place).T)
-    lost = away > np.hypot(*(centroid - place - np.tile(off, (len(RATIOS), 1))).T)
+    lost = away > np.hypot(*(centroid - place - np.tile(off, (len(COMPANION_RATIOS), 1))).T)
     pull[lost & (np.repeat(other, many) >= flux)] = np.nan
     side = len(offset)
-    return pull.reshape(len(RATIOS), side, side, 2)
+    return pull.reshape(len(COMPANION_RATIOS), side, side, 2)
 
 
 def _smear(case: Case) -> Floats:

@@ -14,11 +14,13 @@ from startrack.detector import stamp
 from startrack.detector.stamp import stamp_paths
 from startrack.io import shipped
 from startrack.metrics import summarise
+from startrack.observation import mean_colour
+from startrack.observation.images import field_psf_of
 from startrack.optics import save_lens
-from startrack.trial import mean_colour, residual_shift, run_trials, zones_of
-from startrack.trial.images import field_psf_of
-from startrack.trial.spot_response import ResponseGrid, _mirrored, response_of
-from startrack.trial.zones import focal_stretch, unique_places
+from startrack.response import residual_shift, zones_of
+from startrack.response.spot_response import ResponseGrid, _mirrored, response_of
+from startrack.response.zones import focal_stretch, unique_places
+from startrack.trial import run_trials
 from tests.optics.lenses import ideal
 
 CASE = load_design(shipped("designs/noise_only.toml")).case

@@ -13,14 +13,14 @@ from startrack.design.files import Design, load_design, save_design
 from startrack.detector import Exposure, expected
 from startrack.io import shipped
 from startrack.motion import Motion
+from startrack.observation.exposure import exposure_of
+from startrack.observation.images import psf_of
+from startrack.observation.pointing import line_of_sight, random_attitude
+from startrack.observation.stars import light_of, stars_in_field, throughput
 from startrack.optics import Baffle
 from startrack.scene import ObserverOrbit, Scene
 from startrack.scene.ephemeris import observer_of
 from startrack.trial.chain import observe
-from startrack.trial.exposure import exposure_of
-from startrack.trial.images import psf_of
-from startrack.trial.pointing import line_of_sight, random_attitude
-from startrack.trial.stars import light_of, stars_in_field, throughput
 
 CASE = load_design(shipped("designs/noise_only.toml")).case
 DATE = "2026-03-25T12:00:00"

@@ -13,7 +13,7 @@ from startrack import detection
 from startrack.core import Floats, Ints, Streams, kept
 from startrack.design import Case, replaced_all, turning
 from startrack.detector import Defects, Detector, dark, flickering, frame_of
-from startrack.trial.belief import as_believed, detection_plan
+from startrack.observation import as_believed, detection_plan
 
 
 def dark_currents(detector: Detector) -> tuple[float, float]:

@@ -20,7 +20,7 @@ from startrack import identification
 from startrack.core import Camera, Estimate, Flags, Frame, Matches, Spots, deg, within
 from startrack.detection import Detection, detect, plan_detection, refined, streak_of
 from startrack.identification import cameras
-from startrack.trial.belief import with_smear
+from startrack.observation import with_smear
 
 # Sigma of the detection: an image of few faint stars is searched twice.
 THRESHOLDS = (5.0, 4.0)

@@ -13,14 +13,9 @@ from startrack.detector import Defects, Thermal, to_frame
 from startrack.detector.ageing import Age
 from startrack.io import shipped
 from startrack.motion import Motion, Tone
-from startrack.trial import (
-    as_believed,
-    detection_plan,
-    focal_stretches,
-    hot_variance,
-    run_trials,
-    systematic_variance,
-)
+from startrack.observation import as_believed, detection_plan
+from startrack.response import focal_stretches, hot_variance, systematic_variance
+from startrack.trial import run_trials
 from tests.trial.designs import CASE
 
 YEAR = 365.25 * 86400.0

@@ -12,8 +12,8 @@ from startrack.detector import Age, Defects
 from startrack.detector.imperfections import dark_response
 from startrack.detector.maps import dark
 from startrack.io import shipped
-from startrack.trial.belief import detection_plan
-from startrack.trial.dark_pattern import dark_currents, dark_electrons, dark_residual
+from startrack.observation.belief import detection_plan
+from startrack.response.dark_pattern import dark_currents, dark_electrons, dark_residual
 
 CASE = load_design(shipped("designs/noise_only.toml")).case
 SENSOR = CASE.instrument.detector

@@ -33,10 +33,8 @@ from startrack.detector import (
     unrounded,
 )
 from startrack.motion import blur, slew
-from startrack.trial.belief import as_believed, detection_plan
-from startrack.trial.dark_pattern import dark_electrons
-from startrack.trial.images import psf_of
-from startrack.trial.stars import light_by_colour, throughput
+from startrack.observation import as_believed, detection_plan, light_by_colour, psf_of, throughput
+from startrack.response.dark_pattern import dark_electrons
 
 
 def noise_free_frame(electrons: Floats, detector: Detector, ripple: float, noise: float) -> Frame:

@@ -18,7 +18,7 @@ from startrack.detection import (
     streak_of,
 )
 from startrack.detector import YEAR, Detector, dark_frames, to_frame
-from startrack.trial.images import psf_of
+from startrack.observation.images import psf_of
 
 # Pixel, so that frames at nearly the same rate share a plan; half of it costs nothing.
 SMEAR_STEP = 0.25

@@ -12,9 +12,9 @@ from startrack.design.files import Design, load_design, save_design
 from startrack.detector import Detector, Line, Scan
 from startrack.io import shipped
 from startrack.motion import Motion
+from startrack.observation.exposure import straighten
+from startrack.observation.pointing import random_attitude
 from startrack.trial.chain import observe, run_random_trial
-from startrack.trial.exposure import straighten
-from startrack.trial.pointing import random_attitude
 from startrack.verification.accuracy import limiting_magnitude
 
 CASE = load_design(shipped("designs/scanner.toml")).case

@@ -1,0 +1,66 @@
+"""What enters an exposure: stars, images, the attitude and its motion; what the tracker believes.
+
+pointing  Attitude of a trial, the motion of the camera about it, and what a tracker must report.
+stars     Case -> the stars of its sky: which a frame may hold, how bright, and of what colour.
+images    Instrument -> the images of stars: their PSF, over the frame and over their colour.
+exposure  Case and attitude -> what its detector is exposed to, a matrix or lines that sweep.
+belief    Case -> what its tracker believes: plan of the detection, meaning of the numbers, smear.
+"""
+
+from startrack.observation.belief import (
+    SMEAR_STEP,
+    as_believed,
+    detection_plan,
+    frames_of_map,
+    seen_smear,
+    smear,
+    smear_of,
+    with_smear,
+)
+from startrack.observation.exposure import (
+    at_one_time,
+    expected_electrons,
+    exposure_of,
+    straighten,
+    sweep,
+)
+from startrack.observation.images import (
+    colour_range,
+    detected_spectrum,
+    field_psf_of,
+    images_of,
+    psf_of,
+    sunlike_colour,
+    with_images_of,
+)
+from startrack.observation.pointing import (
+    in_believed_axes,
+    line_of_sight,
+    mean_attitude,
+    motion_before,
+    motion_function,
+    random_attitude,
+    random_attitudes,
+    reference_attitude,
+    rotations_from_cube,
+)
+from startrack.observation.stars import (
+    colour_correction,
+    colours_of,
+    electrons_of,
+    index_resolution,
+    light_by_colour,
+    light_of,
+    mean_by_colour,
+    mean_colour,
+    near_pairs,
+    nearby,
+    separated,
+    sky_electrons,
+    sorted_wavelengths,
+    stars_in_field,
+    throughput,
+)
+
+# Public; the other imports serve other rooms.
+__all__: list[str] = []

@@ -1,0 +1,70 @@
+"""How one star is measured: its errors, and its chance of being detected.
+
+star_response  Case -> response of the tracker's centroid to single stars of any flux.
+star_errors    Case -> errors of single stars over their magnitude, cause by cause.
+zones          Case with a lens table -> how single stars are measured over the frame and over their
+               colour.
+systematic     Case -> systematic variance of each star, which the tracker adds to that of the
+               noise.
+dark_pattern   Dark signal of pixels: its law, its pattern in a case, and what hot pixels do.
+spot_response  Case -> detection and centroid of a star, over its flux and position in the pixel.
+"""
+
+from startrack.response.dark_pattern import (
+    HotPixels,
+    dark_currents,
+    dark_electrons,
+    dark_pattern,
+    empty_frame,
+    with_uniform_dark,
+)
+from startrack.response.spot_response import (
+    COMPANION_RADIUS,
+    COMPANION_RATIOS,
+    FLUX_STEP,
+    ResponseGrid,
+    SpotResponse,
+    companion_shift,
+    fluxes_between,
+    hot_windows,
+    response_of,
+    response_of_zones,
+)
+from startrack.response.star_errors import METHOD, READ, SHOT, TYPICAL, Errors, errors, lasting
+from startrack.response.star_response import (
+    PHASES,
+    StarSearch,
+    cell_side,
+    detection_probability,
+    magnitudes,
+    measure,
+    noise_free_frame,
+    pixel_noise,
+    point_images,
+    scale,
+    star_images,
+    within_frame,
+)
+from startrack.response.systematic import (
+    blending_shift,
+    focal_stretches,
+    hot_variance,
+    pixel_variance,
+    pixel_variance_of,
+    platform_jitter,
+    shared_errors,
+    systematic_variance,
+    systematic_variance_of,
+)
+from startrack.response.zones import (
+    LENS_FIELD,
+    centroid_shift,
+    focal_stretch,
+    residual_shift,
+    zone_detection,
+    zone_errors,
+    zones_of,
+)
+
+# Public; the other imports serve other rooms.
+__all__ = ["errors", "systematic_variance"]
