@@ -14,6 +14,7 @@ conditions    Condition: a rate, a background or an age at which a design is jud
 variation     Variation: how a number of the truth differs between units, environments, in time.
 structure     Structure: what carries lens and detector, and how its temperatures move them.
 campaign      Campaign: what a study of a design is asked.
+unknown       Laws of values that a design file does not know, and what is drawn from them.
 keys          The keys of a design file, as a list, a template with values, and a JSON Schema.
 files         Design files: a case, and optionally a campaign on it, as TOML with units in strings.
 """
@@ -54,6 +55,7 @@ from startrack.design.parameter import text as value_text
 from startrack.design.products import products
 from startrack.design.requirements import COSTS, Accuracy, KeepOut, Requirements
 from startrack.design.structure import TURNS, Structure
+from startrack.design.unknown import Unknown
 from startrack.design.variables import OF_IMAGES, Choice, DesignSpace, Link, Variable, branches
 from startrack.design.variation import (
     YEAR,
@@ -83,6 +85,7 @@ __all__ = [
     "Requirements",
     "Scope",
     "Structure",
+    "Unknown",
     "Variable",
     "Variation",
     "replaced",

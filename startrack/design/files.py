@@ -10,8 +10,17 @@ from startrack.core import allow_code as allowed
 from startrack.design.campaign import Campaign
 from startrack.design.case import Case, Instrument
 from startrack.design.products import KEPT, OPERATED, with_product
+from startrack.design.unknown import Quantile, Unknown, UnknownReader, is_law, with_laws
 from startrack.design.variation import Scope
-from startrack.io import Renewed, from_table, read_layers, refuse_unknown, save_text, to_table
+from startrack.io import (
+    LayerRules,
+    Renewed,
+    from_table,
+    read_layers,
+    refuse_unknown,
+    save_text,
+    to_table,
+)
 from startrack.optics import with_blur_as_length
 
 # Lists of tables that files of a design add to, and what two entries for the same thing share.
@@ -27,10 +36,12 @@ class Design:
 
     case      the instrument, the tracker, the scene and the sky
     campaign  the question put to it, None if the file asks none
+    unknowns  values that the file does not know, each with its law; the case has one value of each
     """
 
     case: Case
     campaign: Campaign | None = None
+    unknowns: tuple[Unknown, ...] = ()
 
     @property
     def _rows(self) -> list[tuple[str, str]]:
@@ -40,7 +51,12 @@ class Design:
         return rows
 
 
-def load_design(path: Path, changes: Sequence[str] = (), allow_code: bool = False) -> Design:
+def load_design(
+    path: Path,
+    changes: Sequence[str] = (),
+    allow_code: bool = False,
+    quantile: Quantile | None = None,
+) -> Design:
     """Read a design file.
 
     `product = "cmv4000"` under `[instrument.detector]` takes the values of that detector from
@@ -51,25 +67,34 @@ def load_design(path: Path, changes: Sequence[str] = (), allow_code: bool = Fals
     `[[variation]]` tables of all of them count, except one below that another with the same
     `name` and `per` replaces.
 
+    Instead of a value that is not known, a law may stand: `{ low = 1.2, high = 2.0 }`,
+    `{ median = "1 um", factor = 2.8 }` or `{ among = ["has2", "star1000"], weight = [2, 1] }`; in
+    `include`, one of several files: `{ among = ["variations/lens-made.toml", ...] }`.
+
     changes     values over those of the file: "instrument.optics.f_number=2.0"
     allow_code  whether the code that the file names may run, in this process and its workers; it is
                 imported at once. False: only that which is allowed otherwise, see
                 docs/extensions.md
+    quantile    of each value that is not known, by its name, in (0, 1), or None for its middle;
+                None: all are at their middle
     Raises   ValueError, one sentence with the file that the value is from, the position in it, the
              rule and the value.
     """
     path = Path(path)
-    layers = read_layers(path, "a design file", changes, JOINED, RENEWED)
+    reader = UnknownReader(quantile)
+    rules = LayerRules(JOINED, RENEWED, is_law, reader.file)
+    layers = read_layers(path, "a design file", changes, rules)
     table = layers.table
     try:
         campaign = table.pop("campaign", None)
-        table = with_product(table)
+        table = with_product(reader.table(table))
         if isinstance(instrument := table.get("instrument"), dict):
             table["instrument"] = with_blur_as_length(instrument, Instrument, "instrument")
         refuse_unknown((Case, table, ""), (Campaign, campaign, "campaign"))
         design = Design(
             from_table(Case, table),
             None if campaign is None else from_table(Campaign, campaign, "campaign"),
+            tuple(reader.found),
         )
         named = list(code_in(design.case))
         named += code_in(design.campaign, "campaign") if design.campaign else ()
@@ -85,10 +110,12 @@ def save_design(path: Path, design: Design, comment: str = "") -> None:
     """Write a design file that `load_design` reads back to an equal design.
 
     All values of the detector are written, not the name of a product, whose values may change.
+    What is not known keeps its law, except which of several files was included: the values of the
+    one that was taken are written.
     """
     import tomli_w
 
-    table: dict[str, Any] = to_table(design.case)
+    table: dict[str, Any] = with_laws(to_table(design.case), design.unknowns)
     if design.campaign is not None:
         table["campaign"] = to_table(design.campaign)
     head = "".join(f"# {line}\n" for line in comment.splitlines())

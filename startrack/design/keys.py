@@ -6,7 +6,7 @@ import math
 import tomllib
 import types
 import typing
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from enum import StrEnum
 from functools import cache
 from textwrap import wrap
@@ -16,6 +16,7 @@ from startrack.core import LARGEST_NUMBER, Field, Range, Unit, bare, fields_of
 from startrack.design.campaign import Campaign
 from startrack.design.case import Case, Fidelity
 from startrack.design.products import of_product
+from startrack.design.unknown import FORMS
 from startrack.io import LARGEST_INTEGER, shipped, written
 
 COLUMNS = (*map(str, Fidelity), "budget")
@@ -273,6 +274,14 @@ def _by_name() -> dict[str, Key]:
     return {key.name: key for key in design_keys()}
 
 
+LAW = {"$ref": "#/definitions/law"}
+ABOUT = (
+    "description",
+    "markdownDescription",
+    "examples",
+)  # keywords of a schema that check nothing
+
+
 def design_schema() -> Schema:
     """A JSON Schema (draft 7) of design files.
 
@@ -287,16 +296,41 @@ def design_schema() -> Schema:
     design["properties"] |= campaign | {key.name: _plain(key) for key in OF_FILES}
     within = design["properties"]["instrument"]["properties"]["detector"]
     within["properties"]["product"] = _plain(PRODUCT)
+    _allow_laws(design)
+    design["properties"]["include"]["items"] = {"anyOf": [{"type": "string"}, LAW]}
     parts = required["properties"]["instrument"]["properties"]
     parts["detector"] = {"anyOf": [{"required": ["product"]}, parts["detector"]]}
     return {
         "$schema": DRAFT,
         "title": "startrack design",
         "description": "A camera, what its tracker believes, and what a study of it is asked.",
+        "definitions": {"law": {"anyOf": [_law_schema(form) for form in FORMS]}},
         **design,
         "if": {"not": either},
         "then": required,
     }
+
+
+def _law_schema(form: Collection[str]) -> Schema:
+    """Of the law of a value that is not known; its values are checked as they are drawn."""
+    some = {"type": "array", "minItems": 2}
+    kinds = {"factor": {"type": "number"}, "among": some, "weight": some}
+    properties: Schema = {key: kinds.get(key, {"type": ["number", "string"]}) for key in form}
+    keys = {"properties": properties, "required": sorted(form)}
+    return {"type": "object", "additionalProperties": False, **keys}
+
+
+def _allow_laws(schema: Schema) -> None:
+    """Let a law stand for each value of a table and of those within it, but for its campaign."""
+    for name, value in schema.get("properties", {}).items():
+        if name == "campaign":
+            continue
+        within = value.get("items", value)
+        if "properties" in within:
+            _allow_laws(within)
+        elif "deprecated" not in value and name not in ("base", "include"):
+            rule = {key: value.pop(key) for key in list(value) if key not in ABOUT}
+            value["anyOf"] = [rule, LAW]
 
 
 def _plain(key: Key) -> Schema:

@@ -27,7 +27,7 @@ frame_files   Frames, their times and attitudes -> FITS, PNG, SER, raw or video 
 from startrack.io.frame_files import FrameFiles
 from startrack.io.images import field_hint, read_frames, read_image, write_fits
 from startrack.io.interchange import aligned, to_pandas, to_qtable, to_xarray
-from startrack.io.layers import Layers, Renewed, read_layers
+from startrack.io.layers import LayerRules, Layers, Renewed, read_layers
 from startrack.io.reading import (
     open_checked,
     read_bytes,

@@ -7,7 +7,7 @@ import difflib
 import os
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -44,50 +44,70 @@ class Renewed(NamedTuple):
 NOT_RENEWED: Mapping[str, Renewed] = {}
 
 
+def _named_file(entry: object) -> str:
+    """An entry of `include` that is the name of a file."""
+    if not isinstance(entry, str):
+        raise Refused(f"include must be a list of names of files, got {core.shown(entry)}")
+    return entry
+
+
+class LayerRules(NamedTuple):
+    """How files lie over each other.
+
+    joined    keys of the outermost table whose lists of tables are added to those of the files
+              below; an entry replaces one below that is alike in some keys, given with defaults
+    renewed   tables of which one key stands for the others, by their places
+    is_value  whether a table is a value, which replaces another one and is not merged with it
+    file_of   the name of the file that an entry of `include` means; raises Refused where it is none
+    """
+
+    joined: Joined = NOT_JOINED
+    renewed: Mapping[str, Renewed] = NOT_RENEWED
+    is_value: Callable[[object], bool] = lambda table: False
+    file_of: Callable[[object], str] = _named_file
+
+    def is_table(self, value: object) -> bool:
+        """Whether a value of a file is a table whose keys are merged."""
+        return isinstance(value, dict) and not self.is_value(value)
+
+
 @dataclass
 class Layers:
     """One table of several files.
 
-    table    the values
-    origin   file (or `--set`) of each value that is no table, by its place: "scene.background_g"
-    renewed  tables, by their places, of which one key stands for the others
+    table   the values
+    origin  file (or `--set`) of each value that is no table, by its place: "scene.background_g"
+    rules   how files lie over each other
     """
 
     table: dict[str, Any] = field(default_factory=dict)
     origin: dict[str, str] = field(default_factory=dict)
-    renewed: Mapping[str, Renewed] = field(default_factory=lambda: NOT_RENEWED)
+    rules: LayerRules = field(default_factory=LayerRules)
 
-    def lay(
-        self,
-        above: dict[str, Any],
-        origin: str | dict[str, str],
-        place: str = "",
-        joined: Joined = NOT_JOINED,
-    ) -> None:
-        """Put a table over this one: tables are merged by their keys, all else is replaced.
-
-        joined  as `read_layers` has it
-        """
+    def lay(self, above: dict[str, Any], origin: str | dict[str, str], place: str = "") -> None:
+        """Put a table over this one: tables are merged by their keys, all else is replaced."""
+        is_table = self.rules.is_table
+        joined = NOT_JOINED if place or origin == SET else self.rules.joined
         below = self.table
         for name in filter(None, place.split(".")):
             below = below[name]
-        rule = self.renewed.get(place)
+        rule = self.rules.renewed.get(place)
         if rule and rule.key in above:
             self._renew(below, rule, place, _origin(origin, f"{place}.{rule.key}"))
         for key, value in above.items():
             inner = f"{place}.{key}" if place else key
-            if isinstance(value, dict) and isinstance(below.get(key), dict):
+            if is_table(value) and is_table(below.get(key)):
                 self.lay(value, origin, inner)
                 continue
-            if origin == SET and isinstance(value, dict) and isinstance(below.get(key), list):
+            if origin == SET and is_table(value) and isinstance(below.get(key), list):
                 below[key] = self._with_entries(below[key], value, inner)
                 continue
             if key in joined and isinstance(value, list) and isinstance(below.get(key), list):
                 value = _joined(below[key], value, joined[key])
             for place_below in [place for place in self.origin if _within(place, inner)]:
                 del self.origin[place_below]
-            below[key] = {} if isinstance(value, dict) else value
-            if isinstance(value, dict):
+            below[key] = {} if is_table(value) else value
+            if is_table(value):
                 self.lay(value, origin, inner)
             else:
                 self.origin[inner] = _origin(origin, inner)
@@ -114,7 +134,7 @@ class Layers:
                     f"{SET} {place}.{number} must be a key of an entry, {place}.0.KEY to "
                     f"{place}.{len(entries) - 1}.KEY"
                 )
-            entry = Layers(dict(entries[int(number)]))
+            entry = Layers(dict(entries[int(number)]), rules=self.rules)
             entry.lay(change, SET)
             changed[int(number)] = entry.table
             of_entry = f"{place}[{number}]"
@@ -145,11 +165,7 @@ def _origin(origin: str | dict[str, str], place: str) -> str:
 
 
 def read_layers(
-    path: Path,
-    what: str,
-    changes: Sequence[str] = (),
-    joined: Joined = NOT_JOINED,
-    renewed: Mapping[str, Renewed] = NOT_RENEWED,
+    path: Path, what: str, changes: Sequence[str] = (), rules: LayerRules | None = None
 ) -> Layers:
     """The table of a file over those that it names.
 
@@ -161,9 +177,7 @@ def read_layers(
     ("designs/nanosatellite.toml"). Tables are merged by their keys; a list replaces a list.
 
     what     the file must be, for the errors: "a design file"
-    joined   keys of the outermost table whose lists of tables are added to those of the files
-             below; an entry replaces one below that is alike in some keys, given with defaults
-    renewed  tables of which one key stands for the others, by their places
+    rules    how files lie over each other; None: tables are merged and nothing else
     changes  "key = value" each, over all files: "instrument.optics.f_number=2.0", and of an entry
              of a list of tables "variation.0.scale=0.5". A value that is no TOML is a text:
              "instrument.optics.blur=3 um". Without a value, the key is taken out of the files, so
@@ -171,7 +185,7 @@ def read_layers(
     Raises   ValueError, one sentence with the file: where a file is missing or no TOML, names
              itself by way of others, or a change is none.
     """
-    layers = _read_layers(path, what, joined, renewed, (), [])
+    layers = _read_layers(path, what, rules or LayerRules(), (), [])
     for change in changes:
         key, _, text = change.partition("=")
         if "=" in change and not text.strip() and KEY.fullmatch(key.strip()):
@@ -193,12 +207,7 @@ def _joined(below: list[Any], above: list[Any], alike: Mapping[str, Any]) -> lis
 
 
 def _read_layers(
-    path: Path,
-    what: str,
-    joined: Joined,
-    renewed: Mapping[str, Renewed],
-    above: tuple[Path, ...],
-    done: list[Path],
+    path: Path, what: str, rules: LayerRules, above: tuple[Path, ...], done: list[Path]
 ) -> Layers:
     """The layers of a file and of those that it names.
 
@@ -220,14 +229,18 @@ def _read_layers(
     below, more = own.pop("base", None), own.pop("include", [])
     if below is not None and not isinstance(below, str):
         raise Refused(f"{path}: base must be the name of a file, got {core.shown(below)}")
-    if not (isinstance(more, list) and all(isinstance(name, str) for name in more)):
+    if not isinstance(more, list):
         raise Refused(f"{path}: include must be a list of names of files, got {core.shown(more)}")
-    layers = Layers(renewed=renewed)
-    for key, name in [("base", below)] * (below is not None) + [("include", name) for name in more]:
+    try:
+        included = [("include", rules.file_of(entry)) for entry in more]
+    except Refused as error:
+        raise Refused(f"{path}: {error}") from None
+    layers = Layers(rules=rules)
+    for key, name in [("base", below)] * (below is not None) + included:
         inner = _found(path, key, str(name))
-        read = _read_layers(inner, what, joined, renewed, (*above, real), done)
-        layers.lay(read.table, read.origin, joined=joined)
-    layers.lay(own, str(path), joined=joined)
+        read = _read_layers(inner, what, rules, (*above, real), done)
+        layers.lay(read.table, read.origin)
+    layers.lay(own, str(path))
     return layers
 
 

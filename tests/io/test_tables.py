@@ -9,7 +9,7 @@ import pytest
 from startrack.core import Unit
 from startrack.design import Case
 from startrack.io import from_table, read_table, to_table
-from startrack.io.layers import DEEPEST, read_layers
+from startrack.io.layers import DEEPEST, LayerRules, read_layers
 
 
 @dataclass(frozen=True)
@@ -128,10 +128,10 @@ def test_lists_of_tables_that_are_joined(tmp_path, written):
         two="w = [2]\n[[v]]\nname = 'b'\nx = 3",
         top='base = "ground.toml"\ninclude = ["one.toml", "two.toml"]\n[[v]]\nname = "c"',
     )
-    found = read_layers(path, "a file", joined={"v": {"name": None}}).table
+    found = read_layers(path, "a file", rules=LayerRules({"v": {"name": None}})).table
     assert found["v"] == [{"name": "a", "x": 1}, {"name": "b", "x": 3}, {"name": "c"}]
     assert found["w"] == [2]
-    cleared = read_layers(path, "a file", ("v=[]",), joined={"v": {"name": None}}).table
+    cleared = read_layers(path, "a file", ("v=[]",), LayerRules({"v": {"name": None}})).table
     assert cleared["v"] == []
 
 

@@ -1,0 +1,216 @@
+"""Tables of a design file -> values that are not known, each with its law, and what is drawn.
+
+Unknown is one value that nobody has told: a law of ignorance. It neither varies from unit to unit
+(`Variation`) nor from frame to frame.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import PurePosixPath
+from typing import Any, NamedTuple
+
+from scipy.special import ndtri
+
+from startrack.core import Refused, shown
+
+# The keys of each form of a law.
+FORMS = (("low", "high"), ("median", "factor"), ("among",), ("among", "weight"))
+NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*")
+MOST_CHOICES = 100  # of a law; chosen by hand
+INCLUDE = "include"
+Quantile = Callable[[str], float | None]  # name of an unknown -> its quantile; None: its middle
+
+
+def is_law(value: object) -> bool:
+    """Whether a value of a file is the law of an unknown."""
+    return isinstance(value, Mapping) and any(value.keys() == set(form) for form in FORMS)
+
+
+class Unknown(NamedTuple):
+    """A value of a design that is not known.
+
+    name    its place in the file: "instrument.optics.f_number"; of a file among several,
+            "include" and what their names begin with: "include lens"
+    law     as the file has it: {low, high}, uniform between two values; {median, factor}, normal in
+            the logarithm, 68 % within a factor of the median; {among, weight}, one of several, with
+            relative weights, equal where none are given
+    choice  whether it is one of several
+    """
+
+    name: str
+    law: Mapping[str, Any]
+
+    @property
+    def choice(self) -> bool:
+        """Whether the law is one of several values."""
+        return "among" in self.law
+
+    @property
+    def weights(self) -> list[float]:
+        """Relative weights of the values of a choice; they sum to 1."""
+        values = self.law["among"]
+        weights = self.law.get("weight", [1.0] * len(values))
+        return [weight / sum(weights) for weight in weights]
+
+    def at(self, quantile: float | None) -> Any:
+        """The value, as a file has it, below which it lies with a probability.
+
+        quantile  in (0, 1); of a choice, in the order of its values. None: the middle, and of a
+                  choice the likeliest value, the first of several
+        Raises    Refused where the law is none.
+        """
+        self._check()
+        if self.choice:
+            return self.law["among"][self.position(quantile)]
+        if "median" in self.law:
+            number, unit = _quantity(self.law["median"], f"{self.name}.median")
+            score = 0.0 if quantile is None else float(ndtri(quantile))
+            return _written(number * math.exp(score * math.log(self.law["factor"])), unit)
+        low, unit = _quantity(self.law["low"], f"{self.name}.low")
+        high, _ = _quantity(self.law["high"], f"{self.name}.high")
+        return _written(low + (high - low) * (0.5 if quantile is None else quantile), unit)
+
+    def position(self, quantile: float | None) -> int:
+        """Which value of a choice a quantile means; see `at`."""
+        weights = self.weights
+        if quantile is None:
+            return weights.index(max(weights))
+        ends = itertools.accumulate(weights[:-1])
+        return sum(quantile >= end for end in ends)
+
+    def _check(self) -> None:
+        """Raises Refused where the law has no value."""
+        law, name = self.law, self.name
+        if self.choice:
+            values, weights = law["among"], law.get("weight")
+            if not isinstance(values, list) or not 2 <= len(values) <= MOST_CHOICES:
+                raise Refused(f"{name}.among must be a list of two values or more, got {values!r}")
+            if weights is not None and not (
+                isinstance(weights, list)
+                and len(weights) == len(values)
+                and all(_is_number(weight) and weight > 0 for weight in weights)
+            ):
+                raise Refused(
+                    f"{name}.weight must be a list of {len(values)} positive numbers, one for each "
+                    f"value, got {weights!r}"
+                )
+        elif "median" in law:
+            number, _ = _quantity(law["median"], f"{name}.median")
+            if not number > 0:
+                raise Refused(f"{name}.median must be positive, got {law['median']!r}")
+            if not _is_number(law["factor"]) or not 1 < law["factor"] <= 1e3:
+                raise Refused(f"{name}.factor must lie in (1, 1000], got {law['factor']!r}")
+        else:
+            low, unit = _quantity(law["low"], f"{name}.low")
+            high, other = _quantity(law["high"], f"{name}.high")
+            if unit != other:
+                raise Refused(f"{name}.high must have the unit of low, {unit!r}, got {other!r}")
+            if not low < high:
+                raise Refused(
+                    f"{name}.low must be below high, got {law['low']!r} and {law['high']!r}"
+                )
+
+    def __str__(self) -> str:
+        law = self.law
+        if self.choice:
+            return f"one of {', '.join(str(value) for value in law['among'])}"
+        if "median" in law:
+            return f"{law['median']}, 68 % within a factor of {law['factor']:g}"
+        return f"between {law['low']} and {law['high']}"
+
+
+class UnknownReader:
+    """Replaces laws in the tables of a file by values, and remembers them.
+
+    quantile  of each unknown, by its name; None: all are at their middle
+    """
+
+    def __init__(self, quantile: Quantile | None = None) -> None:
+        self._quantile = quantile or (lambda name: None)
+        self.found: list[Unknown] = []
+
+    def value(self, name: str, law: Mapping[str, Any]) -> Any:
+        """The value that a law has here."""
+        unknown = Unknown(name, law)
+        value = unknown.at(self._quantile(name))
+        if all(unknown.name != other.name for other in self.found):
+            self.found.append(unknown)
+        return value
+
+    def file(self, entry: object) -> str:
+        """The file that an entry of `include` names, which may be one of several.
+
+        Raises  Refused where it is neither a name nor a law of names.
+        """
+        if isinstance(entry, str):
+            return entry
+        names = entry.get("among") if isinstance(entry, Mapping) else None
+        if not is_law(entry) or not (
+            isinstance(names, list) and all(isinstance(name, str) for name in names)
+        ):
+            raise Refused(
+                "include must be a list of names of files, or of { among = [...] } of such names, "
+                f"got {shown(entry)}"
+            )
+        assert isinstance(entry, Mapping)
+        return str(self.value(f"{INCLUDE} {_stem(names)}", entry))
+
+    def table(self, value: Any, place: str = "") -> Any:
+        """A table, or a list of tables, with values for laws."""
+        if is_law(value):
+            return self.value(place, value)
+        if isinstance(value, dict):
+            return {
+                key: self.table(inner, f"{place}.{key}" if place else key)
+                for key, inner in value.items()
+            }
+        if isinstance(value, list):
+            return [self.table(inner, f"{place}.{n}") for n, inner in enumerate(value)]
+        return value
+
+
+def with_laws(table: dict[str, Any], unknowns: Sequence[Unknown]) -> dict[str, Any]:
+    """A table of a design with the laws of what is not known in place of their values.
+
+    Those of files that were included, and of a detector's product, have no place among the values
+    of one file, and are left out.
+    """
+    for unknown in unknowns:
+        *outer, last = unknown.name.split(".")
+        at: Any = table
+        for part in outer:
+            at = at[int(part)] if isinstance(at, list) else at.get(part, {})
+        if isinstance(at, list):
+            at[int(last)] = dict(unknown.law)
+        elif last in at:
+            at[last] = dict(unknown.law)
+    return table
+
+
+def _stem(names: Sequence[str]) -> str:
+    """What the names of files begin with, as words: "lens" of lens-made and lens-shelf."""
+    words = [re.split("[-_]", PurePosixPath(name).stem) for name in names]
+    shared = itertools.takewhile(lambda parts: len(set(parts)) == 1, zip(*words, strict=False))
+    return "-".join(parts[0] for parts in shared) or PurePosixPath(names[0]).stem
+
+
+def _quantity(value: object, name: str) -> tuple[float, str]:
+    """A number and its unit as a file has them; the unit is empty where there is none."""
+    if _is_number(value):
+        return float(value), ""  # type: ignore[arg-type]
+    match = NUMBER.fullmatch(value) if isinstance(value, str) and len(value) < 100 else None
+    if not match:
+        raise Refused(f"{name} must be a number, or a number with a unit, got {shown(value)}")
+    return float(match[1]), match[2]
+
+
+def _written(number: float, unit: str) -> float | str:
+    return f"{number!r} {unit}" if unit else number
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

@@ -1,0 +1,121 @@
+"""Laws of values that are not known, in a design file."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.stats import lognorm, uniform
+
+from startrack import Refused, load_design
+from startrack.design import Unknown, save_design
+
+NAME = "instrument.optics.f_number"
+
+
+@pytest.fixture
+def written(tmp_path):
+    def write(text, name="design"):
+        path = tmp_path / f"{name}.toml"
+        path.write_text(f'base = "designs/noise_only.toml"\n{text}')
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize("quantile", [0.025, 0.16, 0.5, 0.84, 0.975])
+def test_values_have_the_quantiles_of_their_laws(quantile):
+    between = Unknown(NAME, {"low": 1.2, "high": 2.0})
+    assert between.at(quantile) == pytest.approx(uniform(1.2, 0.8).ppf(quantile))
+    factor = Unknown(NAME, {"median": "100 ms", "factor": 1.5})
+    number, unit = factor.at(quantile).split()
+    assert float(number) == pytest.approx(lognorm(math.log(1.5), scale=100).ppf(quantile))
+    assert unit == "ms"
+
+
+def test_a_choice_has_its_values_by_their_weights():
+    law = Unknown("x", {"among": ["a", "b", "c"], "weight": [1, 2, 1]})
+    drawn = [law.at(float(u)) for u in (np.arange(400) + 0.5) / 400]
+    assert [drawn.count(value) for value in "abc"] == [100, 200, 100]
+    assert law.at(None) == "b", "the middle of a choice is its likeliest value"
+
+
+def test_a_design_has_the_middle_of_what_is_not_known_and_its_laws(written):
+    path = written(
+        "[instrument.optics]\nf_number = { low = 1.2, high = 2.0 }\n"
+        '[instrument.detector]\nexposure = { median = "100 ms", factor = 1.5 }\n'
+    )
+    design = load_design(path)
+    assert [unknown.name for unknown in design.unknowns] == [NAME, "instrument.detector.exposure"]
+    assert design.case.instrument.optics.f_number == pytest.approx(1.6)
+    assert design.case.instrument.detector.exposure == pytest.approx(0.1)
+    drawn = load_design(path, quantile={NAME: 0.25}.get).case
+    assert drawn.instrument.optics.f_number == pytest.approx(1.4)
+    assert drawn.instrument.detector.exposure == pytest.approx(0.1)
+    told = load_design(path, [f"{NAME}=1.3"])
+    assert [unknown.name for unknown in told.unknowns] == ["instrument.detector.exposure"]
+
+
+def test_one_of_several_files_is_included(written):
+    lenses = '["variations/lens-made.toml", "variations/lens-shelf.toml"]'
+    top = f"include = [{{ among = {lenses}, weight = [3, 1] }}]\n"
+    (unknown,) = load_design(written(top)).unknowns
+    assert unknown.name == "include lens"
+    made, shelf = (
+        load_design(written(top), quantile=lambda name, u=u: u).case.instrument.residual.decentre
+        for u in (0.74, 0.76)
+    )
+    assert (made, shelf) == (12.5e-6, 25e-6), "weights of the files, and their values"
+
+
+def test_a_products_law_is_drawn_before_its_values_are_read(written):
+    text = '[instrument.detector]\nproduct = { among = ["cmv4000", "mt9p031"] }\n'
+    pitches = [
+        load_design(
+            written(text), quantile=lambda name, u=u: u
+        ).case.instrument.detector.pixel_pitch
+        for u in (0.2, 0.8)
+    ]
+    assert pitches == pytest.approx([5.5e-6, 2.2e-6])
+
+
+def test_a_law_replaces_a_law_below_it(written, tmp_path):
+    below = written("[instrument.optics]\nf_number = { low = 1.2, high = 2.0 }\n", "below")
+    above = tmp_path / "above.toml"
+    above.write_text(
+        f'base = "{below.name}"\n[instrument.optics]\nf_number = {{ median = 1.4, factor = 1.1 }}\n'
+    )
+    (unknown,) = load_design(above).unknowns
+    assert unknown.law == {"median": 1.4, "factor": 1.1}
+
+
+def test_a_saved_design_keeps_its_laws(written, tmp_path):
+    design = load_design(written("[instrument.optics]\nf_number = { low = 1.2, high = 2 }\n"))
+    save_design(tmp_path / "again.toml", design)
+    again = load_design(tmp_path / "again.toml")
+    assert again == design
+
+
+@pytest.mark.parametrize(
+    ("law", "says"),
+    [
+        ('{ low = "1 mm", high = 2 }', "high must have the unit of low, 'mm', got ''"),
+        ("{ low = 2, high = 1 }", "low must be below high, got 2 and 1"),
+        ("{ low = true, high = 1 }", "low must be a number, or a number with a unit"),
+        ("{ median = -1, factor = 2 }", "median must be positive, got -1"),
+        ("{ median = 1, factor = 1 }", r"factor must lie in \(1, 1000\], got 1"),
+        ("{ among = [1] }", "among must be a list of two values or more"),
+        ("{ among = [1, 2], weight = [1] }", "weight must be a list of 2 positive numbers"),
+        ("{ among = [1, 2], weight = [1, -1] }", "weight must be a list of 2 positive numbers"),
+        ("{ low = 1 }", "f_number must be a number"),
+        ("{ low = -2, high = 1 }", "f_number must"),
+    ],
+)
+def test_what_is_no_law_is_refused_with_its_place(written, law, says):
+    with pytest.raises(Refused, match=rf"design.toml: {NAME}.*{says.removeprefix('f_number ')}"):
+        load_design(written(f"[instrument.optics]\nf_number = {law}\n"))
+
+
+@pytest.mark.parametrize("entry", ["3", "{ among = [1, 2] }", '{ low = "a", high = "b" }'])
+def test_an_include_that_names_no_file_is_refused(written, entry):
+    with pytest.raises(Refused, match="include must be a list of names of files"):
+        load_design(written(f"include = [{entry}]\n"))
