@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from statistics import NormalDist
 
 import numpy as np
 
@@ -56,9 +57,10 @@ class Photometer:
             row["electrons"] = random.poisson(self.star) + random.normal(0, self.noise)
         return rows
 
-    def judge(self, rows: Rows) -> Judgement:
+    def judge(self, rows: Rows, confidence: float = 0.95) -> Judgement:
         error = rows["electrons"].std() / self.star
-        half = 2 * error / (2 * len(rows)) ** 0.5
+        sigmas = NormalDist().inv_cdf((1 + confidence) / 2)
+        half = sigmas * error / (2 * len(rows)) ** 0.5
         full = Margin(0.2 * rows["electrons"].mean() / 30_000, 1.0)  # known to a part in 10,000
         interval = Interval(error, error - half, error + half)
         return Judgement(interval, {"full well": (full, full, full)})

@@ -6,7 +6,7 @@ options     What commands share: exit status, wrong use, readers of numbers, tab
 stopping    A signal or an error -> what ends a command, and the words that tell it.
 terminal    Inputs by name, and outputs: results on standard output, messages on standard error.
 campaign    What the commands on campaigns share: the design, the workers, the runner of trials.
-problems    What they do with a problem that is no star tracker: an Earth camera.
+problems    The commands on campaigns, of a problem that is no star tracker: an Earth camera.
 units       Units in `startrack budget` and `montecarlo`: classes of error, levels, yields.
 beside      At the first run, another process compiles while this one works.
 

@@ -65,6 +65,7 @@ declare = Options(
     fidelity("of the trials of design files (default: frame); see montecarlo"),
     shared.SEED,
     shared.WORKERS,
+    problems=True,
 )
 
 

@@ -147,7 +147,8 @@ def _run(options: argparse.Namespace) -> int:
     ):
         warnings.showwarning = _print_warning
         load()
-        command = import_module(_module(options.name)).command
+        module = import_module(_module(options.name))
+        command = module.command
         terminal = import_module("startrack.cli.terminal")
         core = import_module("startrack.core")
         with (
@@ -159,6 +160,10 @@ def _run(options: argparse.Namespace) -> int:
             terminal.report_compiling(),
             terminal.claimed_out(options),
         ):
+            # The one place where it is decided whether files are of star trackers.
+            if getattr(options, "problems", False):
+                problems = import_module("startrack.cli.problems")
+                command = problems.command_of(options, module.declare.given(options)) or command
             status = int(command(options))
             sys.stdout.flush()
             return status

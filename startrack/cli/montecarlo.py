@@ -20,7 +20,7 @@ if wanted(__name__):
 
     from startrack import metrics, montecarlo
     from startrack.budget import noise_only
-    from startrack.cli import problems, terminal
+    from startrack.cli import terminal
     from startrack.cli.campaign import open_workers
     from startrack.cli.merge import sketch_rows
     from startrack.cli.units import require_units, trials_of
@@ -129,6 +129,7 @@ declare = Options(
         Path,
     ),
     claims=True,
+    problems=True,
 )
 
 
@@ -138,9 +139,6 @@ def command(options: argparse.Namespace) -> int:
     With --out or --store each block of trials is on disk before the next, so that the same
     command continues an interrupted run.
     """
-    if problem := problems.problem_of(options.design, options.set):
-        problems.refuse_options(declare.given(options))
-        return problems.montecarlo(options, problem)
     path = options.design or terminal.example()
     design = terminal.read_design(path, options.set)
     case, campaign = design.case, design.campaign

@@ -9,7 +9,6 @@ from startrack.cli.options import Exit, Options, study, wanted
 
 if wanted(__name__):
     from startrack import optimise
-    from startrack.cli import problems
     from startrack.cli.campaign import open_campaign, stages, write_study
     from startrack.core import arcsec
     from startrack.design import Campaign, Design, save_design
@@ -24,15 +23,14 @@ declare = Options(
     "command continues after an interruption. Where no design is better than the start, the start "
     "stays, and the text says what stands in the way. The status is 3 if a requirement is not met. "
     "Of the scene of an Earth camera, by its file or name, it writes best.json in place of "
-    "best.toml, and neither evaluations.csv nor a ledger: an interrupted search begins anew.",
+    "best.toml, and no evaluations.csv.",
     *study("optimize"),
+    problems=True,
 )
 
 
 def command(options: argparse.Namespace) -> int:
     """Write best.toml, comparison.md, convergence.png, evaluations.csv and result.json."""
-    if problem := problems.problem_of(options.campaign, options.set):
-        return problems.optimize(options, problem)
     with (
         open_campaign(options, "optimising") as (case, campaign, runner),
         stages("optimising") as show,

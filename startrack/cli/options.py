@@ -218,6 +218,11 @@ class Option:
             read = path if kind is Path else kind
             self.more["choices" if isinstance(kind, tuple) else "type"] = read
 
+    @property
+    def attribute(self) -> str:
+        """Name of its value among the parsed arguments."""
+        return str(self.more.get("dest", self.name.strip("-").replace("-", "_")))
+
     def add_to(self, parser: Any) -> None:
         """Declare it."""
         parser.add_argument(self.name, **self.more)
@@ -269,8 +274,8 @@ class Options:
         return [
             option.name
             for option in every
-            if getattr(arguments, option.name.strip("-").replace("-", "_"))
-            != option.more["default"]
+            if getattr(arguments, option.attribute)
+            != self.defaults.get(option.attribute, option.more["default"])
         ]
 
 
@@ -368,7 +373,10 @@ FIELD_AND_SKY = (
 
 def campaign(more: str = "") -> tuple[Option, ...]:
     """The design file with its campaign; what else it may be."""
-    text = "design file with a table [campaign] (default: the example, a nanosatellite)" + more
+    text = (
+        "design file with a table [campaign], or a scene of an Earth camera with [retrieval] and "
+        "[campaign] (default: the example, a nanosatellite)" + more
+    )
     return Option("campaign CAMPAIGN.toml", text, Path, many="?"), *SET
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping, Sequence
 
 from startrack.cli.options import Exit, Option, Options, as_wrong_use, study, wanted, whole
 
@@ -10,20 +11,22 @@ if wanted(__name__):
     import numpy as np
 
     from startrack.cli.campaign import open_campaign, stages, write_study
-    from startrack.design import COSTS, DesignSpace
+    from startrack.design import COSTS, DesignSpace, Objective
     from startrack.metrics import markdown
-    from startrack.optimise import FrontGoals, front
-    from startrack.plots import draw_front
+    from startrack.optimise import FrontGoals, Point, front
+    from startrack.plots import draw_front, with_unit
 
 
+FIRST = "across"
 GOALS = (
-    "across, about, both, or a level such as about-99.73; mass, power, data rate, volume or cost"
+    "across, about, both, or a level such as about-99.73; mass, power, data rate, volume or cost; "
+    "of a scene: objective (default), one of its parts, or a limit from above"
 )
 declare = Options(
     "Finds designs that no other beats in both goals, by the analytic budget, and measures each "
     "by trials. Writes front.md, front.png and result.json.",
     *study("pareto"),
-    Option("--first GOAL", f"first goal: {GOALS}", default="across"),
+    Option("--first GOAL", f"first goal: {GOALS}", default=FIRST),
     Option("--second GOAL", f"second goal: {GOALS}", default="mass"),
     Option("--points N", "number of designs on the front", whole(2, 1000), 7),
     Option(
@@ -33,6 +36,7 @@ declare = Options(
         ("epsilon", "weighted"),
         "epsilon",
     ),
+    problems=True,
 )
 
 
@@ -48,15 +52,38 @@ def command(options: argparse.Namespace) -> int:
         points = front(space, campaign, goals, runner, options.points, options.method, show)
     named = (goals.first, goals.second)
     units = [COSTS.get(goal, "arcsec") for goal in named]
+    words = [goal if goal in COSTS else str(Objective.read(goal)) for goal in named]
+    texts = [space.text(space.design(np.array(point.coordinates))) for point in points]
+    trials, labels = campaign.most_trials, list(space.labels().values())
+    return write_front(options, points, named, words, units, texts, labels, trials)
+
+
+def write_front(
+    options: argparse.Namespace,
+    points: Sequence[Point],
+    goals: Sequence[str],
+    words: Sequence[str],
+    units: Sequence[str],
+    texts: Sequence[Mapping[str, str]],
+    labels: Sequence[str],
+    trials: int,
+) -> int:
+    """Print a front and write it.
+
+    words   both goals in words
+    texts   variables of each point
+    labels  of the variables
+    trials  of each point
+    """
     head, rows = list[str](), []
-    for goal, unit in zip(named, units, strict=True):
-        head += [f"{goal} ({unit}) expected", "tried"]
-    for point in points:
+    for goal, unit in zip(goals, units, strict=True):
+        head += [f"{with_unit(goal, unit)} expected", "tried"]
+    for point, values in zip(points, texts, strict=True):
         pairs = zip(point.expected, point.measured, strict=True)
-        values = space.text(space.design(np.array(point.coordinates))).values()
-        rows.append([*(f"{value:.4g}" for pair in pairs for value in pair), *values])
-    table = "\n".join(markdown([*head, *space.labels().values()], rows))
-    draw_front(options.out / "front.png", points, goals, units, campaign.most_trials)
+        rows.append([*(f"{value:.4g}" for pair in pairs for value in pair), *values.values()])
+    table = "\n".join(markdown([*head, *labels], rows))
+    first, second = (with_unit(word, unit) for word, unit in zip(words, units, strict=True))
+    draw_front(options.out / "front.png", points, (first, second), trials)
     found = [
         {
             "values_si": point.values,
@@ -66,6 +93,6 @@ def command(options: argparse.Namespace) -> int:
         }
         for point in points
     ]
-    result = {"out": str(options.out), "goals": list(named), "points": found}
+    result = {"out": str(options.out), "goals": list(goals), "points": found}
     write_study(options, "front", table, result)
     return Exit.DONE

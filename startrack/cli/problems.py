@@ -1,53 +1,90 @@
-"""What the commands on campaigns do with a problem that is no star tracker: an Earth camera."""
+"""The commands on campaigns, of a problem that is no star tracker: an Earth camera."""
 
 from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from startrack import optimise
-from startrack.cli import terminal
-from startrack.cli.campaign import open_workers
+import numpy as np
+
+from startrack import optimise, verification
+from startrack.cli import pareto, sample, sensitivity, terminal
+from startrack.cli.campaign import LEDGER, open_workers, stages
 from startrack.cli.options import Exit, WrongUse, as_wrong_use
 from startrack.core import Rows
 from startrack.earth.retrieval import EarthProblem, load_earth_design
-from startrack.io import save_json, save_text
+from startrack.io import aligned, save_json, save_text
 from startrack.metrics import Interval, markdown
 from startrack.plots import draw_improvement
-from startrack.problem import Expectation, Judgement, Margin, Problem, run_problem
+from startrack.problem import Expectation, Judgement, Margin, Problem, compare_problems
+from startrack.report import write_problem_report
 
-# Options of `montecarlo` that a problem takes.
-TAKEN = {"design", "--set", "--trials", "--first", "--seed", "--workers", "--out"}
-TAKEN |= {"--scheduler", "--tls"}
+# Options of star trackers that a problem does not take, by commands.
+REFUSED = {
+    "montecarlo": (
+        *("--fidelity", "--sobol", "--control", "--units", "--environments", "--age", "--table"),
+        *("--store", "--precision", "--statistic", "--confidence", "--seconds", "--log"),
+        "--sketch",
+    ),
+    "verify": ("--fidelity", "--units"),
+    "compare": ("--fidelity",),
+    "report": ("--stars", "--slews", "--budget", "--fidelity-trials", "--worst", "--conditions"),
+}
+FOLDERS = ("optimize", "montecarlo", "verify", "sample", "sensitivity", "pareto")  # have a ledger
+DESIGNS = 32  # that the sensitivities of a page are computed from
 APART = 1.5  # factor between trials and formula, from which on it is said
+Command = Callable[[argparse.Namespace], int]
 
 
-def problem_of(path: Path | None, changes: list[str]) -> Problem | None:
-    """The problem of a file, or of a shipped scene by its name; None where it is a design.
+def command_of(options: argparse.Namespace, given: Iterable[str]) -> Command | None:
+    """What a command does with the scenes of Earth cameras that it is called with.
 
-    Raises  WrongUse where it is a scene without a study.
+    given   names of the options that were given
+    Returns None where it has other files
+    Raises  WrongUse for options that only star trackers have.
     """
-    if path is None or not terminal.is_scene(path):
+    names = ("first", "second") if options.name == "compare" else ("campaign", "design")
+    paths = [path for name in names if (path := getattr(options, name, None)) is not None]
+    if options.name not in STUDIES or not any(map(terminal.is_scene, paths)):
         return None
+    if more := [name for name in given if name in REFUSED.get(options.name, ())]:
+        raise WrongUse(f"{', '.join(more)} must be left out for a scene of an Earth camera")
+    study = STUDIES[options.name]
+    problems = [problem_of(path, getattr(options, "set", [])) for path in paths]
+    return lambda options: study(options, *problems)
+
+
+def problem_of(path: Path, changes: list[str]) -> Problem:
+    """The problem of a file, or of a shipped scene by its name.
+
+    Raises  WrongUse where it is no scene, or one without a study.
+    """
     with as_wrong_use(path=path):
         return EarthProblem(load_earth_design(path, changes))
 
 
-def refuse_options(given: Iterable[str]) -> None:
-    """Refuse options that only trials of star trackers have."""
-    if more := [name for name in given if name not in TAKEN]:
-        raise WrongUse(f"{', '.join(more)} must be left out for a scene of an Earth camera")
+@contextmanager
+def opened(options: argparse.Namespace, problem: Problem) -> Iterator[optimise.ProblemSource]:
+    """Workers and the ledger of the folder of --out, from which the same command continues."""
+    path = getattr(options, "campaign", None) or getattr(options, "design", None)
+    folder: Path | None = options.out if options.name in FOLDERS else None
+    options.scheduler = getattr(options, "scheduler", None)
+    options.tls = getattr(options, "tls", None)
+    with open_workers(options) as executor, as_wrong_use(path=path):
+        shared = executor if options.workers > 1 or options.scheduler else None
+        with optimise.Ledger(folder / LEDGER if folder else None) as ledger:
+            yield optimise.ProblemSource(problem, options.seed, shared, ledger)
 
 
 def optimize(options: argparse.Namespace, problem: Problem) -> int:
     """Search a problem; print and write what was found."""
     settings = problem.settings
     with (
-        open_workers(options) as executor,
-        as_wrong_use(path=options.campaign),
+        opened(options, problem) as source,
         terminal.progress("forecasts and designs", settings.analytic_evaluations) as advance,
     ):
         known = 0
@@ -60,7 +97,8 @@ def optimize(options: argparse.Namespace, problem: Problem) -> int:
         found = optimise.improve(
             problem,
             options.seed,
-            executor if options.workers > 1 or options.scheduler else None,
+            source.executor,
+            source.ledger,
             watch=lambda design: advance(0, f"tried, {design.trials} trials"),
             watch_forecasts=forecasts,
         )
@@ -78,29 +116,13 @@ def optimize(options: argparse.Namespace, problem: Problem) -> int:
 def montecarlo(options: argparse.Namespace, problem: Problem) -> int:
     """Run trials of a problem; print what they show beside the forecast."""
     numbers = range(options.first, options.first + options.trials)
-    with (
-        open_workers(options) as executor,
-        as_wrong_use(path=options.design),
-        terminal.progress("trials", len(numbers)) as advance,
-    ):
-        shared = executor if options.workers > 1 or options.scheduler else None
-        rows = run_problem(problem, options.seed, numbers, shared, advance)
+    with opened(options, problem) as source, terminal.progress("trials", len(numbers)) as advance:
+        rows = source.rows(problem, len(numbers), options.first, advance)
     judged, expected = problem.judge(rows), problem.expect()
-    words = problem.text()
-    lines = [
-        [words.value, _shown(judged.value, words.unit), f"{expected.value:.4g}"],
-        *(
-            [
-                words.parts[name][0],
-                _shown(part, words.parts[name][1]),
-                f"{expected.parts[name]:.4g}",
-            ]
-            for name, part in judged.parts.items()
-        ),
-    ]
-    head = ["", "by trials", "by formula"]
     costs = problem.costs()
     verdicts = optimise.verdicts(costs, judged)
+    lines = beside_forecast(problem, judged, expected)
+    head = ["", "by trials", "by formula"]
     table = "\n".join(
         [*markdown(head, lines), "", *_verdict_lines(verdicts, costs, judged), *_left_out(expected)]
     )
@@ -117,6 +139,161 @@ def montecarlo(options: argparse.Namespace, problem: Problem) -> int:
         _write_rows(options.out / "trials.csv", rows, numbers)
     terminal.print_result(options, result, table)
     return Exit.DONE
+
+
+def verify(options: argparse.Namespace, problem: Problem) -> int:
+    """Judge each limit of a problem; print the verdicts and, with --out, write them."""
+    with as_wrong_use():
+        looks = verification.Looks(min(options.first, options.trials), options.trials)
+    with opened(options, problem) as source, terminal.progress("trials", looks.most) as advance:
+        verified = verification.verify_problem(
+            problem,
+            lambda count: source.rows(problem, count, optimise.VERIFYING, advance),
+            looks,
+            lambda number: advance(0, f"{number} trials"),
+        )
+    table = verification.problem_verdict_table(verified)
+    sizes, alpha = ", ".join(map(str, looks.sizes)), 100 * looks.alpha
+    lines = [
+        *table.text((0, 1)),
+        "",
+        f"verdict: {verified.answer.loud}",
+        *dict.fromkeys(row.note for row in verified.verdicts if row.note),
+        f"tested at {sizes} trials until decided; a pass or a fail of the whole is wrong with a "
+        f"probability of at most {alpha:g} %, as exactly as intervals hold. Values are in SI; "
+        "margins are fractions of the limits.",
+        *_left_out(problem.expect()),
+    ]
+    text, result = "\n".join(lines), {"design": str(options.campaign), "seed": options.seed}
+    result |= verification.verification_values(verified, table)
+    if options.out:
+        save_text(options.out / "verdict.md", f"```\n{text}\n```\n")
+        save_json(options.out / "verdict.json", terminal.finite(result))
+        result["out"] = str(options.out)
+    terminal.print_result(options, result, text)
+    passed = verified.answer is verification.Answer.PASS
+    return Exit.DONE if passed else Exit.UNSOLVED
+
+
+def sample_around(options: argparse.Namespace, problem: Problem) -> int:
+    """Print the tolerance of each variable, and write it."""
+    with opened(options, problem) as source:
+        count = optimise.designs_needed(len(source.variables))
+        with terminal.progress("designs", count) as advance:
+            tolerance = optimise.sample(source, advance)
+    return sample.write_tolerance(
+        options, tolerance, {"limit": tolerance.limit, "unit": source.unit.name}
+    )
+
+
+def sensitivities(options: argparse.Namespace, problem: Problem) -> int:
+    """Print what the objective depends on, and write it; all by forecast."""
+    with opened(options, problem) as source:
+        count = len(source.variables)
+        count = 4 * count + (options.designs if count > 1 else 0)
+        with terminal.progress("forecasts", count) as advance:
+            studied = optimise.sensitivities(source, options.designs, advance)
+    words = problem.text()
+    return sensitivity.write_sensitivities(
+        options, studied, source.labels(), words.value, words.unit
+    )
+
+
+def trade_off(options: argparse.Namespace, problem: Problem) -> int:
+    """Print designs that no other beats in both goals, and write them."""
+    first = optimise.OBJECTIVE if options.first == pareto.FIRST else options.first
+    with opened(options, problem) as source, stages("trading off") as show:
+        goals = optimise.ProblemGoals(problem, first, options.second)
+        points = optimise.problem_front(source, goals, options.points, options.method, show)
+    named = goals.first, goals.second
+    return pareto.write_front(
+        options,
+        points,
+        named,
+        [goals.title(goal) for goal in named],
+        [goals.unit(goal) for goal in named],
+        [source.shown(np.array(point.coordinates)) for point in points],
+        list(source.labels().values()),
+        problem.settings.most_trials,
+    )
+
+
+def compare(options: argparse.Namespace, first: Problem, second: Problem) -> int:
+    """Print two problems side by side, on the same trials."""
+    rows = []
+    with terminal.progress("trials", 2 * options.trials) as advance:
+        for problem in (first, second):
+            with opened(options, problem) as source:
+                rows.append(source.rows(problem, options.trials, 0, advance))
+    with as_wrong_use():
+        found = compare_problems((first, second), (rows[0], rows[1]), options.seed)
+    head = ["", str(options.first), str(options.second), "second / first"]
+    lines = [
+        [
+            f"{row.name} ({row.unit})" if row.unit else row.name,
+            f"{row.first:.4g}",
+            f"{row.second:.4g}",
+            _shown(row.ratio, ""),
+        ]
+        for row in found
+    ]
+    told = f"on the same {options.trials} trials; brackets: 95 %, by a paired bootstrap"
+    result = {
+        "first": str(options.first),
+        "second": str(options.second),
+        "trials": options.trials,
+        "statistics": {
+            row.name: {"first": row.first, "second": row.second, "ratio": _interval(row.ratio)}
+            for row in found
+        },
+    }
+    terminal.print_result(options, result, *aligned([head, *lines]), "", told)
+    return Exit.DONE
+
+
+def report(options: argparse.Namespace, problem: Problem) -> int:
+    """Write the page of a problem."""
+    path = options.out or Path(f"{options.campaign.stem}.html")
+    count = options.trials
+    with opened(options, problem) as source, terminal.progress("trials", count) as advance:
+        rows = source.rows(problem, count, 0, advance)
+        studied = optimise.sensitivities(source, DESIGNS) if problem.variables else []
+    title = options.title or f"{options.campaign.stem}: {problem.text().value}"
+    html = write_problem_report(problem, rows, studied, title, options.author)
+    save_text(path, html)
+    size = len(html.encode())
+    result = {"report": str(path), "trials": count, "bytes": size}
+    terminal.print_result(options, result, f"{path}: {count} trials, {size / 1e6:.1f} MB")
+    return Exit.DONE
+
+
+# Each takes the problems of the files that its command was called with.
+STUDIES: dict[str, Callable[..., int]] = {
+    "optimize": optimize,
+    "montecarlo": montecarlo,
+    "verify": verify,
+    "sample": sample_around,
+    "sensitivity": sensitivities,
+    "pareto": trade_off,
+    "compare": compare,
+    "report": report,
+}
+
+
+def beside_forecast(problem: Problem, judged: Judgement, expected: Expectation) -> list[list[str]]:
+    """The objective and its parts: name, by trials, by formula."""
+    words = problem.text()
+    return [
+        [words.value, _shown(judged.value, words.unit), f"{expected.value:.4g}"],
+        *(
+            [
+                words.parts[name][0],
+                _shown(part, words.parts[name][1]),
+                f"{expected.parts[name]:.4g}",
+            ]
+            for name, part in judged.parts.items()
+        ),
+    ]
 
 
 def _write_rows(path: Path, rows: Rows, numbers: range) -> None:

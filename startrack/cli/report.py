@@ -5,7 +5,17 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from startrack.cli.options import ALLOW_CODE, Exit, Option, Options, as_wrong_use, wanted, whole
+from startrack.cli.options import (
+    ALLOW_CODE,
+    SEED,
+    WORKERS,
+    Exit,
+    Option,
+    Options,
+    as_wrong_use,
+    wanted,
+    whole,
+)
 
 if wanted(__name__):
     from startrack.cli.terminal import print_result, progress
@@ -19,11 +29,18 @@ declare = Options(
     "distributions, maps of the sky, error budget, error over magnitude, field and slew rate, "
     "fidelities, the worst trials with their frames, and all inputs. Some trials are repeated for "
     "it; their numbers set the time.",
-    Option("campaign CAMPAIGN.sqlite", "store of `montecarlo`", Path),
+    Option(
+        "campaign CAMPAIGN.sqlite", "store of `montecarlo`, or a scene of an Earth camera", Path
+    ),
     Option("--out FILE.html", "page to write (default: beside the campaign)", Path),
     Option("--title TEXT", "title of the page (default: the name of the campaign)"),
     Option("--author NAME", "author, for the page's head", default=""),
     ALLOW_CODE,
+    Option(
+        "--trials N", "trials of the camera of a scene, which are run for the page", whole(2), 400
+    ),
+    SEED,
+    WORKERS,
     Option("--stars N", "trials whose single stars are measured", whole(1), 60),
     Option("--slews N", "trials at each of seven slew rates", whole(1), 60),
     Option("--budget N", "trials that the error budget is measured on", whole(2), 60),
@@ -36,6 +53,7 @@ declare = Options(
         200,
     ),
     Option("--rungs", argparse.SUPPRESS, whole(2), dest="fidelity_trials"),
+    problems=True,
 )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from typing import Any
 
 from startrack.cli.options import Exit, Options, study, wanted
 
@@ -10,6 +11,8 @@ if wanted(__name__):
     from startrack import optimise
     from startrack.cli.campaign import open_campaign, write_study
     from startrack.cli.terminal import print_result, progress
+    from startrack.core import arcsec
+    from startrack.design import DesignSpace
     from startrack.plots import draw_tolerance
 
 
@@ -18,20 +21,27 @@ declare = Options(
     "of [campaign] and that meet its requirements. Writes tolerance.md, corner.png, samples.csv "
     "and result.json. If the chains did not converge it writes nothing, and the status is 3.",
     *study("sample"),
+    problems=True,
 )
 
 
 def command(options: argparse.Namespace) -> int:
-    """Write tolerance.md, corner.png, samples.csv and result.json.
-
-    Of chains that have not converged, only the reason is printed.
-    """
+    """Write tolerance.md, corner.png, samples.csv and result.json."""
     with (
         open_campaign(options, "sampling around") as (case, campaign, runner),
         progress("designs", optimise.designs_needed(len(campaign.variables))) as advance,
     ):
-        tolerance = optimise.sample(case, campaign, runner, advance)
-    values = optimise.tolerance_values(tolerance)
+        space = DesignSpace(case, campaign.variables, campaign.links)
+        source = optimise.TrackerSource(space, campaign, runner)
+        tolerance = optimise.sample(source, advance)
+    return write_tolerance(options, tolerance, {"limit_arcsec": tolerance.limit / arcsec})
+
+
+def write_tolerance(
+    options: argparse.Namespace, tolerance: optimise.Tolerance, limit: dict[str, Any]
+) -> int:
+    """Print a tolerance region and write it; of chains that have not converged, only the reason."""
+    values = limit | optimise.tolerance_values(tolerance)
     if not tolerance.chains.converged:
         reason = tolerance.chains.reason_unconverged
         print_result(options, {"converged": False, "doubt": reason}, f"not converged: {reason}")

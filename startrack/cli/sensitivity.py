@@ -12,12 +12,12 @@ if wanted(__name__):
     from startrack.cli.terminal import progress
     from startrack.design import DesignSpace
     from startrack.metrics import Column, Table
-    from startrack.optimise import Sensitivity, sensitivities, units_text
-    from startrack.plots import draw_tornado
+    from startrack.optimise import Sensitivity, TrackerSource, sensitivities, units_text
+    from startrack.plots import draw_tornado, with_unit
 
 
 MEANING = (
-    "Sobol indices of ln(error) over the ranges of the variables, by the analytic budget, with "
+    "Sobol indices of ln(objective) over the ranges of the variables, by forecasts, with "
     "95 % intervals of the emulator that they are computed with."
 )
 
@@ -33,6 +33,7 @@ declare = Options(
         power_of_two,
         128,
     ),
+    problems=True,
 )
 
 
@@ -42,31 +43,43 @@ def command(options: argparse.Namespace) -> int:
         space = DesignSpace(case, campaign.variables, campaign.links)
         count = 4 * len(space) + (options.designs if len(space) > 1 else 0)
         with progress("forecasts", count) as advance:
-            studied = sensitivities(space, campaign, runner, options.designs, advance)
+            source = TrackerSource(space, campaign, runner)
+            studied = sensitivities(source, options.designs, advance)
     over = campaign.over_units(case)
     objective = units_text(over, campaign) if over else str(campaign.goal)
-    shown = _table(studied, objective, space.labels())
+    return write_sensitivities(options, studied, space.labels(), objective, "arcsec", "_arcsec")
+
+
+def write_sensitivities(
+    options: argparse.Namespace,
+    studied: list[Sensitivity],
+    labels: dict[str, str],
+    objective: str,
+    unit: str,
+    ending: str = "",
+) -> int:
+    """Print sensitivities and write them.
+
+    ending  of fields of JSON that have the unit of the objective
+    """
+    shown = _table(studied, with_unit(f"{objective} at its bounds", unit), labels, ending)
     table = "\n".join([*shown.markdown(), "", MEANING])
-    draw_tornado(options.out / "tornado.png", studied, objective)
+    draw_tornado(options.out / "tornado.png", studied, objective, unit)
     variables = dict(zip((variable.name for variable in studied), shown.json(), strict=True))
     result = {"out": str(options.out), "objective": objective, "variables": variables}
     write_study(options, "sensitivity", table, result)
     return Exit.DONE
 
 
-def _table(variables: list[Sensitivity], objective: str, labels: dict[str, str]) -> Table:
+def _table(variables: list[Sensitivity], bounds: str, labels: dict[str, str], ending: str) -> Table:
     return Table(
         [
             Column("", "variable", lambda row: labels[row.name]),
-            Column("low_arcsec", "", lambda row: row.low),
-            Column("high_arcsec", "", lambda row: row.high),
-            Column(
-                "",
-                f"{objective} at its bounds (arcsec)",
-                lambda row: f"{_text(row.low)} to {_text(row.high)}",
-            ),
+            Column(f"low{ending}", "", lambda row: row.low),
+            Column(f"high{ending}", "", lambda row: row.high),
+            Column("", bounds, lambda row: f"{_text(row.low)} to {_text(row.high)}"),
             Column("slope", "", lambda row: row.slope),
-            Column("", "d ln error / d ln variable", lambda row: _slope(row.slope)),
+            Column("", "d ln objective / d ln variable", lambda row: _slope(row.slope)),
             Column("first", "first-order index", lambda row: row.first, form=".2f"),
             Column("total", "total index", lambda row: row.total, form=".2f"),
         ],
@@ -79,4 +92,6 @@ def _slope(slope: float) -> str:
 
 
 def _text(error: float) -> str:
-    return f"{error:.3f}" if math.isfinite(error) else "no attitude"
+    if not math.isfinite(error):
+        return "no forecast"
+    return f"{error:.3f}" if error >= 1 else f"{error:.3g}"

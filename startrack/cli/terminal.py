@@ -63,8 +63,9 @@ def read_design(path: Path, changes: Iterable[str] = ()) -> Design:
     """
     if is_scene(path):
         raise WrongUse(
-            f"{path} is a scene of an Earth camera, which earth, requirements, optimize and "
-            "montecarlo take; this command takes the design of a star tracker"
+            f"{path} is a scene of an Earth camera, which earth, requirements, montecarlo, "
+            "optimize, verify, sample, sensitivity, pareto, compare and report take; this command "
+            "takes the design of a star tracker"
         )
     with as_wrong_use():
         design = load_design(found_file(path), list(changes))

@@ -50,6 +50,7 @@ declare = Options(
     ),
     Option("--out DIR", "folder for results", Path),
     fidelity=None,
+    problems=True,
 )
 
 

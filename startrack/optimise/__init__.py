@@ -20,12 +20,15 @@ units              Fresh units of a design -> the level that a fraction of them 
 optimise           Campaign, TrialRunner -> the best design that was found, and how good it is.
 improve            Problem -> a better one: forecasts, trials that correct them, fresh trials that
                    decide.
-pareto             DesignSpace, two objectives -> the designs that no other design beats in both.
-sensitivity        DesignSpace -> how much the error depends on each variable, alone and together
+problem_source     Problem, ledger -> what engines ask of its designs: forecasts, trials, costs.
+pareto             Designs, two goals -> the designs that no other design beats in both.
+problem_front      Problem, two of its goals -> the designs that no other design beats in both.
+sensitivity        Designs around one -> how much the objective depends on each variable, alone and
                    with others.
 allocation         Case, units -> what each tolerance and each lever of a design buys.
 ensemble           Log-probability -> samples and their convergence diagnostics (emcee).
-tolerance          Design -> how far each parameter may vary, by emcee on a quadratic surface.
+tolerance          Designs around one -> how far each variable may vary, by emcee on a quadratic
+                   surface.
 tables             The results of studies as CSV, JSON lines and Markdown.
 """
 
@@ -39,6 +42,8 @@ from startrack.optimise.landscape import Landscape
 from startrack.optimise.ledger import Ledger
 from startrack.optimise.optimise import Optimum, optimize
 from startrack.optimise.pareto import FrontGoals, Point, front
+from startrack.optimise.problem_front import OBJECTIVE, ProblemGoals, problem_front
+from startrack.optimise.problem_source import ProblemSource
 from startrack.optimise.runner import VERIFYING, VERIFYING_UNIT, TrialRunner
 from startrack.optimise.search import Algorithm, Search, SearchInput, least
 from startrack.optimise.sensitivity import Sensitivity, sensitivities
@@ -67,9 +72,12 @@ __all__ = [
     "FrontGoals",
     "Improved",
     "Ledger",
+    "ProblemGoals",
+    "ProblemSource",
     "Search",
     "SearchInput",
     "SearchStage",
+    "TrackerSource",
     "TrialRunner",
     "evaluate",
     "front",
@@ -77,6 +85,7 @@ __all__ = [
     "least",
     "levers",
     "optimize",
+    "problem_front",
     "sample",
     "sensitivities",
 ]

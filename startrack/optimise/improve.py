@@ -6,129 +6,25 @@ import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
-from functools import cached_property, partial
 
 import numpy as np
 
-from startrack.core import Floats, Refused, Rows, printed
+from startrack.core import Floats, Refused, printed
 from startrack.metrics import Interval
 from startrack.optimise import steps
 from startrack.optimise.correction import Correction, Limit
-from startrack.optimise.evaluate import LOST, MOST_EXCESS, PENALTY, Evaluation, Foresight, missed
+from startrack.optimise.evaluate import Evaluation, missed
 from startrack.optimise.explorer import Explorer
-from startrack.optimise.forecast import bounded
 from startrack.optimise.landscape import Landscape
+from startrack.optimise.ledger import Ledger
+from startrack.optimise.problem_source import ProblemSource, relative
 from startrack.optimise.runner import FRESH
 from startrack.optimise.search import least_of_all
-from startrack.problem import (
-    Bounds,
-    Expectation,
-    Judgement,
-    Margin,
-    Problem,
-    SearchSettings,
-    run_problem,
-)
+from startrack.problem import Expectation, Judgement, Margin, Problem, SearchSettings
 
 # Probability, over all rounds, that a design at what the search aims for is wrongly taken to meet a
 # limit. The verdicts are by the problem's own intervals.
 TAIL = 0.05
-
-
-@dataclass(frozen=True, eq=False)
-class ProblemSource:
-    """The designs of a problem, by their forecasts.
-
-    seed      of random proposals, and of trials
-    executor  computes the forecasts; None: this process
-    """
-
-    problem: Problem
-    seed: int = 1
-    executor: Executor | None = None
-
-    @cached_property
-    def variables(self) -> Sequence[Bounds]:
-        """What may change. Raises Refused where there is nothing, or a range is none."""
-        every = list(self.problem.variables)
-        if not every:
-            raise Refused("variables must name at least one parameter, got none")
-        for variable in every:
-            variable.check()
-        return every
-
-    @property
-    def names(self) -> Sequence[str]:
-        """Of the variables."""
-        return [variable.name for variable in self.variables]
-
-    @property
-    def search(self) -> str:
-        """As set."""
-        return self.problem.settings.search
-
-    @property
-    def precision(self) -> float:
-        """As set."""
-        return self.problem.settings.precision
-
-    @property
-    def conditions(self) -> Mapping[str, float]:
-        """None: a problem is forecast in all of its conditions at once."""
-        return {}
-
-    @property
-    def rooms(self) -> Mapping[str, float]:
-        """None: all margins are parts of their limits."""
-        return {}
-
-    @property
-    def start(self) -> Floats:
-        """Unit-cube coordinates of the problem as it is, or the nearest that are within bounds."""
-        return np.array([variable.place(variable.start) for variable in self.variables])
-
-    def values(self, point: Floats) -> dict[str, float]:
-        """Values of the variables, SI."""
-        pairs = zip(self.variables, np.clip(point, 0, 1).tolist(), strict=True)
-        return {variable.name: variable.value(place) for variable, place in pairs}
-
-    def design(self, point: Floats) -> Problem:
-        """The problem at a point. Raises Refused where there is none."""
-        return self.problem.replaced(self.values(point))
-
-    def foresee(self, points: Sequence[Floats], enough: float) -> list[Foresight]:
-        """Forecasts, each by a worker."""
-        call = partial(foreseen, self.problem)
-        values = [self.values(point) for point in points]
-        return list(self.executor.map(call, values) if self.executor else map(call, values))
-
-    def complete(self, point: Floats, known: Foresight) -> Foresight:
-        """As it is known."""
-        return known
-
-    def cost_missed(self, point: Floats) -> float:
-        """By all costs together."""
-        return missed(relative(self.design(point).costs()))
-
-
-def relative(margins: Mapping[str, Margin]) -> dict[str, float]:
-    """Margins as parts of their limits."""
-    return bounded({name: margin.relative for name, margin in margins.items()})
-
-
-def foreseen(problem: Problem, values: Mapping[str, float]) -> Foresight:
-    """What is expected of a problem with other values; nothing where it contradicts itself."""
-    try:
-        changed = problem.replaced(values)
-        costs = relative(changed.costs())
-        if missed(costs) > MOST_EXCESS:
-            return Foresight(math.nan, costs)
-        expected = changed.expect()
-    except Refused:
-        return Foresight(math.nan, {})
-    if not (expected.value > 0 and math.isfinite(expected.value)):
-        return Foresight(math.nan, {})
-    return Foresight(math.log(expected.value), costs | relative(expected.margins))
 
 
 @printed
@@ -177,6 +73,7 @@ def improve(
     problem: Problem,
     seed: int = 1,
     executor: Executor | None = None,
+    ledger: Ledger | None = None,
     watch: steps.Watch | None = None,
     watch_forecasts: Callable[[int], None] | None = None,
 ) -> Improved:
@@ -188,12 +85,13 @@ def improve(
     on, in at most `steps.ROUNDS` rounds with fresh trials of their own.
 
     executor  for forecasts and trials; None: this process
+    ledger    keeps both, so that an interrupted search continues; None: it is in memory
     watch     called with each design that was tried
     watch_forecasts  called with the number of forecasts so far
     Raises    Refused where the problem has no variables, no design has a forecast, or none meets
               the limits on costs.
     """
-    source = ProblemSource(problem, seed, executor)
+    source = ProblemSource(problem, seed, executor, ledger or Ledger())
     explorer, settings = Explorer(source), problem.settings
     if watch_forecasts:
         explorer.watch = lambda: watch_forecasts(len(explorer.points))
@@ -202,7 +100,7 @@ def improve(
         name: Limit.of_error(None, settings.fresh_trials, TAIL / steps.ROUNDS)
         for name in started.expect().margins
     }
-    steps.explore({"": explorer}, {"": _affordable_start(source)}, settings)
+    steps.explore({"": explorer}, {"": affordable_start(source)}, settings)
     tried, judge = _Tried(explorer, source), _Fresh(source)
     last, rounds, ending = _rounds(explorer, settings, tried, source, judge, watch or _ignore)
     begin = tuple(source.start.tolist())
@@ -233,7 +131,7 @@ def _ignore(design: Evaluation) -> None:
     pass
 
 
-def _affordable_start(source: ProblemSource) -> Floats:
+def affordable_start(source: ProblemSource) -> Floats:
     """The start, or the nearest design that meets the limits on costs."""
     met = list[Floats]()
 
@@ -261,55 +159,22 @@ def _affordable_start(source: ProblemSource) -> Floats:
 
 
 class _Tried:
-    """Trials of designs by their numbers from 0 on; each row is drawn once."""
+    """Trials of designs by their numbers from 0 on."""
 
     def __init__(self, explorer: Explorer, source: ProblemSource) -> None:
         self._explorer, self._source = explorer, source
-        self._rows = dict[tuple[float, ...], Rows]()
         self.every = list[Evaluation]()
 
     def __call__(
         self, point: Floats, trials: int | None, correction: Correction | None
     ) -> Evaluation:
-        source, settings = self._source, self._source.problem.settings
-        foreseen, name = self._explorer.unlimited(point), tuple(point.tolist())
-        values = source.values(point)
-        try:
-            design = source.design(point)
-            rows = self._drawn(design, name, trials or settings.trials)
-            judged, costs = design.judge(rows), relative(design.costs())
-        except Refused as reason:
-            nothing = math.nan, math.nan, LOST + PENALTY, dict[str, float](), None
-            return Evaluation(name, values, *nothing, str(reason))
-        measured = relative({name: margins[0] for name, margins in judged.margins.items()})
-        margins = costs | measured
-        expected = math.exp(foreseen.expected)
-        score = foreseen.expected + (correction(point) if correction else 0.0)
-        by_formula = {name: foreseen.margins[name] for name in measured.keys() & foreseen.margins}
-        done = Evaluation(
-            name,
-            values,
-            judged.value.value,
-            expected,
-            score + PENALTY * missed(margins),
-            margins,
-            None,
-            "",
-            by_formula,
-            tried=len(rows),
-        )
-        self.every.append(done)
+        known = self._explorer.unlimited(point)
+        shift = correction(point) if correction else 0.0
+        count = trials or self._source.problem.settings.trials
+        done = self._source.evaluate(point, known, count, shift)
+        if done.trials:
+            self.every.append(done)
         return done
-
-    def _drawn(self, design: Problem, name: tuple[float, ...], trials: int) -> Rows:
-        source, known = self._source, self._rows.get(name)
-        first = 0 if known is None else len(known)
-        if trials > first:
-            new = run_problem(design, source.seed, range(first, trials), source.executor)
-            known = new if known is None else np.concatenate([known, new])
-            self._rows[name] = known
-        assert known is not None
-        return known[:trials]
 
 
 @dataclass(frozen=True, eq=False)
@@ -335,8 +200,7 @@ class _Fresh:
         count = source.problem.settings.fresh_trials
         begin = FRESH + number * count
         problem = source.design(np.array(point))
-        rows = run_problem(problem, source.seed, range(begin, begin + count), source.executor)
-        judged, costs = problem.judge(rows), dict(problem.costs())
+        judged, costs = problem.judge(source.rows(problem, count, begin)), dict(problem.costs())
         return _OnFresh(point, number, problem, costs, judged, verdicts(costs, judged), count)
 
 

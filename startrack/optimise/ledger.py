@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from startrack.core import Rows
+from startrack.core import Refused, Rows
 from startrack.io import Database, FileKind
 from startrack.trial import OUTCOMES
 
@@ -32,9 +34,10 @@ class Ledger:
         self.path = path
         self._database = Database(path, LEDGER)
 
-    def held(self, key: bytes) -> Rows:
+    def held(self, key: bytes, columns: np.dtype[Any] = OUTCOMES) -> Rows:
         """The outcomes kept under a key, in the order in which they came.
 
+        columns  names and types of one of them
         Raises  ValueError, with file and row, where they are not as they were written.
         """
         blocks, done = list[bytes](), 0
@@ -45,12 +48,41 @@ class Ledger:
                     "and the same command does its trials again"
                 )
             blocks.append(data)
-            done += len(data) // OUTCOMES.itemsize
-        return np.frombuffer(b"".join(blocks), OUTCOMES)
+            done += len(data) // columns.itemsize
+        return np.frombuffer(b"".join(blocks), columns)
 
     def keep(self, key: bytes, first: int, outcomes: Rows) -> None:
         """Keep outcomes after the `first` ones that the key already has."""
         self._database.keep(key, first, outcomes.tobytes())
+
+    def completed(
+        self,
+        key: bytes,
+        count: int,
+        make: Callable[[int, int], Rows],
+        columns: np.dtype[Any] = OUTCOMES,
+    ) -> Rows:
+        """The first `count` outcomes of a key; those that are not kept yet are made, and kept.
+
+        make     outcomes of (first, number): from `first` on, as many
+        columns  names and types of one of them
+        Raises   Refused where `make` refuses, also on each later call; any other exception is a
+                 fault, of which the ledger knows nothing.
+        """
+        if reason := self.note(REFUSED, key):
+            raise Refused(reason)
+        stored = self.held(key, columns)
+        lacking = count - len(stored)
+        if lacking <= 0:
+            return stored[:count]
+        try:
+            new = make(len(stored), lacking)
+        except Refused as error:
+            if error.lasting:
+                self.keep_note(REFUSED, key, str(error))
+            raise
+        self.keep(key, len(stored), new)
+        return np.concatenate([stored, new]).astype(columns)
 
     def note(self, kind: bytes, key: bytes) -> str:
         """The text of a kind that is kept under a key; empty where there is none.

@@ -1,4 +1,4 @@
-"""DesignSpace, two objectives -> the designs that no other design beats in both."""
+"""Designs, two goals -> the designs that no other design beats in both."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -18,6 +18,7 @@ from startrack.optimise.runner import FRESH, TrialRunner
 from startrack.optimise.source import TrackerSource
 from startrack.optimise.steps import USUAL, SearchStage, explore, feasible_start
 from startrack.optimise.units import fresh_units, level_interval_of_units
+from startrack.problem import SearchSettings
 
 METHODS = ("epsilon", "weighted")
 NONE_MEETS = "no design in the design space meets the requirements that need no trials"
@@ -88,30 +89,66 @@ def front(
     Accuracy  model: the budget's; `measured` shows it, over units on as many fresh ones as the
               budget has.
     """
-    whole(2, 1000, points=points)
-    one_of(METHODS, method=method)
     campaign = campaign.of_errors
     if campaign.units is not None:
         _check_levels(goals, campaign)
     start = feasible_start(space, campaign.requirements)
     if start.short:
         raise Refused(NONE_MEETS)
+    named = goals.first, goals.second
+    errors = [goal for goal in named if goal not in COSTS]
+    own = replace(campaign, objective=(errors or [campaign.objective])[0])
+    first, second = (partial(_log_goal, space, own, runner, goal) for goal in named)
 
-    def tell(explorer: Explorer) -> None:
+    def measured(coordinates: Floats, expected: Floats) -> Point:
+        return _measured(space, campaign, goals, runner, coordinates, expected)
+
+    explorer = Explorer(TrackerSource(space, own, runner))
+    return trade_off(
+        explorer, own, start.coordinates, (first, second), measured, points, method, watch
+    )
+
+
+# Logarithms (n,) of a goal of n designs, by their coordinates and forecasts; NaN: it has none.
+LogGoal = Callable[[Sequence[Floats], Sequence[Foresight]], Floats]
+
+
+def trade_off(
+    explorer: Explorer,
+    settings: SearchSettings,
+    start: Floats,
+    goals: tuple[LogGoal, LogGoal],
+    measured: Callable[[Floats, Floats], Point],
+    points: int = 7,
+    method: str = "epsilon",
+    watch: Callable[[SearchStage], None] | None = None,
+) -> list[Point]:
+    """The front of any designs, as `front` has it.
+
+    explorer  of the designs, without forecasts
+    start     (d,) coordinates of a design that does not cost too much
+    goals     by forecast
+    measured  a point of the front, of its coordinates and the logarithms of both goals
+    """
+    whole(2, 1000, points=points)
+    one_of(METHODS, method=method)
+
+    def tell() -> None:
         if watch:
-            count, usual = len(explorer.points), (USUAL + ROUNDS) * len(space)
+            count, usual = len(explorer.points), (USUAL + ROUNDS) * len(explorer.source.names)
             watch(SearchStage(f"{count} forecasts", FORECAST * min(count / usual, 1.0), math.nan))
 
-    search = _Search(space, campaign, goals, runner, start.coordinates, tell)
+    explorer.watch = tell
+    explore({"": explorer}, {"": start}, settings)
+    search = _Search(explorer, goals)
     for _ in range(ROUNDS):
         new = search.proposals(points, method)
         if not new:
             break
-        search.explorer.forecast(new)
+        explorer.forecast(new)
     result, numbers = [], search.front(points, method)
     for number in numbers:
-        coordinates, pair = search.explorer.points[number], search.pairs[number]
-        result.append(_measured(space, campaign, goals, runner, coordinates, pair))
+        result.append(measured(explorer.points[number], search.pairs[number]))
         if watch:
             part = FORECAST + (1 - FORECAST) * len(result) / len(numbers)
             watch(SearchStage(f"{len(result)} of {len(numbers)} points tried", part, math.nan))
@@ -151,48 +188,19 @@ FORECAST = 0.7  # of the time, until all forecasts are made: on the nanosatellit
 
 
 class _Search:
-    """The forecasts of a design space, and both goals of each.
+    """The forecasts of an explorer, and both goals of each."""
 
-    explorer  of the first goal that is an error, or of the campaign's objective
-    """
-
-    def __init__(
-        self,
-        space: DesignSpace,
-        campaign: Campaign,
-        goals: FrontGoals,
-        runner: TrialRunner,
-        start: Floats,
-        tell: Callable[[Explorer], None],
-    ) -> None:
-        self._space, self._goals, self._runner = space, (goals.first, goals.second), runner
-        errors = [goal for goal in self._goals if goal not in COSTS]
-        self._campaign = replace(campaign, objective=(errors or [campaign.objective])[0])
-        self._known = list[Floats]()
-        self.explorer = Explorer(TrackerSource(space, self._campaign, runner))
-        self.explorer.watch = partial(tell, self.explorer)
-        explore({"": self.explorer}, {"": start}, self._campaign)
+    def __init__(self, explorer: Explorer, goals: tuple[LogGoal, LogGoal]) -> None:
+        self.explorer, self._goals, self._known = explorer, goals, list[Floats]()
 
     @property
     def pairs(self) -> Floats:
         """Logarithms (n, 2) of both goals of all designs so far; NaN where one has none."""
         new = self.explorer.points[len(self._known) :]
         values = self.explorer.values[len(self._known) :]
-        columns = [self._goal(goal, new, values) for goal in self._goals]
+        columns = [goal(new, values) for goal in self._goals]
         self._known += list(np.transpose(columns).reshape(-1, 2))
         return np.array(self._known)
-
-    def _goal(self, goal: str, points: Sequence[Floats], values: Sequence[Foresight]) -> Floats:
-        if model := cost_of(self._campaign, goal):
-            costs = [
-                model(self._space.design(point)) if value.margins else math.nan
-                for point, value in zip(points, values, strict=True)
-            ]
-            return np.log(costs)
-        if goal != self._campaign.objective:
-            other = replace(self._campaign, objective=goal)
-            values = foresee_all(self._space, other, points, self._runner, enough=-math.inf)
-        return np.array([value.expected for value in values])
 
     def _met(self, pairs: Floats) -> Flags:
         short = np.array([missed(value.margins) for value in self.explorer.values])
@@ -253,6 +261,27 @@ class _Search:
         unique = sorted(set(chosen), key=lambda number: float(some[number, 0]))
         kept = undominated(some[unique])
         return [int(met[unique[number]]) for number in kept]
+
+
+def _log_goal(
+    space: DesignSpace,
+    campaign: Campaign,
+    runner: TrialRunner,
+    goal: str,
+    points: Sequence[Floats],
+    values: Sequence[Foresight],
+) -> Floats:
+    """Of a star tracker; campaign: that of the forecasts."""
+    if model := cost_of(campaign, goal):
+        costs = [
+            model(space.design(point)) if value.margins else math.nan
+            for point, value in zip(points, values, strict=True)
+        ]
+        return np.log(costs)
+    if goal != campaign.objective:
+        other = replace(campaign, objective=goal)
+        values = foresee_all(space, other, points, runner, enough=-math.inf)
+    return np.array([value.expected for value in values])
 
 
 def _measured(

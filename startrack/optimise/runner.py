@@ -6,14 +6,11 @@ from concurrent.futures import BrokenExecutor, Executor, Future
 from dataclasses import MISSING, Field, fields, is_dataclass
 from typing import Any, TypeVar
 
-import numpy as np
-
-from startrack.core import Advance, Refused, Rows, inputs_of, software
+from startrack.core import Advance, Rows, inputs_of, software
 from startrack.design import Campaign, Case, Fidelity
 from startrack.montecarlo import Serial, run
-from startrack.optimise.ledger import REFUSED, Ledger
+from startrack.optimise.ledger import Ledger
 from startrack.population import Units
-from startrack.trial import OUTCOMES
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -75,32 +72,23 @@ class TrialRunner:
                   any other exception is a fault, of which the ledger knows nothing.
         """
         key = self._key(case, fidelity, first, units)
-        if reason := self.ledger.note(REFUSED, key):
-            raise Refused(reason)
-        stored = self.ledger.held(key)
-        lacking = trials - len(stored)
-        if lacking <= 0:
-            self._count(key, fidelity, trials)
-            return stored[:trials]
-        try:
-            new = run(
+
+        def make(done: int, number: int) -> Rows:
+            return run(
                 case,
-                lacking,
+                number,
                 self.seed,
                 self._executor,
-                first + len(stored),
+                first + done,
                 self.workers,
                 progress,
                 fidelity,
                 units,
             )
-        except Refused as error:
-            if error.lasting:
-                self.ledger.keep_note(REFUSED, key, str(error))
-            raise
+
+        outcomes = self.ledger.completed(key, trials, make)
         self._count(key, fidelity, trials)
-        self.ledger.keep(key, len(stored), new)
-        return np.concatenate([stored, new]).astype(OUTCOMES)
+        return outcomes
 
     def _count(self, key: bytes, fidelity: Fidelity, trials: int) -> None:
         self._asked[key] = fidelity, max(trials, self._asked.get(key, (fidelity, 0))[1])

@@ -1,4 +1,4 @@
-"""DesignSpace -> how much the error depends on each variable, alone and together with others."""
+"""Designs around one -> how much the objective depends on each variable, alone and with others."""
 
 import math
 from collections.abc import Sequence
@@ -8,13 +8,11 @@ import numpy as np
 import scipy
 
 from startrack.core import Advance, Floats, Refused, Streams, whole
-from startrack.design import Campaign, DesignSpace, found_at
 from startrack.metrics import Interval
-from startrack.optimise.evaluate import foresee_all
 from startrack.optimise.gaussian_process import Emulator, emulator
-from startrack.optimise.runner import TrialRunner
+from startrack.optimise.source import StudiedSource
 
-STEP = 0.01  # of each range, for derivatives; chosen by hand: the budget is smooth over it
+STEP = 0.01  # of each range, for derivatives; chosen by hand: forecasts are smooth over it
 # Designs over the space. Chosen by hand: more narrow the intervals, which the result states.
 DESIGNS = 128
 BASE = 2**12  # base designs of the indices, each emulated in d + 2 places: an error of 1 %
@@ -23,14 +21,14 @@ GROUPS = 16  # of designs, of which each is left out once; chosen by hand
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """How the error depends on one variable.
+    """How the objective depends on one variable.
 
-    name       path in the case
-    error      arcsec, at the design
-    low, high  arcsec, with this variable alone at its bound; NaN where no attitude is found
-    slope      d ln(error) / d ln(variable) at the design; NaN where the variable is 0
-    first      first-order Sobol index with its 95 % interval: fraction of the variance of ln(error)
-               over the design space that is due to this variable alone
+    name       of the variable
+    error      the objective at the design; arcsec of a star tracker
+    low, high  the same with this variable alone at its bound; NaN where there is no forecast
+    slope      d ln(objective) / d ln(variable) at the design; NaN where the variable is 0
+    first      first-order Sobol index with its 95 % interval: fraction of the variance of
+               ln(objective) over the design space that is due to this variable alone
     total      total index: the fraction that would be left if all others were known
     """
 
@@ -44,69 +42,55 @@ class Sensitivity:
 
 
 def sensitivities(
-    space: DesignSpace,
-    campaign: Campaign,
-    runner: TrialRunner,
-    designs: int = DESIGNS,
-    progress: Advance | None = None,
+    source: StudiedSource, designs: int = DESIGNS, progress: Advance | None = None
 ) -> list[Sensitivity]:
     """Derivatives at the design, excursions to the bounds, and Sobol indices over the space.
 
-    All by the analytic budget, which has no noise. The indices are of ln(error), as an error over
-    a wide range spans decades, and of an emulator through the budgets of designs of a Sobol
+    All by forecasts, which have no noise. The indices are of ln(objective), as an error over a
+    wide range spans decades, and of an emulator through the budgets of designs of a Sobol
     sequence. Estimators: Saltelli et al. (2010), table 2 (b), for the first and Jansen (1999),
     table 2 (f) there, for the total. Intervals: two standard errors by a jackknife over groups of
     the designs that the emulator is made of (Efron and Tibshirani 1993, An Introduction to the
     Bootstrap, 11.5).
 
-    runner   whose seed is that of the points and of the units
     designs  over the space, a power of two
     progress  called with 1 for each of these, and of four for each variable
     Returns  in order of the variables; of one alone both indices are 1
-    Raises    ValueError where the budget expects no attitude at the design, or nearly nowhere.
-    Accuracy  model: the budget's; designs without an attitude count with the largest error.
+    Raises    ValueError where the design has no forecast, or designs nearly nowhere have one.
+    Accuracy  model: the forecasts'; designs without one count with the largest objective.
     """
     whole(2, 2**20, designs=designs)
     if designs & (designs - 1):
         raise Refused(f"designs must be a power of two, got {designs}")
-    d, centre = len(space), space.start
-    moved = [point for i in range(d) for point in _beside(space, centre, i)]
+    d, centre = len(source.names), source.start
+    moved = [point for i in range(d) for point in _beside(source, centre, i)]
     ends = [_moved(centre, i, at) for i in range(d) for at in (0.0, 1.0)]
-    over = _spread(d, designs, Streams(runner.seed, 0)("designs of the indices"))
-    [here] = _log_errors(space, campaign, [centre], runner)
+    over = _spread(d, designs, Streams(source.seed, 0)("designs of the indices"))
+    [here] = _logs(source, [centre])
     if not math.isfinite(here):
-        raise Refused("the design must be expected to find its attitude, it is not")
+        raise Refused("the design must have a forecast, it has none")
     every = [*moved, *ends, *(over if d > 1 else [])]
-    logs = _log_errors(space, campaign, every, runner, progress)
+    logs = _logs(source, every, progress)
     step, end = logs[: 2 * d].reshape(d, 2), np.exp(logs[2 * d : 4 * d]).reshape(d, 2)
     fractions = [(Interval(1.0, 1.0, 1.0),) * 2]
     if d > 1:
         fractions = sobol_indices(over, _filled(logs[4 * d :]))
     result = []
-    for i, variable in enumerate(space.variables):
-        before, after = (
-            found_at(space.design(point), variable.name) for point in moved[2 * i : 2 * i + 2]
-        )
-        value, rise = found_at(space.case, variable.name), float(step[i, 1] - step[i, 0])
+    for i, (name, value) in enumerate(source.start_values.items()):
+        before, after = (source.value(point, name) for point in moved[2 * i : 2 * i + 2])
+        rise = float(step[i, 1] - step[i, 0])
         slope = rise / (after - before) * value if value else math.nan
         slope += 0.0  # not -0
         low, high = end[i].tolist()
-        result.append(Sensitivity(variable.name, math.exp(here), low, high, slope, *fractions[i]))
+        result.append(Sensitivity(name, math.exp(here), low, high, slope, *fractions[i]))
     return result
 
 
-def _log_errors(
-    space: DesignSpace,
-    campaign: Campaign,
-    points: Sequence[Floats],
-    runner: TrialRunner,
-    progress: Advance | None = None,
+def _logs(
+    source: StudiedSource, points: Sequence[Floats], progress: Advance | None = None
 ) -> Floats:
-    """ln(error / arcsec) of designs, whatever they cost; NaN where no attitude is expected."""
-    limits = -math.inf, math.inf  # in conditions with a weight alone
-    seen = foresee_all(
-        space, campaign.of_errors, points, runner, runner.seed, *limits, progress=progress
-    )
+    """ln(objective) of designs, whatever they cost; NaN where there is no forecast."""
+    seen = source.foresee_any(points, weighted=True, progress=progress)
     return np.array([foresight.expected for foresight in seen])
 
 
@@ -162,11 +146,11 @@ def _saltelli_jansen(f_a: Floats, f_b: Floats, f_ab: Floats) -> tuple[Floats, Fl
     return first.T, total.T
 
 
-def _beside(space: DesignSpace, centre: Floats, axis: int) -> tuple[Floats, Floats]:
+def _beside(source: StudiedSource, centre: Floats, axis: int) -> tuple[Floats, Floats]:
     """Designs below and above one along an axis, so far away that they differ: whole numbers."""
-    name = space.variables[axis].name
+    name = source.names[axis]
     step, low, high = STEP, centre, centre
-    while found_at(space.design(low), name) == found_at(space.design(high), name):
+    while source.value(low, name) == source.value(high, name):
         ends = np.clip([centre[axis] - step, centre[axis] + step], 0, 1).tolist()
         low, high = (_moved(centre, axis, end) for end in ends)
         step *= 2
@@ -184,6 +168,6 @@ def _filled(values: Floats) -> Floats:
     finite = np.isfinite(values)
     if not finite.mean() > 0.5:
         raise Refused(
-            "more than half of the design space has no attitude; its indices mean nothing"
+            "more than half of the design space has no forecast; its indices mean nothing"
         )
     return np.where(finite, values, values[finite].max())

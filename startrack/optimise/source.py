@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,10 +11,12 @@ from typing import Protocol
 import numpy as np
 import scipy.stats
 
-from startrack.core import Floats, Refused
-from startrack.design import Campaign, DesignSpace
-from startrack.optimise.evaluate import Foresight, foresee_all, missed
+from startrack.core import Advance, Floats, Refused
+from startrack.design import Campaign, DesignSpace, found_at
+from startrack.metrics import ARCSEC, DisplayUnit
+from startrack.optimise.evaluate import Evaluation, Foresight, evaluate, foresee_all, missed
 from startrack.optimise.forecast import named
+from startrack.optimise.ledger import Ledger
 from startrack.optimise.runner import TrialRunner
 from startrack.verification import cost_margins
 
@@ -55,6 +58,58 @@ class DesignSource(Protocol):
         """By how much a design misses limits on its cost. Raises Refused where there is none."""
 
 
+class StudiedSource(DesignSource, Protocol):
+    """Designs around one, of which tolerances and sensitivities are asked."""
+
+    @property
+    def start(self) -> Floats:
+        """Unit-cube coordinates of the design as it is."""
+
+    @property
+    def start_values(self) -> Mapping[str, float]:
+        """Values of the variables in the design as it is, SI."""
+
+    @property
+    def margin(self) -> float:
+        """Fraction by which the objective may grow in the tolerance region."""
+
+    @property
+    def span(self) -> float:
+        """Half the width of that region's box, as a fraction of each variable's range."""
+
+    @property
+    def unit(self) -> DisplayUnit:
+        """Of the objective."""
+
+    @property
+    def ledger(self) -> Ledger:
+        """Keeps what was computed."""
+
+    def values(self, point: Floats) -> Mapping[str, float]:
+        """Values of the variables at a point, SI."""
+
+    def value(self, point: Floats, name: str) -> float:
+        """A variable as the design at a point has it, SI."""
+
+    def shown(self, point: Floats | None = None) -> Mapping[str, str]:
+        """Values and units as texts, by names; None: those of the design as it is."""
+
+    def labels(self) -> Mapping[str, str]:
+        """The variables as they are called in tables, by names."""
+
+    def foresee_any(
+        self, points: Sequence[Floats], weighted: bool = False, progress: Advance | None = None
+    ) -> list[Foresight]:
+        """Forecasts of designs, whatever they cost.
+
+        weighted  only in conditions that have a weight
+        progress  called with the number of designs that were just forecast, or are known
+        """
+
+    def evaluate(self, point: Floats, known: Foresight) -> Evaluation:
+        """A design by its forecast, which is known, and by trials."""
+
+
 @dataclass(frozen=True, eq=False)
 class TrackerSource:
     """A star tracker's designs, by their error budgets.
@@ -88,6 +143,36 @@ class TrackerSource:
         """Of the campaign."""
         return self.campaign.precision
 
+    @property
+    def start(self) -> Floats:
+        """Of the case."""
+        return self.space.start
+
+    @property
+    def start_values(self) -> Mapping[str, float]:
+        """Of the case."""
+        return {name: found_at(self.space.case, name) for name in self.names}
+
+    @property
+    def margin(self) -> float:
+        """Of the campaign."""
+        return self.campaign.margin
+
+    @property
+    def span(self) -> float:
+        """Of the campaign."""
+        return self.campaign.span
+
+    @property
+    def unit(self) -> DisplayUnit:
+        """Of errors."""
+        return ARCSEC
+
+    @property
+    def ledger(self) -> Ledger:
+        """That of the runner, where there is one."""
+        return self.runner.ledger if self.runner else Ledger()
+
     @cached_property
     def conditions(self) -> Mapping[str, float]:
         """Of the campaign."""
@@ -114,6 +199,43 @@ class TrackerSource:
             self.space, self.campaign, [point], self.runner, self.own_seed, known=known.conditions
         )
         return whole
+
+    def values(self, point: Floats) -> Mapping[str, float]:
+        """Of the design space."""
+        return self.space.values(point)
+
+    def value(self, point: Floats, name: str) -> float:
+        """Of the case at a point."""
+        return found_at(self.space.design(point), name)
+
+    def shown(self, point: Floats | None = None) -> Mapping[str, str]:
+        """By the units of the parameters."""
+        case = self.space.case if point is None else self.space.design(point)
+        return self.space.text(case)
+
+    def labels(self) -> Mapping[str, str]:
+        """Of the design space."""
+        return self.space.labels()
+
+    def foresee_any(
+        self, points: Sequence[Floats], weighted: bool = False, progress: Advance | None = None
+    ) -> list[Foresight]:
+        """By `foresee_all`, of errors."""
+        return foresee_all(
+            self.space,
+            self.campaign.of_errors,
+            points,
+            self.runner,
+            self.own_seed,
+            -math.inf if weighted else math.inf,
+            math.inf,
+            progress=progress,
+        )
+
+    def evaluate(self, point: Floats, known: Foresight) -> Evaluation:
+        """By `evaluate`, of errors, with the trials of the campaign for samples."""
+        campaign, runner = self.campaign.of_errors, self.runner or TrialRunner(self.own_seed)
+        return evaluate(self.space, campaign, point, runner, campaign.sample_trials, known=known)
 
     def cost_missed(self, point: Floats) -> float:
         """By mass, power and the other costs."""

@@ -315,11 +315,10 @@ def sharp_conditions(optimum: Optimum, campaign: Campaign) -> list[str]:
 
 def tolerance_values(tolerance: Tolerance) -> dict[str, Any]:
     """The tolerance region for JSON, variables in SI."""
-    names = [variable.name for variable in tolerance.space.variables]
+    names = tolerance.source.names
     points = np.quantile(tolerance.samples, FRACTIONS, axis=0)
-    rows = [tolerance.space.values(coordinates) for coordinates in points]
+    rows = [tolerance.source.values(coordinates) for coordinates in points]
     return {
-        "limit_arcsec": tolerance.limit / arcsec,
         "quantiles": list(FRACTIONS),
         "values_si": {name: [row[name] for row in rows] for name in names},
         "surface_error": tolerance.surface_error,
@@ -356,22 +355,24 @@ def chain_text(chains: Chains) -> str:
 
 def tolerance_table(tolerance: Tolerance) -> str:
     """Quantiles of each variable in the tolerance region, as Markdown."""
-    space = tolerance.space
+    source, unit = tolerance.source, tolerance.source.unit
     points = np.quantile(tolerance.samples, FRACTIONS, axis=0)
-    texts = [space.text(space.design(coordinates)) for coordinates in points]
-    centre, shown_as = space.text(space.case), space.labels()
+    texts = [source.shown(coordinates) for coordinates in points]
+    centre, shown_as = source.shown(), source.labels()
+    limit = tolerance.limit / unit.size
+    limit_text = f"{limit:.{_digits(limit)}f} {unit.name}".strip()
     head = ["variable", "design", *(f"{100 * fraction:g} %" for fraction in FRACTIONS)]
     rows = [[shown_as[name], centre[name], *(text[name] for text in texts)] for name in centre]
     lines = markdown(head, rows)
     lines += [
         "",
-        f"Quantiles of the designs that keep the error below {tolerance.limit / arcsec:.2f} "
-        f"arcsec and meet the requirements: {chain_text(tolerance.chains)}. The response surface "
+        f"Quantiles of the designs that keep the objective below {limit_text} "
+        f"and meet the requirements: {chain_text(tolerance.chains)}. The response surface "
         f"has an error of {100 * tolerance.surface_error:.1f} % by leave-one-out and of "
         f"{100 * tolerance.check_error:.1f} % at {tolerance.checks} designs not in the fit "
         f"({tolerance.designs} designs in all); it predicted that a fraction of "
-        f"{tolerance.expected:.2f} of these is within the limits, the budget found "
-        f"{tolerance.kept:.2f}. The budget is corrected by {tolerance.centre.trials} trials of the "
+        f"{tolerance.expected:.2f} of these is within the limits, the forecasts found "
+        f"{tolerance.kept:.2f}. Forecasts are corrected by {tolerance.centre.trials} trials of the "
         "design.",
     ]
     return "\n".join(lines)
@@ -379,8 +380,8 @@ def tolerance_table(tolerance: Tolerance) -> str:
 
 def write_samples(path: Path, tolerance: Tolerance) -> None:
     """Write the samples of the region; variables in SI."""
-    names = [variable.name for variable in tolerance.space.variables]
-    rows = (tolerance.space.values(coordinates).values() for coordinates in tolerance.samples)
+    names = tolerance.source.names
+    rows = (tolerance.source.values(coordinates).values() for coordinates in tolerance.samples)
     save_csv(path, names, rows)
 
 

@@ -1,19 +1,17 @@
-"""Design -> how far each parameter may vary, by emcee on a quadratic surface."""
+"""Designs around one -> how far each variable may vary, by emcee on a quadratic surface."""
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Annotated
 
 import numpy as np
 import scipy
 from scipy import special
 
-from startrack.core import Advance, Floats, Refused, Unit, printed
-from startrack.design import Campaign, Case, DesignSpace
+from startrack.core import Advance, Floats, Refused, printed
 from startrack.optimise.ensemble import Chains, draw, thinned
-from startrack.optimise.evaluate import Evaluation, Foresight, evaluate, foresee_all
-from startrack.optimise.runner import TrialRunner
+from startrack.optimise.evaluate import Evaluation, Foresight
+from startrack.optimise.source import StudiedSource
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,24 +73,24 @@ LEAST_ERROR = 1e-6  # of a surface, so that an exact fit has a finite density
 class Tolerance:
     """The designs around a centre that keep the error under a limit.
 
-    space          the variables
+    source         the variables
     chains         unit-cube coordinates, drawn in proportion to the probability that the design
                    meets the limit and the requirements
-    limit          radian, largest error that is allowed
-    surface_error  ln(error), leave-one-out error of the response surface
-    check_error    ln(error), rms difference to the budget at designs of the region that are not in
-                   the fit
+    limit          largest objective that is allowed, SI
+    surface_error  ln(objective), leave-one-out error of the response surface
+    check_error    ln(objective), rms difference to the forecast at designs of the region that are
+                   not in the fit
     expected       1, mean probability by the surface that these designs keep the limit and the
                    requirements
-    kept           1, fraction of them that do by the budget
+    kept           1, fraction of them that do by the forecast
     checks         how many of these designs there are
-    centre         the design by trials, which correct the budget
+    centre         the design by trials, which correct the forecasts
     designs        number of all that were forecast
     """
 
-    space: DesignSpace
+    source: StudiedSource
     chains: Chains
-    limit: Annotated[float, Unit("rad", "arcsec")]
+    limit: float
     surface_error: float
     check_error: float
     expected: float
@@ -107,40 +105,34 @@ class Tolerance:
         return self.chains.flat
 
 
-def sample(
-    case: Case, campaign: Campaign, runner: TrialRunner, watch: Advance | None = None
-) -> Tolerance:
+def sample(source: StudiedSource, watch: Advance | None = None) -> Tolerance:
     """Sample the tolerance region around a design.
 
-    Analytic budgets at designs of a Latin hypercube around the case, corrected by trials of the
-    case itself; a quadratic fit of ln(error) and of each margin; emcee (Foreman-Mackey et al. 2013,
+    Forecasts of designs of a Latin hypercube around the design, corrected by trials of the design
+    itself; a quadratic fit of ln(objective) and of each margin; emcee (Foreman-Mackey et al. 2013,
     PASP 125, 306) on
 
-        p(design) ~ P(ln error <= ln limit) * prod_i P(margin_i >= 0)
+        p(design) ~ P(ln objective <= ln limit) * prod_i P(margin_i >= 0)
 
     with normal distributions of the surfaces' errors. Some designs of the region are then forecast
     to check the surface.
 
     watch     called with the number of designs that were just forecast, or are known
-    Raises    ValueError where the campaign names no variables or the centre cannot be tried.
+    Raises    ValueError where there are no variables or the centre cannot be tried.
     Accuracy  model: a quadratic, whose error is in the result, measured in two ways; and the
-              budget's differences from the centre, whose trials correct what it has in common.
+              forecasts' differences from the centre, whose trials correct what it has in common.
     """
-    space, campaign = DesignSpace(case, campaign.variables, campaign.links), campaign.of_errors
-    d = len(space)
-    low = np.maximum(space.start - campaign.span, 0)
-    high = np.minimum(space.start + campaign.span, 1)
-    rng = np.random.default_rng(runner.seed)
+    start, d = source.start, len(source.names)
+    low, high = np.maximum(start - source.span, 0), np.minimum(start + source.span, 1)
+    rng = np.random.default_rng(source.seed)
     cube = scipy.stats.qmc.LatinHypercube(d, rng=rng).random(designs_needed(d) - CHECKS)
-    cube[0] = (space.start - low) / (high - low)
+    cube[0] = (start - low) / (high - low)
 
     def forecast(points: Floats) -> list[Foresight]:
-        designs = list(low + (high - low) * points)
-        return foresee_all(space, campaign, designs, runner, most_excess=math.inf, progress=watch)
+        return source.foresee_any(list(low + (high - low) * points), progress=watch)
 
     foresights = forecast(cube)
-    most = campaign.sample_trials
-    centre = evaluate(space, campaign, space.start, runner, most, known=foresights[0])
+    centre = source.evaluate(start, foresights[0])
     if not (centre.error > 0 and centre.expected > 0):
         raise Refused(f"the design must work to be sampled around: {centre.note or 'unsolved'}")
     shift = _shift(centre, foresights[0])
@@ -150,19 +142,19 @@ def sample(
     if (results[0, 1:][~moving[1:]] < 0).any():
         raise Refused("the design misses a requirement that no variable changes")
     surface = fit(at, results[:, moving])
-    limit = math.log(centre.error) + math.log1p(campaign.margin)
+    limit = math.log(centre.error) + math.log1p(source.margin)
     log_probability = region(surface, limit)
 
     def middle(rng: np.random.Generator, n: int) -> Floats:
         return START_WIDTH * rng.uniform(-1, 1, (n, d))
 
-    chains = draw(log_probability, middle, runner.seed, ledger=runner.ledger)
+    chains = draw(log_probability, middle, source.seed, ledger=source.ledger)
     picks = thinned(chains.flat, CHECKS)
     at, truth = _results(picks, forecast((picks + 1) / 2), shift)
     difference = surface(at)[:, 0] - truth[:, 0] if len(at) else np.array([np.nan])
     kept = (truth[:, 0] <= limit) & (truth[:, 1:] >= 0).all(axis=1)
     return Tolerance(
-        space,
+        source,
         replace(chains, samples=low + (high - low) * (chains.samples + 1) / 2),
         math.exp(limit),
         float(surface.error[0]),
@@ -176,9 +168,9 @@ def sample(
 
 
 def _shift(centre: Evaluation, foresight: Foresight) -> Floats:
-    """What trials of the centre add to the budget's ln(error) and to each margin that both have.
+    """What trials of the centre add to the forecast ln(objective) and each margin that both have.
 
-    The error of the surface is in ln(radian), as that of the trials.
+    The objective of the surface is in SI, as that of the trials.
     """
     apart = [centre.margins[name] - margin for name, margin in foresight.margins.items()]
     return np.array([math.log(centre.error) - foresight.expected, *apart])
@@ -203,7 +195,7 @@ def region(surface: ErrorSurface, limit: float) -> Callable[[Floats], Floats]:
 
 
 def _results(points: Floats, foresights: list[Foresight], shift: Floats) -> tuple[Floats, Floats]:
-    """Coordinates (n, d), and ln(error) and margins (n, k), of designs that have an attitude.
+    """Coordinates (n, d), and ln(objective) and margins (n, k), of designs that have a forecast.
 
     shift  (k,) is added to each
     """

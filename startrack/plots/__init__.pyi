@@ -37,6 +37,7 @@ from .style import RED as RED
 from .style import SETTINGS as SETTINGS
 from .style import SKY as SKY
 from .style import SMALL as SMALL
+from .style import bars_of as bars_of
 from .style import colour_bar as colour_bar
 from .style import colour_limits as colour_limits
 from .style import draw_intervals as draw_intervals
@@ -50,3 +51,4 @@ from .style import plain_numbers as plain_numbers
 from .style import save_picture as save_picture
 from .style import say as say
 from .style import styled as styled
+from .style import with_unit as with_unit

@@ -54,7 +54,8 @@ def draw_improvement(path: Path, found: Improved, words: Words) -> None:
             mfc="none" if marker == "s" else style.BLUE,
             label=label,
         )
-    unit = f" ({words.unit})" if words.unit else ""
-    axes.set(yscale="log", xlabel="design (number)", ylabel=f"{words.value}{unit}")
+    axes.set(
+        yscale="log", xlabel="design (number)", ylabel=style.with_unit(words.value, words.unit)
+    )
     style.legend_below(axes, 2)
     style.save_picture(path, figure)

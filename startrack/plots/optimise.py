@@ -9,11 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from startrack.core import Floats, Ints, arcsec
-from startrack.design import COSTS, YEAR, Campaign, Objective
+from startrack.design import YEAR, Campaign
 from startrack.metrics import Interval
 from startrack.optimise import (
     Evaluation,
-    FrontGoals,
     Landscape,
     Optimum,
     Point,
@@ -244,35 +243,37 @@ def _best_numbers(optimum: Optimum) -> Ints:
 @style.styled
 def draw_tolerance(path: Path, tolerance: Tolerance) -> None:
     """Distribution of each pair of variables, and of each, over designs within the error limit."""
-    space, points = tolerance.space, thinned(tolerance.samples, 2000)
-    texts = [list(space.text(space.design(point)).values()) for point in points]
+    source, points = tolerance.source, thinned(tolerance.samples, 2000)
+    texts = [list(source.shown(point).values()) for point in points]
     units = [text.partition(" ")[2] for text in texts[0]]
     labels = [
-        f"{variable.name.rpartition('.')[2]} ({unit or 1})"
-        for variable, unit in zip(space.variables, units, strict=True)
+        f"{name} ({unit or 1})" for name, unit in zip(short_names(source.names), units, strict=True)
     ]
+    limit = f"{tolerance.limit / source.unit.size:.4g} {source.unit.name}".strip()
     draw_corner(
         path,
         np.array([[float(text.split()[0]) for text in row] for row in texts]),
         labels,
-        f"designs that keep the error below {tolerance.limit / arcsec:.2f} arcsec\n"
+        f"designs that keep the objective below {limit}\n"
         f"{tolerance.chains.effective.min():.0f} independent samples, response surface within "
         f"{100 * tolerance.check_error:.1f} % on {tolerance.checks} unseen designs",
     )
 
 
 @style.styled
-def draw_tornado(path: Path, variables: Sequence[Sensitivity], objective: str) -> None:
-    """Range of the error over each variable alone, and Sobol indices of each."""
+def draw_tornado(
+    path: Path, variables: Sequence[Sensitivity], objective: str, unit: str = "arcsec"
+) -> None:
+    """Range of the objective over each variable alone, and Sobol indices of each."""
     order = sorted(variables, key=_swing)
     figure = style.picture(2.6 + 0.85 * len(order))
     swing, indices = figure.subplots(2, 1)
-    _swings(swing, order, objective)
+    _swings(swing, order, objective, unit)
     _indices(indices, order)
     style.save_picture(path, figure)
 
 
-def _swings(axes: Axes, order: Sequence[Sensitivity], objective: str) -> None:
+def _swings(axes: Axes, order: Sequence[Sensitivity], objective: str, unit: str) -> None:
     design = order[0].error
     for y, variable in enumerate(order):
         ends = {"low": variable.low, "high": variable.high}
@@ -297,17 +298,20 @@ def _swings(axes: Axes, order: Sequence[Sensitivity], objective: str) -> None:
                 off, side = (-4, "right") if better else (4, "left")
                 style.note(axes, text, (far, y), (off, 0), ha=side)
         if lost:
-            text = f"no attitude at its {' and '.join(lost)} bound"
+            text = f"no forecast at its {' and '.join(lost)} bound"
             style.note(axes, text, (max(finite), y), (4, -9), color=style.RED, path_effects=[])
     axes.axvline(
-        design, color=style.BLACK, lw=1.2, label=f"the design: {style.number(design)} arcsec"
+        design,
+        color=style.BLACK,
+        lw=1.2,
+        label=f"the design: {style.number(design)} {unit}".strip(),
     )
     axes.set_xscale("log")
-    axes.set_yticks(range(len(order)), [variable.name.rpartition(".")[2] for variable in order])
+    axes.set_yticks(range(len(order)), short_names([variable.name for variable in order]))
     axes.margins(x=0.25)
-    axes.set(xlabel=f"{objective} (arcsec)", ylim=(-0.7, len(order) - 0.3))
+    axes.set(xlabel=style.with_unit(objective, unit), ylim=(-0.7, len(order) - 0.3))
     axes.grid(axis="y", visible=False)
-    style.panel_title(axes, "each variable alone from its low to its high bound, analytic")
+    style.panel_title(axes, "each variable alone from its low to its high bound, by forecast")
     style.legend_below(axes, 1)
 
 
@@ -331,12 +335,20 @@ def _indices(axes: Axes, order: Sequence[Sensitivity]) -> None:
             axes.errorbar(index.value, y + shift, xerr=bars, fmt="none", ecolor=style.BLACK, lw=1.2)
             end = max(index.high, index.value)
             style.note(axes, f"{index.value:.2f}", (end, y + shift), (4, 0))
-    axes.set_yticks(range(len(order)), [variable.name.rpartition(".")[2] for variable in order])
+    axes.set_yticks(range(len(order)), short_names([variable.name for variable in order]))
     axes.margins(x=0.12)
-    axes.set(xlabel="Sobol index of ln(error) (fraction of its variance)")
+    axes.set(xlabel="Sobol index of ln(objective) (fraction of its variance)")
     axes.grid(axis="y", visible=False)
     style.panel_title(axes, "over the design space; lines: 95 % intervals")
     style.legend_below(axes, 2)
+
+
+def short_names(names: Sequence[str]) -> list[str]:
+    """The last parts of names, as they are in pictures; whole names where these are not unique."""
+    last = [name.rpartition(".")[2] for name in names]
+    return [
+        short if last.count(short) == 1 else name for short, name in zip(last, names, strict=True)
+    ]
 
 
 def _swing(variable: Sensitivity) -> float:
@@ -346,14 +358,15 @@ def _swing(variable: Sensitivity) -> float:
 
 
 @style.styled
-def draw_front(
-    path: Path, points: Sequence[Point], goals: FrontGoals, units: Sequence[str], trials: int
-) -> None:
-    """The Pareto front of the analytic budget, and the same designs in trials."""
-    figure = style.picture(5.0, f"{len(points)} Pareto-optimal designs by the analytic budget")
+def draw_front(path: Path, points: Sequence[Point], goals: tuple[str, str], trials: int) -> None:
+    """The Pareto front of forecasts, and the same designs in trials.
+
+    goals  both, in words and with their units
+    """
+    figure = style.picture(5.0, f"{len(points)} Pareto-optimal designs by forecast")
     axes = figure.subplots()
     expected = np.array([point.expected for point in points])
-    axes.plot(*expected.T, "o-", ms=5, color=style.BLUE, label="analytic budget")
+    axes.plot(*expected.T, "o-", ms=5, color=style.BLUE, label="forecast")
     label = f"{trials} trials each, 95 % intervals"
     for n, point in enumerate(points):
         value = np.array(point.measured)
@@ -380,16 +393,10 @@ def draw_front(
         style.note(axes, str(n + 1), point.expected, (-5, -10), ha="right", va="baseline")
     axes.set(xscale="log", yscale="log")
     axes.margins(0.12)
-    axes.set(xlabel=f"{_goal(goals.first)} ({units[0]})")
-    axes.set(ylabel=f"{_goal(goals.second)} ({units[1]})")
+    axes.set(xlabel=goals[0], ylabel=goals[1])
     style.panel_title(axes, "numbers: rows of front.md")
     style.legend_below(axes, 3)
     style.save_picture(path, figure)
-
-
-def _goal(name: str) -> str:
-    """A goal in words; that of a cost is a word."""
-    return name if name in COSTS else str(Objective.read(name))
 
 
 @style.styled

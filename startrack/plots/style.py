@@ -171,6 +171,11 @@ def colour_bar(
     return bar
 
 
+def with_unit(title: str, unit: str) -> str:
+    """A title and its unit, where it has one."""
+    return f"{title} ({unit})" if unit else title
+
+
 def say(axes: Axes, text: str, y: float = 0.5) -> None:
     """A sentence in a panel, legible on any ground; y: height as a fraction of the panel."""
     axes.text(

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from startrack.core import Parameters, Range, Refused, Rows, parameter
+from startrack.core import POSITIVE, Parameters, Range, Refused, Rows, parameter
 from startrack.problem.values import Bounds, Expectation, Judgement, Margin, Words
 
 
@@ -42,6 +42,14 @@ class SearchSettings(Protocol):
     def fresh_trials(self) -> int:
         """On which start and best are compared at the end."""
 
+    @property
+    def margin(self) -> float:
+        """Fraction by which the objective may grow in the tolerance region."""
+
+    @property
+    def span(self) -> float:
+        """Half the width of that region's box, as a fraction of each variable's range."""
+
 
 class Settings(Parameters):
     """How far a search goes."""
@@ -69,6 +77,16 @@ class Settings(Parameters):
     )
     fresh_trials: int = parameter(
         "on which start and best are compared at the end", limit=Range(2, 10**6), default=1000
+    )
+    margin: float = parameter(
+        "fraction by which the objective may grow in the tolerance region of `sample`",
+        limit=POSITIVE,
+        default=0.2,
+    )
+    span: float = parameter(
+        "half the width of that region's box, as a fraction of each variable's range",
+        limit=Range(0.001, 0.5),
+        default=0.15,
     )
 
     def __post_init__(self) -> None:
@@ -107,8 +125,8 @@ class Problem(Protocol):
     def trials(self, seed: int, numbers: range) -> Rows:
         """A row for each number, the same for any worker and any order."""
 
-    def judge(self, rows: Rows) -> Judgement:
-        """What rows show."""
+    def judge(self, rows: Rows, confidence: float = 0.95) -> Judgement:
+        """What rows show, with intervals of a confidence."""
 
     def described(self) -> str:
         """All that results depend on."""

@@ -55,7 +55,7 @@ class Expectation(NamedTuple):
 class Judgement(NamedTuple):
     """What trials show.
 
-    value    the objective, with its 95 % interval
+    value    the objective, with its interval
     margins  by the names of limits: of the value, of the end of its interval that is nearer to the
              limit, and of the other end
     parts    what the value is made of, with intervals

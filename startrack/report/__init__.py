@@ -5,6 +5,7 @@ sections  Sections: design, verdicts, lost trials, error budget, units, worst tr
 pictures  Distributions and sky maps of the errors of trials, single stars, slew rates.
 write     The page from a campaign's store.
 mission   The page of a mission.
+problem   The page of a problem: question, trials beside formulas, verdicts, sensitivity.
 earth     The page of an Earth camera: its figures, requirements, images, products and scene.
 """
 
@@ -19,6 +20,7 @@ from startrack.report.mission import (
     verdict_table,
     write_mission_report,
 )
+from startrack.report.problem import write_problem_report
 from startrack.report.write import Depth, repeated, write_report
 
 # Public; the other imports serve other rooms.

@@ -7,6 +7,7 @@ cases     Design and campaign -> every case that is judged: conditions and keep-
 decide    Outcomes, a requirement -> bounds at a look, and whether they decide it.
 verify    Design, campaign -> a verdict on each requirement, by analysis and by trials, and the
           table of them.
+problem   Problem -> a verdict on each of its limits, by formula and by trials.
 units     Design, campaign, units -> a verdict on each requirement by its yield.
 flown     Images of stars that a tracker sent down, and its design -> each figure as predicted and
           as seen.
@@ -36,6 +37,7 @@ from startrack.verification.flown import (
     simulate,
     windows_of_frames,
 )
+from startrack.verification.problem import problem_verdict_table, verify_problem
 from startrack.verification.units import (
     USUAL,
     trials_of_a_unit,
@@ -49,6 +51,7 @@ from startrack.verification.verify import (
     verdict_table,
     verdict_text,
     verdict_values,
+    verification_values,
     verify,
 )
 

@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Protocol, TypeVar
 
 import numpy as np
 import scipy
@@ -80,6 +81,47 @@ class Looks(Parameters):
         """Probabilities of passing and of failing wrongly, at one look, of one of m claims."""
         tail = self.alpha / len(self.sizes)
         return tail, tail / max(claims, 1)
+
+
+class Decidable(Protocol):
+    """What trials can show or refute."""
+
+    @property
+    def name(self) -> str:
+        """Of the requirement."""
+
+    def answer(self, bounds: Interval) -> Answer:
+        """What bounds decide."""
+
+
+AnyClaim = TypeVar("AnyClaim", bound=Decidable)
+Evidence = TypeVar("Evidence")
+
+
+def decide(
+    looks: Looks,
+    claims: Sequence[AnyClaim],
+    evidence: Callable[[int], Evidence],
+    bounds: Callable[[AnyClaim, Evidence], Interval],
+) -> tuple[dict[str, tuple[Interval, int]], Evidence]:
+    """The bounds of each claim at the look that decides it, or at the last one.
+
+    evidence  trials, by their number
+    bounds    of a claim
+    Returns   bounds and number of trials, by the names of claims; the evidence at the last look
+    """
+    decided = dict[str, tuple[Interval, int]]()
+    for size in looks.sizes:
+        shown = evidence(size)
+        for claim in claims:
+            if claim.name in decided:
+                continue
+            found = bounds(claim, shown)
+            if claim.answer(found) is not Answer.NOT_SHOWN or size == looks.sizes[-1]:
+                decided[claim.name] = found, size
+        if len(decided) == len(claims):
+            break
+    return decided, shown
 
 
 @dataclass(frozen=True)

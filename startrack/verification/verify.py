@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from startrack.budget import analytic
-from startrack.core import Refused, Rows, arcsec
+from startrack.core import Floats, Refused, Rows, arcsec
 from startrack.design import Campaign, Case, Judged
 from startrack.metrics import Column, Interval, Table
 from startrack.verification.accuracy import expected_availability, expected_over, margins
 from startrack.verification.cases import boresights, cases, counted
-from startrack.verification.decide import Answer, Claim, Looks, answer_of, claims_of
+from startrack.verification.decide import Answer, Claim, Looks, answer_of, claims_of, decide
 
 Trials = Callable[[Case, int], Rows]
 FORMULA = "formula"
@@ -34,6 +34,7 @@ class Verdict:
     answer     pass, fail or not shown
     needed     number of trials that would do where it is not shown; None where none would
     note       why there is no value, or empty
+    unit       of limit and values as a text; none: radian or a fraction
     """
 
     condition: str
@@ -47,6 +48,7 @@ class Verdict:
     answer: Answer
     needed: int | None = None
     note: str = ""
+    unit: str = ""
 
 
 @dataclass(frozen=True)
@@ -113,20 +115,17 @@ def _by_trials(
 ) -> Iterator[Verdict]:
     claims = claims_of(condition.needs)
     analysis, note = _analysis(condition)
-    decided = dict[str, tuple[Interval, int]]()
-    for size in looks.sizes:
+
+    def evidence(size: int) -> tuple[Rows, Floats]:
         if watch:
             watch(condition.name, size)
         outcomes = counted(condition.needs, condition.case, seed, trials(condition.case, size))
-        boresight = boresights(seed, outcomes)
-        for claim in claims:
-            if claim.name in decided:
-                continue
-            bounds = claim.bounds(outcomes, boresight, *tails)
-            if claim.answer(bounds) is not Answer.NOT_SHOWN or size == looks.sizes[-1]:
-                decided[claim.name] = bounds, size
-        if len(decided) == len(claims):
-            break
+        return outcomes, boresights(seed, outcomes)
+
+    def bounds_of(claim: Claim, shown: tuple[Rows, Floats]) -> Interval:
+        return claim.bounds(*shown, *tails)
+
+    decided, (outcomes, boresight) = decide(looks, claims, evidence, bounds_of)
     for claim in claims:
         bounds, size = decided[claim.name]
         answer = claim.answer(bounds)
@@ -208,7 +207,7 @@ def verdict_table(verified: Verification) -> Table:
         ),
         Column("", "n", if_tried(lambda row, _: str(row.number), "")),
         Column("", "margin", lambda row: f"{row.margin:+.3f}"),
-        Column("", "verdict", _answer_text),
+        Column("", "verdict", answer_text),
     ]
     return Table(columns, verified.verdicts)
 
@@ -236,16 +235,22 @@ def verdict_text(verified: Verification) -> str:
 
 def verdict_values(verified: Verification) -> dict[str, Any]:
     """A verification for JSON; errors in arcsecond, availability as a fraction."""
+    return verification_values(verified, verdict_table(verified))
+
+
+def verification_values(verified: Verification, table: Table) -> dict[str, Any]:
+    """A verification for JSON, with the table of its verdicts."""
     return {
         "verdict": verified.answer.value,
-        "requirements": verdict_table(verified).json(),
+        "requirements": table.json(),
         "not_judged": list(verified.left),
         "looks": verified.looks.sizes,
         "wrong_verdict_probability": verified.looks.alpha,
     }
 
 
-def _answer_text(verdict: Verdict) -> str:
+def answer_text(verdict: Verdict) -> str:
+    """Its word, and the number of trials that would do where it is not shown."""
     if verdict.trials is None or verdict.answer is not Answer.NOT_SHOWN:
         return verdict.answer.loud
     enough = f"about {verdict.needed} trials" if verdict.needed else "no number of trials"

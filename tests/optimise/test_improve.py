@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from statistics import NormalDist
 
 import numpy as np
 import pytest
@@ -57,9 +58,11 @@ class Valley:
             row["load"] = self.flattered * self.x / 2.5 * random.normal(1.0, 0.3)
         return rows
 
-    def judge(self, rows):
+    def judge(self, rows, confidence=0.95):
+        sigmas = NormalDist().inv_cdf((1 + confidence) / 2)
+
         def interval(values):
-            half = 1.96 * values.std() / math.sqrt(len(values))
+            half = sigmas * values.std() / math.sqrt(len(values))
             return Interval(values.mean(), values.mean() - half, values.mean() + half)
 
         load = interval(rows["load"])

@@ -7,8 +7,8 @@ from intervals_oracles import sobol_error
 
 from startrack.core import arcsec
 from startrack.design.variables import DesignSpace, Variable
-from startrack.optimise import TrialRunner
-from startrack.optimise import sensitivity as module
+from startrack.optimise import TrackerSource, TrialRunner
+from startrack.optimise import source as module
 from startrack.optimise.evaluate import Foresight
 from startrack.optimise.sensitivity import sensitivities
 
@@ -32,7 +32,7 @@ def test_a_power_law_has_known_slopes_and_indices(small, monkeypatch):
         return case.instrument.optics.focal_length**2 / math.sqrt(case.instrument.detector.exposure)
 
     by_law(monkeypatch, law)
-    one, other = sensitivities(space, small.campaign, TrialRunner(1), designs=32)
+    one, other = sensitivities(TrackerSource(space, small.campaign, TrialRunner(1)), designs=32)
     assert one.slope == pytest.approx(2, rel=1e-3)
     assert other.slope == pytest.approx(-0.5, rel=1e-3)
     fractions = np.array([2 * math.log(70 / 15), 0.5 * math.log(400 / 10)]) ** 2
@@ -47,8 +47,10 @@ def test_a_power_law_has_known_slopes_and_indices(small, monkeypatch):
 
 def test_a_design_without_an_attitude_is_refused(small, blind):
     space = DesignSpace(blind, small.campaign.variables[:1])
-    with pytest.raises(ValueError, match="must be expected to find"):
-        sensitivities(space, dataclasses.replace(small.campaign), TrialRunner(1), designs=2)
+    with pytest.raises(ValueError, match="must have a forecast"):
+        sensitivities(
+            TrackerSource(space, dataclasses.replace(small.campaign), TrialRunner(1)), designs=2
+        )
 
 
 def test_a_variable_alone_has_all_of_the_variance_and_zero_no_slope(small):
@@ -59,7 +61,7 @@ def test_a_variable_alone_has_all_of_the_variance_and_zero_no_slope(small):
     )
     name = "instrument.detector.read_noise"
     space = DesignSpace(quiet, (Variable(name, "0 electron", "20 electron"),))
-    (one,) = sensitivities(space, small.campaign, TrialRunner(1), designs=2)
+    (one,) = sensitivities(TrackerSource(space, small.campaign, TrialRunner(1)), designs=2)
     assert one.first.value == one.total.value == 1
     assert math.isnan(one.slope)
     assert one.low == one.error
@@ -70,24 +72,21 @@ def test_whole_numbers_have_a_slope_between_two_of_them(small, monkeypatch):
     name = "tracker.detection.max_spots"
     space = DesignSpace(small.case, (Variable(name, 95, 105),))
     by_law(monkeypatch, lambda case: 1 / case.tracker.detection.max_spots)
-    (one,) = sensitivities(space, small.campaign, TrialRunner(1), designs=2)
+    (one,) = sensitivities(TrackerSource(space, small.campaign, TrialRunner(1)), designs=2)
     assert one.slope == pytest.approx(-1, abs=0.05)
 
 
 def test_each_design_is_reported(small):
     space, done = DesignSpace(small.case, small.campaign.variables[:2]), []
-    sensitivities(space, small.campaign, TrialRunner(1), 4, done.append)
+    sensitivities(TrackerSource(space, small.campaign, TrialRunner(1)), 4, done.append)
     assert sum(done) == 4 * 2 + 4
 
 
 def test_base_designs_that_are_no_power_of_two_are_refused(small):
+    space = DesignSpace(small.case, small.campaign.variables[:2])
+    source = TrackerSource(space, small.campaign, TrialRunner(1))
     with pytest.raises(ValueError, match="designs must be a power of two, got 65"):
-        sensitivities(
-            DesignSpace(small.case, small.campaign.variables[:2]),
-            small.campaign,
-            TrialRunner(1),
-            65,
-        )
+        sensitivities(source, 65)
 
 
 def test_of_a_product_the_total_indices_are_larger(small, monkeypatch):
@@ -100,7 +99,8 @@ def test_of_a_product_the_total_indices_are_larger(small, monkeypatch):
         return math.exp(u * v)
 
     by_law(monkeypatch, law)
-    runs = [sensitivities(space, small.campaign, TrialRunner(seed), 32) for seed in (1, 1, 2)]
+    sources = [TrackerSource(space, small.campaign, TrialRunner(seed)) for seed in (1, 1, 2)]
+    runs = [sensitivities(source, 32) for source in sources]
     assert runs[0] == runs[1] != runs[2]
     assert [one.name for one in runs[0]] == names
     for one in runs[0]:

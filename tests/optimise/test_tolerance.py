@@ -5,9 +5,16 @@ import pytest
 from intervals_oracles import posterior_error
 from scipy import stats
 
+from startrack.design import DesignSpace
+from startrack.optimise import TrackerSource
 from startrack.optimise.ensemble import Ensembles, draw
 from startrack.optimise.runner import TrialRunner
 from startrack.optimise.tolerance import designs_needed, fit, region, sample
+
+
+def tracker(small, campaign, seed):
+    space = DesignSpace(small.case, campaign.variables, campaign.links)
+    return TrackerSource(space, campaign, TrialRunner(seed))
 
 
 def test_the_sampled_region_is_that_of_a_grid():
@@ -59,12 +66,12 @@ def test_a_signal_in_the_density_ends_it_without_a_word(capfd):
 def test_the_tolerance_region_of_a_small_tracker(small):
     campaign = dataclasses.replace(small.campaign, variables=small.campaign.variables[:2])
     count = []
-    tolerance = sample(small.case, campaign, TrialRunner(3), watch=count.append)
+    tolerance = sample(tracker(small, campaign, 3), watch=count.append)
     assert sum(count) == designs_needed(2) == tolerance.designs
     assert tolerance.chains.converged
     assert tolerance.checks > 6
     assert 0 < tolerance.check_error < 1
-    space = tolerance.space
+    space = tolerance.source
     spread = np.ptp(tolerance.samples, axis=0)
     assert (tolerance.samples >= space.start - campaign.span - 1e-9).all()
     assert (tolerance.samples <= space.start + campaign.span + 1e-9).all()
@@ -82,7 +89,7 @@ def test_the_probability_of_the_region_is_kept_by_the_budget(small):
     campaign = dataclasses.replace(
         small.campaign, variables=small.campaign.variables[:2], sample_trials=40
     )
-    tolerance = sample(small.case, campaign, TrialRunner(4))
+    tolerance = sample(tracker(small, campaign, 4))
     assert tolerance.kept == pytest.approx(tolerance.expected, abs=0.43)
 
 
@@ -93,4 +100,4 @@ def test_a_design_that_misses_what_cannot_be_changed_is_refused(small, monkeypat
         small.campaign, requirements=tight, variables=small.campaign.variables[2:3], sample_trials=4
     )
     with pytest.raises(ValueError, match="no variable changes"):
-        sample(small.case, campaign, TrialRunner(3))
+        sample(tracker(small, campaign, 3))

@@ -15,7 +15,7 @@ from startrack.core import Camera, Frame, Psf, Spots, Stars, arcsec, deg
 from startrack.design import YEAR, Accuracy, Campaign, Objective, replaced
 from startrack.metrics import ErrorLimits, Interval, summarise
 from startrack.motion import Tone
-from startrack.optimise import FrontGoals, Optimum, Point, Sensitivity
+from startrack.optimise import Optimum, Point, Sensitivity
 from startrack.optimise.evaluate import Evaluation
 from startrack.plots import (
     draw_budget,
@@ -470,7 +470,7 @@ def test_a_front_has_the_intervals_of_its_trials(drawn):
         )
         for k in range(4)
     ]
-    figure, _ = drawn(draw_front, points, FrontGoals(), ("arcsec", "kg"), 60)
+    figure, _ = drawn(draw_front, points, ("across (arcsec)", "mass (kg)"), 60)
     (axes,) = figure.axes
     spans = {
         round(float(np.ptp(part.get_segments()[0][:, 0])), 6) for part in axes.collections[::2]
@@ -486,7 +486,7 @@ def test_a_bound_without_an_attitude_is_named(drawn):
         Sensitivity("instrument.detector.exposure", 0.5, np.nan, 0.7, 1.0, index, index),
     ]
     read = texts(drawn(draw_tornado, found, "rms error across")[0])
-    for word in ("low: 0.400", "high: 0.900", "no attitude at its low bound", "95 %"):
+    for word in ("low: 0.400", "high: 0.900", "no forecast at its low bound", "95 %"):
         assert word in read, word
 
 

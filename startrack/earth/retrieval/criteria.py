@@ -58,7 +58,7 @@ class Study(Protocol):
     def image(self, seed: int, number: int) -> dict[str, Floats]:
         """Each column (n,) of the trials of one image."""
 
-    def shown(self, name: str, values: Floats) -> Interval:
+    def shown(self, name: str, values: Floats, confidence: float = 0.95) -> Interval:
         """A criterion of (n,) values of its column."""
 
 
@@ -132,15 +132,15 @@ class Fires(NamedTuple):
             "estimated area": found.area,
         }
 
-    def shown(self, name: str, values: Floats) -> Interval:
+    def shown(self, name: str, values: Floats, confidence: float = 0.95) -> Interval:
         """As in `Study`.
 
         An area is the quantile of the smallest areas of all fires; its interval is that of
         independent trials.
         """
         if name == "power":
-            return rms_interval(values**2)
-        interval = level_interval(np.minimum(values, LARGEST), self.spots.found)
+            return rms_interval(values**2, confidence)
+        interval = level_interval(np.minimum(values, LARGEST), self.spots.found, confidence)
         ends = (interval.value, interval.low, interval.high)
         return Interval(*(math.inf if end > LARGEST / 1e3 else end for end in ends))
 
@@ -198,8 +198,8 @@ class Spectra(NamedTuple):
             "christiansen": found.christiansen - spectra.christiansen,
         }
 
-    def shown(self, name: str, values: Floats) -> Interval:
+    def shown(self, name: str, values: Floats, confidence: float = 0.95) -> Interval:
         """As in `Study`."""
         if name == "wrong":
-            return fraction_interval(int(values.sum()), len(values))
-        return rms_interval(values)
+            return fraction_interval(int(values.sum()), len(values), confidence)
+        return rms_interval(values, confidence)

@@ -173,10 +173,12 @@ class EarthProblem:
                     rows[f"{condition}: {name}"][mine] = values[every[mine] % count]
         return rows
 
-    def judge(self, rows: Rows) -> Judgement:
-        """The objective and the margins of rows, with 95 % intervals."""
+    def judge(self, rows: Rows, confidence: float = 0.95) -> Judgement:
+        """The objective and the margins of rows, with intervals of a confidence."""
         parts = {
-            f"{condition}: {name}": study.shown(name, rows[f"{condition}: {criterion.column}"])
+            f"{condition}: {name}": study.shown(
+                name, rows[f"{condition}: {criterion.column}"], confidence
+            )
             for condition, study in self.studies.items()
             for name, criterion in study.criteria.items()
         }

@@ -1,0 +1,248 @@
+"""Problem, ledger -> what engines ask of its designs: forecasts, trials, costs."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+
+import numpy as np
+
+from startrack.core import Advance, Floats, Refused, Rows, software
+from startrack.metrics import DisplayUnit
+from startrack.optimise.evaluate import (
+    LOST,
+    MOST_EXCESS,
+    NOTHING,
+    PENALTY,
+    Evaluation,
+    Foresight,
+    missed,
+)
+from startrack.optimise.forecast import bounded
+from startrack.optimise.ledger import FORECAST, Ledger
+from startrack.problem import Bounds, Margin, Problem, run_problem
+
+
+@dataclass(frozen=True, eq=False)
+class ProblemSource:
+    """The designs of a problem, by their forecasts and trials.
+
+    A study is deterministic: restarted with the ledger of an interrupted run, it does what is
+    missing only and has the same result.
+
+    seed      of random proposals, and of trials
+    executor  computes forecasts and trials; None: this process
+    ledger    keeps both
+    """
+
+    problem: Problem
+    seed: int = 1
+    executor: Executor | None = None
+    ledger: Ledger = field(default_factory=Ledger)
+
+    @cached_property
+    def variables(self) -> Sequence[Bounds]:
+        """What may change. Raises Refused where there is nothing, or a range is none."""
+        every = list(self.problem.variables)
+        if not every:
+            raise Refused("variables must name at least one parameter, got none")
+        for variable in every:
+            variable.check()
+        return every
+
+    @property
+    def names(self) -> Sequence[str]:
+        """Of the variables."""
+        return [variable.name for variable in self.variables]
+
+    @property
+    def search(self) -> str:
+        """As set."""
+        return self.problem.settings.search
+
+    @property
+    def precision(self) -> float:
+        """As set."""
+        return self.problem.settings.precision
+
+    @property
+    def margin(self) -> float:
+        """As set."""
+        return self.problem.settings.margin
+
+    @property
+    def span(self) -> float:
+        """As set."""
+        return self.problem.settings.span
+
+    @property
+    def unit(self) -> DisplayUnit:
+        """Of the objective."""
+        return DisplayUnit(self.problem.text().unit, 1.0, 1.0)
+
+    @property
+    def conditions(self) -> Mapping[str, float]:
+        """None: a problem is forecast in all of its conditions at once."""
+        return {}
+
+    @property
+    def rooms(self) -> Mapping[str, float]:
+        """None: all margins are parts of their limits."""
+        return {}
+
+    @property
+    def start(self) -> Floats:
+        """Unit-cube coordinates of the problem as it is, or the nearest that are within bounds."""
+        return np.array([variable.place(variable.start) for variable in self.variables])
+
+    @property
+    def start_values(self) -> dict[str, float]:
+        """Values of the variables in the problem as it is, SI."""
+        return {variable.name: variable.start for variable in self.variables}
+
+    def values(self, point: Floats) -> dict[str, float]:
+        """Values of the variables, SI."""
+        pairs = zip(self.variables, np.clip(point, 0, 1).tolist(), strict=True)
+        return {variable.name: variable.value(place) for variable, place in pairs}
+
+    def value(self, point: Floats, name: str) -> float:
+        """A variable as the design has it, SI."""
+        return {own.name: own.start for own in self.design(point).variables}[name]
+
+    def shown(self, point: Floats | None = None) -> dict[str, str]:
+        """Values and units as texts; None: those of the problem as it is."""
+        values = self.start_values if point is None else self.values(point)
+        return {variable.name: variable.shown(values[variable.name]) for variable in self.variables}
+
+    def labels(self) -> dict[str, str]:
+        """The variables as they are called in tables."""
+        return {name: name for name in self.names}
+
+    def design(self, point: Floats) -> Problem:
+        """The problem at a point. Raises Refused where there is none."""
+        return self.problem.replaced(self.values(point))
+
+    def foresee(self, points: Sequence[Floats], enough: float) -> list[Foresight]:
+        """Forecasts of designs that cost not far too much."""
+        return self._foreseen(points, MOST_EXCESS)
+
+    def foresee_any(
+        self, points: Sequence[Floats], weighted: bool = False, progress: Advance | None = None
+    ) -> list[Foresight]:
+        """Forecasts of designs, whatever they cost."""
+        return self._foreseen(points, math.inf, progress)
+
+    def _foreseen(
+        self, points: Sequence[Floats], most_excess: float, progress: Advance | None = None
+    ) -> list[Foresight]:
+        """Each by a worker, where the ledger has none."""
+        designs = [self._built(point) for point in points]
+        keys = [
+            self._key(design, f"forecast {most_excess}") if design else b"" for design in designs
+        ]
+        notes = {key: self.ledger.note(FORECAST, key) for key in keys if key}
+        new = {key: design for key, design in zip(keys, designs, strict=True) if key and design}
+        new = {key: design for key, design in new.items() if not notes[key]}
+        if progress and len(keys) > len(new):
+            progress(len(keys) - len(new))
+        call = partial(foreseen, most_excess=most_excess)
+        every = list(new.values())
+        results = self.executor.map(call, every) if self.executor else map(call, every)
+        for key, foresight in zip(new, results, strict=True):
+            notes[key] = foresight.text()
+            if foresight.lasting:
+                self.ledger.keep_note(FORECAST, key, notes[key])
+            if progress:
+                progress(1)
+        return [Foresight.read(notes[key]) if key else NOTHING for key in keys]
+
+    def _built(self, point: Floats) -> Problem | None:
+        """The problem at a point; None where it contradicts itself."""
+        try:
+            return self.design(point)
+        except Refused:
+            return None
+
+    def complete(self, point: Floats, known: Foresight) -> Foresight:
+        """As it is known."""
+        return known
+
+    def cost_missed(self, point: Floats) -> float:
+        """By all costs together."""
+        return missed(relative(self.design(point).costs()))
+
+    def rows(
+        self, design: Problem, count: int, first: int = 0, progress: Advance | None = None
+    ) -> Rows:
+        """Rows of the trials first ... first + count - 1 of a design."""
+
+        def make(done: int, number: int) -> Rows:
+            begin = first + done
+            numbers = range(begin, begin + number)
+            return run_problem(design, self.seed, numbers, self.executor, progress)
+
+        key = self._key(design, f"trials {first}")
+        return self.ledger.completed(key, count, make, design.columns)
+
+    def evaluate(
+        self, point: Floats, known: Foresight, trials: int | None = None, correction: float = 0.0
+    ) -> Evaluation:
+        """A design by its forecast and trials.
+
+        known       its forecast
+        trials      None: the most of each of the best designs
+        correction  of the ln of its objective
+        Returns     an evaluation; its note is the reason where a design cannot be built or tried
+        """
+        name, values = tuple(point.tolist()), self.values(point)
+        try:
+            design = self.design(point)
+            rows = self.rows(design, trials or self.problem.settings.most_trials)
+            judged, costs = design.judge(rows), relative(design.costs())
+        except Refused as reason:
+            nothing = math.nan, math.nan, LOST + PENALTY, dict[str, float](), None
+            return Evaluation(name, values, *nothing, str(reason))
+        measured = relative({name: margins[0] for name, margins in judged.margins.items()})
+        margins = costs | measured
+        return Evaluation(
+            name,
+            values,
+            judged.value.value,
+            math.exp(known.expected),
+            known.expected + correction + PENALTY * missed(margins),
+            margins,
+            None,
+            "",
+            {name: known.margins[name] for name in measured.keys() & known.margins},
+            tried=len(rows),
+        )
+
+    def _key(self, design: Problem, what: str) -> bytes:
+        text = f"{software()} {self.seed} {what} {type(design).__qualname__} {design.described()}"
+        return hashlib.blake2b(text.encode(), digest_size=16).digest()
+
+
+def relative(margins: Mapping[str, Margin]) -> dict[str, float]:
+    """Margins as parts of their limits."""
+    return bounded({name: margin.relative for name, margin in margins.items()})
+
+
+def foreseen(problem: Problem, most_excess: float = MOST_EXCESS) -> Foresight:
+    """What is expected of a problem; nothing where it contradicts itself.
+
+    most_excess  amount by which costs may miss their limits where a forecast is computed
+    """
+    try:
+        costs = relative(problem.costs())
+        if missed(costs) > most_excess:
+            return Foresight(math.nan, costs)
+        expected = problem.expect()
+    except Refused as error:
+        return NOTHING._replace(lasting=error.lasting)
+    if not (expected.value > 0 and math.isfinite(expected.value)):
+        return NOTHING
+    return Foresight(math.log(expected.value), costs | relative(expected.margins))
