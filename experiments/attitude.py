@@ -33,8 +33,7 @@ from validation import show, validation
 from startrack import Case, Fidelity, arcsec, deg, load_design, shipped
 from startrack import run_trials as outcomes_of
 from startrack.attitude import Observability, align
-from startrack.benchmark.solving import SOLVERS as OURS
-from startrack.benchmark.solving import Solver, aligned, fields
+from startrack.benchmark import solving as solving_cases
 from startrack.budget import analytic, measured
 from startrack.metrics import attitude_bound
 from startrack.montecarlo import Serial
@@ -57,7 +56,7 @@ def scipy_one_by_one(b: Floats, r: Floats, w: Floats) -> Rotation:
     )
 
 
-SOLVERS: dict[str, Solver] = OURS | {"scipy": scipy_one_by_one}
+SOLVERS: dict[str, solving_cases.Solver] = solving_cases.SOLVERS | {"scipy": scipy_one_by_one}
 
 
 def hard_cases() -> dict[str, Any]:
@@ -90,7 +89,7 @@ def speed(batch: int, repeats: int) -> list[dict[str, Any]]:
 
     Solvers alternate in each repeat; the least of the repeats counts.
     """
-    truth, b, r = fields(batch, STARS, 10 * deg, 0.0, 1)
+    truth, b, r = solving_cases.fields(batch, STARS, 10 * deg, 0.0, 1)
     w = np.full((batch, STARS), NOISE**-2)
     runs = []
     for kind in (np.float64, np.float32):
@@ -122,7 +121,7 @@ def bounds(trials: int) -> list[dict[str, Any]]:
     """Analytic attitude error of random square fields beside trials, arcsec."""
     rows = []
     for field, stars in ((20, 10), (20, 20), (14, 15), (10, 8), (8, 5)):
-        truth, b, r = fields(trials, stars, field * deg / 2, NOISE, field)
+        truth, b, r = solving_cases.fields(trials, stars, field * deg / 2, NOISE, field)
         got = align(b, r, np.full(b.shape[:2], NOISE**-2)).source_to_target
         error = np.sqrt(((got * truth.inv()).as_rotvec() ** 2).mean(axis=0))
         stated = np.array(attitude_bound(field * deg, field * deg, stars, NOISE))
@@ -232,8 +231,8 @@ def main() -> None:
     options = command.read(parser, trials=6, members=2)
     quick = options.quick
     cases = designs(TRACKERS[:1] if quick else TRACKERS)
-    _, b, r = fields(2, 3, 0.1, 0.0, 0)
-    aligned(b, r, np.ones((2, 3)))  # compile
+    _, b, r = solving_cases.fields(2, 3, 0.1, 0.0, 0)
+    solving_cases.aligned(b, r, np.ones((2, 3)))  # compile
     hard, rows = hard_cases(), speed(*((20, 1) if quick else (BATCH, REPEATS)))
     near = bounds(50 if quick else BOUNDED)
     runs = {name: scenario(name) for name in SCENARIOS}

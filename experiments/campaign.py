@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack import OUTCOMES, Case, Design, Fidelity, load_design, save_design, shipped
-from startrack.benchmark.studies import sized
+from startrack.benchmark import studies
 from startrack.metrics import summarise
 from startrack.montecarlo import Precision, Sampling, Serial, Store, dask_pool, pool, resume, run
 
@@ -75,7 +75,7 @@ def measure(part: str, case: Case, folder: Path, kills: int, quick: bool) -> dic
         case "speed":
             import speed
 
-            return speed.speeds(sized(case, 256 if quick else 1024), quick)
+            return speed.speeds(studies.sized(case, 256 if quick else 1024), quick)
     import variance
 
     told = variance.measure(case, 32, 2, quick) if quick else variance.measure(case, 896)

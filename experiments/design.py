@@ -24,12 +24,10 @@ from numpy.typing import NDArray
 from startrack import Fidelity, arcsec, shipped
 from startrack.cli.optimize import optimum_values
 from startrack.cli.terminal import finite, read_campaign
-from startrack.design import Campaign, Objective
-from startrack.design.objective import AXES
+from startrack.design import AXES, Campaign, Objective
 from startrack.metrics import Interval
 from startrack.montecarlo import Sampling, pool, warm
-from startrack.optimise import Ledger, Optimum, TrialRunner, comparison, optimize
-from startrack.optimise.evaluate import Evaluation
+from startrack.optimise import Evaluation, Ledger, Optimum, TrialRunner, comparison, optimize
 from startrack.optimise.runner import FRESH
 from startrack.plots import (
     BLUE,

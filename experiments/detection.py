@@ -24,21 +24,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from startrack import Frame, Streams, read_image
-from startrack.benchmark.detection import (
-    BACKGROUND,
-    READ_NOISE,
-    SIDE,
-    Finder,
-    expose,
-    field,
-    flux_of,
-    limit,
-    paint,
-    paired,
-    snr_of,
-    spot_positions,
-)
-from startrack.benchmark.detection import finders as ours
+from startrack.benchmark import detection as cases
 from startrack.core import Floats
 from startrack.detection import Detection, detect, subtract_dark
 
@@ -55,7 +41,7 @@ def bound(flux: float, sigma: float, background: float, read_noise: float) -> fl
 
             def mean(x: float, y: float, light: float, level: float) -> Floats:
                 image = np.full((21, 21), level)
-                paint(image, np.array([x]), np.array([y]), light, sigma)
+                cases.paint(image, np.array([x]), np.array([y]), light, sigma)
                 return image.ravel()
 
             at, steps = (10 + a, 10 + b, flux, background), (1e-4, 1e-4, 1e-2, 1e-2)
@@ -85,14 +71,14 @@ def scatter(
     errors = []
     for trial in range(frames):
         streams = Streams(seed, trial)
-        x, y = field(streams, spacing)
-        light = np.full((SIDE, SIDE), background)
+        x, y = cases.field(streams, spacing)
+        light = np.full((cases.SIDE, cases.SIDE), background)
         count = 1 if smear == 0 else 33
         for k in range(count):
-            paint(light, x + smear * ((k + 0.5) / count - 0.5), y, flux / count, sigma)
-        frame = expose(light, streams, read_noise)
+            cases.paint(light, x + smear * ((k + 0.5) / count - 0.5), y, flux / count, sigma)
+        frame = cases.expose(light, streams, read_noise)
         spots = detect(frame, Detection(**options))  # type: ignore[arg-type]
-        errors.append(paired(spot_positions(spots), x, y)[1])
+        errors.append(cases.paired(cases.spot_positions(spots), x, y)[1])
     return np.concatenate(errors)
 
 
@@ -109,13 +95,20 @@ def accuracy(sigmas: Sequence[float], quick: bool) -> dict[str, float]:
         "\nsigma    flux   SNR            rms px  bound px  ratio"
     )
     for sigma in sigmas:
-        fluxes = [flux_of(snr, sigma) for snr in (6, 8, 10)] + [1200.0, 2500.0, 20000.0]
+        fluxes = [cases.flux_of(snr, sigma) for snr in (6, 8, 10)] + [1200.0, 2500.0, 20000.0]
         for flux in fluxes[-1:] if quick else fluxes:
-            snr, less = snr_of(flux, sigma), snr_of(flux, sigma, False)
+            snr, less = (cases.snr_of(flux, sigma), cases.snr_of(flux, sigma, False))
             error = scatter(
-                flux, sigma, BACKGROUND, READ_NOISE, 1, few, spacing, centroid="likelihood"
+                flux,
+                sigma,
+                cases.BACKGROUND,
+                cases.READ_NOISE,
+                1,
+                few,
+                spacing,
+                centroid="likelihood",
             )
-            least = bound(flux, sigma, BACKGROUND, READ_NOISE)
+            least = bound(flux, sigma, cases.BACKGROUND, cases.READ_NOISE)
             ratio = rms(error) / least
             print(
                 f"{sigma:5} {flux:7.0f} {snr:5.1f} ({less:5.1f}) "
@@ -142,14 +135,14 @@ def accuracy(sigmas: Sequence[float], quick: bool) -> dict[str, float]:
     return figures | {"smear_over_bound_max": worst}
 
 
-def finders(sigma: float) -> dict[str, Finder]:
+def finders(sigma: float) -> dict[str, cases.Finder]:
     """Frame -> places (n, 2) of each program, single-threaded."""
-    return ours(sigma) | peers(sigma)
+    return cases.finders(sigma) | peers(sigma)
 
 
-def peers(sigma: float) -> dict[str, Finder]:
+def peers(sigma: float) -> dict[str, cases.Finder]:
     """Those of other programs that are installed."""
-    found: dict[str, Finder] = {}
+    found: dict[str, cases.Finder] = {}
     if not command.missing("tetra3rs is", "tetra3rs"):
         import tetra3rs
 
@@ -188,10 +181,10 @@ def speed(sigmas: Sequence[float], repeats: int) -> dict[str, float]:
     figures: dict[str, float] = {}
     for sigma in sigmas:
         streams = Streams(5, 0)
-        x, y = streams("place").uniform(12, SIDE - 13, (2, 30))
-        light = np.full((SIDE, SIDE), BACKGROUND)
-        paint(light, x, y, 150 * 300 ** streams("flux").uniform(0, 1, 30), sigma)
-        frame = expose(light, streams)
+        x, y = streams("place").uniform(12, cases.SIDE - 13, (2, 30))
+        light = np.full((cases.SIDE, cases.SIDE), cases.BACKGROUND)
+        cases.paint(light, x, y, 150 * 300 ** streams("flux").uniform(0, 1, 30), sigma)
+        frame = cases.expose(light, streams)
         programs = finders(sigma)
         times: dict[str, list[float]] = {name: [] for name in programs}
         for _ in range(repeats):
@@ -222,7 +215,9 @@ def completeness(sigmas: Sequence[float], quick: bool) -> dict[str, float]:
         false = dict.fromkeys(programs, 0)
         empty = 1 if quick else 100
         for trial in range(empty):
-            frame = expose(np.full((SIDE, SIDE), BACKGROUND), Streams(6, trial))
+            frame = cases.expose(
+                np.full((cases.SIDE, cases.SIDE), cases.BACKGROUND), Streams(6, trial)
+            )
             for name, program in programs.items():
                 if name in ("detect", "detect_ml") or trial < 10:
                     false[name] += len(program(frame))
@@ -231,21 +226,21 @@ def completeness(sigmas: Sequence[float], quick: bool) -> dict[str, float]:
             figures[f"{name}_false_per_frame_sigma{sigma}"] = fraction
             print(f"sigma {sigma}: {name:14} {fraction:7.3f} false a frame")
         for snr in (6.0, 8.0) if quick else (4.5, 5.0, 5.5, 6.0, 7.0, 8.0, 10.0):
-            flux = flux_of(snr, sigma)
+            flux = cases.flux_of(snr, sigma)
             found, total = dict.fromkeys(programs, 0), 0
             for trial in range(1 if quick else 6):
                 streams = Streams(7, trial)
-                x, y = field(streams, 57)
-                light = np.full((SIDE, SIDE), BACKGROUND)
-                paint(light, x, y, flux, sigma)
-                frame = expose(light, streams)
+                x, y = cases.field(streams, 57)
+                light = np.full((cases.SIDE, cases.SIDE), cases.BACKGROUND)
+                cases.paint(light, x, y, flux, sigma)
+                frame = cases.expose(light, streams)
                 total += len(x)
                 for name, program in programs.items():
-                    found[name] += int(paired(program(frame), x, y)[0].sum())
+                    found[name] += int(cases.paired(program(frame), x, y)[0].sum())
             fractions = {name: count / total for name, count in found.items()}
             text = ", ".join(f"{name} {fraction:.3f}" for name, fraction in fractions.items())
-            best = limit(flux, sigma)
-            less = snr_of(flux, sigma, star_noise=False)
+            best = cases.limit(flux, sigma)
+            less = cases.snr_of(flux, sigma, star_noise=False)
             print(f"sigma {sigma}, {flux:.0f} e-, SNR {snr} ({less:.1f}): limit {best:.3f}; {text}")
             short.append(best - fractions["detect"])
             figures[f"limit_completeness_snr{snr:g}_sigma{sigma}"] = best

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from startrack.io.saving import save_text
+from startrack.io import save_text
 from startrack.plots import BLUE, GREY, RED, legend_below, picture, save_picture, styled
 
 NEEDED = (

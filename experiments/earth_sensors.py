@@ -29,11 +29,9 @@ import terrain
 from startrack import shipped, um
 from startrack.earth.atmosphere import sun_spectrum
 from startrack.earth.geometry import fly, ground_rate
-from startrack.earth.imager import load_imager, load_survey, margins_of
-from startrack.earth.imager.band import band_of
-from startrack.earth.imager.figures import figures
+from startrack.earth.imager import band_of, figures, load_imager, load_survey, margins_of
 from startrack.earth.terrain import geodetic
-from startrack.io.saving import save_json
+from startrack.io import save_json
 
 ROOT = Path(__file__).parents[1]
 SIX = ("B2", "B3", "B4", "B8", "B11", "B12")  # of Sentinel-2, that see the land through windows

@@ -65,7 +65,7 @@ from scipy import stats
 
 from startrack import Case, Fidelity, deg, load_design, run_trials, shipped
 from startrack.cli.main import main as startrack
-from startrack.core.extension import code_of_command
+from startrack.core import code_of_command
 from startrack.detection import DetectionPlan
 from startrack.detection.methods import CENTROIDS
 from startrack.identification import blind
@@ -277,7 +277,7 @@ def repeated(sketch: Sketch, times: int, part: int) -> Sketch:
 
 def documented(options: argparse.Namespace) -> dict[str, float]:
     """Keys in the reference, with a meaning there that says more than the key itself."""
-    from startrack.design.keys import design_keys
+    from startrack.design import design_keys
 
     meanings = rows_of("reference.md")
     missions = rows_of("mission-keys.md")

@@ -48,9 +48,8 @@ from startrack.detector import Defects
 from startrack.metrics import judge
 from startrack.plots import LINES, legend_below, save_picture, styled
 from startrack.plots import picture as blank
-from startrack.trial import window
+from startrack.trial import spots_in_windows, window
 from startrack.trial.spot_plan import plan_of
-from startrack.trial.window import spots_in_windows
 
 Drawn = dict[str, list[Floats]]  # errors of each fidelity by the design's name, radian
 

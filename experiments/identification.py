@@ -34,19 +34,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack import Spots, deg
 from startrack.attitude import SolverSettings, solve
-from startrack.benchmark.solving import (
-    LIMIT_G,
-    SETTINGS,
-    SIZE,
-    TOLERANCE,
-    BenchmarkView,
-    Regime,
-    away,
-    design,
-    sky,
-    spots_at,
-    wrong,
-)
+from startrack.benchmark import solving as cases
 from startrack.core import Floats
 from startrack.identification import build_index, identify, track
 from startrack.identification.agree import Agreed
@@ -59,13 +47,15 @@ CEDAR_SKIES = 20  # a regime: it takes up to a second for one
 SOLVERS = ("startrack", "tetra3rs", "tetra3rs tuned", "cedar-solve")
 
 
-ALL = [Regime(*r) for r in product(LIMIT_G, (0.05, 0.2, 0.5, 1.0), (0, 5, 20), (0.0, 0.2))]
+ALL = [
+    cases.Regime(*r) for r in product(cases.LIMIT_G, (0.05, 0.2, 0.5, 1.0), (0, 5, 20), (0.0, 0.2))
+]
 FEW = [regime for regime in ALL if regime[1:] in ((0.2, 0, 0.0), (0.2, 20, 0.2), (1.0, 20, 0.2))]
 
 
-def bound(seen: BenchmarkView, regime: Regime) -> Floats:
+def bound(seen: cases.BenchmarkView, regime: cases.Regime) -> Floats:
     """Standard deviations (3,), radian, of the best attitude from all stars, focal length known."""
-    camera, stars, _ = design(regime.field)
+    camera, stars, _ = cases.design(regime.field)
     x, y, z = seen.icrs_to_camera.apply(stars.direction[seen.star[seen.star >= 0]]).T
     x, y = x / z, y / z
     rows = np.concatenate(
@@ -75,11 +65,11 @@ def bound(seen: BenchmarkView, regime: Regime) -> Floats:
     return np.sqrt(np.diag(np.linalg.pinv(rows.T @ rows))) * sigma
 
 
-def within_reach(seen: BenchmarkView, regime: Regime) -> bool:
+def within_reach(seen: cases.BenchmarkView, regime: cases.Regime) -> bool:
     """Whether the truth itself is evident enough, its faintest stars left out or not."""
-    camera, stars, index = design(regime.field)
-    every = see(seen.spots, usable(seen.spots), camera, SETTINGS)
-    view = keep_brightest(every, SETTINGS.verify_spots)
+    camera, stars, index = cases.design(regime.field)
+    every = see(seen.spots, usable(seen.spots), camera, cases.SETTINGS)
+    view = keep_brightest(every, cases.SETTINGS.verify_spots)
     voters = index.bright
     direction = seen.icrs_to_camera.apply(stars.direction[voters.sky.member])
     near = np.flatnonzero((direction[:, 2] > 0) & camera.holds(camera.project(direction)))
@@ -94,14 +84,16 @@ def within_reach(seen: BenchmarkView, regime: Regime) -> bool:
         match = Agreed(true[some], taken[some], distance[some], matrix, 1.0)
         evidence = log_evidence_of_match(view, voters, near, match)
         best = max(best, evidence)
-    return best > -math.log(SETTINGS.max_false_probability)
+    return best > -math.log(cases.SETTINGS.max_false_probability)
 
 
-Solver = Callable[[BenchmarkView], tuple[Rotation | None, float]]  # and the processor's seconds
+Solver = Callable[
+    [cases.BenchmarkView], tuple[Rotation | None, float]
+]  # and the processor's seconds
 
 
-def timed(solve: Callable[[BenchmarkView], Rotation | None]) -> Solver:
-    def run(seen: BenchmarkView) -> tuple[Rotation | None, float]:
+def timed(solve: Callable[[cases.BenchmarkView], Rotation | None]) -> Solver:
+    def run(seen: cases.BenchmarkView) -> tuple[Rotation | None, float]:
         start = time.process_time()
         found = solve(seen)
         return found, time.process_time() - start
@@ -109,16 +101,16 @@ def timed(solve: Callable[[BenchmarkView], Rotation | None]) -> Solver:
     return run
 
 
-def ours(regime: Regime) -> Callable[[BenchmarkView], Rotation | None]:
-    _, stars, index = design(regime.field)
+def ours(regime: cases.Regime) -> Callable[[cases.BenchmarkView], Rotation | None]:
+    _, stars, index = cases.design(regime.field)
 
-    def run(seen: BenchmarkView) -> Rotation | None:
-        return identify(seen.spots, seen.believed, stars, index, SETTINGS).icrs_to_camera
+    def run(seen: cases.BenchmarkView) -> Rotation | None:
+        return identify(seen.spots, seen.believed, stars, index, cases.SETTINGS).icrs_to_camera
 
     return run
 
 
-def peers(regime: Regime) -> Iterator[tuple[str, Solver]]:
+def peers(regime: cases.Regime) -> Iterator[tuple[str, Solver]]:
     """tetra3rs as it comes, and with the tolerances that the noise asks for; cedar-solve."""
     interpreter = os.environ.get("STARTRACK_CEDAR")
     if interpreter and regime.field >= 10:
@@ -129,22 +121,24 @@ def peers(regime: Regime) -> Iterator[tuple[str, Solver]]:
 
     database = _database(regime.field)
     tuned = {
-        "match_radius": (4 * regime.noise + 1) / SIZE,
-        "match_max_error": max(0.001, 6 * regime.noise / SIZE),
+        "match_radius": (4 * regime.noise + 1) / cases.SIZE,
+        "match_max_error": max(0.001, 6 * regime.noise / cases.SIZE),
         "match_threshold": 1e-6,
     }
     tunings: dict[str, dict[str, float]] = {"tetra3rs": {}, "tetra3rs tuned": tuned}
     for name, settings in tunings.items():
 
-        def run(seen: BenchmarkView, settings: dict[str, float] = settings) -> Rotation | None:
-            centre = (SIZE - 1) / 2
+        def run(
+            seen: cases.BenchmarkView, settings: dict[str, float] = settings
+        ) -> Rotation | None:
+            centre = (cases.SIZE - 1) / 2
             spots = seen.spots
             field = seen.believed.fov_x / deg
             answer = database.solve_from_centroids(
                 np.column_stack([spots.x - centre, spots.y - centre, spots.flux]),
                 fov_estimate_deg=field,
-                fov_max_error_deg=1.1 * TOLERANCE * field,
-                image_shape=(SIZE, SIZE),
+                fov_max_error_deg=1.1 * cases.TOLERANCE * field,
+                image_shape=(cases.SIZE, cases.SIZE),
                 **settings,
             )
             if isinstance(answer, tetra3rs.SolveFailure):
@@ -166,15 +160,15 @@ def _cedar(interpreter: str) -> Solver:
         env={key: value for key, value in os.environ.items() if key != "PYTHONPATH"},
     )
 
-    def run(seen: BenchmarkView) -> tuple[Rotation | None, float]:
+    def run(seen: cases.BenchmarkView) -> tuple[Rotation | None, float]:
         assert worker.stdin is not None
         assert worker.stdout is not None
         field = seen.believed.fov_x / deg
         asked = {
             "row_column": np.column_stack([seen.spots.y, seen.spots.x]).tolist(),
-            "size": [SIZE, SIZE],
+            "size": [cases.SIZE, cases.SIZE],
             "field_deg": field,
-            "field_error_deg": 1.1 * TOLERANCE * field,
+            "field_error_deg": 1.1 * cases.TOLERANCE * field,
         }
         print(json.dumps(asked), file=worker.stdin, flush=True)
         ra, dec, seconds = json.loads(worker.stdout.readline())
@@ -197,19 +191,19 @@ def _database(field: int) -> Any:
     import tetra3rs
 
     return tetra3rs.SolverDatabase.generate_from_gaia(
-        max_fov_deg=field, star_max_magnitude=LIMIT_G[field] + 1
+        max_fov_deg=field, star_max_magnitude=cases.LIMIT_G[field] + 1
     )
 
 
-def measure(regime: Regime, skies: int, seed: int) -> dict[str, Any]:
+def measure(regime: cases.Regime, skies: int, seed: int) -> dict[str, Any]:
     """One row a regime: every solver sees every sky."""
     rng = np.random.default_rng(seed)
     solvers = {"startrack": timed(ours(regime)), **dict(peers(regime))}
     seconds: dict[str, list[float]] = {name: [] for name in solvers}
     solved, false = dict.fromkeys(solvers, 0), dict.fromkeys(solvers, 0)
     errors, squares = [], []
-    _, stars, index = design(regime.field)
-    every = [sky(rng, regime) for _ in range(skies)]
+    _, stars, index = cases.design(regime.field)
+    every = [cases.sky(rng, regime) for _ in range(skies)]
     reach = sum(within_reach(seen, regime) for seen in every)
     # One solver after the other: turns would cool the caches for all but the last.
     for name, solver in solvers.items():
@@ -218,14 +212,16 @@ def measure(regime: Regime, skies: int, seed: int) -> dict[str, Any]:
             found, spent = solver(seen)
             seconds[name].append(spent)
             if found is not None:
-                mistaken = wrong(found, seen, regime)
+                mistaken = cases.wrong(found, seen, regime)
                 false[name] += mistaken
                 solved[name] += not mistaken
     for seen in every:
-        matches = identify(seen.spots, seen.believed, stars, index, SETTINGS)
+        matches = identify(seen.spots, seen.believed, stars, index, cases.SETTINGS)
         estimate = solve(seen.spots, matches, SolverSettings(centroid_floor=0.0))
-        if estimate.icrs_to_camera is not None and not wrong(estimate.icrs_to_camera, seen, regime):
-            error = away(estimate.icrs_to_camera, seen)
+        if estimate.icrs_to_camera is not None and not cases.wrong(
+            estimate.icrs_to_camera, seen, regime
+        ):
+            error = cases.away(estimate.icrs_to_camera, seen)
             errors.append(error / bound(seen, regime))
             squares.append(error @ np.linalg.solve(estimate.covariance, error) / 3)
     row: dict[str, Any] = {**regime._asdict(), "skies": skies, "within_reach": reach / skies}
@@ -255,54 +251,58 @@ def brightest(spots: Spots, count: int) -> Spots:
 
 def few_stars(count: int, skies: int) -> float:
     """Share solved from a number of the brightest stars alone, at 12 deg, 0.2 pixel."""
-    regime = Regime(12, 0.2, 0, 0.0)
+    regime = cases.Regime(12, 0.2, 0, 0.0)
     rng, run = np.random.default_rng(count), ours(regime)
     good = tried = 0
     while tried < skies:
-        seen = sky(rng, regime)
+        seen = cases.sky(rng, regime)
         if len(seen.spots) >= count:
             tried += 1
             found = run(replace(seen, spots=brightest(seen.spots, count)))
-            good += found is not None and not wrong(found, seen, regime)
+            good += found is not None and not cases.wrong(found, seen, regime)
     return good / skies
 
 
 def tracked(count: int, skies: int, sigma: float = 0.05 * deg) -> float:
     """Share solved from a number of stars, the attitude predicted with this sigma about each "
     "axis."""
-    regime = Regime(12, 0.2, 0, 0.0)
-    camera, stars, index = design(12)
+    regime = cases.Regime(12, 0.2, 0, 0.0)
+    camera, stars, index = cases.design(12)
     rng = np.random.default_rng(count)
     good = tried = 0
     while tried < skies:
-        seen = sky(rng, regime)
+        seen = cases.sky(rng, regime)
         if len(seen.spots) < count:
             continue
         tried += 1
         predicted = Rotation.from_rotvec(sigma * rng.standard_normal(3)) * seen.icrs_to_camera
         spots = brightest(seen.spots, count)
-        matches = track(spots, camera, stars, index, predicted, np.eye(3) * sigma**2, SETTINGS)
+        matches = track(
+            spots, camera, stars, index, predicted, np.eye(3) * sigma**2, cases.SETTINGS
+        )
         found = matches.icrs_to_camera
-        good += found is not None and not wrong(found, seen, regime)
+        good += found is not None and not cases.wrong(found, seen, regime)
     return good / skies
 
 
 def random_points(frames: int) -> tuple[int, float]:
     """How many images of 30 random points are solved, and the longest time, ms."""
-    camera, stars, index = design(12)
+    camera, stars, index = cases.design(12)
     rng = np.random.default_rng(5)
     solved, longest = 0, 0.0
     for _ in range(frames):
-        spots = spots_at(SIZE * rng.random((30, 2)) - 0.5, np.geomspace(1, 0.01, 30), 0.2)
+        spots = cases.spots_at(
+            cases.SIZE * rng.random((30, 2)) - 0.5, np.geomspace(1, 0.01, 30), 0.2
+        )
         start = time.process_time()
-        solved += identify(spots, camera, stars, index, SETTINGS).icrs_to_camera is not None
+        solved += identify(spots, camera, stars, index, cases.SETTINGS).icrs_to_camera is not None
         longest = max(longest, time.process_time() - start)
     return solved, 1e3 * longest
 
 
 def index_figures(rounds: int) -> dict[str, float]:
     """Build, size and load of the index for 12 deg; least of some rounds."""
-    _, stars, index = design(12)
+    _, stars, index = cases.design(12)
 
     def least(action: Callable[[], object]) -> float:
         times = []

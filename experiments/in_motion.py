@@ -62,8 +62,8 @@ from startrack import (
     run_trials,
     shipped,
 )
-from startrack.attitude import CameraFilter, after_frame, first_camera
-from startrack.attitude.camera import MatchedFrame, camera_vector, moved_camera
+from startrack.attitude import CameraFilter, after_frame, camera_vector, first_camera, moved_camera
+from startrack.attitude.camera import MatchedFrame
 from startrack.calibration import Calibration
 from startrack.catalog import Selection, open_sky
 from startrack.design import Fidelity

@@ -13,16 +13,16 @@ from scipy.spatial.transform import Rotation
 
 from startrack import arcsec, deg
 from startrack.attitude import align
-from startrack.benchmark.solving import unit
+from startrack.benchmark import solving as cases
 from startrack.core import Floats
 
 
 def unequal(side: float) -> Floats:
     """Unit vectors of Markley and Mortari's second and third scenario."""
-    return unit(np.array([[1, 0, 0], [side, 0.07584, 0], [side, -0.07584, 0]]))
+    return cases.unit(np.array([[1, 0, 0], [side, 0.07584, 0], [side, -0.07584, 0]]))
 
 
-CROSS = unit(
+CROSS = cases.unit(
     np.array([[1, 0, 0], *([0.99712, *yz] for yz in 0.07584 * np.array([*np.eye(2), *-np.eye(2)]))])
 )
 SCENARIOS = {
@@ -38,7 +38,7 @@ def scenario(name: str, trials: int = 5000) -> dict[str, Any]:
     rng = np.random.default_rng(int(name))
     truth = Rotation.from_quat(rng.standard_normal((trials, 4)))
     reference = np.einsum("mji,nj->mni", truth.as_matrix(), body)
-    reference = unit(reference + noise[:, None] * rng.standard_normal(reference.shape))
+    reference = cases.unit(reference + noise[:, None] * rng.standard_normal(reference.shape))
     weight = np.broadcast_to(stated**-2, reference.shape[:2])
     got = align(np.broadcast_to(body, reference.shape), reference, weight)
     error = (got.source_to_target * truth.inv()).as_rotvec()

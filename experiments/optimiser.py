@@ -26,15 +26,23 @@ from startrack import Case, arcsec, load_design, shipped
 from startrack.core import Floats
 from startrack.design import Campaign, DesignSpace, Objective
 from startrack.metrics import Star
-from startrack.optimise import Ledger, Search, TrackerSource, TrialRunner, evaluate, least
+from startrack.optimise import (
+    Evaluation,
+    Explorer,
+    Ledger,
+    Search,
+    TrackerSource,
+    TrialRunner,
+    evaluate,
+    expected_objective,
+    least,
+)
 from startrack.optimise.correction import correct
-from startrack.optimise.evaluate import LOST, PENALTY, Evaluation, measured, missed
-from startrack.optimise.explorer import Explorer
-from startrack.optimise.forecast import expected_objective
+from startrack.optimise.evaluate import LOST, PENALTY, measured, missed
 from startrack.optimise.runner import FRESH
 from startrack.optimise.steps import confirm_requirements, explore, refine, trials_of_tracker
 from startrack.plots import CYCLE, MARKERS, legend_below, picture, save_picture, styled
-from startrack.verification.accuracy import margins as margins_of
+from startrack.verification import margins as margins_of
 
 JUDGE = 1000  # seed of the trials that all designs are judged on; no search has it
 REACH = 0.25  # of each range, around the best, within which the budget is set right

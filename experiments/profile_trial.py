@@ -34,7 +34,7 @@ import startrack
 from startrack import Case, Fidelity, load_design, run_trials, shipped
 from startrack.benchmark import versions
 from startrack.benchmark.stage import spent
-from startrack.io.saving import save_json, save_text
+from startrack.io import save_json, save_text
 
 HOME = Path(startrack.__file__).parent
 DESIGN = "designs/noise_only.toml"

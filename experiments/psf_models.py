@@ -34,19 +34,9 @@ import psf_figures
 import psf_peers
 
 from startrack import Psf
-from startrack.benchmark.optics import (
-    FIELD,
-    NOLL,
-    WAVELENGTH,
-    TestPattern,
-    by_rings,
-    centroid,
-    exact,
-    lens,
-)
-from startrack.detector.stamp import stamp
-from startrack.optics import pixel_psf
-from startrack.optics.diffraction import airy
+from startrack.benchmark import optics as cases
+from startrack.detector import stamp
+from startrack.optics import airy, pixel_psf
 
 ROOT = Path(__file__).parents[1]
 
@@ -94,12 +84,12 @@ def kirchhoff() -> dict[str, float]:
 
 def patterns(peers: dict[str, Any], rounds: int, picked: int) -> dict[str, float]:
     """The 155 x 155 points: without aberrations, with a new set of them, at ten wavelengths."""
-    coefficients = 0.05 * np.random.default_rng(7).normal(size=len(NOLL))  # radian
-    clear = airy(np.hypot(FIELD, FIELD[:, None]), 1.0, 1.0)
-    pick = np.random.default_rng(8).integers(0, len(FIELD), (picked, 2))
-    aberrated = by_rings(coefficients, FIELD[pick])
-    makers = {"": TestPattern()} | {
-        f"_{name}": maker(FIELD, NOLL)
+    coefficients = 0.05 * np.random.default_rng(7).normal(size=len(cases.NOLL))  # radian
+    clear = airy(np.hypot(cases.FIELD, cases.FIELD[:, None]), 1.0, 1.0)
+    pick = np.random.default_rng(8).integers(0, len(cases.FIELD), (picked, 2))
+    aberrated = cases.by_rings(coefficients, cases.FIELD[pick])
+    makers = {"": cases.TestPattern()} | {
+        f"_{name}": maker(cases.FIELD, cases.NOLL)
         for name, maker in peers.items()
         if name in psf_peers.PATTERNS
     }
@@ -107,7 +97,7 @@ def patterns(peers: dict[str, Any], rounds: int, picked: int) -> dict[str, float
     for name, maker in makers.items():
         tasks["airy", name] = maker.clear
         tasks["zernike", name] = lambda maker=maker: maker.aberrated(coefficients)  # type: ignore[misc]
-        tasks["ten_wavelengths", name] = lambda maker=maker: maker.band(WAVES / WAVELENGTH)  # type: ignore[misc]
+        tasks["ten_wavelengths", name] = lambda maker=maker: maker.band(WAVES / cases.WAVELENGTH)  # type: ignore[misc]
     spent = alternate(tasks, rounds)
     result = {}
     for (task, name), seconds in spent.items():
@@ -121,7 +111,7 @@ def patterns(peers: dict[str, Any], rounds: int, picked: int) -> dict[str, float
         result[f"{task}_error_of_peak{name}"] = float(np.abs(wrong).max())
     began = time.process_time()
     for _ in range(rounds):
-        airy(np.hypot(FIELD, FIELD[:, None]), 1.0, 1.0)
+        airy(np.hypot(cases.FIELD, cases.FIELD[:, None]), 1.0, 1.0)
     result["airy_closed_form_ms"] = (time.process_time() - began) / rounds * 1e3
     return dict(sorted(result.items()))
 
@@ -133,7 +123,7 @@ def stamps(peers: dict[str, Any], rounds: int, places: int) -> dict[str, float]:
         times: dict[str, list[float]] = {}
         errors: dict[str, list[float]] = {}
         for size in sizes:
-            psf = pixel_psf(*lens(kind, size))
+            psf = pixel_psf(*cases.lens(kind, size))
             box = 2 * ((psf.table.shape[0] // 2 - 3) // psf.oversampling) + 1
             ways: dict[str, Callable[[float, float], Floats]] = {"": _own_stamp(psf, box)}
             for name, peer in peers.items():
@@ -141,10 +131,10 @@ def stamps(peers: dict[str, Any], rounds: int, places: int) -> dict[str, float]:
                     ways[f"_{name}"] = getattr(peer, f"{kind}_stamp")(size, box)
             points = np.random.default_rng(9).uniform(-0.5, 0.5, (places, 2))
             for x, y in points:
-                wanted = centroid(exact(kind, x, y, size, box))
+                wanted = cases.centroid(cases.exact(kind, x, y, size, box))
                 for name, way in ways.items():
                     errors.setdefault(name, []).append(
-                        float(np.mean((centroid(way(x, y)) - wanted) ** 2))
+                        float(np.mean((cases.centroid(way(x, y)) - wanted) ** 2))
                     )
             spent = alternate(
                 {

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from startrack.core import Floats
-from startrack.optics.pupil import zernike
+from startrack.optics import zernike
 
 Stamp = Callable[[float, float], Floats]
 

@@ -30,7 +30,7 @@ import one_thread  # noqa: F401
 from scipy.spatial.transform import Rotation
 
 from startrack import Streams, arcsec, deg, load_design, nm, observe, shipped, um
-from startrack.benchmark.earth import ALBEDO, image, scenery
+from startrack.benchmark import earth as cases
 from startrack.core import Floats
 from startrack.earth.atmosphere import (
     Air,
@@ -45,7 +45,7 @@ from startrack.earth.atmosphere import (
     refine,
 )
 from startrack.earth.geometry import EarthScene, observe_earth
-from startrack.io.tables import from_table
+from startrack.io import from_table
 from startrack.plots import LINES, legend_below, picture, save_picture, styled
 from startrack.scene import ObserverOrbit, Scene
 from startrack.scene.ephemeris import observer_of
@@ -291,7 +291,7 @@ def speed(table: AirTable, side: int, repeats: int) -> dict[str, Any]:
     response = triangles(table, np.linspace(420, 900, BANDS) * nm, 20 * nm)
     reach = Reach((0.0, 2e3), (0.0, 5 * deg), (40 * deg, 45 * deg), (0.0, math.pi))
     fine = refine(in_bands(table, response, 600e3), reach)
-    whole = image(side)
+    whole = cases.image(side)
     block = SlantPath(*(values[: 2**15] for values in whole))
     pixels = min(side**2, 2**15)
     reflectance = np.full((pixels, BANDS), 0.2, np.float32)
@@ -338,7 +338,7 @@ def by_scipy() -> dict[str, Callable[[], Floats]]:
     """The same table read by scipy's interpolator, flat ground in the light, by the same terms."""
     from scipy.interpolate import RegularGridInterpolator
 
-    scene = scenery()
+    scene = cases.scenery()
     fine, bands = scene.fine, len(scene.node)
     axes = [
         start + step * np.arange(size)
@@ -352,10 +352,10 @@ def by_scipy() -> dict[str, Callable[[], Floats]]:
     def read() -> Floats:
         below = ground(places[:, :3])
         beam, sky, around = (below[:, n * bands : (n + 1) * bands] for n in range(3))
-        bounced = ALBEDO * back(places[:, :1])
+        bounced = cases.ALBEDO * back(places[:, :1])
         bounced /= 1 - bounced
-        lit = ALBEDO * (beam + sky) * (1 + bounced)
-        return (lit + path(places) + around * ALBEDO * (1 + bounced))[scene.pick] / scene.unit
+        lit = cases.ALBEDO * (beam + sky) * (1 + bounced)
+        return (lit + path(places) + around * cases.ALBEDO * (1 + bounced))[scene.pick] / scene.unit
 
     return {"scipy": read}
 

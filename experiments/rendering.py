@@ -31,9 +31,8 @@ from scipy.spatial.transform import Rotation
 
 from startrack import Camera, Light, LineOfSight, Streams
 from startrack.core import Floats
-from startrack.detector import Detector, Exposure, expose, law_of, read_out
+from startrack.detector import Detector, Exposure, dark, expose, law_of, read_out, response
 from startrack.detector.law import BITS, tables_for
-from startrack.detector.maps import dark, response
 from startrack.optics import Optics, pixel_psf
 
 Image = NDArray[Any]

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from startrack import Streams
-from startrack.benchmark.frame import law
+from startrack.benchmark import frame as cases
 from startrack.core import Floats
 from startrack.detector import Detector, read_out
 
@@ -137,7 +137,7 @@ def main() -> None:
     step = OURS.electrons_per_dn
     for name, images in drawn.items():
         # Pyxel's converter may round or cut; it is judged by the law that fits it better.
-        found = min(errors(images, law(SKY, step, half), SKY) for half in (0.5, 0.0))
+        found = min(errors(images, cases.law(SKY, step, half), SKY) for half in (0.5, 0.0))
         figures[f"{name}_chi2_per_dof"], figures[f"{name}_tail_ratio"] = found
     print("\n".join(f"{name:24} {value:9.3f}" for name, value in figures.items()))
     command.save(options, figures)

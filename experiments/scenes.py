@@ -31,7 +31,7 @@ from matplotlib.axes import Axes
 
 from startrack.benchmark import versions
 from startrack.benchmark.stage import figure, spent
-from startrack.io.saving import save_json, save_text
+from startrack.io import save_json, save_text
 from startrack.plots import CYCLE, LINES, RED, SMALL, legend_below, picture, save_picture, styled
 
 FRACTION = 1 / 3

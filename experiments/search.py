@@ -35,10 +35,9 @@ from startrack import Case, load_design, shipped
 from startrack.budget import units
 from startrack.core import Floats
 from startrack.design import Campaign, DesignSpace, Moment, Objective, Variable, branches
-from startrack.optimise import Foresight, Search, TrackerSource, TrialRunner, least
+from startrack.optimise import Explorer, Foresight, Search, TrackerSource, TrialRunner, least
 from startrack.optimise.evaluate import foresee_all
 from startrack.optimise.evaluate import missed as missed_of
-from startrack.optimise.explorer import Explorer
 from startrack.optimise.forecast import budgets_of_units, forecasts
 from startrack.optimise.steps import explore
 from startrack.optimise.units import fresh_units, level_interval_of_units

@@ -45,12 +45,12 @@ from startrack import (
     stars_in_field,
     throughput,
 )
-from startrack.benchmark.studies import sized
+from startrack.benchmark import studies
 from startrack.catalog import open_sky
-from startrack.detector.exposure import arriving
+from startrack.detector import arriving
 from startrack.metrics import summarise
 from startrack.montecarlo import Sampling, pool, run, warm
-from startrack.montecarlo.workers import one_thread as one_opencv_thread
+from startrack.montecarlo import one_thread as one_opencv_thread
 from startrack.plots import CYCLE, MARKERS, legend_below, picture, save_picture, styled
 from startrack.scene import illuminate
 
@@ -72,7 +72,7 @@ def main() -> None:
             raise SystemExit(int(slower))
     one_opencv_thread()
     case = load_design(shipped("designs/noise_only.toml")).case
-    figures = speeds(sized(case, 256 if options.quick else 1024), options.quick)
+    figures = speeds(studies.sized(case, 256 if options.quick else 1024), options.quick)
     if options.picture:
         figures["scaling"] = scaling(case, options.quick)
         draw(figures["scaling"], options.picture)
@@ -208,7 +208,7 @@ def scaling(case: Case, quick: bool) -> dict[str, Any]:
         stars = summarise(run_trials(few, SEED, range(2 if quick else 40), Fidelity.WINDOW)).stars
         made["stars"].append({"at": stars} | row)
     for pixels in (256, 512, 1024, 2048)[: 1 if quick else None]:
-        one = sized(case, pixels)
+        one = studies.sized(case, pixels)
         made["pixels"].append({"at": pixels})
         made["pixels"][-1] |= {
             f.value: cpu_ms(one, f, -(-batch[f] // 4), repeats) for f in Fidelity

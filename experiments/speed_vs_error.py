@@ -48,13 +48,13 @@ from startrack.benchmark import (
     versions,
 )
 from startrack.benchmark import detection as spots
+from startrack.benchmark import earth as cases
 from startrack.benchmark import earth as rays
 from startrack.benchmark import frame as frames
 from startrack.benchmark import optics as patterns
 from startrack.benchmark import solving as skies
 from startrack.benchmark import studies as hills
-from startrack.benchmark.earth import mountains
-from startrack.io.saving import save_json, save_text
+from startrack.io import save_json, save_text
 
 PACKAGES = (
     *("galsim", "sep", "tetra3rs", "hcipy", "prysm", "poppy", "photutils", "pyxel-sim"),
@@ -194,7 +194,7 @@ def aligner() -> dict[str, Way]:
 
 
 def embree() -> dict[str, Way]:
-    scene = Embree(*mountains(rays.CELLS))
+    scene = Embree(*cases.mountains(rays.CELLS))
     looks = scene.single(rays.rays_down())
     return {"embree": lambda: scene.distance(*looks)}
 

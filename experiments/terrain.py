@@ -30,7 +30,7 @@ import one_thread  # noqa: F401  before numpy
 from numpy.typing import NDArray
 
 from startrack import Streams
-from startrack.benchmark.earth import HEIGHT, RELIEF, STEP, image_rays, mountains, towards
+from startrack.benchmark import earth as cases
 from startrack.core import Floats
 from startrack.earth.terrain import (
     Array,
@@ -43,10 +43,11 @@ from startrack.earth.terrain import (
     fractal,
     index,
     survey,
+    trace,
 )
 from startrack.earth.terrain.surface import Surface
 from startrack.earth.terrain.survey import LIFT
-from startrack.earth.terrain.trace import blocked, trace
+from startrack.earth.terrain.trace import blocked
 from startrack.plots import MARKERS, colour_bar, legend_below, picture, save_picture, styled
 from tests.earth.terrain.scenes import Relief
 from tests.hard.earth import random_rays
@@ -89,11 +90,11 @@ def main() -> None:
 
 def hits(cells: int, count: int) -> dict[str, Any]:
     """Distance from the reference at four elevations."""
-    grid, heights = mountains(cells)
+    grid, heights = cases.mountains(cells)
     surface, errors = index(grid, heights), {}
     for elevation in ELEVATIONS:
         rays = random_rays(RANDOM, grid, count, elevation)
-        expected, _ = TerrainScan(grid, heights, HEIGHT - 3e4, HEIGHT + 3e4).meet(rays)
+        expected, _ = TerrainScan(grid, heights, cases.HEIGHT - 3e4, cases.HEIGHT + 3e4).meet(rays)
         found = trace(surface, rays)
         both = found.hit & expected.hit
         errors[elevation] = np.abs(found.distance[both] - expected.distance[both])
@@ -107,11 +108,11 @@ def hits(cells: int, count: int) -> dict[str, Any]:
 
 def grazing(count: int) -> dict[str, Any]:
     """Rays that come in at 2 to 10 degrees: another ridge, or none, where the reference has one."""
-    grid, heights = mountains(160)
+    grid, heights = cases.mountains(160)
     surface, wrong, asked = index(grid, heights), 0, 0
     while asked < count:
         rays = random_rays(RANDOM, grid, min(50_000, count - asked), RANDOM.uniform(2, 10))
-        expected, _ = TerrainScan(grid, heights, HEIGHT - 5e4, HEIGHT + 5e4).meet(rays)
+        expected, _ = TerrainScan(grid, heights, cases.HEIGHT - 5e4, cases.HEIGHT + 5e4).meet(rays)
         found = trace(surface, rays)
         both = found.hit & expected.hit
         wrong += int((found.hit != expected.hit).sum())
@@ -123,15 +124,15 @@ def grazing(count: int) -> dict[str, Any]:
 
 def shadow(cells: int, count: int) -> dict[str, Any]:
     """Share of points whose shadow is not the reference's, at four heights of the sun."""
-    grid, heights = mountains(cells)
+    grid, heights = cases.mountains(cells)
     rays = random_rays(RANDOM, grid, count, 80, 0.9)
     ground, reference = (
         Relief(index(grid, heights)),
-        TerrainScan(grid, heights, HEIGHT - 2e4, HEIGHT + 2e4),
+        TerrainScan(grid, heights, cases.HEIGHT - 2e4, cases.HEIGHT + 2e4),
     )
     wrong, shaded = [], []
     for elevation in (60, 30, 10, 2):
-        sun = towards(grid, elevation, np.array([1.0]))[0]
+        sun = cases.towards(grid, elevation, np.array([1.0]))[0]
         found, expected = (survey(one, rays, sun) for one in (ground, reference))
         wrong.append(float((found.shadow != expected.shadow).mean()))
         shaded.append(float(expected.shadow.mean()))
@@ -141,20 +142,22 @@ def shadow(cells: int, count: int) -> dict[str, Any]:
 def cache(small: int) -> dict[str, Any]:
     """A pushbroom over 8192 x 8192 heights, or fewer, with room for 32 of its tiles."""
     cells, columns, side = 8192 // small, 2048 // small, 2048 // small
-    grid = Grid(np.radians(10.0), np.radians(47.0), STEP, STEP, cells + 1, cells + 1)
-    heights = np.tile(fractal(side, side, Streams(1, 0), RELIEF), (5, 5))[: cells + 1, : cells + 1]
-    ground = Pyramid(Mosaic((Array(grid, heights),)), lowest=0, highest=RELIEF, tiles=32)
+    grid = Grid(np.radians(10.0), np.radians(47.0), cases.STEP, cases.STEP, cells + 1, cells + 1)
+    heights = np.tile(fractal(side, side, Streams(1, 0), cases.RELIEF), (5, 5))[
+        : cells + 1, : cells + 1
+    ]
+    ground = Pyramid(Mosaic((Array(grid, heights),)), lowest=0, highest=cases.RELIEF, tiles=32)
     across = np.linspace(0.002, 0.998, columns) * cells
-    view = towards(grid, 85, np.zeros(1))
+    view = cases.towards(grid, 85, np.zeros(1))
     begin = time.process_time()
     for down in np.linspace(0.002, 0.998, 512 // small) * cells:
         target = cartesian(
-            grid.west + across * STEP,
-            np.full(columns, grid.north - down * STEP),
+            grid.west + across * cases.STEP,
+            np.full(columns, grid.north - down * cases.STEP),
             np.full(columns, 700.0),
         )
         ground.meet(
-            Rays(target + HEIGHT * view, np.repeat(-view, columns, axis=0), np.zeros(columns))
+            Rays(target + cases.HEIGHT * view, np.repeat(-view, columns, axis=0), np.zeros(columns))
         )
     return {
         "cache_miss_ratio": ground.cache.misses / len(ground.cache.touched),
@@ -166,15 +169,15 @@ def cache(small: int) -> dict[str, Any]:
 
 def speed(cells: int, name: str, with_embree: bool, side: int) -> dict[str, Any]:
     """Rays per second down and to the sun, beside embree on the same vertices."""
-    grid, heights = mountains(cells)
-    index(*mountains(16))  # compiles
+    grid, heights = cases.mountains(cells)
+    index(*cases.mountains(16))  # compiles
     built = best(lambda: index(grid, heights))
     surface = index(grid, heights)
-    rays = image_rays(grid, side, 85)
+    rays = cases.image_rays(grid, side, 85)
     found = trace(surface, rays)
     nadir = best(lambda: trace(surface, rays))
     point = rays.origin + found.distance[:, None] * rays.direction
-    suns = {e: towards(grid, e, np.array([0.7]))[0] for e in (60, 30, 10)}
+    suns = {e: cases.towards(grid, e, np.array([0.7]))[0] for e in (60, 30, 10)}
     shadows = {e: to_sun(point, sun) for e, sun in suns.items()}
     mine = {e: best(lambda r=r: blocked(surface, r, LIFT)) for e, r in shadows.items()}  # type: ignore[misc]
     result: dict[str, Any] = {
@@ -282,7 +285,7 @@ def rugged(python: str | None) -> dict[str, Any]:
     if not python:
         print("Rugged is left out: --rugged names no interpreter that has it")
         return {"absent_rugged": True}
-    grid, heights = mountains(512)
+    grid, heights = cases.mountains(512)
     rays = random_rays(RANDOM, grid, 3000, 80, 0.2)
     with tempfile.NamedTemporaryFile(suffix=".npz") as file:
         np.savez(
@@ -316,9 +319,9 @@ def aliasing(figure: Path | None, cells: int, side: int) -> dict[str, Any]:
     The truth is the mean of 32 x 32 rays of each pixel on the finest level.
     """
     pixel, edge = 8, (cells - 8 * side) // 4  # cells in a pixel, and beside the picture
-    grid = Grid(np.radians(10.0), np.radians(47.0), STEP, STEP, cells + 1, cells + 1)
+    grid = Grid(np.radians(10.0), np.radians(47.0), cases.STEP, cases.STEP, cells + 1, cells + 1)
     heights = fractal(cells + 1, cells + 1, Streams(3, 0), 400.0, 1.2)
-    sun = towards(grid, 25, np.array([0.7]))[0]
+    sun = cases.towards(grid, 25, np.array([0.7]))[0]
     mosaic = Mosaic((Array(grid, heights),))
 
     def render(rays_per_side: int, sharpness: float) -> tuple[Floats, float]:
@@ -326,12 +329,14 @@ def aliasing(figure: Path | None, cells: int, side: int) -> dict[str, Any]:
         at = edge + (np.arange(count) + 0.5) / rays_per_side * pixel
         u, v = np.meshgrid(at, at)
         target = cartesian(
-            grid.west + u.ravel() * STEP, grid.north - v.ravel() * STEP, np.zeros(count**2)
+            grid.west + u.ravel() * cases.STEP,
+            grid.north - v.ravel() * cases.STEP,
+            np.zeros(count**2),
         )
-        view = np.broadcast_to(towards(grid, 89, np.zeros(1)), target.shape)
+        view = np.broadcast_to(cases.towards(grid, 89, np.zeros(1)), target.shape)
         ground = Pyramid(mosaic, lowest=0, highest=500, sharpness=sharpness)
-        spread = pixel * STEP * 6378137 / rays_per_side / HEIGHT
-        rays = Rays(target + HEIGHT * view, -view.copy(), np.full(count**2, spread))
+        spread = pixel * cases.STEP * 6378137 / rays_per_side / cases.HEIGHT
+        rays = Rays(target + cases.HEIGHT * view, -view.copy(), np.full(count**2, spread))
         survey(ground, rays[: min(1000, len(rays))], sun)  # tiles into the cache
         begin = time.process_time()
         found = survey(ground, rays, sun)

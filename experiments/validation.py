@@ -25,8 +25,7 @@ from startrack.budget import analytic
 from startrack.budget.fields import boresights
 from startrack.catalog import Selection, Sky, earth_observer, open_sky
 from startrack.catalog.colour import v_from_g
-from startrack.core import Floats
-from startrack.core.units import LIGHT_SPEED
+from startrack.core import LIGHT_SPEED, Floats
 from startrack.metrics import attitude_bound
 from startrack.response import errors
 
