@@ -45,7 +45,7 @@ from startrack.core import ZERO_CELSIUS, Floats
 from startrack.detection import Box, DarkFrames, DarkMap, Detection, plan_detection, take
 from startrack.detector import Detector, Flicker, dark, dark_frames, frame_of, stamp
 from startrack.detector.ageing import CHANDRA_ACA, Flickering, pixels_above
-from startrack.io.saving import save_json
+from startrack.io import save_json
 from startrack.verification import (
     FlightComparison,
     Windows,

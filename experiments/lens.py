@@ -54,9 +54,8 @@ from startrack.cli.lens import interpolation_error
 from startrack.core import Floats
 from startrack.detector import Exposure, arriving, expose, mean_wavelength
 from startrack.metrics import summarise
-from startrack.observation import images_of
-from startrack.observation.images import TEMPERATURES, field_psf_of
-from startrack.observation.stars import colours_of
+from startrack.observation import colours_of, field_psf_of, images_of
+from startrack.observation.images import TEMPERATURES
 from startrack.optics import (
     Ghosts,
     LensTable,
@@ -71,9 +70,10 @@ from startrack.optics import (
 from startrack.optics.ghosts import ghost_map, pairs, reflectances
 from startrack.optics.lens_psf import ColourBand, _LensPlan, _stars, band_of
 from startrack.optimise import TrialRunner, optimize
-from startrack.response.zones import residual_shift
+from startrack.response import residual_shift
 from startrack.scene import WAVELENGTH, illuminate
-from startrack.trial.window import plan_of, spots_in_windows
+from startrack.trial import spots_in_windows
+from startrack.trial.window import plan_of
 
 ORACLE = Path(__file__).parents[1] / "tests/oracle/lens_grid.fits"
 PIXEL = 5.5e-6  # metre, for errors of places

@@ -24,20 +24,18 @@ from startrack import (
     shipped,
     throughput,
 )
-from startrack.attitude import align
-from startrack.attitude.wahba import davenport, quest, svd
+from startrack.attitude import align, davenport, quest, svd
 from startrack.budget import analytic
 from startrack.catalog import Selection, open_sky
 from startrack.design import Fidelity
 from startrack.detection import Detection, detect, gaussian_psf, plan_detection
 from startrack.detector import Detector, Thermal, electron_rate, frame_of, response
 from startrack.earth.atmosphere import planck, sun_spectrum
-from startrack.earth.imager import Channel, band_of
-from startrack.earth.imager.figures import figures
+from startrack.earth.imager import Channel, band_of, figures
 from startrack.metrics import Star, attitude_bound, centroid_bound
 from startrack.mission.fusion import fused_variance
 from startrack.motion import Motion, Tone, blur, jitter_rms, slew, transfer
-from startrack.observation.stars import light_by_colour
+from startrack.observation import light_by_colour
 from startrack.optics import Optics, pixel_psf
 from startrack.scene import Scene, illuminate
 from startrack.space import sun_synchronous

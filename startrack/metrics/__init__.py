@@ -59,6 +59,7 @@ from startrack.metrics.summary import (
     bounds_of_mean,
     fraction_interval,
     interval_table,
+    interval_text,
     mean_bounds,
     rms_interval,
     summarise,

@@ -70,10 +70,7 @@ class Summary:
             ("available", self.availability, 0.01, "%"),
             ("false", self.false, 0.01, "%"),
         )
-        rows = []
-        for name, size, unit, text in sizes:
-            value, low, high = (f"{end / unit:.3g}" for end in vars(size).values())
-            rows.append((name, f"{value} {text} [{low}, {high}]"))
+        rows = [(name, interval_text(size, unit, text)) for name, size, unit, text in sizes]
         rows += [("stars", f"{self.stars:.1f}"), ("trials", str(self.trials))]
         return [*rows, ("intervals", "95 %")]
 
@@ -100,6 +97,12 @@ class Summary:
                 "sigma"
             )
         return f"covariance not trustworthy: {' and '.join(reasons)}" if reasons else ""
+
+
+def interval_text(size: Interval, unit: float, name: str) -> str:
+    """A value and its interval in a unit, by the unit's name: '2.1 arcsec [1.9, 2.4]'."""
+    value, low, high = (f"{end / unit:.3g}" for end in vars(size).values())
+    return f"{value} {name} [{low}, {high}]"
 
 
 def interval_table(statistics: Any) -> Rows:

@@ -2,22 +2,30 @@
 
 parameters  Sequence: profile of the platform, period of the frames, and settings of the filter.
 flight      Profile and jitter -> true motion of each frame, and output of the gyroscope.
-run         Case and sequence -> a table with a row for each frame; the filter's next state.
+recording   Frames of a sequence, and images of its stars -> the files that keep them.
+frames      True flight of a head -> its frames, as the flight software gets them.
+lasting     Camera and attitude -> what of the attitude's error lasts from frame to frame.
+tracker_state  Attitudes of the heads -> the state of the tracker between two frames.
+head        One head in a sequence: the attitude of each of its frames.
+run         Case and sequence -> a table with a row for each frame.
 summary     Tables of sequences -> accuracy, losses of track and reacquisitions, with intervals.
 """
 
 from startrack.sequence.parameters import Gyro, Leg, Sequence, SequenceHead, load_sequence
-from startrack.sequence.run import Mode, Recording, fly_sequences, run
+from startrack.sequence.recording import Recording
+from startrack.sequence.run import Mode, fly_sequences, run
 from startrack.sequence.summary import Tracking, summarise_sequences
 
-# Public; the other imports serve other rooms.
 __all__ = [
     "Gyro",
     "Leg",
+    "Mode",
     "Recording",
     "Sequence",
     "SequenceHead",
+    "Tracking",
     "fly_sequences",
     "load_sequence",
     "run",
+    "summarise_sequences",
 ]

@@ -6,11 +6,19 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special
 
-from startrack.core import Flags, Floats, Rows
-from startrack.metrics import FALSE_ANGLE, Interval, fraction_interval, interval_table, rms_interval
+from startrack.core import Flags, Floats, Rows, arcsec, printed
+from startrack.metrics import (
+    FALSE_ANGLE,
+    Interval,
+    fraction_interval,
+    interval_table,
+    interval_text,
+    rms_interval,
+)
 from startrack.sequence.run import Mode
 
 
+@printed
 @dataclass(frozen=True)
 class Tracking:
     """Statistics of many sequences; the intervals hold with 95 % confidence.
@@ -52,6 +60,26 @@ class Tracking:
     def table(self) -> Rows:
         """One row: each field, and the ends of its interval as NAME_low and NAME_high."""
         return interval_table(self)
+
+    @property
+    def _rows(self) -> list[tuple[str, str]]:
+        sizes = (
+            ("filter across", self.across, arcsec, "arcsec"),
+            ("filter about", self.about, arcsec, "arcsec"),
+            ("frames alone, across", self.single, arcsec, "arcsec"),
+            ("while it coasts, across", self.coasted, arcsec, "arcsec"),
+            ("attitude known", self.known, 0.01, "%"),
+            ("losses of track", self.losses_per_hour, 1.0, "per hour"),
+            ("from loss to attitude", self.reacquisition, 1.0, "s"),
+            ("alignment of further heads", self.alignment, arcsec, "arcsec"),
+        )
+        rows = [
+            (name, interval_text(size, unit, text))
+            for name, size, unit, text in sizes
+            if not np.isnan(size.value)
+        ]
+        rows.append(("worst", f"{self.worst / arcsec:.3g} arcsec"))
+        return [*rows, ("sequences", str(self.sequences)), ("intervals", "95 %")]
 
 
 def summarise_sequences(table: Rows) -> Tracking:

@@ -34,7 +34,9 @@ from startrack.sequence import (
     run,
     summarise_sequences,
 )
-from startrack.sequence.run import FRAMES, TrackerState, error_lengths, predict_state, update_state
+from startrack.sequence.lasting import error_lengths
+from startrack.sequence.run import FRAMES
+from startrack.sequence.tracker_state import TrackerState, predict_state, update_state
 from startrack.trial.chain import run_random_trial
 from startrack.verification import read_windows
 

@@ -1,0 +1,66 @@
+"""Camera and attitude -> what of the attitude's error lasts from frame to frame, and how far."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from startrack import core, response
+from startrack.core import Floats
+from startrack.design import Case
+
+# Of a pixel, that stars move while their errors over it change; chosen by hand.
+PIXEL_LENGTH = 0.5
+
+
+def error_lengths(case: Case) -> Floats:
+    """Radian (2,) that a camera turns while errors over pixels, and over the field, change.
+
+    Half a pixel, and half of the field's smaller side.
+    """
+    camera = case.believed_camera
+    half = math.atan(min(camera.columns, camera.rows) / 2 / camera.focal_length_px)
+    return np.array([PIXEL_LENGTH / camera.focal_length_px, half])
+
+
+def lasting_parts(
+    case: Case, spots: core.Spots, matches: core.Matches, estimate: core.Estimate
+) -> Floats:
+    """What of a measured attitude's covariance lasts (3, 3, 3): over pixels in x, in y, and over
+    the field.
+
+    Of least squares with the weights w of stars, of whose variance a fraction f lasts,
+
+        P [sum w f (J_x J_x' + J_y J_y')] P,   P^-1 = sum w (J_x J_x' + J_y J_y')
+
+    with the slopes J_x and J_y of a star's place by turns about the axes, of which an error in x
+    has the first and one in y the second; in proportion to what the estimate states of itself.
+
+    Accuracy  model: jitter is new in each frame; what a calibration leaves is of the field.
+    """
+    assert estimate.icrs_to_camera is not None
+    noise = np.trace(spots.covariance[matches.spot], axis1=1, axis2=2) / 2
+    systematic, pixel, hot = (
+        part(case)[matches.star]
+        for part in (response.systematic_variance, response.pixel_variance, response.hot_variance)
+    )
+    weight = 1 / (noise + systematic)
+    u, v, w = estimate.icrs_to_camera.apply(matches.direction).T
+    u, v = u / w, v / w
+    in_x = np.stack([-u * v, 1 + u**2, -v], axis=1)
+    in_y = np.stack([-1 - v**2, u * v, u], axis=1)
+
+    def summed(weight: Floats, *slopes: Floats) -> Floats:
+        return np.asarray(sum((weight[:, None] * slope).T @ slope for slope in slopes))
+
+    # User code states its covariance itself.
+    shared = None if core.is_code(case.tracker.attitude.method) else response.shared_errors(case)
+    still = estimate.covariance - np.diag(shared.turn) if shared else estimate.covariance
+    # Triangles of P^-1 and of the inverse of what is stated: P is stretched to it.
+    fit = np.linalg.cholesky(summed(weight, in_x, in_y))
+    stretch = np.linalg.solve(np.linalg.cholesky(np.linalg.inv(still)).T, np.linalg.inv(fit))
+    share = weight / (noise + systematic + hot)
+    of_pixel, of_field = share * (pixel + hot), share * np.maximum(systematic - pixel, 0.0)
+    sums = summed(of_pixel, in_x), summed(of_pixel, in_y), summed(of_field, in_x, in_y)
+    return np.array([stretch @ part @ stretch.T for part in sums])
