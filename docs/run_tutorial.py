@@ -25,7 +25,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from startrack.cli import main as cli
+from startrack.cli import main as startrack_command
 
 PAGES = tuple(Path(__file__).parent / name for name in ("tutorial.md", "tutorial-earth.md"))
 BLOCK = re.compile(r"```(toml|sh|python|text)(?: (\S+))?\n(.*?)```", re.DOTALL)
@@ -76,7 +76,7 @@ def _run(commands: str) -> None:
         words = shlex.split(line, comments=True)
         assert words[0] == "startrack", line
         expected = STATUS.search(line)
-        status = cli.main(words[1:])
+        status = startrack_command(words[1:])
         assert status == (int(expected[1]) if expected else 0), f"{line}: exit status {status}"
 
 

@@ -30,11 +30,9 @@ from startrack import (
     throughput,
 )
 from startrack.catalog import open_sky
-from startrack.detector.collect import diffuse_electrons
+from startrack.detector import diffuse_electrons
 from startrack.optics import Baffle
-from startrack.scene import Scene
-from startrack.scene.background import zodiacal
-from startrack.scene.ephemeris import observer_of
+from startrack.scene import Scene, observer_of, zodiacal
 
 DATE = "2026-03-20T12:00:00"
 ANGLES = (30, 35, 40, 45, 50, 60, 90, 135, 180)  # degree from the Sun

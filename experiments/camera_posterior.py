@@ -33,8 +33,7 @@ from startrack import (
     lost_in_space,
     read_image,
 )
-from startrack.calibration import Prior, sample_camera
-from startrack.calibration.posterior import CameraPosterior
+from startrack.calibration import CameraPosterior, Prior, sample_camera
 from startrack.catalog import Selection, open_sky
 from startrack.core import Floats
 from startrack.detection import Detection

@@ -43,8 +43,17 @@ from startrack.calibration import (
 )
 from startrack.core import ZERO_CELSIUS, Floats
 from startrack.detection import Box, DarkFrames, DarkMap, Detection, plan_detection, take
-from startrack.detector import Detector, Flicker, dark, dark_frames, frame_of, stamp
-from startrack.detector.ageing import CHANDRA_ACA, Flickering, pixels_above
+from startrack.detector import (
+    CHANDRA_ACA,
+    Detector,
+    Flicker,
+    Flickering,
+    dark,
+    dark_frames,
+    frame_of,
+    pixels_above,
+    stamp,
+)
 from startrack.io import save_json
 from startrack.verification import (
     FlightComparison,

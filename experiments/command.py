@@ -10,6 +10,7 @@ import argparse
 import atexit
 import importlib.util
 import json
+import math
 import os
 import shutil
 import subprocess
@@ -156,6 +157,15 @@ def save(options: argparse.Namespace, figures: Any) -> None:
     _SAVED.update(figures=figures, quick=options.quick)
     if options.json:
         options.json.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
+
+
+def finite(value: Any) -> Any:
+    """The same figures with None for each number that JSON cannot hold."""
+    if isinstance(value, dict):
+        return {key: finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def commit() -> str:

@@ -40,7 +40,7 @@ import numpy as np
 
 from startrack import Refused, Streams, load_design, observe, random_attitude, shipped
 from startrack.mission import UnitChoice, head_model, write_model
-from startrack.plots.frames import stretch
+from startrack.plots import stretch
 from startrack.trial import searched
 
 ROOT = Path(__file__).parents[1]

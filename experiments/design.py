@@ -21,14 +21,20 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from startrack import Fidelity, arcsec, shipped
-from startrack.cli.optimize import optimum_values
-from startrack.cli.terminal import finite, read_campaign
+from startrack import Fidelity, arcsec, load_design, shipped
 from startrack.design import AXES, Campaign, Objective
 from startrack.metrics import Interval
 from startrack.montecarlo import Sampling, pool, warm
-from startrack.optimise import Evaluation, Ledger, Optimum, TrialRunner, comparison, optimize
-from startrack.optimise.runner import FRESH
+from startrack.optimise import (
+    FRESH,
+    Evaluation,
+    Ledger,
+    Optimum,
+    TrialRunner,
+    comparison,
+    optimize,
+    optimum_values,
+)
 from startrack.plots import (
     BLUE,
     GREEN,
@@ -63,7 +69,9 @@ def main() -> None:
     path = Path("noise_only" if options.quick else options.design)
     if not path.suffix:
         path = shipped(f"designs/{path}.toml")
-    design, campaign = read_campaign(path)
+    design = load_design(path)
+    campaign = design.campaign
+    assert campaign, path
     if options.quick:
         campaign = dataclasses.replace(campaign, **SMALLEST)
     began = time.monotonic()
@@ -79,7 +87,7 @@ def main() -> None:
         ]
     print(f"{optimum.branch}\n{comparison(optimum, campaign)}\n\n{optimum.ending}")
     figures = {"design": path.stem, "seed": options.seed, **optimum_values(optimum, campaign)}
-    command.save(options, finite(figures))
+    command.save(options, command.finite(figures))
     if options.picture:
         draw(optimum, campaign, fresh, path.stem, options.picture)
 

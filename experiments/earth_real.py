@@ -43,9 +43,7 @@ from startrack.earth.imager import (
     prepare,
     render,
 )
-from startrack.earth.product import calibrate
-from startrack.earth.product.ortho import MapGrid, place_cells, resample
-from startrack.earth.product.retrieval import to_radiance
+from startrack.earth.product import MapGrid, calibrate, place_cells, resample, to_radiance
 from startrack.optics import Optics
 
 Floats = NDArray[np.float64]

@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import roots_legendre
 
-from startrack.earth.imager import Water
-from startrack.earth.imager.brdf import Angles, glint, kernel_albedos, kernels
+from startrack.earth.imager import Angles, Water, glint, kernel_albedos, kernels
 
 Floats = NDArray[np.float64]
 WHITE_SKY = 0.189184, -1.377622  # Lucht, Schaaf and Strahler (2000), table 1

@@ -33,9 +33,13 @@ from startrack.earth.imager import (
     Survey,
     render,
 )
-from startrack.earth.product import ProductSettings, calibrate, make_product
-from startrack.earth.product.ortho import MapGrid
-from startrack.earth.product.retrieval import brightness_temperature
+from startrack.earth.product import (
+    MapGrid,
+    ProductSettings,
+    brightness_temperature,
+    calibrate,
+    make_product,
+)
 from startrack.earth.terrain import EQUATORIAL
 from startrack.optics import Optics
 

@@ -64,10 +64,9 @@ from onboard import AIM, figures
 from scipy import stats
 
 from startrack import Case, Fidelity, deg, load_design, run_trials, shipped
-from startrack.cli.main import main as startrack
+from startrack.cli import main as startrack
 from startrack.core import code_of_command
-from startrack.detection import DetectionPlan
-from startrack.detection.methods import CENTROIDS
+from startrack.detection import CENTROIDS, DetectionPlan
 from startrack.identification import blind
 from startrack.montecarlo import (
     Sampling,
@@ -81,7 +80,6 @@ from startrack.montecarlo import (
     run,
     save_sketch,
 )
-from startrack.montecarlo.sketch import Bins
 from startrack.optimise import TrialRunner, optimize
 from startrack.sequence import Leg, Recording, Sequence
 from startrack.sequence import run as fly
@@ -271,7 +269,10 @@ def repeated(sketch: Sketch, times: int, part: int) -> Sketch:
         ranges=[(part * trials, (part + 1) * trials)],
         counts={name: count * times for name, count in sketch.counts.items()},
         sums={name: total * times for name, total in sketch.sums.items()},
-        bins={name: Bins(one.index, one.count * times) for name, one in sketch.bins.items()},
+        bins={
+            name: dataclasses.replace(one, count=one.count * times)
+            for name, one in sketch.bins.items()
+        },
     )
 
 

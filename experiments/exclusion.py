@@ -20,8 +20,7 @@ import one_thread  # noqa: F401
 from numpy.typing import NDArray
 
 from startrack import arcsec, deg, load_design, shipped
-from startrack.budget import exclusions
-from startrack.budget.exclusion import Exclusion
+from startrack.budget import Exclusion, exclusions
 from startrack.optics import Baffle
 from startrack.plots import CYCLE, LINES, picture, save_picture, styled
 

@@ -48,8 +48,7 @@ from startrack.detector import Defects
 from startrack.metrics import judge
 from startrack.plots import LINES, legend_below, save_picture, styled
 from startrack.plots import picture as blank
-from startrack.trial import spots_in_windows, window
-from startrack.trial.spot_plan import plan_of
+from startrack.trial import plan_spots, plan_windows, spots_in_windows
 
 Drawn = dict[str, list[Floats]]  # errors of each fidelity by the design's name, radian
 
@@ -151,7 +150,7 @@ def laws(count: int, many: int) -> tuple[dict[str, float], Drawn]:
         errors = [np.where(each["false"], np.nan, each["error_x"]) for each in others]
         p = p_values(frames, windows)
         worst = min(worst, *p.values())
-        both, told = (frames, windows), plan_of(case).false
+        both, told = (frames, windows), plan_spots(case).false
         errors = [frames.across, windows.across, *errors]
         table = {
             "spots": [each.spots.mean() for each in both]
@@ -237,10 +236,10 @@ def speeds(rounds: int, side: int) -> dict[str, float]:
     times = [[seconds(partial(look, thirty), n) for n in fields] for _ in range(rounds // 20 + 1)]
     figures["window_30_ms"] = 1e3 * float(np.min(times, axis=0).mean())
     figures |= hot_pixels(rounds)
-    window.plan_of.cache_clear()
-    plan_of.cache_clear()
+    plan_windows.cache_clear()
+    plan_spots.cache_clear()
     figures["first_window_ms"] = 1e3 * least(lambda _: look(thirty, 0), 1)
-    figures["first_covariance_ms"] = 1e3 * least(lambda _: plan_of(EXAMPLE), 1)
+    figures["first_covariance_ms"] = 1e3 * least(lambda _: plan_spots(EXAMPLE), 1)
     print("\n" + "\n".join(f"{name:38} {value:10.2f}" for name, value in figures.items()), "\n")
     return figures
 

@@ -36,11 +36,17 @@ from startrack import Spots, deg
 from startrack.attitude import SolverSettings, solve
 from startrack.benchmark import solving as cases
 from startrack.core import Floats
-from startrack.identification import build_index, identify, track
-from startrack.identification.agree import Agreed
-from startrack.identification.cache import cached_index
-from startrack.identification.seen import keep_brightest, see, usable
-from startrack.identification.verify import log_evidence_of_match
+from startrack.identification import (
+    Agreed,
+    build_index,
+    cached_index,
+    identify,
+    keep_brightest,
+    log_evidence_of_match,
+    see,
+    track,
+    usable,
+)
 from startrack.plots import CYCLE, MARKERS, picture, save_picture, styled
 
 CEDAR_SKIES = 20  # a regime: it takes up to a second for one

@@ -62,8 +62,14 @@ from startrack import (
     run_trials,
     shipped,
 )
-from startrack.attitude import CameraFilter, after_frame, camera_vector, first_camera, moved_camera
-from startrack.attitude.camera import MatchedFrame
+from startrack.attitude import (
+    CameraFilter,
+    MatchedFrame,
+    after_frame,
+    camera_vector,
+    first_camera,
+    moved_camera,
+)
 from startrack.calibration import Calibration
 from startrack.catalog import Selection, open_sky
 from startrack.design import Fidelity

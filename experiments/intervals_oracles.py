@@ -21,9 +21,7 @@ from startrack.core import Floats
 from startrack.metrics import Star, centroid_bound
 from startrack.montecarlo import Regions, chances, probability, where_likely
 from startrack.observation import rotations_from_cube
-from startrack.optimise import Ensembles, draw
-from startrack.optimise.sensitivity import sobol_indices
-from startrack.optimise.tolerance import fit, region
+from startrack.optimise import Ensembles, draw, fit_surface, region_of, sobol_indices
 
 DESIGNS = 128  # as `startrack sensitivity` has them
 SMALLEST_FLUX, LARGEST_FLUX = 500.0, 50_000.0  # electron
@@ -136,7 +134,7 @@ def posterior_error(stretch: int) -> float:
     cube = scipy.stats.qmc.LatinHypercube(2, rng=Streams(1, 0)("oracle")).random(16)
     points = np.column_stack([cube, np.full(len(cube), 0.3)])
     result = np.column_stack([log_bound(points), 0.6 - points[:, 1]])  # a margin of the width
-    density = region(fit(2 * cube - 1, result), math.log(LIMIT))
+    density = region_of(fit_surface(2 * cube - 1, result), math.log(LIMIT))
     chains = draw(
         density,
         lambda rng, n: 0.2 * rng.uniform(-1, 1, (n, 2)) + [0.3, -0.3],

@@ -25,9 +25,14 @@ from startrack import arcsec
 from startrack.core import Rows
 from startrack.design import Campaign, Case, Judged
 from startrack.metrics import fraction_interval
-from startrack.optimise import TrialRunner, optimize
-from startrack.optimise.forecast import named
-from startrack.optimise.units import fresh_units, level_interval_of_units, likely_units
+from startrack.optimise import (
+    TrialRunner,
+    fresh_units,
+    level_interval_of_units,
+    likely_units,
+    name_by_condition,
+    optimize,
+)
 from startrack.verification import boresights, claims_of, counted
 from startrack.verification import margins as margins_of
 
@@ -142,7 +147,9 @@ def judged_by_trials(case: Case, campaign: Campaign, trials: int) -> dict[str, A
     judged = campaign.judged(case)
     rows = [fresh_rows(condition, campaign, runner, trials) for condition in judged]
     for condition, outcomes in zip(judged, rows, strict=True):
-        margins |= named(condition.name, margins_by(condition, campaign, runner, outcomes))
+        margins |= name_by_condition(
+            condition.name, margins_by(condition, campaign, runner, outcomes)
+        )
     pairs = [pair for pair in zip(judged, rows, strict=True) if pair[0].weight]
     weighted, outcomes_of = [pair[0] for pair in pairs], [pair[1] for pair in pairs]
     if weighted[0].units:

@@ -17,8 +17,14 @@ from startrack.core import Floats
 from startrack.design import YEAR, Campaign, Fidelity, Objective, Variable, Variation
 from startrack.metrics import fraction_interval
 from startrack.montecarlo import Serial, run
-from startrack.optimise.forecast import budgets_of_units
-from startrack.optimise.units import MeasuredUnits, choices, compared_levels, levels_of, noise_of
+from startrack.optimise import (
+    MeasuredUnits,
+    budgets_of_units,
+    compared_levels,
+    levels_of,
+    noise_of,
+    resampled_units,
+)
 from startrack.population import Units
 from startrack.verification import USUAL, YieldClaim, units_expected
 
@@ -126,7 +132,7 @@ def repeated(first: Pool, second: Pool, count: int, repeats: int) -> dict[str, f
             for pool in (first, second)
         ]
         before, after = (measured(pool) for pool in few)
-        chosen = choices(count, number)
+        chosen = resampled_units(count, number)
         found = compared_levels(
             levels_of(Objective(), [before], [1.0], USUAL, chosen),
             levels_of(Objective(), [after], [1.0], USUAL, chosen),

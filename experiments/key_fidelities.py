@@ -25,7 +25,7 @@ import tomllib
 import typing
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import _lru_cache_wrapper, cache
+from functools import cache
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -34,13 +34,9 @@ import one_thread  # noqa: F401  # isort: skip
 import command
 
 from startrack import Case, Fidelity, shipped
-from startrack.budget import analytic
-from startrack.budget.analytic import refuse_scans
-from startrack.budget.left_out import of_the_case
+from startrack.budget import analytic, of_the_case, refuse_scans
 from startrack.core import Field, fields_of
-from startrack.core.memory import KeptFunction
-from startrack.design.keys import item_of, range_of
-from startrack.design.products import with_product
+from startrack.design import item_of, range_of, with_product
 from startrack.io import from_table, save_json, written
 from startrack.montecarlo import Serial, run
 from startrack.trial import require_fidelity
@@ -373,7 +369,7 @@ def checking() -> bool:
 def forget() -> None:
     """Empty the caches of the package, so that all is read again."""
     for one in gc.get_objects():
-        if isinstance(one, _lru_cache_wrapper | KeptFunction) and COMPUTING.match(one.__module__):
+        if hasattr(one, "cache_clear") and COMPUTING.match(one.__module__):
             one.cache_clear()
 
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from startrack import Refused
 from startrack.core import Floats, finite, kernel, one_of, positive, whole
 from startrack.motion import transfer
-from startrack.optics.choose import path_defect
+from startrack.optics import path_defect
 
 Complex = NDArray[np.complex128]
 

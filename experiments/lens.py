@@ -50,30 +50,33 @@ from startrack import (
     throughput,
 )
 from startrack.catalog import open_sky
-from startrack.cli.lens import interpolation_error
 from startrack.core import Floats
 from startrack.detector import Exposure, arriving, expose, mean_wavelength
 from startrack.metrics import summarise
-from startrack.observation import colours_of, field_psf_of, images_of
-from startrack.observation.images import TEMPERATURES
+from startrack.observation import TEMPERATURES, colours_of, field_psf_of, images_of
 from startrack.optics import (
+    ColourBand,
     Ghosts,
+    LensImages,
     LensTable,
     Optics,
     Tracing,
+    band_of,
+    ghost_map,
+    interpolation_error,
+    lens_stars,
     lens_surfaces,
     open_lens,
     open_optics,
+    pairs,
     read_prescription,
+    reflectances,
     trace_lens,
 )
-from startrack.optics.ghosts import ghost_map, pairs, reflectances
-from startrack.optics.lens_psf import ColourBand, _LensPlan, _stars, band_of
 from startrack.optimise import TrialRunner, optimize
 from startrack.response import residual_shift
 from startrack.scene import WAVELENGTH, illuminate
-from startrack.trial import spots_in_windows
-from startrack.trial.window import plan_of
+from startrack.trial import plan_windows, spots_in_windows
 
 ORACLE = Path(__file__).parents[1] / "tests/oracle/lens_grid.fits"
 PIXEL = 5.5e-6  # metre, for errors of places
@@ -168,8 +171,8 @@ def images(quick: bool) -> float:
         errors = np.zeros(wanted.shape[:2])
         for f, w in [(0, 0)] if quick else np.ndindex(errors.shape):
             wave = waves[[w]]
-            plan = _LensPlan(lens, camera, 10e-6, ColourBand(wave, np.ones((1, 1))), 1.0, 0.0)
-            star = _stars(lens, wave, float(angles[f]), np.pi / 2)[0]
+            plan = LensImages(lens, camera, 10e-6, ColourBand(wave, np.ones((1, 1))), 1.0, 0.0)
+            star = lens_stars(lens, wave, float(angles[f]), np.pi / 2)[0]
             errors[f, w] = apart(plan, star, wanted[f, w], 8 if quick else None)
         f, w = np.unravel_index(errors.argmax(), errors.shape)
         print(
@@ -180,7 +183,7 @@ def images(quick: bool) -> float:
     return worst
 
 
-def apart(plan: _LensPlan, star: Any, wanted: Floats, tries: int | None = None) -> float:
+def apart(plan: LensImages, star: Any, wanted: Floats, tries: int | None = None) -> float:
     """Largest difference of two images over the peak, where they fit best on each other."""
     n = len(wanted)
     plan.count, plan.spacing = n + 1, WIDTH / (n - 1)
@@ -288,7 +291,7 @@ def stamps(case: Case, count: int) -> tuple[float, float]:
     spectra = instrument.detected_spectra(TEMPERATURES)
     order = np.argsort(spectra @ WAVELENGTH / spectra.sum(axis=1))
     camera, images = instrument.camera, field_psf_of(instrument)
-    plan = _LensPlan(
+    plan = LensImages(
         open_optics(instrument.optics),
         camera,
         instrument.detector.pitch,
@@ -351,21 +354,16 @@ def frames(case: Case, runs: int) -> dict[str, float]:
 
 def windows(case: Case, runs: int) -> dict[str, float]:
     """Trials in windows, with images of the table and with their mean."""
-    import startrack.trial.window as window
-
     attitudes = Rotation.random(4, random_state=5)
-    plan = plan_of(case)
+    plan = plan_windows(case)
     mean = replace(plan, psf=psf_of(case.instrument))
     colours_of(case)
 
-    def trials(which: object) -> None:
-        window.plan_of = lambda case, smear: which  # type: ignore[assignment]
+    def trials(which: Any) -> None:
         for n in range(len(attitudes)):
-            spots_in_windows(case, attitudes[n], Streams(1, n))
+            spots_in_windows(case, attitudes[n], Streams(1, n), plan=which)
 
-    found = least({"table": lambda: trials(plan), "one": lambda: trials(mean)}, runs)
-    window.plan_of = plan_of
-    return found
+    return least({"table": lambda: trials(plan), "one": lambda: trials(mean)}, runs)
 
 
 def ghost_errors(quick: bool) -> dict[str, float]:

@@ -19,10 +19,9 @@ from typing import Any
 import command
 
 from startrack import shipped
-from startrack.design.requirements import cost_of
+from startrack.design import cost_of
 from startrack.io import save_text
-from startrack.optics import open_lens
-from startrack.optics.surfaces import open_surfaces
+from startrack.optics import open_lens, open_surfaces
 
 LENSES = Path(__file__).parents[1] / "tests/oracle/lens_costs.json"
 HALF_DIAGONAL = 21.6e-3  # metre, of the film

@@ -24,9 +24,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack import Refused, shipped
 from startrack.core import installed_tables
-from startrack.mission import load_mission
-from startrack.mission.instants import motion_of, path_of
-from startrack.mission.parameters import Attitude, MissionOrbit
+from startrack.mission import Attitude, MissionOrbit, load_mission, motion_of, path_of
 from startrack.space import two_line_record
 
 BEGIN = "2026-03-20T12:00:00"

@@ -33,7 +33,7 @@ from startrack.detector import Detector, Thermal, electron_rate, frame_of, respo
 from startrack.earth.atmosphere import planck, sun_spectrum
 from startrack.earth.imager import Channel, band_of, figures
 from startrack.metrics import Star, attitude_bound, centroid_bound
-from startrack.mission.fusion import fused_variance
+from startrack.mission import fused_variance
 from startrack.motion import Motion, Tone, blur, jitter_rms, slew, transfer
 from startrack.observation import light_by_colour
 from startrack.optics import Optics, pixel_psf

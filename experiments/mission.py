@@ -84,40 +84,41 @@ from startrack import Fidelity, Streams, arcsec, deg, load_design, run_trial, ru
 from startrack.budget import analytic, unit_budgets
 from startrack.core import LIGHT_SPEED, Floats, Ints, installed_tables
 from startrack.design import Case, KeepOut, Moment, turning
-from startrack.detector import Age
-from startrack.detector.ageing import orbit_dose, proton_dose
+from startrack.detector import Age, orbit_dose, proton_dose
 from startrack.mission import (
     Blind,
     Loaded,
     Mission,
+    MissionOrbit,
     MissionPlan,
+    MissionRequirements,
+    at,
     exports,
     fly,
     fly_units,
+    fuse,
+    head_covariance,
     head_model,
     lightest,
     load_mission,
+    mounted,
+    path_of,
     place,
     plan_of,
+    read_aem,
+    relative_alignment,
     scenes_at,
     surrogate,
     trades,
     write_model,
 )
 from startrack.mission import placement as placement_of_heads
-from startrack.mission.engine import at
-from startrack.mission.fusion import fuse, head_covariance, relative_alignment
-from startrack.mission.instants import path_of
-from startrack.mission.messages import read_aem
-from startrack.mission.parameters import MissionOrbit, MissionRequirements, mounted
-from startrack.mission.rendered import root_of_mean
 from startrack.montecarlo import Serial
 from startrack.optics import Baffle
-from startrack.optimise.units import without_noise
+from startrack.optimise import without_noise
 from startrack.population import Units, per_unit, unit_of, unit_trials
 from startrack.sequence import Leg, Sequence, fly_sequences
-from startrack.space import hit_map, trapped_protons
-from startrack.space.radiation import Protons
+from startrack.space import Protons, hit_map, trapped_protons
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from tests.mission import independent
@@ -656,7 +657,8 @@ def life(count: int) -> dict[str, Any]:
             if solved[-1]:
                 square = outcome.error_x**2 + outcome.error_y**2
                 squares.append(square / 2 / scene.across**2)
-        ratios.append(root_of_mean(np.array(squares)))
+        rms = math.sqrt(np.mean(squares))
+        ratios.append((rms, float(np.std(squares)) / math.sqrt(len(squares)) / 2 / rms))
     expected = np.array(chance)
     spread = math.sqrt(float((expected * (1 - expected)).sum()) + 0.25)
     return {

@@ -29,9 +29,14 @@ from startrack.design import Case
 from startrack.identification import merged
 from startrack.metrics import fraction_interval
 from startrack.observation import colour_correction
-from startrack.onboard import CompiledGuide, GuideSettings, guide_stars, read_variables
-from startrack.onboard.compiled import c_compiler
-from startrack.onboard.layout import Guide
+from startrack.onboard import (
+    CompiledGuide,
+    Guide,
+    GuideSettings,
+    c_compiler,
+    guide_stars,
+    read_variables,
+)
 
 FIELDS = (10, 15, 20)  # degree
 LIMITS = (5.5, 6.0, 6.5)  # magnitude

@@ -27,20 +27,26 @@ from startrack.core import Floats
 from startrack.design import Campaign, DesignSpace, Objective
 from startrack.metrics import Star
 from startrack.optimise import (
+    FRESH,
+    LOST,
+    PENALTY,
     Evaluation,
     Explorer,
     Ledger,
     Search,
     TrackerSource,
     TrialRunner,
+    confirm_requirements,
     evaluate,
     expected_objective,
+    explore,
+    fit_correction,
     least,
+    measured_margins,
+    missed,
+    refine,
+    trials_of_tracker,
 )
-from startrack.optimise.correction import correct
-from startrack.optimise.evaluate import LOST, PENALTY, measured, missed
-from startrack.optimise.runner import FRESH
-from startrack.optimise.steps import confirm_requirements, explore, refine, trials_of_tracker
 from startrack.plots import CYCLE, MARKERS, legend_below, picture, save_picture, styled
 from startrack.verification import margins as margins_of
 
@@ -140,7 +146,7 @@ def by_trials(
     objective = Objective.read(campaign.objective)
     error = float(objective.of(objective.squares(outcomes)))
     margins = margins_of(campaign.requirements, case)
-    margins |= measured(campaign.judged(case)[0], outcomes, runner.seed)
+    margins |= measured_margins(campaign.judged(case)[0], outcomes, runner.seed)
     return (math.log(error / arcsec) if error > 0 else LOST) + PENALTY * missed(margins)
 
 
@@ -263,7 +269,7 @@ class Truth:
             for coordinates in points
             if np.abs(coordinates - best).max() <= REACH
         ]
-        correction = correct(tried, best, REACH)
+        correction = fit_correction(tried, best, REACH)
 
         def score(coordinates: Floats) -> float:
             if np.abs(coordinates - best).max() > REACH:

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from startrack import Frame, read_image
 from startrack.catalog import Selection, open_sky
-from startrack.cli.main import main as startrack
+from startrack.cli import main as startrack
 from startrack.identification import Identification, PatternIndexes
 from startrack.photograph import Photograph, solve_photograph
 

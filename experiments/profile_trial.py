@@ -32,8 +32,7 @@ import cv2
 
 import startrack
 from startrack import Case, Fidelity, load_design, run_trials, shipped
-from startrack.benchmark import versions
-from startrack.benchmark.stage import spent
+from startrack.benchmark import spent, versions
 from startrack.io import save_json, save_text
 
 HOME = Path(startrack.__file__).parent

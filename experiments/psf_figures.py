@@ -15,8 +15,7 @@ from krutz_2011 import ThinLens, fresnel_error, fresnel_radius, on_axis, paper_r
 from numpy.typing import NDArray
 
 from startrack.core import Floats
-from startrack.optics import pupil_transfer
-from startrack.optics.choose import path_defect
+from startrack.optics import path_defect, pupil_transfer
 from startrack.plots import BLUE, GREY, RED, legend_below, picture, save_picture, styled
 
 FOCAL, DISTANCE, WAVELENGTH, PITCH = 0.02, 1.0, 500e-9, 5e-6

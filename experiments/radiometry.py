@@ -47,9 +47,7 @@ from startrack.earth.atmosphere import (
 from startrack.earth.geometry import EarthScene, observe_earth
 from startrack.io import from_table
 from startrack.plots import LINES, legend_below, picture, save_picture, styled
-from startrack.scene import ObserverOrbit, Scene
-from startrack.scene.ephemeris import observer_of
-from startrack.scene.limb import load_limb
+from startrack.scene import ObserverOrbit, Scene, load_limb, observer_of
 from startrack.space import EARTH_RADIUS
 
 sys.path.append(str(shipped("atmosphere")))  # where the tables are built

@@ -31,8 +31,17 @@ from scipy.spatial.transform import Rotation
 
 from startrack import Camera, Light, LineOfSight, Streams
 from startrack.core import Floats
-from startrack.detector import Detector, Exposure, dark, expose, law_of, read_out, response
-from startrack.detector.law import BITS, tables_for
+from startrack.detector import (
+    BITS,
+    Detector,
+    Exposure,
+    dark,
+    expose,
+    law_of,
+    read_out,
+    response,
+    tables_for,
+)
 from startrack.optics import Optics, pixel_psf
 
 Image = NDArray[Any]

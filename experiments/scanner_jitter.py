@@ -33,7 +33,7 @@ from startrack.core import Floats, Ints
 from startrack.design import replaced
 from startrack.montecarlo import pool
 from startrack.motion import Motion, Tone, image_path, slew, stability
-from startrack.observation.exposure import duration
+from startrack.observation import duration
 from startrack.optimise import TrialRunner
 from startrack.plots import BLUE, GREEN, legend_below, picture, save_picture, styled
 

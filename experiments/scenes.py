@@ -29,8 +29,7 @@ import scenes_tracker
 from leaving_out import Effect, Found, Gap, View, Way, leave_out
 from matplotlib.axes import Axes
 
-from startrack.benchmark import versions
-from startrack.benchmark.stage import figure, spent
+from startrack.benchmark import figure, spent, versions
 from startrack.io import save_json, save_text
 from startrack.plots import CYCLE, LINES, RED, SMALL, legend_below, picture, save_picture, styled
 

@@ -30,8 +30,7 @@ from startrack import (
 from startrack.detector import Defects, Hits, Pattern
 from startrack.motion import Broadband, Tone
 from startrack.optics import Aberration
-from startrack.scene import ObserverOrbit, Scene
-from startrack.scene.ephemeris import SkyObserver, observer_of
+from startrack.scene import ObserverOrbit, Scene, SkyObserver, observer_of
 from startrack.space import EARTH_RADIUS
 
 SEED = 11

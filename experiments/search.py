@@ -35,12 +35,21 @@ from startrack import Case, load_design, shipped
 from startrack.budget import units
 from startrack.core import Floats
 from startrack.design import Campaign, DesignSpace, Moment, Objective, Variable, branches
-from startrack.optimise import Explorer, Foresight, Search, TrackerSource, TrialRunner, least
-from startrack.optimise.evaluate import foresee_all
-from startrack.optimise.evaluate import missed as missed_of
-from startrack.optimise.forecast import budgets_of_units, forecasts
-from startrack.optimise.steps import explore
-from startrack.optimise.units import fresh_units, level_interval_of_units
+from startrack.optimise import (
+    Explorer,
+    Foresight,
+    Search,
+    TrackerSource,
+    TrialRunner,
+    budgets_of_units,
+    explore,
+    forecasts,
+    foresee_all,
+    fresh_units,
+    least,
+    level_interval_of_units,
+)
+from startrack.optimise import missed as missed_of
 from startrack.population import middle_of
 
 

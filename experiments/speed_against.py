@@ -177,8 +177,7 @@ def work() -> dict[str, Callable[[], Work]]:
         return lambda: analytic(case), 1
 
     def shadows() -> Work:
-        from startrack.earth.terrain import index
-        from startrack.earth.terrain.trace import blocked
+        from startrack.earth.terrain import blocked, index
 
         try:
             site = import_module("startrack.benchmark.earth")

@@ -33,21 +33,21 @@ from startrack import Streams
 from startrack.benchmark import earth as cases
 from startrack.core import Floats
 from startrack.earth.terrain import (
+    LIFT,
     Array,
     Grid,
     Mosaic,
     Pyramid,
     Rays,
+    Surface,
     TerrainScan,
+    blocked,
     cartesian,
     fractal,
     index,
     survey,
     trace,
 )
-from startrack.earth.terrain.surface import Surface
-from startrack.earth.terrain.survey import LIFT
-from startrack.earth.terrain.trace import blocked
 from startrack.plots import MARKERS, colour_bar, legend_below, picture, save_picture, styled
 from tests.earth.terrain.scenes import Relief
 from tests.hard.earth import random_rays

@@ -18,8 +18,7 @@ from typing import Any
 import command
 import numpy as np
 
-from startrack.design import Requirements, products
-from startrack.design.products import with_product
+from startrack.design import Requirements, products, with_product
 from startrack.detector import Detector
 from startrack.io import from_table, save_text
 

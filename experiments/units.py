@@ -41,8 +41,7 @@ from startrack.io import from_table, read_table
 from startrack.metrics import fraction_interval, quantile_of_few
 from startrack.montecarlo import Sampling, Store, pool, resume
 from startrack.optics import Optics, Residual
-from startrack.population import Units, per_unit, unit_trials
-from startrack.population.calibrate import calibrated, drawn, left_over
+from startrack.population import Units, calibrated, drawn, left_over, per_unit, unit_trials
 from startrack.response import errors as star_errors
 
 ALL = tuple(term for term in Term if term is not Term.BIAS)

@@ -21,10 +21,8 @@ import numpy as np
 from markley_mortari import SCENARIOS, scenario
 
 from startrack import Case, arcsec, deg, load_design, shipped
-from startrack.budget import analytic
-from startrack.budget.fields import boresights
-from startrack.catalog import Selection, Sky, earth_observer, open_sky
-from startrack.catalog.colour import v_from_g
+from startrack.budget import analytic, boresights
+from startrack.catalog import Selection, Sky, earth_observer, open_sky, v_from_g
 from startrack.core import LIGHT_SPEED, Floats
 from startrack.metrics import attitude_bound
 from startrack.response import errors

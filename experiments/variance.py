@@ -24,11 +24,18 @@ from scipy.spatial.transform import Rotation
 
 from startrack import OUTCOMES, Case, Fidelity, Streams, load_design, run_trials, shipped
 from startrack.core import Floats, Ints, Rows
-from startrack.montecarlo import Regions, Sampling, combined, mean_square
+from startrack.montecarlo import (
+    REPLICATES,
+    Mean,
+    Regions,
+    Sampling,
+    combined,
+    mean_square,
+    plain,
+    squares,
+    towards,
+)
 from startrack.montecarlo import one_thread as one_opencv_thread
-from startrack.montecarlo.attitudes import REPLICATES, towards
-from startrack.montecarlo.estimate import Mean, plain
-from startrack.montecarlo.sampling import squares
 
 FRAME, DRAWN = Fidelity.FRAME, Fidelity.COVARIANCE
 SEED = 3

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack import Fidelity, Refused, Streams, load_design
 from startrack.budget.left_out import of_the_case
-from startrack.cli import main
+from startrack.cli.main import COMMANDS, _parser, main
 from startrack.cli.options import Option, Options
 from startrack.core import NON_NEGATIVE, DiffuseLight, Unit, parameter
 from startrack.core.extension import code_of_command
@@ -194,9 +194,9 @@ class Greet:
 
 def test_a_command_is_two_places(monkeypatch, capsys):
     with monkeypatch.context() as added:
-        added.setitem(main.COMMANDS, "greet", "greet somebody")
+        added.setitem(COMMANDS, "greet", "greet somebody")
         added.setitem(sys.modules, "startrack.cli.greet", Greet)
-        assert main.main(["greet", "Vega"]) == 0
+        assert main(["greet", "Vega"]) == 0
         assert capsys.readouterr().out == "hello Vega\n"
     with pytest.raises(SystemExit):
-        main._parser(["greet", "Vega"]).parse_args(["greet", "Vega"])
+        _parser(["greet", "Vega"]).parse_args(["greet", "Vega"])

@@ -21,6 +21,7 @@ from startrack.attitude.camera import (
     UNKNOWNS,
     Calibrated,
     Calibration,
+    MatchedFrame,
     calibrate,
     camera_slopes,
     camera_vector,

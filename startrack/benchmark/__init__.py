@@ -18,8 +18,10 @@ from startrack.benchmark.stage import (
     StageRow,
     Way,
     draw_benchmark,
+    figure,
     markdown,
     measure,
+    spent,
     values,
     versions,
 )

@@ -19,7 +19,7 @@ single_stars  Case -> errors of single stars: by formula, in boxes, in trials ov
 curves     Case -> its error over the sky and over slew rate, and that of its stars.
 """
 
-from startrack.budget.analytic import analytic
+from startrack.budget.analytic import analytic, refuse_scans
 from startrack.budget.budget import Budget, BudgetLine, ErrorLaw, SkySample, Spread
 from startrack.budget.curves import (
     LONGEST,
@@ -35,8 +35,8 @@ from startrack.budget.curves import (
     slews,
     survey,
 )
-from startrack.budget.exclusion import added, exclusions, stray_light_levels
-from startrack.budget.fields import attitudes
+from startrack.budget.exclusion import Exclusion, added, exclusions, stray_light_levels
+from startrack.budget.fields import attitudes, boresights
 from startrack.budget.left_out import (
     ADVICE,
     TrialCheck,
@@ -45,6 +45,7 @@ from startrack.budget.left_out import (
     check,
     differences,
     noise_only,
+    of_the_case,
     refusal,
     unseen,
 )

@@ -24,7 +24,7 @@ from startrack.calibration.field import (
     residuals,
 )
 from startrack.calibration.photon_transfer import Level, sample_detector
-from startrack.calibration.posterior import Prior, sample_camera
+from startrack.calibration.posterior import CameraPosterior, Prior, sample_camera
 from startrack.calibration.star_table import Names, StarTable, is_star_table, read_star_table
 
 # Public; the other imports serve other rooms.

@@ -12,6 +12,7 @@ sky       Selection -> Sky, which finds the stars around a direction.
 
 from startrack.catalog.apparent import Observer, apparent, earth_observer
 from startrack.catalog.catalog import Catalog
+from startrack.catalog.colour import v_from_g
 from startrack.catalog.readers import read
 from startrack.catalog.sky import FAINTEST_G, LIMITS, Selection, Sky, belt, open_sky
 from startrack.catalog.tables import HOURS, angle_texts, csv_table, fits_table, votable
@@ -27,4 +28,5 @@ __all__ = [
     "earth_observer",
     "open_sky",
     "read",
+    "v_from_g",
 ]

@@ -15,3 +15,7 @@ montecarlo, merge, combine, compare, compare_flight, report, requirements, verif
 sequence, mission, export. Of many designs: optimize, sample, pareto, sensitivity. Of Earth cameras:
 earth. Others: init, keys, warm, bench. `main.COMMANDS` says what each does.
 """
+
+from startrack.cli.main import main
+
+__all__ = ["main"]

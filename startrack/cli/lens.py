@@ -262,7 +262,7 @@ def _trace(options: argparse.Namespace) -> int:
             between = _between(tracing)
             with progress("checking", _nodes(between)) as advance:
                 dense = optics.trace_lens(lens, "between", "", between, advance)[0]
-            result |= interpolation_error(table, dense)
+            result |= optics.interpolation_error(table, dense)
     print_result(options, result, _text(result))
     return Exit.DONE
 
@@ -311,41 +311,6 @@ def _between(tracing: optics.Tracing) -> optics.Tracing:
     middle = (waves[1:] + waves[:-1]) / 2 if len(waves) > 1 else waves
     angles = 0.0, *((fields[1:] + fields[:-1]) / 2).tolist()
     return replace(tracing, wavelength=tuple(middle.tolist()), field=angles)
-
-
-def interpolation_error(table: optics.LensTable, dense: optics.LensTable) -> dict[str, float]:
-    """Largest error of a table at the nodes of another one.
-
-    Of the wavefront the rms over the open pupil, in waves, without its mean and tilt; of the chief
-    ray's place, metre; of the area relative.
-    """
-    radius, turn = np.meshgrid(np.sqrt((np.arange(8) + 0.5) / 8), np.arange(24) * (np.pi / 12))
-    disc_x, disc_y = (radius * np.cos(turn)).ravel(), (radius * np.sin(turn)).ravel()
-    plane = np.stack([np.ones_like(disc_x), disc_x, disc_y], axis=-1)
-    waves, place, area = [0.0], [0.0], [0.0]
-    for t, temperature in enumerate(dense.temperature):
-        between = table.at(float(temperature), dense.wavelength, dense.field)
-        place.append(float(np.abs(between.place - dense.place[t]).max()))
-        area.append(float(np.abs(between.area / dense.area[t] - 1).max()))
-        for at in np.ndindex(between.place.shape):
-            stop, half_p, half_q, *rest = dense.pupil[t][at]
-            p, q = rest[0] + rest[1] * disc_x, rest[2] * disc_y
-            other = between.pupil[at]
-            off = sum(
-                size * optics.zernike(j, (stop - p) / half_p, -q / half_q)
-                - near * optics.zernike(j, (other[0] - p) / other[1], -q / other[2])
-                for j, size, near in zip(
-                    table.noll.tolist(), dense.wavefront[t][at], between.wavefront[at], strict=True
-                )
-            )
-            # The chief ray's place belongs to the tilt, which is left out.
-            off = off - plane @ np.linalg.lstsq(plane, off, rcond=None)[0]
-            waves.append(float(np.sqrt(np.mean(off**2))) / float(dense.wavelength[at[0]]))
-    return {
-        "interpolation_rms_waves": max(waves),
-        "interpolation_place_um": max(place) / um,
-        "interpolation_area": max(area),
-    }
 
 
 def summary(table: optics.LensTable) -> dict[str, Any]:

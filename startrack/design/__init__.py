@@ -35,7 +35,9 @@ from startrack.design.keys import (
     Key,
     design_keys,
     design_schema,
+    item_of,
     keys_of,
+    range_of,
     table_schema,
     template,
 )
@@ -52,8 +54,8 @@ from startrack.design.parameter import (
     with_values,
 )
 from startrack.design.parameter import text as value_text
-from startrack.design.products import products
-from startrack.design.requirements import COSTS, Accuracy, KeepOut, Requirements
+from startrack.design.products import products, with_product
+from startrack.design.requirements import COSTS, Accuracy, KeepOut, Requirements, cost_of
 from startrack.design.structure import TURNS, Structure
 from startrack.design.unknown import Unknown
 from startrack.design.variables import OF_IMAGES, Choice, DesignSpace, Link, Variable, branches

@@ -41,7 +41,7 @@ from startrack.detection.expectation import (
 )
 from startrack.detection.find import DetectionInput, FrameBackground, levels_at
 from startrack.detection.matched import filtered, highest_between
-from startrack.detection.methods import CentroidInput
+from startrack.detection.methods import CENTROIDS, CentroidInput
 from startrack.detection.parameters import LONGEST_STREAK, STREAK, Detection
 from startrack.detection.pixels import (
     DarkFrames,

@@ -25,8 +25,17 @@ threshold_crossings  Filter and thresholds -> where noise alone exceeds them, an
 scan                 Light and the motion of a camera -> the image of a detector of lines.
 """
 
-from startrack.detector.ageing import YEAR, Age, Flicker
-from startrack.detector.collect import diffuse, electron_rate, mean_wavelength
+from startrack.detector.ageing import (
+    CHANDRA_ACA,
+    YEAR,
+    Age,
+    Flicker,
+    Flickering,
+    orbit_dose,
+    pixels_above,
+    proton_dose,
+)
+from startrack.detector.collect import diffuse, diffuse_electrons, electron_rate, mean_wavelength
 from startrack.detector.digitise import normals, shot
 from startrack.detector.effects import (
     PIXEL_EFFECTS,
@@ -49,7 +58,7 @@ from startrack.detector.exposure import (
     to_frame,
 )
 from startrack.detector.imperfections import Defects, Hits, Pattern, Thermal, offsets
-from startrack.detector.law import law_of, nonlinear_signal, unrounded
+from startrack.detector.law import BITS, law_of, nonlinear_signal, tables_for, unrounded
 from startrack.detector.maps import dark, device_streams, flickering, read_noise, response
 from startrack.detector.parameters import Detector, Line, RegionOfInterest, Scan, staggered, tdi
 from startrack.detector.readout import read_out
@@ -88,6 +97,8 @@ __all__ = [
     "Thermal",
     "expected",
     "expose",
+    "orbit_dose",
+    "proton_dose",
     "scan",
     "staggered",
     "tdi",

@@ -17,7 +17,7 @@ blind       Spots of an unknown camera -> matches and field of view, then the di
 track       Matches from spots and a predicted attitude.
 """
 
-from startrack.identification.agree import NARROWEST, REACH, refit
+from startrack.identification.agree import NARROWEST, REACH, Agreed, refit
 from startrack.identification.blind import (
     WIDEST_PINHOLE,
     cameras,
@@ -26,7 +26,7 @@ from startrack.identification.blind import (
     fit_lens,
     identify_blind,
 )
-from startrack.identification.cache import PatternIndexes
+from startrack.identification.cache import PatternIndexes, cached_index
 from startrack.identification.evidence import LOG_ATTITUDES, log_evidence
 from startrack.identification.identify import identify
 from startrack.identification.index import (
@@ -38,8 +38,9 @@ from startrack.identification.index import (
     merged,
 )
 from startrack.identification.parameters import Identification, IdentificationInput
-from startrack.identification.seen import LEAST_SIGMA
+from startrack.identification.seen import LEAST_SIGMA, keep_brightest, see, usable
 from startrack.identification.track import track
+from startrack.identification.verify import log_evidence_of_match
 
 # Public; the other imports serve other rooms.
 __all__ = [

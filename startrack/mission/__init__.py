@@ -23,7 +23,7 @@ summary     Flown -> availability, times without an attitude, reacquisition, ver
             a row for each step.
 """
 
-from startrack.mission.engine import Flown, MissionPlan, fly, plan_of
+from startrack.mission.engine import Flown, MissionPlan, at, fly, plan_of
 from startrack.mission.exports import (
     SMEARS,
     HeadModel,
@@ -35,8 +35,21 @@ from startrack.mission.exports import (
     write_model,
 )
 from startrack.mission.frames import Between, agreement, between, frames_of
+from startrack.mission.fusion import fuse, fused_variance, head_covariance, relative_alignment
 from startrack.mission.heads import Blind
-from startrack.mission.parameters import KeepClear, Loaded, Mission, load_mission, save_mission
+from startrack.mission.instants import motion_of, path_of
+from startrack.mission.messages import read_aem
+from startrack.mission.parameters import (
+    Attitude,
+    KeepClear,
+    Loaded,
+    Mission,
+    MissionOrbit,
+    MissionRequirements,
+    load_mission,
+    mounted,
+    save_mission,
+)
 from startrack.mission.placement import angles_of, lightest, map_of, moved_plan, place, trades
 from startrack.mission.rendered import Checked, scenes_at
 from startrack.mission.store import flown_from
@@ -58,6 +71,7 @@ from startrack.space import PLANETS
 
 # Public; the other imports serve other rooms.
 __all__ = [
+    "Attitude",
     "Availability",
     "Blind",
     "Fleet",
@@ -65,16 +79,25 @@ __all__ = [
     "HeadModel",
     "Loaded",
     "Mission",
+    "MissionOrbit",
     "MissionPlan",
+    "MissionRequirements",
     "UnitChoice",
     "availability_of",
     "fly",
     "fly_units",
     "frames_of",
+    "fuse",
+    "head_covariance",
     "head_model",
     "load_mission",
+    "motion_of",
+    "mounted",
+    "path_of",
     "place",
     "plan_of",
+    "read_aem",
+    "relative_alignment",
     "save_mission",
     "timeline",
     "verdicts",

@@ -20,10 +20,17 @@ merge       Stores of parts of a campaign -> one store, with the same bytes in a
             parts.
 """
 
-from startrack.montecarlo.attitudes import Regions, at_random, chances, where_likely
+from startrack.montecarlo.attitudes import (
+    REPLICATES,
+    Regions,
+    at_random,
+    chances,
+    towards,
+    where_likely,
+)
 from startrack.montecarlo.causes import Ending, Endings, endings, with_causes
 from startrack.montecarlo.comparison import Difference, differences, fidelity_comparison
-from startrack.montecarlo.estimate import combined, mean_square, probability
+from startrack.montecarlo.estimate import Mean, combined, mean_square, plain, probability
 from startrack.montecarlo.merge import merge_stores
 from startrack.montecarlo.resume import (
     Precision,
@@ -34,7 +41,7 @@ from startrack.montecarlo.resume import (
     resume,
 )
 from startrack.montecarlo.run import missing_runs, run, warm
-from startrack.montecarlo.sampling import Sampling
+from startrack.montecarlo.sampling import Sampling, squares
 from startrack.montecarlo.sketch import (
     Sketch,
     load_sketch,

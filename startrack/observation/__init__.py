@@ -19,12 +19,14 @@ from startrack.observation.belief import (
 )
 from startrack.observation.exposure import (
     at_one_time,
+    duration,
     expected_electrons,
     exposure_of,
     straighten,
     sweep,
 )
 from startrack.observation.images import (
+    TEMPERATURES,
     colour_range,
     detected_spectrum,
     field_psf_of,

@@ -8,9 +8,9 @@ compiled  The reader in C, compiled on this machine and called with the bytes of
 startrack_guide.h and startrack_guide.c are the reader in C99 that is written beside the file.
 """
 
-from startrack.onboard.compiled import CompiledGuide
+from startrack.onboard.compiled import CompiledGuide, c_compiler
 from startrack.onboard.guide import GuideSettings, guide_stars, read_variables
-from startrack.onboard.layout import DOUBLE, VARIABLE, read_guide, write_guide
+from startrack.onboard.layout import DOUBLE, VARIABLE, Guide, read_guide, write_guide
 
 # Public; the other imports serve other rooms.
 __all__ = [

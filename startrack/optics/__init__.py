@@ -30,7 +30,7 @@ baffle        Light -> Light: stray light of Sun, Moon and Earth past the baffle
 """
 
 from startrack.optics.baffle import Baffle, BaffleTube, stray_light, transmittance_of
-from startrack.optics.choose import PsfChoice, choose
+from startrack.optics.choose import PsfChoice, choose, path_defect
 from startrack.optics.diffraction import (
     airy,
     blur_transfer,
@@ -40,10 +40,35 @@ from startrack.optics.diffraction import (
     pupil_transfer,
 )
 from startrack.optics.field_images import COARSE, camera_of_cube, cube_psf, mirrored
-from startrack.optics.ghosts import Ghosts, add_ghosts, full_surfaces, lens_surfaces, save_ghosts
+from startrack.optics.ghosts import (
+    Ghosts,
+    add_ghosts,
+    full_surfaces,
+    ghost_map,
+    lens_surfaces,
+    pairs,
+    reflectances,
+    save_ghosts,
+)
 from startrack.optics.lens_family import element_count
-from startrack.optics.lens_psf import ROOM, field_psf, fit_camera, open_optics
-from startrack.optics.lens_table import LensTable, lens_path, load_lens, open_lens, save_lens
+from startrack.optics.lens_psf import (
+    ROOM,
+    ColourBand,
+    LensImages,
+    band_of,
+    field_psf,
+    fit_camera,
+    lens_stars,
+    open_optics,
+)
+from startrack.optics.lens_table import (
+    LensTable,
+    interpolation_error,
+    lens_path,
+    load_lens,
+    open_lens,
+    save_lens,
+)
 from startrack.optics.measured_psf import brightest, file_of, lone_stars, reconstruct
 from startrack.optics.parameters import Optics, with_blur_as_length
 from startrack.optics.pixel_psf import PsfInput, over_field, pixel_psf
@@ -53,7 +78,7 @@ from startrack.optics.pupil import Aberration, Pupil, Segment, area_weights, pup
 from startrack.optics.quality import BLOCKS, POINT, RADII, Quality, modulation, quality
 from startrack.optics.ray_trace import Tracing, surfaces_of, trace_lens
 from startrack.optics.residual import Residual
-from startrack.optics.surfaces import Surfaces, save_surfaces
+from startrack.optics.surfaces import Surfaces, open_surfaces, save_surfaces
 from startrack.optics.zemax_text import holds_wavefronts, psfs_of_pages, table_of_pages
 
 # Public; the other imports serve other rooms.

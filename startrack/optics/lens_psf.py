@@ -388,7 +388,7 @@ def _power_series(
     return wavefront, amplitude
 
 
-def _stars(lens: Lens, wavelength: Floats, field: float, azimuth: float) -> list[_Star]:
+def lens_stars(lens: Lens, wavelength: Floats, field: float, azimuth: float) -> list[_Star]:
     """A star of a field angle at each wavelength."""
     points = lens.at(wavelength, np.array([field]))
     power, amplitude = _power_series(lens.table, points)
@@ -501,11 +501,11 @@ def field_psf(
     """
     field_images.refuse_band("lens_file", lens.table.wavelength, wavelength, spectra)
     band = band_of(wavelength, spectra, node_count(lens.optics))
-    plan = _LensPlan(lens, camera, pitch, band, fill_factor, diffusion)
+    plan = LensImages(lens, camera, pitch, band, fill_factor, diffusion)
     return field_images.images_over_frame(plan, lens.optics, camera, colour, nodes)
 
 
-class _LensPlan:
+class LensImages:
     """What the images of all places share.
 
     rough          whether the tolerance of the design is COARSE
@@ -608,7 +608,7 @@ class _LensPlan:
         if place not in self._known:
             field, azimuth = field_images.angles_at(self.camera, *place)
             field = min(field, float(self.lens.table.field[-1]))
-            self._known[place] = _stars(self.lens, self.band.wavelength, field, azimuth)
+            self._known[place] = lens_stars(self.lens, self.band.wavelength, field, azimuth)
         return self._known[place]
 
     def _spread(self, away_x: float, away_y: float) -> float:
@@ -693,6 +693,7 @@ class _LensPlan:
 
     @cached_property
     def size(self) -> int:
+        """Points along a side of its transform."""
         more = math.ceil((self.side_of_pixel / 2 + 6 * self.blur) / self.spacing)
         return int(fft.next_fast_len(self.count + more, real=True))
 

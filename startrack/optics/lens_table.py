@@ -10,9 +10,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from startrack.core import Floats, Ints, Refused, Unit, kept, positive, printed
+from startrack.core import Floats, Ints, Refused, Unit, kept, positive, printed, um
 from startrack.io import open_checked, shipped, whole
-from startrack.optics.pupil import MOST, noll_to_nm
+from startrack.optics.pupil import MOST, noll_to_nm, zernike
 
 T = TypeVar("T")
 Reals = NDArray[np.floating[Any]]
@@ -399,3 +399,38 @@ _open = kept_files(load_lens)
 def open_lens(name: str) -> LensTable:
     """The table of a `lens_file`; kept for the 8 last files and their times."""
     return _open(lens_path(name))
+
+
+def interpolation_error(table: LensTable, dense: LensTable) -> dict[str, float]:
+    """Largest error of a table at the nodes of another one.
+
+    Of the wavefront the rms over the open pupil, in waves, without its mean and tilt; of the chief
+    ray's place, metre; of the area relative.
+    """
+    radius, turn = np.meshgrid(np.sqrt((np.arange(8) + 0.5) / 8), np.arange(24) * (np.pi / 12))
+    disc_x, disc_y = (radius * np.cos(turn)).ravel(), (radius * np.sin(turn)).ravel()
+    plane = np.stack([np.ones_like(disc_x), disc_x, disc_y], axis=-1)
+    waves, place, area = [0.0], [0.0], [0.0]
+    for t, temperature in enumerate(dense.temperature):
+        between = table.at(float(temperature), dense.wavelength, dense.field)
+        place.append(float(np.abs(between.place - dense.place[t]).max()))
+        area.append(float(np.abs(between.area / dense.area[t] - 1).max()))
+        for at in np.ndindex(between.place.shape):
+            stop, half_p, half_q, *rest = dense.pupil[t][at]
+            p, q = rest[0] + rest[1] * disc_x, rest[2] * disc_y
+            other = between.pupil[at]
+            off = sum(
+                size * zernike(j, (stop - p) / half_p, -q / half_q)
+                - near * zernike(j, (other[0] - p) / other[1], -q / other[2])
+                for j, size, near in zip(
+                    table.noll.tolist(), dense.wavefront[t][at], between.wavefront[at], strict=True
+                )
+            )
+            # The chief ray's place belongs to the tilt, which is left out.
+            off = off - plane @ np.linalg.lstsq(plane, off, rcond=None)[0]
+            waves.append(float(np.sqrt(np.mean(off**2))) / float(dense.wavelength[at[0]]))
+    return {
+        "interpolation_rms_waves": max(waves),
+        "interpolation_place_um": max(place) / um,
+        "interpolation_area": max(area),
+    }

@@ -33,10 +33,28 @@ tables             The results of studies as CSV, JSON lines and Markdown.
 """
 
 from startrack.optimise.allocation import LeverChange, allocation, halved, levers
+from startrack.optimise.correction import fit_correction
 from startrack.optimise.ensemble import Chains, Ensembles, draw, median_and_ends, thinned
-from startrack.optimise.evaluate import Evaluation, Foresight, evaluate, foresee
+from startrack.optimise.evaluate import (
+    LOST,
+    PENALTY,
+    Evaluation,
+    Foresight,
+    evaluate,
+    foresee,
+    foresee_all,
+    measured_margins,
+    missed,
+)
 from startrack.optimise.explorer import Explorer
-from startrack.optimise.forecast import Forecast, expect, expected_objective
+from startrack.optimise.forecast import (
+    Forecast,
+    budgets_of_units,
+    expect,
+    expected_objective,
+    forecasts,
+    name_by_condition,
+)
 from startrack.optimise.improve import Improved, improve, verdicts
 from startrack.optimise.landscape import Landscape
 from startrack.optimise.ledger import Ledger
@@ -44,16 +62,23 @@ from startrack.optimise.optimise import Optimum, optimize
 from startrack.optimise.pareto import FrontGoals, Point, front
 from startrack.optimise.problem_front import OBJECTIVE, ProblemGoals, problem_front
 from startrack.optimise.problem_source import ProblemSource
-from startrack.optimise.runner import VERIFYING, VERIFYING_UNIT, TrialRunner
+from startrack.optimise.runner import FRESH, VERIFYING, VERIFYING_UNIT, TrialRunner
 from startrack.optimise.search import Algorithm, Search, SearchInput, least
-from startrack.optimise.sensitivity import Sensitivity, sensitivities
+from startrack.optimise.sensitivity import Sensitivity, sensitivities, sobol_indices
 from startrack.optimise.source import DesignSource, TrackerSource
-from startrack.optimise.steps import SearchStage
+from startrack.optimise.steps import (
+    SearchStage,
+    confirm_requirements,
+    explore,
+    refine,
+    trials_of_tracker,
+)
 from startrack.optimise.tables import (
     chain_text,
     chain_values,
     comparison,
     optimum_caveats,
+    optimum_values,
     tolerance_table,
     tolerance_values,
     units_text,
@@ -61,7 +86,18 @@ from startrack.optimise.tables import (
     write_evaluations,
     write_samples,
 )
-from startrack.optimise.tolerance import Tolerance, designs_needed, sample
+from startrack.optimise.tolerance import Tolerance, designs_needed, fit_surface, region_of, sample
+from startrack.optimise.units import (
+    MeasuredUnits,
+    compared_levels,
+    fresh_units,
+    level_interval_of_units,
+    levels_of,
+    likely_units,
+    noise_of,
+    resampled_units,
+    without_noise,
+)
 
 # Public; the other imports serve other rooms.
 __all__ = [

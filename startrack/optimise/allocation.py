@@ -10,7 +10,7 @@ from startrack import design
 from startrack.budget import unit_budgets
 from startrack.core import Advance, Floats, Refused, printed
 from startrack.metrics import Interval, quantile_of_few, resampled_interval
-from startrack.optimise.units import choices
+from startrack.optimise.units import resampled_units
 from startrack.verification import units_expected
 
 ENVIRONMENTS = 2  # of each unit; chosen by hand: time against the rms of a unit
@@ -93,7 +93,7 @@ def allocation(
         units = unit_budgets(case, seed, count, age, ENVIRONMENTS, progress=progress, apart=False)
         return [units_expected(goal, units) for goal in asked]
 
-    chosen = choices(count, seed, BOOTSTRAP)
+    chosen = resampled_units(count, seed, BOOTSTRAP)
     before = errors(case)
     level = quantile_of_few(before[0][chosen], fraction)
     kept = [values <= limit.most for values, limit in zip(before[1:], limits, strict=True)]

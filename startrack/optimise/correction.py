@@ -55,7 +55,7 @@ PRIOR_SLOPE = 0.1
 SCATTER = 0.5  # variance of ln(measured) from one trial; 1/4 for two axes and 1/2 for one, at least
 
 
-def correct(tried: Sequence[Evaluation], middle: Floats, radius: float) -> Correction:
+def fit_correction(tried: Sequence[Evaluation], middle: Floats, radius: float) -> Correction:
     """Fit the correction to the designs within `radius` of the middle along each axis.
 
     Least squares weighted by the trials of each design, with Gaussian priors on the value and the

@@ -15,7 +15,7 @@ from startrack.core import Advance, Floats, Refused, Rows, Unit, arcsec, printed
 from startrack.design import NOMINAL, Campaign, Case, DesignSpace, Fidelity, Judged, Objective
 from startrack.metrics import Summary, summarise
 from startrack.optimise import forecast
-from startrack.optimise.forecast import Forecast, forecasts, named
+from startrack.optimise.forecast import Forecast, forecasts, name_by_condition
 from startrack.optimise.ledger import FORECAST
 from startrack.optimise.runner import TrialRunner
 from startrack.population import Units
@@ -138,9 +138,9 @@ def evaluate(
         there = foreseen[condition.name]
         own = there.margins
         if condition.name in tried:
-            by_budget |= named(condition.name, own)
-            own = measured(condition, tried[condition.name], runner.seed, there)
-        margins |= named(condition.name, own)
+            by_budget |= name_by_condition(condition.name, own)
+            own = measured_margins(condition, tried[condition.name], runner.seed, there)
+        margins |= name_by_condition(condition.name, own)
     error = combined(judged, tried, objective, foreseen)
     if not expected > 0 and cost is None:
         score = _log_arcsec(error) + (correction(coordinates) if correction else 0.0)
@@ -308,7 +308,7 @@ def _foreseen(
         for last in (False, True):
             for condition in judged:
                 if condition.name in conditions:
-                    margins |= named(condition.name, conditions[condition.name].margins)
+                    margins |= name_by_condition(condition.name, conditions[condition.name].margins)
             foreseen = Foresight(log, margins, conditions)
             if last or not foreseen.score <= enough:
                 break
@@ -322,7 +322,7 @@ def _log_arcsec(angle: float) -> float:
     return math.log(angle / arcsec) if angle > 0 else LOST
 
 
-def measured(
+def measured_margins(
     condition: Judged, outcomes: Rows, seed: int, foreseen: Forecast | None = None
 ) -> dict[str, float]:
     """The margins that need trials, as these found them, without regard to their interval.

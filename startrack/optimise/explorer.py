@@ -15,7 +15,7 @@ from startrack.optimise.correction import Evidence, Limit
 from startrack.optimise.emulators import Emulators, Scale, emulators
 from startrack.optimise.evaluate import Foresight, missed
 from startrack.optimise.explorer_settings import DEFAULTS, ExplorerSettings
-from startrack.optimise.forecast import named
+from startrack.optimise.forecast import name_by_condition
 from startrack.optimise.landscape import Landscape, Span, prices_of, spans_of
 from startrack.optimise.source import DesignSource, affordable
 
@@ -132,7 +132,7 @@ class Explorer:
         weighted = {name for name, weight in self.source.conditions.items() if weight}
         return not all(
             name in weighted
-            or all(part < far for part in self._parts(value, named(name, own.margins)))
+            or all(part < far for part in self._parts(value, name_by_condition(name, own.margins)))
             for value in good
             for name, own in value.conditions.items()
         )
@@ -148,7 +148,7 @@ class Explorer:
         return [
             name
             for name, own in value.conditions.items()
-            if any(part > near for part in self._parts(value, named(name, own.margins)))
+            if any(part > near for part in self._parts(value, name_by_condition(name, own.margins)))
         ]
 
     def met(self, point: Floats) -> bool:

@@ -22,7 +22,7 @@ Value = TypeVar("Value")
 MOST_MISSED = 9.0
 
 
-def named(condition: str, margins: Mapping[str, Value]) -> dict[str, Value]:
+def name_by_condition(condition: str, margins: Mapping[str, Value]) -> dict[str, Value]:
     """Margins with the name of their condition, except those of the design's own."""
     if condition == NOMINAL:
         return dict(margins)
@@ -225,11 +225,13 @@ def expect(
         margins |= forecast(judged[0], Objective(), seed).margins
     for condition in judged[1:]:
         if condition.units is not None:
-            margins |= named(condition.name, forecast(condition, Objective(), seed).margins)
+            margins |= name_by_condition(
+                condition.name, forecast(condition, Objective(), seed).margins
+            )
             continue
         there, needs = _budget(condition.case), condition.needs
         own = verification.expected_margins(needs, there) if there else blind(needs)
-        margins |= named(condition.name, own)
+        margins |= name_by_condition(condition.name, own)
     return budget, margins
 
 

@@ -17,7 +17,7 @@ from startrack.metrics import Interval, Summary, summarise
 from startrack.optimise import steps
 from startrack.optimise.evaluate import PENALTY, Evaluation, evaluate, missed, try_out
 from startrack.optimise.explorer import Explorer
-from startrack.optimise.forecast import named
+from startrack.optimise.forecast import name_by_condition
 from startrack.optimise.landscape import Landscape
 from startrack.optimise.runner import TrialRunner
 from startrack.optimise.source import TrackerSource
@@ -465,8 +465,8 @@ def _shown(
         elif condition.name == design.NOMINAL:
             shown = replace(shown, availability=confirmed["availability"].bounds)
         margins |= {"false attitudes": -summary.false.value}
-        shown.margins.update(named(condition.name, margins))
-        shown.found.update(named(condition.name, found))
+        shown.margins.update(name_by_condition(condition.name, margins))
+        shown.found.update(name_by_condition(condition.name, found))
         shown.errors[condition.name] = float(objective.of(objective.squares(outcomes)))
     return shown
 

@@ -15,7 +15,7 @@ from startrack.core import Advance, Floats, Refused
 from startrack.design import Campaign, DesignSpace, found_at
 from startrack.metrics import ARCSEC, DisplayUnit
 from startrack.optimise.evaluate import Evaluation, Foresight, evaluate, foresee_all, missed
-from startrack.optimise.forecast import named
+from startrack.optimise.forecast import name_by_condition
 from startrack.optimise.ledger import Ledger
 from startrack.optimise.runner import TrialRunner
 from startrack.verification import cost_margins
@@ -185,7 +185,7 @@ class TrackerSource:
         return {
             name: 1 - condition.needs.min_availability
             for condition in self.campaign.judged(self.space.case)
-            for name in named(condition.name, {"availability": 0.0})
+            for name in name_by_condition(condition.name, {"availability": 0.0})
             if condition.needs.min_availability < 1
         }
 

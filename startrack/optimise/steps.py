@@ -13,10 +13,10 @@ from startrack import verification
 from startrack.core import Floats, Refused, Rows
 from startrack.design import Campaign, Case, DesignSpace, Judged, Requirements
 from startrack.metrics import Interval
-from startrack.optimise.correction import Correction, Evidence, Limit, correct
+from startrack.optimise.correction import Correction, Evidence, Limit, fit_correction
 from startrack.optimise.evaluate import Evaluation, evaluate, missed
 from startrack.optimise.explorer import Explorer
-from startrack.optimise.forecast import named
+from startrack.optimise.forecast import name_by_condition
 from startrack.optimise.runner import FRESH, FRESH_UNIT, TrialRunner
 from startrack.optimise.search import Search, algorithms, least, least_of_all
 from startrack.optimise.units import fresh_units, likely_units
@@ -185,7 +185,7 @@ def refine(
     tried, ending = list(before), "all evaluations were used"
     for _ in range(max(1, evaluations - FINALISTS)):
         explorer.learn(evidence_of(explorer, tried, shown))
-        correction = correct(tried, explorer.best, EVERYWHERE)
+        correction = fit_correction(tried, explorer.best, EVERYWHERE)
         point = _next(explorer, correction, tried, explorer.source.precision)
         if point is None:
             ending = explorer.ending
@@ -195,7 +195,7 @@ def refine(
 
     def ranked(designs: Sequence[Evaluation]) -> list[Evaluation]:
         explorer.learn(evidence_of(explorer, tried, shown))
-        correction = correct(tried, explorer.best, EVERYWHERE)
+        correction = fit_correction(tried, explorer.best, EVERYWHERE)
         return sorted(designs, key=lambda design: _rank(explorer, correction, design))
 
     last = list[Evaluation]()
@@ -205,7 +205,7 @@ def refine(
         :FINALISTS
     ]:
         point = np.array(finalist.coordinates)
-        correction = correct(tried, explorer.best, EVERYWHERE)
+        correction = fit_correction(tried, explorer.best, EVERYWHERE)
         last.append(try_design(point, most_trials, correction))
         watch(last[-1])
     tried += last
@@ -238,7 +238,7 @@ def corrected_score(
     explorer: Explorer, tried: Sequence[Evaluation]
 ) -> Callable[[tuple[float, ...]], float]:
     """ln of what is made small of any design, as trials correct its forecast, without limits."""
-    correction = correct(tried, explorer.best, EVERYWHERE)
+    correction = fit_correction(tried, explorer.best, EVERYWHERE)
 
     def score(coordinates: tuple[float, ...]) -> float:
         point = np.array(coordinates)
@@ -282,7 +282,7 @@ def limits_of(case: Case, campaign: Campaign) -> dict[str, Limit]:
         least = condition.needs.min_availability
         if least < 1:
             own["availability"] = Limit.of_chance(least, trials, tail)
-        limits |= named(condition.name, own)
+        limits |= name_by_condition(condition.name, own)
     return limits
 
 
@@ -357,7 +357,7 @@ def best_branch(
         point = explorer.best
         done = try_designs[label](point, trials, None)
         watch(done)
-        scores[label] = done.score + correct([done], point, EVERYWHERE)(point)
+        scores[label] = done.score + fit_correction([done], point, EVERYWHERE)(point)
     return min(scores, key=scores.__getitem__)
 
 

@@ -12,7 +12,7 @@ from startrack.budget import caveats, differences, refusal
 from startrack.core import Refused, arcsec
 from startrack.design import NOMINAL, YEAR, Campaign, OverUnits
 from startrack.io import save_csv
-from startrack.metrics import Interval, bracketed, markdown
+from startrack.metrics import Interval, Row, bracketed, markdown, summary_rows, to_json
 from startrack.optimise.ensemble import Chains
 from startrack.optimise.evaluate import Evaluation
 from startrack.optimise.forecast import budget_of, without_units
@@ -398,3 +398,55 @@ def _written(interval: Interval, unit: float = arcsec) -> str:
 def _digits(value: float) -> int:
     """Decimals for at least two significant digits; two where the value is NaN or zero."""
     return max(2, 1 - math.floor(math.log10(value))) if value > 0 else 2
+
+
+def optimum_values(optimum: Optimum, campaign: Campaign) -> dict[str, Any]:
+    """An optimum for JSON."""
+    space, available, units = optimum.space, optimum.availability, optimum.units
+    ends = {"cost_start": optimum.start, "cost_best": optimum.best}
+    costs = {name: campaign.cost(case) for name, case in ends.items()}
+    costs = costs if campaign.minimise != "error" else {}
+    return {
+        "objective": str(campaign.goal),
+        "minimise": campaign.minimise,
+        **costs,
+        "branch": optimum.branch,
+        "start": to_json(summary_rows(optimum.fresh[0])),
+        "best": to_json(summary_rows(optimum.fresh[1])),
+        **to_json([Row("factor", optimum.factor), Row("optimism", optimum.optimism)]),
+        "availability": available.value,
+        "availability_bounds": [available.low, available.high],
+        "values": space.text(optimum.best),
+        "values_si": space.values(space.coordinates(optimum.best)),
+        "on_bounds": space.on_bounds(optimum.best),
+        "margins": optimum.margins,
+        "lacking": optimum.lacking,
+        "caveats": optimum_caveats(optimum, campaign),
+        "evaluations": len(optimum.evaluations),
+        "trials": optimum.trials,
+        "errors_arcsec": {name: error / arcsec for name, error in optimum.errors.items()},
+        "rounds": optimum.rounds,
+        "feasible": optimum.feasible,
+        "ending": optimum.ending,
+        "start_stays": optimum.candidate is not None,
+        **({"units": units_values(units)} if units else {}),
+        **_landscape_values(optimum),
+    }
+
+
+def _landscape_values(optimum: Optimum) -> dict[str, Any]:
+    """What the forecasts say of the space, for JSON."""
+    landscape, space = optimum.landscape, optimum.space
+    if landscape is None:
+        return {}
+    ends = {
+        name: [space.values(end)[name] for end in (span.at_low, span.at_high)]
+        for name, span in landscape.spans.items()
+    }
+    return {
+        "forecasts": len(landscape.forecasts),
+        "possible_gain": landscape.left,
+        "spans_si": ends,
+        "unimportant": landscape.unimportant,
+        "prices": landscape.prices,
+    }

@@ -30,7 +30,7 @@ class ErrorSurface:
         return _terms(coordinates) @ self.coefficients
 
 
-def fit(coordinates: Floats, result: Floats) -> ErrorSurface:
+def fit_surface(coordinates: Floats, result: Floats) -> ErrorSurface:
     """Fit a quadratic.
 
     coordinates  (n, d) in [-1, 1]
@@ -141,9 +141,9 @@ def sample(source: StudiedSource, watch: Advance | None = None) -> Tolerance:
     moving = np.ptp(results, axis=0) > 0
     if (results[0, 1:][~moving[1:]] < 0).any():
         raise Refused("the design misses a requirement that no variable changes")
-    surface = fit(at, results[:, moving])
+    surface = fit_surface(at, results[:, moving])
     limit = math.log(centre.error) + math.log1p(source.margin)
-    log_probability = region(surface, limit)
+    log_probability = region_of(surface, limit)
 
     def middle(rng: np.random.Generator, n: int) -> Floats:
         return START_WIDTH * rng.uniform(-1, 1, (n, d))
@@ -181,7 +181,7 @@ def designs_needed(dimensions: int) -> int:
     return 1 + math.ceil(DESIGNS_PER_TERM * terms_needed(dimensions)) + CHECKS
 
 
-def region(surface: ErrorSurface, limit: float) -> Callable[[Floats], Floats]:
+def region_of(surface: ErrorSurface, limit: float) -> Callable[[Floats], Floats]:
     """Log-probability that designs (n, d) in [-1, 1] keep the limit and the margins."""
     error = np.maximum(surface.error, LEAST_ERROR)
 

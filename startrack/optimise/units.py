@@ -140,7 +140,7 @@ def compare_units(
         return None
     objective = campaign.goal
     weights, n = [condition.weight for condition in best[0]], campaign.fresh_units
-    chosen = choices(n, runner.seed)
+    chosen = resampled_units(n, runner.seed)
     before, after = (
         levels_of(
             objective, _measured(objective, *side, campaign, runner), weights, over.fraction, chosen
@@ -216,7 +216,7 @@ class MeasuredUnits(NamedTuple):
         n = len(self.error)
         if not self.noise:
             return 1.0
-        shares = (self.freed(choices(n, seed)) <= most).mean(axis=-1)
+        shares = (self.freed(resampled_units(n, seed)) <= most).mean(axis=-1)
         apart = float((self.more_spread <= most).mean() - shares[0])
         some = min(max(float(shares[0]), 0.5 / n), 1 - 0.5 / n)
         return min(1.0, some * (1 - some) / n / max(float(shares[1:].var()) + apart**2, 1e-300))
@@ -236,7 +236,7 @@ def level_interval_of_units(
     measured, units = _measured(objective, judged, outcomes, campaign, runner), judged[0].units
     assert units is not None
     weights = [condition.weight for condition in judged]
-    chosen = choices(len(measured[0].error), runner.seed)
+    chosen = resampled_units(len(measured[0].error), runner.seed)
     count = len(measured[0].error)
     level = levels_of(objective, measured, weights, units.fraction, chosen)
     return compared_levels(level, level, count, units.fraction).best
@@ -304,7 +304,7 @@ def _budgets(block: Block) -> UnitBudgets | None:
     return budgets_of_units(*block)
 
 
-def choices(count: int, seed: int, stream: int = BOOTSTRAP) -> Ints:
+def resampled_units(count: int, seed: int, stream: int = BOOTSTRAP) -> Ints:
     """(1 + RESAMPLES, n) all units, then units with repetition."""
     rng = np.random.default_rng(np.random.SeedSequence((seed, stream)))
     return np.vstack([np.arange(count), rng.integers(0, count, (RESAMPLES, count))])

@@ -12,6 +12,7 @@ from .errors import draw_sequence as draw_sequence
 from .frames import draw_frame as draw_frame
 from .frames import draw_solution as draw_solution
 from .frames import draw_spots as draw_spots
+from .frames import stretch as stretch
 from .improve import draw_improvement as draw_improvement
 from .mission import draw_beta as draw_beta
 from .mission import draw_mission as draw_mission

@@ -7,6 +7,7 @@ nodes      Case -> plans at nodes of the numbers that vary, and the plan of any 
 yields     Units -> outcomes of trials of many; error of each, yield, and what made one bad.
 """
 
+from startrack.population.calibrate import calibrated, drawn, left_over
 from startrack.population.nodes import of_places
 from startrack.population.unit import middle_of, placed, unit_of
 from startrack.population.yields import (

@@ -14,10 +14,18 @@ background  Directions -> zodiacal light, and the light of stars below the catal
 illuminate  Stars -> Light: photons at the entrance pupil; diffuse light by user code.
 """
 
+from startrack.scene.background import zodiacal
 from startrack.scene.bodies import EARTH_ALBEDO, SUN_G, SUN_RADIUS, Disc, Earth, sunlight
-from startrack.scene.ephemeris import BODIES, body_angles, date_of, orbital_velocity
+from startrack.scene.ephemeris import (
+    BODIES,
+    SkyObserver,
+    body_angles,
+    date_of,
+    observer_of,
+    orbital_velocity,
+)
 from startrack.scene.illuminate import LightInput, Sight, illuminate
-from startrack.scene.limb import Limb
+from startrack.scene.limb import Limb, load_limb
 from startrack.scene.parameters import DARK, LIGHTS, ObserverOrbit, Scene
 from startrack.scene.photometry import (
     SUN,

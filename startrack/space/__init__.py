@@ -63,7 +63,13 @@ from startrack.space.orbit import (
     sun_synchronous,
     two_line_record,
 )
-from startrack.space.radiation import hit_map, solar_protons, trapped_electrons, trapped_protons
+from startrack.space.radiation import (
+    Protons,
+    hit_map,
+    solar_protons,
+    trapped_electrons,
+    trapped_protons,
+)
 
 # Public; the other imports serve other rooms.
 __all__ = ["Heat"]

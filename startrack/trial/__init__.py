@@ -44,13 +44,14 @@ from startrack.trial.spot_plan import (
     FluxLimits,
     SpotPlan,
     limits_of,
+    plan_spots,
     plan_within,
     refuse,
     require_fidelity,
     through_of,
     view_of,
 )
-from startrack.trial.window import spots_in_windows
+from startrack.trial.window import plan_windows, spots_in_windows
 
 # Public; the other imports serve other rooms.
 __all__: list[str] = []

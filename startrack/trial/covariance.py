@@ -20,7 +20,7 @@ from startrack.observation import (
 )
 from startrack.response import shared_errors
 from startrack.trial.effects import require_least_squares
-from startrack.trial.spot_plan import SpotPlan, plan_of, refuse
+from startrack.trial.spot_plan import SpotPlan, plan_spots, refuse
 from startrack.trial.spots import false_spots, sights, trial_keys
 
 UNIT = np.eye(2)
@@ -154,7 +154,7 @@ def outcomes(
     positions in the pixel, rendered without noise but with smear and the response of the pixels.
 
     icrs_to_camera  a true attitude for each; None: those of the same trials of other fidelities
-    plan            of the case; None: `plan_of`
+    plan            of the case; None: `plan_spots`
     Returns  (n,) structured array, as `judge_all` gives it, in the order of `numbers`
     Raises    ValueError that names what in the case needs an image.
     Accuracy  model: normal errors, to first order in the noise; single stars with the smear of the
@@ -164,7 +164,7 @@ def outcomes(
     """
     refuse(case)
     require_least_squares(case)
-    plan = plan or plan_of(case)
+    plan = plan or plan_spots(case)
     parts = []
     for at in range(0, len(numbers), BLOCK):
         block = numbers[at : at + BLOCK]

@@ -220,13 +220,13 @@ def limits_of(case: Case) -> FluxLimits:
 
 
 @kept(8)
-def plan_of(case: Case) -> SpotPlan:
+def plan_spots(case: Case) -> SpotPlan:
     """Measure the stars of a case; kept for the 8 last cases."""
     return plan_within(case, limits_of(case))
 
 
 def plan_within(case: Case, limits: FluxLimits) -> SpotPlan:
-    """`plan_of`, with given stars, so that the plans of several cases have the same shape."""
+    """`plan_spots`, with given stars, so that the plans of several cases have the same shape."""
     even, settings = with_uniform_dark(case), case.tracker.detection
     instrument = even.instrument
     detector, camera = instrument.detector, instrument.camera

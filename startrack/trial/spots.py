@@ -31,7 +31,7 @@ from startrack.response import (
     HotPixels,
     SpotResponse,
 )
-from startrack.trial.spot_plan import SpotPlan, Through, plan_of, refuse
+from startrack.trial.spot_plan import SpotPlan, Through, plan_spots, refuse
 
 MARGIN = 8.0  # pixel beyond the frame, from which a lens table moves no star into it
 FALSE = np.uint64(2**63)  # number of the draws of false spots; those of stars are less
@@ -253,7 +253,7 @@ def spots_of(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Spots:
     Raises          as `outcomes`
     """
     refuse(case)
-    plan = plan_of(case)
+    plan = plan_spots(case)
     key = trial_keys(streams.seed, np.array([streams.trial], np.uint64))[0]
     seen = mean_attitude(case.instrument, icrs_to_camera, streams)
     table = _draw(seen.as_matrix(), key, plan)

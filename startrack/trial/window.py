@@ -77,6 +77,7 @@ def spots_in_windows(
     streams: core.Streams,
     turn: MotionRealisation | None = None,
     smear: Smear = None,
+    plan: WindowPlan | None = None,
 ) -> Spots:
     """The spots of a frame, of which only windows are rendered and searched.
 
@@ -89,13 +90,14 @@ def spots_in_windows(
     icrs_to_camera  true attitude at the middle of the exposure
     turn            how the camera moves about it; None: as the design says, drawn
     smear           pixel, along x and y, as the tracker believes it; None: by the design
+    plan            of the case; None: `plan_windows`
     Returns         Spots, brightest first
     Raises          ValueError that names what in the design needs the whole frame.
     Accuracy        statistical: the background and the noise of all trials, of all seeds, are those
                     of the same 16 sample frames; more trials do not average out what these differ
                     by from the mean of all frames.
     """
-    plan, instrument = plan_of(case, smear), case.instrument
+    plan, instrument = plan or plan_windows(case, smear), case.instrument
     detector, sky, settings = plan.detector, plan.sky, case.tracker.detection
     noise = plan.noise
     if noise is None:
@@ -293,7 +295,7 @@ class WindowPlan:
 
 
 @kept(8)
-def plan_of(case: Case, smear: Smear = None) -> WindowPlan:
+def plan_windows(case: Case, smear: Smear = None) -> WindowPlan:
     """Render and measure some frames of a case; kept for the 8 last cases."""
     instrument = case.instrument
     detector, psf = replace(instrument.detector, lag=0.0), psf_of(instrument)

@@ -10,7 +10,7 @@ import pytest
 from startrack.benchmark import BenchmarkStage, Clocked, markdown, measure, values
 from startrack.benchmark.optics import exact
 from startrack.benchmark.stage import ROUNDS, figure, spent
-from startrack.cli import main as cli
+from startrack.cli import main
 
 
 def busy(seconds: float) -> None:
@@ -56,12 +56,12 @@ def test_a_way_in_another_process_keeps_its_own_time():
 
 
 def test_a_stage_that_there_is_not_is_wrong_use(capsys):
-    assert cli.main(["bench", "psff"]) == 2
+    assert main(["bench", "psff"]) == 2
     assert "must be one of psf" in capsys.readouterr().err
 
 
 def test_the_command_writes_a_table_its_values_and_a_picture(tmp_path, capsys):
-    assert cli.main(["bench", "stamping", "attitude", "--out", str(tmp_path), "--json"]) == 0
+    assert main(["bench", "stamping", "attitude", "--out", str(tmp_path), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert set(told) == {"stamping", "attitude"}
     assert told["stamping"]["ways"]["startrack"]["error"] < 1e-6

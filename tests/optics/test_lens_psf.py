@@ -23,7 +23,7 @@ from startrack.optics import (
     pixel_psf,
     save_lens,
 )
-from startrack.optics.lens_psf import ROOM, ColourBand, Lens, _LensPlan, _stars
+from startrack.optics.lens_psf import ROOM, ColourBand, Lens, LensImages, lens_stars
 from startrack.optics.lens_table import rim_harmonics
 from tests.optics.lenses import F_NUMBER, FOCAL, ideal
 
@@ -144,8 +144,8 @@ def of_table(table, **changes):
     """A plan and a star at half the field of a table, at 550 nm."""
     lens = Lens(Optics(FOCAL, F_NUMBER, lens_file="ideal", **changes), table, ROOM)
     camera = Camera(SIDE, SIDE, FOCAL / PITCH)
-    plan = _LensPlan(lens, camera, PITCH, ColourBand(GREEN, np.ones((1, 1))), 1.0, 0.0)
-    return plan, _stars(lens, GREEN, 0.1, 0.0)[0]
+    plan = LensImages(lens, camera, PITCH, ColourBand(GREEN, np.ones((1, 1))), 1.0, 0.0)
+    return plan, lens_stars(lens, GREEN, 0.1, 0.0)[0]
 
 
 @pytest.mark.parametrize("waves", [10, -10])
@@ -262,7 +262,7 @@ def test_shipped_lenses_have_the_images_of_their_ray_tracer(name, row, error):
     lens = open_optics(Optics(table.focal_length, table.f_number, lens_file=name))
     wavelength = np.array([said["wavelength_um"] * 1e-6])
     camera = Camera(8, 8, table.focal_length / 10e-6)
-    plan = _LensPlan(lens, camera, 10e-6, ColourBand(wavelength, np.ones((1, 1))), 1.0, 0.0)
+    plan = LensImages(lens, camera, 10e-6, ColourBand(wavelength, np.ones((1, 1))), 1.0, 0.0)
     wanted = np.array(said["image"])
     assert compared(plan, lens, wavelength, np.radians(said["angle_deg"]), wanted) < error
 
@@ -284,7 +284,7 @@ def test_images_at_nine_fields_and_four_wavelengths(name, error):
     camera, found = Camera(8, 8, table.focal_length / 10e-6), np.zeros((len(angles), len(waves)))
     for k, wanted in enumerate(images / 1e4):
         wave = waves[[k % 4]]
-        plan = _LensPlan(lens, camera, 10e-6, ColourBand(wave, np.ones((1, 1))), 1.0, 0.0)
+        plan = LensImages(lens, camera, 10e-6, ColourBand(wave, np.ones((1, 1))), 1.0, 0.0)
         found[k // 4, k % 4] = compared(plan, lens, wave, angles[k // 4], wanted)
     assert found.max() < error
 
@@ -298,7 +298,7 @@ def compared(plan, lens, wavelength, angle, wanted):
 
     n = len(wanted)
     plan.count, plan.spacing = n + 1, WIDTH / (n - 1)
-    star = _stars(lens, wavelength, angle, np.pi / 2)[0]
+    star = lens_stars(lens, wavelength, angle, np.pi / 2)[0]
     place, step = star.centroid, plan.spacing * 1e6
 
     def image_at(shift):

@@ -15,7 +15,7 @@ from startrack.metrics import summarise
 from startrack.observation.images import field_psf_of
 from startrack.optics import Optics, PsfFile, load_lens, load_psf_file, open_optics, save_psf_file
 from startrack.optics.field_images import ColourBand
-from startrack.optics.lens_psf import _LensPlan, _stars
+from startrack.optics.lens_psf import LensImages, _stars
 from startrack.optics.zemax_text import psfs_of_pages
 
 FOCAL, F_NUMBER = 0.0350, 2.8
@@ -35,7 +35,7 @@ def cube(tmp_path_factory):
     path = tmp_path_factory.mktemp("cube") / "cube.fits"
     optics = Optics(FOCAL, F_NUMBER, lens_file="double_gauss", blur=BLUR, psf_tolerance=0.05)
     lens = open_optics(optics)
-    plan = _LensPlan(
+    plan = LensImages(
         lens,
         Camera(8, 8, FOCAL / 11e-6),
         11e-6,

@@ -12,9 +12,9 @@ from startrack.metrics import fraction_interval, resampled_interval
 from startrack.optimise.units import (
     Levels,
     MeasuredUnits,
-    choices,
     compared_levels,
     levels_of,
+    resampled_units,
     units_for_interval,
 )
 
@@ -37,7 +37,10 @@ def test_levels_and_factors_lie_in_their_intervals(count):
     rng, held = np.random.default_rng(count), np.zeros(2)
     level = math.exp(SPREAD * stats.norm.ppf(FRACTION))
     for number in range(REPEATS):
-        errors, chosen = units(rng, count, rng.standard_normal(count)), choices(count, number)
+        errors, chosen = (
+            units(rng, count, rng.standard_normal(count)),
+            resampled_units(count, number),
+        )
         logs = [
             levels_of(
                 Objective(), [MeasuredUnits(one, np.ones(count), 0.0)], [1.0], FRACTION, chosen
@@ -68,7 +71,7 @@ def test_yields_and_levels_hold_where_few_trials_are_most_of_what_is_seen():
         units = MeasuredUnits(seen, np.ones(count), noise)
         part, kept = units.part(limit, number), int((units.likely <= limit).sum())
         share = fraction_interval(part * kept, part * count)
-        found = levels_of(Objective(), [units], [1.0], FRACTION, choices(count, number))
+        found = levels_of(Objective(), [units], [1.0], FRACTION, resampled_units(count, number))
         one = compared_levels(found, found, count, FRACTION).best
         held += share.low <= 0.8 <= share.high, one.low <= level <= one.high
     assert (held >= 0.88 * 200).all()

@@ -9,7 +9,7 @@ from startrack.design import DesignSpace
 from startrack.optimise import TrackerSource
 from startrack.optimise.ensemble import Ensembles, draw
 from startrack.optimise.runner import TrialRunner
-from startrack.optimise.tolerance import designs_needed, fit, region, sample
+from startrack.optimise.tolerance import designs_needed, fit_surface, region_of, sample
 
 
 def tracker(small, campaign, seed):
@@ -33,7 +33,7 @@ def test_the_region_of_a_known_surface_is_found():
     coordinates = rng.uniform(-1, 1, (60, 2))
     result = ((coordinates / [0.4, 0.8]) ** 2).sum(axis=1, keepdims=True)
     chains = draw(
-        region(fit(coordinates, result), 1.0),
+        region_of(fit_surface(coordinates, result), 1.0),
         lambda rng, n: 0.2 * rng.uniform(-1, 1, (n, 2)),
         seed=4,
         settings=Ensembles(count=2, walkers=32, stretch=2400),

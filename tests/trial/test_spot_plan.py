@@ -16,7 +16,7 @@ from startrack.observation.stars import electrons_of
 from startrack.response.spot_response import COMPANION_RADIUS, COMPANION_RATIOS
 from startrack.scene import Scene
 from startrack.trial.chain import run_random_trial
-from startrack.trial.spot_plan import plan_of
+from startrack.trial.spot_plan import plan_spots
 
 from .designs import CASE, changed, with_detector
 
@@ -69,7 +69,7 @@ def test_drawn_spots_of_a_rolling_shutter_are_those_of_windows():
 
 def test_companions_are_the_stars_near_each_detectable_one():
     """Beside all pairs of the catalogue, for the detectable stars that have the most of them."""
-    plan, stars = plan_of(CASE), open_sky(CASE.catalog).stars
+    plan, stars = plan_spots(CASE), open_sky(CASE.catalog).stars
     companions, index = plan.companions, plan.field.number.astype(int)
     flux = electrons_of(CASE)
     radius = (COMPANION_RADIUS + 1) / CASE.instrument.camera.focal_length_px

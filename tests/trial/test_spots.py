@@ -14,7 +14,7 @@ from startrack.observation.pointing import random_attitude
 from startrack.observation.stars import electrons_of
 from startrack.trial import chain
 from startrack.trial.chain import run_random_trial, run_trials
-from startrack.trial.spot_plan import plan_of
+from startrack.trial.spot_plan import plan_spots
 from startrack.trial.spots import spots_of
 from startrack.trial.window import spots_in_windows
 
@@ -107,7 +107,7 @@ def test_noise_alone_makes_as_many_spots_as_are_told_and_strews_them():
     instrument = dataclasses.replace(case.instrument, detector=detector)
     case = dataclasses.replace(case, instrument=instrument)
     made = [drawn(case, number) for number in range(1000)]
-    mean = plan_of(case).false
+    mean = plan_spots(case).false
     total = sum(len(each) for each in made)
     assert total > 50
     assert abs(total - 1000 * mean) < 4 * np.sqrt(1000 * mean)

@@ -7,7 +7,7 @@ from startrack.core.camera import Camera
 from startrack.core.streams import Streams
 from startrack.observation.pointing import random_attitude
 from startrack.response.spot_response import COMPANION_RADIUS
-from startrack.trial.spot_plan import SpotView, plan_of
+from startrack.trial.spot_plan import SpotView, plan_spots
 from startrack.trial.spots import _project, _pulled
 
 from .designs import CASE
@@ -25,7 +25,7 @@ def test_the_kernel_projects_as_the_camera_does():
 
 
 def test_a_companion_pulls_towards_itself_and_far_ones_do_not():
-    pull, pulled = plan_of(CASE).pull, _pulled.py_func
+    pull, pulled = plan_spots(CASE).pull, _pulled.py_func
     assert pulled(COMPANION_RADIUS + 0.1, 0.0, 1.0, pull) == (0.0, 0.0)
     x, y = pulled(2.0, 0.0, -2.0, pull)
     assert 0.05 < x < 1.0

@@ -17,7 +17,7 @@ from startrack.motion import Motion
 from startrack.observation.pointing import random_attitude
 from startrack.trial import window
 from startrack.trial.chain import observe, run_random_trial, run_trials
-from startrack.trial.window import plan_of, spots_in_windows
+from startrack.trial.window import plan_windows, spots_in_windows
 
 MARGINAL = 60.0  # digital number, twice the flux at which the threshold lies
 CASE = load_design(shipped("designs/noise_only.toml")).case
@@ -62,7 +62,7 @@ def both(case, number, seed=5):
 def test_spots_are_those_of_the_frame(changes):
     """The stars' pixels have the noise of the frame; what is not marginal is found in both."""
     case = with_detector(**changes)
-    assert plan_of(case).noise
+    assert plan_windows(case).noise
     whole, parts = (spots[spots[:, 2] > MARGINAL] for spots in both(case, 0))
     assert len(whole) == len(parts) > 0
     np.testing.assert_allclose(parts, whole, rtol=1e-5, atol=1e-4)
@@ -89,7 +89,7 @@ def with_map(case, **settings):
 def test_spots_less_the_dark_map_are_those_of_the_frame(changes, settings):
     """Pixels of a dark map need no windows."""
     case = with_map(with_detector(**changes), **settings)
-    noise = plan_of(case).noise
+    noise = plan_windows(case).noise
     assert noise
     assert len(noise.outliers) < 20
     for number in range(2):
@@ -137,7 +137,7 @@ def test_streaks_are_those_of_the_frame():
 def test_nothing_outside_the_windows_is_read():
     before = run_random_trial(CASE, 5, 1, Fidelity.WINDOW)
     shape = CASE.instrument.detector.rows, CASE.instrument.detector.columns
-    plan = plan_of(CASE)
+    plan = plan_windows(CASE)
     plan.detection.workspace.array("filtered", shape, np.float32)[...] = 1e9
     plan.workspace.array("digital numbers", shape, np.float32)[...] = 4095
     assert run_random_trial(CASE, 5, 1, Fidelity.WINDOW) == before
@@ -182,7 +182,7 @@ def test_noise_makes_as_many_false_spots_as_in_frames(monkeypatch, mapped):
                 case, instrument=dataclasses.replace(case.instrument, detector=detector)
             )
         )
-        assert plan_of(case).noise
+        assert plan_windows(case).noise
     found = [list(both(case, number)) for number in range(25)]
     whole, parts = (np.concatenate(each)[:, 2] for each in zip(*found, strict=True))
     assert len(whole) > 100
@@ -238,7 +238,7 @@ def test_stars_through_a_lens_table_are_those_of_the_frame(tmp_path):
     detector = dataclasses.replace(CASE.instrument.detector, columns=300, rows=200)
     instrument = dataclasses.replace(CASE.instrument, optics=optics, detector=detector)
     case = dataclasses.replace(CASE, instrument=instrument)
-    assert plan_of(case).noise
+    assert plan_windows(case).noise
     for number in range(2):
         whole, parts = (spots[spots[:, 2] > MARGINAL] for spots in both(case, number))
         assert len(whole) == len(parts) > 0

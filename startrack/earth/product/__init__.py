@@ -24,8 +24,15 @@ from startrack.earth.product.files import (
     write_product,
     write_quality,
 )
-from startrack.earth.product.ortho import QUALITY
-from startrack.earth.product.retrieval import calibrate
+from startrack.earth.product.ortho import QUALITY, MapGrid, place_cells, resample
+from startrack.earth.product.retrieval import brightness_temperature, calibrate, to_radiance
 
 # Public; the other imports serve other rooms.
-__all__ = ["ProductSettings", "calibrate", "make_product"]
+__all__ = [
+    "MapGrid",
+    "ProductSettings",
+    "brightness_temperature",
+    "calibrate",
+    "make_product",
+    "to_radiance",
+]

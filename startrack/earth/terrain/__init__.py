@@ -33,9 +33,9 @@ from startrack.earth.terrain.mosaic import Mosaic
 from startrack.earth.terrain.pyramid import Pyramid
 from startrack.earth.terrain.scan import TerrainScan
 from startrack.earth.terrain.sources import Array, Raster, Source, fractal, require_rasterio
-from startrack.earth.terrain.surface import Grid, NorthUp, index
-from startrack.earth.terrain.survey import HeightChart, Intersector, read_charts, survey
-from startrack.earth.terrain.trace import trace
+from startrack.earth.terrain.surface import Grid, NorthUp, Surface, index
+from startrack.earth.terrain.survey import LIFT, HeightChart, Intersector, read_charts, survey
+from startrack.earth.terrain.trace import blocked, trace
 
 # Public; the other imports serve other rooms.
 __all__ = [
