@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import atexit
+import importlib
 import importlib.util
 import json
 import math
@@ -157,6 +158,12 @@ def save(options: argparse.Namespace, figures: Any) -> None:
     _SAVED.update(figures=figures, quick=options.quick)
     if options.json:
         options.json.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
+
+
+def shorten(module: str, **constants: Any) -> None:
+    """Set constants of a module for a quick run, whose figures nobody reads."""
+    for name, value in constants.items():
+        setattr(importlib.import_module(module), name, value)
 
 
 def finite(value: Any) -> Any:

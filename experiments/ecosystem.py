@@ -67,7 +67,6 @@ from startrack import Case, Fidelity, deg, load_design, run_trials, shipped
 from startrack.cli import main as startrack
 from startrack.core import code_of_command
 from startrack.detection import CENTROIDS, DetectionPlan
-from startrack.identification import blind
 from startrack.montecarlo import (
     Sampling,
     Serial,
@@ -319,7 +318,7 @@ def wide_images(options: argparse.Namespace) -> dict[str, float]:
     names = sorted(name for name in truth if (folder / name).is_file())
     if options.quick:  # one photograph, and of the thirty fields of view that of its lens
         names = names[:1]
-        blind.fields = one_field
+        command.shorten("startrack.identification.blind", fields=one_field)
     with contextlib.redirect_stdout(io.StringIO()) as out:
         startrack(["solve", *(str(folder / name) for name in names), "--json"])
     found = [json.loads(line) for line in out.getvalue().splitlines()]

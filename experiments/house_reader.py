@@ -83,13 +83,45 @@ def formatted_lines() -> int:
 
 
 def private_imports(path: Path) -> int:
-    """Imports of a file that reach past the door of a room of the package."""
-    return sum(
-        isinstance(node, ast.ImportFrom)
-        and str(node.module).startswith("startrack.")
-        and not HOME.parent.joinpath(*str(node.module).split("."), "__init__.py").exists()
-        for node in ast.walk(_tree(path))
+    """Imports of a file that reach past the door of a room of the package.
+
+    From a module inside a room, of a module that the room's door does not name, or of a name that
+    begins with an underscore.
+    """
+    count = 0
+    for node in ast.walk(_tree(path)):
+        if isinstance(node, ast.Import):
+            count += sum(not _is_room(alias.name) for alias in node.names if _is_ours(alias.name))
+        elif isinstance(node, ast.ImportFrom) and _is_ours(str(node.module)):
+            room, names = str(node.module), [alias.name for alias in node.names]
+            hidden = any(_is_hidden(room, name) for name in names)
+            count += not _is_room(room) or hidden
+    return count
+
+
+def _is_ours(module: str) -> bool:
+    return module.split(".")[0] == "startrack"
+
+
+def _is_room(module: str) -> bool:
+    return ROOT.joinpath(*module.split("."), "__init__.py").exists()
+
+
+def _is_hidden(room: str, name: str) -> bool:
+    """Whether a name is private, or a module that a room holds without naming it at its door."""
+    if name.startswith("_"):
+        return True
+    folder = ROOT.joinpath(*room.split("."))
+    if not (folder / f"{name}.py").exists():
+        return False
+    door = _tree(folder / "__init__.py").body
+    bound = (
+        alias.asname or alias.name
+        for node in door
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
     )
+    return name not in bound
 
 
 def returns_of_the_walk() -> int:

@@ -74,7 +74,7 @@ from startrack.calibration import Calibration
 from startrack.catalog import Selection, open_sky
 from startrack.design import Fidelity
 from startrack.identification import Identification, PatternIndexes
-from startrack.mission import Between, between, frames_of, load_mission, plan_of, surrogate
+from startrack.mission import Between, between, frames_of, load_mission, plan_of
 from startrack.photograph import solve_photograph
 from startrack.sequence import Gyro, Leg, Sequence, SequenceHead, run
 
@@ -167,7 +167,7 @@ def main() -> None:
         for frames, cameras in ({10: 2} if options.quick else CALIBRATED).items()
     }
     if options.quick:
-        surrogate.PLACES, surrogate.RATES, surrogate.MAGNITUDE = 48, 2, 8.0
+        command.shorten("startrack.mission.surrogate", PLACES=48, RATES=2, MAGNITUDE=8.0)
     angle = swarm(20 if options.quick else 300)
     values["swarm"] = [angle.before / arcsec, angle.after / arcsec]
     values["swarm_as_expected"] = [

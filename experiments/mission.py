@@ -86,6 +86,7 @@ from startrack.core import LIGHT_SPEED, Floats, Ints, installed_tables
 from startrack.design import Case, KeepOut, Moment, turning
 from startrack.detector import Age, orbit_dose, proton_dose
 from startrack.mission import (
+    SMEARS,
     Blind,
     Loaded,
     Mission,
@@ -93,7 +94,6 @@ from startrack.mission import (
     MissionPlan,
     MissionRequirements,
     at,
-    exports,
     fly,
     fly_units,
     fuse,
@@ -108,11 +108,9 @@ from startrack.mission import (
     read_aem,
     relative_alignment,
     scenes_at,
-    surrogate,
     trades,
     write_model,
 )
-from startrack.mission import placement as placement_of_heads
 from startrack.montecarlo import Serial
 from startrack.optics import Baffle
 from startrack.optimise import without_noise
@@ -158,9 +156,9 @@ def main() -> None:
     parser.add_argument("--sequences", type=int, default=30, help="of 16 frames")
     chosen = command.read(parser, instants=20, days=2, frames=2, loop=2, sequences=1)
     if chosen.quick:
-        surrogate.PLACES, surrogate.RATES, surrogate.MAGNITUDE = 48, 2, 8.0
-        placement_of_heads.WINDOWS, placement_of_heads.GRID = 1, 40 * deg
-        exports.SMEARS = exports.SMEARS[:2]
+        command.shorten("startrack.mission.surrogate", PLACES=48, RATES=2, MAGNITUDE=8.0)
+        command.shorten("startrack.mission.placement", WINDOWS=1, GRID=40 * deg)
+        command.shorten("startrack.mission.exports", SMEARS=SMEARS[:2])
     loaded = load_mission(EXAMPLE, [f"time.duration={chosen.days} d"])
     begun = time.process_time()
     plan = plan_of(loaded)

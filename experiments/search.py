@@ -32,7 +32,6 @@ import numpy as np
 import scipy
 
 from startrack import Case, load_design, shipped
-from startrack.budget import units
 from startrack.core import Floats
 from startrack.design import Campaign, DesignSpace, Moment, Objective, Variable, branches
 from startrack.optimise import (
@@ -168,15 +167,13 @@ def expected(space: DesignSpace, campaign: Campaign, point: Floats) -> float:
 
 def in_whole_budgets(space: DesignSpace, campaign: Campaign, point: Floats) -> float:
     """The objective where the stars of each unit and environment are chosen and moved anew."""
-    measured = units._measured
+    budgets = "startrack.budget.units"
+    measured = sys.modules[budgets]._measured
 
     def of_unit(case: Case, seed: int, moment: Moment, settings: Any, like: Case | None) -> Any:
         return measured(case, seed, moment, settings, like or middle_of(case, settings.age))
 
-    with (
-        patch.object(units, "_middle", return_value=None),
-        patch.object(units, "_measured", of_unit),
-    ):
+    with patch(f"{budgets}._middle", return_value=None), patch(f"{budgets}._measured", of_unit):
         budgets_of_units.cache_clear()
         try:
             return expected(space, campaign, point)
