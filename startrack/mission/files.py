@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from startrack.core import Floats, Refused, installed_tables, optional_package, utc
+from startrack.core import Floats, Refused, installed_tables, optional_package, printed, utc
 from startrack.io import read_bytes, regular_file, save_text, whole
 
 BODY = -999  # number of the spacecraft in files that are written
@@ -44,6 +44,7 @@ class OrbitSegment:
     hermite: bool = False
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class AttitudeSegment:
     """Attitudes between which they are interpolated.

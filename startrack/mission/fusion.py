@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Flags, Floats, Refused
+from startrack.core import Flags, Floats, Refused, printed
 
 
 def fused_variance(
@@ -127,6 +127,7 @@ def head_covariance(camera_to_body: Rotation, across: float, about: float) -> Fl
     return axes @ np.diag([across, across, about]) @ axes.T
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class RelativeAlignment:
     """Alignment of a second head against a first, as a linear model of what it depends on.

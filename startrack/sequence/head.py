@@ -18,7 +18,7 @@ from startrack.sequence.flight import SequenceFlight
 from startrack.sequence.frames import NUMBER_OF_HEAD, FrameView, whole_frames, windows
 from startrack.sequence.lasting import lasting_parts
 from startrack.sequence.parameters import Sequence
-from startrack.sequence.recording import Recording, StarImages
+from startrack.sequence.recording import Recording, StarRecording
 from startrack.trial import Images
 
 
@@ -48,7 +48,7 @@ class FlownHead:
         if self._filter:
             self._learnt = attitude.first_camera(self._camera, self._filter)
         self._believed = sequence.heads[head - 1].to_head if head else turn
-        self._kept, self._stars = kept, StarImages(case)
+        self._kept, self._stars = kept, StarRecording(case)
 
     def see(
         self,

@@ -35,7 +35,7 @@ class Recording:
     stars: bool = False
 
 
-class StarImages:
+class StarRecording:
     """Images of matched stars, and where they were."""
 
     def __init__(self, case: Case) -> None:
