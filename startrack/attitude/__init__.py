@@ -43,13 +43,14 @@ from startrack.attitude.follow import (
 )
 from startrack.attitude.parameters import UNKNOWN_FLOOR, Mounting, SolverSettings
 from startrack.attitude.refine import SharedErrors, attitude_gain, independent, refine, refine_all
-from startrack.attitude.solve import FEWEST, AttitudeInput, solve
+from startrack.attitude.solve import FEWEST, AttitudeInput, KnownErrors, solve
 from startrack.attitude.wahba import davenport, foam, quest, svd
 
 # Public; the other imports serve other rooms.
 __all__ = [
     "AttitudeInput",
     "CameraFilter",
+    "KnownErrors",
     "Mounting",
     "SharedErrors",
     "SolverSettings",

@@ -1,6 +1,7 @@
 """Estimate from Spots and Matches: attitude, covariance and status; by user code."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from scipy import special
@@ -11,7 +12,7 @@ from startrack.attitude.consensus import consensus
 from startrack.attitude.parameters import UNKNOWN_FLOOR, SolverSettings
 from startrack.attitude.refine import Refinement, SharedErrors, attitude_gain, independent, refine
 from startrack.attitude.wahba import svd
-from startrack.core import Estimate, Floats, Ints, Refused
+from startrack.core import Estimate, Floats, Ints, Refused, Unit
 
 GROUP = "attitudes"
 EXACT = 1e-6  # largest element of R R^T - 1 of what is taken for a rotation matrix
@@ -86,14 +87,32 @@ def _propagated(name: str, given: AttitudeInput, attitude: Rotation) -> Floats:
     return total
 
 
+@core.printed
+@dataclass(frozen=True, eq=False)
+class KnownErrors:
+    """What is known of the errors of m matched stars beside the noise of their centroids.
+
+    systematic  (m,) pixel^2 per axis, variance that no noise explains; None: the square of
+                `SolverSettings.centroid_floor`
+    shared      errors that stars have alike, which the covariance then holds; None: none are known
+    hot         (m,) pixel^2 per axis, errors of unknown stars of these, which weight none; the
+                covariance holds them where the residuals are no larger than noise; None: zero
+    """
+
+    systematic: Annotated[Floats | None, Unit("pixel2")] = None
+    shared: SharedErrors | None = None
+    hot: Annotated[Floats | None, Unit("pixel2")] = None
+
+
+NONE_KNOWN = KnownErrors()
+
+
 def solve(
     spots: core.Spots,
     matches: core.Matches,
     settings: SolverSettings,
     tolerance: float = 0.0,
-    own: Floats | None = None,
-    shared: SharedErrors | None = None,
-    beside: Floats | None = None,
+    known: KnownErrors = NONE_KNOWN,
 ) -> Estimate:
     """The attitude from matched stars, weighted by the covariance of their centroids.
 
@@ -107,20 +126,17 @@ def solve(
     matches    of these spots; their `camera` is used
     tolerance  1, prior standard deviation of the relative focal length, which is estimated with the
                attitude; 0: it is held
-    own        (m,) pixel^2 per axis, systematic variance of the matched stars' centroids; None: the
-               square of `settings.centroid_floor`
-    shared     errors that stars have alike, which the covariance then holds; None: none are known
-    beside     (m,) pixel^2 per axis, errors of unknown stars of these, which weight none; the
-               covariance holds them where the residuals are no larger than noise; None: zero
+    known      of the errors of the matched stars
     Returns    Estimate; not solved where the matches are not, or do not determine the attitude
     """
     if matches.status is not core.Status.SOLVED:
         return _unsolved(matches, matches.status, matches.reason)
     pixel = np.column_stack([spots.x, spots.y])[matches.spot]
-    if own is None:
+    systematic, shared, hot = known.systematic, known.shared, known.hot
+    if systematic is None:
         floor = settings.centroid_floor
-        own = np.full(len(matches), (UNKNOWN_FLOOR if floor is None else floor) ** 2)
-    covariance = spots.covariance[matches.spot] + own[:, None, None] * np.eye(2)
+        systematic = np.full(len(matches), (UNKNOWN_FLOOR if floor is None else floor) ** 2)
+    covariance = spots.covariance[matches.spot] + systematic[:, None, None] * np.eye(2)
     if core.is_code(settings.method):
         return _by_code(settings.method, pixel, covariance, matches)
     used = np.arange(len(matches))
@@ -144,9 +160,9 @@ def solve(
     chance = special.chdtrc(freedom, total) if freedom > 0 else 1.0
     excess = total / freedom if chance < SIGNIFICANCE else 1.0
     stated = best.covariance * excess
-    if excess > 1 or (beside is not None and not beside.any()):
-        beside = None
-    if shared is not None or beside is not None:
+    if excess > 1 or (hot is not None and not hot.any()):
+        hot = None
+    if shared is not None or hot is not None:
         # Where the attitude has the stars.
         direction = best.icrs_to_camera.apply(matches.direction[used])
         plane, focal = direction[:, :2] / direction[:, 2:], matches.camera.focal_length_px
@@ -154,8 +170,8 @@ def solve(
         gain = attitude_gain(plane, inverse, focal, tolerance)
         if shared is not None:
             stated = stated + shared.added(gain, pixel[used])
-        if beside is not None:
-            stated = stated + independent(gain, beside[used])
+        if hot is not None:
+            stated = stated + independent(gain, hot[used])
     return Estimate(
         core.Status.SOLVED,
         matches.reason,

@@ -255,7 +255,8 @@ def _of_fields(
     if not table.fraction.any():
         return None
     inside, magnitude = visible(case, view, float(star.magnitude[-1]), same)
-    systematic = response.systematic_variance_of(same, view.sky.stars[view.star[inside]])
+    knowledge = response.knowledge_of(same)
+    systematic = knowledge.systematic[knowledge.places(view.sky.stars[view.star[inside]])]
     near = displaced(same, view, inside)
     lens = through_lens(same, case.instrument.camera, view, inside)
     magnitude = magnitude + lens.fainter
@@ -352,7 +353,7 @@ def _covered(case: Case, law: ErrorLaw, errors: Attitudes, stars: FieldStars) ->
     answer = _within(law, stated)
     if law.weight @ answer.prod(axis=1) >= 1 - UNCOVERED:
         return None
-    shared = response.shared_errors(case)
+    shared = response.knowledge_of(case).shared
     if shared is None:
         return answer
     camera = case.instrument.camera

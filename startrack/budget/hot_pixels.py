@@ -171,9 +171,10 @@ def _frames(
     stars = view.sky.stars[view.star[inside]]
     stated = np.trace(star.stated, axis1=1, axis2=2) / 2
     noise = np.interp(magnitude, star.magnitude, stated)
-    assumed = response.systematic_variance_of(case, stars)
-    lasting = assumed
-    if (of_pixels := response.pixel_variance_of(case, stars)).any():  # with hot ones
+    knowledge = response.knowledge_of(case)
+    known = knowledge.places(stars)
+    lasting = assumed = knowledge.systematic[known]
+    if (of_pixels := knowledge.of_pixels[known]).any():  # with hot ones
         lasting = assumed - of_pixels + response.lasting(star, magnitude) ** 2
     sigma = np.sqrt([noise + lasting, np.maximum(noise, LEAST_SIGMA**2), noise + assumed])
     closest = np.abs(magnitude[:, None] - place).argmin(axis=1)

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from startrack import observation, response, trial
-from startrack.attitude import Mounting, solve
+from startrack.attitude import KnownErrors, Mounting, solve
 from startrack.budget import budget
 from startrack.budget.analytic import has_hot_pixels
 from startrack.budget.budget import BudgetLine, SkySample
@@ -145,7 +145,7 @@ class _Trial:
         matches, (star, direction) = self._record.matches, self._believed(case)
         chosen = replace(matches, direction=direction)
         believes = case.tracker.identification
-        stretch = response.focal_stretches(case)
+        stretch = response.knowledge_of(case).stretch
         if stretch is None:
             chosen = replace(chosen, camera=refit(spots, chosen, case.believed_camera, believes))
         else:
@@ -154,8 +154,9 @@ class _Trial:
         used = self._used
         kept = replace(chosen, spot=matches.spot[used], star=star[used], direction=direction[used])
         settings = replace(case.tracker.attitude, gate=1e9, sift=False)
-        systematic = response.systematic_variance(self._case)[matches.star[used]]
-        estimate = solve(spots, kept, settings, believes.focal_tolerance, systematic)
+        systematic = response.knowledge_of(self._case).systematic[matches.star[used]]
+        known = KnownErrors(systematic)
+        estimate = solve(spots, kept, settings, believes.focal_tolerance, known)
         assert estimate.icrs_to_camera is not None
         asked = observation.reference_attitude(case, self._attitude, self._streams)
         return (estimate.icrs_to_camera * asked.inv()).as_rotvec()
@@ -256,7 +257,7 @@ def _used(case: Case, record: trial.Record) -> Ints:
     assert estimate.icrs_to_camera is not None
     seen = matches.camera.project(estimate.icrs_to_camera.apply(matches.direction))
     spots = record.spots
-    systematic = response.systematic_variance(case)[matches.star, None, None] * np.eye(2)
+    systematic = response.knowledge_of(case).systematic[matches.star, None, None] * np.eye(2)
     residual = np.column_stack([spots.x, spots.y])[matches.spot] - seen
     inverse = np.linalg.inv(spots.covariance[matches.spot] + systematic)
     square = np.einsum("ni,nij,nj->n", residual, inverse, residual)

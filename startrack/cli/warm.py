@@ -105,8 +105,7 @@ def identification(case: Case) -> None:
     flux = 10 ** (-0.4 * indexes.stars.magnitude_g[star])
     covariance = np.tile(np.eye(2) * SIGMA**2, (n, 1, 1))
     spots = Spots(x, y, flux, covariance, np.full(n, 50.0), np.full(n, 9))
-    systematic = np.zeros(len(indexes.stars))
-    identify_and_solve(spots, camera, indexes, case.tracker, systematic)
+    identify_and_solve(spots, camera, indexes, case.tracker)
 
 
 def earth_geometry() -> None:

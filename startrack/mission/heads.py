@@ -18,8 +18,8 @@ from startrack.core import Flags, Floats, Refused, deg, printed
 from startrack.design import Case, Moment, Scope, found_at, replaced_all
 from startrack.mission.instants import Instants
 from startrack.mission.parameters import Head, HeadTemperature, MissionRadiation, Obstacle
+from startrack.observation import platform_jitter
 from startrack.population import unit_of
-from startrack.response import platform_jitter
 from startrack.space import EarthSeen, angle, cross, dot, unit
 
 SIDES = ((0, 1, 2), (1, 2, 0), (2, 0, 1))  # normal of a side of a box, and its two edges

@@ -13,7 +13,7 @@ from startrack.design import Case
 from startrack.detection import Response, half_of, joined, peak_border, response
 from startrack.detector import Detector, law_of, require_independent_pixels
 from startrack.observation import detection_plan
-from startrack.response import systematic_variance
+from startrack.response import knowledge_of
 from startrack.trial import pattern_indexes
 
 FEWEST = 3  # stars; two observe an attitude, one more checks it
@@ -160,7 +160,7 @@ def _known(
     camera = case.believed_camera
     index = pattern_indexes(case.believed_catalog)(camera)
     pixel, direction, star = _inside(index.faint.direction, icrs_to_camera, camera, -NEAR)
-    systematic = systematic_variance(case)[index.faint.member[star]]
+    systematic = knowledge_of(case).systematic[index.faint.member[star]]
     if not len(pixel):
         return answer.of(np.zeros(len(answer.place), bool)), direction, systematic
     square = ((answer.place[:, None] - pixel) ** 2).sum(axis=2)

@@ -36,11 +36,13 @@ from startrack.observation.images import (
     with_images_of,
 )
 from startrack.observation.pointing import (
+    exposure_jitter,
     in_believed_axes,
     line_of_sight,
     mean_attitude,
     motion_before,
     motion_function,
+    platform_jitter,
     random_attitude,
     random_attitudes,
     reference_attitude,

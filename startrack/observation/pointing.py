@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from startrack.core import Floats, LineOfSight, Streams
 from startrack.design import Case, Instrument
 from startrack.detector import MotionFunction
-from startrack.motion import MotionRealisation, realise_motion, sample_jitter, trace
+from startrack.motion import MotionRealisation, jitter_rms, realise_motion, sample_jitter, trace
 
 
 def random_attitude(streams: Streams) -> Rotation:
@@ -111,3 +111,19 @@ def in_believed_axes(case: Case, attitude: Rotation, streams: Streams) -> Rotati
         return attitude
     phase = 2 * math.pi * streams("thermo-elastic").random() if mounting.swings else 0.0
     return believed.camera_to_body().inv() * mounting.camera_to_body(phase) * attitude
+
+
+def exposure_jitter(case: Case) -> Floats:
+    """Radian^2 (3,) about the camera's axes, of the mean of an exposure about what is asked for.
+
+    Zero where the mean is asked for, and where lines scan. Jitter by user code is not counted.
+    """
+    instrument = case.instrument
+    if case.tracker.reference == "mean" or instrument.detector.scan:
+        return np.zeros(3)
+    return np.asarray(jitter_rms(instrument.motion, instrument.detector.exposure) ** 2)
+
+
+def platform_jitter(case: Case) -> Floats:
+    """`exposure_jitter` of a platform, which all heads share; zero where the jitter is a head's."""
+    return np.zeros(3) if case.instrument.motion.jitter_of != "platform" else exposure_jitter(case)

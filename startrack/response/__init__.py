@@ -4,8 +4,10 @@ star_response  Case -> response of the tracker's centroid to single stars of any
 star_errors    Case -> errors of single stars over their magnitude, cause by cause.
 zones          Case with a lens table -> how single stars are measured over the frame and over their
                colour.
-systematic     Case -> systematic variance of each star, which the tracker adds to that of the
-               noise.
+neighbours     Case and catalogue -> shift of each star by the light of its neighbours.
+calibration_residual  Design -> what the calibration of a unit's camera leaves: displacements of
+               stars, and turns.
+knowledge      Case -> what its tracker knows of its errors.
 dark_pattern   Dark signal of pixels: its law, its pattern in a case, and what hot pixels do.
 spot_response  Case -> detection and centroid of a star, over its flux and position in the pixel.
 """
@@ -18,6 +20,8 @@ from startrack.response.dark_pattern import (
     empty_frame,
     with_uniform_dark,
 )
+from startrack.response.knowledge import TrackerKnowledge, knowledge_of
+from startrack.response.neighbours import blending_shift
 from startrack.response.spot_response import (
     COMPANION_RADIUS,
     COMPANION_RATIOS,
@@ -45,17 +49,6 @@ from startrack.response.star_response import (
     star_images,
     within_frame,
 )
-from startrack.response.systematic import (
-    blending_shift,
-    focal_stretches,
-    hot_variance,
-    pixel_variance,
-    pixel_variance_of,
-    platform_jitter,
-    shared_errors,
-    systematic_variance,
-    systematic_variance_of,
-)
 from startrack.response.zones import (
     LENS_FIELD,
     centroid_shift,
@@ -67,4 +60,4 @@ from startrack.response.zones import (
 )
 
 # Public; the other imports serve other rooms.
-__all__ = ["errors", "systematic_variance"]
+__all__ = ["errors", "knowledge_of"]

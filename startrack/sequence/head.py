@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack import attitude, core, observation, trial
+from startrack import attitude, core, observation, response, trial
 from startrack.catalog import open_sky
 from startrack.core import Floats, Refused
 from startrack.design import Case, Fidelity, replaced_all
@@ -118,7 +118,7 @@ def _see(
     alone   whether the rate of a prediction is not known, so that a tracker which takes its rate
             from the images does so again, and searches the whole sky
     """
-    tracker, frame = case.tracker, view.frame
+    tracker, frame, knowledge = case.tracker, view.frame, response.knowledge_of(case)
     if alone and tracker.rate == "images":
         predicted = None
     if predicted is None and tracker.rate == "images" and frame:
@@ -130,7 +130,7 @@ def _see(
         plan = observation.detection_plan(case, smear=(x, y))
         spots, matches, images = trial.follow_boxes(case, frame, camera, predicted[0], images, plan)
         spots = observation.at_one_time(spots, case.believed_row_delay, rate, camera)
-        estimate = trial.estimate_of(case, trial.agreeing(tracker), spots, matches)
+        estimate = trial.solve_matches(spots, matches, trial.agreeing(tracker), knowledge)
         return spots, matches, estimate, images
     stars = open_sky(case.believed_catalog).stars
     spots = observation.at_one_time(view.spots((x, y)), case.believed_row_delay, rate, camera)
@@ -139,7 +139,7 @@ def _see(
         matches = identify(*rooms, tracker.identification)
     else:
         matches = track(*rooms, *predicted, tracker.identification)
-    return spots, matches, trial.estimate_of(case, tracker, spots, matches), Images()
+    return spots, matches, trial.solve_matches(spots, matches, tracker, knowledge), Images()
 
 
 def heads_of(

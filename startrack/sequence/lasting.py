@@ -41,9 +41,10 @@ def lasting_parts(
     """
     assert estimate.icrs_to_camera is not None
     noise = np.trace(spots.covariance[matches.spot], axis1=1, axis2=2) / 2
+    knowledge = response.knowledge_of(case)
     systematic, pixel, hot = (
-        part(case)[matches.star]
-        for part in (response.systematic_variance, response.pixel_variance, response.hot_variance)
+        variance[matches.star]
+        for variance in (knowledge.systematic, knowledge.of_pixels, knowledge.hot)
     )
     weight = 1 / (noise + systematic)
     u, v, w = estimate.icrs_to_camera.apply(matches.direction).T
@@ -55,7 +56,7 @@ def lasting_parts(
         return np.asarray(sum((weight[:, None] * slope).T @ slope for slope in slopes))
 
     # User code states its covariance itself.
-    shared = None if core.is_code(case.tracker.attitude.method) else response.shared_errors(case)
+    shared = None if core.is_code(case.tracker.attitude.method) else knowledge.shared
     still = estimate.covariance - np.diag(shared.turn) if shared else estimate.covariance
     # Triangles of P^-1 and of the inverse of what is stated: P is stretched to it.
     fit = np.linalg.cholesky(summed(weight, in_x, in_y))

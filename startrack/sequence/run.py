@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack import attitude, core, observation, response
+from startrack import attitude, core, observation
 from startrack.core import Advance, Rows
 from startrack.design import Case, Fidelity
 from startrack.metrics import Outcome, judge
@@ -90,7 +90,7 @@ def run(
     tracker, asked = TrackerState(), asked_of(case, true, streams)
     # Code of a user's own states its covariance itself.
     stated = not core.is_code(case.tracker.attitude.method)
-    moved = response.platform_jitter(case) if stated else None
+    moved = observation.platform_jitter(case) if stated else None
     step, lengths = 0.0, error_lengths(case)
     views = zip(true.time.tolist(), *(head.views for head in heads), strict=True)
     for k, (time, *shown) in enumerate(views):

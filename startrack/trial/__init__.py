@@ -16,7 +16,6 @@ from startrack.trial.chain import (
     OUTCOMES,
     Record,
     drawn,
-    estimate_of,
     identify_and_solve,
     lost_in_space,
     observe,
@@ -26,6 +25,7 @@ from startrack.trial.chain import (
     run_trials,
     searched,
     shrunk,
+    solve_matches,
 )
 from startrack.trial.covariance import outcomes
 from startrack.trial.effects import (

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from startrack import core
-from startrack.attitude import SharedErrors, solve
+from startrack.attitude import solve
 from startrack.catalog import Selection, open_sky
 from startrack.core import Estimate, Floats, Frame, Matches, Rows, Spots, Streams, printed
 from startrack.design import Case, Fidelity, Tracker
@@ -33,7 +33,7 @@ from startrack.observation import (
     sweep,
     with_smear,
 )
-from startrack.response import focal_stretches, hot_variance, shared_errors, systematic_variance
+from startrack.response import TrackerKnowledge, knowledge_of
 from startrack.trial.boxes import agreeing, boxed, boxes_in_windows, expected_attitude, follow_boxes
 from startrack.trial.covariance import outcomes as drawn_outcomes
 from startrack.trial.spots import spots_of
@@ -202,7 +202,7 @@ def _detected_turning(case: Case, frame: Frame) -> tuple[Spots, Matches]:
     for sign in (1.0, -1.0):
         moved = at_one_time(spots, delay, sign * rate, camera)
         matches = _identified(case, moved)
-        estimate = estimate_of(case, case.tracker, moved, matches)
+        estimate = solve_matches(moved, matches, case.tracker, knowledge_of(case))
         tried.append((estimate.stars, estimate.residual_rms, moved, matches))
     most = max(stars for stars, *_ in tried)
     good = [attempt for attempt in tried if attempt[0] >= MANY * most]
@@ -235,7 +235,7 @@ def _judged(
 ) -> tuple[Estimate, Outcome]:
     """The attitude that the tracker estimates, and its error against the true one."""
     tracker = agreeing(case.tracker) if boxed(case) else case.tracker
-    estimate = estimate_of(case, tracker, spots, matches)
+    estimate = solve_matches(spots, matches, tracker, knowledge_of(case))
     return estimate, judge(estimate, reference_attitude(case, icrs_to_camera, streams), len(spots))
 
 
@@ -245,24 +245,23 @@ def lost_in_space(
     indexes: PatternIndexes,
     tracker: Tracker,
     psf: core.Psf | None = None,
-    systematic: Floats | None = None,
+    knowledge: TrackerKnowledge | None = None,
 ) -> tuple[Spots, Matches, Estimate]:
     """What the flight software does with a frame, real or rendered.
 
-    camera      as the tracker believes it
-    indexes     of the tracker's catalogue
-    tracker     its settings; where they hold its motion, stars are measured as streaks of that
-    psf         as the tracker believes it; None: a Gaussian
-    systematic  (n,) pixel^2 per axis, by which the stars of the catalogue are weighted beside their
-                noise, as `systematic_variance` of a design gives it; None: the square of
-                tracker.attitude.centroid_floor
+    camera     as the tracker believes it
+    indexes    of the tracker's catalogue
+    tracker    its settings; where they hold its motion, stars are measured as streaks of that
+    psf        as the tracker believes it; None: a Gaussian
+    knowledge  of its errors, `startrack.response.knowledge_of` a design; None: each star has the
+               systematic error tracker.attitude.centroid_floor
     """
     settings = tracker.detection
     if tracker.motion and math.isfinite(frame.exposure):
         rates = tracker.motion.rate_x, tracker.motion.rate_y
         settings = with_smear(settings, *smear(camera, frame.exposure, *rates))
     spots = detect(frame, settings, psf)
-    return spots, *identify_and_solve(spots, camera, indexes, tracker, systematic)
+    return spots, *identify_and_solve(spots, camera, indexes, tracker, knowledge)
 
 
 def identify_and_solve(
@@ -270,46 +269,24 @@ def identify_and_solve(
     camera: core.Camera,
     indexes: PatternIndexes,
     tracker: Tracker,
-    systematic: Floats | None = None,
-    stretch: Floats | None = None,
+    knowledge: TrackerKnowledge | None = None,
 ) -> tuple[Matches, Estimate]:
-    """What the flight software does with its spots; arguments as for `lost_in_space`.
-
-    stretch  (n,) 1, by which its focal length is longer for the colour of each star of the
-             catalogue; None: the same for all
-    """
+    """What the flight software does with its spots; arguments as for `lost_in_space`."""
     settings = tracker.identification
     matches = identify(spots, camera, indexes.stars, indexes(camera), settings)
-    return matches, solve_matches(spots, matches, tracker, systematic, stretch)
-
-
-def estimate_of(case: Case, tracker: Tracker, spots: Spots, matches: Matches) -> Estimate:
-    """The attitude from matched stars, with what the tracker of a case knows of their errors."""
-    systematic, stretch = systematic_variance(case), focal_stretches(case)
-    shared, hot = shared_errors(case), hot_variance(case)
-    return solve_matches(spots, matches, tracker, systematic, stretch, shared, hot)
+    return matches, solve_matches(spots, matches, tracker, knowledge)
 
 
 def solve_matches(
-    spots: Spots,
-    matches: Matches,
-    tracker: Tracker,
-    systematic: Floats | None = None,
-    stretch: Floats | None = None,
-    shared: SharedErrors | None = None,
-    hot: Floats | None = None,
+    spots: Spots, matches: Matches, tracker: Tracker, knowledge: TrackerKnowledge | None = None
 ) -> Estimate:
-    """The attitude from matched stars; arguments as for `identify_and_solve`.
-
-    shared   errors that stars have alike; None: none are known
-    hot      (n,) pixel^2, as `hot_variance`, for the stars of the catalogue; None: zero
-    """
-    tolerance = tracker.identification.focal_tolerance
-    if stretch is not None and len(matches):
-        spots, matches = shrunk(spots, matches, tracker, stretch)
-    variance = None if systematic is None else systematic[matches.star]
-    beside = None if hot is None else hot[matches.star]
-    return solve(spots, matches, tracker.attitude, tolerance, variance, shared, beside)
+    """The attitude from matched stars; arguments as for `lost_in_space`."""
+    settings, tolerance = tracker.attitude, tracker.identification.focal_tolerance
+    if knowledge is None:
+        return solve(spots, matches, settings, tolerance)
+    if knowledge.stretch is not None and len(matches):
+        spots, matches = shrunk(spots, matches, tracker, knowledge.stretch)
+    return solve(spots, matches, settings, tolerance, knowledge.of(matches.star))
 
 
 def shrunk(
@@ -317,7 +294,7 @@ def shrunk(
 ) -> tuple[Spots, Matches]:
     """The spots where stars of the Sun's colour would be, and the focal length that fits them.
 
-    stretch  as for `solve_matches`
+    stretch  (n,) 1, by which the focal length is longer for each star of the catalogue
     """
     x, y = spots.x.copy(), spots.y.copy()
     longer = 1 + stretch[matches.star]

@@ -18,7 +18,7 @@ from startrack.observation import (
     random_attitudes,
     reference_attitude,
 )
-from startrack.response import shared_errors
+from startrack.response import knowledge_of
 from startrack.trial.effects import require_least_squares
 from startrack.trial.spot_plan import SpotPlan, plan_spots, refuse
 from startrack.trial.spots import false_spots, sights, trial_keys
@@ -53,7 +53,7 @@ def fitted(
 
     matrix     (m, 3, 3) true icrs_to_camera, at which the identification predicts its stars
     seen       (m, n, 2) pixel;  reference  (m, n, 3) directions, in front of the camera
-    noise      (m, n, 2, 2) pixel^2;  hot  (m, n) pixel^2, as `hot_variance`
+    noise      (m, n, 2, 2) pixel^2;  hot  (m, n) pixel^2, as `TrackerKnowledge.hot`
     there      (m, n) which of the n exist
     """
     camera, tolerance = case.believed_camera, case.tracker.identification.focal_tolerance
@@ -74,7 +74,7 @@ def fitted(
     chance = special.chdtrc(freedom, best.chi_square)
     excess = np.where(chance < SURPRISE, best.chi_square / freedom, 1.0)
     covariance = best.covariance * excess[:, None, None]
-    shared = shared_errors(case)
+    shared = knowledge_of(case).shared
     if shared is not None or hot.any():
         enough = best.observed
         gain = attitude_gain(plane[enough], inverse[enough], focal, tolerance)

@@ -33,11 +33,10 @@ from startrack.response import (
     empty_frame,
     fluxes_between,
     focal_stretch,
-    hot_variance,
     hot_windows,
+    knowledge_of,
     response_of,
     response_of_zones,
-    systematic_variance,
     with_uniform_dark,
     zones_of,
 )
@@ -59,7 +58,7 @@ class SpotField(NamedTuple):
     flux                 (n,) logarithm of electrons
     number               (n,) index into the sky, which names a star in the draws
     systematic, hot      (n,) pixel^2 per axis, systematic variance that the tracker assumes, and
-                         `hot_variance`
+                         `TrackerKnowledge.hot`
     colour               (n,) class of `Through`;  zone  (n,) first zone of the class of the zones
     stretch              (n,) 1, by which the tracker's focal length is longer for the star's colour
     """
@@ -233,7 +232,7 @@ def plan_within(case: Case, limits: FluxLimits) -> SpotPlan:
     stars, flux, sky = open_sky(case.catalog).stars, electrons_of(even), sky_electrons(even)
     faintest, brightest, detectable = limits
     lens = instrument.optics.tabulated
-    believed = open_sky(case.believed_catalog).stars
+    believed, knowledge = open_sky(case.believed_catalog).stars, knowledge_of(case)
     there, is_known = believed.find(stars.identifier[detectable])
     empty = empty_frame(case, sky)
     grid = ResponseGrid(even, sky, search=empty and (empty.noise, empty.threshold_sigma))
@@ -249,8 +248,8 @@ def plan_within(case: Case, limits: FluxLimits) -> SpotPlan:
             is_known,
             np.log(flux[detectable]),
             detectable.astype(np.uint64),
-            systematic_variance(case)[there],
-            hot_variance(case)[there],
+            knowledge.systematic[there],
+            knowledge.hot[there],
             *_colours(case, stars.colour[detectable], believed.colour[there]),
         ),
         _companions(case, flux, detectable),

@@ -3,7 +3,7 @@ import pytest
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from startrack.attitude import SolverSettings, refine, solve
+from startrack.attitude import KnownErrors, SolverSettings, refine, solve
 from startrack.attitude.refine import refine_all
 from startrack.core.camera import Camera
 from startrack.core.values import Matches, Spots, Status
@@ -211,7 +211,10 @@ def test_systematic_errors_add_to_the_noise_in_squares():
 
     def stated(sigma, floor, own=None):
         return solve(
-            spots_of(pixel, sigma), matches, SolverSettings(centroid_floor=floor), own=own
+            spots_of(pixel, sigma),
+            matches,
+            SolverSettings(centroid_floor=floor),
+            known=KnownErrors(own),
         ).covariance
 
     wanted = stated(0.05, 0.0)

@@ -158,7 +158,7 @@ def resident() -> int:
 SIZES = {
     "mission.surrogate": ("PLACES", 768),
     "mission.placement": ("GRID", 0.6),
-    "response.systematic": ("GROWTH", 1.5),
+    "response.neighbours": ("GROWTH", 1.5),
 }
 
 

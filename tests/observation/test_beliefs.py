@@ -14,7 +14,7 @@ from startrack.detector.ageing import Age
 from startrack.io import shipped
 from startrack.motion import Motion, Tone
 from startrack.observation import as_believed, detection_plan
-from startrack.response import focal_stretches, hot_variance, systematic_variance
+from startrack.response import knowledge_of
 from startrack.trial import run_trials
 from tests.trial.designs import CASE
 
@@ -80,7 +80,7 @@ def beliefs(case: Case) -> tuple[object, ...]:
         case.believed_catalog,
         case.calibrated,
         case.instrument.delay - case.time_tag_error,
-        focal_stretches(case),
+        knowledge_of(case).stretch,
         plan.settings,
         plan.kernel.whole.tobytes(),
         plan.star.psf.table.tobytes(),
@@ -96,7 +96,7 @@ def beliefs(case: Case) -> tuple[object, ...]:
 def test_no_belief_sees_the_truth_of_any_number_of_an_instrument():
     case = whole_case()
     unit = replace(case, design=case)
-    known, variance = beliefs(unit), systematic_variance(unit)
+    known, knowledge = beliefs(unit), knowledge_of(unit)
     assert known == beliefs(case)
     tried = 0
     for name, value in numbers(case.instrument, "instrument"):
@@ -105,7 +105,7 @@ def test_no_belief_sees_the_truth_of_any_number_of_an_instrument():
             continue
         tried += 1
         assert beliefs(changed) == known, name
-        assert systematic_variance(changed) is variance, name
+        assert knowledge_of(changed) is knowledge, name
     assert tried > 60
 
 
@@ -116,7 +116,7 @@ def test_no_belief_sees_the_truth_of_the_sky_and_the_scene():
     brighter = replaced(unit, "scene.background_g", 20.0)
     for changed in (deeper, brighter):
         assert beliefs(changed) == beliefs(case)
-        assert systematic_variance(changed) is systematic_variance(unit)
+        assert knowledge_of(changed) is knowledge_of(unit)
 
 
 def test_without_a_design_beliefs_follow_the_instrument():
@@ -133,7 +133,7 @@ def test_a_calibrated_camera_is_believed():
     unit = replace(case, design=case, tracker=replace(case.tracker, camera=camera))
     assert unit.believed_camera == camera
     # Weights come from the design: a calibration of the camera costs no new ones.
-    assert systematic_variance(unit) is systematic_variance(replace(case, design=case))
+    assert knowledge_of(unit) is knowledge_of(replace(case, design=case))
 
 
 def test_covariances_hold_what_hot_pixels_do_at_the_age_of_a_unit():
@@ -149,9 +149,9 @@ def test_covariances_hold_what_hot_pixels_do_at_the_age_of_a_unit():
         instrument=replace(case.instrument, detector=replace(case.instrument.detector, age=age)),
     )
     young = aged(case, 0.0).unit_of(case)
-    assert not hot_variance(young).any()
+    assert not knowledge_of(young).hot.any()
     old = aged(case, 4 * YEAR).unit_of(case)
-    assert (hot_variance(old)[:50] > hot_variance(case)[:50]).all()
+    assert (knowledge_of(old).hot[:50] > knowledge_of(case).hot[:50]).all()
     outcomes = run_trials(case, 3, range(150), Fidelity.WINDOW)
     right = outcomes[outcomes["solved"] & ~outcomes["false"]]
     assert len(right) > 140

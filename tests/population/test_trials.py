@@ -14,7 +14,7 @@ from startrack.io import shipped
 from startrack.observation import detection_plan
 from startrack.optics import Residual
 from startrack.population import Units, explain, nodes, unit_of, unit_trials
-from startrack.response.systematic import shared_errors
+from startrack.response import knowledge_of
 from startrack.trial import run_trials
 
 CASE = load_design(shipped("designs/noise_only.toml")).case
@@ -190,8 +190,9 @@ def test_what_a_tracker_knows_of_shared_errors_is_not_drawn():
     moment = Moment(3, environment=2, age=5 * YEAR)
     one, other = (unit_of(VARIED, seed, moment) for seed in (1, 2))
     assert one.instrument.residual != other.instrument.residual
-    assert shared_errors(one) is shared_errors(other)
-    assert shared_errors(CASE) is None
+    assert knowledge_of(one) is knowledge_of(other)
+    assert knowledge_of(one).shared is not None
+    assert knowledge_of(CASE).shared is None
 
 
 LENS = load_design(shipped("designs/nanosatellite.toml")).case

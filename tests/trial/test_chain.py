@@ -13,7 +13,7 @@ from startrack.metrics import Outcome
 from startrack.motion import Motion, Tone
 from startrack.observation.images import psf_of
 from startrack.observation.pointing import random_attitude, reference_attitude
-from startrack.response.systematic import systematic_variance
+from startrack.response import knowledge_of
 from startrack.trial.chain import lost_in_space, observe, pattern_indexes, run_random_trial
 
 CASE = load_design(shipped("designs/noise_only.toml")).case
@@ -101,7 +101,7 @@ def test_a_frame_is_solved_as_in_a_trial():
     record = observe(CASE, random_attitude(streams), streams)
     camera, indexes = CASE.believed_camera, pattern_indexes(CASE.believed_catalog)
     tracker = dataclasses.replace(CASE.tracker, motion=CASE.believed_motion)
-    known = psf_of(CASE.instrument), systematic_variance(CASE)
+    known = psf_of(CASE.instrument), knowledge_of(CASE)
     *_, estimate = lost_in_space(record.frame, camera, indexes, tracker, *known)
     np.testing.assert_array_equal(estimate.covariance, record.estimate.covariance)
     *_, other = lost_in_space(record.frame, camera, indexes, tracker, known[0])

@@ -1,4 +1,4 @@
-"""Systematic variance that a tracker assumes, against the errors of its stars."""
+"""What a tracker knows of its errors, against the errors of its stars."""
 
 from dataclasses import replace
 
@@ -15,7 +15,7 @@ from startrack.design.files import load_design
 from startrack.detector.parameters import Scan
 from startrack.io import shipped
 from startrack.motion import Motion, Tone
-from startrack.response import systematic_variance, systematic_variance_of
+from startrack.response import knowledge_of
 from startrack.trial.chain import run_trials
 
 
@@ -55,7 +55,7 @@ def test_a_sharper_star_is_trusted_less():
     case = tracker("designs/noise_only.toml")
     sharp = replace(case.instrument.optics, blur=1e-6)
     keen = replace(case, instrument=replace(case.instrument, optics=sharp))
-    assert np.median(systematic_variance(keen)) > 2 * np.median(systematic_variance(case))
+    assert np.median(knowledge_of(keen).systematic) > 2 * np.median(knowledge_of(case).systematic)
 
 
 def test_a_star_beside_another_is_trusted_less():
@@ -63,7 +63,7 @@ def test_a_star_beside_another_is_trusted_less():
     case = tracker("designs/noise_only.toml")
     stars, pixel = open_sky(case.catalog).stars, 1 / case.instrument.camera.focal_length_px
     distance = cKDTree(stars.direction).query(stars.direction[:500], 2)[0][:, 1]
-    sigma = np.sqrt(systematic_variance(case)[:500])
+    sigma = np.sqrt(knowledge_of(case).systematic[:500])
     alone = sigma[distance > 20 * pixel]
     assert np.median(alone) < 0.1
     near = np.flatnonzero(sigma > 0.2)
@@ -73,19 +73,17 @@ def test_a_star_beside_another_is_trusted_less():
 
 def test_a_given_floor_is_that_of_all_stars():
     case = believing(tracker("designs/noise_only.toml"), 0.02)
-    np.testing.assert_allclose(systematic_variance(case), 4e-4)
+    np.testing.assert_allclose(knowledge_of(case).systematic, 4e-4)
 
 
 def test_a_scan_is_trusted_as_an_unknown_camera():
     case = tracker("designs/noise_only.toml")
     detector = replace(case.instrument.detector, scan=Scan())
     lines = replace(case, instrument=replace(case.instrument, detector=detector))
-    np.testing.assert_allclose(systematic_variance(lines), UNKNOWN_FLOOR**2)
+    np.testing.assert_allclose(knowledge_of(lines).systematic, UNKNOWN_FLOOR**2)
 
 
 def test_stars_of_the_true_sky_find_their_trust():
     case = tracker("designs/noise_only.toml")
     stars = open_sky(case.catalog).stars
-    np.testing.assert_array_equal(
-        systematic_variance_of(case, stars[5:9]), systematic_variance(case)[5:9]
-    )
+    np.testing.assert_array_equal(knowledge_of(case).places(stars[5:9]), np.arange(5, 9))

@@ -1,0 +1,197 @@
+"""Case -> what its tracker knows of its errors: by the laws of its design, never by their draws."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Annotated
+
+import numpy as np
+
+from startrack.attitude import UNKNOWN_FLOOR, KnownErrors, SharedErrors
+from startrack.catalog import open_sky
+from startrack.core import Floats, Ints, Stars, Unit, printed
+from startrack.design import Case, aged, unchecked
+from startrack.observation import (
+    colour_correction,
+    exposure_jitter,
+    index_resolution,
+    mean_colour,
+    separated,
+    sky_electrons,
+)
+from startrack.response.calibration_residual import map_noise, remaining_turns, residual_law
+from startrack.response.dark_pattern import dark_pattern, with_uniform_dark
+from startrack.response.neighbours import blending_shift
+from startrack.response.spot_response import ResponseGrid, hot_windows
+from startrack.response.star_errors import errors, lasting
+from startrack.response.star_response import scale
+from startrack.response.zones import focal_stretch, lens_variance
+
+
+@printed
+@dataclass(frozen=True, eq=False)
+class TrackerKnowledge:
+    """What a tracker knows of its errors; arrays are of the n stars of the catalogue it believes.
+
+    Each part is computed when it is first asked for, and kept.
+
+    design   the case as designed, whose laws these are
+    of_unit  whether the tracker is a unit of it, whose camera was calibrated
+    age      second in orbit, at which hot pixels are counted; None: that of the design
+    """
+
+    design: Case
+    of_unit: bool = False
+    age: Annotated[float | None, Unit("s", "yr")] = None
+
+    @cached_property
+    def stars(self) -> Stars:
+        """The stars of the believed catalogue."""
+        return open_sky(self.design.believed_catalog).stars
+
+    @cached_property
+    def systematic(self) -> Floats:
+        """Pixel^2 (n,), variance per axis of a centroid that no noise explains.
+
+            variance = S-curve^2 + PRNU^2 + DSNU^2 + shift^2 / 2 + lens^2 + residual^2
+
+        the first three from the tracker's centroids of noise-free stars of that magnitude
+        (`errors`); the shift is that by the neighbours in its catalogue (`blending_shift`), along
+        one line and so half of its square on either axis; then what a lens table leaves to the
+        tracker, over the frame, for a star of that colour (`lens_variance`), and of a unit, the rms
+        of its `Residual` that its calibration leaves. `centroid_floor` replaces all of it where it
+        is given.
+
+        Accuracy  those of `errors` and `blending_shift`. model: for a detector that scans, the
+                  tracker assumes UNKNOWN_FLOOR; what a residual changes by with temperature is not
+                  known to the tracker.
+        """
+        design, settings = self.design, self.design.tracker.attitude
+        if settings.centroid_floor is not None:
+            return np.full(len(self.stars), settings.centroid_floor**2)
+        if design.instrument.detector.scan:
+            variance = np.full(len(self.stars), UNKNOWN_FLOOR**2)
+        else:
+            variance = self._of_single_stars
+        if not self.of_unit or design.instrument.residual is None:
+            return variance
+        square = residual_law(design) ** 2
+        return variance + float(square.sum(axis=-1).mean()) + map_noise(design)
+
+    @cached_property
+    def of_pixels(self) -> Floats:
+        """Pixel^2 (n,), the part of `systematic` that changes while stars cross pixels."""
+        if not self._measures_stars:
+            return np.zeros(len(self.stars))
+        magnitude = self.stars.magnitude_g + colour_correction(self.design, self.stars.colour)
+        return np.asarray(lasting(errors(self.design), magnitude) ** 2)
+
+    @cached_property
+    def hot(self) -> Floats:
+        """Pixel^2 (n,) per axis, what hot pixels add to the variance of stars at this age.
+
+        No star is weighted by it or left out: it is of few stars, of which the tracker does not
+        know which, and `solve` states it where the residuals show nothing. Of shifts s in windows
+        with hot pixels, at a chance p, it is
+
+            p <s^2 / 2 where s^2 < 2 g^2 (noise + lasting)>
+
+        with the gate g of the solver; zero with a floor.
+
+        Accuracy  model: whether a star is left out depends on no other. The normalised error
+                  squared, 3 expected, of 600 windows of the nanosatellite is 3.0 instead of 3.4; of
+                  400 of high_accuracy, where nearly each star has a hot pixel, 2.4 instead of 3.4;
+                  of 140 to 200 of `noise_only` at three doses 2.9 to 4.2 instead of 4.9 to 6.8.
+        """
+        none = np.zeros(len(self.stars))
+        design = self.design if self.age is None else aged(self.design, self.age)
+        if not self._measures_stars or dark_pattern(design) is None:
+            return none
+        star, even = errors(design), with_uniform_dark(design)
+        magnitude = star.magnitude[::2]
+        flux = scale(even).star * 10 ** (-0.4 * magnitude)
+        windows, _ = hot_windows(ResponseGrid(even, sky_electrons(design)), design, flux)
+        if not windows.chance:
+            return none
+        square = np.nan_to_num((windows.shift**2).sum(axis=-1) / 2, nan=np.inf)
+        noise = np.trace(star.stated[::2], axis1=1, axis2=2) / 2
+        own = noise + lasting(star, magnitude) ** 2
+        used = square < design.tracker.attitude.gate**2 * own[:, None]
+        variance = windows.chance * np.where(used, square, 0.0).mean(axis=1)
+        where = self.stars.magnitude_g + colour_correction(design, self.stars.colour)
+        return np.interp(where, magnitude, variance)
+
+    @cached_property
+    def shared(self) -> SharedErrors | None:
+        """Errors that stars share; None where they share none.
+
+        Those of the `Residual` that the calibration of a unit leaves, by rms and correlation
+        length; and turns of the camera to the spacecraft that vary after the calibration
+        (`remaining_turns`). And, of the case as designed too, jitter within the exposure.
+
+        Accuracy  model: what drifts over life, and what temperature changes of a residual, is not
+                  known to the tracker; jitter by user code is not.
+        """
+        design, camera, turn = (
+            self.design,
+            self.design.believed_camera,
+            exposure_jitter(self.design),
+        )
+        table = np.zeros((1, 1, 2, 1))
+        if self.of_unit:
+            turn = remaining_turns(design) + turn
+            if design.tracker.attitude.centroid_floor is None:
+                table = residual_law(design)
+        variance = float((table**2).sum(axis=-1).mean())
+        if not (variance or turn.any()):
+            return None
+        return SharedErrors(camera.columns, camera.rows, table, variance, turn)
+
+    @cached_property
+    def stretch(self) -> Floats | None:
+        """`focal_stretch` (n,) of each star's colour; None where all are zero."""
+        if not self.design.tracker.focal_length_by_colour:
+            return None
+        return focal_stretch(self.design, mean_colour(self.design, self.stars.colour))
+
+    def of(self, star: Ints) -> KnownErrors:
+        """What is known of the errors of some stars of the catalogue."""
+        return KnownErrors(self.systematic[star], self.shared, self.hot[star])
+
+    def places(self, stars: Stars) -> Ints:
+        """Where stars of the true sky stand in the catalogue; any place for those not in it."""
+        return self.stars.find(stars.identifier)[0]
+
+    @property
+    def _measures_stars(self) -> bool:
+        """Whether errors of single stars are known, not one floor for all."""
+        floor = self.design.tracker.attitude.centroid_floor
+        return floor is None and not self.design.instrument.detector.scan
+
+    @property
+    def _of_single_stars(self) -> Floats:
+        """`systematic` (n,) of the design, without what the calibration of a unit leaves."""
+        design, catalog = self.design, self.design.believed_catalog
+        variance = self.of_pixels.copy()
+        name = separated(catalog, index_resolution(design.instrument.camera)).name
+        variance[name] += (blending_shift(design, catalog) ** 2).sum(axis=1) / 2
+        if design.instrument.optics.tabulated:
+            variance += lens_variance(design, mean_colour(design, self.stars.colour))
+        return variance
+
+
+def knowledge_of(case: Case) -> TrackerKnowledge:
+    """What the tracker of a case knows of its errors; kept for the 8 last designs and ages.
+
+    Of the truth it knows the age alone, at which its detector is.
+    """
+    age = case.instrument.detector.age
+    return _knowledge(case.as_designed, case.design is not None, age.time if age else None)
+
+
+@lru_cache(maxsize=8)
+def _knowledge(design: Case, of_unit: bool, age: float | None) -> TrackerKnowledge:
+    # What is known of single stars is the same for all devices.
+    alike: Case = unchecked(design, {"instrument.detector.device_seed": 0})
+    return TrackerKnowledge(alike, of_unit, age)
