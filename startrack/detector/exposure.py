@@ -13,7 +13,7 @@ from startrack.core import Floats, Light, Refused, kept
 from startrack.detector import collect
 from startrack.detector.ageing import Flickering, trailed
 from startrack.detector.collect import carry, diffuse
-from startrack.detector.law import Tables, law_of, mean_numbers
+from startrack.detector.law import Tables, expected_signal, law_of, unrounded_numbers
 from startrack.detector.maps import device_streams, flickering, response
 from startrack.detector.parameters import Detector
 from startrack.detector.readout import read_out
@@ -326,7 +326,8 @@ def star_grid(
     electrons += detector.dark_rate * detector.exposure
     if dark is not None:
         electrons += dark.transpose(1, 0, 2).reshape(side, count * side)
-    numbers = mean_numbers(electrons.reshape(-1, count * side), law_of(detector))
+    law = law_of(detector)
+    numbers = unrounded_numbers(expected_signal(electrons.reshape(-1, count * side), law), law)
     row, column = np.divmod(np.arange(len(flux) * count), count)
     position = np.column_stack([column, row]) * side + side // 2
     return to_frame(numbers, detector), position + np.resize(place, position.shape)

@@ -110,20 +110,24 @@ def _numbers(level, gain, offset, adc_inl, largest):  # type: ignore[no-untyped-
     return numbers
 
 
-def mean_numbers(electrons: Floats, law: SignalLaw) -> Floats:
-    """Digital numbers of expected electrons without noise and rounding, element by element."""
+def expected_signal(electrons: Floats, law: SignalLaw) -> Floats:
+    """Signal (electron) of expected electrons, element by element."""
     charge = np.minimum(electrons, law.full_well)
-    level = np.asarray(nonlinear_signal(charge, law.full_well, law.nonlinearity), dtype=float)
-    flat = _means(level.ravel(), law.gain, law.offset, law.adc_inl, law.largest)
+    return np.asarray(nonlinear_signal(charge, law.full_well, law.nonlinearity), dtype=float)
+
+
+def unrounded_numbers(level: Floats, law: SignalLaw) -> Floats:
+    """What the converter makes of signals before it rounds, element by element."""
+    flat = _unrounded_numbers(level.ravel(), law.gain, law.offset, law.adc_inl, law.largest)
     return flat.reshape(level.shape)
 
 
 @kernel
-def _means(level, gain, offset, adc_inl, largest):  # type: ignore[no-untyped-def]
-    means = np.empty(len(level))
+def _unrounded_numbers(level, gain, offset, adc_inl, largest):  # type: ignore[no-untyped-def]
+    numbers = np.empty(len(level))
     for i in range(len(level)):
-        means[i] = unrounded(level[i], gain, offset, adc_inl, largest)
-    return means
+        numbers[i] = unrounded(level[i], gain, offset, adc_inl, largest)
+    return numbers
 
 
 def blank(shape: tuple[int, ...], law: SignalLaw) -> Image:
@@ -230,8 +234,7 @@ def build(law: SignalLaw, first: int, count: int, spacing: float) -> Tables:
     if count * (most - least) > MOST_TERMS:
         return EMPTY
     electrons = np.arange(least, most)
-    means = np.minimum(electrons, law.full_well)
-    means = nonlinear_signal(means, law.full_well, law.nonlinearity)
+    means = expected_signal(electrons, law)
     far = FARTHEST * law.noise
     least, most = (int(converted(means[i] + s * far, law)) for i, s in ((0, -1), (-1, 1)))
     if most - least >= MOST_NUMBERS:

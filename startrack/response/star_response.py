@@ -10,7 +10,7 @@ import numpy as np
 from scipy import ndimage
 from scipy.special import ndtr
 
-from startrack.core import Floats, Frame, Ints, Psf, Refused, Streams, kept, kernel, require_memory
+from startrack.core import Floats, Frame, Ints, Psf, Refused, Streams, kept, require_memory
 from startrack.design import Case, Instrument
 from startrack.detection import (
     Detection,
@@ -26,11 +26,12 @@ from startrack.detector import (
     added_noise,
     diffuse,
     electron_rate,
-    nonlinear_signal,
+    expected_signal,
+    law_of,
     settle,
     stamp,
     to_frame,
-    unrounded,
+    unrounded_numbers,
 )
 from startrack.motion import blur, slew
 from startrack.observation import as_believed, detection_plan, light_by_colour, psf_of, throughput
@@ -49,28 +50,13 @@ def noise_free_frame(electrons: Floats, detector: Detector, ripple: float, noise
     noise      electron rms, of a pixel without light, as the tracker believes
     Returns    Frame of numbers that are not rounded
     """
-    largest = 2.0**detector.bits - 1
-    level = np.minimum(electrons, detector.full_well)
-    if detector.nonlinearity:
-        level = nonlinear_signal(level, detector.full_well, detector.nonlinearity)
+    law = law_of(detector)._replace(gain=1 / detector.electrons_per_dn)
+    level = expected_signal(electrons, law)
     if detector.settling:
         level = settle(level, detector.settling)
-    gain, offset = detector.electrons_per_dn, float(detector.offset)
-    image = _numbers(level, ripple, gain, offset, detector.adc_inl, largest)
-    return replace(to_frame(image, detector), read_noise=noise)
-
-
-@kernel
-def _numbers(level, ripple, gain, offset, adc_inl, largest):  # type: ignore[no-untyped-def]
-    """Numbers (rows, columns) that are not rounded, of electrons with a chessboard of ripples."""
-    rows, columns = level.shape
-    image = np.empty((rows, columns), np.float32)
-    for row in range(rows):
-        for column in range(columns):
-            sign = 1.0 - 2.0 * ((row + column) & 1)
-            shifted = level[row, column] + sign * ripple
-            image[row, column] = unrounded(shifted, 1 / gain, offset, adc_inl, largest)
-    return image
+    row, column = np.indices(level.shape, sparse=True)
+    image = unrounded_numbers(level + ripple * (1 - 2 * ((row + column) & 1)), law)
+    return replace(to_frame(image.astype(np.float32), detector), read_noise=noise)
 
 
 def pixel_noise(detector: Detector, streams: Streams) -> Floats:

@@ -108,3 +108,11 @@ def test_noise_that_the_converter_cuts_off_is_named(case):
     assert any("instrument.detector.offset" in phrase for phrase in analytic(case, 64).left_out)
     offset = replaced(case, "instrument.detector.offset", 64)
     assert not any("detector.offset" in phrase for phrase in analytic(offset, 64).left_out)
+
+
+def test_little_noise_is_cut_off_two_sigma_above_zero(case):
+    """Beside 60 windows: an empty pixel 2.5 sigma above zero is as one far above it."""
+    near = replaced(case, "instrument.detector.offset", 3)
+    budget = analytic(near)
+    assert budget.left_out == ()
+    assert check(near, budget, 1).differs == ()

@@ -14,7 +14,15 @@ from startrack.core.variates import inverse_normal, poisson_quantile
 from startrack.design import load_design
 from startrack.detector import Detector
 from startrack.detector.digitise import _digitise, digitise, draws_of, shot
-from startrack.detector.law import EMPTY, SignalLaw, blank, law_of, mean_numbers, tables_for
+from startrack.detector.law import (
+    EMPTY,
+    SignalLaw,
+    blank,
+    expected_signal,
+    law_of,
+    tables_for,
+    unrounded_numbers,
+)
 from startrack.io import shipped
 from startrack.response import noise_free_frame
 
@@ -180,7 +188,7 @@ def test_arrays_in_python_make_the_same_numbers():
 
 
 def test_single_stars_and_frames_have_one_converter():
-    """Below zero, above the top, and with an INL: the numbers are those of `mean_numbers`.
+    """Below zero, above the top, and with an INL: the numbers are those of `unrounded_numbers`.
 
     The closed form at half of the largest number is x + inl; beyond the range the ends.
     """
@@ -195,4 +203,6 @@ def test_single_stars_and_frames_have_one_converter():
     electrons = np.array([[-50.0, largest / 2 * per_dn, 1e6]])
     image = noise_free_frame(electrons, detector, 0.0, 0.0).image
     np.testing.assert_allclose(image, [[0.0, largest / 2 + 20.0, largest]], rtol=1e-6)
-    np.testing.assert_allclose(image, mean_numbers(electrons, law_of(detector)), rtol=1e-6)
+    law = law_of(detector)
+    numbers = unrounded_numbers(expected_signal(electrons, law), law)
+    np.testing.assert_allclose(image, numbers, rtol=1e-6)
