@@ -66,6 +66,7 @@ def public() -> Iterator[tuple[ModuleType, list[Name]]]:
         module = waiting.pop(0)
         things = {name: getattr(module, name) for name in module.__all__}
         inner = [thing for thing in things.values() if isinstance(thing, ModuleType)]
+        inner += [getattr(module, name) for name in rooms_of(module)]
         waiting += sorted(inner, key=lambda one: _place(module, one))
         homes = _homes(module)
         yield (
@@ -76,6 +77,19 @@ def public() -> Iterator[tuple[ModuleType, list[Name]]]:
                 if not isinstance(thing, ModuleType)
             ],
         )
+
+
+def rooms_of(module: ModuleType) -> list[str]:
+    """The packages that the stub of a package names."""
+    if module is not startrack:
+        return []
+    tree = ast.parse(Path(module.__file__ or "").with_suffix(".pyi").read_text(encoding="utf-8"))
+    return [
+        alias.name
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and node.module is None
+        for alias in node.names
+    ]
 
 
 def _place(module: ModuleType, inner: ModuleType) -> int:

@@ -18,19 +18,10 @@ import command
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack import (
-    Case,
-    Streams,
-    deg,
-    light_of,
-    load_design,
-    observe,
-    shipped,
-    stars_in_field,
-    throughput,
-)
+from startrack import Case, Streams, deg, load_design, observe, shipped
 from startrack.catalog import open_sky
 from startrack.detector import diffuse_electrons
+from startrack.observation import light_of, stars_in_field, throughput
 from startrack.optics import Baffle
 from startrack.scene import Scene, observer_of, zodiacal
 

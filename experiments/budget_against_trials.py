@@ -23,16 +23,7 @@ import command
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack import (
-    Streams,
-    arcsec,
-    deg,
-    line_of_sight,
-    random_attitude,
-    run_trials,
-    shipped,
-    stars_in_field,
-)
+from startrack import Streams, arcsec, deg, random_attitude, run_trials, shipped
 from startrack.budget import Budget, ErrorLaw, analytic
 from startrack.catalog import open_sky
 from startrack.core import Floats
@@ -40,7 +31,7 @@ from startrack.design import Case, Fidelity, load_design, replaced
 from startrack.detector import Hits
 from startrack.io import save_text
 from startrack.metrics import Summary, summarise
-from startrack.observation import expected_electrons
+from startrack.observation import expected_electrons, line_of_sight, stars_in_field
 from startrack.scene import Scene
 
 SEED = 24

@@ -22,22 +22,12 @@ import numpy as np
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from startrack import (
-    Camera,
-    Frame,
-    Matches,
-    PatternIndexes,
-    Spots,
-    Status,
-    Tracker,
-    lost_in_space,
-    read_image,
-)
+from startrack import Camera, Frame, Matches, Spots, Status, Tracker, lost_in_space, read_image
 from startrack.calibration import CameraPosterior, Prior, sample_camera
 from startrack.catalog import Selection, open_sky
 from startrack.core import Floats
 from startrack.detection import Detection
-from startrack.identification import Identification
+from startrack.identification import Identification, PatternIndexes
 from startrack.optimise import Ensembles
 
 CAMERA = Camera(1024, 1024, 2000.0)

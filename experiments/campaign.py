@@ -26,10 +26,11 @@ import command
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack import OUTCOMES, Case, Design, Fidelity, load_design, save_design, shipped
+from startrack import Case, Design, Fidelity, load_design, save_design, shipped
 from startrack.benchmark import studies
 from startrack.metrics import summarise
 from startrack.montecarlo import Precision, Sampling, Serial, Store, dask_pool, pool, resume, run
+from startrack.trial import OUTCOMES
 
 SEED = 7
 TRIAL = 0.01  # second, of a trial that only waits

@@ -31,7 +31,7 @@ import numpy as np
 from flight_page import draw, write_page
 from scipy import stats
 
-from startrack import Case, Frame, Streams, arcsec, load_design, psf_of, shipped
+from startrack import Case, Frame, Streams, arcsec, load_design, shipped
 from startrack.budget import analytic, single_stars
 from startrack.calibration import (
     Order,
@@ -55,6 +55,7 @@ from startrack.detector import (
     stamp,
 )
 from startrack.io import save_json
+from startrack.observation import psf_of
 from startrack.verification import (
     FlightComparison,
     Windows,

@@ -31,7 +31,8 @@ import one_thread  # noqa: F401
 import terrain
 from numpy.typing import NDArray
 
-from startrack import Curve, deg, nm
+from startrack import deg, nm
+from startrack.core import Curve
 from startrack.detector import Detector, Scan
 from startrack.earth.atmosphere import Air
 from startrack.earth.geometry import Fractal, Orbit, Terrain, fly

@@ -19,7 +19,8 @@ import command
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack import Curve, deg, shipped, um
+from startrack import deg, shipped, um
+from startrack.core import Curve
 from startrack.detector import Scan
 from startrack.earth.geometry import observe_earth
 from startrack.earth.imager import (

@@ -28,7 +28,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, map_coordinates, maximum_filter1d, minimum_filter1d
 from scipy.special import erfinv
 
-from startrack import Curve, deg, nm, um
+from startrack import deg, nm, um
+from startrack.core import Curve
 from startrack.detector import Detector, Scan
 from startrack.earth.atmosphere import Air
 from startrack.earth.geometry import Aircraft, MapFile, Terrain

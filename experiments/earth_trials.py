@@ -18,7 +18,8 @@ from earth_real import write
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from startrack import Curve, deg, nm, um
+from startrack import deg, nm, um
+from startrack.core import Curve
 from startrack.detector import Detector, Scan
 from startrack.earth.atmosphere import Air
 from startrack.earth.geometry import Aircraft, MapFile, Pointing, Terrain

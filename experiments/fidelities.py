@@ -31,7 +31,6 @@ from scipy.spatial.transform import Rotation
 from startrack import (
     Case,
     Fidelity,
-    PatternIndexes,
     Spots,
     Streams,
     identify_and_solve,
@@ -45,6 +44,7 @@ from startrack.catalog import open_sky
 from startrack.core import Floats
 from startrack.detection import DarkMap
 from startrack.detector import Defects
+from startrack.identification import PatternIndexes
 from startrack.metrics import judge
 from startrack.plots import LINES, legend_below, save_picture, styled
 from startrack.plots import picture as blank

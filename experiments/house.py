@@ -79,8 +79,10 @@ def main() -> None:
 
 
 def public_names() -> int:
-    """Names of the package, and those in `__all__` of the packages among them."""
-    listed, waiting = 0, [startrack.__name__]
+    """Names of the package, and those in `__all__` of the packages that its stub names."""
+    stub = (HOME / "__init__.pyi").read_text(encoding="utf-8")
+    rooms = re.findall(r"^from \. import (\w+)", stub, re.M)
+    listed, waiting = 0, [startrack.__name__, *(f"startrack.{room}" for room in rooms)]
     while waiting:
         module = import_module(waiting.pop())
         for name in module.__all__:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from intervals_coverage import COUNTS, Coverage, note
 
-from startrack import OUTCOMES, Case, load_design, shipped
+from startrack import Case, load_design, shipped
 from startrack.core import Floats
 from startrack.design import YEAR, Campaign, Fidelity, Objective, Variable, Variation
 from startrack.metrics import fraction_interval
@@ -26,6 +26,7 @@ from startrack.optimise import (
     resampled_units,
 )
 from startrack.population import Units
+from startrack.trial import OUTCOMES
 from startrack.verification import USUAL, YieldClaim, units_expected
 
 EACH = 24  # trials of each unit of a pool, of which a repeat has few

@@ -34,26 +34,21 @@ from astropy.io import fits
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
-from startrack import (
-    Camera,
-    Case,
-    Fidelity,
-    FieldPsf,
-    Psf,
-    Streams,
+from startrack import Camera, Case, Fidelity, Psf, Streams, load_design, run_trials, shipped
+from startrack.catalog import open_sky
+from startrack.core import FieldPsf, Floats
+from startrack.detector import Exposure, arriving, expose, mean_wavelength
+from startrack.metrics import summarise
+from startrack.observation import (
+    TEMPERATURES,
+    colours_of,
+    field_psf_of,
+    images_of,
     line_of_sight,
-    load_design,
     psf_of,
-    run_trials,
-    shipped,
     stars_in_field,
     throughput,
 )
-from startrack.catalog import open_sky
-from startrack.core import Floats
-from startrack.detector import Exposure, arriving, expose, mean_wavelength
-from startrack.metrics import summarise
-from startrack.observation import TEMPERATURES, colours_of, field_psf_of, images_of
 from startrack.optics import (
     ColourBand,
     Ghosts,

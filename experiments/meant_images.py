@@ -22,9 +22,10 @@ import numpy as np
 from meant_check import Check, checked
 from numpy.typing import NDArray
 
-from startrack import Layout, read_image
+from startrack import read_image
 from startrack.calibration import read_star_table
 from startrack.catalog import read as read_catalog
+from startrack.io import Layout
 from startrack.optics import psfs_of_pages, read_prescription
 
 Compare = Callable[[], str | None]

@@ -12,21 +12,11 @@ import numpy as np
 from meant_check import Check, checked
 from scipy.spatial.transform import Rotation
 
-from startrack import (
-    Camera,
-    Curve,
-    Frame,
-    Psf,
-    Stars,
-    Streams,
-    load_design,
-    run_trials,
-    shipped,
-    throughput,
-)
+from startrack import Camera, Frame, Psf, Stars, Streams, load_design, run_trials, shipped
 from startrack.attitude import align, davenport, quest, svd
 from startrack.budget import analytic
 from startrack.catalog import Selection, open_sky
+from startrack.core import Curve
 from startrack.design import Fidelity
 from startrack.detection import Detection, detect, gaussian_psf, plan_detection
 from startrack.detector import Detector, Thermal, electron_rate, frame_of, response
@@ -35,7 +25,7 @@ from startrack.earth.imager import Channel, band_of, figures
 from startrack.metrics import Star, attitude_bound, centroid_bound
 from startrack.mission import fused_variance
 from startrack.motion import Motion, Tone, blur, jitter_rms, slew, transfer
-from startrack.observation import light_by_colour
+from startrack.observation import light_by_colour, throughput
 from startrack.optics import Optics, pixel_psf
 from startrack.scene import Scene, illuminate
 from startrack.space import sun_synchronous

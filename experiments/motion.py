@@ -18,8 +18,8 @@ import command
 import numpy as np
 from krutz_2011 import nyquist_mtf
 
-from startrack import Camera, LineOfSight, Streams
-from startrack.core import Floats
+from startrack import Camera, Streams
+from startrack.core import Floats, LineOfSight
 from startrack.motion import (
     Broadband,
     Motion,

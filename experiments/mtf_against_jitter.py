@@ -22,10 +22,11 @@ from typing import Any
 import command
 import numpy as np
 
-from startrack import Case, Fidelity, arcsec, deg, load_design, psf_of, shipped, um
+from startrack import Case, Fidelity, arcsec, deg, load_design, shipped, um
 from startrack.core import Floats
 from startrack.design import Objective, replaced
 from startrack.motion import Tone, jitter_rms
+from startrack.observation import psf_of
 from startrack.optimise import TrialRunner
 from startrack.plots import CYCLE, MARKERS, legend_below, picture, save_picture, styled
 

@@ -29,8 +29,8 @@ from numpy.typing import NDArray
 from scipy import special, stats
 from scipy.spatial.transform import Rotation
 
-from startrack import Camera, Light, LineOfSight, Streams
-from startrack.core import Floats
+from startrack import Camera, Light, Streams
+from startrack.core import Floats, LineOfSight
 from startrack.detector import (
     BITS,
     Detector,

@@ -28,8 +28,8 @@ import numpy as np
 from krutz_2011 import NYQUIST, nyquist_mtf
 from scipy.optimize import brentq
 
-from startrack import Case, LineOfSight, arcsec, deg, load_design, shipped
-from startrack.core import Floats, Ints
+from startrack import Case, arcsec, deg, load_design, shipped
+from startrack.core import Floats, Ints, LineOfSight
 from startrack.design import replaced
 from startrack.montecarlo import pool
 from startrack.motion import Motion, Tone, image_path, slew, stability

@@ -42,8 +42,6 @@ from startrack import (
     random_attitude,
     run_trials,
     shipped,
-    stars_in_field,
-    throughput,
 )
 from startrack.benchmark import studies
 from startrack.catalog import open_sky
@@ -51,6 +49,7 @@ from startrack.detector import arriving
 from startrack.metrics import summarise
 from startrack.montecarlo import Sampling, pool, run, warm
 from startrack.montecarlo import one_thread as one_opencv_thread
+from startrack.observation import stars_in_field, throughput
 from startrack.plots import CYCLE, MARKERS, legend_below, picture, save_picture, styled
 from startrack.scene import illuminate
 

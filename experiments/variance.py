@@ -22,7 +22,7 @@ import numpy as np
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from startrack import OUTCOMES, Case, Fidelity, Streams, load_design, run_trials, shipped
+from startrack import Case, Fidelity, Streams, load_design, run_trials, shipped
 from startrack.core import Floats, Ints, Rows
 from startrack.montecarlo import (
     REPLICATES,
@@ -36,6 +36,7 @@ from startrack.montecarlo import (
     towards,
 )
 from startrack.montecarlo import one_thread as one_opencv_thread
+from startrack.trial import OUTCOMES
 
 FRAME, DRAWN = Fidelity.FRAME, Fidelity.COVARIANCE
 SEED = 3

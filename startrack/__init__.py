@@ -41,9 +41,17 @@ cli              the command `startrack`
 packages named there list in their `__all__` (docs/api.md). All else may change without notice.
 """
 
+from pathlib import Path
+
 import lazy_loader
 
 __version__ = "0.1.0"
 
-# One list for type checkers and for Python; each name is loaded when it is first used.
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+# One list for type checkers and for Python; each name is loaded when it is first used, each room,
+# too, which is no name of the package itself.
+__getattr__, _, _names = lazy_loader.attach_stub(__name__, __file__)
+__all__ = [name for name in _names if not Path(__file__).with_name(name).is_dir()]
+
+
+def __dir__() -> list[str]:
+    return __all__

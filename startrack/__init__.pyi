@@ -1,19 +1,22 @@
-# The public API: these names, and those that the packages among them list in their `__all__`.
-# Whatever else a file holds is the house's own, and may change without notice.
+# The public API: the names here, and those that the packages here list in their `__all__`.
+# Whatever else a file holds may change without notice.
 
 from . import attitude as attitude
 from . import budget as budget
 from . import calibration as calibration
 from . import catalog as catalog
+from . import core as core
 from . import design as design
 from . import detection as detection
 from . import detector as detector
 from . import earth as earth
 from . import identification as identification
+from . import io as io
 from . import metrics as metrics
 from . import mission as mission
 from . import montecarlo as montecarlo
 from . import motion as motion
+from . import observation as observation
 from . import onboard as onboard
 from . import optics as optics
 from . import optimise as optimise
@@ -25,24 +28,18 @@ from . import response as response
 from . import scene as scene
 from . import sequence as sequence
 from . import space as space
+from . import trial as trial
 from . import verification as verification
 from .core import Camera as Camera
-from .core import Curve as Curve
-from .core import DiffuseLight as DiffuseLight
-from .core import Displacement as Displacement
 from .core import Estimate as Estimate
-from .core import FieldPolynomial as FieldPolynomial
-from .core import FieldPsf as FieldPsf
 from .core import Frame as Frame
 from .core import Light as Light
-from .core import LineOfSight as LineOfSight
 from .core import Matches as Matches
 from .core import Psf as Psf
 from .core import Refused as Refused
 from .core import Spots as Spots
 from .core import Stars as Stars
 from .core import Status as Status
-from .core import StrayLightSource as StrayLightSource
 from .core import Streams as Streams
 from .core import allow_code as allow_code
 from .core import arcsec as arcsec
@@ -54,15 +51,9 @@ from .design import Case as Case
 from .design import Design as Design
 from .design import Fidelity as Fidelity
 from .design import Instrument as Instrument
-from .design import Temperatures as Temperatures
 from .design import Tracker as Tracker
 from .design import load_design as load_design
 from .design import save_design as save_design
-from .identification import PatternIndexes as PatternIndexes
-from .io import FrameFiles as FrameFiles
-from .io import Layout as Layout
-from .io import camera_to_wcs as camera_to_wcs
-from .io import celestial as celestial
 from .io import pointing as pointing
 from .io import read_image as read_image
 from .io import shipped as shipped
@@ -70,17 +61,11 @@ from .io import to_pandas as to_pandas
 from .io import to_qtable as to_qtable
 from .io import to_xarray as to_xarray
 from .io import write_fits as write_fits
-from .observation import light_of as light_of
-from .observation import line_of_sight as line_of_sight
-from .observation import psf_of as psf_of
 from .observation import random_attitude as random_attitude
-from .observation import stars_in_field as stars_in_field
-from .observation import throughput as throughput
 from .plots import draw_errors as draw_errors
 from .plots import draw_frame as draw_frame
 from .plots import draw_solution as draw_solution
 from .plots import draw_spots as draw_spots
-from .trial import OUTCOMES as OUTCOMES
 from .trial import Record as Record
 from .trial import identify_and_solve as identify_and_solve
 from .trial import lost_in_space as lost_in_space

@@ -58,6 +58,12 @@ def test_a_module_shows_its_list_and_nothing_else():
 
 def test_the_package_shows_its_list_alone():
     assert set(dir(startrack)) == set(startrack.__all__)
+
+
+def test_the_top_of_the_package_is_what_a_script_needs():
+    """Names of one case are of their rooms, which are attributes, too, and not in the list."""
+    assert len(dir(startrack)) <= 45
+    assert startrack.mission.load_mission
     with pytest.raises(AttributeError, match="nothing"):
         _ = startrack.nothing  # type: ignore[attr-defined]
 

@@ -5,17 +5,9 @@ from pathlib import Path
 
 from astropy.table import QTable
 
-from startrack import (
-    FrameFiles,
-    Layout,
-    Streams,
-    load_design,
-    observe,
-    pointing,
-    read_image,
-    shipped,
-)
+from startrack import Streams, load_design, observe, pointing, read_image, shipped
 from startrack.detection import detect, plan_detection
+from startrack.io import FrameFiles, Layout
 
 case = load_design(shipped("designs/noise_only.toml")).case
 orion = pointing(83.8, -1.2, 0.0)  # degree

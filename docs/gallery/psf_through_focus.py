@@ -2,7 +2,8 @@
 
 import matplotlib.pyplot as plt
 
-from startrack import load_design, psf_of, shipped
+from startrack import load_design, shipped
+from startrack.observation import psf_of
 
 coma = 'instrument.optics.aberrations=[{noll = 8, rms = "60 nm"}]'
 figure, axes = plt.subplots(1, 5, figsize=(10, 2.6), layout="constrained")

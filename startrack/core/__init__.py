@@ -160,3 +160,14 @@ from startrack.core.values import (
     StrayLightSource,
 )
 from startrack.core.variates import GOLDEN, bits, inverse_normal, mixed, poisson_of_uniform, uniform
+
+# Public; the other imports serve other rooms.
+__all__ = [
+    "Curve",
+    "DiffuseLight",
+    "Displacement",
+    "FieldPolynomial",
+    "FieldPsf",
+    "LineOfSight",
+    "StrayLightSource",
+]

@@ -87,6 +87,7 @@ __all__ = [
     "Requirements",
     "Scope",
     "Structure",
+    "Temperatures",
     "Unknown",
     "Variable",
     "Variation",

@@ -46,6 +46,7 @@ from startrack.identification.verify import log_evidence_of_match
 __all__ = [
     "Identification",
     "IdentificationInput",
+    "PatternIndexes",
     "build_index",
     "identify",
     "identify_blind",

@@ -76,4 +76,4 @@ from startrack.io.wcs import (
 )
 
 # Public; the other imports serve other rooms.
-__all__ = ["shipped"]
+__all__ = ["FrameFiles", "Layout", "camera_to_wcs", "celestial"]

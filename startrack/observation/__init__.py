@@ -67,4 +67,4 @@ from startrack.observation.stars import (
 )
 
 # Public; the other imports serve other rooms.
-__all__: list[str] = []
+__all__ = ["light_of", "line_of_sight", "psf_of", "stars_in_field", "throughput"]

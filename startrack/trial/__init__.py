@@ -54,4 +54,4 @@ from startrack.trial.spot_plan import (
 from startrack.trial.window import plan_windows, spots_in_windows
 
 # Public; the other imports serve other rooms.
-__all__: list[str] = []
+__all__ = ["OUTCOMES"]

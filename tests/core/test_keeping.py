@@ -6,11 +6,11 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from startrack import PatternIndexes, Refused
+from startrack import Refused
 from startrack.core import memory as module
 from startrack.core import require_memory
 from startrack.core.memory import Kept, bytes_of, kept, kept_bytes
-from startrack.identification import cache
+from startrack.identification import PatternIndexes, cache
 
 MIB = 2**20
 

@@ -8,9 +8,10 @@ import pytest
 from astropy import units
 from scipy.spatial.transform import Rotation
 
-from startrack import Streams, light_of, load_design, observe, pointing, shipped
+from startrack import Streams, load_design, observe, pointing, shipped
 from startrack.core import Floats, Unit, arcsec, printed
 from startrack.core.printing import text_of
+from startrack.observation import light_of
 
 DESIGN = load_design(shipped("designs/noise_only.toml"))
 SCREEN = 1000  # characters

@@ -9,8 +9,8 @@ from astropy import units
 from astropy.modeling.models import BlackBody
 from scipy import stats
 
-from startrack import Curve, Streams, shipped, um
-from startrack.core import Refused
+from startrack import Streams, shipped, um
+from startrack.core import Curve, Refused
 from startrack.design import replaced_all
 from startrack.earth.imager import Cover, Land, Picture, load_imager, load_survey, render
 from startrack.earth.retrieval import (
