@@ -13,8 +13,8 @@ import numpy as np
 from intervals_coverage import COUNTS, Coverage, note
 
 from startrack import Case, load_design, shipped
-from startrack.core import Floats
-from startrack.design import YEAR, Campaign, Fidelity, Objective, Variable, Variation
+from startrack.core import YEAR, Floats
+from startrack.design import Campaign, Fidelity, Objective, Variable, Variation
 from startrack.metrics import fraction_interval
 from startrack.montecarlo import Serial, run
 from startrack.optimise import (

@@ -104,7 +104,8 @@ class UnitBudgets:
     def level(self, axes: Sequence[int], fraction: float, interpretation: Interpretation) -> float:
         """Radian per axis, by an interpretation of ECSS-E-ST-60-10C; without the biases.
 
-        temporal: of the worst unit; ensemble: of the units in the worst field; mixed: of all.
+        temporal: over the time, of the worst unit; ensemble: over the units, in the worst field;
+        mixed: over both.
 
         Accuracy  statistical: the worst of few units or fields is too small.
         """
@@ -112,12 +113,13 @@ class UnitBudgets:
             case Interpretation.TEMPORAL:
                 return float(self.levels(axes, fraction).max())
             case Interpretation.ENSEMBLE:
-                every = [
+                fields = [
                     ErrorLaw(self.mean[:, f], self.sigma[:, f], self.weight[:, f] / total)
                     for f in range(self.mean.shape[1])
                     if (total := self.weight[:, f].sum()) > 0
                 ]
-                return max(unit.level(axes, fraction, Interpretation.MIXED) for unit in every)
+                mixed = Interpretation.MIXED
+                return max(field.level(axes, fraction, mixed) for field in fields)
         return self.all(biased=False).level(axes, fraction, Interpretation.MIXED)
 
 

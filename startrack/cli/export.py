@@ -13,8 +13,7 @@ from startrack.cli.options import Exit, Option, Options, decimal, out, positive,
 if wanted(__name__):
     from startrack import mission, onboard
     from startrack.cli.terminal import example, finite, print_result, progress, read_design, stage
-    from startrack.core import arcsec, deg
-    from startrack.design import YEAR
+    from startrack.core import YEAR, arcsec, deg
 
 if TYPE_CHECKING:
     from startrack.design import Case

@@ -19,7 +19,7 @@ if wanted(__name__):
     from startrack.cli import terminal
     from startrack.cli.simulate import draw_record
     from startrack.cli.terminal import attitude_values, finite, print_result, progress
-    from startrack.core import Floats, Refused, Rows, Streams, arcsec, deg, utc
+    from startrack.core import DAY, YEAR, Floats, Refused, Rows, Streams, arcsec, deg, utc
     from startrack.io import save_json, save_text, shipped, write_fits
     from startrack.metrics import ARCSEC, Column, DisplayUnit
     from startrack.montecarlo import cluster, export, pool
@@ -27,7 +27,6 @@ if wanted(__name__):
     from startrack.trial import observe
 
 ROWS = 20_000  # of the table, where --every is not given
-YEAR = 365.25 * 86400  # second
 STORE = "mission.sqlite"  # in the folder of the results
 
 
@@ -618,7 +617,7 @@ def _text(flight: report.ReportedFlight) -> list[str]:
     none = available.none
     lines.append(
         f"without a valid head: {len(none.length)} times, the longest {none.longest:g} s"
-        + (f", {none.worst(1)[0][0] / 86400:.2f} d after the begin" if len(none.length) else "")
+        + (f", {none.worst(1)[0][0] / DAY:.2f} d after the begin" if len(none.length) else "")
     )
     again = [
         mission.reacquisition_of(design.case, chances)
@@ -639,7 +638,7 @@ def _text(flight: report.ReportedFlight) -> list[str]:
     if flown.worst:
         second, error = flown.worst[0]
         lines.append(
-            f"largest error about an axis {error / arcsec:.1f} arcsec rms, {second / 86400:.2f} d "
+            f"largest error about an axis {error / arcsec:.1f} arcsec rms, {second / DAY:.2f} d "
             "after the begin"
         )
     lines += [

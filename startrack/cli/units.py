@@ -15,8 +15,8 @@ if wanted(__name__):
     from startrack.budget import Term, UnitBudgets, unit_budgets
     from startrack.cli.options import as_wrong_use
     from startrack.cli.terminal import progress
-    from startrack.core import Rows, arcsec
-    from startrack.design import YEAR, Accuracy, Campaign, Case
+    from startrack.core import YEAR, Rows, arcsec
+    from startrack.design import Accuracy, Campaign, Case
     from startrack.io import aligned
     from startrack.metrics import ARCSEC, LEVELS, Interpretation, Interval, bounds_json, bracketed
     from startrack.montecarlo import Sampling

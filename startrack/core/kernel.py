@@ -47,7 +47,7 @@ FAILED = "kernels take twice as long to compile, because this version of numba h
 compiler: Any = None
 try:
     from startrack.core import compiler
-except Exception as error:  # whatever a name raises that numba has no more, or has changed
+except (ImportError, AttributeError, TypeError) as error:  # a name that numba has no more
     warnings.warn(f"{FAILED}: {error}", RuntimeWarning, stacklevel=2)
 
 
@@ -72,14 +72,17 @@ def kernel(
         return plain
     options = {"error_model": "numpy", **options}
     global compiler
-    if compiler:
-        try:
-            decorate = in_folder(compiler.compiled, compiler.uncached)
-            return decorate(function, borrows=borrows, **options)
-        except Exception as error:
-            compiler = None
-            warnings.warn(f"{FAILED}: {error}", RuntimeWarning, stacklevel=2)
-    return in_folder(partial(numba.njit, cache=True), numba.njit)(function, **options)
+    plainly = in_folder(partial(numba.njit, cache=True), numba.njit)
+    if not compiler:
+        return plainly(function, **options)
+    try:
+        decorate = in_folder(compiler.compiled, compiler.uncached)
+        return decorate(function, borrows=borrows, **options)
+    except (AttributeError, TypeError) as error:  # numba has changed, or the kernel is wrong:
+        plain = plainly(function, **options)  # then this raises, too
+        compiler = None
+        warnings.warn(f"{FAILED}: {error}", RuntimeWarning, stacklevel=2)
+        return plain
 
 
 def in_folder(kept: Callable[..., Any], unkept: Callable[..., Any]) -> Callable[..., Any]:

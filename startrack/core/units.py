@@ -27,6 +27,11 @@ mm = 1e-3  # metre
 deg = math.pi / 180  # radian
 arcsec = deg / 3600  # radian
 
+DAY = 86400.0  # second
+YEAR = 365.25 * DAY  # second, Julian
+TROPICAL_YEAR = 365.2422 * DAY  # second, from equinox to equinox
+SIDEREAL_YEAR = 365.256 * DAY  # second, of the Earth's way round the Sun
+
 ZERO_CELSIUS = 273.15  # kelvin
 CELSIUS = ("degC", "deg_C", "°C", "Celsius", "celsius")
 

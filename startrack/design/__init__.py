@@ -60,7 +60,6 @@ from startrack.design.structure import TURNS, Structure
 from startrack.design.unknown import Unknown
 from startrack.design.variables import OF_IMAGES, Choice, DesignSpace, Link, Variable, branches
 from startrack.design.variation import (
-    YEAR,
     Moment,
     Scope,
     Variation,

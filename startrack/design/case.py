@@ -12,11 +12,21 @@ import numpy as np
 from startrack import core
 from startrack.attitude import Mounting, SolverSettings
 from startrack.catalog import Selection
-from startrack.core import FINITE, NON_NEGATIVE, Floats, Parameters, Range, Refused, Unit, parameter
+from startrack.core import (
+    FINITE,
+    NON_NEGATIVE,
+    YEAR,
+    Floats,
+    Parameters,
+    Range,
+    Refused,
+    Unit,
+    parameter,
+)
 from startrack.design.epoch import believed_from, seen_from
 from startrack.design.parameter import unchecked
 from startrack.design.structure import Structure
-from startrack.design.variation import YEAR, Law, Variation, check_variations, law_of
+from startrack.design.variation import Law, Variation, check_variations, law_of
 from startrack.detection import Box, Detection
 from startrack.detector import Detector
 from startrack.identification import Identification

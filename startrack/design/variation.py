@@ -11,13 +11,13 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from startrack import core
-from startrack.core import FINITE, NON_NEGATIVE, Parameters, Range, Refused, parameter
+from startrack.core import FINITE, NON_NEGATIVE, YEAR, Parameters, Range, Refused, parameter
 from startrack.design.parameter import find, replaced_all, unchecked, unit_at
 
 LAWS = ("normal", "truncated", "uniform", "lognormal", "sinusoid", "table")
 ABSOLUTE, RELATIVE = "absolute", "relative"
 TRUTH = ("instrument.", "scene.", "catalog.")
-YEAR = 365.25 * 86400  # second, the Julian year
+
 QUANTILES = 400  # of a law, for its mean square: of a normal law within 0.4 %
 
 

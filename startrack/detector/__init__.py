@@ -27,7 +27,6 @@ scan                 Light and the motion of a camera -> the image of a detector
 
 from startrack.detector.ageing import (
     CHANDRA_ACA,
-    YEAR,
     Age,
     Flicker,
     Flickering,

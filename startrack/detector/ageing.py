@@ -13,6 +13,7 @@ from startrack import core
 from startrack.core import (
     NON_NEGATIVE,
     POSITIVE,
+    YEAR,
     Floats,
     Parameters,
     Range,
@@ -126,7 +127,6 @@ def damage_fluence(dose: float, niel: float) -> float:
     return dose * RAD_MEV * NON_IONISING / niel
 
 
-YEAR = 365.25 * 86400.0  # second
 ELECTRON_VOLT = 1.602176634e-19  # joule
 SQUARE_CM, CUBIC_CM = 1e-4, 1e-6
 RAD = 0.01  # gray

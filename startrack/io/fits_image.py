@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Refused
+from startrack.core import DAY, Refused
 from startrack.io.reading import require_fits, unpacked
 from startrack.io.recordings import YEAR_2000
 from startrack.io.text import first_line
@@ -20,7 +20,6 @@ from startrack.io.text import first_line
 DATES = "DATE-OBS", "DATE-BEG", "DATE-AVG"
 # Days of 2000-01-01T00:00 by each keyword.
 JULIAN = {"MJD-OBS": 51544.0, "MJD-BEG": 51544.0, "MJD-AVG": 51544.0, "JD": 2451544.5}
-DAY = 86400.0  # second
 EXPOSURES = "EXPTIME", "EXPOSURE"
 MILLISECOND = re.compile(r"\[ms\]|\bms\b|milli-?sec", re.IGNORECASE)
 MICROSECOND = re.compile(r"\[us\]|\bus\b|micro-?sec|\u00b5s", re.IGNORECASE)

@@ -22,8 +22,8 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from startrack.budget import Term, analytic, caveats, refusal, unit_budgets
-from startrack.core import Advance, Floats, Refused, arcsec, deg, whole
-from startrack.design import YEAR, Case, Moment, turning
+from startrack.core import YEAR, Advance, Floats, Refused, arcsec, deg, whole
+from startrack.design import Case, Moment, turning
 from startrack.io import save_json, save_text
 from startrack.io import whole as whole_file
 from startrack.mission.heads import limits_of

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from startrack.core import Floats, Refused, installed_tables, optional_package, printed, utc
+from startrack.core import DAY, Floats, Refused, installed_tables, optional_package, printed, utc
 from startrack.io import read_bytes, regular_file, save_text, whole
 
 BODY = -999  # number of the spacecraft in files that are written
@@ -123,16 +123,16 @@ def _spice(what: str) -> Iterator[Any]:
 def to_ephemeris_time(date: Any) -> Floats:
     """Second of TDB after J2000, as SPICE counts, of astropy's Time."""
     with installed_tables():
-        return np.asarray((date.tdb.jd1 - 2451545.0) * 86400 + date.tdb.jd2 * 86400)
+        return np.asarray((date.tdb.jd1 - 2451545.0) * DAY + date.tdb.jd2 * DAY)
 
 
 def of_ephemeris_time(second: Floats) -> Any:
     """Astropy's Time of seconds of TDB after J2000."""
     from astropy.time import Time
 
-    whole_days, rest = np.divmod(second, 86400.0)
+    whole_days, rest = np.divmod(second, DAY)
     with installed_tables():
-        return Time(2451545.0 + whole_days, rest / 86400, format="jd", scale="tdb")
+        return Time(2451545.0 + whole_days, rest / DAY, format="jd", scale="tdb")
 
 
 def write_spk(path: Path, date: Any, place: Floats, speed: Floats) -> None:

@@ -12,16 +12,28 @@ from scipy.spatial.transform import Rotation
 
 from startrack import core, space
 from startrack.attitude import Mounting
-from startrack.core import FINITE, Floats, Parameters, Range, Refused, Unit, deg, parameter, within
+from startrack.core import (
+    DAY,
+    FINITE,
+    YEAR,
+    Floats,
+    Parameters,
+    Range,
+    Refused,
+    Unit,
+    deg,
+    parameter,
+    within,
+)
 from startrack.design import Design, Fidelity, KeepOut, load_design, replaced_all
 from startrack.io import from_table, read_layers, save_text, shipped, to_table
 
 LAWS = ("nadir", "inertial", "sun", "target", "aem")
 YAWS = ("velocity", "ground", "sun")
 MOST_STEPS = 10**8
-JULIAN_YEAR = 365.25 * 86400.0  # second
+
 LEAST_TRIALS = 20  # of which half fit a correction and half check it
-OLDEST = 100 * JULIAN_YEAR  # second, of a head
+OLDEST = 100 * YEAR  # second, of a head
 UNIT_NORM = 1e-3  # by which the norm of a quaternion in a file may differ from one
 
 
@@ -50,7 +62,7 @@ class MissionOrbit(Parameters):
         'mean solar time at the ascending node (LTAN), as "10.5 h" or "10:30"; it replaces '
         "`inclination` and `node` by those of a Sun-synchronous orbit",
         unit=Unit("s", "h", clock=True),
-        limit=Range(0, 86400),
+        limit=Range(0, DAY),
         default=None,
     )
     anomaly: float = parameter(
@@ -281,7 +293,7 @@ class TimeSpan(Parameters):
 
     begin: str = parameter('UTC, as "2026-03-20T12:00:00"')
     duration: float = parameter(
-        "of the mission", unit=Unit("s", "d"), limit=core.POSITIVE, default=86400.0
+        "of the mission", unit=Unit("s", "d"), limit=core.POSITIVE, default=DAY
     )
     step: float = parameter(
         "between two instants at which all is computed",
@@ -293,7 +305,7 @@ class TimeSpan(Parameters):
     def __post_init__(self) -> None:
         super().__post_init__()
         year = float(core.utc(self.begin).jyear)
-        years = {"year of begin": year, "year of the end": year + self.duration / JULIAN_YEAR}
+        years = {"year of begin": year, "year of the end": year + self.duration / YEAR}
         within(space.FIRST_YEAR, space.LAST_YEAR, **years)
         core.whole(1, MOST_STEPS, **{"number of steps (duration / step)": self.steps})
 

@@ -6,7 +6,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from startrack.budget import UnitBudgets, analytic, unit_budgets
-from startrack.core import Advance, Flags, Floats, Refused, printed, utc, whole
+from startrack.core import (
+    DAY,
+    SIDEREAL_YEAR,
+    YEAR,
+    Advance,
+    Flags,
+    Floats,
+    Refused,
+    printed,
+    utc,
+    whole,
+)
 from startrack.design import TURNS, Case
 from startrack.metrics import Interval, level_interval
 from startrack.mission.engine import (
@@ -20,14 +31,13 @@ from startrack.mission.engine import (
 )
 from startrack.mission.heads import state_of
 from startrack.mission.instants import Instants
-from startrack.mission.parameters import JULIAN_YEAR
 from startrack.space import STEFAN, Heat, incident, march, taken_by_head, taken_by_platform
 from startrack.trial import Term
 
 THERMAL_STEP = 60.0  # second, the longest of the temperatures
 SPIN_UP = 20  # orbits, or days, before the begin
-# Of the Earth's orbit; day of the year, days.
-ECCENTRICITY, PERIHELION, YEAR = 0.01671, 3.0, 365.256
+# Of the Earth's orbit; day of the year.
+ECCENTRICITY, PERIHELION = 0.01671, 3.0
 SHARED = (Term.BIAS, Term.THERMO_ELASTIC)  # terms that are not drawn anew with time
 LEAST_SQUARE = 1e-18  # radian^2, of a bias: 0.0002 arcsec
 FIELDS = 64  # of the budget of each unit
@@ -83,7 +93,7 @@ def temperatures_of(plan: MissionPlan, heat: Heat) -> MissionTemperatures:
     capacity = np.array([heat.capacity, *[heat.head_capacity] * heads])
     size = STEFAN * np.array(shines)
     kelvin = np.full(1 + heads, float((power.mean(axis=1).sum() / size.sum()) ** 0.25))
-    begin = np.ascontiguousarray(power[:, : max(int(86400.0 / step), 1)])
+    begin = np.ascontiguousarray(power[:, : max(int(DAY / step), 1)])
     for _ in range(SPIN_UP):
         march(begin, size, capacity, heat.conductance, step, kelvin, np.empty_like(begin))
     course = np.empty_like(power)
@@ -94,7 +104,7 @@ def temperatures_of(plan: MissionPlan, heat: Heat) -> MissionTemperatures:
 def _taken(plan: MissionPlan, heat: Heat, instants: Instants) -> tuple[Floats, Floats, list[float]]:
     """W (1 + h, n) that platform and heads take up and dissipate, `sides`, their black surfaces."""
     day = float(utc(plan.loaded.mission.time.begin).to_datetime().timetuple().tm_yday)
-    angle = math.tau * (day - PERIHELION + instants.second / 86400) / YEAR
+    angle = math.tau * (day - PERIHELION + instants.second / DAY) / (SIDEREAL_YEAR / DAY)
     nearer = (1 + ECCENTRICITY * np.cos(angle)) ** 2
     signed = [sign * row for row in instants.body for sign in (1, -1)]
     sunlight, earth = incident(heat, np.stack(signed), instants.place, instants.sun)
@@ -207,7 +217,7 @@ def _drawn(plan: MissionPlan, count: int, seed: int) -> tuple[Floats, Floats]:
                 "[instrument.structure] or [instrument.residual], so that its units differ"
             )
         law = case.instrument.detector.age
-        middle = law.years * JULIAN_YEAR if law else 0.0
+        middle = law.years * YEAR if law else 0.0
         if age is not None:
             middle = age + mission.time.duration / 2
         budgets = unit_budgets(case, seed, count * len(group), middle, 1, FIELDS)

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Floats, Parameters, Range, Refused, Rows, Streams, parameter
-from startrack.design import YEAR, Case, Fidelity
+from startrack.core import YEAR, Floats, Parameters, Range, Refused, Rows, Streams, parameter
+from startrack.design import Case, Fidelity
 from startrack.montecarlo.attitudes import at_random, by_sobol
 from startrack.montecarlo.control import control
 from startrack.observation import expected_electrons

@@ -4,7 +4,7 @@ import math
 from dataclasses import replace
 from functools import lru_cache, partial
 
-from startrack.core import Camera, Frame, kept
+from startrack.core import YEAR, Camera, Frame, kept
 from startrack.design import Case, Instrument
 from startrack.detection import (
     LONGEST_STREAK,
@@ -17,7 +17,7 @@ from startrack.detection import (
     refined,
     streak_of,
 )
-from startrack.detector import YEAR, Detector, dark_frames, to_frame
+from startrack.detector import Detector, dark_frames, to_frame
 from startrack.observation.images import psf_of
 
 # Pixel, so that frames at nearly the same rate share a plan; half of it costs nothing.

@@ -107,7 +107,7 @@ def lacking(margins: Mapping[str, float]) -> dict[str, float]:
 
 
 # Of the time, until forecasts and until trials of the search have ended: on the nanosatellite.
-FORECAST, TRIED = 0.7, 0.75
+FORECAST_PART, TRIED_PART = 0.7, 0.75
 FRESH_SETS = 3  # of fresh trials: of the start, of the best, and of the best at rest
 
 
@@ -126,13 +126,15 @@ class _Progress:
         if math.isfinite(score):
             self._best = math.exp(score)
         if not self._tried:
-            self._tell(f"{count} forecasts", FORECAST * min(count / usual, 1.0))
+            self._tell(f"{count} forecasts", FORECAST_PART * min(count / usual, 1.0))
 
     def tried(self) -> None:
         """Report that a design was tried."""
         self._tried += 1
         part = min(self._tried / self._campaign.evaluations, 1.0)
-        self._tell(f"{self._tried} designs tried", FORECAST + (TRIED - FORECAST) * part)
+        self._tell(
+            f"{self._tried} designs tried", FORECAST_PART + (TRIED_PART - FORECAST_PART) * part
+        )
 
     def fresh(self, trials: int) -> None:
         """Report that more fresh trials were done."""
@@ -140,7 +142,7 @@ class _Progress:
         trials_of_units = campaign.fresh_units * campaign.trials_per_unit
         over = trials_of_units if campaign.units else campaign.fresh_trials
         part = min(self._fresh / over / FRESH_SETS, 1.0)
-        self._tell(f"{self._fresh} fresh trials", TRIED + (1 - TRIED) * part)
+        self._tell(f"{self._fresh} fresh trials", TRIED_PART + (1 - TRIED_PART) * part)
 
     def _tell(self, name: str, part: float) -> None:
         if self._watch:

@@ -136,7 +136,9 @@ def trade_off(
     def tell() -> None:
         if watch:
             count, usual = len(explorer.points), (USUAL + ROUNDS) * len(explorer.source.names)
-            watch(SearchStage(f"{count} forecasts", FORECAST * min(count / usual, 1.0), math.nan))
+            watch(
+                SearchStage(f"{count} forecasts", FORECAST_PART * min(count / usual, 1.0), math.nan)
+            )
 
     explorer.watch = tell
     explore({"": explorer}, {"": start}, settings)
@@ -150,7 +152,7 @@ def trade_off(
     for number in numbers:
         result.append(measured(explorer.points[number], search.pairs[number]))
         if watch:
-            part = FORECAST + (1 - FORECAST) * len(result) / len(numbers)
+            part = FORECAST_PART + (1 - FORECAST_PART) * len(result) / len(numbers)
             watch(SearchStage(f"{len(result)} of {len(numbers)} points tried", part, math.nan))
     return result
 
@@ -184,7 +186,7 @@ def cost_of(campaign: Campaign, goal: str) -> Callable[..., float] | None:
 
 
 ROUNDS = 4  # of proposals for all points of a front; chosen by hand
-FORECAST = 0.7  # of the time, until all forecasts are made: on the nanosatellite
+FORECAST_PART = 0.7  # of the time, until all forecasts are made: on the nanosatellite
 
 
 class _Search:

@@ -270,8 +270,7 @@ class _Watch:
 
 
 def _engine(search: Search, start: Floats) -> Any:
-    # Of the whole process: nlopt has no generator of a search. Each search sets it as it begins, so
-    # that two at once in threads of one process would change each other's random numbers.
+    # nlopt has a generator for each thread, not for each search: two at once are in two threads.
     nlopt.srand(search.seed)
     engine = nlopt.opt(getattr(nlopt, search.algorithm), len(start))
     engine.set_lower_bounds(np.zeros(len(start)))

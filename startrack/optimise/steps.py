@@ -392,10 +392,8 @@ FIRST_ROUND = FreshTrials()
 
 
 def _tails(condition: Judged, part: float = 1.0) -> tuple[float, float]:
-    most = LOOKS if condition.units is None else UNIT_LOOKS
-    # Only the number of looks counts.
-    wrong = part * (1 - condition.needs.confidence)
-    return verification.Looks(2, 2**most, wrong).tails(1)
+    looks = LOOKS if condition.units is None else UNIT_LOOKS
+    return verification.tails(looks, part * (1 - condition.needs.confidence), 1)
 
 
 def confirm_requirements(

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from startrack.budget import caveats, differences, refusal
-from startrack.core import Refused, arcsec
-from startrack.design import NOMINAL, YEAR, Campaign, OverUnits
+from startrack.core import YEAR, Refused, arcsec
+from startrack.design import NOMINAL, Campaign, OverUnits
 from startrack.io import save_csv
 from startrack.metrics import Interval, Row, bracketed, markdown, summary_rows, to_json
 from startrack.optimise.ensemble import Chains

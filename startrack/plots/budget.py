@@ -20,8 +20,8 @@ from startrack.budget import (
     Term,
     UnitBudgets,
 )
-from startrack.core import Floats, arcsec, deg, is_code
-from startrack.design import YEAR, Accuracy, Case
+from startrack.core import YEAR, Floats, arcsec, deg, is_code
+from startrack.design import Accuracy, Case
 from startrack.detection import STREAK
 from startrack.metrics import Interval, rms_interval
 from startrack.montecarlo import quantile_interval

@@ -7,11 +7,10 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 
-from startrack.core import Flags, Floats, arcsec, deg
+from startrack.core import DAY, Flags, Floats, arcsec, deg
 from startrack.mission import EDGES, Availability, Flown, KeepClear, MissionPlan
 from startrack.plots import style
 
-DAY = 86400.0
 ERROR = "error, worst axis\n(arcsec rms)"
 
 

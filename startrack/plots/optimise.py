@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from startrack.core import Floats, Ints, arcsec
-from startrack.design import YEAR, Campaign
+from startrack.core import YEAR, Floats, Ints, arcsec
+from startrack.design import Campaign
 from startrack.metrics import Interval
 from startrack.optimise import (
     Evaluation,

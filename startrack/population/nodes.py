@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from startrack.core import Curve, Floats, Refused, local_weights
-from startrack.design import YEAR, Case, Scope, aged, found_at, law_of, replaced
+from startrack.core import YEAR, Curve, Floats, Refused, local_weights
+from startrack.design import Case, Scope, aged, found_at, law_of, replaced
 from startrack.trial import (
     FluxLimits,
     SpotPlan,

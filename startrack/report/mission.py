@@ -9,12 +9,11 @@ import numpy as np
 import tomli_w
 
 from startrack import mission
-from startrack.core import arcsec, deg
+from startrack.core import DAY, arcsec, deg
 from startrack.io import to_table
 from startrack.metrics import ARCSEC, PERCENT, SECOND, Column, DisplayUnit, Table
 from startrack.report.page import Section, code, embedded, page, paragraph, records, table
 
-DAY = 86400.0
 DEGREE = DisplayUnit("deg", deg, deg)
 MINUTE = DisplayUnit("min", 60.0, 1.0)
 BLIND = DisplayUnit("", 0.01, 1.0)  # percent, said by the caption

@@ -22,8 +22,8 @@ from startrack.budget import (
     refusal,
 )
 from startrack.catalog import open_sky
-from startrack.core import Advance, Floats, Ints, Refused, Rows, Streams, arcsec, deg, mm, um
-from startrack.design import YEAR, Case, Fidelity, Objective
+from startrack.core import YEAR, Advance, Floats, Ints, Refused, Rows, Streams, arcsec, deg, mm, um
+from startrack.design import Case, Fidelity, Objective
 from startrack.io import celestial
 from startrack.metrics import STATED_ALONE, Summary, bracketed, fraction_interval, rms_interval
 from startrack.montecarlo import Ending, Serial, Store, endings, run

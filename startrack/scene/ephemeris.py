@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from startrack.core import Floats, Streams, installed_tables
+from startrack.core import DAY, YEAR, Floats, Streams, installed_tables
 from startrack.scene.parameters import J2000 as J2000_UTC
 from startrack.scene.parameters import JULIAN_YEAR, ObserverOrbit, Scene
 from startrack.space import EARTH_RADIUS, GM, J2000, Body, barycentric, orbit_direction, seen_from
@@ -32,7 +32,7 @@ class SkyObserver:
     @property
     def year(self) -> float:
         """Julian year."""
-        return 2000 + (self.day - J2000) / 365.25
+        return 2000 + (self.day - J2000) / (YEAR / DAY)
 
     def see(self, name: str) -> Body:
         """A body, or the Sun, by its name; see `startrack.space.seen_from`."""

@@ -9,6 +9,7 @@ from startrack.core import (
     FINITE,
     NON_NEGATIVE,
     POSITIVE,
+    YEAR,
     Parameters,
     Range,
     Refused,
@@ -21,7 +22,7 @@ from startrack.space import FIRST_YEAR, LAST_YEAR
 LIMBS = ("molecules", "rural")  # air of the Earth's bright limb
 DARK = 40.0  # magnitude per square arcsecond, below any sky: stands for no background
 J2000 = datetime(2000, 1, 1, 12, tzinfo=UTC)
-JULIAN_YEAR = timedelta(days=365.25)
+JULIAN_YEAR = timedelta(seconds=YEAR)
 
 
 class LightKind(NamedTuple):

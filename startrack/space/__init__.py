@@ -11,7 +11,6 @@ electrons  Electrons around a sphere of aluminium -> what is left of them at its
 
 from startrack.space.bodies import (
     AU,
-    DAY,
     FIRST_YEAR,
     J2000,
     LAST_YEAR,

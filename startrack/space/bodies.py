@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.core import LIGHT_SPEED, Floats, installed_tables, read_only, utc
+from startrack.core import DAY, LIGHT_SPEED, Floats, installed_tables, read_only, utc
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
 AU = 149_597_870_700.0  # metre, IAU 2012
-DAY = 86400.0  # second
+
 J2000 = 2451545.0  # Julian day
 FIRST_YEAR, LAST_YEAR = 1900, 2100  # of the ephemeris
 PLANETS = ("mercury", "venus", "mars", "jupiter", "saturn")  # in the tables of a mission

@@ -9,12 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack import core
-from startrack.core import Floats, Refused, Samples, shown, utc
-from startrack.space.bodies import DAY
+from startrack.core import DAY, TROPICAL_YEAR, Floats, Refused, Samples, shown, utc
 from startrack.space.earth import EARTH_RADIUS, GM, J2
 
 LOWEST = 80e3  # metre, of a perigee: below it no orbit lasts
-YEAR = 365.2422 * DAY  # second, tropical
+
 BEYOND = 20.0  # second, by which the instant after the last may exceed a file, for the rate there
 ROUNDING = 1e-6  # second, of dates as differences
 KEPLER_STEPS = 12  # of Newton's method; 1e-15 for eccentricities up to 0.9
@@ -234,7 +233,7 @@ def sun_synchronous(axis: float, eccentricity: float = 0.0) -> float:
     Raises  ValueError where no inclination does.
     """
     rate = Kepler(axis, eccentricity, 0.0, 0.0, 0.0, 0.0).rates[0]
-    cosine = 2 * math.pi / YEAR / rate
+    cosine = 2 * math.pi / TROPICAL_YEAR / rate
     if cosine < -1:
         raise Refused(
             "local_time must be left out above 5972 km, where no orbit is Sun-synchronous, got "

@@ -26,7 +26,7 @@ from startrack.verification.accuracy import (
     yield_of,
 )
 from startrack.verification.cases import boresights, cases, counted
-from startrack.verification.decide import Answer, Looks, YieldClaim, claims_of
+from startrack.verification.decide import Answer, Looks, YieldClaim, claims_of, tails
 from startrack.verification.flown import (
     FlightComparison,
     Windows,

@@ -79,8 +79,13 @@ class Looks(Parameters):
 
     def tails(self, claims: int) -> tuple[float, float]:
         """Probabilities of passing and of failing wrongly, at one look, of one of m claims."""
-        tail = self.alpha / len(self.sizes)
-        return tail, tail / max(claims, 1)
+        return tails(len(self.sizes), self.alpha, claims)
+
+
+def tails(looks: int, alpha: float, claims: int) -> tuple[float, float]:
+    """As `Looks.tails`, of a number of looks: alpha / K, and alpha / (K m)."""
+    tail = alpha / looks
+    return tail, tail / max(claims, 1)
 
 
 class Decidable(Protocol):

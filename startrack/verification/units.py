@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from startrack.core import Floats, Rows, arcsec
-from startrack.design import YEAR, Campaign, Case, Judged
+from startrack.core import YEAR, Floats, Rows, arcsec
+from startrack.design import Campaign, Case, Judged
 from startrack.io import aligned
 from startrack.metrics import Interval, bracketed, correct
 from startrack.population import Units, unit_errors

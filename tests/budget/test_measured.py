@@ -10,11 +10,12 @@ import pytest
 from startrack.budget import analytic, measured
 from startrack.budget.budget import bare, causes
 from startrack.budget.measured import contributions, terms
+from startrack.core import YEAR
 from startrack.core.streams import Streams
 from startrack.core.units import arcsec
 from startrack.design.files import load_design
 from startrack.detection import DarkMap, Detection, detect
-from startrack.detector import YEAR, Age, Defects
+from startrack.detector import Age, Defects
 from startrack.detector.parameters import Scan
 from startrack.io import shipped
 from startrack.metrics import Interpretation

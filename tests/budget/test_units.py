@@ -8,8 +8,8 @@ from scipy import stats
 
 from startrack.attitude import Mounting
 from startrack.budget import Term, UnitBudgets, analytic, unit_budgets
-from startrack.core import arcsec
-from startrack.design import YEAR, CameraCalibration, Moment, Variation, load_design
+from startrack.core import YEAR, arcsec
+from startrack.design import CameraCalibration, Moment, Variation, load_design
 from startrack.detection import DarkMap
 from startrack.detector import Age
 from startrack.io import shipped

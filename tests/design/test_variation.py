@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from startrack.design import YEAR, Case, Moment, Scope, Variation, load_design, unit_case
+from startrack.core import YEAR
+from startrack.design import Case, Moment, Scope, Variation, load_design, unit_case
 from startrack.design.variation import differences
 from startrack.io import shipped
 

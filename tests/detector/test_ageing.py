@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from startrack.core import Streams
+from startrack.core import YEAR, Streams
 from startrack.detector import Detector, Thermal
 from startrack.detector.ageing import (
     CHANDRA_ACA,
-    YEAR,
     Age,
     Flicker,
     Flickering,

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from startrack.attitude import Mounting
+from startrack.core import YEAR
 from startrack.design import Case, Fidelity, aged, load_design, replaced
 from startrack.detection import DarkMap
 from startrack.detector import Defects, Thermal, to_frame
@@ -17,8 +18,6 @@ from startrack.observation import as_believed, detection_plan
 from startrack.response import knowledge_of
 from startrack.trial import run_trials
 from tests.trial.designs import CASE
-
-YEAR = 365.25 * 86400.0
 
 
 def whole_case() -> Case:

@@ -1,4 +1,5 @@
 import math
+import threading
 
 import nlopt
 import numpy as np
@@ -196,3 +197,23 @@ def test_a_search_of_all_ends_where_it_is_enough():
         lambda: "at the bottom",
     )
     assert (found.score, len(tried)) == (0, 1)
+
+
+def test_a_search_in_another_thread_changes_no_random_number():
+    """Searches that begin and end meanwhile in other threads, of other seeds."""
+
+    def searched(seed, disturbed):
+        points = []
+
+        def value(point):
+            points.append(tuple(point))
+            if disturbed and len(points) % 20 == 0:
+                other = threading.Thread(target=searched, args=(seed + 1, False))
+                other.start()
+                other.join()
+            return float(((point - 0.3) ** 2).sum())
+
+        least(value, np.full(2, 0.5), Search(Algorithm.CRS, evaluations=60, seed=seed))
+        return points
+
+    assert searched(1, True) == searched(1, False)

@@ -8,9 +8,8 @@ import pytest
 from scipy.special import ndtri, polygamma
 from scipy.stats.mstats import hdquantiles
 
-from startrack.core import arcsec
+from startrack.core import YEAR, arcsec
 from startrack.design import (
-    YEAR,
     Campaign,
     DesignSpace,
     Fidelity,

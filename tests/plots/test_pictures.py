@@ -11,8 +11,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from startrack.budget import RateSurvey, analytic, curve_steps, curves, error_curves
-from startrack.core import Camera, Frame, Psf, Spots, Stars, arcsec, deg
-from startrack.design import YEAR, Accuracy, Campaign, Objective, replaced
+from startrack.core import YEAR, Camera, Frame, Psf, Spots, Stars, arcsec, deg
+from startrack.design import Accuracy, Campaign, Objective, replaced
 from startrack.metrics import ErrorLimits, Interval, summarise
 from startrack.motion import Tone
 from startrack.optimise import Optimum, Point, Sensitivity

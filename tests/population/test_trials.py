@@ -7,7 +7,8 @@ import pytest
 
 from startrack.attitude import Mounting
 from startrack.budget import analytic, unit_budgets
-from startrack.design import YEAR, CameraCalibration, Fidelity, Moment, Variation, load_design
+from startrack.core import YEAR
+from startrack.design import CameraCalibration, Fidelity, Moment, Variation, load_design
 from startrack.detection import DarkMap
 from startrack.detector import Age, dark
 from startrack.io import shipped

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from startrack.core import YEAR
 from startrack.space import electrons
 from startrack.space.electrons import (
     Electrons,
@@ -14,8 +15,6 @@ from startrack.space.electrons import (
     stopping,
 )
 from startrack.space.radiation import MEV_RAD, Protons
-
-YEAR = 365.25 * 86400.0
 
 
 def test_paths_and_yields_are_those_of_icru_37():

@@ -6,14 +6,13 @@ import sys
 import numpy as np
 import pytest
 
-from startrack.core import Refused
+from startrack.core import YEAR, Refused
 from startrack.detector import Age
 from startrack.detector.ageing import (
     INCLINATION,
     NIEL,
     PROTON_RAD,
     THICKNESS,
-    YEAR,
     damage_fluence,
     orbit_damage,
     orbit_dose,

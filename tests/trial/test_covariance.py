@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from startrack.core import Curve, arcsec
+from startrack.core import YEAR, Curve, arcsec
 from startrack.design.case import Fidelity
 from startrack.detection import DarkMap, Detection
-from startrack.detector import YEAR, Age, Defects, Thermal
+from startrack.detector import Age, Defects, Thermal
 from startrack.motion import Tone
 from startrack.trial.chain import run_random_trial, run_trials
 

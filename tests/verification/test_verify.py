@@ -4,16 +4,8 @@ import numpy as np
 import pytest
 
 from startrack.budget import Budget, BudgetLine, ErrorLaw
-from startrack.core import arcsec, deg
-from startrack.design import (
-    YEAR,
-    Campaign,
-    Condition,
-    KeepOut,
-    Requirements,
-    Variation,
-    load_design,
-)
+from startrack.core import YEAR, arcsec, deg
+from startrack.design import Campaign, Condition, KeepOut, Requirements, Variation, load_design
 from startrack.io import shipped
 from startrack.optics import Baffle
 from startrack.trial import OUTCOMES

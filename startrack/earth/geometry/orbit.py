@@ -8,7 +8,17 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from startrack import core, space
-from startrack.core import FINITE, POSITIVE, Floats, Parameters, Range, Unit, parameter, printed
+from startrack.core import (
+    DAY,
+    FINITE,
+    POSITIVE,
+    Floats,
+    Parameters,
+    Range,
+    Unit,
+    parameter,
+    printed,
+)
 from startrack.earth.terrain import cartesian, up
 
 SPIN_VECTOR: Floats = np.array([0.0, 0.0, space.SPIN])  # rad / s
@@ -158,7 +168,7 @@ def fly(orbit: Carrier, second: Floats) -> Flight:
         return Flight(second, where, velocity, inertial, velocity, icrs_to_itrs)
     teme_to_itrs, icrs_to_itrs = space.to_itrs(("TEME", "GCRS"), orbit.epoch, second)
     date = core.utc(orbit.epoch)
-    dates = np.full(len(second), date.jd1), date.jd2 + second / space.DAY
+    dates = np.full(len(second), date.jd1), date.jd2 + second / DAY
     state = space.propagate(orbit.satellite(), dates, "the orbit")
     where, inertial = (teme_to_itrs.apply(values) for values in state)
     return Flight(
