@@ -1,0 +1,42 @@
+"""Moving objects: several images of one field, registered on stars -> objects that move.
+
+study     MovingDesign: a camera, its images, the objects that are searched, and their file.
+camera    Design -> what is constant over its images: electrons, noise, the image of an object.
+render    Frames of a field with stars and an object, registered on guide stars and added.
+detect    Images of a field -> the score of every place and motion, and the place of an object.
+forecast  Design -> the faintest object that is found and the error of its place, by formula.
+problem   MovingProblem: what searches, samples and tests need of it.
+"""
+
+from startrack.moving.camera import MovingCamera, camera_of
+from startrack.moving.detect import Scores, find, refined, score_maps
+from startrack.moving.forecast import MovingForecast, forecast_moving
+from startrack.moving.problem import MovingProblem
+from startrack.moving.render import Field, added_images, field_of
+from startrack.moving.study import (
+    MovingDesign,
+    MovingObject,
+    SearchCampaign,
+    SearchLimits,
+    load_moving_design,
+)
+
+__all__ = [
+    "Field",
+    "MovingCamera",
+    "MovingDesign",
+    "MovingForecast",
+    "MovingObject",
+    "MovingProblem",
+    "Scores",
+    "SearchCampaign",
+    "SearchLimits",
+    "added_images",
+    "camera_of",
+    "field_of",
+    "find",
+    "forecast_moving",
+    "load_moving_design",
+    "refined",
+    "score_maps",
+]

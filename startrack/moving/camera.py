@@ -1,0 +1,157 @@
+"""Design -> what is constant over its images: electrons, noise, and the image of an object."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from startrack.core import Floats, Psf, Stars, printed
+from startrack.detector import electron_rate
+from startrack.motion import blur
+from startrack.moving.study import MovingDesign
+from startrack.optics import pixel_psf
+from startrack.scene import SUN, SUN_G_MINUS_V, WAVELENGTH, illuminate
+
+JANSKY_V = 3636.0  # jansky of V = 0: Bessell (1979), PASP 91, 589
+HALF = 4  # pixel, of the image of an object
+COG = 3  # pixel, half a side of the window around a guide star
+PHASES = (0.0, 0.5)  # pixel, of the places that are searched
+
+
+@printed
+class MovingCamera(NamedTuple):
+    """What is constant over the images of a design.
+
+    psf         image of a point in a frame without motion
+    rate        electron / second of V = 0
+    sky         electron in a pixel and a frame
+    dark        likewise, of the dark current
+    variance    electron^2 of a pixel of a frame without stars, at the register's input
+    excess      1, variance of detected light over its mean
+    smear       (2,) pixel, rms of the motion within a frame
+    registered  pixel, rms per axis of a frame's place by its guide stars
+    """
+
+    psf: Psf
+    rate: float
+    sky: float
+    dark: float
+    variance: float
+    excess: float
+    smear: Floats
+    registered: float
+
+    def electrons(self, flux: float, seconds: float) -> float:
+        """Of an object of a flux in microjansky, in an image without losses."""
+        return self.rate * flux * 1e-6 / JANSKY_V * seconds
+
+
+def flux_of(magnitude: float) -> float:
+    """Microjansky of a V magnitude."""
+    return float(JANSKY_V * 1e6 * 10 ** (-0.4 * magnitude))
+
+
+def magnitude_of(flux: float) -> float:
+    """V magnitude of a flux in microjansky."""
+    return -2.5 * math.log10(flux * 1e-6 / JANSKY_V)
+
+
+@lru_cache(maxsize=32)
+def camera_of(design: MovingDesign) -> MovingCamera:
+    """What is constant over the images of a design.
+
+    The error of a frame's place is that of the mean centre of gravity of the guide stars:
+
+        sigma^2 = (F^2 N s^2 + v sum x^2) / (n N^2)
+
+    with N electrons of each of n stars, the rms s of their image, the excess F^2, the variance v of
+    a pixel and its distances x in the window. Source: Newberry (1991), PASP 103, 122.
+    """
+    instrument, own = design.instrument, design.moving_object
+    detector, optics = instrument.detector, instrument.optics
+    sunlike = Stars(
+        np.zeros(2, np.int64),
+        np.zeros((2, 3)),
+        np.array([SUN_G_MINUS_V, own.guide_g]),
+        np.full(2, np.nan),
+    )
+    light = illuminate(design.scene, sunlike)
+    rates, background = electron_rate(light, detector, optics.area * instrument.response)
+    sky = float(background) * design.pixel**2 * detector.exposure
+    dark = detector.dark_rate * detector.exposure
+    variance = detector.excess_noise * (sky + dark) + detector.noise**2
+    variance += detector.electrons_per_dn**2 / 12
+    psf = _psf(design)
+    smear = blur(instrument.motion, detector.exposure)[[1, 0]] / design.pixel
+    side = np.arange(-COG, COG + 1.0)
+    square = float((side**2).sum()) * len(side)
+    guide = float(rates[1]) * detector.exposure
+    offsets = (np.arange(len(psf.table)) - len(psf.table) // 2) / psf.oversampling
+    spread = float(psf.table.sum(0) @ offsets**2 / psf.table.sum()) + float((smear**2).mean())
+    places = (detector.excess_noise * guide * spread + variance * square) / guide**2
+    registered = math.sqrt(places / own.guides)
+    rate = float(rates[0])
+    return MovingCamera(psf, rate, sky, dark, variance, detector.excess_noise, smear, registered)
+
+
+def _psf(design: MovingDesign) -> Psf:
+    instrument = design.instrument
+    detector = instrument.detector
+    spectrum = instrument.detected_spectra(np.array([SUN]))[0]
+    return pixel_psf(
+        instrument.optics,
+        detector.pitch,
+        WAVELENGTH,
+        spectrum,
+        detector.fill_factor,
+        detector.diffusion,
+    )
+
+
+def object_image(design: MovingDesign, angle: float) -> Floats:
+    """The image of an object that moves, in the sum of the frames, on a fine grid.
+
+        T = psf * smear * registration * (a pixel, of the shifts by whole pixels) * trail
+
+    by the product of transfer functions. Source: Reed, Gagliardi and Stotts (1983), IEEE Trans.
+    Aerospace and Electronic Systems 19, 898, for the image as the filter of a moving target.
+
+    angle    radian, of its motion from the columns
+    Returns  (m, m) 1, fraction of the light in a pixel, with the samples of the PSF's table
+    """
+    camera, own = camera_of(design), design.moving_object
+    table, step = camera.psf.table, camera.psf.oversampling
+    room = step * 3
+    padded = np.pad(table, room)
+    seconds = own.frames * design.instrument.detector.exposure
+    trail = own.rate * seconds / design.pixel
+    y, x = (np.fft.fftfreq(size, 1 / step) for size in padded.shape)
+    y, x = y[:, None], x[None, :]
+    sigma = camera.smear**2 + camera.registered**2
+    transfer = np.exp(-2 * math.pi**2 * (sigma[0] * x**2 + sigma[1] * y**2))
+    transfer = transfer * np.sinc(x) * np.sinc(y)
+    transfer = transfer * np.sinc(trail * (math.cos(angle) * x + math.sin(angle) * y))
+    return np.asarray(np.fft.ifft2(np.fft.fft2(padded) * transfer).real)
+
+
+def sampled(fine: Floats, step: int, x: float, y: float) -> Floats:
+    """Pixels (k, k) of a fine image whose object lies (x, y) pixel from the middle one."""
+    middle = len(fine) // 2
+    side = np.arange(-HALF, HALF + 1)
+    columns, rows = ((side - place) * step + middle for place in (x, y))
+    return bilinear(fine, rows, columns)
+
+
+def bilinear(fine: Floats, rows: Floats, columns: Floats) -> Floats:
+    """Values (r, c) of a table between its samples; 0 beyond its edges."""
+    last = len(fine) - 2
+    row, column = np.floor(rows).astype(int), np.floor(columns).astype(int)
+    inside = ((row >= 0) & (row <= last))[:, None] & ((column >= 0) & (column <= last))[None, :]
+    u, v = (rows - row)[:, None], (columns - column)[None, :]
+    i, j = np.clip(row, 0, last)[:, None], np.clip(column, 0, last)[None, :]
+    upper = (1 - v) * fine[i, j] + v * fine[i, j + 1]
+    lower = (1 - v) * fine[i + 1, j] + v * fine[i + 1, j + 1]
+    return np.where(inside, (1 - u) * upper + u * lower, 0.0)

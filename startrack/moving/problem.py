@@ -1,0 +1,222 @@
+"""MovingProblem: a search for moving objects as a problem for searches, samples and tests."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any
+
+import numpy as np
+
+from startrack.core import Refused, Rows, arcsec, inputs_of
+from startrack.design import number_at, quantity, replaced_all, unchecked, unit_at
+from startrack.io import to_table
+from startrack.metrics import Interval, level_interval, rms_interval
+from startrack.moving.camera import flux_of, magnitude_of
+from startrack.moving.detect import find, refined, score_maps, threshold_of
+from startrack.moving.forecast import forecast_moving
+from startrack.moving.render import added_images, field_of
+from startrack.moving.study import MovingDesign, SearchCampaign
+from startrack.problem import Bounds, Expectation, Judgement, Margin, Words
+
+FRACTIONS = {"limit 50": 0.5, "limit 90": 0.9}
+CLOSE = 0.005  # relative, of the flux with which an object is found
+ROUNDS = 4
+BRIGHTEST = 1e9  # microjansky, of an object that is not found, where numbers must be finite
+LEFT_OUT = (
+    "light of the Sun, Moon and Earth in the optics",
+    "cosmic rays and hot pixels",
+    "the reference of stars that are searched again in other nights",
+)
+
+
+@dataclass(frozen=True)
+class MovingProblem:
+    """The camera of a design, and the faintest objects that it finds.
+
+    A trial is one field with one object: its frames are rendered, registered on guide stars and
+    added, and the faintest flux is found with which the object passes the threshold.
+    """
+
+    design: MovingDesign
+
+    def __post_init__(self) -> None:
+        for variable in self.campaign.variables:
+            number_at(self.design, variable.name)
+
+    columns = np.dtype([("flux", float), ("x", float), ("y", float)])
+
+    @property
+    def campaign(self) -> SearchCampaign:
+        """The question."""
+        return self.design.campaign
+
+    @property
+    def settings(self) -> SearchCampaign:
+        """How far a search goes."""
+        return self.campaign
+
+    @cached_property
+    def variables(self) -> list[Bounds]:
+        """What a search may change."""
+        found = []
+        for variable in self.campaign.variables:
+            name, start = variable.name, number_at(self.design, variable.name)
+            low, high = (quantity(self.design, name, end) for end in (variable.low, variable.high))
+            unit = unit_at(self.design, name)
+            shown, size = (unit.shown, 1 / unit.of(1.0)) if unit else ("", 1.0)
+            found.append(Bounds(name, low, high, start, variable.scale == "log", shown, size))
+        return found
+
+    def replaced(self, values: Mapping[str, float]) -> MovingProblem:
+        """The problem with other values (SI) of parameters, and what links make of them.
+
+        Raises  ValueError with the name, where the parameter refuses the value.
+        """
+        changed = dict[str, float](values)
+        for link in self.campaign.links:
+            followed = number_at(unchecked(self.design, changed), link.to)
+            ratio = followed / number_at(self.design, link.to)
+            changed[link.name] = number_at(self.design, link.name) * ratio**link.power
+        return MovingProblem(replaced_all(self.design, changed))
+
+    def costs(self) -> dict[str, Margin]:
+        """Margins of aperture, field and time."""
+        own, limits, instrument = (
+            self.design.moving_object,
+            self.campaign.requirements,
+            self.design.instrument,
+        )
+        time = own.images * own.frames * instrument.detector.exposure
+        every = {
+            "aperture": (instrument.optics.aperture, limits.max_aperture, True, "m"),
+            "field": (self.design.field, limits.min_field, False, "deg2"),
+            "time": (time, limits.max_time, True, "s"),
+        }
+        return {
+            name: Margin(value, limit, most, unit)
+            for name, (value, limit, most, unit) in every.items()
+            if limit is not None
+        }
+
+    def expect(self) -> Expectation:
+        """Limits and place by formula."""
+        found = forecast_moving(self.design)
+        values = dict(zip(FRACTIONS, found.limits, strict=True)) | {"place": found.place / arcsec}
+        parts = dict(values)
+        for name in FRACTIONS:
+            parts[f"{name} V"] = magnitude_of(values[name]) if values[name] < math.inf else math.nan
+        margins = {
+            name: Margin(values[name], limit, True, unit) for name, limit, unit in self._limits()
+        }
+        return Expectation(values[self.campaign.objective], margins, parts, LEFT_OUT)
+
+    def _limits(self) -> list[tuple[str, float, str]]:
+        needs = self.campaign.requirements
+        limits = list[tuple[str, float, str]]()
+        if needs.min_magnitude is not None:
+            limits.append(("limit 90", flux_of(needs.min_magnitude), "uJy"))
+        if needs.max_place_error is not None:
+            limits.append(("place", needs.max_place_error / arcsec, "arcsec"))
+        return limits
+
+    def trials(self, seed: int, numbers: range) -> Rows:
+        """A field with an object for each number, the same for any worker."""
+        rows = np.zeros(len(numbers), self.columns)
+        for row, number in zip(rows, numbers, strict=True):
+            row["flux"], (row["x"], row["y"]) = run_moving_trial(self.design, seed, number)
+        return rows
+
+    def judge(self, rows: Rows, confidence: float = 0.95) -> Judgement:
+        """Limits and place, with intervals of a confidence."""
+        fluxes = np.minimum(rows["flux"], BRIGHTEST)
+        intervals = dict[str, Interval]()
+        for name, found in FRACTIONS.items():
+            interval = level_interval(fluxes, found, confidence)
+            ends = (interval.value, interval.low, interval.high)
+            intervals[name] = Interval(*(math.inf if x >= BRIGHTEST / 1e3 else x for x in ends))
+        # Both axes of a trial count as one.
+        square = (rows["x"] ** 2 + rows["y"] ** 2) / 2
+        intervals["place"] = rms_interval(square / arcsec**2, confidence)
+        margins = {}
+        for name, limit, unit in self._limits():
+            own = intervals[name]
+            every = (Margin(x, limit, True, unit) for x in (own.value, own.high, own.low))
+            value, near, far = every
+            margins[name] = value, near, far
+        parts = dict(intervals)
+        for name in FRACTIONS:
+            ends = intervals[name]
+            value, low, high = (
+                magnitude_of(x) if 0 < x < math.inf else (math.inf if x <= 0 else -math.inf)
+                for x in (ends.value, ends.high, ends.low)
+            )
+            parts[f"{name} V"] = Interval(value, low, high)
+        return Judgement(intervals[self.campaign.objective], margins, parts)
+
+    def described(self) -> str:
+        """All that results depend on."""
+        return json.dumps([to_table(self.design), inputs_of(self.design)], sort_keys=True)
+
+    def text(self) -> Words:
+        """Names and units."""
+        own = self.design.moving_object
+        parts = {
+            name: (f"flux of the objects of which {found:.0%} are found", "uJy")
+            for name, found in FRACTIONS.items()
+        }
+        parts["place"] = f"error of the place of an object of V {own.magnitude:g}", "arcsec"
+        for name, found in FRACTIONS.items():
+            parts[f"{name} V"] = f"magnitude V of these, {found:.0%}", "mag"
+        value, unit = parts[self.campaign.objective]
+        return Words(value, unit, parts)
+
+
+@lru_cache(maxsize=256)
+def run_moving_trial(
+    design: MovingDesign, seed: int, number: int
+) -> tuple[float, tuple[float, float]]:
+    """Microjansky with which the object of a field is just found; error of the place of another.
+
+    The noise is the same for all fluxes, so that the score rises with the flux. The place (radian
+    along columns and rows) is that of an object of the magnitude that is asked.
+
+    Raises  Refused where the forecast has no limit to begin with.
+    """
+    limit, field = threshold_of(design), field_of(design, seed, number)
+    expected = forecast_moving(design).limits[0]
+    if not math.isfinite(expected):
+        raise Refused("an object of any brightness must be found by formula, but none is")
+
+    def score(flux: float) -> float:
+        maps = score_maps(design, added_images(design, field, flux), field.angle)
+        return find(design, maps, field.place, field.speed)[0]
+
+    flux = _crossing(score, limit, expected)
+    bright = added_images(design, field, flux_of(design.moving_object.magnitude))
+    maps = score_maps(design, bright, field.angle)
+    _, at = find(design, maps, field.place, field.speed)
+    error = (refined(design, maps, at, field.angle) - field.place) * design.pixel
+    return flux, (float(error[0]), float(error[1]))
+
+
+def _crossing(score: Any, limit: float, guess: float) -> float:
+    """Where a rising score passes a limit, by secants of a nearly straight line."""
+    points: list[tuple[float, float]] = []
+    flux = guess
+    for _ in range(ROUNDS):
+        points.append((flux, score(flux)))
+        if len(points) == 1:
+            new = flux * limit / max(points[0][1], limit / 4)
+        else:
+            (a, low), (b, high) = sorted(points, key=lambda point: abs(point[1] - limit))[:2]
+            slope = (high - low) / (b - a) if b != a else 0.0
+            new = a + (limit - low) / slope if slope > 0 else flux * 1.5
+        new = min(max(new, 0.2 * flux), 5 * flux)
+        if abs(new / flux - 1) < CLOSE:
+            return float(new)
+        flux = new
+    return float(flux)
