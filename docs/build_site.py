@@ -33,6 +33,7 @@ FIRST = {
         "docs/datasheet-to-verdict",
         "docs/calibrate-night-frames",
         "docs/optimise-an-earth-camera",
+        "docs/search-moving-objects",
         "docs/units",
         "docs/mission",
         "docs/onboard",

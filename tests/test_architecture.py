@@ -27,7 +27,7 @@ ROOMS = (
     ),
     *("optimise", "calibration", "mission", "onboard"),
     *("earth.terrain", "earth.geometry", "earth.atmosphere", "earth.imager", "earth.product"),
-    *("earth.retrieval",),
+    *("earth.retrieval", "moving"),
     *("plots", "report", "benchmark", "cli"),
 )
 # From catalog to metrics: strangers to each other, which meet only in `core`, `io` and `space`.

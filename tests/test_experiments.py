@@ -53,6 +53,7 @@ LONG = {
     "optimiser",
     "photographs",
     "profile_trial",
+    "moving_objects",
     "radiometry",
     "retrieval_formulas",
     "robust",

@@ -1,4 +1,4 @@
-"""The commands on campaigns, of a problem that is no star tracker: an Earth camera."""
+"""The commands on campaigns, of a problem that is no star tracker: scenes, moving objects."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from startrack.core import Rows
 from startrack.earth.retrieval import EarthProblem, load_earth_design
 from startrack.io import aligned, save_json, save_text
 from startrack.metrics import Interval, markdown
+from startrack.moving import MovingProblem, load_moving_design
 from startrack.plots import draw_improvement
 from startrack.problem import Expectation, Judgement, Margin, Problem, compare_problems
 from startrack.report import write_problem_report
@@ -49,21 +50,28 @@ def command_of(options: argparse.Namespace, given: Iterable[str]) -> Command | N
     """
     names = ("first", "second") if options.name == "compare" else ("campaign", "design")
     paths = [path for name in names if (path := getattr(options, name, None)) is not None]
-    if options.name not in STUDIES or not any(map(terminal.is_scene, paths)):
+    if options.name not in STUDIES or not any(
+        terminal.is_scene(path) or terminal.is_search(path) for path in paths
+    ):
         return None
     if more := [name for name in given if name in REFUSED.get(options.name, ())]:
-        raise WrongUse(f"{', '.join(more)} must be left out for a scene of an Earth camera")
+        raise WrongUse(
+            f"{', '.join(more)} must be left out for a scene of an Earth camera or a search for "
+            "moving objects"
+        )
     study = STUDIES[options.name]
     problems = [problem_of(path, getattr(options, "set", [])) for path in paths]
     return lambda options: study(options, *problems)
 
 
 def problem_of(path: Path, changes: list[str]) -> Problem:
-    """The problem of a file, or of a shipped scene by its name.
+    """The problem of a file, or of a shipped one by its name.
 
-    Raises  WrongUse where it is no scene, or one without a study.
+    Raises  WrongUse where it is none, or a scene without a study.
     """
     with as_wrong_use(path=path):
+        if terminal.is_search(path):
+            return MovingProblem(load_moving_design(path, changes))
         return EarthProblem(load_earth_design(path, changes))
 
 

@@ -47,13 +47,23 @@ def example() -> Path:
 
 def is_scene(path: Path) -> bool:
     """Whether a path is that of a scene of an Earth camera, or the name of a shipped one."""
+    return _is_kind(path, "scenes", {"camera", "retrieval"}) and not is_search(path)
+
+
+def _is_kind(path: Path, folder: str, keys: set[str]) -> bool:
+    """Whether a file has some of the keys at its top, or is shipped in a folder."""
     if path.suffix != ".toml":
-        return path.name in {file.stem for file in io.shipped("scenes").glob("*.toml")}
+        return path.name in {file.stem for file in io.shipped(folder).glob("*.toml")}
     if not path.is_file():
         return False
     with as_wrong_use(path=path):
         table: Any = io.read_table(path, "a design or a scene")
-    return bool(table.keys() & {"camera", "retrieval"})
+    return bool(table.keys() & keys)
+
+
+def is_search(path: Path) -> bool:
+    """Whether a path is that of a search for moving objects, or the name of a shipped one."""
+    return _is_kind(path, "searches", {"moving_object"})
 
 
 def read_design(path: Path, changes: Iterable[str] = ()) -> Design:

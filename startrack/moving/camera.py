@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from startrack.core import Floats, Psf, Stars, printed
+from startrack.core import Floats, Psf, Stars, Streams, printed
 from startrack.detector import electron_rate
-from startrack.motion import blur
+from startrack.motion import blur, realise_motion
 from startrack.moving.study import MovingDesign
 from startrack.optics import pixel_psf
 from startrack.scene import SUN, SUN_G_MINUS_V, WAVELENGTH, illuminate
@@ -19,6 +20,9 @@ JANSKY_V = 3636.0  # jansky of V = 0: Bessell (1979), PASP 91, 589
 HALF = 4  # pixel, of the image of an object
 COG = 3  # pixel, half a side of the window around a guide star
 PHASES = (0.0, 0.5)  # pixel, of the places that are searched
+FEWEST, PER_CYCLE, MOST = 3, 4, 48  # times within a frame, at least, for each cycle, at most
+SEEN = 0.01  # pixel, amplitude of a motion from which on its cycles count
+REPEATS = 16  # realisations of the motion, of which the rest after shifts is the mean
 
 
 @printed
@@ -33,6 +37,8 @@ class MovingCamera(NamedTuple):
     excess      1, variance of detected light over its mean
     smear       (2,) pixel, rms of the motion within a frame
     registered  pixel, rms per axis of a frame's place by its guide stars
+    rest        (2,) pixel, rms of the frames of an image about their mean, after shifts by whole
+                pixels
     """
 
     psf: Psf
@@ -43,6 +49,7 @@ class MovingCamera(NamedTuple):
     excess: float
     smear: Floats
     registered: float
+    rest: Floats
 
     def electrons(self, flux: float, seconds: float) -> float:
         """Of an object of a flux in microjansky, in an image without losses."""
@@ -94,7 +101,49 @@ def camera_of(design: MovingDesign) -> MovingCamera:
     places = (detector.excess_noise * guide * spread + variance * square) / guide**2
     registered = math.sqrt(places / own.guides)
     rate = float(rates[0])
-    return MovingCamera(psf, rate, sky, dark, variance, detector.excess_noise, smear, registered)
+    return MovingCamera(
+        psf, rate, sky, dark, variance, detector.excess_noise, smear, registered, _rest(design)
+    )
+
+
+def frame_nodes(design: MovingDesign) -> tuple[Floats, Floats]:
+    """Times (n,) within a frame in halves of its exposure, and their weights, of sum 1."""
+    motion, exposure = design.instrument.motion, design.instrument.detector.exposure
+    lines = realise_motion(motion, exposure, Streams(1, 0))
+    size = np.hypot(lines.cosine, lines.sine).max(axis=1, initial=0.0) / design.pixel
+    cycles = exposure * lines.frequency.max(where=size > SEEN, initial=0.0)
+    count = min(FEWEST + math.ceil(PER_CYCLE * cycles), MOST)
+    node, weight = np.polynomial.legendre.leggauss(count)
+    return node, weight / 2
+
+
+def frame_times(design: MovingDesign) -> Floats:
+    """Second (images, frames, nodes) within all exposures, from the middle of all."""
+    own, exposure = design.moving_object, design.instrument.detector.exposure
+    frames = (np.arange(own.frames) - (own.frames - 1) / 2) * exposure
+    middles = np.add.outer(np.array(own.times), frames)
+    return np.asarray(np.add.outer(middles, frame_nodes(design)[0] * exposure / 2))
+
+
+def sight_of(design: MovingDesign, streams: Streams) -> Floats:
+    """Pixel (images, frames, nodes, 2) by which the field is shifted in each frame.
+
+    Each image has another place of the field in the pixels.
+    """
+    motion = realise_motion(design.instrument.motion, design.instrument.detector.exposure, streams)
+    time = frame_times(design)
+    turned = motion.at(time.ravel()).reshape(*time.shape, 3)[..., [1, 0]] / design.pixel
+    pointed = streams("pointing of images").uniform(-0.5, 0.5, (len(time), 1, 1, 2))
+    return np.asarray(turned - turned.mean((1, 2), keepdims=True) + pointed)
+
+
+def _rest(design: MovingDesign) -> Floats:
+    """What shifts by whole pixels leave, (2,) pixel rms."""
+    squares, (_, weight) = [], frame_nodes(design)
+    for number in range(REPEATS):
+        frames = np.einsum("kfnx,n->kfx", sight_of(design, Streams(1, number)), weight)
+        squares.append((frames - np.rint(frames)).var(axis=1).mean(0))
+    return np.asarray(np.sqrt(np.mean(squares, axis=0)))
 
 
 def _psf(design: MovingDesign) -> Psf:
@@ -114,10 +163,11 @@ def _psf(design: MovingDesign) -> Psf:
 def object_image(design: MovingDesign, angle: float) -> Floats:
     """The image of an object that moves, in the sum of the frames, on a fine grid.
 
-        T = psf * smear * registration * (a pixel, of the shifts by whole pixels) * trail
+        T = psf * smear * registration * rest of the shifts by whole pixels * trail
 
-    by the product of transfer functions. Source: Reed, Gagliardi and Stotts (1983), IEEE Trans.
-    Aerospace and Electronic Systems 19, 898, for the image as the filter of a moving target.
+    by the product of transfer functions; the rest is a box of its rms. Source: Reed, Gagliardi and
+    Stotts (1983), IEEE Trans. Aerospace and Electronic Systems 19, 898, for the image as the filter
+    of a moving target.
 
     angle    radian, of its motion from the columns
     Returns  (m, m) 1, fraction of the light in a pixel, with the samples of the PSF's table
@@ -132,7 +182,8 @@ def object_image(design: MovingDesign, angle: float) -> Floats:
     y, x = y[:, None], x[None, :]
     sigma = camera.smear**2 + camera.registered**2
     transfer = np.exp(-2 * math.pi**2 * (sigma[0] * x**2 + sigma[1] * y**2))
-    transfer = transfer * np.sinc(x) * np.sinc(y)
+    box = math.sqrt(12) * camera.rest
+    transfer = transfer * np.sinc(box[0] * x) * np.sinc(box[1] * y)
     transfer = transfer * np.sinc(trail * (math.cos(angle) * x + math.sin(angle) * y))
     return np.asarray(np.fft.ifft2(np.fft.fft2(padded) * transfer).real)
 
@@ -145,7 +196,7 @@ def sampled(fine: Floats, step: int, x: float, y: float) -> Floats:
     return bilinear(fine, rows, columns)
 
 
-def bilinear(fine: Floats, rows: Floats, columns: Floats) -> Floats:
+def bilinear(fine: Floats, rows: NDArray[Any], columns: NDArray[Any]) -> Floats:
     """Values (r, c) of a table between its samples; 0 beyond its edges."""
     last = len(fine) - 2
     row, column = np.floor(rows).astype(int), np.floor(columns).astype(int)

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import stats
 
 from startrack.core import Floats, printed
-from startrack.moving.camera import HALF, PHASES, bilinear, camera_of, object_image, sampled
+from startrack.moving.camera import PHASES, bilinear, camera_of, object_image, sampled
 from startrack.moving.study import MovingDesign
 
 STEP = PHASES[1] - PHASES[0]  # pixel, between places and between the ends of motions
@@ -93,7 +93,7 @@ def score_maps(design: MovingDesign, images: Floats, angle: float) -> Scores:
     return Scores(signal, weight, clean - others, variance)
 
 
-def stacked(scores: Scores, place: Floats, ends: Floats, times: Floats) -> Floats:
+def stacked(scores: Scores, place: Floats, ends: Floats, times: Floats, rest: Floats) -> Floats:
     """The score (n,) of places and motions: sums along the motion.
 
         score = sum_k signal_k / sqrt(sum_k weight_k)
@@ -101,11 +101,12 @@ def stacked(scores: Scores, place: Floats, ends: Floats, times: Floats) -> Float
     place  (n, 2) pixel from the middle at the middle time, columns first
     ends   (n, 2) pixel, moved from the middle time to the last image
     times  (images,) of the images, in units of the last
+    rest   (images, 2) pixel, by which the field is shifted in each
     """
     rows, columns = scores.signal.shape[1:]
     total, weight = np.zeros(len(place)), np.zeros(len(place))
     for k, time in enumerate(times):
-        at = np.rint((place + ends * time) / STEP).astype(int)
+        at = np.rint((place + ends * time + rest[k]) / STEP).astype(int)
         x = np.clip(at[:, 0] + 2 * (columns // 4), 0, columns - 1)
         y = np.clip(at[:, 1] + 2 * (rows // 4), 0, rows - 1)
         total += scores.signal[k, y, x]
@@ -114,7 +115,7 @@ def stacked(scores: Scores, place: Floats, ends: Floats, times: Floats) -> Float
 
 
 def find(
-    design: MovingDesign, scores: Scores, place: Floats, speed: Floats
+    design: MovingDesign, scores: Scores, place: Floats, speed: Floats, rest: Floats
 ) -> tuple[float, Floats]:
     """The largest score near a true place and motion, and where it is (4,): place, end; pixel."""
     times = np.array(design.moving_object.times)
@@ -122,18 +123,19 @@ def find(
     steps = [np.arange(-n, n + 1) * STEP for n in (NEAR, NEAR, TURNS, TURNS)]
     middle = np.rint(np.concatenate([place, ends]) / STEP) * STEP
     grid = np.stack(np.meshgrid(*steps, indexing="ij"), -1).reshape(-1, 4) + middle
-    score = stacked(scores, grid[:, :2], grid[:, 2:], times / times[-1])
+    score = stacked(scores, grid[:, :2], grid[:, 2:], times / times[-1], rest)
     best = int(score.argmax())
     return float(score[best]), grid[best]
 
 
-def refined(design: MovingDesign, scores: Scores, at: Floats, angle: float) -> Floats:
+def refined(design: MovingDesign, scores: Scores, at: Floats, angle: float, rest: Floats) -> Floats:
     """Place (2,) of an object at the middle time, by least squares of flux, place and motion.
 
     Gauss-Newton on the pixels around it in all images. Source: Press et al. (2007), Numerical
     Recipes, 15.5; for moving objects Reed, Gagliardi and Stotts (1983).
 
-    at  (4,) place and end, pixel from the middle, where the fit begins
+    at    (4,) place and end, pixel from the middle, where the fit begins
+    rest  (images, 2) pixel, by which the field is shifted in each image
     """
     camera, times = camera_of(design), np.array(design.moving_object.times)
     fine, step = object_image(design, angle), camera.psf.oversampling
@@ -143,8 +145,8 @@ def refined(design: MovingDesign, scores: Scores, at: Floats, angle: float) -> F
 
     def model(values: Floats) -> Floats:
         images = []
-        for time in times / times[-1]:
-            x, y = values[:2] + values[2:] * time
+        for time, shift in zip(times / times[-1], rest, strict=True):
+            x, y = values[:2] + values[2:] * time + shift
             row = (np.arange(rows) - rows // 2 - y) * step + len(fine) // 2
             column = (np.arange(columns) - columns // 2 - x) * step + len(fine) // 2
             images.append(bilinear(fine, row, column))
@@ -162,11 +164,12 @@ def refined(design: MovingDesign, scores: Scores, at: Floats, angle: float) -> F
         if not flux:
             flux = float((here * clean / sigma).sum() / (here**2).sum())
         design_matrix = np.stack([here, *(flux * slope for slope in slopes)], -1).reshape(-1, 5)
-        rest = (clean / sigma - flux * here).ravel()
-        change = np.linalg.lstsq(design_matrix, rest, rcond=None)[0]
+        residual = (clean / sigma - flux * here).ravel()
+        change = np.linalg.lstsq(design_matrix, residual, rcond=None)[0]
         flux += change[0]
         values = values + np.clip(change[1:], -STEP, STEP)
         if np.abs(change[1:]).max() < FINEST:
             break
-    inside = np.abs(values[:2] - at[:2]).max() <= 2 * HALF
+    # Where a star is in the way, the fit may leave the object.
+    inside = np.abs(values[:2] - at[:2]).max() <= 2 * STEP
     return values[:2] if inside else at[:2]

@@ -18,6 +18,7 @@ ANGLES = (0.0, math.pi / 4)  # of the motion, over which the means are taken
 MISSED = (-0.25, 0.0, 0.25)  # pixel, places of an object between those that are searched
 FREE = 4  # place and motion, over which the score is the largest of all near an object
 NODES = 40  # over the noise
+MEDIAN = math.sqrt(2 * math.log(2))  # distance over the rms per axis, of a normal law
 FAINTEST, BRIGHTEST = 1e-3, 1e9  # microjansky
 
 
@@ -26,7 +27,7 @@ class MovingForecast(NamedTuple):
     """What the formulas expect.
 
     limits     microjansky of the objects of which 50 % and 90 % are found; inf: of none
-    place      radian rms per axis, of an object of the magnitude that is asked
+    place      radian, median distance from its place of an object of the magnitude that is asked
     snr        1, of this object in all images together
     threshold  1, of the score
     """
@@ -50,7 +51,8 @@ def forecast_moving(design: MovingDesign) -> MovingForecast:
 
         1 / sigma_x^2 = K sum (f dT/dx)^2 / (v + F^2 f T)
 
-    is the bound of the place at the middle time, at which it does not depend on the motion.
+    is the bound of the place at the middle time, at which it does not depend on the motion; the
+    median distance is sqrt(2 ln 2) times that.
 
     Source: signal to noise of 3-D matched filters, Reed, Gagliardi and Stotts (1988), IEEE Trans.
     Aerospace and Electronic Systems 24, 327; the law of the largest score, Wilks (1938), Annals of
@@ -68,7 +70,7 @@ def forecast_moving(design: MovingDesign) -> MovingForecast:
     flux = flux_of(own.magnitude)
     places = [shape.place(flux) ** 2 for shape in shapes]
     snr = float(np.mean([shape.score(flux) for shape in shapes]))
-    place = math.sqrt(float(np.mean(places))) * design.pixel
+    place = MEDIAN * math.sqrt(float(np.mean(places))) * design.pixel
     return MovingForecast((limits[0], limits[1]), place, snr, threshold)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from startrack.core import Refused, Rows, arcsec, inputs_of
 from startrack.design import number_at, quantity, replaced_all, unchecked, unit_at
 from startrack.io import to_table
-from startrack.metrics import Interval, level_interval, rms_interval
+from startrack.metrics import Interval, level_interval
 from startrack.moving.camera import flux_of, magnitude_of
 from startrack.moving.detect import find, refined, score_maps, threshold_of
 from startrack.moving.forecast import forecast_moving
@@ -135,26 +135,22 @@ class MovingProblem:
         fluxes = np.minimum(rows["flux"], BRIGHTEST)
         intervals = dict[str, Interval]()
         for name, found in FRACTIONS.items():
-            interval = level_interval(fluxes, found, confidence)
-            ends = (interval.value, interval.low, interval.high)
+            level = level_interval(fluxes, found, confidence)
+            ends = (level.value, level.low, level.high)
             intervals[name] = Interval(*(math.inf if x >= BRIGHTEST / 1e3 else x for x in ends))
-        # Both axes of a trial count as one.
-        square = (rows["x"] ** 2 + rows["y"] ** 2) / 2
-        intervals["place"] = rms_interval(square / arcsec**2, confidence)
+        away = np.hypot(rows["x"], rows["y"]) / arcsec
+        intervals["place"] = level_interval(away, 0.5, confidence)
         margins = {}
         for name, limit, unit in self._limits():
             own = intervals[name]
-            every = (Margin(x, limit, True, unit) for x in (own.value, own.high, own.low))
-            value, near, far = every
+            value, near, far = (
+                Margin(x, limit, True, unit) for x in (own.value, own.high, own.low)
+            )
             margins[name] = value, near, far
         parts = dict(intervals)
         for name in FRACTIONS:
-            ends = intervals[name]
-            value, low, high = (
-                magnitude_of(x) if 0 < x < math.inf else (math.inf if x <= 0 else -math.inf)
-                for x in (ends.value, ends.high, ends.low)
-            )
-            parts[f"{name} V"] = Interval(value, low, high)
+            own = intervals[name]
+            parts[f"{name} V"] = Interval(*map(_magnitude, (own.value, own.high, own.low)))
         return Judgement(intervals[self.campaign.objective], margins, parts)
 
     def described(self) -> str:
@@ -168,7 +164,7 @@ class MovingProblem:
             name: (f"flux of the objects of which {found:.0%} are found", "uJy")
             for name, found in FRACTIONS.items()
         }
-        parts["place"] = f"error of the place of an object of V {own.magnitude:g}", "arcsec"
+        parts["place"] = f"median error of the place of an object of V {own.magnitude:g}", "arcsec"
         for name, found in FRACTIONS.items():
             parts[f"{name} V"] = f"magnitude V of these, {found:.0%}", "mag"
         value, unit = parts[self.campaign.objective]
@@ -193,14 +189,21 @@ def run_moving_trial(
 
     def score(flux: float) -> float:
         maps = score_maps(design, added_images(design, field, flux), field.angle)
-        return find(design, maps, field.place, field.speed)[0]
+        return find(design, maps, field.place, field.speed, field.rest)[0]
 
     flux = _crossing(score, limit, expected)
     bright = added_images(design, field, flux_of(design.moving_object.magnitude))
     maps = score_maps(design, bright, field.angle)
-    _, at = find(design, maps, field.place, field.speed)
-    error = (refined(design, maps, at, field.angle) - field.place) * design.pixel
+    _, at = find(design, maps, field.place, field.speed, field.rest)
+    error = (refined(design, maps, at, field.angle, field.rest) - field.place) * design.pixel
     return flux, (float(error[0]), float(error[1]))
+
+
+def _magnitude(flux: float) -> float:
+    """V of a flux that may be zero or infinite."""
+    if 0 < flux < math.inf:
+        return magnitude_of(flux)
+    return math.inf if flux <= 0 else -math.inf
 
 
 def _crossing(score: Any, limit: float, guess: float) -> float:

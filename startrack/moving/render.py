@@ -10,11 +10,17 @@ import numpy as np
 
 from startrack.core import Floats, Ints, Streams, deg
 from startrack.detector import read_out, response
-from startrack.motion import realise_motion
-from startrack.moving.camera import COG, HALF, MovingCamera, camera_of
+from startrack.moving.camera import (
+    COG,
+    HALF,
+    MovingCamera,
+    camera_of,
+    frame_nodes,
+    frame_times,
+    sight_of,
+)
 from startrack.moving.study import MovingDesign
 
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(3)  # times within a frame
 SHIFT = 2  # pixel, by which frames are shifted at most
 ROOM = 3  # pixel beyond the image of the object at both ends of its motion
 FAINTEST_STAR, BRIGHTEST_STAR, GROWTH = 18.0, 8.0, 0.33  # G; ln10 N over G, of faint stars
@@ -30,6 +36,7 @@ class Field(NamedTuple):
     stars    (n, 3) pixel along columns and rows from the middle, and electron / second
     sight    (images, frames, nodes, 2) pixel, by which the field is shifted in each frame
     shifts   (images, frames, 2) pixel, whole, by which frames are shifted back
+    rest     (images, 2) pixel, by which the field is still shifted in each image, as measured
     streams  of the noise
     """
 
@@ -40,6 +47,7 @@ class Field(NamedTuple):
     stars: Floats
     sight: Floats
     shifts: Ints
+    rest: Floats
     streams: Streams
 
 
@@ -61,19 +69,11 @@ def field_of(design: MovingDesign, seed: int, number: int) -> Field:
     bright = FAINTEST_STAR + np.log10(random.uniform(1e-9, 1.0, count)) / GROWTH
     bright = np.maximum(bright, BRIGHTEST_STAR)
     stars = np.column_stack([where, camera.rate * 10 ** (-0.4 * bright)])
-    sight = _sight(design, streams)
+    sight = sight_of(design, streams)
     seen = _guide_places(design, camera, sight, Streams(seed, 2 * number + 1))
     shifts = np.clip(np.rint(seen), -SHIFT, SHIFT).astype(int)
-    return Field(size, place, angle, speed, stars, sight, shifts, streams)
-
-
-def _sight(design: MovingDesign, streams: Streams) -> Floats:
-    own, exposure = design.moving_object, design.instrument.detector.exposure
-    motion = realise_motion(design.instrument.motion, exposure, streams)
-    frames = (np.arange(own.frames) - (own.frames - 1) / 2) * exposure
-    time = np.add.outer(np.add.outer(np.array(own.times), frames), NODES * exposure / 2)
-    turned = motion.at(time.ravel()).reshape(*time.shape, 3)
-    return np.asarray(turned[..., [1, 0]] / design.pixel)
+    rest = (seen - shifts).mean(1)
+    return Field(size, place, angle, speed, stars, sight, shifts, rest, streams)
 
 
 def _guide_places(
@@ -81,20 +81,24 @@ def _guide_places(
 ) -> Floats:
     """Measured shift (images, frames, 2) of each frame, by guide stars of known places."""
     own, detector = design.moving_object, design.instrument.detector
-    random = streams("guide stars")
+    random, (_, weights) = streams("guide stars"), frame_nodes(design)
     inside = random.uniform(-0.5, 0.5, (own.guides, 2))
     rate = camera.rate * 10 ** (-0.4 * own.guide_g)
     side = 2 * (COG + SHIFT) + 1
-    flat = sight.reshape(-1, len(NODES), 2)
+    flat = sight.reshape(-1, *sight.shape[2:])
     shown = np.stack(
-        [points(camera, flat + star, side) * (rate * detector.exposure) for star in inside], 1
+        [
+            points(camera, flat + star, weights, side) * (rate * detector.exposure)
+            for star in inside
+        ],
+        1,
     )
     charge = _read(design, shown.reshape(-1, side, side), streams).reshape(shown.shape)
     level = camera.sky
     clear = charge - level
     # Windows follow the field by whole pixels.
     place = np.arange(side) - side // 2
-    middle = np.rint(flat.mean(1)).astype(int)
+    middle = np.rint(np.einsum("fnx,n->fx", flat, weights)).astype(int)
     around, below = (np.abs(place - middle[:, axis : axis + 1]) <= COG for axis in (0, 1))
     window = below[:, None, :, None] * around[:, None, None, :]
     total = (clear * window).sum((2, 3))
@@ -104,8 +108,8 @@ def _guide_places(
     return shift.reshape(*sight.shape[:2], 2)
 
 
-def points(camera: MovingCamera, place: Floats, size: int) -> Floats:
-    """Images (f, size, size) of a point at places (f, nodes, 2) from the middle, mean over nodes.
+def points(camera: MovingCamera, place: Floats, weights: Floats, size: int) -> Floats:
+    """Images (f, size, size) of a point at places (f, nodes, 2) from the middle, over nodes.
 
     Accuracy  numerical: the nearest sample of the PSF, half a sample of 1 / 26 pixel away at most.
     """
@@ -114,7 +118,7 @@ def points(camera: MovingCamera, place: Floats, size: int) -> Floats:
     middle, last = len(padded) // 2, len(padded) - 1
     side = np.arange(size) - size // 2
     total = np.zeros((len(place), size, size))
-    for node, weight in enumerate(WEIGHTS / 2):
+    for node, weight in enumerate(weights):
         index = np.rint((side - place[:, node, :, None]) * step).astype(int) + middle
         index = np.clip(index, 0, last)
         total += weight * padded[index[:, 1, :, None], index[:, 0, None, :]]
@@ -144,14 +148,14 @@ def added_images(design: MovingDesign, field: Field, flux: float) -> Floats:
     """
     camera, own, detector = camera_of(design), design.moving_object, design.instrument.detector
     exposure, size = detector.exposure, field.size
-    frames = (np.arange(own.frames) - (own.frames - 1) / 2) * exposure
-    time = np.add.outer(np.add.outer(np.array(own.times), frames), NODES * exposure / 2)
+    time = frame_times(design)
     path = field.place + time[..., None] * field.speed + field.sight
-    flat = (own.images * own.frames, len(NODES), 2)
-    light = points(camera, path.reshape(flat), size) * camera.electrons(flux, exposure)
+    _, weights = frame_nodes(design)
+    flat = (own.images * own.frames, len(weights), 2)
+    light = points(camera, path.reshape(flat), weights, size) * camera.electrons(flux, exposure)
     for x, y, rate in field.stars:
         at = field.sight.reshape(flat) + np.array([x, y])
-        light += points(camera, at, size) * (rate * exposure)
+        light += points(camera, at, weights, size) * (rate * exposure)
     charge = _read(design, light, field.streams)
     images = np.zeros((own.images, size - 2 * SHIFT, size - 2 * SHIFT))
     inner = size - SHIFT

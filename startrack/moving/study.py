@@ -89,7 +89,7 @@ class SearchLimits(Parameters):
         "V, of the objects of which 90 % are found", limit=Range(0, 30), default=None
     )
     max_place_error: float | None = parameter(
-        "rms per axis, of the object whose place is measured",
+        "median distance, of the object whose place is measured",
         unit=Unit("rad", "arcsec"),
         limit=POSITIVE,
         default=None,
