@@ -32,6 +32,7 @@ calibration      camera and detector from data
 mission          heads on a spacecraft, its orbit and attitude law, over years
 onboard          guide stars and triangles of a design, for its flight software
 earth            Earth cameras: terrain, geometry in flight, atmosphere, imager, products
+moving           moving objects: images of one field -> objects that move
 plots            pictures
 report           a campaign as one page
 benchmark        CPU time and error of every stage
