@@ -142,7 +142,7 @@ def test_each_wide_image_shows_the_same_lens(blind_wide):
     assert np.std(k1) < 0.02
 
 
-@pytest.mark.slow  # tests/trial/test_photograph.py has drawn ones
+@pytest.mark.slow  # tests/photograph/test_solve.py has drawn ones
 @pytest.mark.parametrize("change", ["mirrored", "large"])
 def test_a_changed_image_is_solved_to_the_same_place(outside, tmp_path, capsys, change):
     """Mirrored, or with stars five times as wide."""

@@ -13,8 +13,8 @@ from startrack.core import Camera, Frame, deg
 from startrack.detection import Detection, detect
 from startrack.identification import Identification, build_index, cameras_of
 from startrack.identification.index import indexed_field
-from startrack.photograph import PhotographView, photograph, solve_photograph
-from startrack.photograph.photograph import _Looks
+from startrack.photograph import PhotographView, solve_photograph
+from startrack.photograph.spots import ScaledSpots
 
 STARS = open_sky(Selection("bright", limit_g=6.5)).stars
 SETTINGS = Identification(focal_tolerance=0.1)
@@ -35,8 +35,7 @@ class Indexes:
 def few_cameras(monkeypatch):
     """Only cameras of about the true field are tried: those of all fields need thirty indexes."""
     monkeypatch.setattr(
-        photograph,
-        "cameras",
+        "startrack.photograph.tries.cameras",
         lambda columns, rows, *_, **more: cameras_of(columns, rows, FIELD, 0.1),
     )
 
@@ -133,7 +132,7 @@ def test_the_brightest_stars_are_among_the_spots_however_large_they_are():
         x, y = spots.x[:30], spots.y[:30]
         return np.hypot(x - pixel[:10][alone][:, [0]], y - pixel[:10][alone][:, [1]]).min(axis=1)
 
-    assert distance(_Looks(frame)(5.0, (1, 2, 4, 8))).max() < 1.0
+    assert distance(ScaledSpots(frame)(5.0, (1, 2, 4, 8))).max() < 1.0
     assert (distance(detect(frame, Detection(threshold=5.0))) > 5.0).mean() > 0.5
     found = solve_photograph(frame, Indexes(), SETTINGS, FIELD)
     assert found.axis is not None
