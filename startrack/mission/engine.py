@@ -4,12 +4,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Advance, Flags, Floats, Refused, printed, require_memory
+from startrack.core import Advance, Flags, Floats, Refused, Unit, printed, require_memory
 from startrack.mission.fusion import fused_variance, platform_motion
 from startrack.mission.heads import (
     HeadView,
@@ -158,12 +158,12 @@ class Flown:
     chances     for each head, the probability of an attitude at each end of a blinding
     """
 
-    step: float
+    step: Annotated[float, Unit("s")]
     blind: NDArray[np.uint8]
     eclipse: Flags
-    closest: Floats
-    planets: Floats
-    rate: Floats
+    closest: Annotated[Floats, Unit("rad", "deg")]
+    planets: Annotated[Floats, Unit("s")]
+    rate: Annotated[Floats, Unit("rad/s", "deg/s")]
     count: Floats
     valid_sum: Floats
     known: Floats

@@ -23,6 +23,7 @@ from startrack.core import (
     Unit,
     deg,
     parameter,
+    printed,
     within,
 )
 from startrack.design import Design, Fidelity, KeepOut, load_design, replaced_all
@@ -457,6 +458,7 @@ class Obstacle(Parameters):
                 raise Refused("hinge must not be the normal of the thinnest side")
 
 
+@printed
 class Mission(Parameters):
     """What a mission file holds; see the tables."""
 
@@ -505,6 +507,7 @@ class Mission(Parameters):
             raise Refused("availability_two must be left out of a mission with one head")
 
 
+@printed
 @dataclass(frozen=True)
 class Loaded:
     """A mission and the designs of its heads.

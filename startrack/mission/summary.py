@@ -4,12 +4,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Advance, Flags, Floats, Ints, Rows, arcsec, deg, printed, utc
+from startrack.core import Advance, Flags, Floats, Ints, Rows, Unit, arcsec, deg, printed, utc
 from startrack.design import Case
 from startrack.io import save_netcdf
 from startrack.mission import files
@@ -29,8 +30,8 @@ class Spells:
     length  (k,) second; each end is right to a step
     """
 
-    begin: Floats
-    length: Floats
+    begin: Annotated[Floats, Unit("s")]
+    length: Annotated[Floats, Unit("s")]
 
     @property
     def longest(self) -> float:
@@ -95,6 +96,7 @@ def availability_of(flown: Flown) -> Availability:
     )
 
 
+@printed
 @dataclass(frozen=True)
 class Reacquisition:
     """How long a head takes from the end of a blinding to its next attitude.
@@ -105,8 +107,8 @@ class Reacquisition:
     """
 
     times: int
-    mean: float
-    level: float
+    mean: Annotated[float, Unit("s")]
+    level: Annotated[float, Unit("s")]
 
 
 def reacquisition_of(case: Case, chances: Sequence[float]) -> Reacquisition:
@@ -148,6 +150,7 @@ def timing_of(case: Case) -> tuple[float, float]:
     return 1 / detector.update_rate, detector.exposure / 2 + reading
 
 
+@printed
 @dataclass(frozen=True)
 class OfBeta:
     """The mission while the Sun is at some angles to the plane of the orbit.
@@ -158,12 +161,12 @@ class OfBeta:
     error       radian, rms of the fused attitude about its worst axis
     """
 
-    low: float
-    high: float
+    low: Annotated[float, Unit("rad", "deg")]
+    high: Annotated[float, Unit("rad", "deg")]
     time: float
     one: float
     two: float
-    error: float
+    error: Annotated[float, Unit("rad", "arcsec")]
 
 
 def over_beta(flown: Flown) -> list[OfBeta]:

@@ -19,6 +19,7 @@ from startrack.core import (
     Unit,
     deg,
     parameter,
+    printed,
 )
 from startrack.io import from_table, read_table
 from startrack.motion import Tone
@@ -84,6 +85,7 @@ class SequenceHead(Parameters):
         return Rotation.from_rotvec([-self.x, -self.y, -self.z])
 
 
+@printed
 class Sequence(Parameters):
     """Frames in a row."""
 

@@ -108,5 +108,6 @@ __all__ = [
     "Water",
     "load_imager",
     "load_survey",
+    "prepare",
     "render",
 ]

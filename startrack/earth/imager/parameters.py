@@ -24,6 +24,7 @@ from startrack.core import (
     Unit,
     nm,
     parameter,
+    printed,
 )
 from startrack.detector import Detector
 from startrack.earth import geometry
@@ -120,6 +121,7 @@ class Passband(Parameters):
         return core.Curve(edges, (0.0, full, full, 0.0))
 
 
+@printed
 class Channel(Parameters):
     """One image that a camera makes: a lens, a filter, a detector of one kind.
 
@@ -310,6 +312,7 @@ class Spectrometer(Parameters):
     )
 
 
+@printed
 class Imager(Parameters):
     """A camera with one or more channels that images extended scenes."""
 
@@ -371,6 +374,7 @@ class Knowledge(Parameters):
 OF_IMAGE = "of the image; None for those of the whole detector"
 
 
+@printed
 class Survey(Parameters):
     """An image to be rendered: camera, carrier, terrain, air and land."""
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,9 +81,9 @@ class Setting(NamedTuple):
     terrain      of the scene, with the tiles that were read; None: not opened yet
     """
 
-    period: float
-    exposure: float
-    smear: float
+    period: Annotated[float, core.Unit("s", "ms")]
+    exposure: Annotated[float, core.Unit("s", "ms")]
+    smear: Annotated[float, core.Unit("pixel")]
     psf: core.Psf | core.FieldPsf
     band: Band
     surroundings: float
