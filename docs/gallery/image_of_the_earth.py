@@ -9,7 +9,7 @@ from startrack.earth.product import calibrate, to_radiance
 path = shipped("scenes/sentinel2-msi.toml")
 survey = replace(load_survey(path), lines=60, columns=60)
 channel = next(channel for channel in survey.channels if channel.name == "B4")
-picture = Picture.blank(survey.lines, survey.columns)
+picture = Picture.blank(60, 60)
 setting = render(survey, channel, path.parent, seed=1, picture=picture)
 print(setting)
 found = to_radiance(picture.numbers, calibrate(survey, channel, setting, seed=1))

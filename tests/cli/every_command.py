@@ -1,6 +1,6 @@
 """Every command of `startrack` on a small example, on a given day and without a network.
 
-    python -W error tests/every_command.py quick|all FOLDER YEAR ...
+    python -W error tests/cli/every_command.py quick|all FOLDER YEAR ...
 
 The clock starts in the middle of each year; all files go to a folder of its name. The status is 1
 where a command fails, warns or tries to reach the network. A year has a process of its own, since
