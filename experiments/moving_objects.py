@@ -42,7 +42,7 @@ def main() -> None:
     parser.add_argument("--trials", type=int, default=TRIALS, help="of each design")
     parser.add_argument("--figure", type=Path, help="draw an object here")
     options = command.read(parser, trials=4)
-    figures = compare(options.trials)
+    figures = compare(options.trials, STRESSED)
     worst = max(
         max(ratio, 1 / ratio)
         for design in figures["designs"].values()
@@ -55,12 +55,14 @@ def main() -> None:
     command.save(options, figures | {"formula_over_trials": worst})
 
 
-def compare(trials: int) -> dict[str, dict[str, dict[str, float]]]:
+def compare(
+    trials: int, designs: dict[str, dict[str, float]]
+) -> dict[str, dict[str, dict[str, float]]]:
     """Trials over formula of each design, and limiting magnitudes of the first."""
     design = load_moving_design("asteroidfinder")
     start = MovingProblem(replace(design, campaign=replace(design.campaign, links=())))
     ratios, limits = dict[str, dict[str, float]](), dict[str, dict[str, float]]()
-    for name, values in STRESSED.items():
+    for name, values in designs.items():
         problem = start.replaced(values)
         judged, expected = problem.judge(problem.trials(1, range(trials))), problem.expect()
         ratios[name] = {

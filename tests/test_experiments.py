@@ -58,6 +58,7 @@ LONG = {
     "retrieval_formulas",
     "robust",
     "search",
+    "second_camera",
     "speed",
     "terrain",
     "validation",
