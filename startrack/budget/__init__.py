@@ -51,7 +51,7 @@ from startrack.budget.left_out import (
 )
 from startrack.budget.measured import INDICES, indices_of, measured
 from startrack.budget.single_stars import Residuals, StarErrors, single_stars, star_errors
-from startrack.budget.units import UnitBudgets, joined, unit_budgets
+from startrack.budget.units import PUBLISHED, UnitBudgets, joined, unit_budgets
 from startrack.trial import Term
 
 # Public; the other imports serve other rooms.

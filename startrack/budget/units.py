@@ -32,6 +32,16 @@ TURNS = tuple(
 )
 FIELDS = 64  # of each unit in each environment
 ENVIRONMENTS = 3  # of each unit
+# What datasheets state, and the classes of error in it (ECSS-E-ST-60-20C): rms over units.
+_RANDOM = Term.NOISE, Term.PIXEL, Term.ABERRATION, Term.MEASUREMENT_DATE
+_ALL = *_RANDOM, Term.FIELD, Term.THERMO_ELASTIC, Term.PLATFORM
+PUBLISHED = {
+    "NEA": (Term.NOISE,),
+    "NEA and pixel errors": _RANDOM,
+    "and FOV errors": (*_RANDOM, Term.FIELD),
+    "and thermo-elastic: accuracy": _ALL,
+    "accuracy with bias": (*_ALL, Term.BIAS),
+}
 ARRAYS = ("mean", "sigma", "weight", "bias", "availability")  # of `UnitBudgets`
 
 

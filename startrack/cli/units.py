@@ -12,7 +12,7 @@ if wanted(__name__):
     import numpy as np
 
     from startrack import design
-    from startrack.budget import Term, UnitBudgets, unit_budgets
+    from startrack.budget import PUBLISHED, Term, UnitBudgets, unit_budgets
     from startrack.cli.options import as_wrong_use
     from startrack.cli.terminal import progress
     from startrack.core import YEAR, Rows, arcsec
@@ -27,17 +27,7 @@ if wanted(__name__):
 if TYPE_CHECKING:
     from startrack.core import Floats
 
-# What datasheets state, and the classes of error in it (ECSS-E-ST-60-20C): rms over units.
 if wanted(__name__):
-    _RANDOM = Term.NOISE, Term.PIXEL, Term.ABERRATION, Term.MEASUREMENT_DATE
-    _ALL = *_RANDOM, Term.FIELD, Term.THERMO_ELASTIC, Term.PLATFORM
-    PUBLISHED = {
-        "NEA": (Term.NOISE,),
-        "NEA and pixel errors": _RANDOM,
-        "and FOV errors": (*_RANDOM, Term.FIELD),
-        "and thermo-elastic: accuracy": _ALL,
-        "accuracy with bias": (*_ALL, Term.BIAS),
-    }
     # What classes of error of units are, which the unit as designed has not.
     ADVICE = {
         Term.BIAS: "mounting and camera differ from what they were calibrated to: "

@@ -50,6 +50,12 @@ class Unknown(NamedTuple):
         return "among" in self.law
 
     @property
+    def numbers(self) -> list[float] | None:
+        """The values of a choice where all are positive numbers; else None."""
+        values = self.law.get("among", ())
+        return list(map(float, values)) if all(_is_number(v) and v > 0 for v in values) else None
+
+    @property
     def weights(self) -> list[float]:
         """Relative weights of the values of a choice; they sum to 1."""
         values = self.law["among"]

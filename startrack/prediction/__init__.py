@@ -1,0 +1,21 @@
+"""How sure a prediction is: designs with values that are not known -> errors with intervals.
+
+draws    Design file -> draws of what it does not know, each with the classes of error of its units.
+surface  Draws -> the logarithm of each class of error, linear in the scores of the unknowns.
+predict  Design file -> Prediction: median and intervals of each figure, and what makes their width.
+"""
+
+from startrack.prediction.draws import Draw, draw_unknowns
+from startrack.prediction.predict import PredictedFigure, Prediction, predict, prediction_of
+from startrack.prediction.surface import ErrorSurface, fit_surface
+
+__all__ = [
+    "Draw",
+    "ErrorSurface",
+    "PredictedFigure",
+    "Prediction",
+    "draw_unknowns",
+    "fit_surface",
+    "predict",
+    "prediction_of",
+]

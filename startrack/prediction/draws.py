@@ -1,0 +1,132 @@
+"""Design file -> draws of what it does not know, each with the classes of error of its units."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from functools import lru_cache
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from startrack.budget import Term, unit_budgets
+from startrack.core import Advance, Floats, Refused, Streams, whole
+from startrack.design import Case, Unknown, load_design
+
+# Of each unit, chosen by hand: what so few leave is in the scatter of the surface, and small beside
+# the width of most laws.
+ENVIRONMENTS, FIELDS = 1, 32
+MIDDLE = -1  # number of the draw of which all unknowns have their middle values
+
+
+class Draw(NamedTuple):
+    """One value of each unknown, and what the design makes of them.
+
+    number        of the draw; -1: all unknowns have their middle values
+    unknowns      of the design as drawn: a file that is one of several may have others
+    quantile      of each, in (0, 1), by its name
+    terms         radian (2,), rms over units of each class of error: per axis across the boresight,
+                  and about it
+    availability  1, mean of the units
+    refused       why the design has no errors; empty where it has
+    """
+
+    number: int
+    unknowns: tuple[Unknown, ...]
+    quantile: dict[str, float]
+    terms: dict[Term, Floats]
+    availability: float
+    refused: str = ""
+
+
+def draw_unknowns(
+    path: Path,
+    seed: int,
+    count: int,
+    units: int,
+    age: float | None = None,
+    changes: Sequence[str] = (),
+    executor: Executor | None = None,
+    progress: Advance | None = None,
+    middle: bool = True,
+) -> list[Draw]:
+    """The draw of the middle, first, and draws of all unknowns.
+
+    The quantiles of an unknown lie one in each of `count` equal parts of (0, 1), in an order that
+    the seed and its name alone decide (Latin hypercube, McKay et al. 1979, Technometrics 21, 239).
+    Each draw has other units, so that their chance is not that of one set of units.
+
+    units     of each draw
+    age       second; None: that of the end of life
+    executor  whose workers compute the draws; None: this process
+    progress  called with 1 after each draw
+    middle    whether the draw of the middle is among them
+    Raises    what `load_design` raises of the file; a design as drawn that has no budget, because
+              no field can be solved or a value is out of its limits, is a draw with `refused`.
+    """
+    whole(1, 10**4, count=count)
+    whole(1, 10**4, units=units)
+    load_design(path, changes)  # what is wrong with the file is no matter of a draw
+    numbers = [*([MIDDLE] if middle else []), *range(count)]
+    arguments = [(path, tuple(changes), seed, number, count, units, age) for number in numbers]
+    draws = list[Draw]()
+    if executor is None:
+        results = (_draw(*one) for one in arguments)
+    else:
+        futures = [executor.submit(_draw, *one) for one in arguments]
+        results = (future.result() for future in futures)
+    for draw in results:
+        draws.append(draw)
+        if progress:
+            progress(1)
+    return draws
+
+
+def _draw(
+    path: Path,
+    changes: tuple[str, ...],
+    seed: int,
+    number: int,
+    count: int,
+    units: int,
+    age: float | None,
+) -> Draw:
+    quantiles = dict[str, float]()
+
+    def quantile(name: str) -> float | None:
+        if number == MIDDLE:
+            return None
+        quantiles[name] = float(stratified(seed, name, count)[number])
+        return quantiles[name]
+
+    try:
+        design = load_design(path, changes, quantile=quantile)
+    except Refused as error:
+        return Draw(number, (), quantiles, {}, 0.0, str(error))
+    try:
+        terms, available = _terms(design.case, seed, max(number, 0) * units, units, age)
+    except Refused as error:
+        return Draw(number, design.unknowns, quantiles, {}, 0.0, str(error))
+    return Draw(number, design.unknowns, quantiles, terms, available)
+
+
+def _terms(
+    case: Case, seed: int, first: int, units: int, age: float | None
+) -> tuple[dict[Term, Floats], float]:
+    """Radian (2,) of each class of error, rms over units, and the mean availability."""
+    age = case.end_of_life if age is None else age
+    budgets = unit_budgets(case, seed, units, age, ENVIRONMENTS, FIELDS, first=first)
+    square = {term: (errors**2).mean(axis=0) for term, errors in budgets.terms.items()}
+    square[Term.BIAS] = (budgets.bias**2).mean(axis=0)
+    terms = {
+        term: np.sqrt([(values[0] + values[1]) / 2, values[2]]) for term, values in square.items()
+    }
+    return terms, float(budgets.availability.mean())
+
+
+@lru_cache(maxsize=256)
+def stratified(seed: int, name: str, count: int) -> Floats:
+    """Numbers (count,) in (0, 1), one in each of as many equal parts, in random order."""
+    random = Streams(seed, 0)(f"unknown {name}")
+    return (random.permutation(count) + random.uniform(1e-9, 1 - 1e-9, count)) / count
