@@ -31,6 +31,7 @@ FIRST = {
         "docs/choose-a-detector",
         "docs/choose-what-to-minimise",
         "docs/datasheet-to-verdict",
+        "docs/how-sure",
         "docs/calibrate-night-frames",
         "docs/optimise-an-earth-camera",
         "docs/search-moving-objects",

@@ -25,7 +25,7 @@ ROOMS = (
         "budget",
         "verification",
     ),
-    *("optimise", "calibration", "mission", "onboard"),
+    *("optimise", "prediction", "calibration", "mission", "onboard"),
     *("earth.terrain", "earth.geometry", "earth.atmosphere", "earth.imager", "earth.product"),
     *("earth.retrieval", "moving"),
     *("plots", "report", "benchmark", "cli"),

@@ -30,6 +30,7 @@ COMMANDS = {
     "solve": "find the attitude of images",
     "calibrate": "fit a camera model (focal length, distortion) to images of stars",
     "budget": "compute the error of a design cause by cause",
+    "predict": "predict the errors of a design with unknown values, with intervals",
     "montecarlo": "measure the error of a design over many trials",
     "merge": "put parts of a campaign from several machines together",
     "combine": "estimate one error from campaigns of different fidelity",

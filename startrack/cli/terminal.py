@@ -66,6 +66,9 @@ def is_search(path: Path) -> bool:
     return _is_kind(path, "searches", {"moving_object"})
 
 
+MOST_NAMES = 3  # of values that are not known, in a message
+
+
 def read_design(path: Path, changes: Iterable[str] = ()) -> Design:
     """The design of a file with the changes of --set; raises WrongUse where it cannot be used.
 
@@ -81,6 +84,14 @@ def read_design(path: Path, changes: Iterable[str] = ()) -> Design:
         design = load_design(found_file(path), list(changes))
     for code in used_code():
         print_message(f"startrack: {code}")
+    if design.unknowns:
+        names = [unknown.name for unknown in design.unknowns]
+        more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
+        print_message(
+            f"startrack: {len(names)} values of the design are not known "
+            f"({', '.join(names[:MOST_NAMES])}{more}); figures are for the middle of their laws, "
+            "`startrack predict` gives intervals"
+        )
     return design
 
 

@@ -106,7 +106,15 @@ def command(options: argparse.Namespace) -> int:
             )
             answer, values = verified.answer, verification.verdict_values(verified)
             table = f"{verification.verdict_text(verified)}\n{noise_only(case)}"
+    unknowns = [unknown.name for unknown in design.unknowns]
+    if unknowns and answer is verification.Answer.PASS:
+        answer = verification.Answer.NOT_SHOWN
+        table += (
+            f"\nNOT SHOWN: {len(unknowns)} values are not known ({', '.join(unknowns)}), and what "
+            "passes does so for the middle of their laws; startrack predict gives the interval"
+        )
     result = {"design": str(path), "seed": options.seed, "fidelity": fidelity.value}
+    result |= {"unknowns": unknowns} if unknowns else {}
     result |= values | {"noise_only": not units}
     if options.out:
         save_text(options.out / "verdict.md", f"```\n{table}\n```\n")

@@ -14,6 +14,7 @@ conditions    Condition: a rate, a background or an age at which a design is jud
 variation     Variation: how a number of the truth differs between units, environments, in time.
 structure     Structure: what carries lens and detector, and how its temperatures move them.
 campaign      Campaign: what a study of a design is asked.
+told          Told: a figure of a design that somebody measured or published.
 unknown       Laws of values that a design file does not know, and what is drawn from them.
 keys          The keys of a design file, as a list, a template with values, and a JSON Schema.
 files         Design files: a case, and optionally a campaign on it, as TOML with units in strings.
@@ -57,7 +58,9 @@ from startrack.design.parameter import text as value_text
 from startrack.design.products import products, with_product
 from startrack.design.requirements import COSTS, Accuracy, KeepOut, Requirements, cost_of
 from startrack.design.structure import TURNS, Structure
-from startrack.design.unknown import Unknown
+from startrack.design.told import FIGURES as TOLD_FIGURES
+from startrack.design.told import Told
+from startrack.design.unknown import INCLUDE, Unknown
 from startrack.design.variables import OF_IMAGES, Choice, DesignSpace, Link, Variable, branches
 from startrack.design.variation import (
     Moment,
@@ -87,6 +90,7 @@ __all__ = [
     "Scope",
     "Structure",
     "Temperatures",
+    "Told",
     "Unknown",
     "Variable",
     "Variation",

@@ -5,11 +5,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from startrack.core import Refused, code_in, printed, require_code
+from startrack.core import Refused, code_in, printed, require_code, shown
 from startrack.core import allow_code as allowed
 from startrack.design.campaign import Campaign
 from startrack.design.case import Case, Instrument
 from startrack.design.products import KEPT, OPERATED, with_product
+from startrack.design.told import Told
 from startrack.design.unknown import Quantile, Unknown, UnknownReader, is_law, with_laws
 from startrack.design.variation import Scope
 from startrack.io import (
@@ -37,11 +38,13 @@ class Design:
     case      the instrument, the tracker, the scene and the sky
     campaign  the question put to it, None if the file asks none
     unknowns  values that the file does not know, each with its law; the case has one value of each
+    told      errors of the design that somebody measured or published
     """
 
     case: Case
     campaign: Campaign | None = None
     unknowns: tuple[Unknown, ...] = ()
+    told: tuple[Told, ...] = ()
 
     @property
     def _rows(self) -> list[tuple[str, str]]:
@@ -86,15 +89,18 @@ def load_design(
     layers = read_layers(path, "a design file", changes, rules)
     table = layers.table
     try:
-        campaign = table.pop("campaign", None)
+        campaign, told = table.pop("campaign", None), table.pop("told", [])
         table = with_product(reader.table(table))
         if isinstance(instrument := table.get("instrument"), dict):
             table["instrument"] = with_blur_as_length(instrument, Instrument, "instrument")
         refuse_unknown((Case, table, ""), (Campaign, campaign, "campaign"))
+        if not isinstance(told, list):
+            raise Refused(f"told must be a list of tables, got {shown(told)}")
         design = Design(
             from_table(Case, table),
             None if campaign is None else from_table(Campaign, campaign, "campaign"),
             tuple(reader.found),
+            tuple(from_table(Told, entry, f"told[{n}]") for n, entry in enumerate(told)),
         )
         named = list(code_in(design.case))
         named += code_in(design.campaign, "campaign") if design.campaign else ()
@@ -118,5 +124,7 @@ def save_design(path: Path, design: Design, comment: str = "") -> None:
     table: dict[str, Any] = with_laws(to_table(design.case), design.unknowns)
     if design.campaign is not None:
         table["campaign"] = to_table(design.campaign)
+    if design.told:
+        table["told"] = [to_table(told) for told in design.told]
     head = "".join(f"# {line}\n" for line in comment.splitlines())
     save_text(path, head + tomli_w.dumps(table))

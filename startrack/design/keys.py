@@ -16,6 +16,7 @@ from startrack.core import LARGEST_NUMBER, Field, Range, Unit, bare, fields_of
 from startrack.design.campaign import Campaign
 from startrack.design.case import Case, Fidelity
 from startrack.design.products import of_product
+from startrack.design.told import Told
 from startrack.design.unknown import FORMS
 from startrack.io import LARGEST_INTEGER, shipped, written
 
@@ -62,13 +63,14 @@ PRODUCT = Key(
     "detector of the catalogue, whose values hold where the file has none",
 )
 CAMPAIGN = Key("campaign", "table", "", "", "none", "The question that is put to a design.")
+TOLD = Key("told", "tables", "", "", "none", "Errors that were measured or published.")
 
 
 @cache
 def design_keys() -> tuple[Key, ...]:
     """All keys that a design file may have, in the order of their tables."""
     keys = [*OF_FILES, *keys_of(Case), CAMPAIGN]
-    keys += keys_of(Campaign, "campaign")
+    keys += [*keys_of(Campaign, "campaign"), TOLD, *keys_of(Told, "told")]
     at = next(n for n, key in enumerate(keys) if key.name == "instrument.detector") + 1
     keys = [*keys[:at], PRODUCT, *keys[at:]]
     others = json.loads(shipped("designs/fidelities.json").read_text(encoding="utf-8"))
@@ -292,11 +294,13 @@ def design_schema() -> Schema:
     design, required = table_schema(Case), _required(Case)
     required["properties"]["campaign"] = _required(Campaign)
     campaign = {"campaign": table_schema(Campaign, "campaign")}
+    told: Schema = {"told": {"type": "array", "items": table_schema(Told, "told")}}
     either = {"anyOf": [{"required": [name]} for name in ("base", "include")]}
     design["properties"] |= campaign | {key.name: _plain(key) for key in OF_FILES}
     within = design["properties"]["instrument"]["properties"]["detector"]
     within["properties"]["product"] = _plain(PRODUCT)
     _allow_laws(design)
+    design["properties"] |= told
     design["properties"]["include"]["items"] = {"anyOf": [{"type": "string"}, LAW]}
     parts = required["properties"]["instrument"]["properties"]
     parts["detector"] = {"anyOf": [{"required": ["product"]}, parts["detector"]]}

@@ -13,9 +13,10 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import PurePosixPath
 from typing import Any, NamedTuple
 
+import numpy as np
 from scipy.special import ndtri
 
-from startrack.core import Refused, shown
+from startrack.core import Floats, Ints, Refused, shown
 
 # The keys of each form of a law.
 FORMS = (("low", "high"), ("median", "factor"), ("among",), ("among", "weight"))
@@ -50,12 +51,6 @@ class Unknown(NamedTuple):
         return "among" in self.law
 
     @property
-    def numbers(self) -> list[float] | None:
-        """The values of a choice where all are positive numbers; else None."""
-        values = self.law.get("among", ())
-        return list(map(float, values)) if all(_is_number(v) and v > 0 for v in values) else None
-
-    @property
     def weights(self) -> list[float]:
         """Relative weights of the values of a choice; they sum to 1."""
         values = self.law["among"]
@@ -71,22 +66,41 @@ class Unknown(NamedTuple):
         """
         self._check()
         if self.choice:
-            return self.law["among"][self.position(quantile)]
-        if "median" in self.law:
-            number, unit = _quantity(self.law["median"], f"{self.name}.median")
-            score = 0.0 if quantile is None else float(ndtri(quantile))
-            return _written(number * math.exp(score * math.log(self.law["factor"])), unit)
-        low, unit = _quantity(self.law["low"], f"{self.name}.low")
-        high, _ = _quantity(self.law["high"], f"{self.name}.high")
-        return _written(low + (high - low) * (0.5 if quantile is None else quantile), unit)
+            weights = self.weights
+            likeliest = weights.index(max(weights))
+            place = likeliest if quantile is None else self.positions(np.array([quantile]))[0]
+            return self.law["among"][int(place)]
+        return self.written(self.numbers(np.array([0.5 if quantile is None else quantile]))[0])
 
-    def position(self, quantile: float | None) -> int:
-        """Which value of a choice a quantile means; see `at`."""
-        weights = self.weights
-        if quantile is None:
-            return weights.index(max(weights))
-        ends = itertools.accumulate(weights[:-1])
-        return sum(quantile >= end for end in ends)
+    def written(self, number: float) -> str | float:
+        """A number in the unit of its law, as a file has it."""
+        _, unit = _quantity(self.law["median" if "median" in self.law else "low"], self.name)
+        return f"{float(number)!r} {unit}" if unit else float(number)
+
+    def positions(self, quantile: Floats) -> Ints:
+        """Which values of a choice quantiles (n,) mean."""
+        return np.searchsorted(np.cumsum(self.weights)[:-1], quantile, side="right")
+
+    def numbers(self, quantile: Floats) -> Floats:
+        """Numbers (n,) of quantiles (n,), in the unit that the file has.
+
+        Of a choice whose values are not all positive numbers, their positions.
+        """
+        if self.choice:
+            values = self.law["among"] if self.in_order else range(len(self.law["among"]))
+            return np.array(values, float)[self.positions(quantile)]
+        if "median" in self.law:
+            median, _ = _quantity(self.law["median"], f"{self.name}.median")
+            return np.asarray(median * self.law["factor"] ** ndtri(quantile))
+        (low, _), (high, _) = (
+            _quantity(self.law[end], f"{self.name}.{end}") for end in ("low", "high")
+        )
+        return np.asarray(low + (high - low) * quantile)
+
+    @property
+    def in_order(self) -> bool:
+        """Whether it is a choice of positive numbers."""
+        return all(_is_number(value) and value > 0 for value in self.law.get("among", [""]))
 
     def _check(self) -> None:
         """Raises Refused where the law has no value."""
@@ -212,10 +226,6 @@ def _quantity(value: object, name: str) -> tuple[float, str]:
     if not match:
         raise Refused(f"{name} must be a number, or a number with a unit, got {shown(value)}")
     return float(match[1]), match[2]
-
-
-def _written(number: float, unit: str) -> float | str:
-    return f"{number!r} {unit}" if unit else number
 
 
 def _is_number(value: object) -> bool:

@@ -8,6 +8,7 @@ earth     Pictures of Earth scenes: geometry over the image; image and radiance.
 mission   Pictures of missions: when heads are blind, over season, orbit and direction.
 budget    Pictures of an error budget: its causes, the sky, and beside trials its curves over slew
           rate, magnitude and field position.
+prediction  Intervals of predicted errors, and which unknown makes how much of their width.
 improve   The search of a problem: forecasts, trials, start and best.
 optimise  Pictures of studies: convergence, samples, Pareto fronts and sensitivities.
 """

@@ -2,20 +2,36 @@
 
 draws    Design file -> draws of what it does not know, each with the classes of error of its units.
 surface  Draws -> the logarithm of each class of error, linear in the scores of the unknowns.
+learn    Surface and told figures -> what they say of each unknown, and its law from then on.
 predict  Design file -> Prediction: median and intervals of each figure, and what makes their width.
 """
 
 from startrack.prediction.draws import Draw, draw_unknowns
-from startrack.prediction.predict import PredictedFigure, Prediction, predict, prediction_of
+from startrack.prediction.learn import Learned, Lesson, learn, save_posterior
+from startrack.prediction.predict import (
+    ACCURACY,
+    AXES,
+    DRAWS,
+    OTHERS,
+    UNITS,
+    PredictedFigure,
+    Prediction,
+    predict,
+    prediction_of,
+)
 from startrack.prediction.surface import ErrorSurface, fit_surface
 
 __all__ = [
     "Draw",
     "ErrorSurface",
+    "Learned",
+    "Lesson",
     "PredictedFigure",
     "Prediction",
     "draw_unknowns",
     "fit_surface",
+    "learn",
     "predict",
     "prediction_of",
+    "save_posterior",
 ]

@@ -11,10 +11,11 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from startrack.budget import PUBLISHED, Term
+from startrack.budget import PUBLISHED
 from startrack.core import Advance, Floats, Refused, Unit, printed
-from startrack.design import Unknown, load_design
+from startrack.design import Told, Unknown, load_design
 from startrack.prediction.draws import MIDDLE, Draw, draw_unknowns
+from startrack.prediction.learn import Learned, learn
 from startrack.prediction.surface import ErrorSurface, columns_of, fit_surface
 
 DRAWS, UNITS = 32, 3  # of a prediction, and units of each draw; chosen by hand: 20 s on two cores
@@ -62,7 +63,7 @@ class PredictedFigure(NamedTuple):
 class Prediction:
     """What is predicted of a design with values that are not known.
 
-    figures       each figure about each axis
+    figures       each figure about each axis, of those that count a class of error of the design
     unknowns      with their laws
     age           second
     draws, units  number of draws, and units of each
@@ -71,6 +72,7 @@ class Prediction:
     reasons       why, with the number of draws
     availability  1, least, median and largest over the draws
     surface       of the classes of error
+    learned       what told figures say of the unknowns; None: none was told
     """
 
     figures: tuple[PredictedFigure, ...]
@@ -82,6 +84,7 @@ class Prediction:
     reasons: tuple[tuple[str, int], ...]
     availability: tuple[float, float, float]
     surface: ErrorSurface
+    learned: Learned | None = None
 
     def figure(self, name: str, axis: str) -> PredictedFigure:
         """The figure of a name in `PUBLISHED` about an axis."""
@@ -101,7 +104,8 @@ def predict(
     """Predict the errors of a design with values that are not known.
 
     Each draw has one value of each unknown, and the analytic budgets of a few units. A surface
-    through the draws (`fit_surface`) gives the distribution of each figure.
+    through the draws (`fit_surface`) gives the distribution of each figure. Where the design file
+    has `[[told]]` figures, the unknowns are estimated under them first (`learn`).
 
     path      of the design file
     changes   values over those of the file, as for `load_design`
@@ -120,18 +124,27 @@ def predict(
         )
     age = design.case.end_of_life if age is None else age
     made = draw_unknowns(path, seed, draws, units, age, changes, executor, progress)
-    return prediction_of(made, seed, units, age)
+    return prediction_of(made, seed, units, age, design.told)
 
 
-def prediction_of(draws: Sequence[Draw], seed: int, units: int, age: float) -> Prediction:
-    """The prediction that draws give; units and age are those of the draws."""
+def prediction_of(
+    draws: Sequence[Draw], seed: int, units: int, age: float, told: Sequence[Told] = ()
+) -> Prediction:
+    """The prediction that draws give; units and age are those of the draws.
+
+    told  figures under which the unknowns are estimated (`learn`); none: they have their laws
+    """
     drawn = [draw for draw in draws if draw.number != MIDDLE]
     middle = next((draw for draw in draws if draw.number == MIDDLE), None)
     surface = fit_surface(drawn)
-    scores, errors = surface.sample(seed, SAMPLES)
+    learned = learn(surface, told, seed) if told else None
+    quantiles = learned.quantiles(SAMPLES) if learned else surface.sample(seed, SAMPLES)
+    scores = surface.scores(quantiles)
+    errors = surface.scattered(surface.errors(scores), seed)
     figures = [
         _figure(surface, middle, name, axis, scores, errors)
         for name in PUBLISHED
+        if surface.counted(PUBLISHED[name])
         for axis in range(len(AXES))
     ]
     lost = [draw.refused for draw in drawn if draw.refused]
@@ -147,19 +160,14 @@ def prediction_of(draws: Sequence[Draw], seed: int, units: int, age: float) -> P
         tuple(Counter(lost).most_common()),
         (least, float(np.median(available)), most),
         surface,
+        learned,
     )
-
-
-def counted(terms: Sequence[Term], figure: str) -> list[int]:
-    """Which of some classes of error a figure counts."""
-    return [place for place, term in enumerate(terms) if term in PUBLISHED[figure]]
 
 
 def _figure(
     surface: ErrorSurface, middle: Draw | None, name: str, axis: int, scores: Floats, errors: Floats
 ) -> PredictedFigure:
-    which = counted(surface.terms, name)
-    value = np.sqrt((errors[:, which, axis] ** 2).sum(axis=1))
+    value = surface.figure(errors, PUBLISHED[name])[:, axis]
     as_designed = float("nan")
     if middle and not middle.refused:
         parts = [middle.terms[term][axis] for term in PUBLISHED[name] if term in middle.terms]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,24 +40,35 @@ class ErrorSurface:
     slope: Floats
     scatter: Floats
 
+    def counted(self, terms: Sequence[Term]) -> list[int]:
+        """Which of its classes of error are among some."""
+        return [place for place, term in enumerate(self.terms) if term in terms]
+
+    def figure(self, errors: Floats, terms: Sequence[Term]) -> Floats:
+        """Radian (n, 2): root of the sum of squares of classes of error (n, t, 2)."""
+        return np.sqrt((errors[:, self.counted(terms)] ** 2).sum(axis=1))
+
     def errors(self, scores: Floats) -> Floats:
         """Radian (n, t, 2) for scores (n, k), without scatter."""
         return np.exp(self.constant + np.einsum("tak,nk->nta", self.slope, scores))
 
-    def sample(self, seed: int, count: int) -> tuple[Floats, Floats]:
-        """Scores (n, k) of the laws of all unknowns, and errors (n, t, 2), radian, with scatter."""
-        scores = scores_of(
-            self.unknowns,
-            {
-                unknown.name: stratified(seed, f"{unknown.name}, sampled", count)
-                for unknown in self.unknowns
-            },
-            count,
-        )
-        normal = Streams(seed, 0)("scatter of errors").standard_normal(
-            (count, *self.constant.shape)
-        )
-        return scores, self.errors(scores) * np.exp(self.scatter * normal)
+    def sample(self, seed: int, count: int) -> Floats:
+        """Quantiles (n, unknowns) of the laws of all unknowns."""
+        names = (f"{unknown.name}, sampled" for unknown in self.unknowns)
+        columns = [stratified(seed, name, count) for name in names]
+        return np.column_stack(columns) if columns else np.zeros((count, 0))
+
+    def scores(self, quantiles: Floats) -> Floats:
+        """Scores (n, k) of quantiles (n, unknowns)."""
+        by_name = {
+            unknown.name: column for unknown, column in zip(self.unknowns, quantiles.T, strict=True)
+        }
+        return scores_of(self.unknowns, by_name, len(quantiles))
+
+    def scattered(self, errors: Floats, seed: int) -> Floats:
+        """Errors (n, t, 2), radian, with the scatter of the surface."""
+        normal = Streams(seed, 0)("scatter of errors").standard_normal(errors.shape)
+        return np.asarray(errors * np.exp(self.scatter * normal))
 
 
 def fit_surface(draws: Sequence[Draw]) -> ErrorSurface:
@@ -102,22 +113,24 @@ def unknowns_of(draws: Sequence[Draw]) -> tuple[Unknown, ...]:
     return tuple({unknown.name: unknown for draw in draws for unknown in draw.unknowns}.values())
 
 
-def scores_of(unknowns: Sequence[Unknown], quantiles: dict[str, Floats], count: int) -> Floats:
+def scores_of(unknowns: Sequence[Unknown], quantiles: Mapping[str, Floats], count: int) -> Floats:
     """Scores (count, k) of quantiles (count,) by name; zero where an unknown has none (NaN)."""
     columns = list[Floats]()
     for unknown in unknowns:
         quantile = quantiles[unknown.name]
-        if unknown.choice:
-            taken = np.array([unknown.position(float(q)) if q == q else 0 for q in quantile])
-            if unknown.numbers:
-                columns.append(np.log(unknown.numbers)[taken])
-                continue
-            columns += [(taken == value).astype(float) for value in range(1, len(unknown.weights))]
+        given = np.isfinite(quantile)
+        own = np.where(given, quantile, 0.5)
+        if not unknown.choice:
+            columns.append(ndtri(own))
+        elif unknown.in_order:
+            columns.append(np.log(unknown.numbers(own)))
         else:
-            columns.append(np.nan_to_num(ndtri(quantile)))
+            taken = np.where(given, unknown.positions(own), 0)
+            columns += [(taken == value).astype(float) for value in range(1, len(unknown.weights))]
     return np.column_stack(columns) if columns else np.zeros((count, 0))
 
 
 def columns_of(unknown: Unknown) -> int:
     """Number of scores of an unknown."""
-    return len(unknown.weights) - 1 if unknown.choice and not unknown.numbers else 1
+    several = unknown.choice and not unknown.in_order
+    return len(unknown.weights) - 1 if several else 1

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import lognorm, uniform
 
-from startrack import Refused, load_design
+from startrack import Refused, arcsec, load_design
 from startrack.design import Unknown, save_design
 
 NAME = "instrument.optics.f_number"
@@ -55,16 +55,19 @@ def test_a_design_has_the_middle_of_what_is_not_known_and_its_laws(written):
     assert [unknown.name for unknown in told.unknowns] == ["instrument.detector.exposure"]
 
 
-def test_one_of_several_files_is_included(written):
-    lenses = '["variations/lens-made.toml", "variations/lens-shelf.toml"]'
-    top = f"include = [{{ among = {lenses}, weight = [3, 1] }}]\n"
-    (unknown,) = load_design(written(top)).unknowns
-    assert unknown.name == "include lens"
-    made, shelf = (
-        load_design(written(top), quantile=lambda name, u=u: u).case.instrument.residual.decentre
+def test_one_of_several_files_is_included(written, tmp_path):
+    for name, prnu in (("part-fine", 0.001), ("part-coarse", 0.02)):
+        (tmp_path / f"{name}.toml").write_text(f"[instrument.detector]\nprnu = {prnu}\n")
+    path = written(
+        'include = [{ among = ["part-fine.toml", "part-coarse.toml"], weight = [3, 1] }]\n'
+    )
+    (unknown,) = load_design(path).unknowns
+    assert unknown.name == "include part"
+    fine, coarse = (
+        load_design(path, quantile=lambda name, u=u: u).case.instrument.detector.prnu
         for u in (0.74, 0.76)
     )
-    assert (made, shelf) == (12.5e-6, 25e-6), "weights of the files, and their values"
+    assert (fine, coarse) == (0.001, 0.02), "weights of the files, and their values"
 
 
 def test_a_products_law_is_drawn_before_its_values_are_read(written):
@@ -93,6 +96,15 @@ def test_a_saved_design_keeps_its_laws(written, tmp_path):
     save_design(tmp_path / "again.toml", design)
     again = load_design(tmp_path / "again.toml")
     assert again == design
+
+
+def test_a_told_figure_is_one_sigma_of_its_level(written):
+    """15 arcsec that 99.73 % of normal errors do not exceed are 5 arcsec rms."""
+    given = '[[told]]\nfigure = "accuracy"\nvalue = "15 arcsec"\nlevel = "99.73 %"\n'
+    (told,) = load_design(written(f'{given}axis = "across"\n')).told
+    assert told.rms / arcsec == pytest.approx(5.0, rel=1e-3)
+    with pytest.raises(Refused, match=r"told\[0\].axis must be one of across, about"):
+        load_design(written(f'{given}axis = "x"\n'))
 
 
 @pytest.mark.parametrize(

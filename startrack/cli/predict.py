@@ -1,0 +1,171 @@
+"""`startrack predict`: the errors of a design with values that are not known, with intervals."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from startrack.cli import options as shared
+from startrack.cli.options import DESIGN, Exit, Option, Options, wanted, whole
+
+if wanted(__name__):
+    from startrack.budget import PUBLISHED
+    from startrack.cli import terminal
+    from startrack.cli.options import as_wrong_use
+    from startrack.core import arcsec, parse
+    from startrack.design import YEAR
+    from startrack.io import aligned, save_json
+    from startrack.montecarlo import pool
+    from startrack.plots import draw_prediction
+    from startrack.prediction import ACCURACY, DRAWS, UNITS, PredictedFigure, Prediction, predict
+
+MOST_CAUSES = 5  # of the width, in text; JSON has all
+LEAST_CAUSE = 0.02  # fraction of the variance, below which a cause is not printed
+
+
+declare = Options(
+    "Predicts the errors of a design some of whose values are not known, each given by a law: "
+    "f_number = { low = 1.2, high = 2.0 }, { median = 1.4, factor = 1.2 } or "
+    "{ among = [1.2, 1.4] }. Prints the median, the intervals that hold 68 and 95 %, and which "
+    "unknown makes how much of their width. [[told]] figures of the design, measured or published, "
+    "narrow what is not known. With --out it writes prediction.json, prediction.png and, where "
+    "figures were told, posterior.toml: the design with the laws that they leave.",
+    *DESIGN,
+    Option("--draws N", "draws of all unknowns (default: 32)", whole(8, 10**4)),
+    Option("--units N", "units of each draw (default: 3)", whole(1, 1000)),
+    Option("--age TIME", 'of the units, such as "3 yr" (default: the end of life)'),
+    shared.SEED,
+    shared.WORKERS,
+    Option("--out DIR", "folder for prediction.json and prediction.png", Path),
+    claims=True,
+)
+
+
+def command(options: argparse.Namespace) -> int:
+    """Print the prediction; with --out, write prediction.json and prediction.png."""
+    path = terminal.found_file(options.design or terminal.example())
+    terminal.read_design(path, options.set)  # what is wrong with it is said before any draw
+    draws = options.draws or DRAWS
+    with as_wrong_use(path=path):
+        age = None if options.age is None else parse(options.age, "s")
+        with (
+            pool(options.workers) as executor,
+            terminal.progress("draws of what is not known", draws + 1) as advance,
+        ):
+            prediction = predict(
+                path,
+                options.set,
+                options.seed,
+                draws,
+                options.units or UNITS,
+                age,
+                executor,
+                advance,
+            )
+    result = {"design": str(path), "seed": options.seed, **_values(prediction)}
+    if options.out:
+        options.out.mkdir(parents=True, exist_ok=True)
+        draw_prediction(options.out / "prediction.png", prediction, Path(path).stem)
+        save_json(options.out / "prediction.json", terminal.finite(result))
+        if prediction.learned:
+            save_posterior(options.out / "posterior.toml", path, prediction.learned)
+        result["out"] = str(options.out)
+    terminal.print_result(options, result, _text(prediction))
+    return Exit.UNSOLVED if prediction.lost else Exit.DONE
+
+
+def _values(prediction: Prediction) -> dict[str, Any]:
+    return {
+        "age_years": prediction.age / YEAR,
+        "draws": prediction.draws,
+        "units": prediction.units,
+        "without_attitude": prediction.lost,
+        "reasons": dict(prediction.reasons),
+        "availability": dict(
+            zip(("least", "median", "most"), prediction.availability, strict=True)
+        ),
+        "unknowns": {unknown.name: dict(unknown.law) for unknown in prediction.unknowns},
+        "learned": {
+            lesson.unknown.name: dict(lesson.unknown.law) | {"narrowing": lesson.narrowing}
+            for lesson in (prediction.learned.lessons if prediction.learned else ())
+        },
+        "figures_arcsec": {
+            name: {
+                figure.axis: {
+                    "middle": figure.middle / arcsec,
+                    "median": figure.median / arcsec,
+                    "68": [figure.low_68 / arcsec, figure.high_68 / arcsec],
+                    "95": [figure.low_95 / arcsec, figure.high_95 / arcsec],
+                    "causes": dict(figure.causes),
+                }
+                for figure in prediction.figures
+                if figure.figure == name
+            }
+            for name in PUBLISHED
+        },
+    }
+
+
+def _text(prediction: Prediction) -> str:
+    across, about = (prediction.figure(ACCURACY, axis) for axis in ("across", "about"))
+    rows = [["arcsec, rms per axis (1 sigma)", "axis", "middle", "median", "68 %", "95 %"]]
+    rows += [
+        [
+            figure.figure,
+            figure.axis,
+            f"{figure.middle / arcsec:.3g}",
+            f"{figure.median / arcsec:.3g}",
+            _interval(figure.low_68, figure.high_68),
+            _interval(figure.low_95, figure.high_95),
+        ]
+        for figure in prediction.figures
+    ]
+    lines = [
+        f"accuracy of {across.median / arcsec:.3g} arcsec across "
+        f"{_interval(across.low_68, across.high_68)} and {about.median / arcsec:.3g} about "
+        f"{_interval(about.low_68, about.high_68)} in 68 %, at {prediction.age / YEAR:g} yr; "
+        f"{len(prediction.unknowns)} values are not known, "
+        f"{across.causes[0][0]} makes most of the width",
+        "",
+        *aligned(rows, (0, 1)),
+        "",
+        *(f"width of the accuracy {one.axis}: {_causes(one)}" for one in (across, about)),
+        "",
+        "not known:",
+        *(f"  {unknown.name}: {unknown}" for unknown in prediction.unknowns),
+        *(_learned(prediction.learned) if prediction.learned else []),
+    ]
+    lines += [
+        f"{count} of {prediction.draws} draws have no error, and are not in the figures: {reason}"
+        for reason, count in prediction.reasons
+    ]
+    lines.append(
+        f"availability {prediction.availability[1]:.2%} in the median, "
+        f"{prediction.availability[0]:.2%} at least; of {prediction.draws} draws with "
+        f"{prediction.units} units each, by the formula; middle: with every unknown at its middle"
+    )
+    return "\n".join(lines)
+
+
+def _learned(learned: Learned) -> list[str]:
+    """What told figures say of each unknown."""
+    lines = ["", f"after {len(learned.told)} told figures, which the intervals above count:"]
+    lines += [
+        f"  {lesson.unknown.name}: "
+        + ("the figures say nothing of it" if lesson.silent else f"{lesson.unknown}")
+        for lesson in learned.lessons
+    ]
+    if reason := learned.chains.reason_unconverged:
+        lines.append(f"the sampling has not converged: {reason}")
+    return lines
+
+
+def _interval(low: float, high: float) -> str:
+    return f"[{low / arcsec:.3g}, {high / arcsec:.3g}]"
+
+
+def _causes(figure: PredictedFigure) -> str:
+    """The largest causes of the width of a figure, in words."""
+    largest = [cause for cause in figure.causes[:MOST_CAUSES] if cause[1] >= LEAST_CAUSE]
+    return ", ".join(f"{name} {part:.0%}" for name, part in largest)

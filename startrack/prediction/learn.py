@@ -1,0 +1,163 @@
+"""Surface of errors and told figures -> what they say of each unknown, and its law from then on."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.special import ndtr
+
+from startrack.budget import PUBLISHED
+from startrack.core import Floats, Refused
+from startrack.design import INCLUDE, TOLD_FIGURES, Told, Unknown
+from startrack.io import save_text
+from startrack.optimise import Chains, Ensembles, draw, thinned
+from startrack.prediction.surface import ErrorSurface
+
+# The classes of error of each figure that may be told, as budgets name them.
+TERMS = dict(zip(TOLD_FIGURES, PUBLISHED.values(), strict=True))
+START = 0.5  # standard deviation of the scores at which the walkers start
+HOW = Ensembles(count=2, stretch=500, most_steps=10_000)
+LEAST_FACTOR = 1.001  # of a law, which must be above 1
+SILENT = 0.9  # of its spread before, from which on data say nothing of an unknown; by hand
+NOT_A_CHANCE = 1e-3  # probability of a value of a choice, below which it is left out
+
+
+class Lesson(NamedTuple):
+    """What is known of an unknown after figures were told.
+
+    unknown    with its law from then on; correlations with others are lost
+    narrowing  1, spread of its score over that before; of 0.9 and more, the figures say nothing of
+               it
+    """
+
+    unknown: Unknown
+    narrowing: float
+
+    @property
+    def silent(self) -> bool:
+        """Whether the figures say nothing of it."""
+        return self.narrowing >= SILENT
+
+
+@dataclass(frozen=True, eq=False)
+class Learned:
+    """The unknowns of a design under told figures.
+
+    told     the figures
+    lessons  one for each unknown
+    chains   of the unknowns' normal scores
+    """
+
+    told: tuple[Told, ...]
+    lessons: tuple[Lesson, ...]
+    chains: Chains
+
+    def quantiles(self, count: int) -> Floats:
+        """Quantiles (n, unknowns) of the unknowns, as jointly sampled."""
+        return np.asarray(ndtr(thinned(self.chains.flat, count)))
+
+
+def learn(surface: ErrorSurface, told: Sequence[Told], seed: int) -> Learned:
+    """Sample the unknowns of a design under figures of its error.
+
+        p(x | told) ~ p(x) prod_i N(ln value_i; ln error_i(x), (ln factor_i)^2 + scatter_i^2)
+
+    Each unknown has the normal score of its quantile, of which the law before is a standard normal
+    one; the value of a choice follows from it, too. The scatter is that of the surface.
+
+    Raises    Refused where no unknown is there, or the design has no error of a told class.
+    Accuracy  model: a figure is that of the middle of all units. numerical: see
+              `Chains.reason_unconverged`.
+    """
+    if not surface.unknowns:
+        raise Refused("told figures need values that are not known, got none")
+    for one in told:
+        if not surface.counted(TERMS[one.figure]):
+            raise Refused(f"told: the design has no error that {one.figure} counts")
+
+    def log_probability(theta: Floats) -> Floats:
+        errors = surface.errors(surface.scores(ndtr(theta)))
+        value = -(theta**2).sum(axis=1) / 2
+        for one in told:
+            axis = 0 if one.axis == "across" else 1
+            which = surface.counted(TERMS[one.figure])
+            square = errors[:, which, axis] ** 2
+            expected = np.sqrt(square.sum(axis=1))
+            share = square / square.sum(axis=1, keepdims=True)
+            scatter = share**2 @ surface.scatter[which, axis] ** 2
+            variance = math.log(one.factor) ** 2 + scatter
+            value -= (np.log(one.rms / expected) ** 2 / variance + np.log(variance)) / 2
+        return value
+
+    def start(random: np.random.Generator, count: int) -> Floats:
+        return START * random.standard_normal((count, len(surface.unknowns)))
+
+    chains = draw(log_probability, start, seed, HOW)
+    lessons = [
+        _lesson(unknown, column)
+        for unknown, column in zip(surface.unknowns, chains.flat.T, strict=True)
+    ]
+    return Learned(tuple(told), tuple(lessons), chains)
+
+
+def _lesson(unknown: Unknown, score: Floats) -> Lesson:
+    """What samples of the score of an unknown say of it."""
+    quantile, narrowing = ndtr(score), float(score.std())
+    if unknown.choice:
+        positions = unknown.positions(quantile)
+        share = np.bincount(positions, minlength=len(unknown.weights)) / len(score)
+        before = np.array(unknown.weights)
+        kept = [n for n, part in enumerate(share) if part >= NOT_A_CHANCE]
+        narrowing = float(np.sqrt((share * (1 - share)).sum() / (before * (1 - before)).sum()))
+        if len(kept) < 2:  # a choice has two values or more
+            kept = sorted(np.argsort(-share, kind="stable")[:2].tolist())
+        law: dict[str, Any] = {
+            "among": [unknown.law["among"][n] for n in kept],
+            "weight": [_rounded(max(float(share[n]), NOT_A_CHANCE)) for n in kept],
+        }
+        return Lesson(Unknown(unknown.name, law), narrowing)
+    values = unknown.numbers(quantile)
+    if (values > 0).all():
+        logarithm = np.log(values)
+        factor = max(math.exp(float(logarithm.std())), LEAST_FACTOR)
+        median = _rounded(math.exp(float(logarithm.mean())))
+        law = {"median": unknown.written(median), "factor": _rounded(factor)}
+    else:  # the even law of the same mean and variance
+        middle, half = float(values.mean()), math.sqrt(3) * float(values.std())
+        ends = {"low": middle - half, "high": middle + half}
+        law = {key: unknown.written(_rounded(end)) for key, end in ends.items()}
+    return Lesson(Unknown(unknown.name, law), narrowing)
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.4g}")
+
+
+def save_posterior(path: Path, design: Path, learned: Learned) -> None:
+    """Write a design file over another one, with the laws that told figures leave.
+
+    The figures are in the laws, so that the file tells none; it may tell others. The weights of
+    files among which one is included are those of the design below, and stand in a comment.
+    """
+    import tomli_w
+
+    table: dict[str, Any] = {"base": os.path.relpath(design.resolve(), path.resolve().parent)}
+    table["told"] = []
+    comments = [f"# {one.figure} {one.axis} was told" for one in learned.told]
+    for lesson in learned.lessons:
+        name, law = lesson.unknown.name, lesson.unknown.law
+        *outer, last = name.split(".")
+        if name.startswith(f"{INCLUDE} ") or any(part.isdecimal() for part in outer):
+            comments.append(f"# not in this file: {name}: {lesson.unknown}")
+            continue
+        at = table
+        for part in outer:
+            at = at.setdefault(part, {})
+        at[last] = dict(law)
+    save_text(path, "\n".join([*comments, tomli_w.dumps(table)]))

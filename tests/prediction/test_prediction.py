@@ -1,0 +1,163 @@
+"""Predictions of designs with values that are not known, beside closed forms."""
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from startrack import Refused, arcsec
+from startrack.budget import Term
+from startrack.design import Told, Unknown
+from startrack.prediction import ACCURACY, Draw, draw_unknowns, fit_surface, predict, prediction_of
+
+GRID = Unknown("grid", {"median": "1 um", "factor": 2.0})
+STARS = Unknown("stars", {"among": [10, 40]})
+LENS = Unknown("lens", {"among": ["a", "b"], "weight": [3, 1]})
+
+
+def drawn(count, error, unknowns=(GRID, STARS, LENS), lost=()):
+    """Draws of a design whose FOV error across is a function of quantiles, about twice that."""
+    random = np.random.default_rng(5)
+    draws = []
+    for number in range(count):
+        quantile = {unknown.name: float(random.uniform()) for unknown in unknowns}
+        across = error(quantile)
+        terms = {Term.FIELD: np.array([across, 2 * across])}
+        refused = "no stars" if number in lost else ""
+        draws.append(Draw(number, unknowns, quantile, terms, 1.0, refused))
+    return draws
+
+
+def product(quantile):
+    """An error of known law: 3 arcsec times the length, over the root of the stars, times lens."""
+    length = 2.0 ** norm.ppf(quantile["grid"])
+    stars = 10 if quantile["stars"] < 0.5 else 40
+    return 3 * arcsec * length * math.sqrt(10 / stars) * (1 if quantile["lens"] < 0.75 else 1.5)
+
+
+def test_the_surface_is_that_of_a_product_of_powers():
+    surface = fit_surface(drawn(20, product))
+    assert surface.scatter == pytest.approx(0.0, abs=1e-9)
+    slopes = [math.log(2), -0.5, math.log(1.5)]
+    assert surface.slope[0] == pytest.approx(np.array([slopes, slopes]))
+
+
+def test_quantiles_and_causes_are_those_of_the_law():
+    """Beside a million draws of the product itself, and the variances of its three logarithms."""
+    found = prediction_of(drawn(40, product), seed=1, units=3, age=0.0)
+    figure = found.figure(ACCURACY, "across")
+    exact = np.random.default_rng(1)
+    scores = 2.0 ** exact.standard_normal(10**6) * np.where(exact.random(10**6) < 0.5, 1, 0.5)
+    scores *= np.where(exact.random(10**6) < 0.75, 1, 1.5)
+    values = np.quantile(scores * 3 * arcsec, [0.5, 0.16, 0.84, 0.025, 0.975])
+    assert figure[3:8] == pytest.approx(values, rel=0.05)
+    variance = {
+        "grid": math.log(2) ** 2,
+        "stars": (math.log(4) / 2) ** 2 / 4,
+        "lens": math.log(1.5) ** 2 * 0.75 * 0.25,
+    }
+    causes = dict(figure.causes)
+    for name, part in variance.items():
+        assert causes[name] == pytest.approx(part / sum(variance.values()), abs=0.03)
+    assert found.figure(ACCURACY, "about").median == pytest.approx(2 * figure.median, rel=1e-9)
+
+
+def test_draws_without_an_attitude_are_said_and_left_out():
+    found = prediction_of(drawn(40, product, lost={3, 5}), seed=1, units=3, age=0.0)
+    assert found.lost == pytest.approx(0.05)
+    assert found.reasons == (("no stars", 2),)
+    with pytest.raises(Refused, match="draws must be 7 or more with an attitude for 3 unknowns"):
+        fit_surface(drawn(6, product))
+
+
+def told(value, factor, axis="across"):
+    return Told("accuracy", axis, value * arcsec, factor=factor)
+
+
+def test_a_told_figure_narrows_what_it_depends_on():
+    """Of normal laws: precisions add, and means by their precisions (conjugate prior)."""
+    draws = drawn(20, lambda quantile: 3 * arcsec * 2 ** norm.ppf(quantile["grid"]), (GRID,))
+    learned = prediction_of(draws, 1, 3, 0.0, [told(6.0, 1.5)]).learned
+    (lesson,) = learned.lessons
+    before, data = math.log(2) ** -2, math.log(1.5) ** -2
+    assert learned.chains.converged
+    assert lesson.narrowing == pytest.approx((before / (before + data)) ** 0.5, rel=0.03)
+    factor = math.exp((before + data) ** -0.5)
+    assert lesson.unknown.law["factor"] == pytest.approx(factor, rel=0.02)
+    median, unit = lesson.unknown.law["median"].split()
+    assert float(median) == pytest.approx(2 ** (data / (before + data)), rel=0.03)
+    assert unit == "um"
+
+
+def test_what_a_figure_says_nothing_of_keeps_its_law():
+    draws = drawn(20, lambda quantile: 3 * arcsec * 2 ** norm.ppf(quantile["grid"]))
+    found = prediction_of(draws, 1, 3, 0.0, [told(6.0, 1.1)])
+    silent = {lesson.unknown.name for lesson in found.learned.lessons if lesson.silent}
+    assert silent == {"stars", "lens"}
+    assert found.figure(ACCURACY, "across").median == pytest.approx(6 * arcsec, rel=0.05)
+    before = prediction_of(draws, 1, 3, 0.0)
+    assert found.figure(ACCURACY, "across").factor < 0.6 * before.figure(ACCURACY, "across").factor
+
+
+def test_a_told_choice_has_the_odds_of_its_values():
+    """Bayes' rule for two lenses of 3 and 4.5 arcsec, odds 3 to 1, told 4.5 within 1.2."""
+    draws = drawn(20, lambda quantile: (3 if quantile["lens"] < 0.75 else 4.5) * arcsec, (LENS,))
+    (lesson,) = prediction_of(draws, 1, 3, 0.0, [told(4.5, 1.2)]).learned.lessons
+    odds = 3 * math.exp(-((math.log(1.5) / math.log(1.2)) ** 2) / 2)
+    first, second = lesson.unknown.law["weight"]
+    assert first / second == pytest.approx(odds, rel=0.15)
+
+
+@pytest.fixture
+def design(tmp_path):
+    """The example of noise alone with two unknowns, one of which moves the noise alone."""
+    path = tmp_path / "design.toml"
+    path.write_text(
+        'base = "designs/noise_only.toml"\n[instrument.detector]\n'
+        'exposure = { median = "100 ms", factor = 1.3 }\n'
+        "[instrument.residual]\nrms = { median = 0.05, factor = 2.0 }\n"
+    )
+    return path
+
+
+def test_noise_falls_with_the_root_of_the_light(design):
+    """NEA goes as exposure^-1/2 where the light's noise decides, as ^-1 where the read-out's."""
+    found = predict(design, draws=10, units=2, age=0.0)
+    nea, accuracy = found.figure("NEA", "across"), found.figure(ACCURACY, "across")
+    slope = math.log(nea.factor) / math.log(1.3)
+    assert 0.4 < slope < 1.1
+    assert nea.causes[0][0] == "instrument.detector.exposure"
+    assert accuracy.causes[0][0] == "instrument.residual.rms"
+    assert accuracy.low_95 < accuracy.low_68 < accuracy.median < accuracy.high_68
+    assert accuracy.middle == pytest.approx(accuracy.median, rel=0.3)
+
+
+def test_draws_do_not_depend_on_workers_or_other_unknowns(design):
+    alone = draw_unknowns(design, 3, 4, 1, 0.0, middle=False)
+    with ThreadPoolExecutor(2) as executor:
+        beside = draw_unknowns(design, 3, 4, 1, 0.0, executor=executor, middle=False)
+    for one, other in zip(alone, beside, strict=True):
+        assert one.quantile == other.quantile
+        assert all(np.array_equal(one.terms[term], other.terms[term]) for term in one.terms)
+    told = draw_unknowns(design, 3, 4, 1, 0.0, ["instrument.residual.rms=0.05"], middle=False)
+    name = "instrument.detector.exposure"
+    assert [one.quantile[name] for one in told] == [one.quantile[name] for one in alone]
+    strata = sorted(int(4 * one.quantile[name]) for one in alone)
+    assert strata == [0, 1, 2, 3], "one in each quarter"
+
+
+def test_a_design_without_unknowns_is_refused():
+    from startrack.io import shipped
+
+    with pytest.raises(Refused, match="must have a value that is not known"):
+        predict(shipped("designs/noise_only.toml"))
+
+
+def test_a_value_out_of_its_limits_is_a_draw_without_an_error(design):
+    wide = ["instrument.optics.f_number={ among = [2.0, 1e-3] }"]
+    draws = draw_unknowns(design, 1, 4, 1, 0.0, wide, middle=False)
+    refused = [draw for draw in draws if draw.refused]
+    assert len(refused) == 2
+    assert all("f_number" in draw.refused for draw in refused)
