@@ -28,6 +28,7 @@ montecarlo       many trials: workers, store, resume, variance reduction
 budget           what the error is made of, cause by cause
 verification     whether a design meets its requirements, by analysis and by trials
 optimise         better designs: search, Pareto front, sensitivity, tolerances
+prediction       errors of a design with values that are not known, with intervals
 calibration      camera and detector from data
 mission          heads on a spacecraft, its orbit and attitude law, over years
 onboard          guide stars and triangles of a design, for its flight software

@@ -22,6 +22,7 @@ from . import optics as optics
 from . import optimise as optimise
 from . import plots as plots
 from . import population as population
+from . import prediction as prediction
 from . import problem as problem
 from . import report as report
 from . import response as response

@@ -11,7 +11,7 @@ units       Units in `startrack budget` and `montecarlo`: classes of error, leve
 beside      At the first run, another process compiles while this one works.
 
 Of one frame or lens: simulate, psf, lens, detect, solve, calibrate. Of many trials: budget,
-montecarlo, merge, combine, compare, compare_flight, report, requirements, verify. In time:
+predict, montecarlo, merge, combine, compare, compare_flight, report, requirements, verify. In time:
 sequence, mission, export. Of many designs: optimize, sample, pareto, sensitivity. Of Earth cameras:
 earth. Others: init, keys, warm, bench. `main.COMMANDS` says what each does.
 """

@@ -13,12 +13,20 @@ if wanted(__name__):
     from startrack.budget import PUBLISHED
     from startrack.cli import terminal
     from startrack.cli.options import as_wrong_use
-    from startrack.core import arcsec, parse
-    from startrack.design import YEAR
+    from startrack.core import YEAR, arcsec, parse
     from startrack.io import aligned, save_json
     from startrack.montecarlo import pool
     from startrack.plots import draw_prediction
-    from startrack.prediction import ACCURACY, DRAWS, UNITS, PredictedFigure, Prediction, predict
+    from startrack.prediction import (
+        ACCURACY,
+        DRAWS,
+        UNITS,
+        Learned,
+        PredictedFigure,
+        Prediction,
+        predict,
+        save_posterior,
+    )
 
 MOST_CAUSES = 5  # of the width, in text; JSON has all
 LEAST_CAUSE = 0.02  # fraction of the variance, below which a cause is not printed

@@ -19,15 +19,15 @@ from startrack.prediction.predict import (
     predict,
     prediction_of,
 )
-from startrack.prediction.surface import ErrorSurface, fit_surface
+from startrack.prediction.surface import PredictionSurface, fit_surface
 
 __all__ = [
     "Draw",
-    "ErrorSurface",
     "Learned",
     "Lesson",
     "PredictedFigure",
     "Prediction",
+    "PredictionSurface",
     "draw_unknowns",
     "fit_surface",
     "learn",

@@ -17,7 +17,7 @@ from startrack.core import Floats, Refused
 from startrack.design import INCLUDE, TOLD_FIGURES, Told, Unknown
 from startrack.io import save_text
 from startrack.optimise import Chains, Ensembles, draw, thinned
-from startrack.prediction.surface import ErrorSurface
+from startrack.prediction.surface import PredictionSurface
 
 # The classes of error of each figure that may be told, as budgets name them.
 TERMS = dict(zip(TOLD_FIGURES, PUBLISHED.values(), strict=True))
@@ -63,7 +63,7 @@ class Learned:
         return np.asarray(ndtr(thinned(self.chains.flat, count)))
 
 
-def learn(surface: ErrorSurface, told: Sequence[Told], seed: int) -> Learned:
+def learn(surface: PredictionSurface, told: Sequence[Told], seed: int) -> Learned:
     """Sample the unknowns of a design under figures of its error.
 
         p(x | told) ~ p(x) prod_i N(ln value_i; ln error_i(x), (ln factor_i)^2 + scatter_i^2)

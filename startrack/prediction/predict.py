@@ -16,7 +16,7 @@ from startrack.core import Advance, Floats, Refused, Unit, printed
 from startrack.design import Told, Unknown, load_design
 from startrack.prediction.draws import MIDDLE, Draw, draw_unknowns
 from startrack.prediction.learn import Learned, learn
-from startrack.prediction.surface import ErrorSurface, columns_of, fit_surface
+from startrack.prediction.surface import PredictionSurface, columns_of, fit_surface
 
 DRAWS, UNITS = 32, 3  # of a prediction, and units of each draw; chosen by hand: 20 s on two cores
 AXES = ("across", "about")
@@ -83,7 +83,7 @@ class Prediction:
     lost: float
     reasons: tuple[tuple[str, int], ...]
     availability: tuple[float, float, float]
-    surface: ErrorSurface
+    surface: PredictionSurface
     learned: Learned | None = None
 
     def figure(self, name: str, axis: str) -> PredictedFigure:
@@ -165,7 +165,12 @@ def prediction_of(
 
 
 def _figure(
-    surface: ErrorSurface, middle: Draw | None, name: str, axis: int, scores: Floats, errors: Floats
+    surface: PredictionSurface,
+    middle: Draw | None,
+    name: str,
+    axis: int,
+    scores: Floats,
+    errors: Floats,
 ) -> PredictedFigure:
     value = surface.figure(errors, PUBLISHED[name])[:, axis]
     as_designed = float("nan")
@@ -180,7 +185,7 @@ def _figure(
 
 
 def _causes(
-    surface: ErrorSurface, scores: Floats, logarithm: Floats
+    surface: PredictionSurface, scores: Floats, logarithm: Floats
 ) -> tuple[tuple[str, float], ...]:
     """Fraction of the variance that each unknown makes alone, largest first.
 

@@ -18,7 +18,7 @@ SPARE = 3  # draws beyond the unknown coefficients, below which nothing is fitte
 
 
 @dataclass(frozen=True, eq=False)
-class ErrorSurface:
+class PredictionSurface:
     """Classes of error of a design as a function of what is not known of it.
 
         ln(error) = constant + slope . scores + scatter z
@@ -71,7 +71,7 @@ class ErrorSurface:
         return np.asarray(errors * np.exp(self.scatter * normal))
 
 
-def fit_surface(draws: Sequence[Draw]) -> ErrorSurface:
+def fit_surface(draws: Sequence[Draw]) -> PredictionSurface:
     """The surface through draws that have errors, by least squares.
 
     Raises    Refused where there are too few of them for as many unknowns.
@@ -99,7 +99,7 @@ def fit_surface(draws: Sequence[Draw]) -> ErrorSurface:
     free = len(some) - model.shape[1]
     scatter = np.sqrt(((logarithm - model @ found) ** 2).sum(axis=0) / free)
     shape = len(terms), 2
-    return ErrorSurface(
+    return PredictionSurface(
         unknowns,
         terms,
         found[0].reshape(shape),
