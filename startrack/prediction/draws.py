@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from startrack.budget import Term, unit_budgets
-from startrack.core import Advance, Floats, Refused, Streams, whole
+from startrack.core import Advance, Floats, Refused, Streams, printed, whole
 from startrack.design import Case, Unknown, load_design
 
 # Of each unit, chosen by hand: what so few leave is in the scatter of the surface, and small beside
@@ -20,6 +20,7 @@ ENVIRONMENTS, FIELDS = 1, 32
 MIDDLE = -1  # number of the draw of which all unknowns have their middle values
 
 
+@printed
 class Draw(NamedTuple):
     """One value of each unknown, and what the design makes of them.
 

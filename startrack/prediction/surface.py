@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from startrack.budget import Term
-from startrack.core import Floats, Refused, Streams, arcsec
+from startrack.core import Floats, Refused, Streams, arcsec, printed
 from startrack.design import Unknown
 from startrack.prediction.draws import Draw, stratified
 
@@ -17,6 +17,7 @@ LEAST = 1e-6 * arcsec  # radian, of a class of error, whose logarithm is taken
 SPARE = 3  # draws beyond the unknown coefficients, below which nothing is fitted; chosen by hand
 
 
+@printed
 @dataclass(frozen=True, eq=False)
 class PredictionSurface:
     """Classes of error of a design as a function of what is not known of it.
