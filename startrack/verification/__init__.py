@@ -9,8 +9,12 @@ verify    Design, campaign -> a verdict on each requirement, by analysis and by 
           table of them.
 problem   Problem -> a verdict on each of its limits, by formula and by trials.
 units     Design, campaign, units -> a verdict on each requirement by its yield.
-flown     Images of stars that a tracker sent down, and its design -> each figure as predicted and
-          as seen.
+windows_of_flight  Images of stars that a tracker sent down: files of windows, and windows cut from
+          whole frames.
+figures   Windows of flight -> measured figures: centroids, light, noise, photon transfer, image.
+prediction  Case and windows of flight -> the images that the design makes of the same stars and
+          paths.
+flown     Windows of flight and the design -> each figure as predicted and as seen.
 """
 
 from startrack.verification.accuracy import (
@@ -27,16 +31,9 @@ from startrack.verification.accuracy import (
 )
 from startrack.verification.cases import boresights, cases, counted
 from startrack.verification.decide import Answer, Looks, YieldClaim, claims_of, tails
-from startrack.verification.flown import (
-    FlightComparison,
-    Windows,
-    compare_flown,
-    correlation,
-    photon_transfer,
-    read_windows,
-    simulate,
-    windows_of_frames,
-)
+from startrack.verification.figures import correlation, photon_transfer
+from startrack.verification.flown import FlightComparison, compare_flown
+from startrack.verification.prediction import simulate
 from startrack.verification.problem import problem_verdict_table, verify_problem
 from startrack.verification.units import (
     USUAL,
@@ -54,6 +51,7 @@ from startrack.verification.verify import (
     verification_values,
     verify,
 )
+from startrack.verification.windows_of_flight import Windows, read_windows, windows_of_frames
 
 # Public; the other imports serve other rooms.
 __all__ = ["Looks", "Windows", "compare_flown", "photon_transfer", "read_windows", "simulate"]

@@ -16,16 +16,9 @@ from startrack.detector import dark_frames
 from startrack.io import FrameFiles, Layout, read_frames
 from startrack.observation import colour_correction
 from startrack.trial import observe
-from startrack.verification.flown import (
-    Centroids,
-    Windows,
-    _about_common,
-    compare_flown,
-    correlation,
-    photon_transfer,
-    read_windows,
-    windows_of_frames,
-)
+from startrack.verification.figures import Centroids, _about_common, correlation, photon_transfer
+from startrack.verification.flown import compare_flown
+from startrack.verification.windows_of_flight import Windows, read_windows, windows_of_frames
 
 GAIN, NOISE, COUNT, SIDE = 4.0, 12.0, 2000, 8
 

@@ -1,0 +1,327 @@
+"""Windows of flight -> measured figures: centroids, light, noise, photon transfer, image."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import optimize
+
+from startrack import core, detection
+from startrack.core import Flags, Floats, Ints, Refused
+from startrack.detector import stamp
+from startrack.verification.windows_of_flight import BORDER, FEWEST_IMAGES, Windows
+
+PHASES = 10  # of a pixel, of the curve of the centroid
+CELLS = 4  # of a pixel along each side, of the mean images
+FEWEST = 20  # exposures of a cell
+MEMBERS = 60  # exposures of a cell whose images are averaged in the model
+CLEAR = 0.2  # of the median light, by which an exposure may be off
+ROUNDING = 1 / 12  # of numbers, their variance
+THIRD = np.array([1.0, -3.0, 3.0, -1.0]) / math.sqrt(20)  # keeps white noise, takes off a parabola
+GROUP = 150  # differences of one pixel at one level, of the photon transfer
+CLIP = 5.0  # sigma, of a difference that is left out
+PULL = 4.0  # sigma, of a group that is left out: its pixel flickered
+SEEN_TOGETHER = 0.5  # of a star's exposures, in which another shows the common motion
+LONGEST_GAP = 3.0  # of the usual time between exposures, over which a place is interpolated
+
+
+class Centroids(NamedTuple):
+    """First moments of the images of one star, of exposures in which it was seen.
+
+    place   (n, 2) pixel (x, y)
+    total   (n,) digital number of the image above its background
+    """
+
+    windows: Windows
+    place: Floats
+    total: Floats
+
+
+def centroids(windows: Windows, box: detection.Box) -> Centroids:
+    """First moments as the tracker takes them, of its images of `box.size` pixels.
+
+    Exposures without the star, whose light is off by a fifth of the median, are left out.
+    """
+    light, corner = _light(windows, box)
+    total = light.sum(axis=(1, 2))
+    step = np.arange(light.shape[1]) - (light.shape[1] - 1) / 2
+    with np.errstate(invalid="ignore", divide="ignore"):
+        moment = np.stack([light.sum(axis=1) @ step, light.sum(axis=2) @ step], 1) / total[:, None]
+    seen = np.abs(total / np.median(total) - 1) < CLEAR
+    if seen.sum() < FEWEST_IMAGES:
+        raise Refused(f"{windows.name} must have a star of steady light in most of its images")
+    place = corner + (light.shape[1] - 1) / 2 + moment
+    return Centroids(windows.of(seen), place[seen], total[seen])
+
+
+def _light(windows: Windows, box: detection.Box) -> tuple[Floats, Ints]:
+    """Light above the background (n, k, k) in the pixels that count, and the images' corners."""
+    side = windows.number.shape[1]
+    size = min(box.size, side)
+    cut = (side - size) // 2
+    inner = windows.number[:, cut : cut + size, cut : cut + size]
+    level = level_of(windows, box)
+    return (inner - level[:, None, None]) * detection.image_mask(size), windows.corner + cut
+
+
+def level_of(windows: Windows, box: detection.Box) -> Floats:
+    """The background (n,) of a pixel that the tracker takes off."""
+    if windows.background is not None:
+        return np.asarray(windows.background, float)
+    if box.background == "none" or windows.number.shape[1] < 8:
+        return np.zeros(len(windows.time))
+    cut = windows.number.shape[1] // 2 - 4
+    return np.array(
+        [detection.corner_level(image[cut : cut + 8, cut : cut + 8]) for image in windows.number]
+    )
+
+
+class MeasuredWindows(NamedTuple):
+    """What is measured of one star.
+
+    scalar  name: value, of `KEYS` less the curve
+    curve   (2, PHASES) pixel, of the place along x and y less its mean, over the phase of the
+            pixel; NaN where the star was not
+    """
+
+    scalar: dict[str, float]
+    curve: Floats
+
+
+def measure(
+    stars: Sequence[Windows], box: detection.Box, psf: core.Psf | None, read_noise: float = math.nan
+) -> list[MeasuredWindows]:
+    """Measure stars that were seen together.
+
+    read_noise  digital number, of the design, for the offset
+
+    temporal    pixel rms of an axis, of third differences in time between exposures whose image
+                did not move, of the place less the motion that all stars share
+    total       pixel rms of an axis, of that place over all the time, less a cubic in time and
+                what is proportional to the common motion; both times sqrt(k / (k - 1)) of k stars,
+                so that two stars share one figure
+    curve       of the same, over the place in the pixel
+    moves       steps of an image along an axis, in an exposure
+    background  digital number; brightness in digital numbers a second and exposure
+    gain, read_noise  electron a number, and number: see `photon_transfer`; NaN where it refuses
+    offset      digital number, at which the variance is that of the design's read noise: of numbers
+                less their offset, zero
+    acquired    share of the exposures in which the search finds the star, of those with its light
+    image       1, of the peak: worst pixel of the mean images of cells of phase less the design's
+                image at fitted place and flux, of all stars alone; NaN without `psf`
+
+    One star alone has its own motion in its temporal scatter, and no total and no curve; a star
+    that no other is seen with has none of the three.
+    """
+    seen = [centroids(star, box) for star in stars]
+    residual, still = _about_common([track.place for track in seen], seen)
+    measured = []
+    for track, off, calm in zip(seen, residual, still, strict=True):
+        windows = track.windows
+        gain = read = offset = math.nan
+        with suppress(Refused):  # the image moves too often
+            rest, slope = _transfer_line(windows)
+            gain, read = 1 / slope, _read_noise(rest)
+            offset = (read_noise**2 + ROUNDING - rest) / slope
+        third = _third(off)[calm]
+        known = np.isfinite(off[:, 0])
+        together = len(seen) > 1 and known.any()
+        scalar = {
+            "background": float(level_of(windows, box).mean()),
+            "brightness": float(np.median(track.total)),
+            "gain": gain,
+            "read_noise": read,
+            "offset": offset,
+            "image": image_difference(track, box, psf) if psf else math.nan,
+            "temporal": math.sqrt(float((third**2).mean())) if len(third) else math.nan,
+            "total": math.sqrt(float((off[known] ** 2).mean())) if together else math.nan,
+            "moves": float(np.abs(np.diff(windows.corner, axis=0)).sum() / 2 / len(off)),
+            "acquired": math.nan if windows.acquired is None else float(windows.acquired.mean()),
+        }
+        curve = np.full((2, PHASES), math.nan)
+        if together:
+            curve = _curve(track.place[known], off[known])
+        measured.append(MeasuredWindows(scalar, curve))
+    return measured
+
+
+def _about_common(places: list[Floats], seen: list[Centroids]) -> tuple[list[Floats], list[Any]]:
+    """Places (n, 2) of each star less the common motion, and third differences without a move.
+
+    The motion is that of the star and of those others that are seen in half of its exposures, in
+    the exposures of which all have one before and one after; NaN in the rest, and for a star that
+    no other was seen with.
+    """
+    times = [track.windows.time for track in seen]
+    moved = [_calm(track.windows) for track in seen]
+    if len(seen) == 1:
+        return [places[0] - places[0].mean(axis=0)], moved
+    residual, calm = [], []
+    for number, (time, place, mine) in enumerate(zip(times, places, moved, strict=True)):
+        there = [_between(time, other) for other in times]
+        members = [k for k, both in enumerate(there) if k == number or both.mean() > SEEN_TOGETHER]
+        together = np.all([there[k] for k in members], axis=0)
+        off = np.full(place.shape, math.nan)
+        if len(members) < 2 or together.sum() < FEWEST_IMAGES:
+            residual.append(off)
+            calm.append(mine)
+            continue
+        others = [
+            np.column_stack([np.interp(time, times[k], p) for p in places[k].T]) for k in members
+        ]
+        # Third differences in which another star's image moved have its step.
+        quiet = [np.interp(time[:-3], times[k][:-3], moved[k]) > 0.999 for k in members]
+        common = np.mean(others, axis=0)
+        common = common - common[together].mean(axis=0)
+        span = (time - time.mean()) / np.ptp(time)
+        terms = np.column_stack([np.vander(span, 4), common])[together]
+        left = (place - common)[together]
+        left = left - left.mean(axis=0)
+        left = left - terms @ np.linalg.lstsq(terms, left, rcond=None)[0]
+        off[together] = left * math.sqrt(len(members) / (len(members) - 1))
+        residual.append(off)
+        four = together[:-3] & together[1:-2] & together[2:-1] & together[3:]
+        calm.append(mine & four & np.all(quiet, axis=0))
+    return residual, calm
+
+
+def _between(time: Floats, other: Floats) -> Flags:
+    """Whether a star has exposures at times (n,) of another, or near before and after them."""
+    near = LONGEST_GAP * np.median(np.diff(other))
+    after = np.searchsorted(other, time)
+    last = len(other) - 1
+    before = other[np.clip(after - 1, 0, last)], other[np.clip(after, 0, last)]
+    exact = before[1] == time
+    inside = (after > 0) & (after <= last) & (before[1] - before[0] <= near)
+    return np.asarray(exact | inside)
+
+
+def _calm(windows: Windows) -> Any:
+    """Whether the image stayed, and none is missing, in each four exposures (n - 3,)."""
+    step = np.diff(windows.time)
+    near = step < 1.5 * np.median(step)
+    same = near & (np.diff(windows.corner, axis=0) == 0).all(axis=1)
+    return same[:-2] & same[1:-1] & same[2:]
+
+
+def _third(values: Floats) -> Floats:
+    """Third differences (n - 3, ...) in time, of the variance of white noise."""
+    count = len(values) - 3
+    return np.asarray(sum(w * values[k : k + count] for k, w in enumerate(THIRD)))
+
+
+def _curve(place: Floats, off: Floats) -> Floats:
+    curve = np.full((2, PHASES), math.nan)
+    for axis in (0, 1):
+        phase = (np.mod(place[:, axis] + 0.5, 1.0) * PHASES).astype(int)
+        for n in np.unique(phase):
+            curve[axis, n] = off[phase == n, axis].mean()
+    return curve - known_mean(curve, 1)[:, None]
+
+
+def known_mean(values: Floats, axis: int) -> Floats:
+    """Mean of what is a number; NaN where nothing is."""
+    finite = np.isfinite(values)
+    many = finite.sum(axis=axis)
+    total = np.where(finite, values, 0.0).sum(axis=axis)
+    return np.where(many > 0, total / np.maximum(many, 1), np.nan)
+
+
+def correlation(seen: Floats, predicted: Floats) -> float:
+    """Of two curves (2, PHASES), both axes together."""
+    both = np.isfinite(seen) & np.isfinite(predicted)
+    if both.sum() < 4:
+        return math.nan
+    return float(np.corrcoef(seen[both], predicted[both])[0, 1])
+
+
+def photon_transfer(windows: Windows) -> tuple[float, float]:
+    """Gain (electron / digital number) and read noise (digital number) of pixels in flight.
+
+        variance = read noise^2 + 1/12 + mean / gain
+
+    Variances are those of third differences in time of one pixel, between exposures whose image did
+    not move, in groups of equal level; a line is fitted with weights. Groups that scatter more than
+    four standard deviations above it are left out: their pixels flicker, or a star moved by jumps.
+
+    Raises    Refused where there are fewer than eight groups.
+    Accuracy  model: the mean has no background of its own; nonlinearity left out.
+    """
+    rest, slope = _transfer_line(windows)
+    return 1 / slope, _read_noise(rest)
+
+
+def _read_noise(rest: float) -> float:
+    """Digital number, of the variance without light."""
+    return math.sqrt(max(rest - ROUNDING, 0.0))
+
+
+def _transfer_line(windows: Windows) -> tuple[float, float]:
+    """Variance where there is no light, and how much it grows with the mean; digital numbers."""
+    calm = _calm(windows)
+    number = windows.number.reshape(len(windows.number), -1)
+    level = (number[:-3] + number[1:-2] + number[2:-1] + number[3:])[calm] / 4
+    third = _third(number)[calm]
+    groups = []
+    for pixel in np.flatnonzero(np.ptp(number, axis=0) > 0):
+        order = np.argsort(level[:, pixel])
+        for part in np.array_split(order, max(len(order) // GROUP, 1)):
+            values = third[part, pixel]
+            inside = np.abs(values) <= CLIP * 1.4826 * np.median(np.abs(values)) + 1e-9
+            if inside.sum() > 8:
+                groups.append((level[part, pixel].mean(), values[inside].var(), inside.sum()))
+    if len(groups) < 8:
+        raise Refused(f"{windows.name} must have more exposures whose image does not move")
+    mean, variance, count = np.array(groups).T
+    model, kept = np.maximum(variance, 1.0), np.ones(len(mean), bool)
+    terms, line = np.column_stack([np.ones(len(mean)), mean]), np.zeros(2)
+    for _ in range(20):
+        weight = np.sqrt(count / 2) / model * kept
+        line = np.linalg.lstsq(terms * weight[:, None], variance * weight, rcond=None)[0]
+        model = np.maximum(terms @ line, 0.1)
+        kept = (variance - model) * np.sqrt(count / 2) / model < PULL
+    return float(line[0]), float(line[1])
+
+
+def image_difference(seen: Centroids, box: detection.Box, psf: core.Psf) -> float:
+    """Worst pixel of the mean images of phase cells less the design's image, of the peak."""
+    light, corner = _light(seen.windows, box)
+    size = light.shape[1]
+    middle = corner + (size - 1) / 2
+    moment, worst = seen.place - middle, 0.0
+    cell = np.floor((moment + 0.5) * CELLS).astype(int)
+    counted = detection.image_mask(size).astype(bool)
+    for x in range(CELLS):
+        for y in range(CELLS):
+            chosen = np.flatnonzero((cell == (x, y)).all(axis=1))
+            if len(chosen) < FEWEST:
+                continue
+            image = light[chosen].mean(axis=0)
+            mean = moment[chosen].mean(axis=0)
+            some = moment[chosen[:: max(len(chosen) // MEMBERS, 1)]] - mean
+            off = _fitted(image, mean, some, psf)[counted]
+            worst = max(worst, float(np.abs(off).max() / image.max()))
+    return worst
+
+
+def _fitted(image: Floats, start: Floats, spread: Floats, psf: core.Psf) -> Floats:
+    """An image less that of a star at the place and of the flux that fit best."""
+    size = len(image)
+    far = (size - 1) / 2 + BORDER
+    inner = slice(BORDER, BORDER + size)
+
+    def difference(place: Floats) -> Floats:
+        model = np.zeros((size + 2 * BORDER, size + 2 * BORDER))
+        at = place + spread + far
+        stamp(model, psf, at[:, 0].copy(), at[:, 1].copy(), np.full(len(at), 1 / len(at)))
+        part = model[inner, inner] * detection.image_mask(size)
+        flux = float((part * image).sum() / (part**2).sum())
+        return np.asarray(flux * part - image).ravel()
+
+    scale = float(image.max())
+    fit = optimize.least_squares(lambda at: difference(at) / scale, start, diff_step=1e-2)
+    return difference(fit.x).reshape(image.shape)

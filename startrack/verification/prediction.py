@@ -1,0 +1,118 @@
+"""Case and windows of flight -> the images that the design makes of the same stars and paths."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from startrack import core, detection
+from startrack.core import Advance, Floats
+from startrack.design import Case
+from startrack.detector import dark, flickering, frame_of, response, stamp
+from startrack.observation import frames_of_map, psf_of, sky_electrons
+from startrack.verification.figures import centroids
+from startrack.verification.windows_of_flight import (
+    BORDER,
+    Windows,
+    acquired_in,
+    cut_out,
+    followed_stars,
+)
+
+SMOOTH = 15  # exposures, over which a path is smoothed
+
+
+def simulate(
+    case: Case, stars: Sequence[Windows], devices: int, seed: int, progress: Advance | None = None
+) -> list[list[Windows]]:
+    """Images that the design makes of the same stars on the same paths.
+
+    Light and path are those of the images that were seen: the median of their light, and their
+    places over some exposures. Pixels, noise and, where the design has it, flicker are drawn.
+
+    devices  draws of the pixels;  progress  called with 1 after each star
+    Returns  [device][star], as `tracker.box` would take them, 8 x 8 pixels each
+    Accuracy  model: the mean image of the field, where the design has several; a star does not move
+              within an exposure; one path error of some hundredths of a pixel, by the centroids.
+    """
+    core.whole(1, 1000, devices=devices)
+    box, psf, drawn = case.tracker.box, psf_of(case.instrument), []
+    for number, star in enumerate(stars):
+        seen = centroids(star, box)
+        path = _smoothed(seen.place)
+        share = fraction_in_box(psf, box)
+        flux = float(np.median(seen.total)) / share * case.instrument.detector.electrons_per_dn
+        drawn.append(_drawn(case, seen.windows, path, flux, devices, core.Streams(seed, number)))
+        if progress:
+            progress(1)
+    return [list(device) for device in zip(*drawn, strict=True)]
+
+
+def _smoothed(place: Floats) -> Floats:
+    kernel = np.ones(SMOOTH) / SMOOTH
+    padded = np.pad(place, ((SMOOTH // 2, SMOOTH // 2), (0, 0)), mode="edge")
+    return np.column_stack([np.convolve(axis, kernel, "valid") for axis in padded.T])
+
+
+def fraction_in_box(psf: core.Psf, box: detection.Box) -> float:
+    """Fraction of a star's light in its image, the star in the middle."""
+    image = np.zeros((box.size + 2 * BORDER, box.size + 2 * BORDER))
+    middle = np.array([(len(image) - 1) / 2])
+    stamp(image, psf, middle, middle, np.ones(1))
+    inner = image[BORDER:-BORDER, BORDER:-BORDER]
+    return float((inner * detection.image_mask(box.size)).sum())
+
+
+def _drawn(
+    case: Case, seen: Windows, path: Floats, flux: float, devices: int, streams: core.Streams
+) -> list[Windows]:
+    """One star on detectors side by side, each a tile of one frame."""
+    low = np.floor(path.min(axis=0)).astype(int) - 2 * BORDER
+    side = np.ceil(path.max(axis=0)).astype(int) + 2 * BORDER - low
+    device = replace(
+        case.instrument.detector,
+        columns=int(side[0]) * devices,
+        rows=int(side[1]),
+        device_seed=streams.seed * 1000 + streams.trial,
+        region=None,
+    )
+    shift = np.arange(devices) * side[0]
+    gain, empty = response(device), sky_electrons(case) + np.asarray(dark(device)) * device.exposure
+    state, psf, box = flickering(device, streams), psf_of(case.instrument), case.tracker.box
+    settings = case.tracker.detection
+    plan = detection.plan_detection(settings, psf, partial(frames_of_map, device, settings))
+    at = path - low
+    corner = np.rint(np.column_stack([at[0, 0] + shift, np.full(devices, at[0, 1])]) + 0.5)
+    corner, numbers, corners, acquired = corner.astype(np.int64), [], [], []
+    for k, (x, y) in enumerate(at):
+        light = np.zeros((device.rows, device.columns))
+        stamp(light, psf, x + shift, np.full(devices, y), np.full(devices, flux))
+        if gain is not None:
+            light *= gain
+        if state and k:
+            state.later(float(seen.time[k] - seen.time[k - 1]))
+        frame = frame_of(
+            light + empty,
+            device,
+            core.Streams(streams.seed, 10**6 * (1 + streams.trial) + k),
+            state=state,
+        )
+        corners.append(corner - 4)
+        numbers.append(cut_out(frame.image, corner, device))
+        if seen.acquired is not None:
+            acquired.append(acquired_in(frame, corner, plan))
+        corner = followed_stars(frame, corner, box, plan)
+    origin = np.column_stack([low[0] - shift, np.full(devices, low[1])])
+    return [
+        replace(
+            seen,
+            number=np.array([n[k] for n in numbers]),
+            background=None,
+            corner=np.array([c[k] for c in corners]) + origin[k],
+            acquired=np.array([a[k] for a in acquired]) if acquired else None,
+        )
+        for k in range(devices)
+    ]

@@ -1,0 +1,270 @@
+"""Images of stars that a tracker sent down: files of windows, and windows cut from whole frames."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from startrack import core, detection
+from startrack.core import Advance, Flags, Floats, Ints, Refused
+from startrack.design import Case
+from startrack.detector import Detector, dark_frames
+from startrack.observation import psf_of
+
+BLOCKS = 8  # of time, of the jackknife
+FEWEST_IMAGES = 4 * BLOCKS  # of a star
+BORDER = 8  # pixel about a path, of the detector that is drawn
+FOLLOWED = 8  # stars of whole frames, the brightest
+APART = 2.0 * BORDER  # pixel, between two stars that are followed
+NEAR = 2.0  # pixel, within which a spot is that of a star
+
+
+class Windows(core.Parameters, eq=False):
+    """Images of one star over time.
+
+    time        (n,) second, rising
+    number      (n, s, s) digital number less the offset, rows upwards in y
+    corner      (n, 2) pixel (x, y) of the first pixel of each image
+    background  (n,) digital number of a pixel, that the tracker takes off; None: not known
+    magnitude   that the tracker states; NaN: not known
+    magnitude_g Gaia's G, by a catalogue and not by this light; NaN: not known
+    acquired    (n,) whether a search of the frame finds the star; None: not known
+    """
+
+    name: str
+    time: Floats
+    number: Floats
+    corner: Ints
+    background: Floats | None = None
+    magnitude: float = math.nan
+    acquired: Flags | None = None
+    magnitude_g: float = math.nan
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        shape = np.shape(self.number)
+        if len(shape) != 3 or shape[1] != shape[2] or shape[1] % 2 or shape[1] < 4:
+            raise Refused(f"number of {self.name} must be (n, s, s) with s even, got {shape}")
+        if np.shape(self.time) != shape[:1] or np.shape(self.corner) != (shape[0], 2):
+            raise Refused(
+                f"time and corner of {self.name} must be as many as its {shape[0]} images, got "
+                f"{np.shape(self.time)} and {np.shape(self.corner)}"
+            )
+        if shape[0] < FEWEST_IMAGES:
+            raise Refused(f"{self.name} must have {FEWEST_IMAGES} images or more, got {shape[0]}")
+        _require_rising(self.name, self.time)
+
+    @property
+    def columns(self) -> dict[str, Any]:
+        """What `read_windows` makes them of, as an npz file has it."""
+        left, top = self.corner.T
+        columns = {"time": self.time, "number": self.number, "col0": left, "row0": top}
+        return columns if self.acquired is None else columns | {"acquired": self.acquired}
+
+    def of(self, chosen: Any) -> Windows:
+        """Some of the exposures."""
+        background = None if self.background is None else self.background[chosen]
+        acquired = None if self.acquired is None else self.acquired[chosen]
+        return replace(
+            self,
+            time=self.time[chosen],
+            number=self.number[chosen],
+            corner=self.corner[chosen],
+            background=background,
+            acquired=acquired,
+        )
+
+
+def read_windows(path: Path, names: Sequence[str] = ()) -> list[Windows]:
+    """The stars of a file of numpy arrays (npz) or of FITS tables.
+
+    names  of the stars to read; none: all that have images enough
+
+    npz   `time`, `number` (or `raw_adu`), `col0`, `row0` and maybe `background` (or `bkg_adu`),
+          `magnitude` (or `obc_mag`), `magnitude_g` and `acquired`, each behind the name of its star
+          and "_" where there are several
+    FITS  a table of a star each, whose columns have these names
+    Raises  ValueError, in one sentence with the path, where it has no star or a column is missing.
+    """
+    tables = _fits_tables(path) if path.suffix.lower() != ".npz" else _arrays(path)
+    if not tables:
+        raise Refused(f"{path} must hold arrays or tables of a star each, with time and number")
+    if unknown := set(names) - set(tables):
+        raise Refused(f"stars must be of {', '.join(tables)}, got {', '.join(sorted(unknown))}")
+    long = [name for name in tables if len(np.atleast_1d(tables[name]["time"])) >= FEWEST_IMAGES]
+    return [_windows(path, name, tables[name]) for name in names or long or tables]
+
+
+def _arrays(path: Path) -> dict[str, dict[str, Any]]:
+    tables = dict[str, dict[str, Any]]()
+    with np.load(path, allow_pickle=False) as file:
+        for name in (key.removesuffix("time") for key in file if key.endswith("time")):
+            tables[name.removesuffix("_") or path.stem] = {
+                key.removeprefix(name): file[key] for key in file if key.startswith(name)
+            }
+    return tables
+
+
+def _fits_tables(path: Path) -> dict[str, dict[str, Any]]:
+    from astropy.io import fits
+
+    with fits.open(path, memmap=False) as file:
+        return {
+            hdu.name.lower() or f"star {number}": {
+                name.lower(): np.asarray(hdu.data[name]) for name in hdu.data.names
+            }
+            for number, hdu in enumerate(file)
+            if isinstance(hdu, fits.BinTableHDU)
+        }
+
+
+def _windows(path: Path, name: str, table: dict[str, Any]) -> Windows:
+    def column(*names: str) -> Any:
+        return next((table[name] for name in names if name in table), None)
+
+    number, corner = column("number", "raw_adu"), (column("col0"), column("row0"))
+    if number is None or any(place is None for place in corner):
+        raise Refused(f"{path} must have number, col0 and row0 of {name}, got {', '.join(table)}")
+    background, magnitude = column("background", "bkg_adu"), column("magnitude", "obc_mag")
+    magnitude_g = column("magnitude_g")
+    return Windows(
+        name,
+        np.asarray(table["time"], float),
+        np.asarray(number, float),
+        np.column_stack(corner).astype(np.int64),
+        None if background is None else np.asarray(background, float),
+        math.nan if magnitude is None else float(np.median(magnitude)),
+        np.asarray(table["acquired"], bool) if "acquired" in table else None,
+        math.nan if magnitude_g is None else float(np.median(magnitude_g)),
+    )
+
+
+def windows_of_frames(
+    frames: Iterable[core.Frame],
+    case: Case,
+    progress: Advance | None = None,
+    dark_frame: core.Frame | None = None,
+) -> list[Windows]:
+    """Windows of 8 x 8 pixels of the brightest stars of whole frames, in the order of time.
+
+    The tracker's search finds the stars in the first frame; from there on its box follows each, and
+    its search says in each frame whether it would have acquired the star. Stars that come near the
+    border are left out. Frames without time stamps are taken at the update rate of the detector.
+
+    progress    called with 1 after each frame
+    dark_frame  of the detector, of which a tracker with a dark map makes it; the windows hold the
+                numbers as they are
+    Raises      Refused where the frames are not of the design's detector, are too few, or hold no
+                star away from the border; where some have no time stamp, or these do not rise;
+                where a tracker with a dark map has no dark frame, or one without has.
+    """
+    detector, box, settings = case.instrument.detector, case.tracker.box, case.tracker.detection
+    if (dark_frame is None) != (settings.dark_map is None):
+        raise Refused(
+            "a dark frame must be given where the tracker has a dark map "
+            "(tracker.detection.dark_map), and nowhere else"
+        )
+    taken = None
+    if dark_frame is not None:
+        mean = np.asarray(dark_frame.image, float)
+        taken = partial(detection.DarkFrames, mean, dark_frames(detector, 1)[1])
+    plan = detection.plan_detection(settings, psf_of(case.instrument), taken)
+    size = detector.rows, detector.columns
+    corner, corners, numbers, acquired = np.empty((0, 2), np.int64), [], [], []
+    stamps = list[float]()
+    for k, frame in enumerate(frames):
+        if frame.image.shape != size:
+            raise Refused(
+                f"frames must have the {size[1]} x {size[0]} pixels of the detector, got "
+                f"{frame.image.shape[1]} x {frame.image.shape[0]} of frame {k + 1}"
+            )
+        if not k:
+            corner = _first_corners(detection.detect(frame, plan), size)
+            if not len(corner):
+                raise Refused("frames must have a star away from the border, got none in the first")
+        stamps.append(frame.time)
+        inside = np.clip(corner, 4, np.array(size[::-1]) - 4)
+        corners.append(corner - 4)
+        numbers.append(cut_out(frame.image, inside, detector))
+        acquired.append(acquired_in(frame, inside, plan))
+        corner = followed_stars(frame, corner, box, plan)
+        if progress:
+            progress(1)
+    time = _times(np.array(stamps), detector)
+    path, number = np.array(corners), np.array(numbers)
+    kept = ((path >= 0) & (path <= np.array(size[::-1]) - 8)).all(axis=(0, 2))
+    return [
+        Windows(
+            f"star {star + 1}",
+            time,
+            number[:, star],
+            path[:, star],
+            acquired=np.array(acquired)[:, star],
+        )
+        for star in np.flatnonzero(kept)
+    ]
+
+
+def _times(stamps: Floats, detector: Detector) -> Floats:
+    """Times of frames, by their stamps or by the update rate."""
+    finite = np.isfinite(stamps)
+    if not finite.any():
+        return np.arange(len(stamps)) / detector.update_rate
+    if not finite.all():
+        raise Refused(
+            "time stamps must be in all frames or in none, got none in frame "
+            f"{int(np.argmin(finite)) + 1}"
+        )
+    _require_rising("frames", stamps)
+    return stamps - stamps[0]
+
+
+def _require_rising(name: str, time: Floats) -> None:
+    """Refuse times that do not rise from image to image."""
+    back = np.flatnonzero(~(np.diff(time) > 0))
+    if len(back):
+        at = int(back[0])
+        raise Refused(
+            f"time of {name} must rise, got {time[at + 1]:.6f} s of number {at + 2} after "
+            f"{time[at]:.6f} s"
+        )
+
+
+def _first_corners(spots: core.Spots, size: tuple[int, int]) -> Ints:
+    """Middles (m, 2) of the images of the brightest spots, which are no neighbours."""
+    place = np.column_stack([spots.x, spots.y])
+    inside = ((place > APART) & (place < np.array(size[::-1]) - APART)).all(axis=1)
+    chosen = list[int]()
+    for n in np.flatnonzero(inside):
+        far = np.hypot(*(np.delete(place, n, axis=0) - place[n]).T)
+        if len(chosen) < FOLLOWED and not (far < APART).any():
+            chosen.append(int(n))
+    return np.rint(place[chosen] + 0.5).astype(np.int64).reshape(-1, 2)
+
+
+def acquired_in(frame: core.Frame, corner: Ints, plan: detection.DetectionPlan) -> Flags:
+    """Whether the search finds a spot in the middle half of each image (m, 2) about a corner."""
+    place = np.asarray(corner - 0.5, float)
+    spots = detection.detect_near(frame, place, NEAR + 1, plan)
+    away = np.abs(np.column_stack([spots.x, spots.y]) - place[:, None])
+    return np.asarray(np.any(np.all(away < NEAR, axis=2), axis=1))
+
+
+def followed_stars(
+    frame: core.Frame, corner: Ints, box: detection.Box, plan: detection.DetectionPlan
+) -> Ints:
+    """Where the tracker's boxes are after a frame; those that lose their star stay."""
+    after = detection.follow(frame, corner, box, plan).corner
+    return np.where(after < 0, corner, after)
+
+
+def cut_out(image: Any, corner: Ints, device: Detector) -> Floats:
+    """Windows (m, 8, 8) of a frame about corners, less the offset."""
+    parts = [image[y - 4 : y + 4, x - 4 : x + 4] for x, y in corner]
+    return np.asarray(parts, float) - device.offset
