@@ -12,7 +12,7 @@ from startrack.moving.camera import MovingCamera, camera_of
 from startrack.moving.detect import Scores, find, refined, score_maps
 from startrack.moving.forecast import MovingForecast, forecast_moving
 from startrack.moving.problem import MovingProblem
-from startrack.moving.render import Field, added_images, field_of
+from startrack.moving.render import SearchedField, added_images, field_of
 from startrack.moving.study import (
     MovingDesign,
     MovingObject,
@@ -22,7 +22,7 @@ from startrack.moving.study import (
 )
 
 __all__ = [
-    "Field",
+    "SearchedField",
     "MovingCamera",
     "MovingDesign",
     "MovingForecast",

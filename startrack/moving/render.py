@@ -26,7 +26,7 @@ ROOM = 3  # pixel beyond the image of the object at both ends of its motion
 FAINTEST_STAR, BRIGHTEST_STAR, GROWTH = 18.0, 8.0, 0.33  # G; ln10 N over G, of faint stars
 
 
-class Field(NamedTuple):
+class SearchedField(NamedTuple):
     """A field and its frames, but for the object.
 
     size     pixel, a side of the part of the field around the object
@@ -51,7 +51,7 @@ class Field(NamedTuple):
     streams: Streams
 
 
-def field_of(design: MovingDesign, seed: int, number: int) -> Field:
+def field_of(design: MovingDesign, seed: int, number: int) -> SearchedField:
     """The field of a trial: random place, direction, stars and motion of the camera.
 
     Each frame's place is measured by the centres of gravity of its guide stars.
@@ -73,7 +73,7 @@ def field_of(design: MovingDesign, seed: int, number: int) -> Field:
     seen = _guide_places(design, camera, sight, Streams(seed, 2 * number + 1))
     shifts = np.clip(np.rint(seen), -SHIFT, SHIFT).astype(int)
     rest = (seen - shifts).mean(1)
-    return Field(size, place, angle, speed, stars, sight, shifts, rest, streams)
+    return SearchedField(size, place, angle, speed, stars, sight, shifts, rest, streams)
 
 
 def _guide_places(
@@ -139,12 +139,12 @@ def _read(design: MovingDesign, light: Floats, streams: Streams) -> Floats:
     return np.asarray(charge.reshape(light.shape))
 
 
-def added_images(design: MovingDesign, field: Field, flux: float) -> Floats:
+def added_images(design: MovingDesign, field: SearchedField, flux: float) -> Floats:
     """Images (images, h, w) in electrons of a field with an object of a flux in microjansky.
 
     The noise of a field is the same for any flux: one random number a pixel.
 
-    Returns  images whose middle is that of `Field`, without the edge that shifts take
+    Returns  images whose middle is that of `SearchedField`, without the edge that shifts take
     """
     camera, own, detector = camera_of(design), design.moving_object, design.instrument.detector
     exposure, size = detector.exposure, field.size
