@@ -22,7 +22,6 @@ from startrack.moving.study import (
 )
 
 __all__ = [
-    "SearchedField",
     "MovingCamera",
     "MovingDesign",
     "MovingForecast",
@@ -31,6 +30,7 @@ __all__ = [
     "Scores",
     "SearchCampaign",
     "SearchLimits",
+    "SearchedField",
     "added_images",
     "camera_of",
     "field_of",
