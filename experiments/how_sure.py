@@ -2,7 +2,7 @@
 
     STARTRACK_DATA=folder python experiments/how_sure.py [--json FILE] [--draws N] [--quick]
 
-Each published tracker is predicted with the laws of its design file, the length that its class
+Each published tracker is predicted with the laws of its design file, the residual that its class
 leaves after calibration estimated without it (leave-one-out); further trackers of
 `STARTRACK_DATA/references/trackers-more` are predicted with the laws of all shipped ones. Then
 designs are drawn from the laws of one tracker, their errors told, and the intervals of what was
@@ -15,8 +15,8 @@ holds_68, holds_95        share of the published figures that the intervals hold
 width                     mean of half the logarithm of the ratio of the ends of 68 %
 unseen                    the same of further trackers, where they are there
 within_1_5, _2, _3, of    trackers both of whose figures are predicted within a factor, of how many
-length_um, length_factor  of a class: the length after calibration that makes what is published, its
-                          geometric mean and the factor that holds 68 %
+residual_px, residual_factor  of a class: the residual after calibration that makes what is
+                          published, its geometric mean and the factor that holds 68 %
 posterior_68, _95         share of the unknowns that posterior intervals hold, over drawn designs
 predict_s                 of one prediction with two processes, second
 """
@@ -47,7 +47,7 @@ from startrack.montecarlo import pool
 from startrack.prediction import Draw, PredictionSurface, draw_unknowns, fit_surface, learn, predict
 
 SEED, UNITS, SAMPLES = 1, 3, 8192
-LENGTH = "instrument.residual.grid"
+RESIDUAL = "instrument.residual.rms"
 CLASSES = {"noise": Term.NOISE, "pixel": Term.PIXEL, "fov": Term.FIELD}
 CLASSES |= {"thermo-elastic": Term.THERMO_ELASTIC}
 AXES = ("across", "about")
@@ -72,9 +72,9 @@ class Tracker(NamedTuple):
     draws: list[Draw]
 
     @property
-    def of_length(self) -> bool:
-        """Whether its class has a length after calibration, and its figures hold it."""
-        named = any(unknown.name == LENGTH for unknown in self.draws[0].unknowns)
+    def of_residual(self) -> bool:
+        """Whether its class has a residual after calibration, and its figures hold it."""
+        named = any(unknown.name == RESIDUAL for unknown in self.draws[0].unknowns)
         return named and Term.FIELD in self.counts
 
 
@@ -89,7 +89,7 @@ def tracker_of(name: str, path: Path, one: units.Published, draws: int, executor
 def samples(tracker: Tracker, shift: float) -> Floats:
     """Arcsec (n, 2): the counted figure over the unknowns.
 
-    shift  of the logarithm of the length after calibration, from that of the design file
+    shift  of the logarithm of the residual after calibration, from that of the design file
     """
     surface = fit_surface([draw for draw in tracker.draws if draw.number >= 0])
     errors = surface.errors(surface.scores(surface.sample(SEED, SAMPLES)))
@@ -99,7 +99,7 @@ def samples(tracker: Tracker, shift: float) -> Floats:
 
 
 def implied(tracker: Tracker) -> float:
-    """Logarithm of the length that makes what is published, over that of the design file."""
+    """Logarithm of the residual that makes what is published, over that of the design file."""
     middle = tracker.draws[0].terms
     found = []
     for axis, published in enumerate(tracker.published):
@@ -123,8 +123,8 @@ def scores(trackers: Sequence[Tracker], of: Sequence[Tracker], one_out: bool) ->
         others = [one for one in of if one.family == tracker.family]
         if one_out:
             others = [one for one in others if one.name != tracker.name]
-        lengths = [implied(one) for one in others if one.of_length]
-        shift = float(np.mean(lengths)) if tracker.of_length and lengths else 0.0
+        shifts = [implied(one) for one in others if one.of_residual]
+        shift = float(np.mean(shifts)) if tracker.of_residual and shifts else 0.0
         errors, worst = samples(tracker, shift), 0.0
         for axis, published in enumerate(tracker.published):
             if not published:
@@ -157,18 +157,17 @@ def scores(trackers: Sequence[Tracker], of: Sequence[Tracker], one_out: bool) ->
     return figures | {"of": len(factors)}
 
 
-def lengths_of(trackers: Sequence[Tracker]) -> dict[str, Any]:
-    """The length after calibration that makes what is published, by class."""
-    found: dict[str, Any] = {"length_um": {}, "length_factor": {}}
+def residuals_of(trackers: Sequence[Tracker]) -> dict[str, Any]:
+    """The residual after calibration that makes what is published, by class."""
+    found: dict[str, Any] = {"residual_px": {}, "residual_factor": {}}
     for family in ("made", "shelf"):
-        some = [one for one in trackers if one.family == family and one.of_length]
+        some = [one for one in trackers if one.family == family and one.of_residual]
         if len(some) < 2:
             continue
-        law = next(u for u in some[0].draws[0].unknowns if u.name == LENGTH).law
-        median = float(str(law["median"]).split()[0])
+        law = next(u for u in some[0].draws[0].unknowns if u.name == RESIDUAL).law
         logarithm = np.array([implied(one) for one in some])
-        found["length_um"][family] = median * math.exp(float(logarithm.mean()))
-        found["length_factor"][family] = math.exp(float(logarithm.std(ddof=1)))
+        found["residual_px"][family] = law["median"] * math.exp(float(logarithm.mean()))
+        found["residual_factor"][family] = math.exp(float(logarithm.std(ddof=1)))
     return found
 
 
@@ -241,7 +240,7 @@ def main() -> None:
             began = time.monotonic()
             predict(shipped("trackers/astro-aps.toml"), executor=executor)
             figures["predict_s"] = time.monotonic() - began
-    figures |= scores(seen, seen, one_out=True) | lengths_of([*seen, *more])
+    figures |= scores(seen, seen, one_out=True) | residuals_of([*seen, *more])
     if more:
         figures["unseen"] = scores(more, seen, one_out=False)
     drawn = next(one for one in seen if one.name == "rigel-l")

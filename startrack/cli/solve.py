@@ -81,6 +81,10 @@ declare = Options(
 )
 
 
+BRIGHT = "bright"
+DEEPER = "; a field of a few degrees may need the fainter stars of --catalog deep"
+WIDEST = 240.0  # degree across the columns, of a fisheye
+
 # What all images of a process share: the options of these names, and the function that reads an
 # image, the camera, the settings and the indexes that they give.
 SHARED = "fov_tolerance", "plane", "bayer", "colour", "raw", "dark", "catalog", "epoch", "camera"
@@ -104,14 +108,16 @@ def command(options: argparse.Namespace) -> int:
     with as_wrong_use(ValueError, OSError):
         if options.fov is not None:
             positive(fov=options.fov)
-            within(0, 179, fov=options.fov)
+            within(0, WIDEST, fov=options.fov)
         if options.camera and options.fov is not None:
             raise ValueError("--fov and --camera must not both be given: the camera has its field")
     _opened.cache_clear()  # files may have changed
     _opened(*(getattr(options, name) for name in SHARED))
     statuses = set()
     with pool(min(options.workers, len(options.images))) as executor:
-        every = [executor.submit(_solved, options, path) for path in options.images]
+        jobs = (executor.submit(_solved, options, path) for path in options.images)
+        # One process solves an image when its job is made, and prints it before the next.
+        every = jobs if options.workers == 1 else iter(list(jobs))
         for path, job in zip(options.images, every, strict=True):
             try:
                 try:
@@ -176,7 +182,10 @@ def _solved(how: argparse.Namespace, path: Path) -> tuple[dict[str, Any], str, E
         files = write_solution(name, solved.spots, (rows, columns), solved.matches, stars)
         result["tables"] = [str(file) for file in files]
     status = Exit.UNSOLVED if solved.axis is None else Exit.DONE
-    return result, f"{path}: {_text(solved)}", status
+    text = f"{path}: {_text(solved)}"
+    if solved.axis is None and how.catalog == BRIGHT:
+        text += DEEPER
+    return result, text, status
 
 
 def _with_camera(

@@ -106,7 +106,7 @@ def solve_photograph(
 
     First the spots of `LOOKS` with cameras of the hint; then, with few hypotheses each and again
     with more, these with all fields from 1.5 to 90 degrees, mirrored, squeezed from other common
-    shapes, and the middle of fisheyes of up to 180 degrees.
+    shapes, the middle of fisheyes of up to 180 degrees, and of other wide lenses.
     `settings.max_false_probability` bounds all tries together: the first, or those by the hint,
     have half of it, the others share the rest.
 
@@ -140,7 +140,7 @@ def solve_photograph(
         if photo.axis is not None:
             return _as_hinted(replace(photo, streak=smear), hint, settings)
         unsolved.append(photo)
-    middles = [guess for guess in rest if guess.view.middle]  # of one camera each
+    middles = [guess for guess in rest if guess.view.middle and len(guess.cameras) == 1]
     rounds = (FULL, near), *((effort, rest) for effort in ROUNDS), (FULL, middles)
     for effort, tries in rounds:
         for guess in tries:
@@ -226,8 +226,8 @@ class _Sought(NamedTuple):
 def _as_hinted(
     photo: Photograph, hint: float | None, settings: identification.Identification
 ) -> Photograph:
-    """The solution, and whether its field is the given one."""
-    if hint is None:
+    """The solution, and whether its field is the given one; the middle alone does not show it."""
+    if hint is None or photo.view.middle is not None:
         return photo
     own, given = (
         math.tan(min(field, identification.WIDEST_PINHOLE) / 4) for field in (photo.field, hint)

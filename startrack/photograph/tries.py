@@ -39,6 +39,9 @@ ROUND, HIDDEN = 1.15, 1.5  # elongation of round stars; squeeze that such stars 
 FISHEYES = tuple((np.geomspace(90, 240, 12) * deg).tolist())
 MIDDLE_TOLERANCE = 0.05  # of their focal length
 MIDDLE = 75 * deg  # of a fisheye, which is tried
+# Sides of middle squares over the shorter side of the image, and the narrowest field that is tried
+# of them: the middle of a lens of unknown projection, wider than its detector, is near a pinhole's.
+SQUARES, NARROWEST_SQUARE = (0.6, 0.45), 20 * deg
 
 
 class Try(NamedTuple):
@@ -77,6 +80,8 @@ def tries_of(
         rest += [Try(*look, view, made) for look in (FIRST, COARSER) if look in (FIRST, *looks)]
     for field in FISHEYES:
         rest += _middle(columns, rows, field, MIDDLE_TOLERANCE)
+    for part in SQUARES:
+        rest += _square(columns, rows, part)
     if hint is None:
         return [], _shared(rest[:1]) + _shared(rest[1:])
     made = identification.cameras_of(*size, hint, tolerance)
@@ -98,6 +103,20 @@ def _middle(columns: int, rows: int, field: float, tolerance: float) -> list[Try
     return [Try(*FIRST, PhotographView(middle=side), made)]
 
 
+def _square(columns: int, rows: int, part: float) -> list[Try]:
+    """A square in the middle, with all wide fields, where there are any.
+
+    part  its side over the shorter side of the image
+    """
+    side = max(round(part * min(columns, rows)), 1)
+    wide = [
+        (camera, tolerance)
+        for camera, tolerance in cameras(side, side, fisheyes=False)
+        if camera.fov_x >= NARROWEST_SQUARE
+    ]
+    return [Try(*FIRST, PhotographView(middle=side), wide)] if wide else []
+
+
 def squeezes(columns: int, rows: int, elongation: float) -> list[float]:
     """Widths of a pixel over its height, if the image has been squeezed from another shape.
 
@@ -116,7 +135,7 @@ def squeezes(columns: int, rows: int, elongation: float) -> list[float]:
 def tried_text(tries: list[Try]) -> str:
     """What was tried, in words."""
     focal = [lens.fov_x for guess in tries for lens, _ in guess.cameras if not guess.view.middle]
-    text = f"tried were fields from {min(focal) / deg:.2g} to {max(focal) / deg:.2g} deg"
+    text = f"tried were fields from {min(focal) / deg:.3g} to {max(focal) / deg:.3g} deg"
     text += f", stars of 1 to {SCALES[-1]} times the usual size, mirrored"
     if squeezed := sorted({guess.view.aspect for guess in tries} - {1.0}):
         text += f", pixels {', '.join(f'{a:.2f}' for a in squeezed)} as wide as high"

@@ -14,6 +14,7 @@ from startrack.design import Unknown
 from startrack.prediction.draws import Draw, stratified
 
 LEAST = 1e-6 * arcsec  # radian, of a class of error, whose logarithm is taken
+FINEST = 1e-12  # of a quantile
 SPARE = 3  # draws beyond the unknown coefficients, below which nothing is fitted; chosen by hand
 
 
@@ -60,7 +61,8 @@ class PredictionSurface:
         return np.column_stack(columns) if columns else np.zeros((count, 0))
 
     def scores(self, quantiles: Floats) -> Floats:
-        """Scores (n, k) of quantiles (n, unknowns)."""
+        """Scores (n, k) of quantiles (n, unknowns), which are finite at the ends of (0, 1)."""
+        quantiles = np.clip(quantiles, FINEST, 1 - FINEST)
         by_name = {
             unknown.name: column for unknown, column in zip(self.unknowns, quantiles.T, strict=True)
         }

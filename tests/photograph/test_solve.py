@@ -15,6 +15,7 @@ from startrack.identification import Identification, build_index, cameras_of
 from startrack.identification.index import indexed_field
 from startrack.photograph import PhotographView, solve_photograph
 from startrack.photograph.spots import ScaledSpots
+from startrack.photograph.tries import SQUARES
 
 STARS = open_sky(Selection("bright", limit_g=6.5)).stars
 SETTINGS = Identification(focal_tolerance=0.1)
@@ -152,6 +153,32 @@ def test_the_middle_of_an_all_sky_image():
     found = solve_photograph(frame, Indexes(), SETTINGS, math.pi)
     assert found.axis is not None, found.estimate.reason
     assert found.view.middle is not None
+    assert apart_from(found) < 10
+
+
+def test_the_middle_of_a_wide_lens_of_another_projection(monkeypatch):
+    """A stereographic lens of 150 degrees across 16:9: neither a pinhole's nor a fisheye's image."""
+    columns, rows = 960, 540
+    focal = columns / 4 / math.tan(150 / 4 * deg)
+
+    def project(direction):
+        half = np.arccos(np.clip(direction[:, 2], -1, 1)) / 2
+        length = np.hypot(direction[:, 0], direction[:, 1])
+        radius = 2 * focal * np.tan(half) / np.maximum(length, 1e-12)
+        centre = np.array([(columns - 1) / 2, (rows - 1) / 2])
+        return centre + radius[:, None] * direction[:, :2]
+
+    side = round(SQUARES[0] * rows)
+    field = 4 * math.atan(side / 4 / focal)
+    monkeypatch.setattr(
+        "startrack.photograph.tries.cameras",
+        lambda wide, high, *_, **more: cameras_of(wide, high, field, 0.1),
+    )
+    frame = Frame(draw(project, columns, rows, 0.8))
+    found = solve_photograph(frame, Indexes(), SETTINGS, 150 * deg)
+    assert found.axis is not None, found.estimate.reason
+    assert found.view.middle == side
+    assert found.as_hinted is None, "the middle does not show the field of the image"
     assert apart_from(found) < 10
 
 
