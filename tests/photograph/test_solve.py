@@ -157,7 +157,7 @@ def test_the_middle_of_an_all_sky_image():
 
 
 def test_the_middle_of_a_wide_lens_of_another_projection(monkeypatch):
-    """A stereographic lens of 150 degrees across 16:9: neither a pinhole's nor a fisheye's image."""
+    """A stereographic lens of 150 degrees across 16:9 is neither a pinhole nor a fisheye."""
     columns, rows = 960, 540
     focal = columns / 4 / math.tan(150 / 4 * deg)
 
