@@ -132,7 +132,9 @@ def orders(quick: bool) -> dict[str, Any]:
         environment |= {"ORDER": str(seed), "PYTHONPATH": path.rstrip(os.pathsep)}
         words = [sys.executable, "-m", "pytest", "-q", "-n", str(workers), "-p", "meant_order"]
         done = subprocess.run(words, cwd=ROOT, env=environment, capture_output=True, text=True)
-        print(f"  order {seed}, {workers} workers: {done.stdout.strip().splitlines()[-1]}")
+        lines = done.stdout.strip().splitlines()
+        failed = [line for line in lines if line.startswith(("FAILED", "ERROR"))]
+        print("\n".join([*failed, f"  order {seed}, {workers} workers: {lines[-1]}"]))
         green += done.returncode == 0
     return {"orders_green": green}
 
