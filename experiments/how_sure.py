@@ -221,14 +221,14 @@ def main() -> None:
     )
     parser.add_argument("--draws", type=int, default=24)
     parser.add_argument("--designs", type=int, default=200, help="of the posterior's coverage")
-    options = command.read(parser, draws=16, designs=3)
+    options = command.read(parser, draws=12, designs=1)
     chosen = {
         name: one
         for name, one in units.TRACKERS.items()
         if one.magnitude is None and (one.across or one.about)
     }
     if options.quick:
-        chosen = {name: chosen[name] for name in ("rigel-l", "ast-201")}
+        chosen = {name: chosen[name] for name in ("rigel-l", "astro-aps")}
     with pool(2) as executor:
         seen = [
             tracker_of(name, shipped(f"trackers/{name}.toml"), one, options.draws, executor)

@@ -24,6 +24,7 @@ import numpy as np
 PACKAGE = Path(__file__).parents[1]
 # Rooms without kernels, none of whose values are compiled into those of other rooms.
 WITHOUT_KERNELS = {
+    "prediction",
     "benchmark",
     "calibration",
     "cli",

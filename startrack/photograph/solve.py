@@ -140,8 +140,17 @@ def solve_photograph(
         if photo.axis is not None:
             return _as_hinted(replace(photo, streak=smear), hint, settings)
         unsolved.append(photo)
-    middles = [guess for guess in rest if guess.view.middle and len(guess.cameras) == 1]
-    rounds = (FULL, near), *((effort, rest) for effort in ROUNDS), (FULL, middles)
+    middles = [guess for guess in rest if guess.view.middle]
+    # Of one camera each with all hypotheses; squares of any lens last, as the whole shows more.
+    of_one = [guess for guess in middles if len(guess.cameras) == 1]
+    squares = [guess for guess in middles if len(guess.cameras) > 1]
+    others = [guess for guess in rest if guess not in squares]
+    rounds = (
+        (FULL, near),
+        *((effort, others) for effort in ROUNDS),
+        (FULL, of_one),
+        (ROUNDS[-1], squares),
+    )
     for effort, tries in rounds:
         for guess in tries:
             photo = sought.attempt(guess, effort)

@@ -52,6 +52,7 @@ keys scene
 init begun.toml
 verify design.toml --trials 4 --first 2 --out verify --workers 1
 budget dated.toml --out budget --workers 1
+predict design.toml --set scene.background_g={low=21,high=22} --draws 8 --out sure --workers 1
 montecarlo dated.toml --trials 4 --out dated --workers 1
 montecarlo design.toml --trials 16 --out frames --control --workers 1
 montecarlo design.toml --trials 32 --out covariance --fidelity covariance --workers 1

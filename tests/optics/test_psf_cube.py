@@ -15,7 +15,7 @@ from startrack.metrics import summarise
 from startrack.observation.images import field_psf_of
 from startrack.optics import Optics, PsfFile, load_lens, load_psf_file, open_optics, save_psf_file
 from startrack.optics.field_images import ColourBand
-from startrack.optics.lens_psf import LensImages, _stars
+from startrack.optics.lens_psf import LensImages, lens_stars
 from startrack.optics.zemax_text import psfs_of_pages
 
 FOCAL, F_NUMBER = 0.0350, 2.8
@@ -46,7 +46,7 @@ def cube(tmp_path_factory):
     plan.count, plan.spacing = SIDE, SPACING
     image, place = np.empty((len(WAVES), len(ANGLES), SIDE, SIDE)), np.empty((25, 6))
     for f, angle in enumerate(ANGLES):
-        for w, star in enumerate(_stars(lens, WAVES, float(angle), 0.0)):
+        for w, star in enumerate(lens_stars(lens, WAVES, float(angle), 0.0)):
             u = star.centroid[0]
             image[w, f], place[w, f] = plan._irradiance(star, u, 0.0), u
     save_psf_file(path, PsfFile("", image, SPACING, False, None, 1.0, WAVES, ANGLES, place))

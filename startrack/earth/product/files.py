@@ -1,6 +1,7 @@
 """FITS of raw images and calibration frames; GeoTIFF of products."""
 
 import hashlib
+import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
@@ -16,7 +17,7 @@ from startrack.earth.imager import ABOUT, RADIANCE, Channel, Performance, write_
 from startrack.earth.product.ortho import QUALITY, Bytes, MapGrid
 from startrack.earth.product.retrieval import RadiometricCalibration
 from startrack.earth.terrain import require_rasterio
-from startrack.io import open_checked, regular_file, whole
+from startrack.io import open_checked, regular_file, to_table, whole
 
 FORMAT = 1  # of the file of calibration frames
 
@@ -37,7 +38,8 @@ def camera_id(channel: Channel) -> str:
     channel = replace(channel, reference=None, required=Performance(), measured=Performance())
     if channel.detector.scan:
         channel = replace(channel, detector=replace(channel.detector, rows=1))
-    return hashlib.sha256(repr(channel).encode()).hexdigest()[:16]
+    text = json.dumps(to_table(channel), sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def read_raw(path: Path, channel: Channel) -> RawImage:

@@ -32,7 +32,7 @@ from startrack.earth.product import calibrate
 from startrack.earth.product.ortho import Locator
 from startrack.earth.product.retrieval import to_radiance
 from startrack.optics import Optics, open_optics
-from startrack.optics.lens_psf import _stars
+from startrack.optics.lens_psf import lens_stars
 
 FLAT = Terrain(fractal=Fractal(10 * deg, 47 * deg, 20.0, 64, 1e-3), highest=100.0, lowest=-10.0)
 PLANE = Aircraft("2026-06-21T10:00:00", 10 * deg, 47 * deg, 3e3, speed=100.0)
@@ -158,7 +158,7 @@ def test_channels_are_apart_by_the_lateral_colour_of_their_rays():
     first, second = (lens_of(each).camera for each in pair)
     across, along = lens_registration(pair[1], second, pair[0], first)
     middle = np.array([550 * nm, 900 * nm])
-    rays = _stars(open_optics(pair[0].optics), middle, math.atan(0.16), 0.0)
+    rays = lens_stars(open_optics(pair[0].optics), middle, math.atan(0.16), 0.0)
     green, near = (star.centroid[0] / LINE.pitch for star in rays)
     assert across == pytest.approx(abs(green - near), abs=2e-3)
     assert abs(green - near) > 0.009
