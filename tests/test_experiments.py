@@ -34,6 +34,7 @@ LONG = {
     "detection",
     "frame_picture",
     "house",
+    "how_sure",
     "units",
     "variance",
     "budget_against_trials",

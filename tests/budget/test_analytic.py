@@ -185,6 +185,7 @@ def windows(case: Case, count: int):
     return summarise(run_trials(case, 21, range(count), Fidelity.WINDOW))
 
 
+@pytest.mark.slow
 def test_a_rolling_shutter_is_counted(case):
     """60 windows know the rms to 8 %; without it the error is half, and that about a fifth.
 

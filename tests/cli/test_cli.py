@@ -277,6 +277,7 @@ def test_every_command_suggests_a_shipped_design(call, command, tmp_path, monkey
         assert "f_number must lie in [0.3, 200], got -3" in err
 
 
+@pytest.mark.slow
 def test_a_shipped_profile_is_read_by_its_name(call, tmp_path, monkeypatch):
     """From any folder: its heads come with it, and show in what is printed."""
     monkeypatch.chdir(tmp_path)

@@ -54,7 +54,9 @@ def undrawn(monkeypatch):
     monkeypatch.setattr("startrack.cli.earth.draw_geometry", lambda *_: None)
 
 
-@pytest.mark.parametrize("detector", ["matrix", "staggered", "tdi"])
+@pytest.mark.parametrize(
+    "detector", [pytest.param("matrix", marks=pytest.mark.slow), "staggered", "tdi"]
+)
 def test_other_detectors_see_the_same_mountains(undrawn, tmp_path, capsys, detector):
     path = scene(tmp_path, ('"line"', f'"{detector}"'))
     assert main(["earth", "geometry", str(path), "--out", str(tmp_path), "--json"]) == 0

@@ -46,7 +46,7 @@ def test_frames_agree_with_what_the_mission_expects(tmp_path):
             assert abs(value - 1) < 0.1 + 4 * sigma
 
 
-@pytest.mark.parametrize("of", ["platform", "head"])
+@pytest.mark.parametrize("of", ["platform", pytest.param("head", marks=pytest.mark.slow)])
 def test_heads_on_one_platform_see_one_motion(tmp_path, of):
     """The angle between two heads holds the jitter of their mounts, and none of the platform's.
 

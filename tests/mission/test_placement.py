@@ -232,6 +232,7 @@ def test_a_head_behind_structure_is_blind(loaded):
         Obstacle("line", (0, 0, 0), (1, 0, 0))
 
 
+@pytest.mark.slow
 def test_the_length_of_a_tube_is_searched_with_the_directions(loaded, monkeypatch):
     """At the length that is found, the budget's own exclusion angles are those of the placed heads;
     the mass is that of the design with this tube, and a smaller angle asks for a longer one."""

@@ -108,6 +108,7 @@ def old_and_warm(trials):
     return plan_of(dataclasses.replace(loaded, mission=mission, designs=(design,)))
 
 
+@pytest.mark.slow
 def test_heads_age_and_warm(monkeypatch):
     monkeypatch.setattr(surrogate, "PLACES", 384)
     plan = old_and_warm(0)

@@ -110,6 +110,7 @@ def test_the_limit_goes_with_light_and_noise():
     assert first / forecast_moving(darker).limits[0] == pytest.approx(2.4, rel=0.1)
 
 
+@pytest.mark.slow
 def test_trials_stand_beside_the_formula():
     """24 objects: a median scatters by 6 %, of which 25 % are four."""
     rows = FEW.trials(1, range(24))

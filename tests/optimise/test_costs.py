@@ -57,7 +57,8 @@ def campaign(small):
     )
 
 
-@pytest.mark.parametrize("seed", [1, pytest.param(0, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 0])
 def test_the_least_aperture_keeps_the_limit_in_trials(small, campaign, monkeypatch, seed):
     """Error as the inverse square of the aperture: the true least one is known.
 

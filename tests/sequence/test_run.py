@@ -357,6 +357,7 @@ def pairs(small):
     return fly_sequences(small.case, sequence, 16, 8, Serial(), fidelity=Fidelity.WINDOW)
 
 
+@pytest.mark.slow
 def test_two_heads_know_all_axes_and_their_alignment(pairs):
     """The mean of normalised errors squared of each sequence, 3 expected, within 4 sigma."""
     first, second = (pairs[pairs["head"] == head] for head in (0, 1))
@@ -378,6 +379,7 @@ def test_two_heads_know_all_axes_and_their_alignment(pairs):
     assert tracking.sequences == 16
 
 
+@pytest.mark.slow
 def test_an_aligned_head_takes_the_place_of_the_roll_of_the_other(small, pairs):
     """With a known alignment roll is as good as the rest; alone it is several times worse."""
     known = (dataclasses.replace(PAIR[0], alignment_sigma=0.0),)

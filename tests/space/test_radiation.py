@@ -29,7 +29,8 @@ from startrack.space.radiation import (
 )
 
 
-@pytest.mark.parametrize("places", [450, pytest.param(radiation.PLACES, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("places", [450, radiation.PLACES])
 def test_spectra_of_other_orbits_are_those_of_spenvis(oracle, places, monkeypatch):
     """AP-8 and AE-8 in a polar orbit at 825 km and an inclined one at 530 km, by another field of
     the Earth of those years: each energy within 15 %, of electrons within 20 % (15 were expected).

@@ -227,6 +227,7 @@ def test_stars_of_other_time_spans_have_the_scatter_of_their_noise():
     assert not np.isnan(residual[0][:3]).any()
 
 
+@pytest.mark.slow
 def test_an_offset_that_is_not_the_designs_is_told_and_no_background_compared():
     case = load_design(shipped("designs/noise_only.toml")).case
     electrons = case.instrument.detector.electrons_per_dn
