@@ -8,8 +8,9 @@ from startrack.cli.options import Exit, Options, study, wanted
 
 if wanted(__name__):
     from startrack import optimise
+    from startrack.cli import terminal
     from startrack.cli.campaign import open_campaign, stages, write_study
-    from startrack.design import Design, save_design
+    from startrack.design import KEPT, OPERATED, Campaign, Design, Unknown, load_design, save_design
     from startrack.plots import draw_convergence
 
 
@@ -35,7 +36,10 @@ def command(options: argparse.Namespace) -> int:
         optimum = optimise.optimize(case, campaign, runner, watch_stage=show)
     table = optimise.comparison(optimum, campaign)
     note = f"found by startrack optimize, seed {options.seed}"
-    save_design(options.out / "best.toml", Design(optimum.best, campaign), note)
+    unknowns = still_unknown(options, campaign)
+    for unknown in unknowns:
+        note += f"\nfound for the middle of what is not known: {unknown.name}, {unknown}"
+    save_design(options.out / "best.toml", Design(optimum.best, campaign, unknowns), note)
     optimise.write_evaluations(options.out / "evaluations.csv", optimum.evaluations)
     draw_convergence(options.out / "convergence.png", optimum, campaign)
     result = {
@@ -45,3 +49,18 @@ def command(options: argparse.Namespace) -> int:
     }
     write_study(options, "comparison", table, result, f"the search ended: {optimum.ending}; ")
     return Exit.DONE if optimum.feasible else Exit.UNSOLVED
+
+
+def still_unknown(options: argparse.Namespace, campaign: Campaign) -> tuple[Unknown, ...]:
+    """What the search did not choose of what is not known of the design."""
+    path = terminal.found_file(options.campaign or terminal.example())
+    chosen = {variable.name for variable in campaign.variables}
+    chosen |= {link.name for link in campaign.links}
+    chosen |= {choice.name for choice in campaign.choices}
+
+    def is_chosen(name: str) -> bool:
+        table, _, key = name.rpartition(".")  # a chosen detector replaces all but some of its keys
+        return name in chosen or (table in chosen and key not in (*KEPT, *OPERATED))
+
+    unknowns = load_design(path, options.set).unknowns
+    return tuple(unknown for unknown in unknowns if not is_chosen(unknown.name))

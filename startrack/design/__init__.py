@@ -55,7 +55,7 @@ from startrack.design.parameter import (
     with_values,
 )
 from startrack.design.parameter import text as value_text
-from startrack.design.products import products, with_product
+from startrack.design.products import KEPT, OPERATED, products, with_product
 from startrack.design.requirements import COSTS, Accuracy, KeepOut, Requirements, cost_of
 from startrack.design.structure import TURNS, Structure
 from startrack.design.told import FIGURES as TOLD_FIGURES

@@ -1,12 +1,14 @@
 """Laws of values that are not known, in a design file."""
 
 import math
+from argparse import Namespace
 
 import numpy as np
 import pytest
 from scipy.stats import lognorm, uniform
 
 from startrack import Refused, arcsec, load_design
+from startrack.cli import optimize
 from startrack.design import Unknown, save_design
 
 NAME = "instrument.optics.f_number"
@@ -131,3 +133,15 @@ def test_what_is_no_law_is_refused_with_its_place(written, law, says):
 def test_an_include_that_names_no_file_is_refused(written, entry):
     with pytest.raises(Refused, match="include must be a list of names of files"):
         load_design(written(f"include = [{entry}]\n"))
+
+
+def test_a_search_keeps_the_laws_of_what_it_does_not_choose(written):
+    """The example of noise alone varies its f-number, and not its background."""
+    path = written(
+        "[instrument.optics]\nf_number = { low = 1.8, high = 2.2 }\n"
+        "[scene]\nbackground_g = { low = 21, high = 22 }\n"
+    )
+    design = load_design(path)
+    options = Namespace(campaign=path, set=[])
+    (kept,) = optimize.still_unknown(options, design.campaign)
+    assert kept.name == "scene.background_g"
