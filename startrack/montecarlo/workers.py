@@ -81,10 +81,14 @@ class Lasting(Executor):
         )
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Call in one of the processes."""
+        """Call in one of the processes.
+
+        Raises  OSError where no process can be started.
+        """
         try:
             future = self._pool.submit(fn, *args, **kwargs)
-        except BrokenExecutor:
+        # Trap: a pool that breaks while it starts a process closes the descriptors of its queues.
+        except (BrokenExecutor, OSError):
             self._end_broken()
             self._pool = self._fresh()
             future = self._pool.submit(fn, *args, **kwargs)

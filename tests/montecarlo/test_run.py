@@ -1,3 +1,4 @@
+import errno
 import multiprocessing
 import os
 import sys
@@ -145,6 +146,18 @@ def test_only_the_block_that_kills_its_workers_is_given_up(small):
         done = dict(blocks(small.case, SEED, plan, executor, workers=2))
     assert set(done) == set(plan)
     assert [one for one in plan if isinstance(done[one], Exception)] == [range(30, 40)]
+
+
+def test_a_pool_that_breaks_while_it_starts_a_process_is_replaced(monkeypatch):
+    """As where its queues were closed between the death of a worker and the start of another."""
+
+    def closed(self, *_, **__):
+        monkeypatch.undo()
+        raise OSError(errno.EBADF, os.strerror(errno.EBADF))
+
+    monkeypatch.setattr(ProcessPoolExecutor, "submit", closed)
+    with pool(2) as executor:
+        assert executor.submit(abs, -3).result() == 3
 
 
 def test_a_pool_that_is_killed_with_cancelled_calls_ends_without_a_traceback(monkeypatch):
