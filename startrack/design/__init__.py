@@ -52,6 +52,7 @@ from startrack.design.parameter import (
     replaced_all,
     unchecked,
     unit_at,
+    with_changes,
     with_values,
 )
 from startrack.design.parameter import text as value_text
@@ -61,7 +62,16 @@ from startrack.design.structure import TURNS, Structure
 from startrack.design.told import FIGURES as TOLD_FIGURES
 from startrack.design.told import Told
 from startrack.design.unknown import INCLUDE, Unknown
-from startrack.design.variables import OF_IMAGES, Choice, DesignSpace, Link, Variable, branches
+from startrack.design.variables import (
+    OF_IMAGES,
+    Choice,
+    DesignSpace,
+    Link,
+    Variable,
+    bounds_of,
+    branches,
+    followed,
+)
 from startrack.design.variation import (
     Moment,
     Scope,

@@ -1,8 +1,9 @@
 """Dotted name, case -> the value there, its unit, or a case with other values."""
 
 import dataclasses
+import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, TypeVar
 
 from startrack.core import Refused, Unit, parse, unit_of
@@ -135,6 +136,25 @@ def with_values(case: T, values: Mapping[str, float | str]) -> T:
         for name, value in values.items()
     }
     return replaced_all(case, in_si)
+
+
+def with_changes(case: T, changes: Sequence[str]) -> T:
+    """The case with other values, "KEY=VALUE" each; a value that is no number is a text."""
+    values = dict[str, float | str]()
+    for change in changes:
+        key, equals, text = change.partition("=")
+        if not equals:
+            raise Refused(f"a change must be KEY=VALUE, got {change!r}")
+        values[key.strip()] = _number_or_text(text.strip())
+    return with_values(case, values) if values else case
+
+
+def _number_or_text(text: str) -> float | str:
+    try:
+        number = float(text)
+    except ValueError:
+        return text
+    return number if math.isfinite(number) else text
 
 
 def unchecked(case: T, values: Mapping[str, Any]) -> T:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from itertools import product
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,11 +18,13 @@ from startrack.design.parameter import (
     replaced_all,
     text,
     unchecked,
+    unit_at,
     with_values,
 )
 from startrack.design.parameter import label as parameter_label
 from startrack.design.products import KEPT, OPERATED, with_product
 from startrack.io import from_table, to_table
+from startrack.problem import Bounds
 
 
 class Variable(Parameters):
@@ -54,6 +56,35 @@ class Link(Parameters):
         "path of the one that it follows, which may be no variable itself but follow one"
     )
     power: float = parameter("see above; 0 keeps the value", limit=FINITE, default=1.0)
+
+
+def followed(case: Any, values: Mapping[str, float], links: Sequence[Link]) -> dict[str, float]:
+    """The values (SI) of parameters by name, and of those that follow them by links, in order.
+
+    What a link follows may be computed from variables, and is then not yet checked.
+
+    Raises  Refused where what is followed cannot be computed.
+    """
+    changed = dict(values)
+    for link in links:
+        try:
+            ratio = number(unchecked(case, changed), link.to) / number(case, link.to)
+        except ArithmeticError as error:
+            raise Refused(f"{link.to} cannot be computed: {error}") from None
+        changed[link.name] = number(case, link.name) * ratio**link.power
+    return changed
+
+
+def bounds_of(case: Any, variables: Sequence[Variable]) -> list[Bounds]:
+    """The variables of any design, with their ranges and values in SI."""
+    found = []
+    for variable in variables:
+        name, start = variable.name, number(case, variable.name)
+        low, high = (quantity(case, name, end) for end in (variable.low, variable.high))
+        unit = unit_at(case, name)
+        shown, size = (unit.shown, 1 / unit.of(1.0)) if unit else ("", 1.0)
+        found.append(Bounds(name, low, high, start, variable.scale == "log", shown, size))
+    return found
 
 
 AT_BOUND = 0.01  # of a variable's range: as near a bound counts as on it; chosen by hand
@@ -159,16 +190,7 @@ class DesignSpace:
         return self.adapt(case) if self.adapt else case
 
     def _replaced(self, coordinates: Floats) -> Case:
-        values = self.values(coordinates)
-        for link in self.links:
-            # What a link follows may be computed from variables, and is then not yet checked.
-            try:
-                followed = number(unchecked(self.case, values), link.to)
-            except ArithmeticError as error:
-                raise Refused(f"{link.to} cannot be computed: {error}") from None
-            ratio = followed / number(self.case, link.to)
-            values[link.name] = number(self.case, link.name) * ratio**link.power
-        return replaced_all(self.case, values)
+        return replaced_all(self.case, followed(self.case, self.values(coordinates), self.links))
 
     def on_bounds(self, case: Case) -> dict[str, str]:
         """The variables that lie within 1 % of their range from a bound, and "low" or "high".

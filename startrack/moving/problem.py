@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from startrack.core import Refused, Rows, arcsec, inputs_of
-from startrack.design import number_at, quantity, replaced_all, unchecked, unit_at
+from startrack.design import bounds_of, followed, number_at, replaced_all
 from startrack.io import to_table
 from startrack.metrics import Interval, level_interval
 from startrack.moving.camera import flux_of, magnitude_of
@@ -62,25 +62,14 @@ class MovingProblem:
     @cached_property
     def variables(self) -> list[Bounds]:
         """What a search may change."""
-        found = []
-        for variable in self.campaign.variables:
-            name, start = variable.name, number_at(self.design, variable.name)
-            low, high = (quantity(self.design, name, end) for end in (variable.low, variable.high))
-            unit = unit_at(self.design, name)
-            shown, size = (unit.shown, 1 / unit.of(1.0)) if unit else ("", 1.0)
-            found.append(Bounds(name, low, high, start, variable.scale == "log", shown, size))
-        return found
+        return bounds_of(self.design, self.campaign.variables)
 
     def replaced(self, values: Mapping[str, float]) -> MovingProblem:
         """The problem with other values (SI) of parameters, and what links make of them.
 
         Raises  ValueError with the name, where the parameter refuses the value.
         """
-        changed = dict[str, float](values)
-        for link in self.campaign.links:
-            followed = number_at(unchecked(self.design, changed), link.to)
-            ratio = followed / number_at(self.design, link.to)
-            changed[link.name] = number_at(self.design, link.name) * ratio**link.power
+        changed = followed(self.design, values, self.campaign.links)
         return MovingProblem(replaced_all(self.design, changed))
 
     def costs(self) -> dict[str, Margin]:

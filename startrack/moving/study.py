@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from startrack.core import POSITIVE, Parameters, Range, Refused, Unit, deg, parameter
-from startrack.design import Instrument, Link, Variable, load_design, with_values
+from startrack.design import Instrument, Link, Variable, load_design, with_changes
 from startrack.io import from_table, read_table, refuse_unknown, shipped
 from startrack.problem import Settings
 from startrack.scene import Scene
@@ -183,17 +183,4 @@ def load_moving_design(search: str | Path, changes: Sequence[str] = ()) -> Movin
         from_table(MovingObject, table.get("moving_object", {}), "moving_object"),
         from_table(SearchCampaign, table.get("campaign", {}), "campaign"),
     )
-    values = dict[str, float | str]()
-    for change in changes:
-        key, equals, text = change.partition("=")
-        if not equals:
-            raise Refused(f"a change must be KEY=VALUE, got {change!r}")
-        values[key.strip()] = _value(text.strip())
-    return with_values(design, values) if values else design
-
-
-def _value(text: str) -> float | str:
-    try:
-        return float(text)
-    except ValueError:
-        return text
+    return with_changes(design, changes)

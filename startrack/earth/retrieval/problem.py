@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from startrack.core import Floats, Refused, Rows, inputs_of
-from startrack.design import number_at, quantity, replaced_all, unchecked, unit_at
+from startrack.design import bounds_of, followed, number_at, replaced_all
 from startrack.earth.geometry import flight_height, ground_rate
 from startrack.earth.imager import figures, known, margins_of
 from startrack.earth.retrieval.criteria import Criterion, Study, study_of
@@ -92,11 +92,7 @@ class EarthProblem:
 
         Raises  ValueError with the name, where the parameter refuses the value.
         """
-        changed = dict[str, float](values)
-        for link in self.campaign.links:
-            followed = number_at(unchecked(self.design, changed), link.to)
-            ratio = followed / number_at(self.design, link.to)
-            changed[link.name] = number_at(self.design, link.name) * ratio**link.power
+        changed = followed(self.design, values, self.campaign.links)
         return EarthProblem(replaced_all(self.design, changed))
 
     def costs(self) -> dict[str, Margin]:
@@ -129,14 +125,7 @@ class EarthProblem:
     @cached_property
     def variables(self) -> list[Bounds]:
         """What a search may change."""
-        found = []
-        for variable in self.campaign.variables:
-            name, start = variable.name, number_at(self.design, variable.name)
-            low, high = (quantity(self.design, name, end) for end in (variable.low, variable.high))
-            unit = unit_at(self.design, name)
-            shown, size = (unit.shown, 1 / unit.of(1.0)) if unit else ("", 1.0)
-            found.append(Bounds(name, low, high, start, variable.scale == "log", shown, size))
-        return found
+        return bounds_of(self.design, self.campaign.variables)
 
     def expect(self, conditions: Sequence[str] | None = None) -> Expectation:
         """The objective and the margins of the retrieval, by formula.

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import ClassVar
 
 from startrack.core import NON_NEGATIVE, POSITIVE, Parameters, Range, Refused, Unit, parameter
-from startrack.design import Change, Link, Variable, with_values
+from startrack.design import Change, Link, Variable, with_changes, with_values
 from startrack.earth.imager import Channel, Survey, scene_of
 from startrack.earth.retrieval.hot_spots import HotSpots
 from startrack.earth.retrieval.minerals import Minerals
@@ -183,18 +182,4 @@ def load_earth_design(scene: str | Path, changes: Sequence[str] = ()) -> EarthDe
             raise Refused(f"scene must be a TOML file or one of {', '.join(known)}, got {name!r}")
         path = shipped(f"scenes/{name}.toml")
     design = scene_of(EarthDesign, path)
-    values = dict[str, float | str]()
-    for change in changes:
-        key, equals, text = change.partition("=")
-        if not equals:
-            raise Refused(f"a change must be KEY=VALUE, got {change!r}")
-        values[key.strip()] = _value(text.strip())
-    return with_values(design, values) if values else design
-
-
-def _value(text: str) -> float | str:
-    try:
-        number = float(text)
-    except ValueError:
-        return text
-    return number if math.isfinite(number) else text
+    return with_changes(design, changes)
