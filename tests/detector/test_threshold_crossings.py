@@ -218,6 +218,16 @@ def test_rates_are_those_of_the_exponential_moments(mesh, border):
     )
 
 
+def test_rates_of_a_large_frame_take_a_few_filters(monkeypatch):
+    """Some passes over the frame in place of each weight at each pixel."""
+    filters = []
+    own = cv2.filter2D
+    monkeypatch.setattr(cv2, "filter2D", lambda *a, **k: filters.append(a) or own(*a, **k))
+    numbers = number_distributions(DETECTOR, SKY, outlier_pixels(DETECTOR, SKY, 4.0))
+    tilted_law(numbers, WEIGHT, 23.6, MESH, BORDER)
+    assert 1 <= len(filters) <= 4
+
+
 @pytest.mark.parametrize("number", [3.0, 5.0, 8.0])
 def test_theta_makes_the_level_typical(number):
     """The slope of K of a filter over a middling pixel, by scipy's root."""
