@@ -188,14 +188,14 @@ def output_case(draw: Draw) -> Case:
 @cache
 def kernels() -> dict[str, bytes]:
     """An orbit and an attitude as SPICE kernels, with the clock of the attitude."""
-    from astropy.time import Time
+    from astropy.time import Time, TimeDelta
 
     from startrack.core import installed_tables
     from startrack.mission.files import write_ck, write_spk
 
     minutes = np.arange(0.0, 90.0, 5.0)
     with installed_tables():
-        date = Time("2026-03-20T12:00:00", scale="utc") + minutes / 1440
+        date = Time("2026-03-20T12:00:00", scale="utc") + TimeDelta(60 * minutes, format="sec")
     angle = 2 * np.pi * minutes / 96.5
     zero = np.zeros_like(angle)
     place = 6.978e6 * np.column_stack([np.cos(angle), np.sin(angle), zero])
