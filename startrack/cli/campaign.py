@@ -10,7 +10,7 @@ from typing import Any
 from startrack.cli import terminal
 from startrack.cli.options import WrongUse, as_wrong_use
 from startrack.core import Refused
-from startrack.design import NOMINAL, Campaign, Case, DesignSpace, Fidelity, branches
+from startrack.design import NOMINAL, Campaign, Case, Design, DesignSpace, Fidelity, branches
 from startrack.io import regular_file, save_json, save_text
 from startrack.montecarlo import Certificates, Sampling, cluster, pool, warm
 from startrack.optimise import Ledger, SearchStage, TrialRunner
@@ -47,10 +47,10 @@ def require_campaign_fidelity(campaign: Campaign, case: Case) -> None:
 @contextmanager
 def open_campaign(
     options: argparse.Namespace, doing: str
-) -> Iterator[tuple[Case, Campaign, TrialRunner]]:
+) -> Iterator[tuple[Design, Campaign, TrialRunner]]:
     """Read the campaign, check its variables, open workers and the ledger of the folder.
 
-    Yields the design in its scene, its campaign, and the runner of their trials.
+    Yields the design, its campaign, and the runner of their trials.
 
     Workers import all while this process compiles the kernels, which each of them then reads from
     the cache. The ledger holds the results of an interrupted run, from which the same command
@@ -77,7 +77,7 @@ def open_campaign(
                 warm(design.case, Sampling(fidelity))
         with Ledger(options.out / LEDGER) as ledger:
             runner = TrialRunner(options.seed, executor, options.workers, ledger)
-            yield design.case, campaign, runner
+            yield design, campaign, runner
 
 
 @contextmanager

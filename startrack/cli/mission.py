@@ -127,6 +127,7 @@ def command(options: argparse.Namespace) -> int:
     path = paths[0]
     with as_wrong_use(ValueError, ImportError):
         loaded = mission.load_mission(path, options.set)
+        _print_unknown(loaded)
         with progress("heads", len(loaded.designs)) as advance:
             plan = mission.plan_of(loaded, advance=advance)
         time = loaded.mission.time
@@ -161,6 +162,13 @@ def command(options: argparse.Namespace) -> int:
     return Exit.DONE if flight.met else Exit.UNSOLVED
 
 
+def _print_unknown(loaded: mission.Loaded) -> None:
+    """Say once of each design file what is not known of it."""
+    designs = zip(loaded.mission.heads, loaded.designs, strict=True)
+    for path, design in {head.design: design for head, design in designs}.items():
+        terminal.print_unknown(design, Path(path).name)
+
+
 def _several(options: argparse.Namespace, paths: list[Path]) -> int:
     """Fly several missions, each by one worker, into folders of their names."""
     names = [path.stem for path in paths]
@@ -173,6 +181,8 @@ def _several(options: argparse.Namespace, paths: list[Path]) -> int:
     met = True
     with as_wrong_use(ValueError, ImportError, OSError):
         missions = [mission.load_mission(path, options.set) for path in paths]
+        for loaded in missions:
+            _print_unknown(loaded)
         workers = min(options.workers, len(paths))
         made = cluster(options.scheduler) if options.scheduler else pool(workers)
         with made as executor, progress("missions", len(paths)) as advance:

@@ -8,9 +8,8 @@ from startrack.cli.options import Exit, Options, study, wanted
 
 if wanted(__name__):
     from startrack import optimise
-    from startrack.cli import terminal
     from startrack.cli.campaign import open_campaign, stages, write_study
-    from startrack.design import KEPT, OPERATED, Campaign, Design, Unknown, load_design, save_design
+    from startrack.design import KEPT, OPERATED, Campaign, Design, Unknown, save_design
     from startrack.plots import draw_convergence
 
 
@@ -30,13 +29,13 @@ declare = Options(
 def command(options: argparse.Namespace) -> int:
     """Write best.toml, comparison.md, convergence.png, evaluations.csv and result.json."""
     with (
-        open_campaign(options, "optimising") as (case, campaign, runner),
+        open_campaign(options, "optimising") as (design, campaign, runner),
         stages("optimising") as show,
     ):
-        optimum = optimise.optimize(case, campaign, runner, watch_stage=show)
+        optimum = optimise.optimize(design.case, campaign, runner, watch_stage=show)
     table = optimise.comparison(optimum, campaign)
     note = f"found by startrack optimize, seed {options.seed}"
-    unknowns = still_unknown(options, campaign)
+    unknowns = still_unknown(design, campaign)
     for unknown in unknowns:
         note += f"\nfound for the middle of what is not known: {unknown.name}, {unknown}"
     save_design(options.out / "best.toml", Design(optimum.best, campaign, unknowns), note)
@@ -51,9 +50,8 @@ def command(options: argparse.Namespace) -> int:
     return Exit.DONE if optimum.feasible else Exit.UNSOLVED
 
 
-def still_unknown(options: argparse.Namespace, campaign: Campaign) -> tuple[Unknown, ...]:
+def still_unknown(design: Design, campaign: Campaign) -> tuple[Unknown, ...]:
     """What the search did not choose of what is not known of the design."""
-    path = terminal.found_file(options.campaign or terminal.example())
     chosen = {variable.name for variable in campaign.variables}
     chosen |= {link.name for link in campaign.links}
     chosen |= {choice.name for choice in campaign.choices}
@@ -62,5 +60,4 @@ def still_unknown(options: argparse.Namespace, campaign: Campaign) -> tuple[Unkn
         table, _, key = name.rpartition(".")  # a chosen detector replaces all but some of its keys
         return name in chosen or (table in chosen and key not in (*KEPT, *OPERATED))
 
-    unknowns = load_design(path, options.set).unknowns
-    return tuple(unknown for unknown in unknowns if not is_chosen(unknown.name))
+    return tuple(unknown for unknown in design.unknowns if not is_chosen(unknown.name))

@@ -45,10 +45,10 @@ def command(options: argparse.Namespace) -> int:
     with as_wrong_use():
         goals = FrontGoals(options.first, options.second)
     with (
-        open_campaign(options, "trading off goals of") as (case, campaign, runner),
+        open_campaign(options, "trading off goals of") as (design, campaign, runner),
         stages("trading off") as show,
     ):
-        space = DesignSpace(case, campaign.variables, campaign.links)
+        space = DesignSpace(design.case, campaign.variables, campaign.links)
         points = front(space, campaign, goals, runner, options.points, options.method, show)
     named = (goals.first, goals.second)
     units = [COSTS.get(goal, "arcsec") for goal in named]

@@ -28,10 +28,10 @@ declare = Options(
 def command(options: argparse.Namespace) -> int:
     """Write tolerance.md, corner.png, samples.csv and result.json."""
     with (
-        open_campaign(options, "sampling around") as (case, campaign, runner),
+        open_campaign(options, "sampling around") as (design, campaign, runner),
         progress("designs", optimise.designs_needed(len(campaign.variables))) as advance,
     ):
-        space = DesignSpace(case, campaign.variables, campaign.links)
+        space = DesignSpace(design.case, campaign.variables, campaign.links)
         source = optimise.TrackerSource(space, campaign, runner)
         tolerance = optimise.sample(source, advance)
     return write_tolerance(options, tolerance, {"limit_arcsec": tolerance.limit / arcsec})

@@ -39,13 +39,13 @@ declare = Options(
 
 def command(options: argparse.Namespace) -> int:
     """Write sensitivity.md, tornado.png and result.json, all by the analytic budget."""
-    with open_campaign(options, "computing the sensitivities of") as (case, campaign, runner):
-        space = DesignSpace(case, campaign.variables, campaign.links)
+    with open_campaign(options, "computing the sensitivities of") as (design, campaign, runner):
+        space = DesignSpace(design.case, campaign.variables, campaign.links)
         count = 4 * len(space) + (options.designs if len(space) > 1 else 0)
         with progress("forecasts", count) as advance:
             source = TrackerSource(space, campaign, runner)
             studied = sensitivities(source, options.designs, advance)
-    over = campaign.over_units(case)
+    over = campaign.over_units(design.case)
     objective = units_text(over, campaign) if over else str(campaign.goal)
     return write_sensitivities(options, studied, space.labels(), objective, "arcsec", "_arcsec")
 

@@ -84,15 +84,21 @@ def read_design(path: Path, changes: Iterable[str] = ()) -> Design:
         design = load_design(found_file(path), list(changes))
     for code in used_code():
         print_message(f"startrack: {code}")
-    if design.unknowns:
-        names = [unknown.name for unknown in design.unknowns]
-        more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
-        print_message(
-            f"startrack: {len(names)} values of the design are not known "
-            f"({', '.join(names[:MOST_NAMES])}{more}); figures are for the middle of their laws, "
-            "`startrack predict` gives intervals"
-        )
+    print_unknown(design)
     return design
+
+
+def print_unknown(design: Design, owner: str = "the design") -> None:
+    """Say that figures are for the middle of what is not known of a design."""
+    if not design.unknowns:
+        return
+    names = [unknown.name for unknown in design.unknowns]
+    more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
+    print_message(
+        f"startrack: {len(names)} values of {owner} are not known "
+        f"({', '.join(names[:MOST_NAMES])}{more}); figures are for the middle of their laws, "
+        "`startrack predict` gives intervals"
+    )
 
 
 def found_file(path: Path, folders: Iterable[str] = SHIPPED, kind: str = "a design file") -> Path:

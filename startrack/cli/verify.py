@@ -109,6 +109,7 @@ def command(options: argparse.Namespace) -> int:
     unknowns = [unknown.name for unknown in design.unknowns]
     if unknowns and answer is verification.Answer.PASS:
         answer = verification.Answer.NOT_SHOWN
+        values["verdict"] = answer.value
         table += (
             f"\nNOT SHOWN: {len(unknowns)} values are not known ({', '.join(unknowns)}), and what "
             "passes does so for the middle of their laws; startrack predict gives the interval"

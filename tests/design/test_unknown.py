@@ -1,7 +1,6 @@
 """Laws of values that are not known, in a design file."""
 
 import math
-from argparse import Namespace
 
 import numpy as np
 import pytest
@@ -142,6 +141,5 @@ def test_a_search_keeps_the_laws_of_what_it_does_not_choose(written):
         "[scene]\nbackground_g = { low = 21, high = 22 }\n"
     )
     design = load_design(path)
-    options = Namespace(campaign=path, set=[])
-    (kept,) = optimize.still_unknown(options, design.campaign)
+    (kept,) = optimize.still_unknown(design, design.campaign)
     assert kept.name == "scene.background_g"
