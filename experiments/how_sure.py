@@ -40,7 +40,7 @@ import units
 from scipy.special import ndtr, ndtri
 
 from startrack import Streams, arcsec, shipped
-from startrack.budget import Term
+from startrack.budget import PUBLISHED, Term
 from startrack.core import Floats
 from startrack.design import Told
 from startrack.montecarlo import pool
@@ -52,6 +52,7 @@ CLASSES = {"noise": Term.NOISE, "pixel": Term.PIXEL, "fov": Term.FIELD}
 CLASSES |= {"thermo-elastic": Term.THERMO_ELASTIC}
 AXES = ("across", "about")
 LEAST_PART = 0.3  # of a published figure that the residual makes, at least, in `implied`
+TERMS = dict(zip(("NEA", "pixel", "FOV", "accuracy"), PUBLISHED.values(), strict=False))
 TOLD = (("accuracy", "across", 1.15), ("NEA", "across", 1.1))  # of synthetic designs
 
 
@@ -176,14 +177,13 @@ def posterior(surface: PredictionSurface, designs: int) -> dict[str, Any]:
     random = Streams(SEED, 0)("drawn designs")
     held = {68: 0, 95: 0}
     count = len(surface.unknowns)
-    terms = dict(zip(("NEA", "pixel", "FOV", "accuracy"), _terms(), strict=True))
     for number in range(designs):
         truth = random.standard_normal((1, count))
         errors = surface.errors(surface.scores(ndtr(truth)))
         errors = errors * np.exp(surface.scatter * random.standard_normal(errors.shape))
         told = []
         for figure, axis, factor in TOLD:
-            value = surface.figure(errors, terms[figure])[0, AXES.index(axis)]
+            value = surface.figure(errors, TERMS[figure])[0, AXES.index(axis)]
             wrong = math.exp(math.log(factor) * random.standard_normal())
             told.append(Told(figure, axis, float(value) * wrong, factor=factor))
         scores = ndtri(learn(surface, told, SEED + number).quantiles(2000))
@@ -191,12 +191,6 @@ def posterior(surface: PredictionSurface, designs: int) -> dict[str, Any]:
             ends = np.quantile(scores, (0.5 - level / 200, 0.5 + level / 200), axis=0)
             held[level] += int(((ends[0] <= truth[0]) & (truth[0] <= ends[1])).sum())
     return {f"posterior_{level}": share / (designs * count) for level, share in held.items()}
-
-
-def _terms() -> list[tuple[Term, ...]]:
-    random = (Term.NOISE, Term.PIXEL, Term.ABERRATION, Term.MEASUREMENT_DATE)
-    field = (*random, Term.FIELD)
-    return [(Term.NOISE,), random, field, (*field, Term.THERMO_ELASTIC, Term.PLATFORM)]
 
 
 def further(draws: int, executor: Any) -> list[Tracker]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from itertools import chain
 from pathlib import Path
 
 from startrack.cli import options as shared
@@ -12,10 +13,12 @@ from startrack.cli.options import SEED, SET, Exit, Option, Options, images, out,
 if wanted(__name__):
     from startrack import verification
     from startrack.cli import terminal
-    from startrack.design import Case
-    from startrack.io import save_arrays, save_json
+    from startrack.core import Refused
+    from startrack.design import FRAME_FIGURES, Case, Told
+    from startrack.io import save_arrays, save_json, to_table
     from startrack.metrics import Column, Table
     from startrack.plots import draw_flown
+    from startrack.prediction import save_told
 
 TABLES = (".npz", ".fits", ".fit", ".fts")  # of images of stars, where there is one file
 
@@ -26,7 +29,9 @@ declare = Options(
     "gain and read noise by photon transfer, the image by the phase of the pixel, the scatter of "
     "centroids from exposure to exposure and in all, steps of the image, and the centroid over "
     "the pixel. A difference is marked, with the keys of the design that it points to; the design "
-    "is not changed. Writes flight.json and flight.png.\n\n"
+    "is not changed. Writes flight.json and flight.png; of images of 8 x 8 pixels, as whole "
+    "frames give, also told.toml: the design with [[told]] figures of what was measured, of which "
+    "startrack predict says what they mean for its unknown values.\n\n"
     "The images are whole frames, files in the order of time or a SER, raw or video file, in which "
     "the tracker's search finds the brightest stars and its box follows them, at the times of SER "
     "or of DATE-OBS (MJD-OBS, JD) in FITS, without these at the update rate of the detector; or a "
@@ -34,7 +39,8 @@ declare = Options(
     "tables, with the time (second), the numbers of each image less the offset, and col0, row0, "
     "the place of its first pixel; background, magnitude, magnitude_g and acquired may be missing. "
     "The predicted images have the light that is seen: the brightness tests transmission and "
-    "quantum efficiency only of stars with magnitude_g, Gaia's G. In an npz "
+    "quantum efficiency only of stars with magnitude_g, Gaia's G, which whole frames have of the "
+    "stars that the tracker matches in the first. In an npz "
     "each name begins with that of its star and '_': s4_time, s4_number, s4_col0, s4_row0, "
     "s4_background.\n\n"
     "  startrack compare-flight trackers/chandra-aca.toml flight.npz --stars s4,s5",
@@ -60,14 +66,18 @@ declare = Options(
 
 def command(options: argparse.Namespace) -> int:
     """Print what is predicted and seen; write flight.json and flight.png."""
-    case = terminal.read_design(options.design, options.set).case
+    path = terminal.found_file(options.design)
+    case = terminal.read_design(path, options.set).case
     with shared.as_wrong_use(ValueError, OSError):
         stars = _stars(options, case)
         with terminal.progress("stars", len(stars)) as advance:
             flown = verification.compare_flown(case, stars, options.devices, options.seed, advance)
+        told = _told(case, stars, options.images[0].name)
         if options.keep:
             made = verification.simulate(case, stars, 1, options.seed)[0]
             save_arrays(options.out / "predicted.npz", {star.name: star.columns for star in made})
+    if told:
+        save_told(options.out / "told.toml", path, told)
     table, first = _table(flown), options.images[0]
     result = {
         "design": str(options.design),
@@ -77,6 +87,7 @@ def command(options: argparse.Namespace) -> int:
         "devices": options.devices,
         "differences": table.json(),
         "untested": _untested(flown),
+        "told": [to_table(one) for one in told],
         "curve_correlation": {
             star: verification.correlation(*pair) for star, pair in flown.curves.items()
         },
@@ -87,7 +98,8 @@ def command(options: argparse.Namespace) -> int:
     save_json(options.out / "flight.json", terminal.finite(result))
     title = f"{options.design.stem}, {first.name}: predicted over seen"
     draw_flown(options.out / "flight.png", flown, title)
-    terminal.print_result(options, result | {"out": str(options.out)}, *_text(flown, table))
+    lines = [*_text(flown, table), *_told_text(told, options)]
+    terminal.print_result(options, result | {"out": str(options.out)}, *lines)
     return Exit.DONE
 
 
@@ -100,9 +112,37 @@ def _stars(options: argparse.Namespace, case: Case) -> list[verification.Windows
         return verification.read_windows(first, names)
     count, frames = terminal.read_series(options)
     dark = terminal.image_reader(options)(options.dark_frame) if options.dark_frame else None
+    first_frame = next(frames)
     with terminal.progress("frames", count) as advance:
-        stars = verification.windows_of_frames(frames, case, advance, dark)
+        series = chain([first_frame], frames)
+        stars = verification.windows_of_frames(series, case, advance, dark)
+    stars = verification.with_magnitudes(stars, first_frame, case)
     return [star for star in stars if not names or star.name in names]
+
+
+def _told(case: Case, stars: list[verification.Windows], source: str) -> list[Told]:
+    """What the images tell of the design; nothing of images that are too small."""
+    try:
+        return verification.told_by_frames(case, stars, source)
+    except Refused as error:
+        terminal.print_message(f"startrack: no told figures: {error}")
+        return []
+
+
+def _told_text(told: list[Told], options: argparse.Namespace) -> list[str]:
+    if not told:
+        return []
+    lines = [
+        f"  {one.name}: {one.number:.4g} {FRAME_FIGURES[one.figure]}, 68 % within {one.factor:.3f}"
+        for one in told
+    ]
+    without = ", without the changes of --set" if options.set else ""
+    return [
+        "",
+        f"told figures, in {options.out / 'told.toml'} over the design{without}; startrack predict "
+        "gives what they say of its unknown values:",
+        *lines,
+    ]
 
 
 def _table(flown: verification.FlightComparison) -> Table:

@@ -10,6 +10,8 @@ from startrack.cli import options as shared
 from startrack.cli.options import DESIGN, Exit, Option, Options, wanted, whole
 
 if wanted(__name__):
+    import numpy as np
+
     from startrack.budget import PUBLISHED
     from startrack.cli import terminal
     from startrack.cli.options import as_wrong_use
@@ -20,7 +22,9 @@ if wanted(__name__):
     from startrack.prediction import (
         ACCURACY,
         DRAWS,
+        MIDDLE,
         UNITS,
+        Draw,
         Learned,
         PredictedFigure,
         Prediction,
@@ -53,7 +57,6 @@ declare = Options(
 def command(options: argparse.Namespace) -> int:
     """Print the prediction; with --out, write prediction.json and prediction.png."""
     path = terminal.found_file(options.design or terminal.example())
-    terminal.read_design(path, options.set)  # what is wrong with it is said before any draw
     draws = options.draws or DRAWS
     with as_wrong_use(path=path):
         age = None if options.age is None else parse(options.age, "s")
@@ -70,6 +73,7 @@ def command(options: argparse.Namespace) -> int:
                 age,
                 executor,
                 advance,
+                lambda draw: _print_middle(draw) if draw.number == MIDDLE else None,
             )
     result = {"design": str(path), "seed": options.seed, **_values(prediction)}
     if options.out:
@@ -78,9 +82,28 @@ def command(options: argparse.Namespace) -> int:
         save_json(options.out / "prediction.json", terminal.finite(result))
         if prediction.learned:
             save_posterior(options.out / "posterior.toml", path, prediction.learned)
+            if options.set:
+                terminal.print_message(
+                    f"startrack: posterior.toml lies over {path}, without the changes of --set"
+                )
         result["out"] = str(options.out)
     terminal.print_result(options, result, _text(prediction))
     return Exit.UNSOLVED if prediction.lost else Exit.DONE
+
+
+def _print_middle(draw: Draw) -> None:
+    """The first answer, some seconds before the intervals."""
+    if draw.refused:
+        terminal.print_message(
+            f"with every unknown at its middle there is no error: {draw.refused}"
+        )
+        return
+    terms = [draw.terms[term] for term in PUBLISHED[ACCURACY] if term in draw.terms]
+    across, about = np.linalg.norm(terms, axis=0) / arcsec
+    terminal.print_message(
+        f"with every unknown at its middle: accuracy {across:.3g} arcsec across and {about:.3g} "
+        "about, rms per axis (1 sigma); intervals follow"
+    )
 
 
 def _values(prediction: Prediction) -> dict[str, Any]:
@@ -130,11 +153,11 @@ def _text(prediction: Prediction) -> str:
         for figure in prediction.figures
     ]
     lines = [
-        f"accuracy of {across.median / arcsec:.3g} arcsec across "
+        f"accuracy, rms per axis (1 sigma): {across.median / arcsec:.3g} arcsec across "
         f"{_interval(across.low_68, across.high_68)} and {about.median / arcsec:.3g} about "
         f"{_interval(about.low_68, about.high_68)} in 68 %, at {prediction.age / YEAR:g} yr; "
-        f"{len(prediction.unknowns)} values are not known, "
-        f"{across.causes[0][0]} makes most of the width",
+        f"of {len(prediction.unknowns)} unknown values {across.causes[0][0]} makes the largest "
+        f"part of the width across, {across.causes[0][1]:.0%}",
         "",
         *aligned(rows, (0, 1)),
         "",
@@ -162,6 +185,7 @@ def _learned(learned: Learned) -> list[str]:
     lines += [
         f"  {lesson.unknown.name}: "
         + ("the figures say nothing of it" if lesson.silent else f"{lesson.unknown}")
+        + (f" ({lesson.shift:+.1f} sigma of its law before)" if lesson.far else "")
         for lesson in learned.lessons
     ]
     if reason := learned.chains.reason_unconverged:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from startrack.core.arrays import Floats, Ints
 from startrack.core.checks import Refused
-from startrack.core.declared import POSITIVE, Parameters, Range, parameter
+from startrack.core.declared import NON_NEGATIVE, POSITIVE, Parameters, Range, parameter
 from startrack.core.kernel import kernel
 from startrack.core.units import Unit
 
@@ -122,6 +122,12 @@ class Curve(Parameters):
     value: tuple[float, ...] = parameter(
         "at each wavelength, or one for all", limit=Range(0, 1), default=(1.0,)
     )
+    factor: float = parameter(
+        "on all values, which stay within [0, 1]: the level of a curve by one number, such as one "
+        "that is not known",
+        limit=NON_NEGATIVE,
+        default=1.0,
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -138,13 +144,14 @@ class Curve(Parameters):
     def __call__(self, wavelength: Floats) -> Floats:
         """The curve at wavelengths in metre."""
         if not self.wavelength:
-            return np.full(np.shape(wavelength), self.value[0])
-        return np.interp(wavelength, self.wavelength, self.value, left=0.0, right=0.0)
+            return np.full(np.shape(wavelength), min(self.factor * self.value[0], 1.0))
+        values = np.interp(wavelength, self.wavelength, self.value, left=0.0, right=0.0)
+        return values if self.factor == 1 else np.minimum(self.factor * values, 1.0)
 
     def scaled(self, factor: float) -> Curve:
         """The curve times a factor, within [0, 1]."""
-        return Curve(
-            self.wavelength, tuple(min(max(value * factor, 0.0), 1.0) for value in self.value)
+        return replace(
+            self, value=tuple(min(max(value * factor, 0.0), 1.0) for value in self.value)
         )
 
 

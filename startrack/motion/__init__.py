@@ -8,6 +8,7 @@ line_of_sight  Motion -> LineOfSight of an exposure, the drift and blur that it 
 
 from startrack.motion.line_of_sight import (
     blur,
+    exposure_mean_rms,
     image_path,
     jitter_rms,
     sample_jitter,

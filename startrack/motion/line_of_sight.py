@@ -229,6 +229,27 @@ def jitter_rms(motion: Motion, exposure: float) -> Floats:
     return read_only(np.sqrt(square))
 
 
+def exposure_mean_rms(
+    motion: Motion, exposure: float, passed: Callable[[Any], Any] = np.ones_like
+) -> Floats:
+    """Where the mean of an exposure lies by jitter: rms over all times of exposures at rest.
+
+        rms^2 = Int S(f) sinc(f T)^2 passed(f) df
+
+    exposure  second, T
+    passed    1, function of hertz: power that is kept of what exposures show one after another
+    Returns   (3,) radian, about the camera's axes; `motion.jitter` is left out
+    """
+    return np.sqrt(
+        _with_lines(
+            np.zeros(3),
+            motion.tones,
+            motion,
+            lambda hertz: np.sinc(hertz * exposure) ** 2 * passed(hertz),
+        )
+    )
+
+
 def _with_lines(
     square: Floats, tones: Sequence[Tone], motion: Motion, part: Callable[[Any], Any]
 ) -> Floats:

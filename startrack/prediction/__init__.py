@@ -6,8 +6,8 @@ learn    Surface and told figures -> what they say of each unknown, and its law 
 predict  Design file -> Prediction: median and intervals of each figure, and what makes their width.
 """
 
-from startrack.prediction.draws import Draw, draw_unknowns
-from startrack.prediction.learn import Learned, Lesson, learn, save_posterior
+from startrack.prediction.draws import MIDDLE, Draw, draw_unknowns
+from startrack.prediction.learn import TERMS, Learned, Lesson, learn, save_posterior, save_told
 from startrack.prediction.predict import (
     ACCURACY,
     AXES,
@@ -21,6 +21,7 @@ from startrack.prediction.predict import (
 )
 from startrack.prediction.surface import PredictionSurface, fit_surface
 
+# Public; the other imports serve other rooms.
 __all__ = [
     "Draw",
     "Learned",
@@ -34,4 +35,5 @@ __all__ = [
     "predict",
     "prediction_of",
     "save_posterior",
+    "save_told",
 ]

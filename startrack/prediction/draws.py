@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from functools import lru_cache
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +14,7 @@ import numpy as np
 from startrack.budget import Term, unit_budgets
 from startrack.core import Advance, Floats, Refused, Streams, printed, whole
 from startrack.design import Case, Unknown, load_design
+from startrack.verification import expected_in_frames
 
 # Of each unit, chosen by hand: what so few leave is in the scatter of the surface, and small beside
 # the width of most laws.
@@ -31,6 +33,7 @@ class Draw(NamedTuple):
                   and about it
     availability  1, mean of the units
     refused       why the design has no errors; empty where it has
+    frames        what its frames measure, by name, of `expected_in_frames`
     """
 
     number: int
@@ -39,6 +42,7 @@ class Draw(NamedTuple):
     terms: dict[Term, Floats]
     availability: float
     refused: str = ""
+    frames: Mapping[str, float] = MappingProxyType({})
 
 
 def draw_unknowns(
@@ -51,6 +55,7 @@ def draw_unknowns(
     executor: Executor | None = None,
     progress: Advance | None = None,
     middle: bool = True,
+    watch: Callable[[Draw], None] | None = None,
 ) -> list[Draw]:
     """The draw of the middle, first, and draws of all unknowns.
 
@@ -63,6 +68,7 @@ def draw_unknowns(
     executor  whose workers compute the draws; None: this process
     progress  called with 1 after each draw
     middle    whether the draw of the middle is among them
+    watch     called with each draw, in their order
     Raises    what `load_design` raises of the file; a design as drawn that has no budget, because
               no field can be solved or a value is out of its limits, is a draw with `refused`.
     """
@@ -79,6 +85,8 @@ def draw_unknowns(
         results = (future.result() for future in futures)
     for draw in results:
         draws.append(draw)
+        if watch:
+            watch(draw)
         if progress:
             progress(1)
     return draws
@@ -107,9 +115,10 @@ def _draw(
         return Draw(number, (), quantiles, {}, 0.0, str(error))
     try:
         terms, available = _terms(design.case, seed, max(number, 0) * units, units, age)
+        frames = expected_in_frames(design.case)
     except Refused as error:
         return Draw(number, design.unknowns, quantiles, {}, 0.0, str(error))
-    return Draw(number, design.unknowns, quantiles, terms, available)
+    return Draw(number, design.unknowns, quantiles, terms, available, "", frames)
 
 
 def _terms(

@@ -14,17 +14,19 @@ from scipy.special import ndtr
 
 from startrack.budget import PUBLISHED
 from startrack.core import Floats, Refused
-from startrack.design import INCLUDE, TOLD_FIGURES, Told, Unknown
-from startrack.io import save_text
+from startrack.design import ERROR_FIGURES, INCLUDE, Told, Unknown
+from startrack.io import save_text, to_table
 from startrack.optimise import Chains, Ensembles, draw, thinned
-from startrack.prediction.surface import PredictionSurface
+from startrack.prediction.surface import FrameSurface, PredictionSurface
 
 # The classes of error of each figure that may be told, as budgets name them.
-TERMS = dict(zip(TOLD_FIGURES, PUBLISHED.values(), strict=True))
+TERMS = dict(zip(ERROR_FIGURES, PUBLISHED.values(), strict=True))
 START = 0.5  # standard deviation of the scores at which the walkers start
 HOW = Ensembles(count=2, stretch=500, most_steps=10_000)
 LEAST_FACTOR = 1.001  # of a law, which must be above 1
 SILENT = 0.9  # of its spread before, from which on data say nothing of an unknown; by hand
+UNMOVED = 0.2  # of the shift, likewise
+FAR = 2.0  # standard deviations; by hand
 NOT_A_CHANCE = 1e-3  # probability of a value of a choice, below which it is left out
 
 
@@ -34,15 +36,23 @@ class Lesson(NamedTuple):
     unknown    with its law from then on; correlations with others are lost
     narrowing  1, spread of its score over that before; of 0.9 and more, the figures say nothing of
                it
+    shift      standard deviations of its law before, from its middle to its mean from then on; of
+               a choice, the largest change of the probability of a value
     """
 
     unknown: Unknown
     narrowing: float
+    shift: float = 0.0
+
+    @property
+    def far(self) -> bool:
+        """Whether what is known of it now lies in the tails of its law before."""
+        return abs(self.shift) > FAR
 
     @property
     def silent(self) -> bool:
         """Whether the figures say nothing of it."""
-        return self.narrowing >= SILENT
+        return self.narrowing >= SILENT and abs(self.shift) <= UNMOVED
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +60,7 @@ class Learned:
     """The unknowns of a design under told figures.
 
     told     the figures
-    lessons  one for each unknown
+    lessons  one for each unknown; of which they say nothing, with the law from before
     chains   of the unknowns' normal scores
     """
 
@@ -66,25 +76,32 @@ class Learned:
 def learn(surface: PredictionSurface, told: Sequence[Told], seed: int) -> Learned:
     """Sample the unknowns of a design under figures of its error.
 
-        p(x | told) ~ p(x) prod_i N(ln value_i; ln error_i(x), (ln factor_i)^2 + scatter_i^2)
+        p(x | told) ~ p(x) prod_i N(ln value_i; ln figure_i(x), (ln factor_i)^2 + scatter_i^2)
 
     Each unknown has the normal score of its quantile, of which the law before is a standard normal
     one; the value of a choice follows from it, too. The scatter is that of the surface.
 
-    Raises    Refused where no unknown is there, or the design has no error of a told class.
+    Raises    Refused where no unknown is there, or the design has no error of a told class, or no
+              such figure of frames.
     Accuracy  model: a figure is that of the middle of all units. numerical: see
               `Chains.reason_unconverged`.
     """
     if not surface.unknowns:
         raise Refused("told figures need values that are not known, got none")
     for one in told:
-        if not surface.counted(TERMS[one.figure]):
+        if one.of_frames and one.figure not in surface.frames.names:
+            raise Refused(f"told: the design has no {one.figure} in its frames")
+        if not one.of_frames and not surface.counted(TERMS[one.figure]):
             raise Refused(f"told: the design has no error that {one.figure} counts")
 
     def log_probability(theta: Floats) -> Floats:
-        errors = surface.errors(surface.scores(ndtr(theta)))
+        scores = surface.scores(ndtr(theta))
+        errors = surface.errors(scores)
         value = -(theta**2).sum(axis=1) / 2
         for one in told:
+            if one.of_frames:
+                value += _of_frames(surface.frames, one, scores)
+                continue
             axis = 0 if one.axis == "across" else 1
             which = surface.counted(TERMS[one.figure])
             square = errors[:, which, axis] ** 2
@@ -99,11 +116,20 @@ def learn(surface: PredictionSurface, told: Sequence[Told], seed: int) -> Learne
         return START * random.standard_normal((count, len(surface.unknowns)))
 
     chains = draw(log_probability, start, seed, HOW)
-    lessons = [
-        _lesson(unknown, column)
-        for unknown, column in zip(surface.unknowns, chains.flat.T, strict=True)
-    ]
+    lessons = list[Lesson]()
+    for unknown, column in zip(surface.unknowns, chains.flat.T, strict=True):
+        lesson = _lesson(unknown, column)
+        lessons.append(lesson._replace(unknown=unknown) if lesson.silent else lesson)
     return Learned(tuple(told), tuple(lessons), chains)
+
+
+def _of_frames(frames: FrameSurface, told: Told, scores: Floats) -> Floats:
+    """Logarithm of the likelihood (n,) of a told figure of frames."""
+    assert told.number is not None
+    place = frames.names.index(told.figure)
+    off = math.log(told.number) - frames.constant[place] - scores @ frames.slope[place]
+    variance = math.log(told.factor) ** 2 + frames.scatter[place] ** 2
+    return np.asarray(-(off**2) / variance / 2)
 
 
 def _lesson(unknown: Unknown, score: Floats) -> Lesson:
@@ -121,7 +147,7 @@ def _lesson(unknown: Unknown, score: Floats) -> Lesson:
             "among": [unknown.law["among"][n] for n in kept],
             "weight": [_rounded(max(float(share[n]), NOT_A_CHANCE)) for n in kept],
         }
-        return Lesson(Unknown(unknown.name, law), narrowing)
+        return Lesson(Unknown(unknown.name, law), narrowing, float(np.abs(share - before).max()))
     values = unknown.numbers(quantile)
     if (values > 0).all():
         logarithm = np.log(values)
@@ -132,7 +158,7 @@ def _lesson(unknown: Unknown, score: Floats) -> Lesson:
         middle, half = float(values.mean()), math.sqrt(3) * float(values.std())
         ends = {"low": middle - half, "high": middle + half}
         law = {key: unknown.written(_rounded(end)) for key, end in ends.items()}
-    return Lesson(Unknown(unknown.name, law), narrowing)
+    return Lesson(Unknown(unknown.name, law), narrowing, float(score.mean()))
 
 
 def _rounded(value: float) -> float:
@@ -145,11 +171,8 @@ def save_posterior(path: Path, design: Path, learned: Learned) -> None:
     The figures are in the laws, so that the file tells none; it may tell others. The weights of
     files among which one is included are those of the design below, and stand in a comment.
     """
-    import tomli_w
-
-    table: dict[str, Any] = {"base": os.path.relpath(design.resolve(), path.resolve().parent)}
-    table["told"] = []
-    comments = [f"# {one.figure} {one.axis} was told" for one in learned.told]
+    table = dict[str, Any](told=[])
+    comments = [f"# {one.name} was told" for one in learned.told]
     for lesson in learned.lessons:
         name, law = lesson.unknown.name, lesson.unknown.law
         *outer, last = name.split(".")
@@ -160,4 +183,17 @@ def save_posterior(path: Path, design: Path, learned: Learned) -> None:
         for part in outer:
             at = at.setdefault(part, {})
         at[last] = dict(law)
-    save_text(path, "\n".join([*comments, tomli_w.dumps(table)]))
+    _save_over(path, design, table, comments)
+
+
+def save_told(path: Path, design: Path, told: Sequence[Told]) -> None:
+    """Write a design file over another one, with figures that it is told."""
+    _save_over(path, design, {"told": [to_table(one) for one in told]}, [])
+
+
+def _save_over(path: Path, design: Path, table: dict[str, Any], comments: Sequence[str]) -> None:
+    """Write a design file over another one."""
+    import tomli_w
+
+    base = os.path.relpath(design.resolve(), path.resolve().parent)
+    save_text(path, "\n".join([*comments, tomli_w.dumps({"base": base} | table)]))

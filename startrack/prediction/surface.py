@@ -20,6 +20,23 @@ SPARE = 3  # draws beyond the unknown coefficients, below which nothing is fitte
 
 @printed
 @dataclass(frozen=True, eq=False)
+class FrameSurface:
+    """What frames measure of a design, as a function of what is not known of it.
+
+    names     of the figures, all of them above zero in all draws
+    constant  (f,) ln figure
+    slope     (f, k)
+    scatter   (f,)
+    """
+
+    names: tuple[str, ...]
+    constant: Floats
+    slope: Floats
+    scatter: Floats
+
+
+@printed
+@dataclass(frozen=True, eq=False)
 class PredictionSurface:
     """Classes of error of a design as a function of what is not known of it.
 
@@ -34,6 +51,7 @@ class PredictionSurface:
     constant  (t, 2) ln radian, across and about
     slope     (t, 2, k)
     scatter   (t, 2) of what is not linear, and of the few units of a draw
+    frames    what frames measure, with ln(figure) likewise
     """
 
     unknowns: tuple[Unknown, ...]
@@ -41,6 +59,7 @@ class PredictionSurface:
     constant: Floats
     slope: Floats
     scatter: Floats
+    frames: FrameSurface
 
     def counted(self, terms: Sequence[Term]) -> list[int]:
         """Which of its classes of error are among some."""
@@ -97,18 +116,32 @@ def fit_surface(draws: Sequence[Draw]) -> PredictionSurface:
     terms = tuple(term for term in Term if any(term in draw.terms for draw in some))
     value = np.array([[draw.terms.get(term, np.zeros(2)) for term in terms] for draw in some])
     logarithm = np.log(np.maximum(value, LEAST)).reshape(len(some), -1)
-    model = np.column_stack([np.ones(len(some)), scores])
-    found, *_ = np.linalg.lstsq(model, logarithm)
-    free = len(some) - model.shape[1]
-    scatter = np.sqrt(((logarithm - model @ found) ** 2).sum(axis=0) / free)
+    constant, slope, scatter = _fit(scores, logarithm)
     shape = len(terms), 2
     return PredictionSurface(
         unknowns,
         terms,
-        found[0].reshape(shape),
-        found[1:].T.reshape(*shape, -1),
+        constant.reshape(shape),
+        slope.reshape(*shape, -1),
         scatter.reshape(shape),
+        _of_frames(some, scores),
     )
+
+
+def _fit(scores: Floats, logarithm: Floats) -> tuple[Floats, Floats, Floats]:
+    """Constants (m,), slopes (m, k) and scatters (m,) of logarithms (n, m), by least squares."""
+    model = np.column_stack([np.ones(len(scores)), scores])
+    found = np.asarray(np.linalg.lstsq(model, logarithm)[0], float)
+    free = len(scores) - model.shape[1]
+    scatter = np.sqrt(((logarithm - model @ found) ** 2).sum(axis=0) / free)
+    return found[0], found[1:].T, np.asarray(scatter)
+
+
+def _of_frames(draws: Sequence[Draw], scores: Floats) -> FrameSurface:
+    """What frames measure in all draws."""
+    names = tuple(name for name in draws[0].frames if all(d.frames.get(name, 0) > 0 for d in draws))
+    value = np.array([[draw.frames[name] for name in names] for draw in draws])
+    return FrameSurface(names, *_fit(scores, np.log(value)))
 
 
 def unknowns_of(draws: Sequence[Draw]) -> tuple[Unknown, ...]:

@@ -12,6 +12,7 @@ units     Design, campaign, units -> a verdict on each requirement by its yield.
 windows_of_flight  Images of stars that a tracker sent down: files of windows, and windows cut from
           whole frames.
 figures   Windows of flight -> measured figures: centroids, light, noise, photon transfer, image.
+frame_figures  What frames measure of a design, and the same by the design itself.
 prediction  Case and windows of flight -> the images that the design makes of the same stars and
           paths.
 flown     Windows of flight and the design -> each figure as predicted and as seen.
@@ -33,6 +34,7 @@ from startrack.verification.cases import boresights, cases, counted
 from startrack.verification.decide import Answer, Looks, YieldClaim, claims_of, tails
 from startrack.verification.figures import correlation, photon_transfer
 from startrack.verification.flown import FlightComparison, compare_flown
+from startrack.verification.frame_figures import expected_in_frames, told_by_frames
 from startrack.verification.prediction import simulate
 from startrack.verification.problem import problem_verdict_table, verify_problem
 from startrack.verification.units import (
@@ -51,7 +53,12 @@ from startrack.verification.verify import (
     verification_values,
     verify,
 )
-from startrack.verification.windows_of_flight import Windows, read_windows, windows_of_frames
+from startrack.verification.windows_of_flight import (
+    Windows,
+    read_windows,
+    windows_of_frames,
+    with_magnitudes,
+)
 
 # Public; the other imports serve other rooms.
 __all__ = ["Looks", "Windows", "compare_flown", "photon_transfer", "read_windows", "simulate"]

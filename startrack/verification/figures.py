@@ -127,7 +127,7 @@ def measure(
             rest, slope = _transfer_line(windows)
             gain, read = 1 / slope, _read_noise(rest)
             offset = (read_noise**2 + ROUNDING - rest) / slope
-        third = _third(off)[calm]
+        third = third_differences(off)[calm]
         known = np.isfinite(off[:, 0])
         together = len(seen) > 1 and known.any()
         scalar = {
@@ -157,7 +157,7 @@ def _about_common(places: list[Floats], seen: list[Centroids]) -> tuple[list[Flo
     no other was seen with.
     """
     times = [track.windows.time for track in seen]
-    moved = [_calm(track.windows) for track in seen]
+    moved = [still(track.windows) for track in seen]
     if len(seen) == 1:
         return [places[0] - places[0].mean(axis=0)], moved
     residual, calm = [], []
@@ -200,7 +200,7 @@ def _between(time: Floats, other: Floats) -> Flags:
     return np.asarray(exact | inside)
 
 
-def _calm(windows: Windows) -> Any:
+def still(windows: Windows) -> Any:
     """Whether the image stayed, and none is missing, in each four exposures (n - 3,)."""
     step = np.diff(windows.time)
     near = step < 1.5 * np.median(step)
@@ -208,7 +208,7 @@ def _calm(windows: Windows) -> Any:
     return same[:-2] & same[1:-1] & same[2:]
 
 
-def _third(values: Floats) -> Floats:
+def third_differences(values: Floats) -> Floats:
     """Third differences (n - 3, ...) in time, of the variance of white noise."""
     count = len(values) - 3
     return np.asarray(sum(w * values[k : k + count] for k, w in enumerate(THIRD)))
@@ -262,10 +262,10 @@ def _read_noise(rest: float) -> float:
 
 def _transfer_line(windows: Windows) -> tuple[float, float]:
     """Variance where there is no light, and how much it grows with the mean; digital numbers."""
-    calm = _calm(windows)
+    calm = still(windows)
     number = windows.number.reshape(len(windows.number), -1)
     level = (number[:-3] + number[1:-2] + number[2:-1] + number[3:])[calm] / 4
-    third = _third(number)[calm]
+    third = third_differences(number)[calm]
     groups = []
     for pixel in np.flatnonzero(np.ptp(number, axis=0) > 0):
         order = np.argsort(level[:, pixel])

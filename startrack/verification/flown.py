@@ -7,8 +7,7 @@ the same stars on the same paths, on detectors of other pixels.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from itertools import pairwise
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +19,7 @@ from startrack.observation import psf_of
 from startrack.response import scale
 from startrack.verification.figures import centroids, known_mean, measure
 from startrack.verification.prediction import fraction_in_box, simulate
-from startrack.verification.windows_of_flight import BLOCKS, Windows
+from startrack.verification.windows_of_flight import BLOCKS, Windows, blocks_of
 
 OFF = 1.5  # of half of its interval, beyond which an offset is not zero: 3 sigma
 # What each figure depends on in a design; those first that are usually known worst.
@@ -104,7 +103,7 @@ def compare_flown(
     electrons = case.instrument.detector.electrons_per_dn
     noise = case.instrument.detector.noise / electrons
     measured = measure(stars, box, psf, noise)
-    parts = [measure(block, box, None, noise) for block in _blocks(stars)]
+    parts = [measure(block, box, None, noise) for block in blocks_of(stars)]
     differences, curves = [], {}
     stated = {"image": 0.0, "gain": electrons, "read_noise": noise, "offset": 0.0}
     for n, star in enumerate(stars):
@@ -158,14 +157,6 @@ def _of_known_offset(differences: list[FlightDifference]) -> list[FlightDifferen
         else row
         for row in differences
     ]
-
-
-def _blocks(stars: Sequence[Windows]) -> Iterable[list[Windows]]:
-    """The stars without each of eight blocks of time."""
-    begin, end = min(s.time[0] for s in stars), max(s.time[-1] for s in stars)
-    edges = np.linspace(begin, end, BLOCKS + 1)
-    for low, high in pairwise(edges):
-        yield [star.of((star.time < low) | (star.time >= high)) for star in stars]
 
 
 def _jackknifed(value: float, parts: list[float]) -> Interval:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,8 @@ from startrack import core, detection
 from startrack.core import Advance, Flags, Floats, Ints, Refused
 from startrack.design import Case
 from startrack.detector import Detector, dark_frames
-from startrack.observation import psf_of
+from startrack.observation import colour_correction, psf_of
+from startrack.trial import lost_in_space, pattern_indexes
 
 BLOCKS = 8  # of time, of the jackknife
 FEWEST_IMAGES = 4 * BLOCKS  # of a star
@@ -33,7 +35,8 @@ class Windows(core.Parameters, eq=False):
     corner      (n, 2) pixel (x, y) of the first pixel of each image
     background  (n,) digital number of a pixel, that the tracker takes off; None: not known
     magnitude   that the tracker states; NaN: not known
-    magnitude_g Gaia's G, by a catalogue and not by this light; NaN: not known
+    magnitude_g G of a sunlike star of its light, by a catalogue and not by these images; NaN: not
+                known
     acquired    (n,) whether a search of the frame finds the star; None: not known
     """
 
@@ -209,6 +212,40 @@ def windows_of_frames(
         )
         for star in np.flatnonzero(kept)
     ]
+
+
+def blocks_of(stars: Sequence[Windows]) -> Iterable[list[Windows]]:
+    """The stars without each of eight blocks of time."""
+    begin, end = min(s.time[0] for s in stars), max(s.time[-1] for s in stars)
+    edges = np.linspace(begin, end, BLOCKS + 1)
+    for low, high in pairwise(edges):
+        yield [star.of((star.time < low) | (star.time >= high)) for star in stars]
+
+
+def with_magnitudes(stars: Sequence[Windows], frame: core.Frame, case: Case) -> list[Windows]:
+    """Windows of whole frames with the magnitudes of the catalogue, where the tracker knows stars.
+
+    The tracker finds its attitude from the first frame, lost in space; a star of the windows that
+    it matched has the G of the catalogue, with its colour in the band of the camera. Without an
+    attitude, and of stars that it did not match, magnitudes stay as they were.
+
+    Accuracy  model: of a single star, without the light of its neighbours.
+    """
+    indexes = pattern_indexes(case.believed_catalog)
+    plan_psf = psf_of(case.instrument)
+    spots, matches, _ = lost_in_space(frame, case.believed_camera, indexes, case.tracker, plan_psf)
+    if not len(matches):
+        return list(stars)
+    place = np.column_stack([spots.x, spots.y])[matches.spot]
+    known = indexes.stars[matches.star]
+    magnitude = known.magnitude_g + colour_correction(case, known.colour)
+    named = []
+    for star in stars:
+        far = np.hypot(*(place - star.corner[0] - (star.number.shape[1] - 1) / 2).T)
+        near = int(far.argmin())
+        given = float(magnitude[near]) if far[near] < NEAR else star.magnitude_g
+        named.append(replace(star, magnitude_g=given))
+    return named
 
 
 def _times(stamps: Floats, detector: Detector) -> Floats:

@@ -96,6 +96,7 @@ def test_what_a_figure_says_nothing_of_keeps_its_law():
     found = prediction_of(draws, 1, 3, 0.0, [told(6.0, 1.1)])
     silent = {lesson.unknown.name for lesson in found.learned.lessons if lesson.silent}
     assert silent == {"stars", "lens"}
+    assert [lesson.unknown for lesson in found.learned.lessons[1:]] == [STARS, LENS]
     assert found.figure(ACCURACY, "across").median == pytest.approx(6 * arcsec, rel=0.05)
     before = prediction_of(draws, 1, 3, 0.0)
     assert found.figure(ACCURACY, "across").factor < 0.6 * before.figure(ACCURACY, "across").factor

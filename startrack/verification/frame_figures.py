@@ -1,0 +1,213 @@
+"""What frames of a tracker measure of its design, and the same figures by the design itself.
+
+Both are reduced by the same code, so that a design can be estimated under them (`Told`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from startrack import detection
+from startrack.core import Floats, Refused
+from startrack.design import Case, Told
+from startrack.motion import exposure_mean_rms
+from startrack.response import scale, star_images
+from startrack.verification.figures import (
+    ROUNDING,
+    THIRD,
+    Centroids,
+    centroids,
+    still,
+    third_differences,
+)
+from startrack.verification.windows_of_flight import (
+    BLOCKS,
+    BORDER,
+    FEWEST_IMAGES,
+    Windows,
+    blocks_of,
+)
+
+SIDE = 8  # pixel, of the images whose corners give the background
+SUBPIXELS = 4  # places of a star in a pixel, along each axis
+# Of the logarithm of a figure, what reduction and formula differ by; by frames of drawn designs.
+LEAST_SIGMA = {"star signal": 0.01, "image width": 0.01}
+LEAST_MOTION = 1e-3  # pixel, of a common motion that is told
+FEWEST_STILL = 16  # third differences between images that stay
+OFF_RATE = 0.01  # of the time between frames, by which it may differ from that of the design
+
+
+class Reduced(NamedTuple):
+    """Images of a star, reduced.
+
+    total   (n,) light above the background, in the unit of the images
+    moment  (n,) pixel^2, second moment of an axis about the first
+    """
+
+    total: Floats
+    moment: Floats
+
+
+def reduced(images: Floats, size: int) -> Reduced:
+    """Light and width of images (n, 8, 8) in their `size` inner pixels, as `tracker.box` counts."""
+    level = np.array([detection.corner_level(image) for image in images])
+    cut = (SIDE - size) // 2
+    inner = images[:, cut : cut + size, cut : cut + size] - level[:, None, None]
+    light = inner * detection.image_mask(size)
+    total, step = light.sum(axis=(1, 2)), np.arange(size) - (size - 1) / 2
+    moment = np.zeros(len(images))
+    for axis in (1, 2):
+        profile = light.sum(axis=axis) / total[:, None]
+        moment += (profile @ step**2 - (profile @ step) ** 2) / 2
+    return Reduced(total, moment)
+
+
+def expected_in_frames(case: Case) -> dict[str, float]:
+    """Figures that frames measure, by the design, as `told_by_frames` defines them.
+
+    Empty where lines scan. Raises  Refused where the design has no image.
+    Accuracy  model: pixels alike; one image for the whole field; jitter by user code left out.
+              numerical: of a star's light and width 1e-3, by 16 places in the pixel.
+    """
+    instrument = case.instrument
+    detector = instrument.detector
+    if detector.scan:
+        return {}
+    # The middle of the image lies between pixels, of a cell on one.
+    place = (np.arange(SUBPIXELS) + 0.5) / SUBPIXELS - 1
+    places = np.stack(np.meshgrid(place, place), axis=-1).reshape(-1, 2)
+    images = star_images(instrument, places, SIDE + 2 * BORDER)[:, BORDER:-BORDER, BORDER:-BORDER]
+    seen = reduced(images, case.tracker.box.size)
+    electrons = detector.electrons_per_dn
+    motion = exposure_mean_rms(instrument.motion, detector.exposure, _passed(detector.update_rate))
+    pixel = 1 / instrument.camera.focal_length_px
+    return {
+        "gain": electrons,
+        "read noise": detector.noise / electrons,
+        "star signal": scale(case).star * float(seen.total.mean()) / electrons,
+        "image width": math.sqrt(float(seen.moment.mean())),
+        "common motion": math.sqrt(float((motion[:2] ** 2).mean())) / pixel,
+    }
+
+
+def _passed(rate: float) -> Callable[[Floats], Floats]:
+    """Power of a sinusoid that third differences of images at a rate keep."""
+    lag = np.arange(len(THIRD))
+    return lambda hertz: (
+        np.abs(np.exp(-2j * np.pi * np.multiply.outer(np.asarray(hertz), lag) / rate) @ THIRD) ** 2
+    )
+
+
+def told_by_frames(case: Case, stars: Sequence[Windows], source: str = "") -> list[Told]:
+    """Figures of frames of a tracker at rest, each with its error, under which a design is learnt.
+
+        read noise     digital number, by the darker pixels about the stars and the design's gain
+        star signal    digital number of an exposure: light of a sunlike star of G = 0 in the box,
+                       of stars with `magnitude_g`
+        image width    pixel, root of the second moment of the light in the box, mean of both axes
+        common motion  pixel rms of an axis, of third differences in time of the place of all stars
+                       between frames at the update rate, without the noise of the centroids
+
+    stars   with images of 8 x 8 pixels
+    Returns  those that the frames bear: figures without an error that is known are left out
+    Raises    Refused where the images are smaller.
+    Accuracy  model: the error is that of a jackknife over eight blocks of time, without those of
+              magnitudes and of pixels that differ.
+    """
+    for star in stars:
+        if star.number.shape[1] != SIDE:
+            raise Refused(
+                f"images of {star.name} must have 8 x 8 pixels for told figures, got "
+                f"{star.number.shape[1]} x {star.number.shape[1]}"
+            )
+    stars = [star for star in stars if _is_steady(star, case)]
+    if not stars:
+        raise Refused("images must hold a star of steady light for told figures, got none")
+    whole, parts = _seen(case, stars), [_seen(case, part) for part in blocks_of(stars)]
+    told = []
+    for name, value in whole.items():
+        values = np.array([part.get(name, math.nan) for part in parts])
+        if not (value > 0 and (values > 0).all()):
+            continue
+        logarithm = np.log(values)
+        variance = float(((logarithm - logarithm.mean()) ** 2).sum()) * (BLOCKS - 1) / BLOCKS
+        factor = math.exp(math.hypot(math.sqrt(variance), LEAST_SIGMA.get(name, 1e-3)))
+        told.append(Told(name, number=value, factor=factor, source=source))
+    return told
+
+
+def _is_steady(star: Windows, case: Case) -> bool:
+    """Whether its centroids can be taken, with and without a block of time."""
+    try:
+        for part in ([star], *blocks_of([star])):
+            centroids(part[0], case.tracker.box)
+    except Refused:
+        return False
+    return True
+
+
+def _seen(case: Case, stars: Sequence[Windows]) -> dict[str, float]:
+    """The figures of some images, in the mean of the stars."""
+    figures = dict[str, float]()
+    electrons = case.instrument.detector.electrons_per_dn
+    variances = [_dark_variance(star, electrons) for star in stars]
+    if finite := [variance for variance in variances if math.isfinite(variance)]:
+        figures["read noise"] = math.sqrt(max(float(np.mean(finite)), 0.0))
+    box = case.tracker.box
+    seen = [centroids(star, box) for star in stars]
+    light = [reduced(track.windows.number, box.size) for track in seen]
+    flux = np.array([np.median(one.total) for one in light])
+    known = np.array([star.magnitude_g for star in stars])
+    bright = np.isfinite(known) & (flux > 0)
+    if bright.any():
+        signal = np.log(flux[bright]) + 0.4 * math.log(10) * known[bright]
+        figures["star signal"] = math.exp(float(signal @ flux[bright] / flux[bright].sum()))
+    moments = [float((one.total * one.moment).sum() / one.total.sum()) for one in light]
+    weight = np.maximum(flux, 0) ** 2
+    moment = float(weight @ moments / weight.sum())
+    figures["image width"] = math.sqrt(max(moment, 0.0))
+    figures["common motion"] = _common_motion(case, seen)
+    return figures
+
+
+def _dark_variance(star: Windows, electrons: float) -> float:
+    """Digital number squared, of pixels without light, by the darker half of those of a star.
+
+    Third differences in time, less the noise of their light by the gain of the design; a star
+    that moves from frame to frame changes bright pixels, and would spoil a photon transfer. NaN
+    where the image moves too often.
+    """
+    number, calm = star.number.reshape(len(star.number), -1), still(star)
+    if calm.sum() < FEWEST_STILL:
+        return math.nan
+    mean = number.mean(axis=0)
+    dark = mean <= np.median(mean)
+    variance = third_differences(number[:, dark])[calm].var(axis=0)
+    return float((variance - mean[dark] / electrons).mean()) - ROUNDING
+
+
+def _common_motion(case: Case, seen: Sequence[Centroids]) -> float:
+    """Pixel rms of an axis; NaN where frames do not come at the update rate, or hold one star."""
+    times, counts = np.unique(
+        np.concatenate([track.windows.time for track in seen]), return_counts=True
+    )
+    if len(seen) < 2 or len(times) < FEWEST_IMAGES:
+        return math.nan
+    period = float(np.median(np.diff(times))) * case.instrument.detector.update_rate
+    times = times[counts == len(seen)]
+    if abs(period - 1) > OFF_RATE or len(times) < FEWEST_IMAGES:
+        return math.nan
+    together = [track.windows.of(np.isin(track.windows.time, times)) for track in seen]
+    calm = np.all([still(windows) for windows in together], axis=0)
+    place = np.stack([track.place[np.isin(track.windows.time, times)] for track in seen])
+    if calm.sum() < FEWEST_STILL:
+        return math.nan
+    common = place.mean(axis=0)
+    power = float((third_differences(common)[calm] ** 2).mean())
+    noise = [float((third_differences(one - common)[calm] ** 2).mean()) for one in place]
+    square = power - sum(noise) / (len(seen) * (len(seen) - 1))
+    return math.sqrt(square) if square > LEAST_MOTION**2 else math.nan
