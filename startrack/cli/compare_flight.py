@@ -72,6 +72,10 @@ def command(options: argparse.Namespace) -> int:
         stars = _stars(options, case)
         with terminal.progress("stars", len(stars)) as advance:
             flown = verification.compare_flown(case, stars, options.devices, options.seed, advance)
+        if flown.left:
+            terminal.print_message(
+                f"startrack: {', '.join(flown.left)} left out: no steady light, seen or predicted"
+            )
         told = _told(case, stars, options.images[0].name)
         if options.keep:
             made = verification.simulate(case, stars, 1, options.seed)[0]

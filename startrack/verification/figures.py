@@ -13,7 +13,7 @@ from scipy import optimize
 from startrack import core, detection
 from startrack.core import Flags, Floats, Ints, Refused
 from startrack.detector import stamp
-from startrack.verification.windows_of_flight import BORDER, FEWEST_IMAGES, Windows
+from startrack.verification.windows_of_flight import BORDER, FEWEST_IMAGES, Windows, blocks_of
 
 PHASES = 10  # of a pixel, of the curve of the centroid
 CELLS = 4  # of a pixel along each side, of the mean images
@@ -56,6 +56,16 @@ def centroids(windows: Windows, box: detection.Box) -> Centroids:
         raise Refused(f"{windows.name} must have a star of steady light in most of its images")
     place = corner + (light.shape[1] - 1) / 2 + moment
     return Centroids(windows.of(seen), place[seen], total[seen])
+
+
+def is_steady(windows: Windows, box: detection.Box) -> bool:
+    """Whether its centroids can be taken, with and without each block of time."""
+    try:
+        for part in ([windows], *blocks_of([windows])):
+            centroids(part[0], box)
+    except Refused:
+        return False
+    return True
 
 
 def _light(windows: Windows, box: detection.Box) -> tuple[Floats, Ints]:

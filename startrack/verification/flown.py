@@ -12,12 +12,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from startrack.core import Advance, Floats, printed
+from startrack.core import Advance, Floats, Refused, printed
 from startrack.design import Case
+from startrack.detection import Box
 from startrack.metrics import Interval
 from startrack.observation import psf_of
 from startrack.response import scale
-from startrack.verification.figures import centroids, known_mean, measure
+from startrack.verification.figures import centroids, is_steady, known_mean, measure
 from startrack.verification.prediction import fraction_in_box, simulate
 from startrack.verification.windows_of_flight import BLOCKS, Windows, blocks_of
 
@@ -76,10 +77,12 @@ class FlightComparison(NamedTuple):
     """A comparison of all stars.
 
     curves  star: as seen and as predicted (2, PHASES), mean of the devices, pixel
+    left    names of stars that are left out: no steady light, in images as seen or as predicted
     """
 
     differences: list[FlightDifference]
     curves: dict[str, tuple[Floats, Floats]]
+    left: tuple[str, ...] = ()
 
 
 def compare_flown(
@@ -94,12 +97,20 @@ def compare_flown(
     The predicted images have the light that is seen. So the brightness of a star tests transmission
     and quantum efficiency only where its `magnitude_g` is known: what is predicted is then scaled
     to the light of that magnitude. The background is not tested where the offset of the numbers is
-    not that of the design.
+    not that of the design. Stars without steady light, as seen or as predicted, are left out.
 
+    Raises    Refused where no star is left.
     Accuracy  model: of the light by a magnitude that of `photon_irradiance`, for a sunlike star.
     """
     box, psf = case.tracker.box, psf_of(case.instrument)
-    drawn = [measure(unit, box, None) for unit in simulate(case, stars, devices, seed, progress)]
+    steady = [star for star in stars if is_steady(star, box)] or list(stars)
+    made = simulate(case, steady, devices, seed, progress)
+    kept = [n for n, images in enumerate(zip(*made, strict=True)) if _all_steady(images, box)]
+    left = tuple(star.name for star in stars if star not in [steady[n] for n in kept])
+    if not kept:
+        raise Refused("stars must have a steady light, as seen and as predicted")
+    stars = [steady[n] for n in kept]
+    drawn = [measure([unit[n] for n in kept], box, None) for unit in made]
     electrons = case.instrument.detector.electrons_per_dn
     noise = case.instrument.detector.noise / electrons
     measured = measure(stars, box, psf, noise)
@@ -129,7 +140,11 @@ def compare_flown(
             measured[n].curve,
             known_mean(np.array([unit[n].curve for unit in drawn]), 0),
         )
-    return FlightComparison(_of_known_offset(differences), curves)
+    return FlightComparison(_of_known_offset(differences), curves, left)
+
+
+def _all_steady(images: Sequence[Windows], box: Box) -> bool:
+    return all(is_steady(one, box) for one in images)
 
 
 def _light_by_magnitude(case: Case, star: Windows) -> float:

@@ -21,6 +21,7 @@ from startrack.verification.figures import (
     THIRD,
     Centroids,
     centroids,
+    is_steady,
     still,
     third_differences,
 )
@@ -124,7 +125,7 @@ def told_by_frames(case: Case, stars: Sequence[Windows], source: str = "") -> li
                 f"images of {star.name} must have 8 x 8 pixels for told figures, got "
                 f"{star.number.shape[1]} x {star.number.shape[1]}"
             )
-    stars = [star for star in stars if _is_steady(star, case)]
+    stars = [star for star in stars if is_steady(star, case.tracker.box)]
     if not stars:
         raise Refused("images must hold a star of steady light for told figures, got none")
     whole, parts = _seen(case, stars), [_seen(case, part) for part in blocks_of(stars)]
@@ -138,16 +139,6 @@ def told_by_frames(case: Case, stars: Sequence[Windows], source: str = "") -> li
         factor = math.exp(math.hypot(math.sqrt(variance), LEAST_SIGMA.get(name, 1e-3)))
         told.append(Told(name, number=value, factor=factor, source=source))
     return told
-
-
-def _is_steady(star: Windows, case: Case) -> bool:
-    """Whether its centroids can be taken, with and without a block of time."""
-    try:
-        for part in ([star], *blocks_of([star])):
-            centroids(part[0], case.tracker.box)
-    except Refused:
-        return False
-    return True
 
 
 def _seen(case: Case, stars: Sequence[Windows]) -> dict[str, float]:
