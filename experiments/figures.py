@@ -171,7 +171,7 @@ def unwritten() -> Iterator[str]:
                 text = figure.pattern.sub("", text)
         for number, line in enumerate(text.splitlines(), 1):
             if MEASURE.search(line):
-                yield f"{page}:{number}: {line[:160]}"
+                yield f"{page}:{number}: {line}"
 
 
 if __name__ == "__main__":

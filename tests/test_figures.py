@@ -1,5 +1,7 @@
 """Figures of pages that whole commands measure: their words stand there, and are written."""
 
+import re
+
 import figures
 import pytest
 
@@ -13,6 +15,20 @@ def test_each_figure_has_its_words_in_its_page_once(figure):
     assert set(figures.PLACE.findall(figure.text)) == set(figure.places)
     assert figure.command in COMMANDS
     assert not figure.text.endswith("}"), "without words behind it, a place has no end"
+
+
+@pytest.mark.parametrize(
+    "page", sorted((figures.ROOT / "docs" / "figures").glob("*.md")), ids=lambda page: page.stem
+)
+def test_each_page_of_figures_names_scripts_that_are_there(page):
+    scripts = re.findall(r"experiments/(\w+\.py)", page.read_text(encoding="utf-8"))
+    assert scripts
+    assert all((figures.ROOT / "experiments" / name).is_file() for name in scripts)
+
+
+def test_each_measure_in_the_readme_is_written_by_a_command_or_has_a_page():
+    lines = [line for line in figures.unwritten() if line.startswith("README.md")]
+    assert all("](" in line for line in lines), lines
 
 
 def test_figures_that_differ_are_said_and_written_where_that_is_asked_for(tmp_path, capsys):

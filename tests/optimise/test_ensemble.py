@@ -35,7 +35,6 @@ def test_a_gaussian_has_its_moments():
     )
 
 
-@pytest.mark.slow
 def test_a_banana_has_its_moments():
     chains = draw(banana, wide, seed=2)
     assert chains.converged, chains.reason_unconverged
