@@ -66,7 +66,8 @@ declare = Options(
 
 def command(options: argparse.Namespace) -> int:
     """Print what is predicted and seen; write flight.json and flight.png."""
-    path = terminal.found_file(options.design)
+    with shared.as_wrong_use():
+        path = terminal.found_file(options.design)
     case = terminal.read_design(path, options.set).case
     with shared.as_wrong_use(ValueError, OSError):
         stars = _stars(options, case)

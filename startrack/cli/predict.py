@@ -56,7 +56,8 @@ declare = Options(
 
 def command(options: argparse.Namespace) -> int:
     """Print the prediction; with --out, write prediction.json and prediction.png."""
-    path = terminal.found_file(options.design or terminal.example())
+    with as_wrong_use():
+        path = terminal.found_file(options.design or terminal.example())
     draws = options.draws or DRAWS
     with as_wrong_use(path=path):
         age = None if options.age is None else parse(options.age, "s")

@@ -261,7 +261,7 @@ def test_every_command_on_a_design_takes_single_values(call, command, tmp_path):
 MISSPELLED = "trackers/chandra-aca.tml", "chandra", "trackers/Chandra_ACA.toml"
 
 
-@pytest.mark.parametrize("command", [*ON_DESIGNS, "export aocs", "compare-flight"])
+@pytest.mark.parametrize("command", [*ON_DESIGNS, "export aocs", "compare-flight", "predict"])
 def test_every_command_suggests_a_shipped_design(call, command, tmp_path, monkeypatch):
     """From any folder; the value that is refused shows that a shipped one is read by its name."""
     monkeypatch.chdir(tmp_path)
