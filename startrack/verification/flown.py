@@ -20,7 +20,7 @@ from startrack.observation import psf_of
 from startrack.response import scale
 from startrack.verification.figures import centroids, is_steady, known_mean, measure
 from startrack.verification.prediction import fraction_in_box, simulate
-from startrack.verification.windows_of_flight import BLOCKS, Windows, blocks_of
+from startrack.verification.windows_of_flight import Windows, blocks_of, jackknife_sigma
 
 OFF = 1.5  # of half of its interval, beyond which an offset is not zero: 3 sigma
 # What each figure depends on in a design; those first that are usually known worst.
@@ -176,8 +176,7 @@ def _of_known_offset(differences: list[FlightDifference]) -> list[FlightDifferen
 
 def _jackknifed(value: float, parts: list[float]) -> Interval:
     """95 % by leaving out each block of time in turn."""
-    spread = np.array(parts) - np.mean(parts)
-    sigma = math.sqrt((BLOCKS - 1) / BLOCKS * float((spread**2).sum()))
+    sigma = jackknife_sigma(parts)
     return Interval(value, value - 1.96 * sigma, value + 1.96 * sigma)
 
 

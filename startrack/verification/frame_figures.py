@@ -26,11 +26,11 @@ from startrack.verification.figures import (
     third_differences,
 )
 from startrack.verification.windows_of_flight import (
-    BLOCKS,
     BORDER,
     FEWEST_IMAGES,
     Windows,
     blocks_of,
+    jackknife_sigma,
 )
 
 SIDE = 8  # pixel, of the images whose corners give the background
@@ -134,9 +134,7 @@ def told_by_frames(case: Case, stars: Sequence[Windows], source: str = "") -> li
         values = np.array([part.get(name, math.nan) for part in parts])
         if not (value > 0 and (values > 0).all()):
             continue
-        logarithm = np.log(values)
-        variance = float(((logarithm - logarithm.mean()) ** 2).sum()) * (BLOCKS - 1) / BLOCKS
-        factor = math.exp(math.hypot(math.sqrt(variance), LEAST_SIGMA.get(name, 1e-3)))
+        factor = math.exp(math.hypot(jackknife_sigma(np.log(values)), LEAST_SIGMA.get(name, 1e-3)))
         told.append(Told(name, number=value, factor=factor, source=source))
     return told
 

@@ -222,6 +222,12 @@ def blocks_of(stars: Sequence[Windows]) -> Iterable[list[Windows]]:
         yield [star.of((star.time < low) | (star.time >= high)) for star in stars]
 
 
+def jackknife_sigma(parts: Sequence[float] | Floats) -> float:
+    """Standard deviation of a figure by its values without each of the blocks of time."""
+    spread = np.array(parts) - np.mean(parts)
+    return math.sqrt((BLOCKS - 1) / BLOCKS * float((spread**2).sum()))
+
+
 def with_magnitudes(stars: Sequence[Windows], frame: core.Frame, case: Case) -> list[Windows]:
     """Windows of whole frames with the magnitudes of the catalogue, where the tracker knows stars.
 
