@@ -224,8 +224,9 @@ def _tried(
         stars = np.where(there, drawn.star[part, :used], 0)
         # What is missing lies on the boresight, where it does no harm.
         reference = np.where(there[..., None], plan.field.believed[stars], matrix[part, None, 2])
-        of_stars = drawn.noise[part, :used] + plan.field.systematic[stars][..., None, None] * UNIT
-        noise = np.where(there[..., None, None], of_stars, UNIT)
+        # Only what was drawn is added up: the other elements of the arrays hold anything.
+        noise = np.where(there[..., None, None], drawn.noise[part, :used], UNIT)
+        noise[there] += plan.field.systematic[stars[there]][..., None, None] * UNIT
         hot = np.where(there, plan.field.hot[stars], 0.0)
         seen = np.where(there[..., None], drawn.pixel[part, :used], 0.0)
         best = fitted(case, matrix[part], seen, reference, noise, hot, there)

@@ -12,6 +12,7 @@ from startrack.design.case import Fidelity
 from startrack.detection import DarkMap, Detection
 from startrack.detector import Age, Defects, Thermal
 from startrack.motion import Tone
+from startrack.trial import covariance
 from startrack.trial.chain import run_random_trial, run_trials
 
 from .designs import CASE, changed, with_detector
@@ -28,6 +29,21 @@ def test_a_trial_is_the_same_alone_and_in_company():
         alone = run_trials(CASE, 4, [number], Fidelity.COVARIANCE)
         assert alone.tobytes() == together[number : number + 1].tobytes()
     assert run_random_trial(CASE, 4, 77, Fidelity.COVARIANCE) == together[77].item()[1:]
+
+
+def test_elements_without_a_star_may_hold_anything(monkeypatch):
+    """New arrays are not cleared: a signalling NaN among them is an error where it is added."""
+    signalling = np.array(0x7FF0000000000001, np.uint64).view(np.float64)
+
+    def filled(pixel, star, noise, matched, spots):
+        pixel.view(np.uint64)[:] = noise.view(np.uint64)[:] = signalling.view(np.uint64)
+        return drawn(pixel, star, noise, matched, spots)
+
+    before = run_trials(CASE, 3, range(20), Fidelity.COVARIANCE)
+    drawn = covariance.Drawn
+    monkeypatch.setattr(covariance, "Drawn", filled)
+    assert len(np.unique(before["stars"])) > 1
+    assert run_trials(CASE, 3, range(20), Fidelity.COVARIANCE).tobytes() == before.tobytes()
 
 
 @pytest.mark.parametrize("crosstalk", [pytest.param(0.0, marks=pytest.mark.slow), 0.1])
