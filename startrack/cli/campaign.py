@@ -2,18 +2,28 @@
 
 import argparse
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager, contextmanager, suppress
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 from startrack.cli import terminal
 from startrack.cli.options import WrongUse, as_wrong_use
-from startrack.core import Refused
-from startrack.design import NOMINAL, Campaign, Case, Design, DesignSpace, Fidelity, branches
+from startrack.core import Refused, arcsec
+from startrack.design import (
+    NOMINAL,
+    Campaign,
+    Case,
+    Design,
+    DesignSpace,
+    Fidelity,
+    Requirements,
+    branches,
+)
 from startrack.io import regular_file, save_json, save_text
 from startrack.montecarlo import Certificates, Sampling, cluster, pool, warm
-from startrack.optimise import Ledger, SearchStage, TrialRunner
+from startrack.optimise import Ledger, SearchStage, TrialRunner, unmet_costs
 from startrack.trial import require_fidelity
 
 LEDGER = "ledger.sqlite"
@@ -44,26 +54,52 @@ def require_campaign_fidelity(campaign: Campaign, case: Case) -> None:
             raise ValueError(f"campaign.fidelity{where}: {error}") from None
 
 
-@contextmanager
-def open_campaign(
-    options: argparse.Namespace, doing: str
-) -> Iterator[tuple[Design, Campaign, TrialRunner]]:
-    """Read the campaign, check its variables, open workers and the ledger of the folder.
+class Study(NamedTuple):
+    """A campaign that was read and checked.
 
-    Yields the design, its campaign, and the runner of their trials.
+    spaces  of its choices, or the one of its variables
+    """
+
+    path: Path
+    design: Design
+    campaign: Campaign
+    spaces: Sequence[DesignSpace]
+
+
+def read_study(options: argparse.Namespace) -> Study:
+    """Read the campaign of a command and check its variables, choices and fidelity."""
+    path = options.campaign or terminal.example()
+    design, campaign = terminal.read_campaign(path, options.set)
+    spaces = list[DesignSpace]()
+    with as_wrong_use(path=path):
+        for branch in branches(design.case, campaign.choices):
+            spaces.append(DesignSpace(branch.case, campaign.variables, campaign.links))
+            require_campaign_fidelity(campaign, branch.case)
+    return Study(path, design, campaign, spaces)
+
+
+def unmet_text(study: Study) -> str:
+    """Which costs no design of a study keeps within their limits; empty where all can be met."""
+    needs = study.campaign.requirements
+    nearest = [
+        "{} {} at best, limit {}".format(name, *limited(needs, name, margin))
+        for name, margin in unmet_costs(study.spaces, needs).items()
+    ]
+    short = "; ".join(nearest)
+    return f"no design of the space keeps its costs within their limits: {short}" if short else ""
+
+
+@contextmanager
+def open_runner(options: argparse.Namespace, study: Study, doing: str) -> Iterator[TrialRunner]:
+    """Open workers and the ledger of the folder; yields the runner of the study's trials.
 
     Workers import all while this process compiles the kernels, which each of them then reads from
     the cache. The ledger holds the results of an interrupted run, from which the same command
     continues.
     """
-    path, workers = options.campaign or terminal.example(), open_workers(options)
-    design, campaign = terminal.read_campaign(path, options.set)
-    with as_wrong_use(path=path):
-        for branch in branches(design.case, campaign.choices):
-            DesignSpace(branch.case, campaign.variables, campaign.links)
-            require_campaign_fidelity(campaign, branch.case)
+    workers = open_workers(options)
     terminal.print_message(
-        f"{doing} {path.stem} with {options.workers} workers"
+        f"{doing} {study.path.stem} with {options.workers} workers"
         + (f" of {options.scheduler}" if options.scheduler else "")
         + f"; results go to {options.out}"
     )
@@ -72,12 +108,43 @@ def open_campaign(
             for _ in range(options.workers):
                 executor.submit(_imported)
         # What no trial can do is refused before there is a ledger.
-        for fidelity in dict.fromkeys((campaign.fidelity, Fidelity.FRAME)):
+        for fidelity in dict.fromkeys((study.campaign.fidelity, Fidelity.FRAME)):
             with suppress(Refused):  # a start that cannot be rendered is judged by the search
-                warm(design.case, Sampling(fidelity))
+                warm(study.design.case, Sampling(fidelity))
         with Ledger(options.out / LEDGER) as ledger:
-            runner = TrialRunner(options.seed, executor, options.workers, ledger)
-            yield design, campaign, runner
+            yield TrialRunner(options.seed, executor, options.workers, ledger)
+
+
+def limited(
+    needs: Requirements, name: str, margin: float, needed: float = math.nan
+) -> tuple[str, str]:
+    """Value and limit of a margin, with their unit; empty where the margin has no limit.
+
+    needed  G, of `needed_magnitude`
+    """
+    most = {
+        "mass": (needs.max_mass, "kg"),
+        "power": (needs.max_power, "W"),
+        "volume": (needs.max_volume and needs.max_volume * 1e6, "cm3"),
+        "data rate": (needs.max_data_rate and needs.max_data_rate / 1e6, "Mbit/s"),
+        "cost": (needs.max_cost, ""),
+        **{accuracy.name: (accuracy.most / arcsec, "arcsec") for accuracy in needs.accuracy},
+    }
+    least = {
+        "update rate": (needs.min_update_rate, "Hz", needs.min_update_rate),
+        "availability": (needs.min_availability, "", 1.0),
+    }
+    asked = name.partition(" (")[0]
+    if asked == "stars in the sky":
+        return f"G {needed + margin:.2f}", f"G {needed:.2f}"
+    if asked in least:
+        limit, unit, scale = least[asked]
+        value = limit + margin * scale
+    else:
+        bound, unit = most.get(asked, (None, ""))
+        limit = bound or 0.0
+        value = limit * (1 - margin)
+    return (f"{value:.4g} {unit}".strip(), f"{limit:.4g} {unit}".strip()) if limit else ("", "")
 
 
 @contextmanager

@@ -8,9 +8,17 @@ from startrack.cli.options import Exit, Options, study, wanted
 
 if wanted(__name__):
     from startrack import optimise
-    from startrack.cli.campaign import open_campaign, stages, write_study
+    from startrack.cli.campaign import (
+        Study,
+        open_runner,
+        read_study,
+        stages,
+        unmet_text,
+        write_study,
+    )
     from startrack.design import KEPT, OPERATED, Campaign, Design, Unknown, save_design
     from startrack.plots import draw_convergence
+    from startrack.verification import cost_margins
 
 
 declare = Options(
@@ -28,10 +36,11 @@ declare = Options(
 
 def command(options: argparse.Namespace) -> int:
     """Write best.toml, comparison.md, convergence.png, evaluations.csv and result.json."""
-    with (
-        open_campaign(options, "optimising") as (design, campaign, runner),
-        stages("optimising") as show,
-    ):
+    opened = read_study(options)
+    design, campaign = opened.design, opened.campaign
+    if unmet := unmet_text(opened):
+        return _keep_start(options, opened, unmet)
+    with open_runner(options, opened, "optimising") as runner, stages("optimising") as show:
         optimum = optimise.optimize(design.case, campaign, runner, watch_stage=show)
     table = optimise.comparison(optimum, campaign)
     note = f"found by startrack optimize, seed {options.seed}"
@@ -48,6 +57,24 @@ def command(options: argparse.Namespace) -> int:
     }
     write_study(options, "comparison", table, result, f"the search ended: {optimum.ending}; ")
     return Exit.DONE if optimum.feasible else Exit.UNSOLVED
+
+
+def _keep_start(options: argparse.Namespace, opened: Study, unmet: str) -> int:
+    """Write the start as best.toml, and which costs no design of the space can meet."""
+    save_design(options.out / "best.toml", opened.design, "the start of startrack optimize")
+    result = {
+        "out": str(options.out),
+        "seed": options.seed,
+        "feasible": False,
+        "start_stays": True,
+        "evaluations": 0,
+        "trials": {},
+        "margins": cost_margins(opened.campaign.requirements, opened.design.case),
+        "ending": unmet,
+    }
+    text = f"The start stays, and nothing was forecast: {unmet}."
+    write_study(options, "comparison", text, result)
+    return Exit.UNSOLVED
 
 
 def still_unknown(design: Design, campaign: Campaign) -> tuple[Unknown, ...]:

@@ -5,12 +5,21 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping, Sequence
 
-from startrack.cli.options import Exit, Option, Options, as_wrong_use, study, wanted, whole
+from startrack.cli.options import (
+    Exit,
+    Option,
+    Options,
+    WrongUse,
+    as_wrong_use,
+    study,
+    wanted,
+    whole,
+)
 
 if wanted(__name__):
     import numpy as np
 
-    from startrack.cli.campaign import open_campaign, stages, write_study
+    from startrack.cli.campaign import open_runner, read_study, stages, unmet_text, write_study
     from startrack.design import COSTS, DesignSpace, Objective
     from startrack.metrics import markdown
     from startrack.optimise import FrontGoals, Point, front
@@ -44,11 +53,15 @@ def command(options: argparse.Namespace) -> int:
     """Write front.md, front.png and result.json."""
     with as_wrong_use():
         goals = FrontGoals(options.first, options.second)
+    opened = read_study(options)
+    if unmet := unmet_text(opened):
+        raise WrongUse(unmet)
+    campaign = opened.campaign
     with (
-        open_campaign(options, "trading off goals of") as (design, campaign, runner),
+        open_runner(options, opened, "trading off goals of") as runner,
         stages("trading off") as show,
     ):
-        space = DesignSpace(design.case, campaign.variables, campaign.links)
+        space = DesignSpace(opened.design.case, campaign.variables, campaign.links)
         points = front(space, campaign, goals, runner, options.points, options.method, show)
     named = (goals.first, goals.second)
     units = [COSTS.get(goal, "arcsec") for goal in named]

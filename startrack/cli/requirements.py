@@ -10,9 +10,9 @@ from startrack.cli.options import Exit, Options, WrongUse, as_wrong_use, campaig
 
 if wanted(__name__):
     from startrack.budget import caveats, refusal
+    from startrack.cli.campaign import limited
     from startrack.cli.terminal import example, found_file, print_result, read_design, stage
     from startrack.core import arcsec, deg, um
-    from startrack.design import Requirements
     from startrack.earth import imager
     from startrack.io import aligned, from_table, read_table, shipped
     from startrack.optimise import expect, expected_objective, units_text
@@ -70,7 +70,7 @@ def command(options: argparse.Namespace) -> int:
     rows = [
         [
             name,
-            *_limited(needs, name, margin, needed),
+            *limited(needs, name, margin, needed),
             f"{margin:+.3f}",
             "" if margin >= 0 else "NOT MET",
         ]
@@ -98,36 +98,6 @@ def command(options: argparse.Namespace) -> int:
     ]
     print_result(options, result, *lines)
     return Exit.DONE if met else Exit.UNSOLVED
-
-
-def _limited(needs: Requirements, name: str, margin: float, needed: float) -> tuple[str, str]:
-    """Value and limit of a margin, with their unit; empty where the margin has no limit.
-
-    needed  G, of `needed_magnitude`
-    """
-    most = {
-        "mass": (needs.max_mass, "kg"),
-        "power": (needs.max_power, "W"),
-        "volume": (needs.max_volume and needs.max_volume * 1e6, "cm3"),
-        "data rate": (needs.max_data_rate and needs.max_data_rate / 1e6, "Mbit/s"),
-        "cost": (needs.max_cost, ""),
-        **{accuracy.name: (accuracy.most / arcsec, "arcsec") for accuracy in needs.accuracy},
-    }
-    least = {
-        "update rate": (needs.min_update_rate, "Hz", needs.min_update_rate),
-        "availability": (needs.min_availability, "", 1.0),
-    }
-    asked = name.partition(" (")[0]
-    if asked == "stars in the sky":
-        return f"G {needed + margin:.2f}", f"G {needed:.2f}"
-    if asked in least:
-        limit, unit, scale = least[asked]
-        value = limit + margin * scale
-    else:
-        bound, unit = most.get(asked, (None, ""))
-        limit = bound or 0.0
-        value = limit * (1 - margin)
-    return (f"{value:.4g} {unit}".strip(), f"{limit:.4g} {unit}".strip()) if limit else ("", "")
 
 
 def _earth_requirements(options: argparse.Namespace) -> int | None:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from startrack.cli.options import Exit, Options, study, wanted
+from startrack.cli.options import Exit, Options, WrongUse, study, wanted
 
 if wanted(__name__):
     from startrack import optimise
-    from startrack.cli.campaign import open_campaign, write_study
+    from startrack.cli.campaign import open_runner, read_study, unmet_text, write_study
     from startrack.cli.terminal import print_result, progress
     from startrack.core import arcsec
     from startrack.design import DesignSpace
@@ -27,11 +27,15 @@ declare = Options(
 
 def command(options: argparse.Namespace) -> int:
     """Write tolerance.md, corner.png, samples.csv and result.json."""
+    opened = read_study(options)
+    if unmet := unmet_text(opened):
+        raise WrongUse(unmet)
+    campaign = opened.campaign
     with (
-        open_campaign(options, "sampling around") as (design, campaign, runner),
+        open_runner(options, opened, "sampling around") as runner,
         progress("designs", optimise.designs_needed(len(campaign.variables))) as advance,
     ):
-        space = DesignSpace(design.case, campaign.variables, campaign.links)
+        space = DesignSpace(opened.design.case, campaign.variables, campaign.links)
         source = optimise.TrackerSource(space, campaign, runner)
         tolerance = optimise.sample(source, advance)
     return write_tolerance(options, tolerance, {"limit_arcsec": tolerance.limit / arcsec})

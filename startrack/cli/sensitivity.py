@@ -8,7 +8,7 @@ import math
 from startrack.cli.options import Exit, Option, Options, power_of_two, study, wanted
 
 if wanted(__name__):
-    from startrack.cli.campaign import open_campaign, write_study
+    from startrack.cli.campaign import open_runner, read_study, write_study
     from startrack.cli.terminal import progress
     from startrack.design import DesignSpace
     from startrack.metrics import Column, Table
@@ -39,13 +39,15 @@ declare = Options(
 
 def command(options: argparse.Namespace) -> int:
     """Write sensitivity.md, tornado.png and result.json, all by the analytic budget."""
-    with open_campaign(options, "computing the sensitivities of") as (design, campaign, runner):
-        space = DesignSpace(design.case, campaign.variables, campaign.links)
+    opened = read_study(options)
+    case, campaign = opened.design.case, opened.campaign
+    with open_runner(options, opened, "computing the sensitivities of") as runner:
+        space = DesignSpace(case, campaign.variables, campaign.links)
         count = 4 * len(space) + (options.designs if len(space) > 1 else 0)
         with progress("forecasts", count) as advance:
             source = TrackerSource(space, campaign, runner)
             studied = sensitivities(source, options.designs, advance)
-    over = campaign.over_units(design.case)
+    over = campaign.over_units(case)
     objective = units_text(over, campaign) if over else str(campaign.goal)
     return write_sensitivities(options, studied, space.labels(), objective, "arcsec", "_arcsec")
 

@@ -72,6 +72,7 @@ from startrack.optimise.steps import (
     explore,
     refine,
     trials_of_tracker,
+    unmet_costs,
 )
 from startrack.optimise.tables import (
     chain_text,

@@ -147,6 +147,43 @@ def feasible_start(space: DesignSpace, requirements: Requirements) -> FeasibleSt
     return FeasibleStart(end.coordinates, missed(margins), margins)
 
 
+def unmet_costs(spaces: Sequence[DesignSpace], requirements: Requirements) -> dict[str, float]:
+    """The largest margin of each cost that exceeds its limit in all designs, without a forecast.
+
+    Accuracy  model: as for `feasible_start`.
+    """
+    unmet = dict[str, float]()
+    for name in cost_margins(requirements, spaces[0].case):
+        best = -math.inf
+        for space in spaces:
+            best = max(best, _largest_margin(space, requirements, name))
+            if best >= 0:
+                break
+        if -math.inf < best < 0:
+            unmet[name] = best
+    return unmet
+
+
+def _largest_margin(space: DesignSpace, requirements: Requirements, name: str) -> float:
+    """That of one cost; the first that is not missed, and minus infinity if all are refused."""
+    largest = -math.inf
+
+    def score(coordinates: Floats) -> float:
+        nonlocal largest
+        try:
+            margin = cost_margins(requirements, space.design(coordinates))[name]
+        except Refused:
+            return math.nan
+        largest = max(largest, margin)
+        return -margin
+
+    def enough() -> str:
+        return "met" if largest >= 0 else ""
+
+    least_of_all(score, space.start, START_EVALUATIONS, START_EVALUATIONS, enough)
+    return largest
+
+
 # All chosen by hand.
 TRIED = 0.02  # of each range: trials of nearer designs say the same
 POLISH = 4  # forecasts at most until a design at a limit meets it

@@ -457,6 +457,22 @@ def test_optimize_writes_a_design_that_other_commands_accept(call, short, tmp_pa
     assert status == 0
 
 
+@pytest.mark.parametrize(("command", "expected"), [("optimize", 3), ("pareto", 2), ("sample", 2)])
+def test_a_power_that_no_design_meets_is_said_before_any_forecast(
+    call, short, tmp_path, monkeypatch, command, expected
+):
+    """The example needs 1.3 W or more wherever its variables are; nothing is forecast or tried."""
+    monkeypatch.setattr("startrack.cli.campaign.open_workers", None)
+    words = (command, short, "--set", 'campaign.requirements.max_power="1 mW"', "--workers", 1)
+    status, results, err = call(*words, "--out", tmp_path / "out", "--json")
+    said = results[0]["ending"] if results else err
+    assert status == expected
+    assert re.search(r"power \S+ W at best, limit 0.001 W", said)
+    if command == "optimize":
+        assert (results[0]["feasible"], results[0]["start_stays"]) == (False, True)
+        assert load_design(tmp_path / "out" / "best.toml").case == load_design(short).case
+
+
 @pytest.mark.slow
 def test_sample_writes_tolerances(call, short, tmp_path):
     text = short.read_text()
