@@ -63,6 +63,8 @@ from .io import to_qtable as to_qtable
 from .io import to_xarray as to_xarray
 from .io import write_fits as write_fits
 from .observation import random_attitude as random_attitude
+from .optimise import solve_for as solve_for
+from .optimise import sweep as sweep
 from .plots import draw_errors as draw_errors
 from .plots import draw_frame as draw_frame
 from .plots import draw_solution as draw_solution

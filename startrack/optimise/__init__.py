@@ -25,6 +25,9 @@ pareto             Designs, two goals -> the designs that no other design beats 
 problem_front      Problem, two of its goals -> the designs that no other design beats in both.
 sensitivity        Designs around one -> how much the objective depends on each variable, alone and
                    with others.
+figures            Design -> its errors, availability, margins and costs, by formula or by trials.
+sweep              Values of one or two keys of a design file -> the figures of the design at each.
+solve_for          A key, a limit -> the values of the key at which the design just keeps it.
 allocation         Case, units -> what each tolerance and each lever of a design buys.
 ensemble           Log-probability -> samples and their convergence diagnostics (emcee).
 tolerance          Designs around one -> how far each variable may vary, by emcee on a quadratic
@@ -47,6 +50,7 @@ from startrack.optimise.evaluate import (
     missed,
 )
 from startrack.optimise.explorer import Explorer
+from startrack.optimise.figures import DesignFigures, Figure, middle
 from startrack.optimise.forecast import (
     Forecast,
     budgets_of_units,
@@ -65,6 +69,7 @@ from startrack.optimise.problem_source import ProblemSource
 from startrack.optimise.runner import FRESH, VERIFYING, VERIFYING_UNIT, TrialRunner
 from startrack.optimise.search import Algorithm, Search, SearchInput, least
 from startrack.optimise.sensitivity import Sensitivity, sensitivities, sobol_indices
+from startrack.optimise.solve_for import LimitCrossing, Solution, solve_for
 from startrack.optimise.source import DesignSource, TrackerSource
 from startrack.optimise.steps import (
     SearchStage,
@@ -74,6 +79,7 @@ from startrack.optimise.steps import (
     trials_of_tracker,
     unmet_costs,
 )
+from startrack.optimise.sweep import Sweep, SweptDesign, SweptKey, sweep, swept_designs
 from startrack.optimise.tables import (
     chain_text,
     chain_values,
@@ -114,6 +120,8 @@ __all__ = [
     "Search",
     "SearchInput",
     "SearchStage",
+    "Solution",
+    "Sweep",
     "TrackerSource",
     "TrialRunner",
     "evaluate",
@@ -125,4 +133,6 @@ __all__ = [
     "problem_front",
     "sample",
     "sensitivities",
+    "solve_for",
+    "sweep",
 ]

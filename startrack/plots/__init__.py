@@ -10,6 +10,7 @@ budget    Pictures of an error budget: its causes, the sky, and beside trials it
           rate, magnitude and field position.
 prediction  Intervals of predicted errors, and which unknown makes how much of their width.
 improve   The search of a problem: forecasts, trials, start and best.
+sweep     Pictures of sweeps: errors and margins over keys, and where a limit is just kept.
 optimise  Pictures of studies: convergence, samples, Pareto fronts and sensitivities.
 """
 

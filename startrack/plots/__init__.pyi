@@ -54,3 +54,5 @@ from .style import save_picture as save_picture
 from .style import say as say
 from .style import styled as styled
 from .style import with_unit as with_unit
+from .sweep import draw_crossings as draw_crossings
+from .sweep import draw_sweep as draw_sweep

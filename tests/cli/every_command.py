@@ -64,6 +64,8 @@ sequence design.toml --sequences 1 --out sequence --workers 1
 export aocs design.toml --out export
 export catalogue design.toml --limit 4 --out guide
 mission --set time.duration=1d --set time.begin="2044-06-21T10:00:00" --out mission
+sweep design.toml instrument.optics.f_number=1.4,1.6 --out swept --workers 1
+solve-for design.toml instrument.optics.f_number=1..2 --until mass=0.4kg --points 3 --out solved
 optimize design.toml --out optimize --workers 1
 sample design.toml --out sample --workers 1
 pareto design.toml --points 2 --out pareto --workers 1

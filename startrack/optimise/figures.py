@@ -1,0 +1,161 @@
+"""Design -> its errors, availability, margins and costs, by formula or by trials."""
+
+import json
+import math
+from collections.abc import Mapping
+from functools import partial
+from typing import Any, NamedTuple
+
+from startrack import verification
+from startrack.core import Advance, Refused
+from startrack.design import COSTS, Campaign, Case, Fidelity, Judged
+from startrack.metrics import Interval, summarise
+from startrack.optimise import forecast
+from startrack.optimise.evaluate import try_out
+from startrack.optimise.forecast import blind, expect, forecasts, name_by_condition
+from startrack.optimise.runner import TrialRunner
+
+SWEPT = b"figures"  # kind of the notes of a ledger
+TAIL = 0.025  # probability beyond each end of an interval
+Figure = float | Interval
+
+
+class DesignFigures(NamedTuple):
+    """What is known of one design: intervals of 95 % by trials, numbers by formula.
+
+    across        radian, rms per axis of the error across the boresight
+    about         radian, rms of the error about the boresight
+    availability  1, fraction of trials with a correct attitude
+    stars         mean number of matched stars
+    margins       of the requirements, as fractions of the limits (stars: magnitude)
+    costs         SI, in the units of `COSTS`
+    note          why there are no errors, or empty
+    """
+
+    across: Figure
+    about: Figure
+    availability: Figure
+    stars: float
+    margins: Mapping[str, Figure]
+    costs: Mapping[str, float]
+    note: str = ""
+
+    def text(self) -> str:
+        """All of it as JSON; by formula alone."""
+        return json.dumps(self)
+
+    @classmethod
+    def read(cls, text: str) -> "DesignFigures":
+        """Inverse of `text`."""
+        return cls(*json.loads(text))
+
+
+def middle(figure: Figure) -> float:
+    """The value of a figure."""
+    return figure.value if isinstance(figure, Interval) else figure
+
+
+def by_formula(asked: tuple[Case, Campaign], seed: int) -> DesignFigures:
+    """The figures of a design by the analytic budget, as `expect` has them.
+
+    seed    of the units, where it is judged over units
+    Raises  Refused where a condition or a cost does not fit the design.
+    """
+    case, campaign = asked
+    try:
+        budget, margins = expect(case, campaign, seed)
+    except Refused as reason:
+        margins = verification.margins(campaign.requirements, case)
+        for condition in campaign.judged(case):
+            margins |= name_by_condition(condition.name, blind(condition.needs))
+        nothing = math.nan, math.nan, 0.0, 0.0
+        return DesignFigures(*nothing, margins, _costs(case, campaign), str(reason))
+    return DesignFigures(
+        budget.whole.across,
+        budget.whole.about,
+        budget.availability,
+        budget.stars,
+        margins,
+        _costs(case, campaign),
+    )
+
+
+def all_by_formula(
+    asked: list[tuple[Case, Campaign]], runner: TrialRunner, progress: Advance | None = None
+) -> list[DesignFigures | Refused]:
+    """`by_formula` of several designs, each by a worker; the ledger of the runner keeps them."""
+    keys = [runner.forecast_key(case, campaign, ()) for case, campaign in asked]
+    notes = {key: runner.ledger.note(SWEPT, key) for key in keys}
+    new = {key: one for key, one in zip(keys, asked, strict=True) if not notes[key]}
+    if progress and len(asked) > len(new):
+        progress(len(asked) - len(new))
+    refused = dict[bytes, Refused]()
+    computed = runner.map(partial(_or_refused, seed=runner.seed), new.values(), progress)
+    for key, figures in zip(new, computed, strict=True):
+        if isinstance(figures, Refused):
+            refused[key] = figures
+            continue
+        notes[key] = figures.text()
+        runner.ledger.keep_note(SWEPT, key, notes[key])
+    return [refused.get(key) or DesignFigures.read(notes[key]) for key in keys]
+
+
+def _or_refused(asked: tuple[Case, Campaign], seed: int) -> DesignFigures | Refused:
+    try:
+        return by_formula(asked, seed)
+    except Refused as reason:
+        return reason
+
+
+def by_trials(
+    case: Case, campaign: Campaign, runner: TrialRunner, trials: int, fidelity: Fidelity
+) -> DesignFigures:
+    """The figures of a design by the first trials of a seed, in all conditions of the campaign.
+
+    The same skies and noise for each design. Errors and availability are those of the design's own
+    condition.
+
+    Raises  Refused where the design cannot be built or rendered.
+    """
+    needs, judged = campaign.requirements, campaign.judged(case)
+    margins: dict[str, Figure] = dict(verification.margins(needs, case))
+    for condition in judged:
+        rows = try_out(condition, trials, fidelity, runner)
+        counted = verification.counted(condition.needs, condition.case, runner.seed, rows)
+        if condition is judged[0]:
+            summary = summarise(counted, condition.needs.limits)
+        own = _measured(condition, campaign, rows, counted, runner)
+        margins |= name_by_condition(condition.name, own)
+    return DesignFigures(
+        summary.across,
+        summary.about,
+        summary.availability,
+        summary.stars,
+        margins,
+        _costs(case, campaign),
+        "" if math.isfinite(summary.across.value) else "no trial has a correct attitude",
+    )
+
+
+def _measured(
+    condition: Judged, campaign: Campaign, rows: Any, counted: Any, runner: TrialRunner
+) -> dict[str, Interval]:
+    """Margins of errors and availability by trials, with their intervals."""
+    foreseen = None
+    if condition.units is not None:
+        _, every = forecasts([condition], campaign.goal, runner)
+        foreseen = every[condition.name]
+    boresight, found = verification.boresights(runner.seed, counted), dict[str, Interval]()
+    for claim in verification.claims_of(condition.needs):
+        bounds = claim.bounds(counted, boresight, TAIL, TAIL)
+        scale = 1.0
+        if claim.accuracy:
+            objective = claim.accuracy.objective
+            scale = forecast.over_units(condition, rows, objective, foreseen)
+        ends = [claim.margin(scale * end) for end in (bounds.value, bounds.low, bounds.high)]
+        found[claim.name] = Interval(ends[0], min(ends[1:]), max(ends[1:]))
+    return found
+
+
+def _costs(case: Case, campaign: Campaign) -> dict[str, float]:
+    return {name: campaign.requirements.cost_named(name, case) for name in COSTS}

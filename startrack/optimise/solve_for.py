@@ -1,0 +1,366 @@
+"""A key of a design file, a limit -> the values of the key at which the design just keeps it."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import scipy
+
+from startrack import verification
+from startrack.core import Advance, Refused, printed
+from startrack.design import (
+    Campaign,
+    Case,
+    Design,
+    Fidelity,
+    Objective,
+    load_design,
+    number_at,
+    unit_at,
+)
+from startrack.metrics import Interval, four_digits
+from startrack.optimise.figures import Figure, all_by_formula, by_trials, middle
+from startrack.optimise.forecast import blind, name_by_condition
+from startrack.optimise.runner import TrialRunner
+from startrack.optimise.sweep import SweptKey, is_whole
+
+WIDEST = 10.0  # factor below and above the value of a design; chosen by hand
+POINTS = 25  # designs at which the formula is looked at; chosen by hand: roots nearer are not seen
+TOLERANCE = 1e-4  # of a root by formula, of its own size
+STEPS = 6  # of the correction by trials, at most
+SETTLED = 0.05  # of half the interval of the margin, by which a corrected root may be off
+# Keys of [campaign.requirements], by the names of the margins that they make.
+LIMITS = {
+    "mass": "max_mass",
+    "power": "max_power",
+    "volume": "max_volume",
+    "data rate": "max_data_rate",
+    "cost": "max_cost",
+    "update rate": "min_update_rate",
+    "availability": "min_availability",
+    "stars in the sky": "min_stars",
+}
+ERRORS = "across", "about"
+
+
+class LimitCrossing(NamedTuple):
+    """A value at which a margin is zero.
+
+    value    in the unit of the key, with the interval of 95 % by trials; where none decide, a
+             number. An end that lies beyond the values that were looked at is not finite
+    formula  the value by formula alone
+    above    whether the limit is kept above it
+    tried    whether trials correct the formula; those of mass, power and the like never do
+    """
+
+    value: Figure
+    formula: float
+    above: bool
+    tried: bool
+
+
+@printed
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Where a design just keeps a limit.
+
+    key        with the values at which the formula is looked at
+    margin     name of the margin
+    until      the limit as it was asked
+    margins    by formula at these values, except those that the design refuses, in order
+    crossings  in order of their values
+    how        what decides, in words
+    """
+
+    key: SweptKey
+    margin: str
+    until: str
+    margins: Mapping[float, float]
+    crossings: tuple[LimitCrossing, ...]
+    how: str
+
+    @property
+    def _rows(self) -> list[tuple[str, str]]:
+        return [("answer", self.answer), ("by", self.how)]
+
+    @property
+    def answer(self) -> str:
+        """The values in a sentence, or that there are none."""
+        name = self.key.name
+        if self.crossings:
+            texts = [self._text(crossing.value) for crossing in self.crossings]
+            return f"{self.until}: {name} must be {' or '.join(self._spans(texts))}"
+        ends = " to ".join(self._text(end) for end in (min(self.margins), max(self.margins)))
+        kept = min(self.margins.values()) >= 0
+        far = (min if kept else max)(self.margins, key=self.margins.__getitem__)
+        at = f"margin {self.margins[far]:+.3f} {'at least' if kept else 'at most'}, at "
+        word = "at all" if kept else "nowhere"
+        return f"{self.until}: kept {word} from {name} {ends} ({at}{self._text(far)})"
+
+    def _spans(self, texts: Sequence[str]) -> Iterator[str]:
+        """The ranges in which the limit is kept."""
+        low = None
+        for crossing, text in zip(self.crossings, texts, strict=True):
+            if crossing.above:
+                low = text
+            else:
+                yield f"at most {text}" if low is None else f"from {low} to {text}"
+                low = None
+        if low is not None:
+            yield f"at least {low}"
+
+    def _text(self, value: Figure) -> str:
+        shown = four_digits(middle(value))
+        if isinstance(value, Interval):
+            shown += f" [{four_digits(value.low)}, {four_digits(value.high)}]"
+        return f"{shown} {self.key.unit}".strip()
+
+
+def read_limit(until: str) -> tuple[str, list[str]]:
+    """The name of the margin that a limit makes, and the changes of a design file that ask for it.
+
+    until   "across=5 arcsec", "about-99.73=60 arcsec", "availability=99 %", "mass=0.3 kg" and the
+            like, with " (CONDITION)" behind the name for another condition than the design's own;
+            or the name of a margin of the design
+    Raises  Refused where it is none of these.
+    """
+    name, equals, limit = (part.strip() for part in until.rpartition("="))
+    if not equals:
+        return until.strip(), []
+    base, bracket, condition = name.partition(" (")
+    place = "campaign.requirements"
+    if base in LIMITS:
+        return name, [f"{place}.{LIMITS[base]}={limit}"]
+    objective = None if base in ("", "both") or "+" in base else Objective.read(base)
+    if objective is None or objective.axes not in ERRORS:
+        raise Refused(
+            f"a limit must be of {', '.join(ERRORS)}, such as across-99.73, or of "
+            f"{', '.join(LIMITS)}, got {until!r}"
+        )
+    level = "rms" if objective.fraction is None else f"{100 * objective.fraction:.10g} %"
+    kind = "radial" if objective.radial else "per axis"
+    changes = [f"max_{objective.axes}={limit}", f"level={level}", f"kind={kind}"]
+    return f"{objective.axes}{bracket}{condition}", [f"{place}.{change}" for change in changes]
+
+
+def scaled(name: str, margin: float) -> float:
+    """A margin; of an error ln(limit / error), as trials and formula then differ by a factor."""
+    error = name.partition(" (")[0] in ERRORS
+    return -math.log1p(-margin) if error and margin < 1 else margin
+
+
+@dataclass(frozen=True, eq=False)
+class _Line:
+    """A design along a key.
+
+    load    the design with a value of the key
+    whole   whether the values of the key are whole numbers
+    known   numbers that were looked at, and the margin there as `scaled`, in order
+    """
+
+    load: Callable[[str], Design]
+    key: SweptKey
+    margin: str
+    runner: TrialRunner
+    whole: bool
+    known: list[tuple[float, float]]
+
+    @property
+    def tried(self) -> bool:
+        """Whether trials decide the margin."""
+        return self.margin.partition(" (")[0] in (*ERRORS, "availability")
+
+    def asked(self, number: float) -> tuple[Case, Campaign]:
+        """The design at a value. Raises Refused where it refuses the value."""
+        design = self.load(self.key.at(round(number) if self.whole else number))
+        return design.case, design.campaign or Campaign()
+
+    def formula(self, number: float) -> float:
+        """The margin by formula, as `scaled`. Raises Refused where the design refuses the value."""
+        return scaled(self.margin, self.formulas([self.asked(number)])[0])
+
+    def formulas(
+        self, asked: Sequence[tuple[Case, Campaign]], progress: Advance | None = None
+    ) -> list[float]:
+        """The margin of designs by formula.
+
+        Raises  Refused where a formula refuses one, or has no such margin.
+        """
+        for case, campaign in asked[:1]:
+            names = _margin_names(case, campaign)
+            if self.margin not in names:
+                raise Refused(
+                    f"a limit must be such as across=5arcsec, or a margin of the design "
+                    f"({', '.join(names)}), got {self.margin!r}"
+                )
+        if not self.tried:
+            every = (verification.margins(c.requirements, case) for case, c in asked)
+            return [margins[self.margin] for margins in every]
+        found = list[float]()
+        for figures in all_by_formula(list(asked), self.runner, progress):
+            if isinstance(figures, Refused):
+                raise figures
+            found.append(middle(figures.margins[self.margin]))
+        return found
+
+    def root(self, bracket: tuple[float, float], above: bool, shift: float = 0.0) -> float:
+        """Where formula + shift is zero, in the bracket or beyond it; infinite where nowhere.
+
+        above  whether the margin grows
+        """
+        ends = [number for number, _ in self.known]
+        low, high = (ends.index(end) for end in bracket)
+        values = [value + shift for _, value in self.known]
+        while (values[low] >= 0) == (values[high] >= 0):
+            up = (values[low] < 0) == above
+            low, high = (high, high + 1) if up else (low - 1, low)
+            if not 0 <= low < high < len(ends):
+                return math.inf if up else -math.inf
+        found = scipy.optimize.brentq(
+            lambda number: self.formula(number) + shift,
+            ends[low],
+            ends[high],
+            xtol=TOLERANCE * max(abs(ends[low]), abs(ends[high])),
+            rtol=TOLERANCE,
+        )
+        return float(found)
+
+
+def solve_for(
+    path: Path | str,
+    key: str,
+    until: str,
+    changes: Sequence[str] = (),
+    points: int = POINTS,
+    log: bool = False,
+    trials: int = 1000,
+    fidelity: Fidelity = Fidelity.COVARIANCE,
+    runner: TrialRunner | None = None,
+    progress: Advance | None = None,
+) -> Solution:
+    """The values of a key at which a design just keeps a limit: where a margin is zero.
+
+        startrack.solve_for("mine.toml", "instrument.motion.jitter=1..20 arcsec", "across=5 arcsec")
+
+    The margin is computed by formula at the points of the range; between two of unlike sign a root
+    is found by Brent's method. Trials at the root, which have the same skies and noise at every
+    value, then show by how much the formula is wrong: an error by a factor, the availability by a
+    difference. The formula with this correction has a new root, until it moves by less than 5 % of
+    half its interval. The ends of the interval are the roots with the correction by the ends of the
+    95 % interval of these trials.
+
+    path      of a design file
+    key       "KEY=A..B", or "KEY" for a tenth to ten times the value of the design, in equal ratios
+    until     the limit, see `read_limit`
+    changes   over the values of the file, "KEY=VALUE" each
+    points    of the range
+    log       whether they are in equal ratios
+    trials    at each value; 0: the formula alone
+    fidelity  of the trials
+    runner    whose workers compute designs and trials and whose ledger keeps them
+    progress  called with the number of designs that were just done
+    Raises    Refused where the key or the limit is none, or the design refuses every value.
+    Accuracy  numerical: 1e-4 of the value by formula. Two roots between two neighbouring points are
+              not seen. statistical: the interval, with the slope of the formula.
+    """
+    path, runner = Path(path), runner or TrialRunner(1)
+    margin, limits = read_limit(until)
+    every = [*changes, *limits]
+    if "=" not in key:
+        key, log = _around(load_design(path, every), key), True
+    start = _design_or_none(path, every)
+    values = SweptKey.read(key, points, log, start)
+    if values.numbers is None:
+        raise Refused(f"{values.name} must have numbers, got {', '.join(values.texts)}")
+    line = _Line(
+        lambda text: load_design(path, [*every, f"{values.name}={text}"]),
+        values,
+        margin,
+        runner,
+        start is not None and is_whole(start, values.name),
+        [],
+    )
+    asked, reason = dict[float, tuple[Case, Campaign]](), Refused("")
+    for number in sorted(values.numbers):
+        try:
+            asked[number] = line.asked(number)
+        except Refused as error:
+            reason = error
+    if not asked:
+        raise reason
+    margins = dict(zip(asked, line.formulas(list(asked.values()), progress), strict=True))
+    line.known.extend((number, scaled(margin, found)) for number, found in margins.items())
+    crossings = [
+        _crossing(line, (low, high), after >= 0, trials if line.tried else 0, fidelity)
+        for (low, before), (high, after) in itertools.pairwise(line.known)
+        if (before >= 0) != (after >= 0)
+    ]
+    how = "formula"
+    if line.tried and trials:
+        how += f", corrected by {trials} trials of fidelity {fidelity}, seed {runner.seed}"
+    return Solution(values, margin, until, margins, tuple(crossings), how)
+
+
+def _design_or_none(path: Path, changes: Sequence[str]) -> Design | None:
+    """The design; None where it needs a value of the key."""
+    try:
+        return load_design(path, changes)
+    except Refused:
+        return None
+
+
+def _margin_names(case: Case, campaign: Campaign) -> list[str]:
+    names = list(verification.margins(campaign.requirements, case))
+    for condition in campaign.judged(case):
+        names += name_by_condition(condition.name, blind(condition.needs))
+    return names
+
+
+def _around(design: Design, name: str) -> str:
+    """A range around the value of a design."""
+    try:
+        value = number_at(design.case, name)
+    except Refused as reason:
+        raise Refused(f"{name} must have a range, as KEY=A..B: {reason}") from None
+    if not value > 0:
+        raise Refused(f"{name} must have a range, as KEY=A..B, where the design has {value:g}")
+    unit = unit_at(design.case, name)
+    shown, word = (unit.of(value), unit.shown) if unit else (value, "")
+    low, high = (f"{end:.6g}" for end in (shown / WIDEST, shown * WIDEST))
+    return f"{name}={low}..{high} {word}".strip()
+
+
+def _crossing(
+    line: _Line, bracket: tuple[float, float], above: bool, trials: int, fidelity: Fidelity
+) -> LimitCrossing:
+    """A root in a bracket, corrected by trials."""
+    formula = number = line.root(bracket, above)
+    if not trials:
+        return LimitCrossing(_kept(line, number, above), formula, above, False)
+    shifts = [0.0] * 3
+    for _ in range(STEPS):
+        figures = by_trials(*line.asked(number), line.runner, trials, fidelity)
+        found = figures.margins[line.margin]
+        assert isinstance(found, Interval)
+        seen = [scaled(line.margin, end) for end in (found.value, found.low, found.high)]
+        expected = line.formula(number)
+        shifts = [end - expected for end in seen]
+        if abs(seen[0]) <= SETTLED * (seen[2] - seen[1]) / 2:
+            break
+        number = line.root(bracket, above, shifts[0])
+        if not math.isfinite(number):
+            break
+    ends = sorted(line.root(bracket, above, shift) for shift in shifts[1:])
+    return LimitCrossing(Interval(_kept(line, number, above), *ends), formula, above, True)
+
+
+def _kept(line: _Line, number: float, above: bool) -> float:
+    """Of a whole number, the last one that keeps the limit."""
+    if not line.whole or not math.isfinite(number):
+        return number
+    return float(math.ceil(number) if above else math.floor(number))

@@ -1,0 +1,284 @@
+"""Sweeps and values at a limit, beside single designs, hand calculations and dense sweeps."""
+
+import dataclasses
+import math
+import sys
+
+import numpy as np
+import pytest
+
+import startrack
+from startrack import Fidelity, Refused, load_design, run_trials, save_design
+from startrack.metrics import Interval, summarise
+from startrack.optimise import Ledger, TrialRunner, expect
+from startrack.optimise.figures import DesignFigures
+from startrack.optimise.solve_for import read_limit
+from startrack.optimise.sweep import SweptKey
+
+F_NUMBER = "instrument.optics.f_number"
+TRIALS = 20
+
+
+@pytest.fixture(scope="module")
+def path(small, tmp_path_factory):
+    """The small design in its own condition alone, as a file."""
+    needs = dataclasses.replace(small.campaign.requirements, max_rate=None)
+    campaign = dataclasses.replace(small.campaign, requirements=needs)
+    file = tmp_path_factory.mktemp("swept") / "small.toml"
+    save_design(file, dataclasses.replace(small, campaign=campaign))
+    return file
+
+
+@pytest.mark.parametrize(
+    ("text", "texts", "numbers"),
+    [
+        ("a.b=1..2", ("1", "1.5", "2"), (1, 1.5, 2)),
+        ("a.b = 500 um .. 2 mm", ("0.5 mm", "1.25 mm", "2 mm"), (0.5, 1.25, 2)),
+        ("a=20..40ms", ("20 ms", "30 ms", "40 ms"), (20, 30, 40)),
+        ("a=10 %..90 %", ("10 %", "50 %", "90 %"), (10, 50, 90)),
+        ("a=-1..1", ("-1", "0", "1"), (-1, 0, 1)),
+        ("a=0..1", ("0", "0.5", "1"), (0, 0.5, 1)),
+        ("a=2 mm,500 um", ("2 mm", "500 um"), (2000, 500)),
+        ("a=imx174,cmv4000", ("imx174", "cmv4000"), None),
+        ("a=true,false", ("true", "false"), None),
+    ],
+)
+def test_values_are_read_as_a_user_writes_them(text, texts, numbers):
+    key = SweptKey.read(text, 3)
+    assert key.texts == texts
+    assert key.numbers == (pytest.approx(numbers) if numbers else None)
+
+
+def test_ratios_are_equal_and_ends_exact():
+    key = SweptKey.read("a=0.1..10 ms", 5, log=True)
+    assert key.numbers[0] == 0.1
+    assert key.numbers[-1] == 10
+    np.testing.assert_allclose(np.diff(np.log(key.numbers)), math.log(100) / 4, rtol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("text", "log", "words"),
+    [
+        ("a", False, "must be KEY=A..B or KEY=A,B,C"),
+        ("a=", False, "must be KEY=A..B or KEY=A,B,C"),
+        ("a=1..", False, "must be a range such as"),
+        ("a=1..x", False, "must be a range such as"),
+        ("a=1..2..3", False, "must be a range such as"),
+        ("a=2..1", False, "from low to high"),
+        ("a=1 kg..1 mm", False, "unit that converts to mm"),
+        ("a=0..1", True, "above 0"),
+        ("a=1,,2", False, "each once"),
+        ("a=1,1", False, "each once"),
+    ],
+)
+def test_what_is_no_range_is_refused(text, log, words):
+    with pytest.raises(Refused, match=words):
+        SweptKey.read(text, 3, log)
+
+
+def test_a_whole_number_has_whole_values(path):
+    key = SweptKey.read("tracker.detection.max_spots=10..12", 5, design=load_design(path))
+    assert key.texts == ("10", "11", "12")
+
+
+def test_by_formula_each_row_is_that_of_the_single_design(path):
+    swept = startrack.sweep(path, f"{F_NUMBER}=1.2..1.8", points=2)
+    for row in swept.rows:
+        design = load_design(path, [f"{F_NUMBER}={row.values[0]}"])
+        budget, margins = expect(design.case, design.campaign)
+        assert row.figures.across == budget.whole.across
+        assert row.figures.about == budget.whole.about
+        assert row.figures.margins == margins
+        assert row.figures.costs["mass"] == design.campaign.requirements.mass(design.case)
+
+
+def test_by_trials_each_row_is_that_of_the_single_design(path):
+    swept = startrack.sweep(path, f"{F_NUMBER}=1.8", trials=TRIALS, runner=TrialRunner(3))
+    for row in swept.rows:
+        case = load_design(path, [f"{F_NUMBER}={row.values[0]}"]).case
+        summary = summarise(run_trials(case, 3, range(TRIALS), Fidelity.COVARIANCE))
+        assert row.figures.across == summary.across
+        assert row.figures.availability == summary.availability
+        assert isinstance(row.margin("availability"), Interval)
+
+
+def test_a_value_that_the_design_refuses_is_a_row(path):
+    swept = startrack.sweep(path, f"{F_NUMBER}=1.4,-3")
+    assert [bool(row.figures) for row in swept.rows] == [True, False]
+    assert "must lie in [0.3, 200], got -3" in swept.rows[1].refused
+    assert math.isnan(swept.table["across"][1])
+    assert "1 values are refused" in swept.answer
+    with pytest.raises(Refused, match="must lie in"):
+        startrack.sweep(path, f"{F_NUMBER}=-4,-3")
+    with pytest.raises(Refused, match="f_numbr"):
+        startrack.sweep(path, "instrument.optics.f_numbr=1..2")
+
+
+def test_two_keys_and_words(path):
+    swept = startrack.sweep(
+        path, f"{F_NUMBER}=1.4,1.6", "tracker.detection.centroid=gravity,likelihood"
+    )
+    assert [row.values for row in swept.rows] == [
+        ("1.4", "gravity"),
+        ("1.4", "likelihood"),
+        ("1.6", "gravity"),
+        ("1.6", "likelihood"),
+    ]
+    data = pytest.importorskip("xarray") and swept.to_xarray()
+    assert dict(data.sizes) == {F_NUMBER: 2, "tracker.detection.centroid": 2}
+    across = data["across"].sel({F_NUMBER: 1.6, "tracker.detection.centroid": "likelihood"})
+    assert float(across) == swept.rows[3].figures.across
+    with pytest.raises(Refused, match="one or two"):
+        startrack.sweep(path, "a=1", "b=1", "c=1")
+    with pytest.raises(Refused, match="twice"):
+        startrack.sweep(path, "a=1", "a=2")
+
+
+def test_a_ledger_keeps_designs_and_trials(path, tmp_path, monkeypatch):
+    def swept():
+        with Ledger(tmp_path / "ledger.sqlite") as ledger:
+            runner = TrialRunner(1, ledger=ledger)
+            rows = startrack.sweep(path, f"{F_NUMBER}=1.2,1.5", runner=runner).rows
+            tried = startrack.sweep(path, f"{F_NUMBER}=1.2,1.5", trials=8, runner=runner).rows
+            return [str(row) for row in (*rows, *tried)]
+
+    first = swept()
+    monkeypatch.setattr("startrack.optimise.figures.expect", None)
+    monkeypatch.setattr("startrack.optimise.runner.run", None)
+    assert swept() == first
+
+
+def test_the_mass_is_solved_for_as_by_hand(path):
+    """mass = 0.15 kg + 6000 kg/m3 D^3 with D = f / N; the campaign has its own coefficients."""
+    design = load_design(path)
+    needs, optics = design.campaign.requirements, design.case.instrument.optics
+    found = startrack.solve_for(path, F_NUMBER, "mass=0.4 kg", points=5)
+    aperture = ((0.4 - needs.mass_fixed) / needs.mass_per_volume) ** (1 / 3)
+    [crossing] = found.crossings
+    assert crossing.value == pytest.approx(optics.focal_length / aperture, rel=1e-4)
+    assert crossing.above
+    assert "must be at least" in found.answer
+
+
+@pytest.mark.slow
+def test_an_error_is_solved_for_as_a_dense_sweep_has_it(path):
+    """On the same skies and noise, so that the two differ by the interpolation alone."""
+    runner = TrialRunner(1)
+    found = startrack.solve_for(
+        path, f"{F_NUMBER}=1.2..2", "across=0.6 arcsec", points=4, trials=200, runner=runner
+    )
+    [crossing] = found.crossings
+    near = crossing.value.value
+    dense = startrack.sweep(
+        path, f"{F_NUMBER}={0.95 * near}..{1.05 * near}", points=5, trials=200, runner=runner
+    )
+    error = np.log([row.figures.across.value / startrack.arcsec for row in dense.rows])
+    root = np.interp(math.log(0.6), error, dense.keys[0].numbers)
+    assert near == pytest.approx(root, rel=0.005)
+    assert crossing.value.low < near < crossing.value.high
+    assert not crossing.above
+
+
+class Known:
+    """Designs whose error across is known by f-number, by formula and by trials.
+
+    error   arcsec, of an f-number
+    factor  of the error by trials, and the ends of its interval
+    """
+
+    def __init__(self, monkeypatch, error, factor=(1.0, 0.9, 1.1)):
+        self.error, self.factor, self.tried = error, factor, []
+        module = sys.modules["startrack.optimise.solve_for"]  # a function has this name, too
+        monkeypatch.setattr(module, "all_by_formula", self.by_formula)
+        monkeypatch.setattr(module, "by_trials", self.by_trials)
+
+    def by_formula(self, asked, *_):
+        return [self.figures(*design, (1.0,)) for design in asked]
+
+    def by_trials(self, case, campaign, *_):
+        self.tried.append(case.instrument.optics.f_number)
+        return self.figures(case, campaign, self.factor)
+
+    def figures(self, case, campaign, factors):
+        error = self.error(case.instrument.optics.f_number) * startrack.arcsec
+        [limit] = campaign.requirements.accuracy
+        value, *ends = (1 - factor * error / limit.most for factor in factors)
+        margin = Interval(value, *sorted(ends)) if ends else value
+        return DesignFigures(error, error, 1.0, 9.0, {"across": margin}, {})
+
+
+def test_two_values_and_none_are_said(path, monkeypatch):
+    """error = (N - 3)^2 + 1: 2 at N = 2 and 4, never below 1."""
+    Known(monkeypatch, lambda f_number: (f_number - 3) ** 2 + 1)
+    key = f"{F_NUMBER}=1..6"
+    found = startrack.solve_for(path, key, "across=2 arcsec", points=6, trials=0)
+    assert [crossing.above for crossing in found.crossings] == [True, False]
+    assert [crossing.value for crossing in found.crossings] == pytest.approx([2, 4], rel=1e-3)
+    assert found.answer == f"across=2 arcsec: {F_NUMBER} must be from 2 to 4"
+    none = startrack.solve_for(path, key, "across=0.9 arcsec", points=3, trials=0)
+    assert none.crossings == ()
+    assert "kept nowhere from" in none.answer
+    every = startrack.solve_for(path, key, "across=20 arcsec", points=3, trials=0)
+    assert "kept at all from" in every.answer
+    twice = startrack.solve_for(path, f"{F_NUMBER}=2.5..6", "across=2 arcsec", points=3, trials=0)
+    assert twice.answer == f"across=2 arcsec: {F_NUMBER} must be at most 4"
+
+
+def test_trials_correct_the_formula(path, monkeypatch):
+    """error = N^2 arcsec, 1.21 [1.1, 1.44] times as large by trials: N = sqrt(4 / factor)."""
+    known = Known(monkeypatch, lambda f_number: f_number**2, (1.21, 1.1, 1.44))
+    found = startrack.solve_for(path, f"{F_NUMBER}=1..6", "across=4 arcsec", points=4)
+    [crossing] = found.crossings
+    assert crossing.formula == pytest.approx(2, rel=1e-3)
+    assert crossing.value.value == pytest.approx(2 / 1.1, rel=1e-3)
+    assert crossing.value.low == pytest.approx(2 / 1.2, rel=1e-3)
+    assert crossing.value.high == pytest.approx(2 / math.sqrt(1.1), rel=1e-3)
+    assert len(known.tried) == 2
+
+
+def test_an_end_beyond_the_range_is_open(path, monkeypatch):
+    Known(monkeypatch, lambda f_number: f_number**2, (1.0, 0.5, 1.1))
+    found = startrack.solve_for(path, f"{F_NUMBER}=1.5..2.1", "across=4 arcsec", points=4)
+    assert found.crossings[0].value.high == math.inf
+    assert "open" in found.answer
+
+
+def test_a_whole_number_is_the_last_that_keeps_the_limit(path):
+    """Power grows with the bits that are read out: the last number of bits that 12 allow."""
+    power = [load_design(path, [f"instrument.detector.bits={bits}"]) for bits in (12, 13)]
+    most = [design.campaign.requirements.power(design.case) for design in power]
+    limit = f"power={(most[0] + most[1]) / 2} W"
+    found = startrack.solve_for(path, "instrument.detector.bits=8..16", limit, points=4)
+    assert found.crossings[0].value == 12
+
+
+@pytest.mark.parametrize(
+    ("until", "margin", "changes"),
+    [
+        ("across=5 arcsec", "across", ["max_across=5 arcsec", "level=rms", "kind=per axis"]),
+        ("about-99.73=1arcmin", "about", ["max_about=1arcmin", "level=99.73 %", "kind=radial"]),
+        ("across (max rate)=5 arcsec", "across (max rate)", None),
+        ("availability=0.99", "availability", ["min_availability=0.99"]),
+        ("power", "power", []),
+    ],
+)
+def test_limits_are_those_of_requirements(until, margin, changes):
+    name, found = read_limit(until)
+    assert name == margin
+    if changes is not None:
+        assert found == [f"campaign.requirements.{change}" for change in changes]
+
+
+def test_limits_and_keys_that_are_none_are_refused(path):
+    for until, words in (
+        ("noise=3", "objective must be"),
+        ("both=3 arcsec", "a limit must be of"),
+        ("nothing", "or a margin of the design"),
+        ("across=3 kg", "max_across must have a unit that converts to rad"),
+    ):
+        with pytest.raises(Refused, match=words):
+            startrack.solve_for(path, f"{F_NUMBER}=1.2..1.8", until, points=2)
+    with pytest.raises(Refused, match="must have a range"):
+        startrack.solve_for(path, "tracker.detection.centroid", "mass=1 kg")
+    with pytest.raises(Refused, match="must have numbers"):
+        startrack.solve_for(path, "tracker.detection.centroid=gravity,likelihood", "mass=1 kg")
