@@ -7,6 +7,7 @@ fire           Excess radiance of a fire -> its radiative power, temperature and
 hot_spots      HotSpots: fires, their detection and power; a trial of both.
 fire_forecast  The smallest fire that is found, and the error of its power, by formula.
 minerals       Minerals: thermal spectra -> temperature, emissivity, Christiansen feature, class.
+land_cover     LandCover: reflectance, an index and classes of land; their forecast and trials.
 criteria       What a retrieval is judged by: criteria by name, by formula and by trials.
 study          EarthDesign: a scene with its camera, its retrieval and its campaign, and their file.
 keys           The keys of a scene file, as a list and as a JSON Schema.
@@ -29,6 +30,14 @@ from startrack.earth.retrieval.hot_spots import (
     views_of,
 )
 from startrack.earth.retrieval.keys import scene_keys, scene_schema
+from startrack.earth.retrieval.land_cover import (
+    LandCover,
+    LandForecast,
+    classify_land,
+    forecast_land,
+    index_of,
+    observe_land,
+)
 from startrack.earth.retrieval.minerals import (
     MineralForecast,
     Minerals,
@@ -57,10 +66,13 @@ __all__ = [
     "EarthProblem",
     "FireForecast",
     "HotSpots",
+    "LandCover",
+    "LandForecast",
     "MineralForecast",
     "Minerals",
     "Retrieval",
     "forecast_fires",
+    "forecast_land",
     "forecast_minerals",
     "load_earth_design",
     "power_coefficient",

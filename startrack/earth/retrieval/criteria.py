@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from startrack.core import Floats
-from startrack.earth.retrieval import fire, hot_spots, minerals
+from startrack.earth.retrieval import fire, hot_spots, land_cover, minerals
 from startrack.earth.retrieval.fire_forecast import forecast_fires
 from startrack.earth.retrieval.study import EarthDesign
 from startrack.metrics import Interval, fraction_interval, level_interval, rms_interval
@@ -33,7 +33,7 @@ class Criterion(NamedTuple):
     column: str
 
 
-class Study(Protocol):
+class RetrievalStudy(Protocol):
     """A retrieval of a design, in one condition."""
 
     @property
@@ -62,11 +62,13 @@ class Study(Protocol):
         """A criterion of (n,) values of its column."""
 
 
-def study_of(design: EarthDesign) -> Study:
+def study_of(design: EarthDesign) -> RetrievalStudy:
     """The study of what the images of a design are for."""
     assert design.retrieval
     if design.retrieval.minerals:
         return Spectra(design, design.retrieval.minerals)
+    if design.retrieval.land_cover:
+        return MosaicStudy(design, design.retrieval.land_cover)
     assert design.retrieval.hot_spots
     return Fires(design, design.retrieval.hot_spots)
 
@@ -79,7 +81,7 @@ class Fires(NamedTuple):
 
     @property
     def criteria(self) -> dict[str, Criterion]:
-        """As in `Study`."""
+        """As in `RetrievalStudy`."""
         own = self.spots
         areas = {
             f"area {kelvin:g} K": Criterion(
@@ -96,26 +98,26 @@ class Fires(NamedTuple):
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """As in `Study`; temperature and area of a fire are NaN where two bands have none."""
+        """As in `RetrievalStudy`; temperature and area of a fire are NaN where two bands have none."""
         return (*self.criteria, "temperature", "estimated area")
 
     @property
     def per_image(self) -> int:
-        """As in `Study`."""
+        """As in `RetrievalStudy`."""
         return self.spots.per_image
 
     @property
     def left_out(self) -> tuple[str, ...]:
-        """As in `Study`."""
+        """As in `RetrievalStudy`."""
         return ("lines of sight aside, relief and clouds", "the registration of both channels")
 
     def expected(self) -> dict[str, float]:
-        """As in `Study`."""
+        """As in `RetrievalStudy`."""
         found = forecast_fires(self.design, self.spots)
         return dict(zip(self.criteria, (*found.areas, found.power_error), strict=True))
 
     def image(self, seed: int, number: int) -> dict[str, Floats]:
-        """As in `Study`."""
+        """As in `RetrievalStudy`."""
         spots = self.spots
         views = hot_spots.views_of(self.design, spots)
         image = hot_spots.image_of(self.design, spots, views, seed, number)
@@ -133,7 +135,7 @@ class Fires(NamedTuple):
         }
 
     def shown(self, name: str, values: Floats, confidence: float = 0.95) -> Interval:
-        """As in `Study`.
+        """As in `RetrievalStudy`.
 
         An area is the quantile of the smallest areas of all fires; its interval is that of
         independent trials.
@@ -153,7 +155,7 @@ class Spectra(NamedTuple):
 
     @property
     def criteria(self) -> dict[str, Criterion]:
-        """As in `Study`."""
+        """As in `RetrievalStudy`."""
         return {
             "emissivity": Criterion(
                 "rms error of emissivity",
@@ -169,26 +171,26 @@ class Spectra(NamedTuple):
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """As in `Study`."""
+        """As in `RetrievalStudy`."""
         return "square of emissivity", "wrong", "temperature", "christiansen"
 
     @property
     def per_image(self) -> int:
-        """As in `Study`."""
+        """As in `RetrievalStudy`."""
         return self.own.pixels
 
     @property
     def left_out(self) -> tuple[str, ...]:
-        """As in `Study`."""
+        """As in `RetrievalStudy`."""
         return ("the optics' blur between spectra", "smile and keystone")
 
     def expected(self) -> dict[str, float]:
-        """As in `Study`."""
+        """As in `RetrievalStudy`."""
         found = minerals.forecast_minerals(self.design, self.own)
         return {"emissivity": found.emissivity_error, "wrong": found.wrong}
 
     def image(self, seed: int, number: int) -> dict[str, Floats]:
-        """As in `Study`."""
+        """As in `RetrievalStudy`."""
         spectra = minerals.observe_minerals(self.design, self.own, seed, number)
         found = minerals.identify_minerals(self.design, self.own, spectra.radiance)
         return {
@@ -199,7 +201,77 @@ class Spectra(NamedTuple):
         }
 
     def shown(self, name: str, values: Floats, confidence: float = 0.95) -> Interval:
-        """As in `Study`."""
+        """As in `RetrievalStudy`."""
         if name == "wrong":
             return fraction_interval(int(values.sum()), len(values), confidence)
         return rms_interval(values, confidence)
+
+
+class MosaicStudy(NamedTuple):
+    """Reflectance of land, an index, and classes of pixels."""
+
+    design: EarthDesign
+    own: land_cover.LandCover
+
+    @property
+    def criteria(self) -> dict[str, Criterion]:
+        """As in `RetrievalStudy`."""
+        return {
+            "reflectance": Criterion(
+                "rms error of reflectance",
+                "",
+                "reflectance",
+                "max_reflectance_error",
+                "square of reflectance",
+            ),
+            "index": Criterion(
+                "rms error of the index", "", "index", "max_index_error", "square of index"
+            ),
+            "wrong": Criterion(
+                "fraction of pixels classified wrongly", "", "wrong", "max_wrong", "wrong"
+            ),
+        }
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """As in `RetrievalStudy`."""
+        return tuple(criterion.column for criterion in self.criteria.values())
+
+    @property
+    def per_image(self) -> int:
+        """As in `RetrievalStudy`."""
+        return 1
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """As in `RetrievalStudy`."""
+        return (
+            "errors of calibration and of the air's visibility",
+            "lines of sight aside, relief and clouds",
+            "the registration of channels",
+        )
+
+    def expected(self) -> dict[str, float]:
+        """As in `RetrievalStudy`."""
+        return dict(
+            zip(self.criteria, land_cover.forecast_land(self.design, self.own), strict=True)
+        )
+
+    def image(self, seed: int, number: int) -> dict[str, Floats]:
+        """As in `RetrievalStudy`."""
+        own = self.own
+        image = land_cover.observe_land(self.design, own, seed, number)
+        index = (land_cover.index_of(own, part) for part in (image.measured, image.truth))
+        cover = land_cover.classify_land(self.design, own, image.measured)
+        return {
+            "square of reflectance": np.array([((image.measured - image.truth) ** 2).mean()]),
+            "square of index": np.array([((next(index) - next(index)) ** 2).mean()]),
+            "wrong": np.array([(cover != image.cover).mean()]),
+        }
+
+    def shown(self, name: str, values: Floats, confidence: float = 0.95) -> Interval:
+        """As in `RetrievalStudy`."""
+        interval = rms_interval(values, confidence)
+        if name != "wrong":
+            return interval
+        return Interval(*(end**2 for end in (interval.value, interval.low, interval.high)))

@@ -2,7 +2,7 @@
 
 import math
 from functools import lru_cache
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from scipy import special
@@ -125,6 +125,15 @@ class Side(NamedTuple):
         return float(bend), float(-self.reflectance * (light[2] - light[0]) / 2)
 
 
+class LevelGround(Protocol):
+    """Level ground: its height in metre, and the zenith angle of the Sun in radian."""
+
+    @property
+    def height(self) -> float: ...  # noqa: D102
+    @property
+    def sun_zenith(self) -> float: ...  # noqa: D102
+
+
 class _Curves:
     """What the band of a channel depends on, equal for channels that differ in the rest."""
 
@@ -176,7 +185,7 @@ def _lit(
     return band, radiation_over(band, around, height, sun), reflectance
 
 
-def side_of(survey: Survey, channel: Channel, spots: HotSpots) -> Side:
+def side_of(survey: Survey, channel: Channel, spots: LevelGround) -> Side:
     """A channel over the ground of a retrieval.
 
     Raises  ValueError where its lens has a table, or aberrations that its blur does not hold.

@@ -169,6 +169,14 @@ def pixels_of_fire(view: Sampled) -> int:
 
 def refuse_other_pixels(mid: Sampled, thermal: Sampled) -> None:
     """Both channels must be infrared and see the ground in the same pixels."""
+    refuse_other_grounds(mid, thermal)
+    for view in (mid, thermal):
+        if view.radiation.heat is None:
+            raise Refused(f"channel {view.channel.name} must be infrared, to see hot spots")
+
+
+def refuse_other_grounds(mid: Sampled, thermal: Sampled) -> None:
+    """Both channels must see the ground in the same pixels."""
     pairs = ("across", mid.across, thermal.across), ("along", mid.along, thermal.along)
     for name, first, second in pairs:
         if abs(first / second - 1) > ALIKE:
@@ -176,9 +184,6 @@ def refuse_other_pixels(mid: Sampled, thermal: Sampled) -> None:
                 f"channels {mid.channel.name} and {thermal.channel.name} must sample the ground "
                 f"alike, got {first:.6g} and {second:.6g} m {name}"
             )
-    for view in (mid, thermal):
-        if view.radiation.heat is None:
-            raise Refused(f"channel {view.channel.name} must be infrared, to see hot spots")
 
 
 class Image(NamedTuple):

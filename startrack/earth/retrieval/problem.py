@@ -19,7 +19,7 @@ from startrack.core import Floats, Refused, Rows, inputs_of
 from startrack.design import bounds_of, followed, number_at, replaced_all
 from startrack.earth.geometry import flight_height, ground_rate
 from startrack.earth.imager import figures, known, margins_of
-from startrack.earth.retrieval.criteria import Criterion, Study, study_of
+from startrack.earth.retrieval.criteria import Criterion, RetrievalStudy, study_of
 from startrack.earth.retrieval.fire_forecast import band_in
 from startrack.earth.retrieval.study import CameraLimits, EarthCampaign, EarthDesign, lenses_of
 from startrack.io import to_table
@@ -34,7 +34,8 @@ class EarthProblem:
     """The camera of a design, and the error of its retrieval.
 
     Trials are of images of level ground straight below, with fires of known places, or of spectra
-    of known minerals; each fire, and each spectrum, of an image is one trial.
+    of known minerals, or of fields of known covers; each fire, each spectrum, and each image
+    of fields is one trial.
 
     Raises  ValueError where the design has no retrieval or no campaign, or a name is none.
     """
@@ -70,7 +71,7 @@ class EarthProblem:
         return self.design.conditions()
 
     @cached_property
-    def studies(self) -> dict[str, Study]:
+    def studies(self) -> dict[str, RetrievalStudy]:
         """The retrieval of each condition."""
         return {name: study_of(design) for name, (_, design) in self.conditions.items()}
 
@@ -146,7 +147,7 @@ class EarthProblem:
     def trials(self, seed: int, numbers: range, fidelity: str = IMAGE) -> Rows:
         """Rows of trials by their numbers, the same for any worker.
 
-        Row n is fire, or spectrum, n % k of the image n // k; conditions have the same image.
+        Row n is part n % k of the image n // k; conditions have the same image.
 
         Raises  ValueError for another fidelity than "image", and as `views_of`.
         """
@@ -238,6 +239,8 @@ OBJECTIVES = {
     "area": "smallest fire",
     "power": "error of the radiative power",
     "emissivity": "error of emissivity",
+    "reflectance": "error of reflectance",
+    "index": "error of the index",
     "wrong": "fraction classified wrongly",
 }
 UNITS = {"nedt": "K", "saturation": "W m-2 sr-1 m-1", "gsd": "m"}

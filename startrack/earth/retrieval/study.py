@@ -10,6 +10,7 @@ from startrack.core import NON_NEGATIVE, POSITIVE, Parameters, Range, Refused, U
 from startrack.design import Change, Link, Variable, with_changes, with_values
 from startrack.earth.imager import Channel, Survey, scene_of
 from startrack.earth.retrieval.hot_spots import HotSpots
+from startrack.earth.retrieval.land_cover import LandCover
 from startrack.earth.retrieval.minerals import Minerals
 from startrack.io import shipped
 from startrack.problem import Settings
@@ -22,6 +23,9 @@ class Retrieval(Parameters):
 
     hot_spots: HotSpots | None = parameter("fires, their power and temperature", default=None)
     minerals: Minerals | None = parameter("emissivity of minerals, and their classes", default=None)
+    land_cover: LandCover | None = parameter(
+        "reflectance of land, an index and classes of its pixels", default=None
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -96,9 +100,15 @@ class CameraLimits(Parameters):
         "1, rms, in each condition", limit=POSITIVE, default=None
     )
     max_wrong: float | None = parameter(
-        "1, fraction of spectra that are classified wrongly, in each condition",
+        "1, fraction of spectra or pixels that are classified wrongly, in each condition",
         limit=POSITIVE,
         default=None,
+    )
+    max_reflectance_error: float | None = parameter(
+        "1, rms, in each condition", limit=POSITIVE, default=None
+    )
+    max_index_error: float | None = parameter(
+        "1, rms, in each condition", limit=POSITIVE, default=None
     )
 
     def mass(self, channels: Sequence[Channel]) -> float:
@@ -128,9 +138,9 @@ class EarthCampaign(Settings):
     objective: str = parameter(
         '"area" of the smallest fire that is found, the geometric mean of all temperatures; '
         '"power", the relative error of the radiative power; "emissivity", its rms error; '
-        '"wrong", the fraction of spectra that are classified wrongly. Of several conditions the '
-        "geometric mean by their weights",
-        limit=Range(choices=("area", "power", "emissivity", "wrong")),
+        '"reflectance" and "index", likewise; "wrong", the fraction of spectra or pixels that are '
+        "classified wrongly. Of several conditions the geometric mean by their weights",
+        limit=Range(choices=("area", "power", "emissivity", "reflectance", "index", "wrong")),
         default="area",
     )
 
