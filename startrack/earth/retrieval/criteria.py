@@ -98,7 +98,7 @@ class Fires(NamedTuple):
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """As in `RetrievalStudy`; temperature and area of a fire are NaN where two bands have none."""
+        """As in `RetrievalStudy`; temperature and area are NaN where two bands have none."""
         return (*self.criteria, "temperature", "estimated area")
 
     @property
