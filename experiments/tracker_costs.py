@@ -105,8 +105,8 @@ def page(found: dict[str, Any]) -> str:
     lines = [
         "# What trackers weigh and need, and what pixels trade",
         "Cost laws of a design (`[campaign.requirements]`) beside what was built; "
-        "`experiments/tracker_costs.py --markdown` writes this page. What "
-        "[lenses weigh](lens-costs.md) is a page of its own.",
+        f"`experiments/tracker_costs.py --markdown` wrote this page at *{command.commit()}*. "
+        "What [lenses weigh](lens-costs.md) is a page of its own.",
         "",
         "## Mass and power of trackers",
         "The default power, 0.4 W and 20 nJ for each bit, is 1.41 W at 50 Mbit/s: a megapixel of "
