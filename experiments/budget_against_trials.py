@@ -299,8 +299,7 @@ def page(compared: list[Compared], slews: list[Slew], figures: dict[str, Any]) -
     return "\n".join(
         [
             "# The analytic budget beside trials",
-            "`python experiments/budget_against_trials.py --markdown "
-            "docs/figures/budget-against-trials.md` writes this page. Brackets hold 95 % "
+            f"{command.source('budget_against_trials.py --markdown FILE')}. Brackets hold 95 % "
             "intervals.",
             "",
             f"{len(compared)} designs of the example's detector, drawn over focal length, "

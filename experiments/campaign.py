@@ -51,7 +51,7 @@ def main() -> None:
     for part in options.parts:
         with tempfile.TemporaryDirectory() as name:
             figures |= measure(part, case, Path(name), options.kills, options.quick)
-        command.save(options, figures)
+        command.save(options, figures, partial=set(options.parts) != set(PARTS))
         print(part, "done", flush=True)
     print(json.dumps(figures, indent=1))
 

@@ -133,7 +133,7 @@ def read(parser: argparse.ArgumentParser, **smaller: Any) -> argparse.Namespace:
     return options
 
 
-_SAVED: dict[str, Any] = {}  # the figures, and whether they are of a quick run
+_SAVED: dict[str, Any] = {}  # the figures, and whether they are of a quick or a partial run
 
 
 def run(main: Callable[[], None]) -> None:
@@ -144,6 +144,9 @@ def run(main: Callable[[], None]) -> None:
     main()
     name = Path(sys.argv[0]).stem
     judged = [] if _SAVED.get("quick", True) else judge(name, _SAVED["figures"])
+    if _SAVED.get("partial"):
+        judged = [row for row in judged if row.value is not None]
+        print("figures of the parts that were left out are not judged")
     missed = [row for row in judged if not row.holds]
     for row in missed:
         print(f"NOT AS EXPECTED: {row.sentence}", file=sys.stderr)
@@ -153,9 +156,12 @@ def run(main: Callable[[], None]) -> None:
         sys.exit(1)
 
 
-def save(options: argparse.Namespace, figures: Any) -> None:
-    """Write the figures as JSON where that is asked for; `run` judges them."""
-    _SAVED.update(figures=figures, quick=options.quick)
+def save(options: argparse.Namespace, figures: Any, *, partial: bool = False) -> None:
+    """Write the figures as JSON where that is asked for; `run` judges them.
+
+    partial  only some parts of the experiment ran: figures that are missing are not judged
+    """
+    _SAVED.update(figures=figures, quick=options.quick, partial=partial)
     if options.json:
         options.json.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
 
@@ -181,6 +187,14 @@ def commit() -> str:
     here = Path(__file__).parent
     done = subprocess.run(words, cwd=here, capture_output=True, text=True, check=False)
     return done.stdout.strip() or "unknown"
+
+
+def source(words: str) -> str:
+    """What a page says of where it is from: the command and the commit.
+
+    words  the file name of the experiment, with its options
+    """
+    return f"`python experiments/{words}` at *{commit()}*"
 
 
 def missing(part: str, *packages: str) -> bool:

@@ -52,7 +52,7 @@ def table(rows: list[dict[str, Any]]) -> str:
     lines = [
         "# Hard cases",
         "",
-        f"`python experiments/hard_cases.py`, {versions()}; {len(rows)} cases, "
+        f"{command.source('hard_cases.py')}, {versions()}; {len(rows)} cases, "
         f"{sum(row['as_expected'] for row in rows)} as expected. They are tests as well.",
         "",
         "| package | case | expected | found | |",

@@ -92,7 +92,7 @@ def main() -> None:
         figures |= {"coverage_least": min(closed), "coverage_most": max(closed)}
     if over := shares_of(figures["coverage"], OVER_UNITS):
         figures["coverage_over_units_least"] = min(over)
-    command.save(options, figures)
+    command.save(options, figures, partial=set(options.parts) != set(PARTS))
 
 
 def shares_of(coverage: intervals_coverage.Coverage, names: Sequence[str]) -> list[float]:

@@ -75,9 +75,8 @@ def page(found: list[dict[str, Any]]) -> str:
         "`max_mass`, `max_volume` and `max_cost` of a design with `lens_family`, or with a "
         "`lens_file` that holds its surfaces, count the lens by its glass: "
         "`startrack.design.requirements` has the equations. This page, written by "
-        f"`experiments/lens_costs.py --markdown` at *{command.commit()}*, has the double Gauss "
-        "family beside nine lenses for cameras of 24 by 36 mm, at their focal length, f-number "
-        "and field.",
+        f"{command.source('lens_costs.py --markdown FILE')}, has the double Gauss family beside "
+        "nine lenses for cameras of 24 by 36 mm, at their focal length, f-number and field.",
         "",
         "The factors are medians over these lenses, so that the ratios (measured over predicted) "
         "show the spread and no independent test. They hold focusing, diaphragms, mounts and "

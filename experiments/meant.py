@@ -59,7 +59,7 @@ def main() -> None:
     for part in options.parts:
         figures |= run[part](options.quick)
         print(f"{part}: {figures}", flush=True)
-    command.save(options, figures)
+    command.save(options, figures, partial=set(options.parts) != set(PARTS))
 
 
 def files(quick: bool) -> dict[str, Any]:

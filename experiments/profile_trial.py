@@ -5,9 +5,9 @@ fraction of each file of startrack. What a file calls outside startrack (numpy, 
 kernels) counts for that file. The profiler overrates many small calls. Fresh processes are timed
 from start to end, with kernels compiled before.
 
-    python experiments/profile_trial.py [--trials N] [--out DIR] [--json FILE] [--quick]
+    python experiments/profile_trial.py [--trials N] [--markdown FILE] [--json FILE] [--quick]
 
-writes profile_trial.md and .json.
+`--markdown` writes the page.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ import cv2
 import startrack
 from startrack import Case, Fidelity, load_design, run_trials, shipped
 from startrack.benchmark import spent, versions
-from startrack.io import save_json, save_text
+from startrack.io import save_text
 
 HOME = Path(startrack.__file__).parent
 DESIGN = "designs/noise_only.toml"
@@ -62,7 +62,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
     parser.add_argument("--trials", type=int, default=100, help="of a fidelity (default: 100)")
-    parser.add_argument("--out", type=Path, default=Path(), metavar="DIR")
+    parser.add_argument("--markdown", type=Path, metavar="FILE", help="write the page here")
     options = command.read(parser, trials=1)
     quick = options.quick
     cv2.setNumThreads(1)
@@ -76,12 +76,11 @@ def main() -> None:
         if OUTCOME in call or not quick
     }
     text = markdown(profiles, starts, options.trials)
-    out = options.out / "profile_trial.md"
-    save_text(out, text)
+    if options.markdown:
+        save_text(options.markdown, text)
     fidelities = {str(each): found._asdict() for each, found in profiles.items()}
     fresh = {name: each._asdict() for name, each in starts.items()}
     values = {"versions": versions(), "fidelities": fidelities, "fresh": fresh}
-    save_json(out.with_suffix(".json"), values)
     command.save(options, values)
     print(text)
 
@@ -208,8 +207,9 @@ def children() -> float:
 
 def markdown(profiles: Mapping[Fidelity, Profile], starts: Mapping[str, Start], count: int) -> str:
     lines = [
-        f"`python experiments/profile_trial.py --trials {count}`, {versions()}; one thread, the "
-        f"smallest of {ROUNDS} rounds.",
+        "# Where time goes",
+        f"{command.source(f'profile_trial.py --trials {count} --markdown FILE')}, {versions()}; "
+        f"one thread, the smallest of {ROUNDS} rounds.",
         "",
         "## A trial",
         "The shipped design on 512 x 512 pixels, random attitudes, without what is computed once "

@@ -77,13 +77,13 @@ def tell(what: str) -> None:
 
 def markdown(found: Sequence[Found], trials: int) -> str:
     """A table of the chains, then one of the effects of each scene."""
-    command = f"python experiments/scenes.py --trials {trials}"
+    source = command.source(f"scenes.py --trials {trials}")
     lines = [
         "# What a scene needs",
         "",
         "![The error that leaving out each effect makes, and the time of a trial](scenes.png)",
         "",
-        f"`{command}`, {versions()}; CPU time of one thread, median.",
+        f"{source}, {versions()}; CPU time of one thread, median.",
         "",
         "Each scene has all effects that startrack models. Each effect is left out alone, on the "
         "same attitudes and noise: its error is the rms of the difference, with its standard "

@@ -104,9 +104,9 @@ def page(found: dict[str, Any]) -> str:
     counts = found["counts"]
     lines = [
         "# What trackers weigh and need, and what pixels trade",
-        "Cost laws of a design (`[campaign.requirements]`) beside what was built; "
-        f"`experiments/tracker_costs.py --markdown` wrote this page at *{command.commit()}*. "
-        "What [lenses weigh](lens-costs.md) is a page of its own.",
+        f"Cost laws of a design (`[campaign.requirements]`) beside what was built, by "
+        f"{command.source('tracker_costs.py --markdown FILE')}. What "
+        "[lenses weigh](lens-costs.md) is a page of its own.",
         "",
         "## Mass and power of trackers",
         "The default power, 0.4 W and 20 nJ for each bit, is 1.41 W at 50 Mbit/s: a megapixel of "
