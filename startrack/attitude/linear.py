@@ -166,7 +166,7 @@ def invert(triangle: Floats, inverse: Floats) -> None:
 
 @kernel
 def largest_eigenvalue(m: Floats) -> float:
-    """Of a symmetric 3 x 3 matrix, to 1e-8 (Smith 1961, Comm. ACM 4, 168)."""
+    """Largest eigenvalue of a symmetric 3 x 3 matrix, to 1e-8 (Smith 1961, Comm. ACM 4, 168)."""
     mean = (m[0, 0] + m[1, 1] + m[2, 2]) / 3
     off = m[0, 1] ** 2 + m[0, 2] ** 2 + m[1, 2] ** 2
     x, y, z = m[0, 0] - mean, m[1, 1] - mean, m[2, 2] - mean

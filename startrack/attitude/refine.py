@@ -247,7 +247,7 @@ class SharedErrors:
         return self.table[np.clip(y, 0, down - 1), np.clip(x, 0, across - 1)]
 
     def added(self, gain: Floats, pixel: Floats) -> Floats:
-        """What is added to a covariance that takes the errors of all stars as independent.
+        """Covariance to be added to one that takes the errors of all stars as independent.
 
             G (S - variance 1) G^T + turn,   S = table table^T at the stars
 

@@ -90,7 +90,7 @@ def _propagated(name: str, given: AttitudeInput, attitude: Rotation) -> Floats:
 @core.printed
 @dataclass(frozen=True, eq=False)
 class KnownErrors:
-    """What is known of the errors of m matched stars beside the noise of their centroids.
+    """Errors of m matched stars that the tracker knows, beside the noise of their centroids.
 
     systematic  (m,) pixel^2 per axis, variance that no noise explains; None: the square of
                 `SolverSettings.centroid_floor`

@@ -69,7 +69,7 @@ def flux_of(snr: float, sigma: float) -> float:
 
 
 def paired(spots: Floats, x: Floats, y: Floats) -> tuple[Flags, Floats]:
-    """Which stars have a spot near them, and its error, (m, 2)."""
+    """Whether stars have a spot near them, and the errors of these spots, (m, 2)."""
     if not len(spots):
         return np.zeros(len(x), bool), np.empty((0, 2))
     star = np.column_stack([x, y])

@@ -53,7 +53,7 @@ class TestPattern:
         return optics.intensity(self.weight, self.flat, self.place, FIELD)
 
     def aberrated(self, coefficients: Floats) -> Floats:
-        """With one radian times each coefficient of each mode."""
+        """Images with one radian times each coefficient of each mode."""
         phase = (self.modes @ coefficients).reshape(self.weight.shape)
         return optics.intensity(self.weight, phase, self.place, FIELD)
 

@@ -24,7 +24,7 @@ SETTINGS = Identification(focal_tolerance=TOLERANCE)
 
 
 class Regime(NamedTuple):
-    """How hard skies are: centroid noise, false spots, fraction of true ones missing."""
+    """Difficulty of skies: centroid noise, false spots, fraction of true stars that is missing."""
 
     field: int  # degree
     noise: float  # pixel

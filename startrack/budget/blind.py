@@ -32,7 +32,7 @@ def blind(case: Case, what: str = "the case", view: Fields | None = None) -> Ref
 
 
 def _cause(case: Case, view: Fields) -> str:
-    """What leaves too few stars, with its numbers and keys."""
+    """The first cause that leaves too few stars, with its numbers and keys."""
     camera, detection, tracker = case.instrument.camera, case.tracker.detection, case.tracker
     pixel = camera.project(np.column_stack([view.x, view.y, np.ones(len(view.x))]))
     inside = np.flatnonzero(camera.holds(pixel, -(detection.window // 2 + detection.edge)))

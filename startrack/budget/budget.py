@@ -87,7 +87,8 @@ class ErrorLaw:
         return np.sqrt(self.weight @ (self.mean**2 + self.sigma**2))
 
     def level(self, axes: Sequence[int], fraction: float, interpretation: Interpretation) -> float:
-        """Of the mixture of all fields; only mixed applies, as time and field are not separate.
+        """Level of the mixture of all fields; only the mixed interpretation applies, as time and
+        field are not separate.
 
         Raises  ValueError for another interpretation.
         """

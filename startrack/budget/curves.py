@@ -65,7 +65,7 @@ class BudgetCurve(NamedTuple):
 
     @property
     def new_left_out(self) -> str:
-        """What it leaves out there, beyond what it leaves out at rest."""
+        """Effects that the budget leaves out there, and does not leave out at rest."""
         first = self.first_left_out
         if first is None:
             return ""
@@ -144,7 +144,7 @@ def slews(case: Case, seed: int, trials: int, progress: Advance) -> list[Slew]:
 
 
 class ErrorCurves(NamedTuple):
-    """What the error of a case depends on.
+    """Error of a case as curves over the quantities that it depends on.
 
     curve   the analytic budget over slew rates
     steps   of these between two rates of the trials

@@ -104,7 +104,7 @@ def _stray_light(case: Case, magnitude_g: float, angle: Floats) -> Floats:
 
 
 def _of_the_earth(case: Case, angle: Floats, altitude: float) -> Floats:
-    """Of an Earth in full sunlight, with each of its parts at its angle."""
+    """Light of an Earth in full sunlight, with each of its parts at its angle."""
     assert case.instrument.stray
     distance = EARTH_RADIUS + altitude
     horizon = math.asin(EARTH_RADIUS / distance)

@@ -94,7 +94,7 @@ def boresights(count: int) -> Rotation:
 
 
 class FieldResponse(NamedTuple):
-    """How the tracker detects and measures stars, over their magnitude.
+    """Detection and measurement of stars by the tracker, over their magnitude.
 
     start, step  magnitude of the first entry, and between two
     fraction     (z, k) 1, detected, in each zone of the frame and of colour
@@ -187,7 +187,7 @@ class FieldStars(NamedTuple):
 
 
 class Solver(NamedTuple):
-    """What the propagation needs of the tracker's solver.
+    """Settings of the tracker's solver that the propagation of errors needs.
 
     focal_length_px  pixel, as the tracker believes it
     tolerance        1, sigma about one of the scale that the tracker fits; 0 where it fits none
@@ -368,7 +368,7 @@ def _errors(f: int, end: int, seen: FieldStars, response: FieldResponse, errors:
 
 @kernel
 def design_row(x, y, focal, design):  # type: ignore[no-untyped-def]
-    """How a star's position (pixel) changes with a rotation of the sky and with the scale."""
+    """Derivatives of a star's position (pixel) by a rotation of the sky and by the scale."""
     design[0, 0], design[0, 1] = focal * (-x * y), focal * (1 + x * x)
     design[0, 2], design[0, 3] = -focal * y, focal * x
     design[1, 0], design[1, 1] = -focal * (1 + y * y), focal * x * y

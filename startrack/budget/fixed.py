@@ -55,7 +55,7 @@ OF_STARS = (
 
 
 class ThroughLens(NamedTuple):
-    """What a lens table does to n stars.
+    """Effect of a lens table on n stars.
 
     zone     (n,) of the frame and of colour
     fainter  (n,) magnitude, by vignetting
@@ -68,7 +68,7 @@ class ThroughLens(NamedTuple):
 
 
 def through_lens(case: Case, camera: Camera, view: Fields, inside: Ints) -> ThroughLens:
-    """What the lens table of a case does to stars of the fields; nothing where there is none.
+    """Effect of a case's lens table on stars of the fields; None where there is no table.
 
     camera  that the stars are seen with; of a unit it may differ from that of the case
     """

@@ -22,7 +22,7 @@ MOST = 12  # matched stars, from which on a frame is taken to be identified
 
 
 class NearHot(NamedTuple):
-    """What hot pixels do to stars of m magnitudes, and to the search of a frame.
+    """Effect of hot pixels on stars of m magnitudes, and on the search of a frame.
 
     search  of a frame with them
     false   (k,) electron, of the false spots that they make
@@ -39,7 +39,7 @@ class NearHot(NamedTuple):
 
 
 def hot_stars(case: Case, even: Case, star: response.Errors) -> NearHot:
-    """What hot pixels near stars do to those that are detected.
+    """Effect of the hot pixels near stars on those stars that are detected.
 
         kept = P(used),   moment = <s s^T> of the used
 
@@ -101,7 +101,7 @@ def _quantiles(values: Floats, weight: Floats) -> Floats:
 
 
 class _Rules(NamedTuple):
-    """What the tracker asks of its stars.
+    """Conditions that the tracker sets for a star.
 
     focal_length_px  pixel;  tolerance, radius (pixel), gate  keys of identification and solver
     area      1, of the image, in units of the focal length

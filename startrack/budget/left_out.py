@@ -82,7 +82,9 @@ UNSEEN = (
 
 
 def advice(budget: Budget[Any]) -> list[str]:
-    """Of each cause, the largest across the boresight first, what it is and what changes it."""
+    """Advice on each cause, the largest across the boresight first: its meaning, and the keys that
+    change it.
+    """
     return [
         f"{line.name} ({line.across / arcsec:.3g} arcsec across): {ADVICE[line.name]}"
         for line in sorted(budget.lines, key=lambda line: -line.across)
@@ -100,7 +102,7 @@ def unseen(budget: Budget[Any]) -> str:
 
 
 def of_the_case(case: Case) -> Iterator[str]:
-    """What the budget leaves out of a design, by its parameters alone."""
+    """Effects that the budget leaves out, by the parameters of the design alone."""
     yield from left_out(case)
     detector = case.instrument.detector
     rated = detector.read_noise_rate
@@ -160,7 +162,7 @@ def _held(psf: Psf, window: int) -> float:
 
 
 def of_the_sky(case: Case, stars: Floats, refused: float, moved: float) -> Iterator[str]:
-    """What it leaves out because of the stars of its fields.
+    """Effects that the budget leaves out because of the stars in its fields.
 
     stars    (m,) expected number of each field
     refused  1, fraction of the stars above the threshold that are refused as hot pixels
@@ -188,7 +190,7 @@ def of_the_sky(case: Case, stars: Floats, refused: float, moved: float) -> Itera
 
 
 def of_false_spots(case: Case, brighter: float) -> Iterator[str]:
-    """What it leaves out because hot pixels make many spots that are brighter than stars."""
+    """Effects left out where hot pixels make many spots that are brighter than stars."""
     most = case.tracker.detection.max_spots
     if brighter > HIDDEN * most:
         yield (
@@ -198,13 +200,13 @@ def of_false_spots(case: Case, brighter: float) -> Iterator[str]:
 
 
 def caveats(case: Case, left_out: tuple[str, ...]) -> list[str]:
-    """What a reader of the budget must know beside `refusal`; `left_out` as for `Budget`."""
+    """Sentences that a reader of the budget needs beside `refusal`; `left_out` as for `Budget`."""
     sentences = [f"not counted: {'; '.join(left_out) or 'nothing that the design names'}"]
     return sentences if case.differs else [*sentences, noise_only(case)]
 
 
 def noise_only(case: Case) -> str:
-    """What the unit as designed leaves out, a sentence."""
+    """One sentence on the effects that the unit as designed leaves out."""
     if case.differs:
         return "noise only: what differs between units is left out (--units N)"
     return (
@@ -276,7 +278,7 @@ def check(case: Case, budget: Budget[ErrorLaw], seed: int) -> TrialCheck:
 
 
 def differences(budget: Budget[Any], summary: Summary) -> Iterator[str]:
-    """Where a budget lies outside of what trials show: by more than 15 % and than the interval."""
+    """Errors of a budget that lie outside of the trials: by more than 15 % and than the interval."""
     trials = summary.trials
     for name in ("across", "about"):
         formula, shown = getattr(budget, name), getattr(summary, name)

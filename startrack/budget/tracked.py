@@ -33,7 +33,7 @@ LOST = (
 
 
 class Tracked(NamedTuple):
-    """What the tracker makes of the n stars of m fields.
+    """Result of the tracker in m fields, which have n stars together.
 
     solved   (m,) whether it has an attitude, and no false one
     covered  (m, 2) whether the errors across and about lie within what it states

@@ -190,7 +190,7 @@ def joined(parts: Sequence[UnitBudgets]) -> UnitBudgets:
 
 
 class _Settings(NamedTuple):
-    """How the budget of each unit is made.
+    """Settings of the budget of each unit.
 
     environments  numbers; with -1 first, that of its calibration, its bias is apart
     alike         whether stars are measured alike in all environments of a unit
@@ -267,7 +267,9 @@ def _displaced(case: Case, like: Case, seed: int, moment: Moment) -> tuple[Case,
 
 
 def _middle(case: Case, seed: int, age: float, count: int) -> _Middle | None:
-    """What units share; None where each has noise of its own, or the middle one sees no stars."""
+    """The plan that all units share; None where units have noise of their own, or the median unit
+    sees no stars.
+    """
     unit = middle_of(case, age)
     if unit is None:
         return None

@@ -29,7 +29,7 @@ SIZES = 128  # pixel, in whose multiples an array is assumed that holds all plac
 
 
 class Order(NamedTuple):
-    """Which camera is fitted.
+    """Order of the camera that is fitted.
 
     model  one of MODELS, or HELD
     warm   whether boresight and scale move with temperature
@@ -86,7 +86,7 @@ class FieldFit:
 
     @property
     def used(self) -> Flags:
-        """Which stars are no outliers."""
+        """Stars that are no outliers."""
         return self.weight > 0
 
 
@@ -423,7 +423,7 @@ def _with_polynomial(state: _State, table: StarTable, order: Order) -> _State:
 
 
 def _derivatives(state: _State, table: StarTable, order: Order) -> Floats:
-    """Of the pixels by the unknowns, (2 n, unknowns)."""
+    """Derivatives of the pixels by the unknowns, (2 n, unknowns)."""
     columns: list[Floats] = []
     direction = state.attitude.apply(table.direction)
     if order.turned:

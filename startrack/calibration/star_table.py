@@ -292,7 +292,7 @@ def _optional(
 
 
 def _unit(column: _Column, name: str) -> str:
-    """As the option gives it, or the table, or the name; empty where none does."""
+    """Unit by the option, or the table, or the name; empty where none gives it."""
     return (name.partition(":")[2].strip() or column.unit or _bare(_alone(name))[1]).strip()
 
 

@@ -57,7 +57,7 @@ class Catalog:
         return Catalog(epoch=self.epoch, **chosen)
 
     def place(self, epoch: float) -> Floats:
-        """Where the stars are at an epoch, each in units of its own distance at the first one.
+        """Places of the stars at an epoch, each in units of its own distance at the first one.
 
             place = p + (epoch - self.epoch) (pm_ra e + pm_dec n)
 

@@ -318,7 +318,7 @@ def read(path: Path, format: str = "auto", columns: tuple[str, ...] = ()) -> Cat
 
 
 def recognise_format(path: Path) -> str:
-    """Which of FORMATS a file is, by its first bytes.
+    """Format of a file, of FORMATS, by its first bytes.
 
     Raises  FileNotFoundError without the file; ValueError for one that is empty or like none.
     """

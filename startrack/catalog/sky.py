@@ -123,7 +123,7 @@ class Selection(Parameters):
 
     @property
     def extent(self) -> str:
-        """How deep it is, for a reader."""
+        """Depth of the catalogue, in words."""
         drawn = "" if self.random_g is None else f", random ones to G {self.random_g:g}"
         return f"to G {self.limit_g:g}{drawn}"
 
@@ -172,7 +172,7 @@ class Sky:
         return len(self.stars)
 
     def cone(self, direction: Floats, radius: float) -> Ints:
-        """Which stars lie within an angle of a direction.
+        """Stars that lie within an angle of a direction.
 
         direction  (3,) ICRS, of any length
         radius     radian, in [0, pi]
@@ -188,7 +188,7 @@ class Sky:
         return self._by_brightness[np.sort(_around(*self._by_height, unit, radius))]
 
     def cones(self, directions: Floats, radius: float) -> list[Ints]:
-        """Which stars lie within an angle of each of many directions.
+        """Stars that lie within an angle of each of many directions.
 
         directions  (m, 3) ICRS, of any length
         radius      radian, in [0, pi]

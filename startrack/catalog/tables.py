@@ -104,7 +104,7 @@ def fixed_width(
 
 
 def separated(path: Path, fields: Mapping[str, int], count: int, record: int) -> Records:
-    """As `fixed_width`, of a file whose fields stand between bars.
+    """Like `fixed_width`, of a file whose fields stand between bars.
 
     fields   place of each field in the line, from 0
     count    fields in a line

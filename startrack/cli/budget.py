@@ -218,7 +218,7 @@ def _star_table(case: Case, stars: SingleStars) -> metrics.Table:
 
 
 def _checked(checked: budgets.TrialCheck, expected: Budget[Any]) -> list[str]:
-    """What the check by trials says, a line each."""
+    """Results of the check by trials, a line each."""
     doubt = [checked.summary.doubt, budgets.unseen(expected)] if checked.summary.doubt else []
     trials = f"{checked.summary.trials} trials ({checked.fidelity})"
     if not checked.differs:
@@ -335,7 +335,7 @@ def _bounded_levels(spread: Spread, fraction: float) -> list[float | Interval]:
 
 
 def _open_ended(by_trials: Budget[SkySample]) -> list[str]:
-    """What brackets are, and which levels so few members do not bound."""
+    """Explanation of the brackets, and the levels that so few units do not bound."""
     members = len(by_trials.whole.spread.error)
     needed = {fraction: metrics.trials_for_level(fraction) for fraction in metrics.LEVELS}
     unbounded = [
@@ -349,7 +349,7 @@ def _open_ended(by_trials: Budget[SkySample]) -> list[str]:
 def _difference(
     line: BudgetLine[Any] | None, other: BudgetLine[Any] | None, by_trials: Budget[Any] | None
 ) -> str:
-    """By how much the two differ, where that is much; a cause that is a small part may differ."""
+    """Difference of the two where it is large; a cause that is a small part may differ."""
     if not (line and other and by_trials):
         return ""
     off = [

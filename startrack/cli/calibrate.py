@@ -455,7 +455,7 @@ def _by_axis(table: calibration.StarTable, values: np.ndarray) -> dict[str, floa
 
 
 def _rms(values: np.ndarray) -> np.ndarray:
-    """Of each column."""
+    """Root mean square of each column."""
     return np.asarray(np.sqrt(np.mean(values**2, axis=0)))
 
 

@@ -163,7 +163,7 @@ def stages(title: str) -> Iterator[Callable[[SearchStage], None]]:
 
 
 def _imported() -> None:
-    """What a worker calls that imports this file."""
+    """Do nothing: a worker calls it in order to import this file."""
 
 
 def write_study(

@@ -126,7 +126,7 @@ def _stars(options: argparse.Namespace, case: Case) -> list[verification.Windows
 
 
 def _told(case: Case, stars: list[verification.Windows], source: str) -> list[Told]:
-    """What the images tell of the design; nothing of images that are too small."""
+    """Figures of the design that the images give; none where the images are too small."""
     try:
         return verification.told_by_frames(case, stars, source)
     except Refused as error:
@@ -168,7 +168,7 @@ def _table(flown: verification.FlightComparison) -> Table:
 
 
 def _untested(flown: verification.FlightComparison) -> list[str]:
-    """What the comparison does not test, and why."""
+    """Quantities that the comparison does not test, with the reason."""
     rows = [row for row in flown.differences if row.untested]
     return list(dict.fromkeys(f"{row.name} is not tested: {row.untested}" for row in rows))
 

@@ -270,7 +270,7 @@ def _picture_values(
 def _lens_values(
     channel: imager.Channel, setting: imager.Setting, first: imager.Channel, other: Camera
 ) -> dict[str, Any]:
-    """What the lens does over the field of an image."""
+    """Effect of the lens over the field of an image."""
     across, along = imager.lens_registration(channel, setting.camera, first, other)
     light = np.ones(1) if setting.light is None else setting.light
     values = {

@@ -314,7 +314,7 @@ def _between(tracing: optics.Tracing) -> optics.Tracing:
 
 
 def summary(table: optics.LensTable) -> dict[str, Any]:
-    """What a table holds, over the field at the middle wavelength and temperature."""
+    """Summary of a table over the field, at the middle wavelength and temperature."""
     t, w = len(table.temperature) // 2, len(table.wavelength) // 2
     shape = ~np.isin(table.noll, (1, 2, 3))
     wavefront = np.sqrt((table.wavefront[t, w][:, shape] ** 2).sum(axis=-1))
@@ -339,7 +339,7 @@ def summary(table: optics.LensTable) -> dict[str, Any]:
 
 
 def images_summary(psfs: optics.PsfFile) -> dict[str, Any]:
-    """What a file of PSFs holds; widths in metre, or in pixel where their size is unknown."""
+    """Summary of a file of PSFs; widths in metre, or in pixel where their size is unknown."""
     unit = 1.0 if psfs.pixel and psfs.pitch is None else um
     size = psfs.spacing / unit
     half = psfs.image / psfs.image.max(axis=(2, 3), keepdims=True) > 0.5

@@ -98,7 +98,7 @@ def _say_missing(missing: Sequence[tuple[int, int]]) -> None:
 
 
 def sketch_rows(sketch: montecarlo.Sketch) -> list[Row]:
-    """What a sketch holds, with 95 % confidence intervals."""
+    """Figures of a sketch, with 95 % confidence intervals."""
     there, false = sketch.availability, sketch.counts["false"]
     rows = [
         Row("trials", sketch.trials, "trials", PURE, "d", "(intervals: 95 % confidence)"),

@@ -457,7 +457,7 @@ def _head_values(flight: report.ReportedFlight, h: int) -> dict[str, Any]:
 
 
 def _which(plan: mission.MissionPlan) -> str:
-    """What the errors of the heads are those of."""
+    """Units and ages that the errors of the heads belong to."""
     heads, time = plan.loaded.mission.heads, plan.loaded.mission.time
     drawn = sum(head.unit is not None for head in heads)
     units = "perfect units" if not drawn else f"{drawn} drawn units" * (drawn == len(heads))
@@ -581,7 +581,7 @@ def _radiation(plan: mission.MissionPlan) -> list[dict[str, Any]]:
 
 
 def _left_out(plan: mission.MissionPlan) -> list[str]:
-    """What availability and errors do not know of the mission."""
+    """Effects of the mission that availability and errors leave out."""
     text = (
         "hits of protons and electrons (radiation.hits), in the availability and the errors; "
         "rendered frames have them (--frames)"
@@ -590,7 +590,7 @@ def _left_out(plan: mission.MissionPlan) -> list[str]:
 
 
 def _platform_lines(plan: mission.MissionPlan) -> list[str]:
-    """What of their errors is the motion of the platform; nothing where no design has any."""
+    """Motion of the platform within the errors; nothing where no design has any."""
     moved = [
         f"{math.sqrt((x + y) / 2) / arcsec:.2f} across and {math.sqrt(z) / arcsec:.2f} about "
         f"({head.name})"

@@ -270,7 +270,7 @@ def _run(
 def _details(
     options: argparse.Namespace, outcomes: Rows, ends: Endings, precision: Precision
 ) -> tuple[dict[str, Any], list[str]]:
-    """What variance reduction saved, how trials ended, and how well the statistic is known."""
+    """Gain of the variance reduction, ends of the trials, and uncertainty of the statistic."""
     result: dict[str, Any] = {}
     text = []
     if options.control or options.sobol:

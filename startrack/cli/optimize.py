@@ -78,7 +78,7 @@ def _keep_start(options: argparse.Namespace, opened: Study, unmet: str) -> int:
 
 
 def still_unknown(design: Design, campaign: Campaign) -> tuple[Unknown, ...]:
-    """What the search did not choose of what is not known of the design."""
+    """Unknown values of the design that the search did not choose."""
     chosen = {variable.name for variable in campaign.variables}
     chosen |= {link.name for link in campaign.links}
     chosen |= {choice.name for choice in campaign.choices}

@@ -181,7 +181,7 @@ def _text(prediction: Prediction) -> str:
 
 
 def _learned(learned: Learned) -> list[str]:
-    """What told figures say of each unknown."""
+    """What the told figures say about each unknown."""
     lines = ["", f"after {len(learned.told)} told figures, which the intervals above count:"]
     lines += [
         f"  {lesson.unknown.name}: "

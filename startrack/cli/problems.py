@@ -42,7 +42,7 @@ Command = Callable[[argparse.Namespace], int]
 
 
 def command_of(options: argparse.Namespace, given: Iterable[str]) -> Command | None:
-    """What a command does with the scenes of Earth cameras that it is called with.
+    """The action of a command on the scenes of Earth cameras that it is called with.
 
     given   names of the options that were given
     Returns None where it has other files
@@ -356,7 +356,7 @@ def improved_table(problem: Problem, found: optimise.Improved) -> str:
 
 
 def _left_out(expected: Expectation) -> list[str]:
-    """What neither trials nor formula know."""
+    """Effects that neither trials nor formula contain."""
     return [f"Not counted: {'; '.join(expected.left_out)}."] if expected.left_out else []
 
 
@@ -372,7 +372,7 @@ def _verdict_lines(
 
 
 def improved_values(problem: Problem, found: optimise.Improved) -> dict[str, Any]:
-    """What was found, for JSON."""
+    """Result of the search, for JSON."""
     first, last = found.judged
     return {
         "objective": problem.text().value,

@@ -178,7 +178,7 @@ def _figures_text(
 
 
 def _beside(channel: imager.Channel, name: str) -> str:
-    """What is required and was measured, as text behind the predicted value."""
+    """Required and measured value, as text behind the predicted one."""
     units = {"saturation": ("", um), "nedt": (" mK", 1e3), "gsd": (" m", 1.0)}
     unit, scale = units.get(name, ("", 1.0))
     shown = [

@@ -164,7 +164,7 @@ def _drop_output() -> None:
 
 
 def one_line(error: object) -> str:
-    """What an error or a warning says, on one line of printable characters."""
+    """Message of an error or a warning, on one line of printable characters."""
     # A KeyError shows its key alone.
     text = f"no {error}" if isinstance(error, KeyError) else str(error)
     text = ", ".join([text, *getattr(error, "__notes__", [])])  # such as the trial

@@ -175,7 +175,7 @@ def read_series(options: argparse.Namespace) -> tuple[int, Iterator[Frame]]:
 
 
 def _reading(options: argparse.Namespace) -> tuple[io.Layout, Callable[[Frame], Frame]]:
-    """How the options say that images are read, and what is taken off each."""
+    """Settings by the options: how images are read, and what is subtracted from each."""
     with as_wrong_use(ValueError, TypeError, OSError):
         layout = io.Layout(options.plane, options.bayer, options.colour, options.raw)
         dark, flat = (

@@ -55,7 +55,7 @@ def require_units(case: Case) -> None:
 def budgets_of(
     case: Case, required: tuple[Accuracy, ...], options: argparse.Namespace
 ) -> tuple[list[dict[str, Any]], str, UnitBudgets]:
-    """What the budgets of some units say: values for JSON, one for each age; text; at the last."""
+    """Budgets of some units: values for JSON, one for each age; text; those at the last age."""
     with as_wrong_use():
         require_units(case)
     ages = list(dict.fromkeys((0.0, case.end_of_life)))
@@ -70,7 +70,7 @@ def budgets_of(
 def gains_of(
     case: Case, campaign: Campaign, changes: list[LeverChange], options: argparse.Namespace
 ) -> tuple[dict[str, Any], str]:
-    """What each change of a design buys and costs: values for JSON, and a table."""
+    """Gain and cost of each change of a design: values for JSON, and a table."""
     objective, needs = campaign.goal, campaign.requirements
     required, fraction = needs.accuracy, campaign.units or USUAL
     with progress("units", options.units * (1 + len(changes))) as advance:
@@ -149,7 +149,7 @@ def _costs(needs: design.Requirements, case: Case) -> dict[str, float]:
 def trials_of(
     case: Case, seed: int, sampling: Sampling, outcomes: Rows, required: tuple[Accuracy, ...]
 ) -> tuple[dict[str, Any], list[str]]:
-    """What trials of units say: their errors, the yield of each accuracy, and the worst unit."""
+    """Results of trials of units: their errors, the yield of each accuracy, and the worst unit."""
     units = sampling.units
     assert units
     by_unit, years, lines = per_unit(outcomes), units.age / YEAR, list[str]()

@@ -76,7 +76,7 @@ def command(options: argparse.Namespace) -> int:
 
 
 def parts(case: Case) -> dict[str, Callable[[], object]]:
-    """What is run, by name."""
+    """The parts that are run, by name."""
     sequence = terminal.read_sequence(shipped("sequences/slew.toml"))
     plain = terminal.read_design(shipped("designs/noise_only.toml")).case
 

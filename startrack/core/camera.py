@@ -69,7 +69,7 @@ class FieldPolynomial(Parameters):
         return replace(self, temperature=temperature)
 
     def shift(self, plane: Floats, temperature: Floats | None = None) -> Floats:
-        """By how much places are moved.
+        """Displacement of places.
 
         plane        (n, 2) u and v
         temperature  (n,) kelvin of each; None: that of the camera
@@ -183,7 +183,7 @@ class Camera(Parameters):
         return replace(self, focal_length_px=self.focal_length_px * factor)
 
     def project(self, direction: Floats) -> Floats:
-        """Where directions fall on the pixel grid.
+        """Pixels on which directions fall.
 
         direction  (n, 3) in camera axes, of any length
         Returns    (n, 2) pixel (x, y); NaN for what lies behind the camera
@@ -234,7 +234,7 @@ class Camera(Parameters):
         return np.column_stack([x, y]) * self.focal_length_px + self.centre
 
     def unproject(self, pixel: Floats) -> Floats:
-        """Which directions fall on these pixels.
+        """Directions that fall on these pixels.
 
         pixel    (n, 2) pixel (x, y)
         Returns  (n, 3) unit vectors in camera axes
@@ -267,7 +267,7 @@ class Camera(Parameters):
         return direction
 
     def holds(self, pixel: Floats, margin: float = 0.0) -> Flags:
-        """Which pixels (n, 2) lie on the array, or at most `margin` pixel outside."""
+        """Pixels (n, 2) that lie on the array, or at most `margin` pixel outside."""
         x, y = np.asarray(pixel, float).T
         return (
             (x >= -0.5 - margin)

@@ -42,14 +42,14 @@ REPORTS = list[Callable[[float], None]]()  # called with the seconds that compil
 
 
 def compiled(function: FunctionType, **options: Any) -> KernelDispatcher:
-    """As `uncached`, kept on disk."""
+    """Like `uncached`, kept on disk."""
     made = uncached(function, **options)
     made._cache, made.kept_in = _Cache(function), config.CACHE_DIR
     return made
 
 
 def uncached(function: FunctionType, borrows: bool, **options: Any) -> KernelDispatcher:
-    """As `numba.njit`; for `borrows` see `kernel`."""
+    """Like `numba.njit`; for `borrows` see `kernel`."""
     if borrows and hasattr(CPUDispatcher.targetdescr.options, COUNTING):
         options[COUNTING] = False
     return KernelDispatcher(function, targetoptions={"nopython": True, **options})
@@ -184,7 +184,7 @@ class KernelDispatcher(CPUDispatcher):
         KERNELS.append(self)
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
-        """As numba, which asks when it finds a call of this kernel in another one."""
+        """Template of a call, for numba, when it finds a call of this kernel in another one."""
         with global_compiler_lock:
             KernelDispatcher.depth += 1
             try:

@@ -28,7 +28,7 @@ FileState = tuple[str, int, int] | None
 
 
 class Range(NamedTuple):
-    """What the values of a field, or each of a list, may be, whatever the other fields are.
+    """Values that a field, or each item of a list, may have, whatever the other fields are.
 
     low, high  in SI units, included; infinite where there is no limit
     above      whether `low` itself is not allowed
@@ -182,7 +182,7 @@ def unit_of(kind: type, name: str) -> Unit | None:
 
 @cache
 def _rules(kind: type) -> tuple[tuple[str, Range, bool, bool], ...]:
-    """How fields are checked: name, range, whether it is an integer, and whether a list."""
+    """Rules of the fields: name, range, whether it is an integer, and whether a list."""
     return tuple(
         (name, field.range, field.kind is int, typing.get_origin(field.kind) is tuple)
         for name, field in fields_of(kind).items()

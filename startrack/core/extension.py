@@ -168,7 +168,7 @@ def function_of(group: str, name: str) -> Callable[..., Any]:
 
 
 def origin_of(key: str, name: str) -> Code:
-    """Where code is from, after its import. Raises as `require_code`."""
+    """Origin of code after its import. Raises as `require_code`."""
     code = _import(key, name)
     return Code(key, name, code.package, code.digest)
 
@@ -220,7 +220,8 @@ def _distributions(path: tuple[str, ...]) -> Mapping[str, list[str]]:
 
 
 def _digest(package: ModuleType) -> str:
-    """Of all Python files and compiled modules of a package; not of its data or of what it needs.
+    """Digest of all Python files and compiled modules of a package; not of its data or of the
+    packages that it needs.
 
     Raises  ValueError where it has no file.
     """
@@ -263,7 +264,7 @@ def software() -> str:
 
 
 def file_digest(path: Path) -> str:
-    """Of the content of a file; read again where the system says that it may have changed."""
+    """Digest of a file; read again where the system says that it may have changed."""
     status = path.stat()
     return _file_digest(path, status.st_ino, status.st_ctime_ns, status.st_mtime_ns, status.st_size)
 
@@ -292,7 +293,7 @@ def received(modules: Mapping[str, str]) -> None:
 
 
 def call_code(group: str, name: str, given: Any) -> Any:
-    """What the function of a name returns for its input.
+    """Result of the user function of this name for its input.
 
     Raises  Refused where it refuses the design by one; ValueError with the key, the name and the
             error, where it raises any other.
@@ -310,7 +311,7 @@ def call_code(group: str, name: str, given: Any) -> Any:
 def returned(
     group: str, name: str, value: Any, shape: tuple[int | tuple[int, ...], ...], finite: bool = True
 ) -> Floats:
-    """What code returned, as an array of floats.
+    """Result of user code, as an array of floats.
 
     shape   lengths; several where one of them is asked for, -1 for any
     Raises  ValueError with the key, the name and the rule where it is not an array of numbers of

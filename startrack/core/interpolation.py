@@ -222,7 +222,7 @@ NODES = 9  # along each side; cubic between them
 
 
 class Displacement(Parameters):
-    """By how much more than a camera model says the places of a frame are displaced.
+    """Displacement of places of a frame from those of a camera model.
 
     Between the nodes, which span the frame evenly, the values are cubic polynomials of x and of y;
     beyond it they are those at its edge.

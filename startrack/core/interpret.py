@@ -49,7 +49,8 @@ def interpreted(compiling: Callable[[], bool]) -> Iterator[None]:
 
 
 def interpreter(kernel: Any, is_kept: Callable[[], bool]) -> Callable[..., Any] | None:
-    """What Python runs for a kernel; None where it is to be loaded or compiled.
+    """The Python function that runs in place of a kernel; None where the kernel is to be loaded or
+    compiled.
 
     is_kept  whether it is on disk for these types
     """

@@ -149,7 +149,7 @@ def _made(folder: Path, private: bool) -> bool:
 
 
 def _hash_of_sources() -> str:
-    """Of all files that a kernel stands in or takes a value from, and of the compilers."""
+    """Hash of all files that a kernel stands in or takes a value from, and of the compilers."""
     versions = sys.version, numba.__version__, llvmlite.__version__, np.__version__
     state = hashlib.sha256(f"{versions} {compiler is None}".encode())
     for path in sorted(PACKAGE.rglob("*.py")):

@@ -167,7 +167,7 @@ class Kept(Generic[T]):
 
     @property
     def bytes(self) -> int:
-        """Of all values."""
+        """Bytes of all values."""
         return sum(size for _, size, _ in self._values.values())
 
     def clear(self) -> None:
@@ -202,12 +202,12 @@ class KeptFunction(Generic[P, T]):
 
 
 def kept(count: int) -> Callable[[Callable[P, T]], KeptFunction[P, T]]:
-    """As `functools.lru_cache`, for values of megabytes: they count against the memory limit."""
+    """Like `functools.lru_cache`, for values of megabytes: they count against the memory limit."""
     return partial(KeptFunction, count=count)
 
 
 def kept_bytes() -> int:
-    """Of all values that this process keeps."""
+    """Bytes of all values that this process keeps."""
     with _lock:
         return sum(store.bytes for store in _stores)
 

@@ -65,7 +65,7 @@ NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*((?:[^\W\
 
 
 class Unit(NamedTuple):
-    """Of a parameter: `Annotated[float, Unit("m", "mm")]` is in metre, in files in millimetre.
+    """Unit of a parameter: `Annotated[float, Unit("m", "mm")]` is in metre, in files in millimetre.
 
     absolute  whether it is a temperature, which files may give in degC, and no difference of two
     clock     whether it is a time of day, which files may give as "10:30"

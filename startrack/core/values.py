@@ -204,7 +204,7 @@ class Psf:
 @printed
 @dataclass(frozen=True, eq=False)
 class LineOfSight:
-    """How the line of sight moves in one exposure.
+    """Motion of the line of sight in one exposure.
 
     time      (m,) second from the middle of the exposure
     weight    (m,) 1, fraction of the exposure of each point; sums to 1
@@ -267,7 +267,7 @@ class Frame:
 @printed
 @dataclass(frozen=True, eq=False)
 class Spots:
-    """What the detection found, brightest first.
+    """Spots that the detection found, brightest first.
 
     x, y        (n,) pixel, column and row of the centroid
     flux        (n,) digital number above the background
@@ -288,7 +288,7 @@ class Spots:
 
 
 class Status(StrEnum):
-    """How an identification or an attitude ended. A sky that cannot be solved is data."""
+    """End of an identification or of an attitude. A sky that cannot be solved is data."""
 
     SOLVED = "solved"
     AMBIGUOUS = "ambiguous"
@@ -300,7 +300,7 @@ class Status(StrEnum):
 @printed
 @dataclass(frozen=True, eq=False)
 class Matches:
-    """Which spot is which catalogue star.
+    """Catalogue star of each matched spot.
 
     status             solved, or why not
     reason             one sentence

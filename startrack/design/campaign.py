@@ -166,7 +166,7 @@ class Campaign(Parameters):
         return replace(self, minimise="error")
 
     def cost(self, case: Case) -> float | None:
-        """What is made small instead of the error; None where it is the error.
+        """The cost that is minimised instead of the error; None where the error is.
 
         Returns  SI, in the unit of `COSTS`
         """
@@ -179,7 +179,7 @@ class Campaign(Parameters):
 
     @property
     def made_small(self) -> tuple[str, str]:
-        """What is made small, in words, and its unit."""
+        """The minimised quantity in words, and its unit."""
         if self.minimise == "error":
             return str(self.goal), "arcsec"
         return self.minimise, COSTS[self.minimise]

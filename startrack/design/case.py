@@ -120,7 +120,7 @@ class CameraCalibration(Parameters):
 
 
 class Fidelity(StrEnum):
-    """How much of a trial is computed; each is a cheaper approximation of the one before.
+    """Fidelity of a trial; each is a cheaper approximation of the one before.
 
     frame       the whole image is rendered and searched
     window      only the pixels that the detection could look at: around stars, and where noise
@@ -241,7 +241,7 @@ class Instrument(Parameters):
 
     @cached_property
     def stray(self) -> Baffle | None:
-        """What passes the baffle: its curve, or that of its geometry; None: nothing.
+        """Transmission of the baffle: its curve, or that of its geometry; None: no stray light.
 
         Lens and field count to three digits, so that the units of a design share one curve.
         Raises  Refused where the tube is narrower than its entrance.
@@ -258,7 +258,7 @@ class Instrument(Parameters):
 
     @cached_property
     def camera(self) -> core.Camera:
-        """Where directions truly fall; with a lens table, the camera that fits it best.
+        """True camera; with a lens table, the camera that fits it best.
 
         Raises  ValueError where the table does not hold the frame, the band or the temperature.
         """
@@ -332,7 +332,7 @@ class Instrument(Parameters):
 
 
 class Tracker(Parameters):
-    """What the flight software believes and how it works."""
+    """Settings and knowledge of the flight software."""
 
     detection: Detection = parameter(
         "How spots are found and measured. The defaults serve real images of many cameras.",
@@ -548,7 +548,7 @@ class Case(core.CarriesCode):
 
     @cached_property
     def laws(self) -> tuple[Law, ...]:
-        """What differs in SI units, in the order of `varying`."""
+        """Laws of the numbers that vary, in SI units, in the order of `varying`."""
         return tuple(law_of(self, variation) for variation in self.varying)
 
     @property
@@ -599,12 +599,12 @@ class Case(core.CarriesCode):
 
     @property
     def believed_mounting(self) -> Mounting:
-        """How the tracker believes the camera to sit."""
+        """Mounting of the camera as the tracker believes it."""
         return self.tracker.mounting or self.as_designed.instrument.mounting.still
 
     @property
     def believed_motion(self) -> Motion:
-        """How the tracker believes the camera to turn; its rates count."""
+        """Motion of the camera as the tracker believes it; its rates count."""
         return self.tracker.motion or self.as_designed.instrument.motion
 
     @property

@@ -33,7 +33,7 @@ RENEWED = {"instrument.detector": Renewed("product", (*KEPT, *OPERATED))}
 @printed
 @dataclass(frozen=True)
 class Design:
-    """What a design file holds.
+    """Contents of a design file.
 
     case      the instrument, the tracker, the scene and the sky
     campaign  the question put to it, None if the file asks none

@@ -106,7 +106,7 @@ def keys_of(kind: type, place: str = "") -> Iterator[Key]:
 
 
 def range_of(field: Field) -> Range:
-    """What the value of a field may be; of a list, nothing is stated."""
+    """Range of a field's value; nothing is stated of a list."""
     several = typing.get_origin(field.kind) is tuple
     return Range() if several or field.range is None else field.range
 
@@ -316,7 +316,7 @@ def design_schema() -> Schema:
 
 
 def _law_schema(form: Collection[str]) -> Schema:
-    """Of the law of a value that is not known; its values are checked as they are drawn."""
+    """Schema of the law of a value that is not known; its values are checked as they are drawn."""
     some = {"type": "array", "minItems": 2}
     kinds = {"factor": {"type": "number"}, "among": some, "weight": some}
     properties: Schema = {key: kinds.get(key, {"type": ["number", "string"]}) for key in form}
@@ -410,7 +410,7 @@ def _with_unit(unit: Unit, limits: Range) -> Schema:
 
 
 def _required(kind: type) -> Schema:
-    """What must be there, of a table and of those within it."""
+    """Keys that are required, of a table and of the tables within it."""
     schema: Schema = {"required": [], "properties": {}}
     for name, field in fields_of(kind).items():
         if field.required:

@@ -56,7 +56,8 @@ class Objective:
 
     @classmethod
     def read(cls, text: str) -> Objective:
-        """From "across", "about-99.73", "across-99.73 per axis", "across + 0.1 about" and the like.
+        """Objective from a text such as "across", "about-99.73", "across-99.73 per axis" or "across
+        + 0.1 about".
 
         Raises  ValueError where the text is none of these.
         """
@@ -160,7 +161,7 @@ class Objective:
         return math.exp(math.fsum(weight * math.log(error) for error, weight in pairs) / total)
 
     def _shares(self, errors: Sequence[float], weights: Sequence[float]) -> Floats:
-        """By how much ln(mean) grows with the ln of each error in conditions; their sum is 1."""
+        """Growth of ln(mean) with the ln of each error in conditions; their sum is 1."""
         power = {"geometric": 0, "arithmetic": 1, "quadratic": 2}.get(self.mean)
         if power is None:
             return np.eye(len(errors))[int(np.argmax(errors))]

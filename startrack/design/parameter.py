@@ -35,7 +35,7 @@ def current_name(case: Any, name: str) -> str:
 
 
 def _entry(entries: tuple[Any, ...], part: str) -> int | None:
-    """Which entry of a list a part of a name means, by its number or its name; of all the first."""
+    """Entry of a list that a part of a name means, by its number or its name; of all, the first."""
     if part.isdecimal():
         return int(part) if int(part) < len(entries) else None
     if part == EVERY:
@@ -66,7 +66,7 @@ def paths(case: Any, name: str) -> list[str]:
 
 
 def _inner(at: Any, part: str, name: str) -> list[tuple[str, Any]]:
-    """What stands under a part of a name, with the part as a field or a number."""
+    """Value at a part of a name, and the part as a field or a number."""
     if isinstance(at, tuple):
         if part == EVERY and at:
             return [(str(n), entry) for n, entry in enumerate(at)]
@@ -79,7 +79,7 @@ def _inner(at: Any, part: str, name: str) -> list[tuple[str, Any]]:
 
 
 def find(case: Any, name: str) -> Any:
-    """What stands at a name, such as "instrument.motion.tones.0.rms_x".
+    """Value at a name, such as "instrument.motion.tones.0.rms_x".
 
     Raises  ValueError where there is no such parameter, or "*" means different values.
     """
@@ -158,7 +158,7 @@ def _number_or_text(text: str) -> float | str:
 
 
 def unchecked(case: T, values: Mapping[str, Any]) -> T:
-    """As `replaced_all`, but no part of the case is checked: only to compute other values from."""
+    """Like `replaced_all`, but no part of the case is checked: only to compute other values from."""
     changed: T = _with(case, _changes(case, values), checked=False)
     return changed
 

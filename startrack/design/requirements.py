@@ -25,7 +25,7 @@ PRICE, PRICED, STEEP = (
 
 
 class LensCost(NamedTuple):
-    """What a lens needs.
+    """Mass, volume and price of a lens.
 
     elements  pieces of glass and mirrors; a family's law need not give whole numbers
     mass      kilogram, with its barrel
@@ -377,7 +377,7 @@ class Requirements(core.CarriesCode):
 
     @property
     def limits(self) -> ErrorLimits:
-        """What an attitude must keep to be correct."""
+        """Largest errors of a correct attitude."""
         return ErrorLimits(**{accuracy.name: accuracy.single for accuracy in self.accuracy})
 
     def mass(self, case: Case) -> float:
@@ -438,7 +438,7 @@ class Requirements(core.CarriesCode):
         return calibration.positions * self.position_time
 
     def cost(self, case: Case) -> float:
-        """In the unit of `cost_of_metre`; with a lens of known surfaces in dollars of 2010.
+        """Price in the unit of `cost_of_metre`; with a lens of known surfaces in dollars of 2010.
 
         Raises  ValueError where the code of `cost_model` raises one, or returns no number.
         """

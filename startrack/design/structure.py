@@ -39,7 +39,7 @@ UNITS = {"instrument.mounting": "rad", "instrument.residual": "K"}  # of numbers
 
 
 class Material(NamedTuple):
-    """What a structure is made of.
+    """Material of a structure.
 
     expansion     1 / kelvin, linear, near 20 degC
     conductivity  W / (m K)
@@ -78,7 +78,7 @@ SPREAD = 1.5  # span of the feet over the diameter of the tube; assumed
 
 
 class Structure(Parameters):
-    """What carries lens and detector on the spacecraft, and how warm it becomes.
+    """Structure that carries lens and detector on the spacecraft, and its temperature.
 
     A tube with lens and detector stands on a base with feet that are bolted to a panel. Where
     temperature grows by G_x per metre along x, where a flux makes the tube's side at +x warmer by
@@ -413,7 +413,7 @@ class Structure(Parameters):
         return np.abs(over[:, 0]) / 2**0.5 if orbit.shape[1] == 1 else over[:, 1:].std(axis=1)
 
     def variations(self, optics: Optics, pitch: float, residual: bool) -> Iterator[Variation]:
-        """What differs over an orbit, and between launches, because temperatures do.
+        """Differences over an orbit, and between launches, that temperatures cause.
 
         residual  whether there is a residual, whose temperature is that of the head
         """
@@ -496,7 +496,7 @@ class Structure(Parameters):
         return loads
 
     def _by_heat(self, heat: Heat, optics: Optics) -> Floats:
-        """As `_over_orbit`; the mean over an orbit is what the tracker is calibrated to."""
+        """Like `_over_orbit`; the mean over an orbit is what the tracker is calibrated to."""
         warm = warmth(heat)
         rows = np.stack([warm.head - warm.head.mean(), warm.side_x, warm.side_y])
         place = np.linspace(0, 1, TIMES + 1)

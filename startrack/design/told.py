@@ -74,7 +74,7 @@ class Told(Parameters):
 
     @property
     def name(self) -> str:
-        """Of the figure, with its axis."""
+        """Name of the figure, with its axis."""
         return self.figure if self.axis is None else f"{self.figure} {self.axis}"
 
     @property

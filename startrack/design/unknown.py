@@ -78,7 +78,7 @@ class Unknown(NamedTuple):
         return f"{float(number)!r} {unit}" if unit else float(number)
 
     def positions(self, quantile: Floats) -> Ints:
-        """Which values of a choice quantiles (n,) mean."""
+        """Values of a choice that belong to quantiles (n,)."""
         return np.searchsorted(np.cumsum(self.weights)[:-1], quantile, side="right")
 
     def numbers(self, quantile: Floats) -> Floats:
@@ -212,7 +212,7 @@ def with_laws(table: dict[str, Any], unknowns: Sequence[Unknown]) -> dict[str, A
 
 
 def _stem(names: Sequence[str]) -> str:
-    """What the names of files begin with, as words: "lens" of lens-made and lens-shelf."""
+    """First part of the names of files, as words: "lens" of lens-made and lens-shelf."""
     words = [re.split("[-_]", PurePosixPath(name).stem) for name in names]
     shared = itertools.takewhile(lambda parts: len(set(parts)) == 1, zip(*words, strict=False))
     return "-".join(parts[0] for parts in shared) or PurePosixPath(names[0]).stem

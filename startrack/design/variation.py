@@ -22,7 +22,7 @@ QUANTILES = 400  # of a law, for its mean square: of a normal law within 0.4 %
 
 
 class Scope(StrEnum):
-    """Between which a number differs.
+    """Scope of a variation: from which to which a number differs.
 
     unit         as built
     launch       after one step, at launch
@@ -45,7 +45,7 @@ DIFFERENCE = (
 
 
 class Variation(Parameters):
-    """How one number of the truth differs by chance; the tracker does not know by how much.
+    """Variation of one number of the truth by chance; the tracker does not know by how much.
 
         value = design (1 + sum of relative differences) + sum of absolute differences
 
@@ -123,7 +123,7 @@ class Variation(Parameters):
 
     @property
     def cost(self) -> float:
-        """What its tolerance costs more than that of scale 1: price log2(1 / scale)."""
+        """Price of the tolerance above that of scale 1: price log2(1 / scale)."""
         return -self.price * math.log2(self.scale) if self.price else 0.0
 
     @property
@@ -239,7 +239,7 @@ def check_variations(case: Any, variations: tuple[Variation, ...]) -> None:
 
 @dataclass(frozen=True)
 class Moment:
-    """Which of all that vary: a unit, where and when it is.
+    """One draw of all that varies: a unit, its place and its time.
 
     unit         number of the unit; of -1, nothing varies
     environment  number of the environment that it is in; -1: that of the calibration
@@ -281,7 +281,7 @@ def _normal(seed: int, unit: int, stream: str) -> float:
 
 
 def _instance(scope: Scope, moment: Moment) -> str | None:
-    """What a stream's name ends with; None where the scope does not apply."""
+    """End of a stream's name; None where the scope does not apply."""
     match scope:
         case Scope.LAUNCH if not moment.launched:
             return None

@@ -128,7 +128,7 @@ def _tiles(image: Singles, mesh: int, floor: float) -> tuple[Singles, Singles, S
 
 @kernel
 def _places(width: int, height: int) -> tuple[Singles, Singles]:
-    """Where the pixels that are looked at lie from the middle of a tile, (n,) pixel."""
+    """Places of the pixels that are read, from the middle of a tile, (n,) pixel."""
     across, down = np.arange(0, width, STRIDE), np.arange(0, height, STRIDE)
     dx = np.empty(len(across) * len(down), np.float32)
     dy = np.empty(len(across) * len(down), np.float32)

@@ -90,7 +90,7 @@ class Box(Parameters):
 
 
 class Taken(NamedTuple):
-    """What was taken in each box, NaN where nothing was.
+    """Pixels taken in each box; NaN where nothing was taken.
 
     x, y        (m,) pixel, first moment less that of a star's image
     flux        (m,) digital number of the whole star, estimated from its image
@@ -120,7 +120,7 @@ class Taken(NamedTuple):
 
 
 class StarImage(NamedTuple):
-    """Of a star somewhere in the middle pixel of an image of some size.
+    """Image of a star somewhere in the middle pixel of an image of some size.
 
     fraction  1, of its light in the image, above the background that is taken off, in the mean
     moment    pixel (x, y), of its first moment from its place, in the mean
@@ -195,7 +195,7 @@ NOTHING = (math.nan,) * 9
 
 @lru_cache(maxsize=16)
 def star_image(psf: core.Psf, box: Box) -> StarImage:
-    """What an image holds of a star, over the places of the star in a pixel."""
+    """Flux, centroid and scatter of a star's image in a box, over its places in a pixel."""
     # At the samples of the table, from one edge of the pixel to the other.
     places = 0.5 - np.arange(psf.oversampling + 1) / psf.oversampling
     share = np.ones(len(places))
@@ -294,7 +294,7 @@ def _core(window: Singles, size: int) -> Singles:
 
 
 def _background(window: Singles, box: Box, offset: float) -> Singles:
-    """Of each pixel of a window without its border."""
+    """Background of each pixel of a window without its border."""
     half = IMAGE // 2
     rows, columns = window.shape[0] - 2 * half, window.shape[1] - 2 * half
     if box.background == "none":
@@ -306,7 +306,7 @@ def _background(window: Singles, box: Box, offset: float) -> Singles:
 def _settled(
     image: Singles, corner: tuple[int, int], box: Box, expected: StarImage, gain: PixelGain
 ) -> tuple[float, ...]:
-    """As `_measure`, of an image that is moved until its moment lies in its middle."""
+    """Like `_measure`, of an image that is moved until its moment lies in its middle."""
     measured: tuple[float, ...] = NOTHING
     for _ in range(ROUNDS + 1):
         measured = _measure(image, corner, box, expected, gain)

@@ -11,7 +11,7 @@ from startrack.detection.background import SkyBackground, between
 
 
 class Peaks(NamedTuple):
-    """Where a star may be: (n,) column, row, and size of its connected component, pixel."""
+    """Places of possible stars: (n,) column, row, and size of the connected component, pixel."""
 
     x: Ints
     y: Ints
@@ -20,7 +20,7 @@ class Peaks(NamedTuple):
 
 @kernel
 def lit(image: Singles, level: Singles, mesh: int) -> Ints:
-    """Which pixels exceed a level that is given on the grid of a Sky.
+    """Pixels that exceed a level that is given on the grid of a Sky.
 
     A row, and then its part in a tile, that lies below the lowest level around it is done with
     at one comparison a pixel, and nearly all rows are such.

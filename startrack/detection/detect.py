@@ -84,7 +84,7 @@ def _kept(table, order, area, most):  # type: ignore[no-untyped-def]
 
 @kernel
 def _apart(table: Floats, order: Ints, most: int) -> Ints:
-    """Which places in `order` to keep: those with a flux, one for each star, the first `most`."""
+    """Places in `order` to keep: those with a flux, one for each star, the first `most`."""
     kept = np.empty(min(len(order), most), np.int64)
     count = 0
     for k in range(len(order)):

@@ -153,7 +153,7 @@ def _is_sharp(core, noise, fraction):  # type: ignore[no-untyped-def]
 
 @kernel
 def _passed(core, spread, patterns, noise, fraction):  # type: ignore[no-untyped-def]
-    """How many patterns (k, 3, 3) of noise leave each of the peaks (3, 3, n) no hot pixel."""
+    """Number of patterns (k, 3, 3) of noise that leave each of the peaks (3, 3, n) no hot pixel."""
     count, noisy = np.zeros(core.shape[2]), np.empty((3, 3))
     for n in range(len(count)):
         for k in range(len(patterns)):
@@ -191,7 +191,7 @@ def chance_to_pass(
 def _without_doubt(
     core: Floats, spread: Floats, largest: float, noise: float, fraction: float
 ) -> tuple[Floats, Flags]:
-    """Which peaks, (3, 3, n) above the level, `_is_sharp` judges alike with any pattern of noise.
+    """Peaks, (3, 3, n) above the level, that `_is_sharp` judges alike with any pattern of noise.
 
     What it compares with zero are sums of pixels by weights, which noise of that length changes by
     the length of weights times spread at most (Cauchy and Schwarz).

@@ -21,7 +21,7 @@ from startrack.detection.plan import DetectionPlan, calibrated
 
 
 class SpotExpectation(NamedTuple):
-    """What is to be expected of stars; NaN where no centroid comes of them.
+    """Expected brightness, place and noise of stars; NaN where no centroid comes of them.
 
     x, y        (n,) pixel, centroid without noise
     flux        (n,) digital number
@@ -176,7 +176,7 @@ def joined(parts: Sequence[Response]) -> Response:
 
 
 def response(frame: Frame, x: Ints, y: Ints, sigma: Floats, plan: DetectionPlan) -> Response:
-    """How centroids answer to their pixels, whatever the method of the settings.
+    """Derivatives of centroids by their pixels, whatever the method of the settings.
 
     Each pixel is moved up and down by its own noise, that of all stars at once; stars must be
     farther apart than twice the side, or they answer to each other's.

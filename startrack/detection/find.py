@@ -79,7 +79,7 @@ KERNEL_TAIL = 2  # pixel; the outer pixels of a filtered star are too faint to m
 
 @dataclass(frozen=True, eq=False)
 class FrameBackground:
-    """What the search of a frame compares its pixels with.
+    """Background and noise that the search of a frame compares its pixels with.
 
     sky   background and noise
     far   sigma, how far a star must stand out, on the grid of the Sky
@@ -166,7 +166,7 @@ def choose(
 
 
 class _SpotRules(NamedTuple):
-    """What a peak must meet, for the kernel.
+    """Conditions that a peak must meet, for the kernel.
 
     min_area, max_area  of its connected component, pixel
     half      half side of the square in which it is the highest, pixel
@@ -253,7 +253,7 @@ def ring_half(settings: Detection, kernel: Kernel) -> int:
 
 @kernel
 def _inside(x: Ints, y: Ints, regions: Ints) -> Flags:
-    """Which pixels lie in one of the regions."""
+    """Pixels that lie in one of the regions."""
     verdict = np.zeros(len(x), np.bool_)
     for i in range(len(x)):
         for left, top, right, bottom in regions:

@@ -238,7 +238,7 @@ TOUCH = 1.5  # half sides of a window; a star farther off hardly shines into it
 
 
 class Model(NamedTuple):
-    """What a star looks like.
+    """Model of a star's image.
 
     table           of a PSF, where `width` is 0
     oversampling    of the table

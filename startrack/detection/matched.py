@@ -21,7 +21,7 @@ SEPARABLE = 1e-3  # of the largest singular value: a kernel is a line times a co
 
 @dataclass(frozen=True, eq=False)
 class Kernel:
-    """What a star on the middle of a pixel looks like, as a filter that keeps a constant.
+    """Image of a star in the middle of a pixel, as a filter that keeps a constant.
 
     whole   (2 m + 1, 2 n + 1) 1, sums to 1
     line    (2 n + 1, 1), column (2 m + 1, 1): their product is `whole`; None where there is none
@@ -43,7 +43,7 @@ class Kernel:
 
     @cached_property
     def cumulants(self) -> tuple[float, float, float]:
-        """What the filter leaves of the second to fourth cumulant of a pixel."""
+        """Factors of the second to fourth cumulant of a pixel that is filtered."""
         squares, cubes, fourths = (float(np.sum(self.whole.astype(float) ** n)) for n in (2, 3, 4))
         return squares, cubes, fourths
 
@@ -71,14 +71,14 @@ def filtered(image: Singles, kernel: Kernel, out: Singles | None = None) -> Sing
 
 @lru_cache(maxsize=64)
 def gaussian_kernel(sigma: float) -> Kernel:
-    """Of a Gaussian star, integrated over pixels; sigma in pixel."""
+    """Kernel of a Gaussian star, integrated over pixels; sigma in pixel."""
     half = max(1, round(REACH * sigma))
     edge = (np.arange(-half, half + 2) - 0.5) / (sigma * math.sqrt(2))
     return _kernel(np.outer(*2 * (np.diff([math.erf(e) for e in edge]),)))
 
 
 def psf_kernel(psf: Psf) -> Kernel:
-    """Of a star as the design makes it; a smeared PSF makes a filter for streaks."""
+    """Kernel of a star as the design makes it; a smeared PSF makes a filter for streaks."""
     middle = psf.table.shape[0] // 2
     start = middle % psf.oversampling
     pixel = psf.table[start :: psf.oversampling, start :: psf.oversampling]

@@ -35,7 +35,7 @@ SMEAR = (
 
 
 class Detection(Parameters):
-    """How spots are found and measured. The defaults serve real images of many cameras."""
+    """Detection and measurement of spots. The defaults serve real images of many cameras."""
 
     centroid: str = parameter(
         '"gravity": centre of gravity; "weighted": under a Gaussian weight that follows the '

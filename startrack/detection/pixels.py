@@ -71,7 +71,7 @@ Calibration = Callable[[], DarkFrames]  # dark frames are taken when they are fi
 
 
 class PixelCorrection(NamedTuple):
-    """What the map tells of each pixel.
+    """Correction of each pixel by the dark map.
 
     offset    (rows, columns) digital number, to be subtracted
     hot       (k,) row * columns + column of the hot pixels
@@ -119,7 +119,9 @@ def corrected(
 
 
 def correction_image(correction: PixelCorrection) -> Singles:
-    """What an image loses by the correction, digital number: hot pixels as their neighbours."""
+    """Digital number that the correction subtracts from an image: hot pixels become like their
+    neighbours.
+    """
     return -corrected(np.zeros_like(correction.offset), correction, None)
 
 
@@ -158,7 +160,7 @@ EPSILON = float(np.finfo(np.float32).eps)
 
 
 class PixelGain(NamedTuple):
-    """What is known of the law of a pixel's numbers; NaN where unknown.
+    """Known law of a pixel's numbers; NaN where unknown.
 
     light       digital number of light over its variance, as `Frame.noise_gain`
     offset      digital number of an empty pixel, less the pivot
@@ -231,7 +233,7 @@ def pixels(frame: core.Frame) -> Pixels:
 
 
 def gain_of(frame: core.Frame, pivot: float) -> PixelGain:
-    """What a frame knows of its pixels."""
+    """Law of the pixels' numbers that is known of a frame."""
     read_noise = frame.read_noise / frame.electrons_per_dn
     return PixelGain(frame.noise_gain, frame.offset - pivot, read_noise)
 

@@ -20,7 +20,8 @@ from startrack.detection.star_model import StarModel, gaussian_psf, smeared
 
 @dataclass(frozen=True, eq=False)
 class DetectionPlan:
-    """What follows from the settings and the image of a star alone, each computed at first use.
+    """Values that follow from the settings and the image of a star alone, each computed at first
+    use.
 
     settings   thresholds and windows
     star       image of a star that the tracker assumes
@@ -49,7 +50,7 @@ class DetectionPlan:
 
     @cached_property
     def correction(self) -> PixelCorrection | None:
-        """What the tracker's dark map tells of each pixel; None without one.
+        """Correction of each pixel by the tracker's dark map; None without one.
 
         Raises  ValueError where the settings have a dark map and there are no dark frames.
         """

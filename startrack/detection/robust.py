@@ -197,7 +197,7 @@ def around(
 
 @kernel
 def around_each(image: Singles, x: Ints, y: Ints, half: int, floor: float) -> Floats:
-    """As `around`, of many spots at pixels (n,): level, slopes and noise, (n, 4)."""
+    """Like `around`, of many spots at pixels (n,): level, slopes and noise, (n, 4)."""
     grounds = np.empty((len(x), 4))
     for i in range(len(x)):
         level, slope_x, slope_y, noise, _ = around(image, x[i], y[i], half, floor)
@@ -209,7 +209,7 @@ def around_each(image: Singles, x: Ints, y: Ints, half: int, floor: float) -> Fl
 def around_among(
     image: Singles, x: int, y: int, half: int, floor: float, others_x: Ints, others_y: Ints
 ) -> tuple[float, float, float, float, int]:
-    """As `around`, without the squares about other spots, as long as most of the ring is left."""
+    """Like `around`, without the squares about other spots, as long as most of the ring is left."""
     rows, columns = image.shape
     inner, outer = half + 2, half + 3
     most = (2 * outer + 1) ** 2 - (2 * inner - 1) ** 2

@@ -405,7 +405,7 @@ class Age(Parameters):
 
     @property
     def years(self) -> float:
-        """In orbit."""
+        """Years in orbit."""
         if self.year is not None and self.launch is not None:
             return self.year - self.launch
         return float(self.time or 0.0) / YEAR
@@ -463,7 +463,7 @@ def _at(line: tuple[float, float, float], after: float) -> float:
 
 
 def _power_integral(low: Floats, high: float, slope: float) -> Floats:
-    """Of x^-slope over ln x."""
+    """Integral of x^-slope over ln x."""
     if abs(slope) < 1e-9:
         return np.log(high / low)
     return np.asarray((low**-slope - high**-slope) / slope)

@@ -92,7 +92,7 @@ def normals(shape: tuple[int, ...], streams: Streams, cause: str) -> Floats:
 
 
 class Draws(NamedTuple):
-    """What the numbers of pixels are drawn from.
+    """Tables from which the numbers of pixels are drawn.
 
     shot, read  keys of shot noise and read noise; the latter is not drawn where there is none
     """
@@ -182,7 +182,7 @@ def _digitise_part(
 def digitise_window(
     image: Image, left: int, top: int, mean: Floats, draws: Draws, room: NDArray[np.uint32]
 ) -> None:
-    """As `digitise_row`, of a window of an image, several short rows in one step.
+    """Like `digitise_row`, of a window of an image, several short rows in one step.
 
     A loop over a short row ends before the processor works on many pixels at once.
     """

@@ -96,7 +96,7 @@ def settle(level: Floats, rest: float) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class EffectInput:
-    """What an effect on a frame is computed from.
+    """Input of an effect on a frame.
 
     values     (rows, columns), not to be written to: electrons of each pixel at the end of the
                exposure (charge_effects); electrons at the input of the converter, with read noise
@@ -184,7 +184,7 @@ Change = Callable[[Floats, Detector, Streams], Floats]
 
 
 class PixelStage(StrEnum):
-    """What the values of the pixels are, from light to number (EMVA 1288)."""
+    """Quantity of the pixels' values, from light to number (EMVA 1288)."""
 
     EXPECTED = "expected electrons"
     CHARGE = "charge at the end of the exposure, electron"

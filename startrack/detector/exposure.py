@@ -87,7 +87,7 @@ FRAME_BYTES = 56  # of a pixel while a frame is made and searched; measured: 42 
 
 @dataclass(frozen=True, eq=False)
 class Exposure:
-    """What a frame depends on, except its noise.
+    """All inputs of a frame except its noise.
 
     light            at the entrance pupil
     line_of_sight    its motion in the exposure
@@ -206,7 +206,7 @@ def seen(
     detector: Detector,
     motion_function: MotionFunction | None,
 ) -> Iterable[Places]:
-    """Where the stars are during the exposure, with its shutter."""
+    """Places of the stars during the exposure, with its shutter."""
     view = direction, path, icrs_to_camera, camera
     if not detector.row_delay:
         return at_once(*view)

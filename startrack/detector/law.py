@@ -16,7 +16,7 @@ Image = NDArray[np.uint16] | NDArray[np.uint32]
 
 
 class SignalLaw(NamedTuple):
-    """From electrons to a digital number, without the random draws.
+    """Law from electrons to a digital number, without the random draws.
 
         charge = min(electrons, full_well)
         signal = charge (1 - nonlinearity charge / full_well)
@@ -83,7 +83,7 @@ def signal(electrons, full_well, nonlinearity):  # type: ignore[no-untyped-def]
 
 @kernel
 def unrounded(level, gain, offset, adc_inl, largest):  # type: ignore[no-untyped-def]
-    """What the converter makes of a signal before it rounds, within its range."""
+    """Output of the converter for a signal before it rounds, within its range."""
     x = level * gain + offset
     y = min(max(x / largest, 0.0), 1.0)
     return min(max(with_adc_inl(x, y, adc_inl), 0.0), largest)
@@ -117,7 +117,7 @@ def expected_signal(electrons: Floats, law: SignalLaw) -> Floats:
 
 
 def unrounded_numbers(level: Floats, law: SignalLaw) -> Floats:
-    """What the converter makes of signals before it rounds, element by element."""
+    """Output of the converter before it rounds, element by element."""
     flat = _unrounded_numbers(level.ravel(), law.gain, law.offset, law.adc_inl, law.largest)
     return flat.reshape(level.shape)
 

@@ -21,7 +21,7 @@ NODES = 8  # of Gauss-Legendre in the exposure of a line: 1e-6 of the flux at on
 
 @dataclass(frozen=True, eq=False)
 class LineExposure:
-    """What the image of a detector of lines depends on, except its noise.
+    """All inputs of the image of a line detector except its noise.
 
     light           at the entrance pupil
     icrs_to_camera  attitude at time zero

@@ -42,7 +42,7 @@ def stamp_paths(
     electrons: Floats,
     gain: Floats | None = None,
 ) -> None:
-    """As `stamp`, for points that move along paths.
+    """Like `stamp`, for points that move along paths.
 
     weight     (m,) 1, fraction of the electrons at each point of a path
     x, y       (m, n) pixel

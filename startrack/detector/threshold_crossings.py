@@ -502,7 +502,7 @@ def _shift(shift, x, y):  # type: ignore[no-untyped-def]
 def _draw_by_sums(
     numbers: Ints, start: np.uint64, at: np.uint64, levels: Singles, tilt: TiltedLaw
 ) -> float:
-    """As `_draw`, by the sums computed before, for weights that are not folded.
+    """Like `_draw`, by the sums computed before, for weights that are not folded.
 
     levels  (2 m + 1, 2 n + 1) of the pixels
     """

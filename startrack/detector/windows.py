@@ -88,7 +88,9 @@ def expose_within(
 
 @kept(4)
 def _device(detector: Detector, sky: float) -> tuple[float, PixelMaps, SignalLaw, Tables]:
-    """What all exposures of one background share; first the mean digital number without stars."""
+    """Values that all exposures of one background share; first the mean digital number without
+    stars.
+    """
     gain, electrons = response(detector), np.atleast_2d(dark(detector)) * detector.exposure
     empty = (sky + detector.dark_rate * detector.exposure) / detector.electrons_per_dn
     pixels = PixelMaps(sky, UNIT_GAIN if gain is None else gain, detector.crosstalk, electrons)
@@ -205,7 +207,7 @@ def _window_electrons(
 
 @kernel
 def _diffused(electrons, fraction):  # type: ignore[no-untyped-def]
-    """As `effects.diffuse`; no electron crosses the border of the array."""
+    """Like `effects.diffuse`; no electron crosses the border of the array."""
     rows, columns = electrons.shape
     after = (1 - 4 * fraction) * electrons
     for y in range(rows):

@@ -402,7 +402,9 @@ class _BlindFit:
 
 
 def _values_of(camera: core.Camera) -> Floats:
-    """What `NAMES` are of a camera: logarithm of the focal length, principal point over width."""
+    """Values of a camera in the order of `NAMES`: logarithm of the focal length, principal point
+    over width.
+    """
     grid = camera.polynomial
     return np.array(
         [

@@ -57,7 +57,7 @@ def _choices(start: int, stop: int) -> Ints:
 
 
 class TripleLimits(NamedTuple):
-    """Of a search.
+    """Limits of a search.
 
     voting           number of the brightest spots that verify a hypothesis
     code_tolerance   1, error of a code beyond the noise

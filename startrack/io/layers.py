@@ -52,7 +52,7 @@ def _named_file(entry: object) -> str:
 
 
 class LayerRules(NamedTuple):
-    """How files lie over each other.
+    """Rules by which files lie over each other.
 
     joined    keys of the outermost table whose lists of tables are added to those of the files
               below; an entry replaces one below that is alike in some keys, given with defaults

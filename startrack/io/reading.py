@@ -20,7 +20,7 @@ from startrack.core import SHIPPED, Refused, require_memory
 
 
 def shipped(name: str) -> Path:
-    """Where a shipped data file or folder lies.
+    """Path of a shipped data file or folder.
 
     >>> shipped("stars/bright.fits").name
     'bright.fits'
@@ -66,7 +66,7 @@ def regular_file(path: Path, what: str = "a file") -> Path:
 
 
 def kind_of(mode: int) -> str:
-    """What a file's mode says that it is, in words."""
+    """Kind of a file by its mode, in words."""
     names = {
         stat.S_ISDIR: "a folder",
         stat.S_ISFIFO: "a FIFO",
@@ -144,7 +144,7 @@ def require_fits(path: Path, data: bytes) -> None:
 
 
 def _counts(data: bytes) -> Iterator[int]:
-    """Where the keywords of counts stand, or what looks like them."""
+    """Places of the keywords of counts, or of what looks like them."""
     for keyword in COUNTED:
         at = data.find(keyword)
         while at >= 0:

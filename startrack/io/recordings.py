@@ -46,7 +46,7 @@ YEAR_1, YEAR_2000 = datetime(1, 1, 1), datetime(2000, 1, 1)
 
 
 class Layout(Parameters):
-    """What a file of an image may not say of itself.
+    """Layout of an image's file, where the file does not say it itself.
 
     plane   number from 0 of the plane of a cube or a SER; None: the largest value of all planes of
             a cube, the first frame of a SER
@@ -131,7 +131,7 @@ class _Recording(NamedTuple):
 
 
 def _recording(path: Path, layout: Layout) -> _Recording:
-    """What the header of a SER says, or the layout of a file without a header."""
+    """Layout that the header of a SER states, or the given one for a file without a header."""
     if not layout.raw:
         return _ser_header(regular_file(path))
     rows, columns, kind = _raw_shape(layout.raw)

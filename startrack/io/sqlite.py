@@ -23,7 +23,7 @@ CREATE TABLE IF NOT EXISTS rows (
 
 
 class FileKind(NamedTuple):
-    """What files of one kind have in common.
+    """Properties that files of one kind have in common.
 
     what         the file must be, for the errors: "campaign store"
     application  number in the file's header that marks the kind
@@ -212,7 +212,7 @@ def _look_at_signals() -> int:
 
 
 def _checksum(key: bytes, number: Any, data: Any) -> bytes:
-    """Of a row; that of no row where the columns hold something else."""
+    """Checksum of a row; that of no row where the columns hold something else."""
     if not isinstance(data, bytes):
         return b""
     return hashlib.blake2b(

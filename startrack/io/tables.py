@@ -61,7 +61,7 @@ def refuse_unknown(*tables: tuple[type, object, str]) -> None:
 
 
 def _unknown(kind: Any, table: Mapping[str, Any], place: str) -> Iterator[tuple[str, str]]:
-    """What is said of each unknown key of a table, and of the tables in it; and what is known."""
+    """Messages about unknown keys of a table and of the tables in it; and the known keys."""
     fields = fields_of(kind)
     for key, value in table.items():
         key = current_key(kind, key)

@@ -59,7 +59,7 @@ class Outcome(NamedTuple):
 
 
 def correct(outcomes: Rows, limits: ErrorLimits = STATED_ALONE) -> Flags:
-    """Which trials have a correct attitude.
+    """Trials that have a correct attitude.
 
         across: hypot(x, y) <= required,   or hypot(x / sigma_x, y / sigma_y) <= 5 where nothing is
         about:  |z| <= required,           or |z| / sigma_z <= 5

@@ -16,7 +16,7 @@ LEVELS: tuple[float, ...] = (0.68, 0.9545, 0.9973)
 
 
 class Interpretation(StrEnum):
-    """What the fraction of a confidence level counts (ECSS-E-ST-60-10C, 4.2.1).
+    """Population that the fraction of a confidence level counts (ECSS-E-ST-60-10C, 4.2.1).
 
     temporal  times, for the worst member of the ensemble
     ensemble  members of the ensemble, at the worst time
@@ -72,7 +72,7 @@ def level_interval(error: Floats, fraction: float, confidence: float = 0.95) -> 
 
 @lru_cache
 def level_ranks(n: int, fraction: float, low_tail: float, high_tail: float) -> tuple[int, int]:
-    """Which of n sorted errors, counted from one, bound a level; 0 and n + 1 are none.
+    """Ranks, counted from one, of n sorted errors that bound a level; 0 and n + 1 are none.
 
     low_tail, high_tail  probabilities that each bound does not hold
     """

@@ -75,7 +75,7 @@ def _influences(squares: Floats) -> tuple[float, Floats, float]:
 
 
 def _variance(influence: Floats, count: int, spread: float) -> float:
-    """Of the mean of what trials add."""
+    """Variance of the mean of what trials add."""
     return float(influence.var(ddof=1)) / len(influence) * (1 + ALLOWANCE * spread / count)
 
 

@@ -17,7 +17,7 @@ from startrack.metrics.summary import Interval, Summary
 
 
 class DisplayUnit(NamedTuple):
-    """How a value is written.
+    """Unit and form in which a value is written.
 
     name  in text
     size  of the unit in text, SI

@@ -48,7 +48,7 @@ SUMMED = ("planets", "count", "valid_sum", "known", "square_sum", "head_sum", "e
 
 @dataclass(frozen=True, eq=False)
 class MissionPlan:
-    """What is computed once for a mission, before its steps.
+    """Values of a mission that are computed once, before its steps.
 
     motion      where the spacecraft is and how it points
     heads       with their mountings and exclusion angles
@@ -207,7 +207,7 @@ class Chunk:
 
 
 def at(plan: MissionPlan, instants: Instants, first: int = 0) -> Chunk:
-    """What the heads of a mission see at some instants."""
+    """View of each head of a mission at some instants."""
     mission = plan.loaded.mission
     shadow = shadow_of(instants, mission.structure)
     saa = in_anomaly(mission.radiation, instants)
@@ -259,7 +259,7 @@ def platform_motions(plan: MissionPlan, chunk: Chunk) -> list[Floats] | None:
 def conditions_of(
     plan: MissionPlan, h: int, instants: Instants, seen: HeadView, shadow: Shadow
 ) -> Conditions:
-    """What the error of a head depends on, at some instants."""
+    """Conditions at some instants that the error of a head depends on."""
     head, stray = plan.heads[h], plan.stray[h]
     background = stray(seen, shadow) if stray else None
     warmer, age = head.warmer(instants.phase), head.aged(instants.second)

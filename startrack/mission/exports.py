@@ -122,7 +122,7 @@ class HeadModel:
 
 @dataclass(frozen=True)
 class UnitChoice:
-    """Which unit of a design a model is of.
+    """The unit of a design that a model describes.
 
     rank   of `RANKS`: by rms across the boresight with bias, of `count` units of `seed`, at `age`
     age    second; None: at the end of life
@@ -250,7 +250,7 @@ def _designed(case: Case) -> Classes:
 
 
 def _classes(terms: Mapping[Term, Floats], available: float) -> Classes:
-    """Of the rms (3,) of each term about the axes of the camera."""
+    """Classes of the rms (3,) of each term about the axes of the camera."""
     classes: Classes = {"available": (available, available)}
     for name, parts in CLASSES.items():
         square = sum((terms[term] ** 2 for term in parts if term in terms), np.zeros(3))
@@ -332,7 +332,7 @@ def _data(model: HeadModel) -> str:
 
 
 def said_of(model: HeadModel) -> str:
-    """Which unit the model is of, and what it lacks, in sentences."""
+    """Sentences on the unit of a model, and on what the model lacks."""
     return " ".join(f"{text[:1].upper()}{text[1:]}." for text in (model.unit, *model.left_out))
 
 

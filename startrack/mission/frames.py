@@ -128,7 +128,7 @@ class Agreement:
 
 
 def agreement(table: Rows, head: int) -> Agreement:
-    """How far the frames of a head are from what its mission expects of them.
+    """Distance of the frames of a head from what its mission expects of them.
 
     table  of `frames_of`
     """

@@ -283,7 +283,7 @@ def limits_of(head: Head, case: Case) -> BlindingLimits:
 
 @dataclass(frozen=True, eq=False)
 class HeadView:
-    """What one head sees at n instants.
+    """View of one head at n instants.
 
     line             (3, n) boresight, ICRS axes
     sun, moon        (n,) radian to their centres
@@ -302,7 +302,7 @@ class HeadView:
 
 @dataclass(frozen=True, eq=False)
 class Shadow:
-    """What the Earth hides at n instants.
+    """Part of the sky that the Earth hides at n instants.
 
     sun, moon  (n,) whether the Earth hides their centres
     earth      the Earth

@@ -35,7 +35,7 @@ LONGEST_RATE_STEP = 20.0  # second between two attitudes from which a rate follo
 @printed
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Where the spacecraft is at n instants; vectors (3, n) in ICRS axes.
+    """Place of the spacecraft at n instants; vectors (3, n) in ICRS axes.
 
     second       (n,) after the begin of the mission
     place        metre from the Earth's centre
@@ -234,7 +234,7 @@ class Instants:
 @printed
 @dataclass(frozen=True, eq=False)
 class SpacecraftMotion:
-    """What is computed once for a mission: ephemerides, orbit and attitude law."""
+    """Ephemerides, orbit and attitude law, which are computed once for a mission."""
 
     mission: Mission
     bodies: space.Bodies
@@ -327,7 +327,7 @@ def motion_of(mission: Mission) -> SpacecraftMotion:
 
 
 def path_of(orbit: MissionOrbit, begin: str) -> space.Carrier:
-    """What moves along an orbit.
+    """Object that moves along an orbit, by which positions are computed.
 
     begin   of the mission, UTC
     Raises  ValueError where the elements contradict each other or a file cannot be used;

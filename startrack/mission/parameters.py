@@ -317,7 +317,7 @@ class TimeSpan(Parameters):
 
 
 class MissionRadiation(Parameters):
-    """What the South Atlantic anomaly does, as a box; the orbit by which detectors age."""
+    """Effects of the South Atlantic anomaly, as a box; the orbit by which detectors age."""
 
     saa: str = parameter(
         '"ignored", or "blind": no head is valid inside the box',
@@ -356,7 +356,7 @@ class MissionRadiation(Parameters):
 
 
 class MissionRequirements(Parameters):
-    """What the mission asks of its heads together; None: not asked."""
+    """Requirements on all heads together; None: no requirement."""
 
     max_blind: float | None = parameter(
         "longest time without any valid head", unit=Unit("s"), limit=core.NON_NEGATIVE, default=None
@@ -460,7 +460,7 @@ class Obstacle(Parameters):
 
 @printed
 class Mission(Parameters):
-    """What a mission file holds; see the tables."""
+    """Contents of a mission file; see the tables."""
 
     time: TimeSpan = parameter("begin, duration and step")
     orbit: MissionOrbit = parameter("of the spacecraft")

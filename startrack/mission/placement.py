@@ -62,7 +62,7 @@ class PlacementSamples:
 
 @dataclass(frozen=True)
 class PlacementQuality:
-    """What a set of mountings is worth.
+    """Quality of a set of mountings.
 
     longest    second, longest time without a valid head within one orbit of the samples
     one, two   fraction of the time with at least one, and two, valid heads
@@ -93,7 +93,9 @@ class PlacementQuality:
         return MISSED * sum(excess) + FORBIDDEN * self.keep_out
 
     def _ratios(self, needs: MissionRequirements, step: float) -> list[float]:
-        """What is asked over what is allowed, of blindness."""
+        """Blindness and unavailability over the largest that are allowed, a ratio for each
+        requirement.
+        """
         ratios = []
         if needs.max_blind is not None:
             ratios.append(self.longest / max(needs.max_blind, step))
@@ -423,7 +425,7 @@ class _Around:
         return [blind_at(self.samples, *pair) for pair in zip(heads, lines, strict=True)]
 
     def worth(self, lines: Sequence[Floats], blind: Sequence[Flags]) -> PlacementQuality:
-        """What heads along some directions are worth, blind at some samples."""
+        """Quality of heads along some directions that are blind at some samples."""
         mission, samples = self.plan.loaded.mission, self.samples
         valid = [~hidden for hidden in blind]
         many = np.sum(valid, axis=0)

@@ -24,7 +24,7 @@ STEPS = 50  # of the fit
 
 @dataclass(frozen=True, eq=False)
 class HeadScene:
-    """What one head sees at one instant.
+    """Scene in the field of one head at one instant.
 
     case            its design at its age and temperature, turning as the spacecraft does, with the
                     stray light of its baffle

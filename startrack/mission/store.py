@@ -24,7 +24,7 @@ CHECKS = -1  # number of the row of what the trials of the plan say
 
 
 def key_of(loaded: Loaded) -> bytes:
-    """What the result of a mission depends on, as a hash: not where its files lie.
+    """Hash of all inputs of a mission's result; the places of its files are none of them.
 
     That is the mission, the designs of its heads, the content of all files that these name, and the
     version of startrack.

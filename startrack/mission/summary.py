@@ -59,7 +59,7 @@ def spells(holds: Flags, step: float) -> Spells:
 @printed
 @dataclass(frozen=True, eq=False)
 class Availability:
-    """How often heads are valid.
+    """Fractions of time in which heads are valid.
 
     heads   (h + 1,) fraction of the time with exactly 0, 1, ... valid heads
     causes  Blind -> (h,) fraction of the time in which it blinds each head
@@ -99,7 +99,7 @@ def availability_of(flown: Flown) -> Availability:
 @printed
 @dataclass(frozen=True)
 class Reacquisition:
-    """How long a head takes from the end of a blinding to its next attitude.
+    """Time of a head from the end of a blinding to its next attitude.
 
     times   number of reacquisitions in the mission
     mean    second, expected over them

@@ -24,7 +24,7 @@ LEVELS: Floats = np.linspace(0, math.pi, 721)  # radian, of the tables of stray 
 
 @dataclass(frozen=True, eq=False)
 class Conditions:
-    """What the error of a head depends on at n instants.
+    """Conditions that the error of a head depends on, at n instants.
 
     line        (3, n) unit vectors of the boresight, ICRS axes
     rate        (n,) radian / second across the boresight
@@ -43,7 +43,7 @@ class Conditions:
 @printed
 @dataclass(frozen=True, eq=False)
 class SurrogateCorrection:
-    """What trials say of a surrogate: a factor on its variances, by what they depend on.
+    """Correction of a surrogate by trials: a factor on its variances, by the conditions.
 
         variance of trials / variance of the budget = exp(features . coefficient)
 
@@ -139,7 +139,7 @@ class Surrogate:
         return np.asarray(np.exp(self.correction.coefficient @ features.T))
 
     def values(self, at: Conditions, cell: NDArray[np.intp] | None = None) -> dict[str, Floats]:
-        """What a correction may depend on, each (n,); only what differs."""
+        """Conditions that a correction may depend on, each (n,); those that differ alone."""
         values = {"stars": self.stars[cell_of(at.line) if cell is None else cell]}
         for name, grid, value in (
             ("rate", self.rate, at.rate),
@@ -178,7 +178,7 @@ def middles() -> Floats:
 
 @dataclass(frozen=True)
 class Ranges:
-    """Between which a head's rate, background, temperature and age lie in a mission.
+    """Ranges of a head's rate, background, temperature and age in a mission.
 
     rate        radian / second, slowest and fastest across the boresight
     brightest   magnitude per square arcsecond, of the sky with stray light

@@ -47,7 +47,7 @@ PRINCIPAL = "instrument.optics.principal_x"
 @printed
 @dataclass(frozen=True, eq=False)
 class MissionTemperatures:
-    """Of a platform and its h heads, at n times.
+    """Temperatures of a platform and its h heads, at n times.
 
     second    (n,) after the begin of the mission
     platform  (n,) kelvin

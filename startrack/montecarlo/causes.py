@@ -18,7 +18,7 @@ DISC = math.asin(SUN_RADIUS / 1.496e11)  # radian, of the Sun, and near that of 
 
 
 class Ending(StrEnum):
-    """How a trial ended.
+    """End of a trial.
 
     correct, inaccurate, false  solved; see `startrack.metrics.correct` and `Outcome`
     blinded                     no attitude, and a light among Sun, Moon and Earth is in the field
@@ -37,7 +37,7 @@ class Ending(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class Endings:
-    """How n trials ended.
+    """Ends of n trials.
 
     ending  (n,) of each
     reason  (n,) a sentence
@@ -50,7 +50,7 @@ class Endings:
     angles: Floats
 
     def count(self) -> dict[Ending, int]:
-        """How many trials ended in each way."""
+        """Number of trials by their end."""
         return {way: sum(ending is way for ending in self.ending) for way in Ending}
 
 
@@ -62,7 +62,7 @@ def endings(
     limits: ErrorLimits = STATED_ALONE,
     keep_out: KeepOut | None = None,
 ) -> Endings:
-    """How each trial ended, from its outcome, without repeating it.
+    """End of each trial by its outcome, without repeating it.
 
     icrs_to_camera  true attitude of each
     limits          of a correct attitude

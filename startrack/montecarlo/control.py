@@ -123,7 +123,7 @@ def _agreeing(
 
 
 def _merged(place: Floats) -> Flags:
-    """Which stars share the spot of a brighter one, which precedes them."""
+    """Stars that share the spot of a brighter one, which precedes them."""
     distance = np.abs(place[:, None] - place).max(axis=2)
     return np.asarray(np.tril(distance < SAME, -1).any(axis=1))
 

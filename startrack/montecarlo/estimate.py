@@ -60,7 +60,7 @@ def replicated(values: Floats, replicate: Ints) -> Mean:
 
 
 def controlled(values: Floats, controls: Floats) -> Mean:
-    """Of values (n,) with the help of controls (n, k) whose expectation is zero.
+    """Estimate from values (n,) with the help of controls (n, k) whose expectation is zero.
 
         mean of v - c b,   b by least squares from the other folds
 

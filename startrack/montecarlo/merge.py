@@ -21,7 +21,7 @@ WITHOUT_TRIALS = "campaign"  # the row of `about` that changes no trial
 
 @printed
 class Merged(NamedTuple):
-    """What a merged store holds.
+    """Contents of a merged store.
 
     trials    number of different trials
     repeated  runs of trials that were, equal, in several parts: first, and that behind the last
@@ -72,7 +72,7 @@ def merge_stores(
 
 
 def _part(path: Path) -> _Part:
-    """What a store holds, except its outcomes."""
+    """Contents of a store, except its outcomes."""
     with Store(path) as store:  # which checks the file
         done = store.done()
         store.sessions()

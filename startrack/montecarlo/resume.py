@@ -171,7 +171,7 @@ def resume(
 
 
 def last_words(report: str) -> str:
-    """What a traceback says in the end: trial, kind of error and sentence, on one line."""
+    """Last message of a traceback: trial, kind of error and sentence, on one line."""
     lines = [line for line in report.splitlines() if line.strip()]
     notes = list[str]()
     while lines and lines[-1].startswith("in trial "):

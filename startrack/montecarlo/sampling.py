@@ -72,7 +72,7 @@ SURPLUS = [("surplus_across", float), ("surplus_about", float)]
 
 
 class Sampling(Parameters):
-    """How the trials of a campaign are made.
+    """Method by which the trials of a campaign are sampled.
 
     fidelity   of each trial
     attitudes  "random": independent; "sobol": scrambled points that fill the sphere evenly

@@ -78,7 +78,7 @@ class Bins:
 @printed
 @dataclass(eq=False)
 class Sketch:
-    """What is kept of trials.
+    """Summary of trials in constant memory.
 
     about   the campaign: design, seed, sampling, limits of a correct attitude, software
     ranges  first trial, and that behind the last, of each unbroken run of trials; in order
@@ -182,7 +182,7 @@ def edge(index: int) -> float:
 def about_of(
     case: Case, seed: int, sampling: Sampling, limits: metrics.ErrorLimits
 ) -> dict[str, Any]:
-    """What sketches of one campaign have in common, as JSON has it."""
+    """Description that sketches of one campaign have in common, as in JSON."""
     about = {
         "case": to_table(case),
         "inputs": inputs_of(case),

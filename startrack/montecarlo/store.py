@@ -263,7 +263,7 @@ class Store:
         return made
 
     def outcomes(self, trials: int | None = None) -> Rows:
-        """What is kept of the first `trials` trials (None: of all), in order of trial.
+        """Outcomes of the first `trials` trials (None: of all) that are kept, in order of trial.
 
         Raises  ValueError where a block is damaged: its checksum is wrong, or what it holds is no
                 outcome of its trials. The message says how many of the others are whole.
@@ -321,12 +321,12 @@ class Store:
 
 
 def checksum(data: bytes) -> bytes:
-    """Of the outcomes of a block."""
+    """Checksum of the outcomes of a block."""
     return hashlib.blake2b(data, digest_size=8).digest()
 
 
 def fault(first: Any, trials: Any, data: Any, expected: Any, dtype: np.dtype[Any]) -> str:
-    """What is wrong with the outcomes of a block; empty where nothing is.
+    """Fault in the outcomes of a block, in words; empty where there is none.
 
     expected  their checksum; None where the block was kept without one
     """
@@ -343,7 +343,7 @@ def fault(first: Any, trials: Any, data: Any, expected: Any, dtype: np.dtype[Any
 
 
 def impossible(table: Rows) -> str:
-    """What no trial has as its outcome; empty where there is nothing of it."""
+    """Value of an outcome that no trial can have, in words; empty where there is none."""
     for name in ("solved", "false"):
         if (table[name].view(np.uint8) > 1).any():
             return f"{name} is neither true nor false"
@@ -420,7 +420,7 @@ def _forget_failures(execute: Execute, numbers: range) -> None:
 
 
 def difference(stored: Any, asked: Any, place: str = "") -> str:
-    """Where a table that is stored differs first from another, empty where they are equal."""
+    """First difference of a stored table from another; empty where they are equal."""
     if isinstance(stored, dict) and isinstance(asked, dict):
         for key in sorted(stored.keys() | asked.keys()):
             inner = f"{place}.{key}" if place else key

@@ -181,7 +181,7 @@ class Certificates(NamedTuple):
 
 
 def versions() -> dict[str, str]:
-    """What must be the same on all machines, so that a trial has the same result on each."""
+    """Versions that must agree on all machines, so that a trial has the same result on each."""
     packages = {name: metadata.version(name) for name in ("numba", "numpy")}
     return {"startrack": software()} | packages
 

@@ -232,7 +232,7 @@ def jitter_rms(motion: Motion, exposure: float) -> Floats:
 def exposure_mean_rms(
     motion: Motion, exposure: float, passed: Callable[[Any], Any] = np.ones_like
 ) -> Floats:
-    """Where the mean of an exposure lies by jitter: rms over all times of exposures at rest.
+    """Rms of the mean of an exposure by jitter: over all times of exposures at rest.
 
         rms^2 = Int S(f) sinc(f T)^2 passed(f) df
 

@@ -79,7 +79,7 @@ RATE = "about the axes along the columns and rows: they smear stars along y and 
 
 
 class Motion(Parameters):
-    """How the camera turns in an exposure, about its own axes."""
+    """Motion of the camera in an exposure, about its own axes."""
 
     rate_x: float = parameter(RATE, unit=Unit("rad/s", "deg/s"), limit=FINITE, default=0.0)
     rate_y: float = parameter(RATE, unit=Unit("rad/s", "deg/s"), limit=FINITE, default=0.0)

@@ -23,7 +23,7 @@ Lines = tuple[Floats, NDArray[np.complex128]]
 
 @dataclass(frozen=True, eq=False)
 class JitterInput:
-    """What jitter is drawn from.
+    """Inputs from which jitter is drawn.
 
     exposure   second
     generator  random numbers of this trial for this jitter alone
@@ -138,7 +138,7 @@ class MotionRealisation:
         return -angle
 
     def over(self, start: Floats, step: Floats) -> Floats:
-        """As `at`, at all sums of a start and a step, with only p + j sines for each line.
+        """Like `at`, at all sums of a start and a step, with only p + j sines for each line.
 
         start    (p,) second
         step     (j,) second

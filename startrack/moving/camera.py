@@ -27,7 +27,7 @@ REPEATS = 16  # realisations of the motion, of which the rest after shifts is th
 
 @printed
 class MovingCamera(NamedTuple):
-    """What is constant over the images of a design.
+    """Constant inputs of the images of a design.
 
     psf         image of a point in a frame without motion
     rate        electron / second of V = 0
@@ -52,7 +52,7 @@ class MovingCamera(NamedTuple):
     rest: Floats
 
     def electrons(self, flux: float, seconds: float) -> float:
-        """Of an object of a flux in microjansky, in an image without losses."""
+        """Electrons of an object of a flux in microjansky, in an image without losses."""
         return self.rate * flux * 1e-6 / JANSKY_V * seconds
 
 
@@ -68,7 +68,7 @@ def magnitude_of(flux: float) -> float:
 
 @lru_cache(maxsize=32)
 def camera_of(design: MovingDesign) -> MovingCamera:
-    """What is constant over the images of a design.
+    """Constant inputs of the images of a design.
 
     The error of a frame's place is that of the mean centre of gravity of the guide stars:
 
@@ -138,7 +138,7 @@ def sight_of(design: MovingDesign, streams: Streams) -> Floats:
 
 
 def _rest(design: MovingDesign) -> Floats:
-    """What shifts by whole pixels leave, (2,) pixel rms."""
+    """Error of place that shifts by whole pixels leave, (2,) pixel rms."""
     squares, (_, weight) = [], frame_nodes(design)
     for number in range(REPEATS):
         frames = np.einsum("kfnx,n->kfx", sight_of(design, Streams(1, number)), weight)

@@ -24,7 +24,7 @@ FAINTEST, BRIGHTEST = 1e-3, 1e9  # microjansky
 
 @printed
 class MovingForecast(NamedTuple):
-    """What the formulas expect.
+    """Limiting magnitudes and errors of place that the formulas expect.
 
     limits     microjansky of the objects of which 50 % and 90 % are found; inf: of none
     place      radian, median distance from its place of an object of the magnitude that is asked

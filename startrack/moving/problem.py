@@ -56,12 +56,12 @@ class MovingProblem:
 
     @property
     def settings(self) -> SearchCampaign:
-        """How far a search goes."""
+        """Settings of the search."""
         return self.campaign
 
     @cached_property
     def variables(self) -> list[Bounds]:
-        """What a search may change."""
+        """Variables of a search."""
         return bounds_of(self.design, self.campaign.variables)
 
     def replaced(self, values: Mapping[str, float]) -> MovingProblem:
@@ -196,7 +196,7 @@ def _magnitude(flux: float) -> float:
 
 
 def _crossing(score: Any, limit: float, guess: float) -> float:
-    """Where a rising score passes a limit, by secants of a nearly straight line."""
+    """Argument at which a rising score passes a limit, by secants of a nearly straight line."""
     points: list[tuple[float, float]] = []
     flux = guess
     for _ in range(ROUNDS):

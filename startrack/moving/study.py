@@ -76,7 +76,7 @@ class MovingObject(Parameters):
 
 
 class SearchLimits(Parameters):
-    """What a search for moving objects must keep; None: no limit."""
+    """Requirements on a search for moving objects; None: no limit."""
 
     max_aperture: float | None = parameter(unit=Unit("m", "mm"), limit=POSITIVE, default=None)
     min_field: float | None = parameter(

@@ -121,7 +121,7 @@ def exposure_of(
     streams: Streams,
     turn: MotionRealisation | None = None,
 ) -> Exposure:
-    """What the frame of a trial depends on, except its noise.
+    """All inputs of the frame of a trial except its noise.
 
     With a lag, the camera turned in the frame before as it turns now, and the frames before that
     one are taken to be like it.

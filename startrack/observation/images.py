@@ -41,7 +41,7 @@ def _one_psf(
 
 
 def images_of(instrument: Instrument) -> Psf | FieldPsf:
-    """What stars are rendered with; a lens table makes it depend on place and colour."""
+    """Images with which stars are rendered; a lens table makes them depend on place and colour."""
     return field_psf_of(instrument) if instrument.optics.tabulated else psf_of(instrument)
 
 

@@ -38,7 +38,7 @@ def c_compiler() -> str | None:
 
 
 class CompiledGuide:
-    """What flight software does with the bytes of startrack_guide.bin, by its own code.
+    """Operations of flight software on the bytes of startrack_guide.bin, by its own code.
 
     data    the bytes
     Raises  ValueError without a C compiler, and where the reader refuses the bytes.
@@ -67,12 +67,12 @@ class CompiledGuide:
         return direction, magnitude.value, flags.value
 
     def nearest(self, direction: Floats) -> int:
-        """As `Guide.nearest`."""
+        """Like `Guide.nearest`."""
         place = ctypes.byref(self._guide), _given(direction), None
         return int(self._c.startrack_guide_nearest(*place))
 
     def cone(self, direction: Floats, radius: float) -> Ints:
-        """As `Guide.cone`."""
+        """Like `Guide.cone`."""
         stars = np.empty(self._guide.stars, np.uint32)
         count = self._c.startrack_guide_cone(
             ctypes.byref(self._guide),
@@ -84,7 +84,7 @@ class CompiledGuide:
         return stars[:count].astype(np.int64)
 
     def patterns(self, seen: Floats, error: float) -> set[tuple[tuple[int, ...], tuple[int, ...]]]:
-        """As `Guide.patterns`, by the cells."""
+        """Like `Guide.patterns`, by the cells."""
         triangles, order = np.empty((MOST, 3), np.uint32), np.empty((MOST, 3), np.int32)
         count = self._c.startrack_guide_patterns(
             ctypes.byref(self._guide),

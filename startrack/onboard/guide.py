@@ -50,7 +50,7 @@ class GuideVariable(NamedTuple):
 
 
 class GuideSettings(Parameters):
-    """How the guide stars of a design are chosen.
+    """Settings by which the guide stars of a design are chosen.
 
     limit           magnitude of the faintest, in the band of the instrument: that of a star of the
                     Sun's colour is its G; None: the limit of the tracker's catalogue
@@ -156,7 +156,7 @@ def _barycentric(catalog: Selection, epoch: float, limit: float = math.inf) -> S
 
 
 def _variable(case: Case, stars: core.Stars, variables: list[GuideVariable]) -> Flags:
-    """Which stars are those of the list: the brightest near each place, at J2000."""
+    """Stars of the list: the brightest near each place, at J2000."""
     variable = np.zeros(len(stars), bool)
     old = open_sky(_barycentric(case.believed_catalog, 2000.0))
     sky = Sky(old.stars)

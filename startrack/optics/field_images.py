@@ -24,7 +24,7 @@ FITTED = 48  # angles to which a camera is fitted
 
 
 class FieldImagePlan(Protocol):
-    """What the images of all places of a frame share.
+    """Values that the images of all places of a frame share.
 
     side          samples along a side of a table
     oversampling  samples per pixel
@@ -67,7 +67,7 @@ def band_of(wavelength: Floats, spectra: Floats, count: int = BAND_NODES) -> Col
 
 
 def node_count(optics: Optics) -> int:
-    """How many wavelengths stand for a band."""
+    """Number of wavelengths that stand for a band."""
     return BAND_NODES if optics.psf_tolerance < COARSE else FEW_NODES
 
 
@@ -318,7 +318,7 @@ def _over_field(cube: PsfFile, angles: Floats, odd: bool = False) -> Floats:
 
 
 class _FieldPlan:
-    """What the images of all places share."""
+    """Values that the images of all places share."""
 
     def __init__(
         self,

@@ -241,7 +241,8 @@ class _Star:
         return np.asarray(weight @ at_nodes @ weight.T)
 
     def open_pupil(self, coordinate: Singles, cell: float) -> tuple[Singles, Ints]:
-        """How far points are open, softly at the rim, where any light passes; the points' indices.
+        """Transmission of points of the pupil, softly at the rim, where any light passes; the
+        points' indices.
 
         coordinate, cell  of a square, as those of `path_over_square`; their spacing
         """
@@ -266,7 +267,8 @@ class _Star:
 
     @cached_property
     def rays(self) -> tuple[Floats, Floats, Floats]:
-        """Where rays from all of the pupil meet the detector, metre from `place`; weights.
+        """Points at which rays from all of the pupil meet the detector, metre from `place`;
+        weights.
 
         The weights are their light and add up to one.
         """
@@ -289,7 +291,7 @@ class _Star:
 
     @cached_property
     def centroid(self) -> tuple[float, float]:
-        """Of its light: along the radius from the axis and across it, metre."""
+        """Centroid of its light: along the radius from the axis and across it, metre."""
         x, y, weight = self._rays(*GAUSSIAN)
         return self.place + float(x @ weight), float(y @ weight)
 
@@ -506,7 +508,7 @@ def field_psf(
 
 
 class LensImages:
-    """What the images of all places share.
+    """Values that the images of all places share.
 
     rough          whether the tolerance of the design is COARSE
     side_of_pixel  metre, of its active square
@@ -575,8 +577,9 @@ class LensImages:
         return blur, core
 
     def _points_per_pixel(self, fastest: float) -> float:
-        """Of an irradiance, so that of two frequencies that its points confuse, the higher one is
-        beyond the lens, or the lower one hidden by the blur."""
+        """Points in a pixel of an irradiance, so that of two frequencies that its points confuse,
+        the higher one is beyond the lens, or the lower one hidden by the blur.
+        """
         highest = 1 / (float(self.band.wavelength.min()) * fastest)
         passed = math.sqrt(-math.log(PASSED) / 2) / math.pi / max(self.blur, 1e-12)
         return SAMPLED * (highest + min(highest, passed)) * self.pitch
@@ -652,7 +655,7 @@ class LensImages:
         return np.array(tables, float), centre
 
     def _irradiance(self, star: _Star, u: float, v: float) -> Singles:
-        """Of one wavelength about a place (metre, along the radius and across it).
+        """Irradiance of one wavelength about a place (metre, along the radius and across it).
 
         Its integral is one. A fast transform of the pupil, whose samples are so far apart that the
         points of the image are `spacing` apart at any wavelength.

@@ -358,7 +358,7 @@ def _number(path: Path, key: str, value: object) -> float:
 
 
 def lens_path(name: str) -> Path:
-    """Where a lens file lies: a shipped one by its name alone, any other by its path.
+    """Path of a lens file: a shipped one by its name alone, any other by its path.
 
     Raises  ValueError where there is none.
     """
@@ -366,8 +366,8 @@ def lens_path(name: str) -> Path:
 
 
 def catalogued(name: str, key: str, folder: str, what: str) -> Path:
-    """Where a FITS file that a key of a design names lies: by its path, or by its name in a folder
-    of the shipped data.
+    """Path of a FITS file that a key of a design names: by its path, or by its name in a folder of
+    the shipped data.
 
     Raises  ValueError where there is none.
     """

@@ -251,6 +251,6 @@ def _cubic(at: Floats, slope: bool) -> Floats:
 
 
 def file_of(measured: MeasuredPsf, source: str) -> PsfFile:
-    """What a design takes as its `psf_file`: images in pixels of any size."""
+    """Contents of a design's `psf_file`: images in pixels of any size."""
     psf = measured.psf
     return PsfFile(source, psf.table[None, None], 1 / psf.oversampling, True, energy=psf.energy)

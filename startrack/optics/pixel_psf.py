@@ -28,7 +28,7 @@ GROUP = "psfs"
 
 @dataclass(frozen=True, eq=False)
 class PsfInput:
-    """Where the irradiance of a star is asked for.
+    """Points and light for which the irradiance of a star is computed.
 
     x, y        (m, m) metre on the detector, along columns and rows, from the star's place
     wavelength  (k,) metre, of the detected light
@@ -186,7 +186,8 @@ def _sampled(
     oversampling: int,
     fine: int,
 ) -> Psf:
-    """Of an irradiance on a grid, whose spacing (metre) and points along a side a function takes.
+    """Pixel response of an irradiance on a grid, whose spacing (metre) and points along a side a
+    function takes.
 
     What it has beyond the table is left out.
     """

@@ -126,7 +126,7 @@ ZERO_ONLY = {"XDE", "YDE", "ZDE", "ADE", "BDE", "CDE"}  # of which a lens of rev
 
 
 class Glass(NamedTuple):
-    """What is behind a surface: a glass of a catalogue, or a model by two numbers.
+    """Medium behind a surface: a glass of a catalogue, or a model by two numbers.
 
     name, maker    as the tracer's catalogue has them; maker is "" of a model
     n_d, abbe      1, at 587.6 nm; of a model

@@ -33,7 +33,7 @@ EXPANSION = re.compile(r"thermal_expansion:.*?coefficient:\s*([-+0-9.eE]+)", re.
 
 @dataclass(frozen=True)
 class Tracing:
-    """Where a lens is traced.
+    """Fields, wavelengths and points of the pupil at which a lens is traced.
 
     temperature  kelvin
     wavelength   metre
@@ -193,7 +193,7 @@ def _refuse_wavelengths(lens: Any, wavelengths: Sequence[float]) -> None:
 
 
 class Aim(NamedTuple):
-    """Where rays start: distance of the entrance pupil from the first surface and its radius.
+    """Start of rays: distance of the entrance pupil from the first surface, and its radius.
 
     pupil, radius  millimetre
     stop           millimetre, radius of the stop
@@ -299,7 +299,7 @@ def _expansion(material: Any) -> float:
 
 
 class _Sphere(NamedTuple):
-    """Where light is measured: about the place where the chief ray meets the detector.
+    """Sphere on which light is measured: about the place where the chief ray meets the detector.
 
     place, path  millimetre, of the chief ray there
     curvature    1 / millimetre

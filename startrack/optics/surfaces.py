@@ -154,7 +154,7 @@ def _cap(curvature: float, radius: float) -> float:
 
 
 def meet(point: Floats, ray: Floats, curvature: float) -> tuple[Floats, Floats]:
-    """Where rays meet a sphere whose vertex is the origin, and its unit normal."""
+    """Points at which rays meet a sphere whose vertex is the origin, and its unit normal there."""
     along = curvature * (point * ray).sum(axis=0) - ray[2]
     off = curvature * (point * point).sum(axis=0) - 2 * point[2]
     root = np.sqrt(along * along - curvature * off)

@@ -34,7 +34,7 @@ class LeverChange(NamedTuple):
 
 @dataclass(frozen=True)
 class LeverGain:
-    """What is gained by one change of the design.
+    """Gain of one change of the design.
 
     change  and the design that has it
     level   radian, by which the level over units falls, with its interval
@@ -157,7 +157,7 @@ HIGHEST, FIRST_MAP, FINEST_MAP = 7, 5, 9  # order of a polynomial; nodes along a
 
 
 def levers(case: design.Case) -> Iterator[LeverChange]:
-    """What a designer may change beside tolerances, each by a step (`STEPS`).
+    """Changes that a designer may make beside tolerances, each by a step (`STEPS`).
 
     Number of tracked stars, catalogue, calibration, causes of the residual, structure, colour,
     lens and exposure; what the design does not have, or what is at its end, is left out.

@@ -92,7 +92,7 @@ POWER = 0.95  # probability with which a design that just reaches `Limit.shown` 
 
 
 class Evidence(NamedTuple):
-    """What trials of a design show of a margin.
+    """Result of a design's trials for a margin.
 
     point     (d,) unit-cube coordinates
     forecast  the margin as the budget has it
@@ -163,7 +163,8 @@ class Limit:
         return self.room - min(load, self._most)
 
     def fitted(self, evidence: Sequence[Evidence]) -> Limit:
-        """What trials say of the forecasts; a chance by Poisson's law, an error by a normal one.
+        """Correction of the forecasts by trials; a probability by Poisson's law, an error by a
+        normal one.
 
         The mode of the posterior of g, by Newton's method (Rasmussen and Williams 2006, Gaussian
         Processes for Machine Learning, 3.4).

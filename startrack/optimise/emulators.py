@@ -20,7 +20,8 @@ SOLVED = "solved"  # an emulated margin: 1 where a design has a forecast, -1 whe
 
 
 class Scale(NamedTuple):
-    """On which a margin is emulated: between -1 and 1, of its sign, with most of it near zero.
+    """Scale on which a margin is emulated: between -1 and 1, of its sign, with most of it near
+    zero.
 
         margins    m / sqrt(m^2 + margin_width^2)
         of chances the same of ln(room / (room - m)) and 1: the unavailability against its limit
@@ -51,7 +52,7 @@ class Scale(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Emulators:
-    """What all forecasts together expect of any design.
+    """Expected values of any design, from all forecasts together.
 
     objective  ln(error / arcsec)
     margins    of those that some design misses, by name, each on its scale

@@ -34,7 +34,7 @@ PARTS = ("chain", "log_prob", "accepted", "key", "rest")  # of a stretch in the 
 
 @dataclass(frozen=True)
 class Ensembles:
-    """How to sample.
+    """Settings of the sampling.
 
     count       independent ensembles
     walkers     of each; None for four per variable, at least 16

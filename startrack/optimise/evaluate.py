@@ -68,7 +68,7 @@ class Evaluation:
 
     @property
     def trials(self) -> int:
-        """How many trials were run."""
+        """Number of trials that were run."""
         return self.summary.trials if self.summary else self.tried
 
 
@@ -181,7 +181,7 @@ def combined(
 
 
 class Foresight(NamedTuple):
-    """What is expected of a design without a trial.
+    """Expected values of a design without a trial.
 
     expected    ln of what is made small, the objective in arcsec or a cost; NaN where no attitude
                 is expected
@@ -202,7 +202,7 @@ class Foresight(NamedTuple):
 
     @property
     def score(self) -> float:
-        """As of `evaluate`; infinite where no attitude is expected."""
+        """Score as of `evaluate`; infinite where no attitude is expected."""
         if math.isnan(self.expected):
             return math.inf
         return self.expected + PENALTY * missed(self.margins)
@@ -242,7 +242,7 @@ def foresee_all(
     known: Mapping[str, Forecast] | None = None,
     progress: Advance | None = None,
 ) -> list[Foresight]:
-    """What is expected of several designs, each computed by a worker of a runner.
+    """Forecasts of several designs, each computed by a worker of a runner.
 
     A runner's ledger keeps them, so that none is computed again after an interruption.
 
@@ -292,7 +292,7 @@ def _foreseen(
     most_excess: float,
     known: Mapping[str, Forecast],
 ) -> Foresight:
-    """What is expected of a design; nothing for None, and where it contradicts itself."""
+    """Forecast of a design; None for None, and where the design contradicts itself."""
     if case is None:
         return NOTHING
     objective = campaign.goal

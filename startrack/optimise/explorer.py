@@ -53,7 +53,7 @@ class Explorer:
 
     @cached_property
     def scales(self) -> dict[str, Scale]:
-        """Of the margins that are chances."""
+        """Scales of the margins that are probabilities."""
         return {name: Scale(room, self.settings) for name, room in self.source.rooms.items()}
 
     def forecast(self, points: Sequence[Floats]) -> None:
@@ -177,7 +177,7 @@ class Explorer:
 
     @property
     def emulators(self) -> Emulators:
-        """Of all forecasts so far."""
+        """Emulators of all forecasts so far."""
         if self._emulators is None or self._emulators[0] < len(self.points):
             like = self._emulators[1] if self._emulators else None
             fitted = emulators(np.array(self.points), self.values, self.scales, like, self.settings)
@@ -304,7 +304,7 @@ class Explorer:
         return spans_of(self.emulators, best, self.source.precision)
 
     def landscape(self, best: Floats) -> Landscape:
-        """What the forecasts say of the design space around a design."""
+        """The design space around a design, by the forecasts."""
         every = zip(self.points, self.values, strict=True)
         tried = [(point, value) for point, value in every if not value.left_out]
         return Landscape(

@@ -9,7 +9,7 @@ FRACTION = Range(0.0, 1.0)
 
 
 class ExplorerSettings(Parameters):
-    """How the designs to forecast are chosen, and how their forecasts are emulated.
+    """Settings by which the designs to forecast are chosen, and their forecasts emulated.
 
     The defaults are chosen by hand. Scores are differences of ln(error), coordinates those of the
     unit cube.

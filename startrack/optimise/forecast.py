@@ -80,7 +80,7 @@ def budgets_of_units(
 
 
 class Forecast(NamedTuple):
-    """What the analytic budget expects of a design in one condition.
+    """Expectation of the analytic budget for a design in one condition.
 
     error    radian, the objective; NaN where no attitude is expected
     margins  of the requirements that need trials

@@ -30,7 +30,7 @@ TAIL = 0.05
 @printed
 @dataclass(frozen=True)
 class Improved:
-    """How the search of a problem ended.
+    """Result of the search of a problem.
 
     Where no design is better than the start, the start stays: both are it, and the factor is 1.
 
@@ -255,7 +255,7 @@ def _rounds(
 def _best_by_trials(
     tried: Sequence[Evaluation], before: Collection[tuple[float, ...]]
 ) -> Evaluation | None:
-    """Of the designs with most trials the best, by these; None where all were shown before."""
+    """Best of the designs with most trials, by these; None where all were shown before."""
     left = [design for design in tried if design.coordinates not in before and design.trials]
     most = max((design.trials for design in left), default=0)
     last = [design for design in left if design.trials == most]

@@ -13,7 +13,7 @@ from startrack.optimise.emulators import SOLVED, Emulators
 
 @printed
 class Span(NamedTuple):
-    """Between which unit-cube coordinates of a variable the score stays within the precision.
+    """Unit-cube coordinates of a variable between which the score stays within the precision.
 
     at_low, at_high  (d,) the designs there
     everywhere       whether the variable does not matter
@@ -51,7 +51,7 @@ def spans_of(model: Emulators, best: Floats, precision: float) -> list[Span]:
 
 
 def prices_of(model: Emulators, best: Floats, precision: float) -> dict[str, float]:
-    """What limits a design: for each margin, by how much ln(error) falls if it is relaxed.
+    """Price of each limit of a design: by how much ln(error) falls if the margin is relaxed.
 
     By one per cent of its limit; of margins that are met by more, and of those whose price is
     below a tenth of the precision, none.
@@ -73,7 +73,7 @@ def prices_of(model: Emulators, best: Floats, precision: float) -> dict[str, flo
 
 @printed
 class Landscape(NamedTuple):
-    """What the forecasts say of a design space around its best design.
+    """A design space around its best design, by the forecasts.
 
     forecasts  unit-cube coordinates of the designs
     expected   of these ln(arcsec) of the objective, NaN where no attitude is expected

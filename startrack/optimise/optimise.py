@@ -45,7 +45,7 @@ class Candidate:
 @printed
 @dataclass(frozen=True)
 class Optimum:
-    """How an optimisation ended.
+    """Result of an optimisation.
 
     Where no design is better than the start, the start stays: it is `best`, the factor is 1, and
     the design that the search found is `candidate`.
@@ -250,7 +250,7 @@ def optimize(
 
 
 def _better(found: Optimum, margins: dict[str, float], shown: _Shown) -> Optimum:
-    """What a search found, or the start where that is better on fresh trials.
+    """Result of a search, or the start where that is better on fresh trials.
 
     A design that meets all requirements is better than one that does not; of two that do, the one
     of the smaller error; of two that do not, the one of the smaller score of the search.
@@ -383,7 +383,7 @@ def _may_be_better(
 
 @dataclass(frozen=True)
 class _Shown:
-    """What fresh trials show of a design.
+    """Results of fresh trials of a design.
 
     margins       of the bounds that must hold
     found         margins as they were found, and the number of trials, by name
@@ -417,7 +417,7 @@ class _Confirmed:
 
     @property
     def score(self) -> float:
-        """As of a search, by the margins of the fresh trials."""
+        """Score as in a search, by the margins of the fresh trials."""
         error = self.design.error if self.design.error > 0 else math.inf
         cost = self.design.cost
         return math.log(cost if math.isfinite(cost) else error) + PENALTY * missed(self.margins)
@@ -433,7 +433,7 @@ class _Judge:
     watch: Advance | None
 
     def confirm(self, best: Evaluation, fresh: FreshTrials) -> _Confirmed:
-        """What the fresh trials of a round show of a design."""
+        """Results of a design's fresh trials in a round."""
         judged = self.campaign.judged(self.space.design(np.array(best.coordinates)))
         frames = _fresh_frames(judged, self.campaign, self.runner, fresh, self.watch)
         shown = _shown(judged, self.campaign, self.runner, frames, fresh, self.watch)
@@ -451,7 +451,7 @@ def _shown(
     fresh: FreshTrials,
     watch: Advance | None,
 ) -> _Shown:
-    """What fresh trials show of a design in all its conditions."""
+    """Results of fresh trials of a design in all its conditions."""
     shown = _Shown({}, {}, {}, Interval(math.nan, 0.0, 1.0))
     objective = campaign.goal
     for condition in judged:

@@ -273,7 +273,7 @@ def _log_goal(
     points: Sequence[Floats],
     values: Sequence[Foresight],
 ) -> Floats:
-    """Of a star tracker; campaign: that of the forecasts."""
+    """Logarithm of a goal of a star tracker; campaign: that of the forecasts."""
     if model := cost_of(campaign, goal):
         costs = [
             model(space.design(point)) if value.margins else math.nan

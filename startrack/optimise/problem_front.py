@@ -44,13 +44,13 @@ class ProblemGoals:
 
     @staticmethod
     def names(problem: Problem) -> list[str]:
-        """What may be traded off."""
+        """Quantities that may be traded off."""
         limits = dict(problem.costs()) | dict(problem.expect().margins)
         most = (name for name, margin in limits.items() if margin.most)
         return list(dict.fromkeys([OBJECTIVE, *problem.text().parts, *most]))
 
     def unit(self, goal: str) -> str:
-        """Of a goal, as a text."""
+        """Unit of a goal, as a text."""
         words = self.problem.text()
         if goal == OBJECTIVE:
             return words.unit

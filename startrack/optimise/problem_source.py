@@ -46,7 +46,7 @@ class ProblemSource:
 
     @cached_property
     def variables(self) -> Sequence[Bounds]:
-        """What may change. Raises Refused where there is nothing, or a range is none."""
+        """Variables of a search. Raises Refused where there is none, or a range is empty."""
         every = list(self.problem.variables)
         if not every:
             raise Refused("variables must name at least one parameter, got none")
@@ -56,32 +56,32 @@ class ProblemSource:
 
     @property
     def names(self) -> Sequence[str]:
-        """Of the variables."""
+        """Names of the variables."""
         return [variable.name for variable in self.variables]
 
     @property
     def search(self) -> str:
-        """As set."""
+        """The setting of the search."""
         return self.problem.settings.search
 
     @property
     def precision(self) -> float:
-        """As set."""
+        """The setting of the search."""
         return self.problem.settings.precision
 
     @property
     def margin(self) -> float:
-        """As set."""
+        """The setting of the search."""
         return self.problem.settings.margin
 
     @property
     def span(self) -> float:
-        """As set."""
+        """The setting of the search."""
         return self.problem.settings.span
 
     @property
     def unit(self) -> DisplayUnit:
-        """Of the objective."""
+        """Unit of the objective."""
         return DisplayUnit(self.problem.text().unit, 1.0, 1.0)
 
     @property
@@ -168,11 +168,11 @@ class ProblemSource:
             return None
 
     def complete(self, point: Floats, known: Foresight) -> Foresight:
-        """As it is known."""
+        """Forecasts of designs, as they are known."""
         return known
 
     def cost_missed(self, point: Floats) -> float:
-        """By all costs together."""
+        """Amount by which all costs together miss their limits."""
         return missed(relative(self.design(point).costs()))
 
     def rows(
@@ -232,7 +232,7 @@ def relative(margins: Mapping[str, Margin]) -> dict[str, float]:
 
 
 def foreseen(problem: Problem, most_excess: float = MOST_EXCESS) -> Foresight:
-    """What is expected of a problem; nothing where it contradicts itself.
+    """Forecast of a problem; None where the problem contradicts itself.
 
     most_excess  amount by which costs may miss their limits where a forecast is computed
     """

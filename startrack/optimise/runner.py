@@ -120,7 +120,7 @@ class TrialRunner:
             return call(item)
 
     def recall(self, call: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
-        """As `map`, of hashable items; the last results are kept."""
+        """Like `map`, of hashable items; the last results are cached."""
         every, recalled = list(items), self._recalled
         new = [item for item in dict.fromkeys(every) if (call, item) not in recalled]
         recalled.update(zip([(call, item) for item in new], self.map(call, new), strict=True))
@@ -130,7 +130,7 @@ class TrialRunner:
         return results
 
     def forecast_key(self, case: Case, campaign: Campaign, limits: tuple[float, ...]) -> bytes:
-        """Of a design's forecast, by all that it depends on.
+        """Key of a design's forecast, by all that it depends on.
 
         limits  on what is forecast
         """

@@ -22,7 +22,7 @@ REPEATS = 10
 
 
 class Algorithm(StrEnum):
-    """How to search, by nlopt's name.
+    """Algorithm of a search, by its name in nlopt.
 
     SBPLX              Rowan (1990): Nelder-Mead on subspaces; uses only comparisons, so
                        that it tolerates noise, kinks and points without a score
@@ -64,7 +64,7 @@ def algorithms(text: str) -> list[str]:
 
 
 class Search(Parameters):
-    """How long and how finely to search.
+    """Length and precision of a search.
 
     algorithm    by nlopt's name, or user code
     evaluations  points that may be evaluated
@@ -82,7 +82,7 @@ class Search(Parameters):
 
 @dataclass(frozen=True, eq=False)
 class SearchInput:
-    """What a user's search gets. The best point that it evaluates is its result.
+    """Input of a user's search. The best point that it evaluates is its result.
 
     score        function of a point (d,) of the unit cube, whose least value is searched; infinite
                  where a design has no attitude or cannot be built. A point that was evaluated
@@ -101,7 +101,7 @@ class SearchInput:
 @printed
 @dataclass(frozen=True, eq=False)
 class Found:
-    """How a search ended.
+    """Result of a search.
 
     coordinates  (d,) of the best point; the start where no point has a score
     score        there; infinite where no point has a score

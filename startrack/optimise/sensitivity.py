@@ -21,7 +21,7 @@ GROUPS = 16  # of designs, of which each is left out once; chosen by hand
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """How the objective depends on one variable.
+    """Dependence of the objective on one variable.
 
     name       of the variable
     error      the objective at the design; arcsec of a star tracker

@@ -26,15 +26,15 @@ class DesignSource(Protocol):
 
     @property
     def names(self) -> Sequence[str]:
-        """Of the variables, in the order of the coordinates."""
+        """Names of the variables, in the order of the coordinates."""
 
     @property
     def seed(self) -> int:
-        """Of random proposals."""
+        """Seed of random proposals."""
 
     @property
     def search(self) -> str:
-        """How designs are chosen: "emulator", or algorithms of nlopt."""
+        """Search of designs: "emulator", or algorithms of nlopt."""
 
     @property
     def precision(self) -> float:
@@ -46,7 +46,7 @@ class DesignSource(Protocol):
 
     @property
     def rooms(self) -> Mapping[str, float]:
-        """Of margins that are chances, one less the least that is asked."""
+        """Largest allowed probability of failure, of margins that are probabilities."""
 
     def foresee(self, points: Sequence[Floats], enough: float) -> list[Foresight]:
         """Forecasts of designs; those of a score above `enough` in conditions of weight alone."""
@@ -55,7 +55,7 @@ class DesignSource(Protocol):
         """The forecast of a design in all conditions."""
 
     def cost_missed(self, point: Floats) -> float:
-        """By how much a design misses limits on its cost. Raises Refused where there is none."""
+        """Amount by which a design misses limits on its cost. Raises Refused where there is none."""
 
 
 class StudiedSource(DesignSource, Protocol):
@@ -79,7 +79,7 @@ class StudiedSource(DesignSource, Protocol):
 
     @property
     def unit(self) -> DisplayUnit:
-        """Of the objective."""
+        """Unit of the objective."""
 
     @property
     def ledger(self) -> Ledger:
@@ -125,7 +125,7 @@ class TrackerSource:
 
     @property
     def names(self) -> Sequence[str]:
-        """Of the variables."""
+        """Names of the variables."""
         return [variable.name for variable in self.space.variables]
 
     @property
@@ -135,37 +135,37 @@ class TrackerSource:
 
     @property
     def search(self) -> str:
-        """Of the campaign."""
+        """The setting of the campaign."""
         return self.campaign.search
 
     @property
     def precision(self) -> float:
-        """Of the campaign."""
+        """The setting of the campaign."""
         return self.campaign.precision
 
     @property
     def start(self) -> Floats:
-        """Of the case."""
+        """The value of the case."""
         return self.space.start
 
     @property
     def start_values(self) -> Mapping[str, float]:
-        """Of the case."""
+        """The value of the case."""
         return {name: found_at(self.space.case, name) for name in self.names}
 
     @property
     def margin(self) -> float:
-        """Of the campaign."""
+        """The setting of the campaign."""
         return self.campaign.margin
 
     @property
     def span(self) -> float:
-        """Of the campaign."""
+        """The setting of the campaign."""
         return self.campaign.span
 
     @property
     def unit(self) -> DisplayUnit:
-        """Of errors."""
+        """The unit of errors."""
         return ARCSEC
 
     @property
@@ -175,13 +175,13 @@ class TrackerSource:
 
     @cached_property
     def conditions(self) -> Mapping[str, float]:
-        """Of the campaign."""
+        """The setting of the campaign."""
         judged = self.campaign.judged(self.space.case)
         return {condition.name: condition.weight for condition in judged}
 
     @cached_property
     def rooms(self) -> Mapping[str, float]:
-        """Of the availabilities."""
+        """Rooms of the availabilities."""
         return {
             name: 1 - condition.needs.min_availability
             for condition in self.campaign.judged(self.space.case)
@@ -190,37 +190,37 @@ class TrackerSource:
         }
 
     def foresee(self, points: Sequence[Floats], enough: float) -> list[Foresight]:
-        """By `foresee_all`."""
+        """Forecasts by `foresee_all`."""
         return foresee_all(self.space, self.campaign, points, self.runner, self.own_seed, enough)
 
     def complete(self, point: Floats, known: Foresight) -> Foresight:
-        """By `foresee_all`, without what is known."""
+        """Forecast by `foresee_all` of the conditions that are not known yet."""
         [whole] = foresee_all(
             self.space, self.campaign, [point], self.runner, self.own_seed, known=known.conditions
         )
         return whole
 
     def values(self, point: Floats) -> Mapping[str, float]:
-        """Of the design space."""
+        """Labels by the design space."""
         return self.space.values(point)
 
     def value(self, point: Floats, name: str) -> float:
-        """Of the case at a point."""
+        """Value of the case at a point."""
         return found_at(self.space.design(point), name)
 
     def shown(self, point: Floats | None = None) -> Mapping[str, str]:
-        """By the units of the parameters."""
+        """Text of a value in the unit of its parameter."""
         case = self.space.case if point is None else self.space.design(point)
         return self.space.text(case)
 
     def labels(self) -> Mapping[str, str]:
-        """Of the design space."""
+        """Values by the design space."""
         return self.space.labels()
 
     def foresee_any(
         self, points: Sequence[Floats], weighted: bool = False, progress: Advance | None = None
     ) -> list[Foresight]:
-        """By `foresee_all`, of errors."""
+        """Forecasts by `foresee_all`, of errors."""
         return foresee_all(
             self.space,
             self.campaign.of_errors,
@@ -233,12 +233,12 @@ class TrackerSource:
         )
 
     def evaluate(self, point: Floats, known: Foresight) -> Evaluation:
-        """By `evaluate`, of errors, with the trials of the campaign for samples."""
+        """Errors by `evaluate`, with the trials of the campaign as samples."""
         campaign, runner = self.campaign.of_errors, self.runner or TrialRunner(self.own_seed)
         return evaluate(self.space, campaign, point, runner, campaign.sample_trials, known=known)
 
     def cost_missed(self, point: Floats) -> float:
-        """By mass, power and the other costs."""
+        """Amount by which mass, power and the other costs miss their limits."""
         return missed(cost_margins(self.campaign.requirements, self.space.design(point)))
 
 

@@ -31,7 +31,7 @@ RIVAL = 0.1  # of ln(error), by which budgets of branches may be wrong; chosen b
 
 
 class SearchStage(NamedTuple):
-    """How far a search has come.
+    """Stage of a search.
 
     name  of what it does
     part  1, of the time that all will take, as on the nanosatellite
@@ -261,7 +261,7 @@ def _rank(explorer: Explorer, correction: Correction, design: Evaluation) -> tup
 
 
 class Shown(NamedTuple):
-    """What fresh trials showed of a design.
+    """Results of fresh trials of a design.
 
     point    unit-cube coordinates
     margins  as they found them, and their number, by the margin's name
@@ -406,7 +406,7 @@ ROUNDS = 5  # of fresh trials at most, until one shows that all limits are met; 
 
 
 class FreshTrials(NamedTuple):
-    """Which trials are fresh in a round of a search; no other round has them.
+    """Numbers of the trials that are fresh in a round of a search; no other round has them.
 
     first  number of the first trial
     unit   number of the first unit

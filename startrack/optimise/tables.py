@@ -55,7 +55,7 @@ def write_evaluations(path: Path, evaluations: Sequence[Evaluation]) -> None:
 
 
 def span_texts(optimum: Optimum) -> dict[str, str]:
-    """Between which values each variable keeps the objective within the precision, by name.
+    """Range of each variable in which the objective stays within the precision, by name.
 
     The other variables follow; three digits.
     """
@@ -70,7 +70,7 @@ def span_texts(optimum: Optimum) -> dict[str, str]:
 
 
 def landscape_lines(optimum: Optimum, campaign: Campaign) -> list[str]:
-    """What the forecasts say of the space, as Markdown paragraphs."""
+    """The design space by the forecasts, as Markdown paragraphs."""
     landscape = optimum.landscape
     if landscape is None:
         return []
@@ -207,7 +207,7 @@ def kept_start(optimum: Optimum, campaign: Campaign) -> str:
 
 
 def units_text(over: OverUnits, campaign: Campaign) -> str:
-    """What is minimised over units, in words."""
+    """The figure over units that is minimised, in words."""
     return (
         f"{campaign.goal} that {100 * over.fraction:g} % of units at "
         f"{over.age / YEAR:g} yr do not exceed"
@@ -253,7 +253,9 @@ def units_values(units: ComparedUnits) -> dict[str, Any]:
 
 
 def optimum_caveats(optimum: Optimum, campaign: Campaign) -> list[str]:
-    """Where formula and fresh trials of the best differ, why, and what the formula leaves out."""
+    """Differences between formula and fresh trials of the best design, their causes, and what the
+    formula leaves out.
+    """
     best, summary = optimum.best, optimum.fresh[1]
     if optimum.units:  # whose budgets count their residual
         best = without_units(best)
@@ -435,7 +437,7 @@ def optimum_values(optimum: Optimum, campaign: Campaign) -> dict[str, Any]:
 
 
 def _landscape_values(optimum: Optimum) -> dict[str, Any]:
-    """What the forecasts say of the space, for JSON."""
+    """The design space by the forecasts, for JSON."""
     landscape, space = optimum.landscape, optimum.space
     if landscape is None:
         return {}

@@ -51,7 +51,7 @@ def fit_surface(coordinates: Floats, result: Floats) -> ErrorSurface:
 
 
 def terms_needed(dimensions: int) -> int:
-    """How many coefficients a quadratic has."""
+    """Number of coefficients of a quadratic."""
     return (dimensions + 1) * (dimensions + 2) // 2
 
 
@@ -168,7 +168,8 @@ def sample(source: StudiedSource, watch: Advance | None = None) -> Tolerance:
 
 
 def _shift(centre: Evaluation, foresight: Foresight) -> Floats:
-    """What trials of the centre add to the forecast ln(objective) and each margin that both have.
+    """Difference of the centre's trials from the forecast: of ln(objective), and of each margin
+    that both have.
 
     The objective of the surface is in SI, as that of the trials.
     """
@@ -177,7 +178,7 @@ def _shift(centre: Evaluation, foresight: Foresight) -> Floats:
 
 
 def designs_needed(dimensions: int) -> int:
-    """How many designs `sample` tries: those for the surface and those that check it."""
+    """Number of designs that `sample` tries: those for the surface and those that check it."""
     return 1 + math.ceil(DESIGNS_PER_TERM * terms_needed(dimensions)) + CHECKS
 
 

@@ -26,7 +26,7 @@ BOOTSTRAP = 3  # names the stream of the resampling
 
 
 def how(units: OverUnits, campaign: Campaign) -> Units:
-    """How the trials of fresh units go over them."""
+    """Order of the trials of fresh units."""
     trials = campaign.trials_per_unit
     return Units(trials, min(ENVIRONMENTS, trials), units.age)
 
@@ -195,7 +195,7 @@ class MeasuredUnits(NamedTuple):
 
     @property
     def more_spread(self) -> Floats:
-        """As `likely`, with so much less noise as its standard error may be."""
+        """Like `likely`, with less noise: the least that its standard error allows."""
         if not self.noise or len(self.error) < 2:
             return self.likely
         variance = float(np.log(self.error / self.expected).var(ddof=1))

@@ -47,7 +47,7 @@ SLACK = 0.01  # of a field beyond the tolerance of the given one: what distortio
 
 @dataclass(frozen=True, eq=False)
 class Photograph:
-    """What was found of a photograph.
+    """Result of a photograph.
 
     spots      of the view, brightest first
     matches    of these, with the camera that was found
@@ -84,7 +84,7 @@ class Photograph:
 
     @property
     def note(self) -> str:
-        """What the text says beside the numbers: empty, or words after a semicolon."""
+        """Remark beside the numbers of the text: empty, or words after a semicolon."""
         text = "; the field is not the given one" if self.as_hinted is False else ""
         if self.streak:
             text += f"; stars are streaks of {math.hypot(*self.streak):.1f} px"
@@ -226,7 +226,7 @@ class _Sought(NamedTuple):
         return photo
 
     def _index(self, camera: Camera) -> identification.PatternIndex:
-        """Of every other field: half as many to read, each as good for its neighbours."""
+        """Index of every other field: half as many to read, each as good for its neighbours."""
         field, step = min(camera.fov_x, camera.fov_y), 2 * math.log(1.1)
         coarse = math.exp(math.floor(math.log(field) / step) * step) * (1 + 1e-9)
         return self.indexes(Camera.from_field_of_view(1, 1, coarse))

@@ -158,7 +158,7 @@ def _grown(fine: Spots, coarse: Spots, half_side: float) -> Spots:
 
 
 class StarShape(NamedTuple):
-    """Of the typical star.
+    """Shape of the typical star.
 
     length      1, over its width
     angle       degree, of its length from the rows, clockwise
@@ -201,7 +201,7 @@ def star_shape(image: NDArray[np.number], spots: Spots) -> StarShape:
 
 
 def seen_text(frame: Frame, scaled: ScaledSpots) -> str:
-    """What may keep an image from being solved, in words, beginning with "The image ..."."""
+    """Possible reasons why an image is not solved, in words, beginning with "The image ..."."""
     image, spots = frame.image, scaled(THRESHOLDS[0], SCALES)
     seen = []
     if scaled.clipped is not None:

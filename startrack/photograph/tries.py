@@ -66,7 +66,7 @@ def tries_of(
     aspect: float | None,
     squeezed: list[float],
 ) -> tuple[list[Try], list[Try]]:
-    """What is tried by the hint, and what is tried without it, each in turn."""
+    """Attempts by the hint, and attempts without it, each in turn."""
     as_it_is = PhotographView(aspect=aspect or 1.0)
     size = as_it_is.size(columns, rows)
     every = cameras(*size, hint)
@@ -133,7 +133,7 @@ def squeezes(columns: int, rows: int, elongation: float) -> list[float]:
 
 
 def tried_text(tries: list[Try]) -> str:
-    """What was tried, in words."""
+    """Attempts that were made, in words."""
     focal = [lens.fov_x for guess in tries for lens, _ in guess.cameras if not guess.view.middle]
     text = f"tried were fields from {min(focal) / deg:.3g} to {max(focal) / deg:.3g} deg"
     text += f", stars of 1 to {SCALES[-1]} times the usual size, mirrored"

@@ -13,7 +13,7 @@ from startrack.photograph.spots import chosen
 
 
 class PhotographView(NamedTuple):
-    """How the pixels of a file become those of a camera with square pixels.
+    """Mapping of the pixels of a file to those of a camera with square pixels.
 
     mirrored  whether left and right are exchanged
     aspect    width of a pixel over its height; the longer side of the pixel keeps its number

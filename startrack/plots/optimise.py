@@ -28,7 +28,7 @@ LARGEST = 1.6  # inch, of a panel of a corner picture whose letters are legible 
 
 @style.styled
 def draw_convergence(path: Path, optimum: Optimum, campaign: Campaign) -> None:
-    """What is made small of each evaluated design, and its variables."""
+    """Draw the minimised quantity of each evaluated design, and its variables."""
     fresh, _ = optimum.fresh
     result = (
         f"the best is better by {optimum.factor.value:.2f} "
@@ -107,7 +107,7 @@ def _forecast_count(optimum: Optimum) -> int:
 
 
 def draw_forecasts(axes: Axes, landscape: Landscape) -> None:
-    """What formulas expect of the designs before any trial."""
+    """Draw the forecasts of the designs before any trial."""
     error, met = np.exp(landscape.expected), np.array(landscape.met, bool)
     number_of = np.arange(1, len(error) + 1)
     for chosen, face, label in ((met, style.GREY, "meets"), (~met, "none", "misses")):
@@ -129,7 +129,7 @@ def _made_small(design: Evaluation) -> float:
 
 
 def _counted_errors(optimum: Optimum) -> Floats:
-    """What is made small (n,); infinite where a requirement is missed, or no trial is solved."""
+    """Minimised quantity (n,); infinite where a requirement is missed, or no trial is solved."""
     return np.array(
         [
             _made_small(design) if design.feasible and math.isfinite(design.error) else math.inf
@@ -228,7 +228,7 @@ def draw_variables(axes: Axes, optimum: Optimum) -> None:
 
 
 def _best_numbers(optimum: Optimum) -> Ints:
-    """Of each forecast and then each evaluation, the number of the best up to it.
+    """Number of the best design up to each forecast and then each evaluation.
 
     The best of forecasts is not compared with trials, nor one with fewer trials.
     """

@@ -103,7 +103,7 @@ def coordinate(case: Case, design: Case, name: str) -> float:
 
 
 def range_of(case: Case, name: str) -> tuple[float, float]:
-    """Between which a number, or the factor of a curve, may lie in a lifetime."""
+    """Range of a number, or of the factor of a curve, in a lifetime."""
     quantity, z = found_at(case, name), np.linspace(-WIDEST, WIDEST, 29)
     start = 1.0 if isinstance(quantity, Curve) else float(quantity)
     relative = np.zeros(2)

@@ -33,7 +33,7 @@ def _as_imaged(case: Case) -> Case:
 
 @lru_cache(maxsize=8)
 def _of_places(case: Case) -> frozenset[str]:
-    """What of the numbers that vary moves the places of stars alone; kept for the 8 last cases."""
+    """Numbers that vary and move only the places of stars; the last 8 cases are cached."""
     names = {variation.name for variation in case.varying}
     return frozenset(name for name in names if of_places(case, name)) | {RESIDUAL_SEED}
 

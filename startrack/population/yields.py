@@ -24,7 +24,7 @@ UNITS: np.dtype[np.void] = np.dtype(
 
 
 class Units(Parameters):
-    """How the trials of a campaign go over units: those of each one after the other.
+    """Order of a campaign's trials over units: those of each one after the other.
 
     trials        of each unit
     environments  that each unit meets, its trials shared among them
@@ -44,7 +44,7 @@ class Units(Parameters):
         whole(1, self.trials, environments=self.environments)
 
     def moment(self, case: Case, number: int) -> Moment:
-        """Which unit a trial has, where and when."""
+        """Unit, place and time of a trial."""
         unit, inside = divmod(number, self.trials)
         environment = inside * self.environments // self.trials
         by_frame = any(variation.per is Scope.FRAME for variation in case.varying)
@@ -134,7 +134,7 @@ def per_unit(table: Rows) -> PerUnit:
 
 
 def explain(case: Case, seed: int, units: Units, unit: int) -> list[tuple[str, float]]:
-    """What a unit's rms across changes by if each number that varies is as designed instead.
+    """Change of a unit's rms across if each number that varies is as designed instead.
 
     On the same sky and noise, in fidelity covariance. The residual field counts as one; the tracker
     still weights its stars as if it were there.

@@ -31,7 +31,7 @@ NOT_A_CHANCE = 1e-3  # probability of a value of a choice, below which it is lef
 
 
 class Lesson(NamedTuple):
-    """What is known of an unknown after figures were told.
+    """Knowledge of an unknown after figures were told.
 
     unknown    with its law from then on; correlations with others are lost
     narrowing  1, spread of its score over that before; of 0.9 and more, the figures say nothing of
@@ -133,7 +133,7 @@ def _of_frames(frames: FrameSurface, told: Told, scores: Floats) -> Floats:
 
 
 def _lesson(unknown: Unknown, score: Floats) -> Lesson:
-    """What samples of the score of an unknown say of it."""
+    """Knowledge of an unknown by samples of its score."""
     quantile, narrowing = ndtr(score), float(score.std())
     if unknown.choice:
         positions = unknown.positions(quantile)

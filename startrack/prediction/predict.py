@@ -61,7 +61,7 @@ class PredictedFigure(NamedTuple):
 @printed
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """What is predicted of a design with values that are not known.
+    """Predicted errors of a design with values that are not known.
 
     figures       each figure about each axis, of those that count a class of error of the design
     unknowns      with their laws

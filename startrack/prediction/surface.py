@@ -21,7 +21,7 @@ SPARE = 3  # draws beyond the unknown coefficients, below which nothing is fitte
 @printed
 @dataclass(frozen=True, eq=False)
 class FrameSurface:
-    """What frames measure of a design, as a function of what is not known of it.
+    """Figures that frames measure of a design, as a function of its unknown values.
 
     names     of the figures, all of them above zero in all draws
     constant  (f,) ln figure
@@ -62,7 +62,7 @@ class PredictionSurface:
     frames: FrameSurface
 
     def counted(self, terms: Sequence[Term]) -> list[int]:
-        """Which of its classes of error are among some."""
+        """Classes of its errors that are among some."""
         return [place for place, term in enumerate(self.terms) if term in terms]
 
     def figure(self, errors: Floats, terms: Sequence[Term]) -> Floats:
@@ -138,7 +138,7 @@ def _fit(scores: Floats, logarithm: Floats) -> tuple[Floats, Floats, Floats]:
 
 
 def _of_frames(draws: Sequence[Draw], scores: Floats) -> FrameSurface:
-    """What frames measure in all draws."""
+    """Figures that frames measure, in all draws."""
     names = tuple(name for name in draws[0].frames if all(d.frames.get(name, 0) > 0 for d in draws))
     value = np.array([[draw.frames[name] for name in names] for draw in draws])
     return FrameSurface(names, *_fit(scores, np.log(value)))

@@ -12,11 +12,11 @@ from startrack.problem.values import Bounds, Expectation, Judgement, Margin, Wor
 
 
 class SearchSettings(Protocol):
-    """How far a search goes; a campaign has these keys."""
+    """Settings of a search; a campaign has these keys."""
 
     @property
     def search(self) -> str:
-        """How designs are chosen: "emulator", or algorithms of nlopt."""
+        """Search of designs: "emulator", or algorithms of nlopt."""
 
     @property
     def precision(self) -> float:
@@ -32,15 +32,15 @@ class SearchSettings(Protocol):
 
     @property
     def trials(self) -> int:
-        """Of each design at first."""
+        """Trials of each design at first."""
 
     @property
     def most_trials(self) -> int:
-        """Of each of the best designs."""
+        """Trials of each of the best designs."""
 
     @property
     def fresh_trials(self) -> int:
-        """On which start and best are compared at the end."""
+        """Fresh trials on which start and best are compared at the end."""
 
     @property
     def margin(self) -> float:
@@ -52,7 +52,7 @@ class SearchSettings(Protocol):
 
 
 class Settings(Parameters):
-    """How far a search goes."""
+    """Settings of a search."""
 
     search: str = parameter(
         'how designs are chosen: "emulator", or algorithms of nlopt, such as "direct+sbplx"',
@@ -107,11 +107,11 @@ class Problem(Protocol):
 
     @property
     def variables(self) -> Sequence[Bounds]:
-        """What a search may change."""
+        """Variables of a search."""
 
     @property
     def settings(self) -> SearchSettings:
-        """How far a search goes."""
+        """Settings of the search."""
 
     def replaced(self, values: Mapping[str, float]) -> Problem:
         """The problem with other values (SI); Refused where one does not fit."""
@@ -120,13 +120,13 @@ class Problem(Protocol):
         """Margins that need neither forecast nor trial."""
 
     def expect(self) -> Expectation:
-        """What is expected by formula. Raises Refused where there is no answer."""
+        """Expectation by formula. Raises Refused where there is no answer."""
 
     def trials(self, seed: int, numbers: range) -> Rows:
         """A row for each number, the same for any worker and any order."""
 
     def judge(self, rows: Rows, confidence: float = 0.95) -> Judgement:
-        """What rows show, with intervals of a confidence."""
+        """Judgement of the rows of trials, with intervals of a confidence."""
 
     def described(self) -> str:
         """All that results depend on."""

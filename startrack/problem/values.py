@@ -37,7 +37,7 @@ class Margin(NamedTuple):
 
 @printed
 class Expectation(NamedTuple):
-    """What is expected by formula.
+    """Values that are expected by formula.
 
     value     the objective, in the unit of `Words`, above 0; not finite where there is none
     margins   those that trials decide, by the names of limits
@@ -53,7 +53,7 @@ class Expectation(NamedTuple):
 
 @printed
 class Judgement(NamedTuple):
-    """What trials show.
+    """Values that trials show.
 
     value    the objective, with its interval
     margins  by the names of limits: of the value, of the end of its interval that is nearer to the

@@ -91,7 +91,7 @@ def verdict_table(met: Sequence[mission.MissionVerdict]) -> Table:
 
 
 def heads_table(flight: ReportedFlight) -> Table:
-    """How long each head is blind, and its error while it is valid."""
+    """Table of the time that each head is blind, and of its error while it is valid."""
     plan, _, flown, available = flight
     error = np.sqrt(flown.head_sum[:, 1:3] / np.maximum(flown.head_sum[:, :1], 1))
     names = ("Sun", "Moon", "Earth", "ground", "SAA", "structure")

@@ -95,7 +95,7 @@ def _ratios(ratios: dict[str, Interval]) -> Figure:
 
 
 def _folded(name: str) -> str:
-    """In two lines, where it is long."""
+    """The text in two lines, where it is long."""
     if len(name) < 24:
         return name
     at = name.rfind(" ", 0, len(name) // 2 + 6)

@@ -138,7 +138,7 @@ def other_conditions(store: Store) -> int:
 
 
 def lost(store: Store, outcomes: Rows) -> page.Section:
-    """How trials ended, with counts."""
+    """Ends of trials, with counts."""
     needs = campaign.requirements if (campaign := store.campaign) else None
     attitudes = store.sampling.attitudes_of(store.seed, outcomes["trial"].tolist())
     limits, keep_out = (needs.limits, needs.min_keep_out) if needs else (STATED_ALONE, None)
@@ -294,7 +294,7 @@ def _spread(errors: Floats, name: str, limit: float | None) -> page.PagePicture:
 
 
 def _worst(store: Store, by_unit: PerUnit) -> str:
-    """What made the worst unit bad, number by number."""
+    """Causes of the worst unit's errors, number by number."""
     how, worst = store.sampling.units, by_unit.worst
     if how is None or worst is None:
         return ""

@@ -82,7 +82,7 @@ PLACES = 512  # of a frame, at which its threshold is measured
 
 
 class HotPixels(NamedTuple):
-    """What pixels of outlying dark current do to the centroid of a star near them.
+    """Effect of pixels with outlying dark current on the centroid of a star near them.
 
     chance  1, that one is near a star
     shift   (l, k, 2) pixel, over the fluxes of `Response`, in k samples; NaN where the star is lost
@@ -208,7 +208,7 @@ def near_stars(case: Case, side: int, samples: int = SAMPLES) -> tuple[float, Fl
 
 
 class Empty(NamedTuple):
-    """What the search makes of a frame without stars.
+    """Result of the search on a frame without stars.
 
     spots            beyond those that noise makes of even pixels
     flux             (k,) electron of all spots, brightest first

@@ -32,7 +32,8 @@ from startrack.response.zones import focal_stretch, lens_variance
 @printed
 @dataclass(frozen=True, eq=False)
 class TrackerKnowledge:
-    """What a tracker knows of its errors; arrays are of the n stars of the catalogue it believes.
+    """Knowledge that a tracker has of its errors; arrays are of the n stars of the catalogue it
+    believes.
 
     Each part is computed when it is first asked for, and kept.
 
@@ -156,11 +157,11 @@ class TrackerKnowledge:
         return focal_stretch(self.design, mean_colour(self.design, self.stars.colour))
 
     def of(self, star: Ints) -> KnownErrors:
-        """What is known of the errors of some stars of the catalogue."""
+        """The same knowledge for some stars of the catalogue."""
         return KnownErrors(self.systematic[star], self.shared, self.hot[star])
 
     def places(self, stars: Stars) -> Ints:
-        """Where stars of the true sky stand in the catalogue; any place for those not in it."""
+        """Places in the catalogue of stars of the true sky; any place for those not in it."""
         return self.stars.find(stars.identifier)[0]
 
     @property
@@ -182,7 +183,8 @@ class TrackerKnowledge:
 
 
 def knowledge_of(case: Case) -> TrackerKnowledge:
-    """What the tracker of a case knows of its errors; kept for the 8 last designs and ages.
+    """Knowledge that the tracker of a case has of its errors; the last 8 designs and ages are
+    cached.
 
     Of the truth it knows the age alone, at which its detector is.
     """

@@ -76,7 +76,7 @@ class ResponseGrid:
         companions: tuple[Floats, Floats] | None = None,
         dark: Floats | None = None,
     ) -> tuple[SpotExpectation, Floats]:
-        """What is to be expected of stars (n), and their places; arguments as `star_grid`."""
+        """Expected measurement of stars (n), and their places; arguments as `star_grid`."""
         detector = self.case.instrument.detector
         plan = detection_plan(self.case)
         psf, smear = shaken(self.case.instrument, self.psf), _smear(self.case)
@@ -177,7 +177,7 @@ def _at_threshold(seen: SpotExpectation, good: Flags) -> Floats:
 def hot_windows(
     grid: ResponseGrid, true: Case, flux: Floats, samples: int = SAMPLES
 ) -> tuple[HotPixels, Floats]:
-    """What hot pixels do to the centroids of stars of some fluxes, and to their detection.
+    """Effect of hot pixels on the centroids of stars of some fluxes, and on their detection.
 
     grid     of the case `with_uniform_dark`;  true  the case with its hot pixels
     flux     (l,) electron

@@ -21,7 +21,7 @@ SHOT, READ, METHOD = "shot noise", "read noise", "centroid method"
 
 @printed
 class Errors(NamedTuple):
-    """Of single stars.
+    """Errors of single stars.
 
     magnitude  (m,) G of a sunlike star
     kept       (m,) chance that the tracker measures a detected star and takes it for no hot pixel

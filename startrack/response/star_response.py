@@ -134,7 +134,7 @@ def scale(case: Case) -> NoiseScale:
 
 
 class Reading(Enum):
-    """How the tracker reads a noise-free frame."""
+    """Reading of a noise-free frame by the tracker."""
 
     BELIEVED = "numbers and noise as those of its design"
     TRUE = "as what they are, so that the covariance is the true one"
@@ -232,7 +232,9 @@ def measure(
 def _measurements(
     case: Case, electrons: Floats, reading: Reading, both_signs: bool
 ) -> tuple[list[Floats], list[Floats]]:
-    """What `measure` averages, of cells (g, n, side, side): places (g, n, 2) and covariances."""
+    """Measurements that `measure` averages, of cells (g, n, side, side): places (g, n, 2) and
+    covariances.
+    """
     size, detection = scale(case), case.tracker.detection
     noise = 0.0 if reading is Reading.SHOT_NOISE else size.noise
     ripple = math.hypot(noise, size.shot)
@@ -299,7 +301,7 @@ def kept_fraction(case: Case, plain: Chart, images: StarImages) -> Floats:
 
 
 class StarSearch(NamedTuple):
-    """How a tracker searches a frame with hot pixels.
+    """Search of a frame with hot pixels by a tracker.
 
     noise      digital number, of the filtered frame in a typical tile
     threshold  (k,) sigma of that, over tiles and over what is near a star, all as frequent

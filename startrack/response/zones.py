@@ -87,7 +87,7 @@ def zones_of(case: Case) -> Zones:
 
 @kept(8)
 def centroid_shift(case: Case) -> FieldPsf:
-    """Where the tracker's centroid lies beside the place that the camera projects to.
+    """Shift of the tracker's centroid from the place that the camera projects to.
 
     The shift of the image, and by how much more the tracker's centroid of it is displaced than that
     of the mean image, in the mean over sub-pixel positions; measured at the nodes of the images for
@@ -163,7 +163,7 @@ def lens_variance(case: Case, colour: Floats) -> Floats:
 
 
 class ZoneErrors(NamedTuple):
-    """Of single stars in z zones, at m magnitudes of sunlike stars on the axis.
+    """Errors of single stars in z zones, at m magnitudes of sunlike stars on the axis.
 
     magnitude  (m,) G
     point      (u, p, side, side) 1, different images of a star at p sub-pixel positions

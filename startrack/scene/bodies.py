@@ -40,7 +40,7 @@ class Disc:
     sun: Floats | None = None
 
     def covers(self, direction: Floats) -> Flags:
-        """Which of (n, 3) directions it hides, (n,)."""
+        """Directions (n, 3) that it hides, (n,)."""
         return direction @ self.direction > math.cos(self.radius)
 
     def hides(self, other: Disc) -> float:

@@ -33,7 +33,7 @@ POINTS_PER_PIXEL = 2.0  # of a disc; chosen by hand: fewer leave gaps, more cost
 
 @dataclass(frozen=True, eq=False)
 class LightInput:
-    """Where light is asked for.
+    """Directions and wavelengths for which the light is computed.
 
     direction   (m, 3) unit vectors, ICRS axes, of points evenly spaced over the frame, row by row;
                 129 x 129 at first, more where the light needs them
@@ -101,7 +101,7 @@ def _asked(name: str, given: LightInput, nodes: int) -> Floats:
 
 
 def _off(light: Floats) -> Floats:
-    """By how much straight lines between every second point are off, at all points."""
+    """Error of straight lines between every second point, at all points."""
     lines = light.copy()
     lines[1::2] = (light[:-1:2] + light[2::2]) / 2
     lines[:, 1::2] = (lines[:, :-1:2] + lines[:, 2::2]) / 2
@@ -208,7 +208,7 @@ def _diffuse_light(
 
 
 def _input(name: str, scene: Scene, sight: Sight, count: int) -> LightInput:
-    """What a light is asked with, at the nodes of a map; the random numbers are always the same."""
+    """Input of a light at the nodes of a map; the random numbers are always the same."""
     random = sight.streams(f"light {name}")
     return LightInput(sight.nodes(count), WAVELENGTH, photometry.BIN, scene, random)
 

@@ -23,7 +23,9 @@ NUMBER_OF_HEAD = 2**21  # between the numbers of the sequences of two heads
 
 
 class FrameView(NamedTuple):
-    """What a tracker may look at: spots (of what smear it believes), and a whole frame or none."""
+    """Data that a tracker may look at: spots (of what smear it believes), and a whole frame or
+    none.
+    """
 
     spots: Callable[[tuple[float, float]], core.Spots]
     frame: core.Frame | None
@@ -66,7 +68,7 @@ def windows(
 
 
 def _sky(seed: int, number: int) -> core.Streams:
-    """What the sky of a sequence is drawn from, its date too: the same for all of its heads."""
+    """Random stream of a sequence's sky and date, the same for all of its heads."""
     return core.Streams(seed, number % NUMBER_OF_HEAD)
 
 

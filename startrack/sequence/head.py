@@ -110,7 +110,7 @@ def _see(
     images: Images,
     alone: bool,
 ) -> tuple[core.Spots, core.Matches, core.Estimate, Images]:
-    """What the flight software does with a frame, with a prediction or without.
+    """Run the flight software on a frame, with a prediction or without.
 
     predicted  attitude, and its covariance (3, 3) radian^2; None: no prediction
     rate       (3,) radian / second, that is believed

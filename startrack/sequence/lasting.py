@@ -27,7 +27,7 @@ def error_lengths(case: Case) -> Floats:
 def lasting_parts(
     case: Case, spots: core.Spots, matches: core.Matches, estimate: core.Estimate
 ) -> Floats:
-    """What of a measured attitude's covariance lasts (3, 3, 3): over pixels in x, in y, and over
+    """Lasting parts of a measured attitude's covariance (3, 3, 3): over pixels in x, in y, and over
     the field.
 
     Of least squares with the weights w of stars, of whose variance a fraction f lasts,

@@ -48,7 +48,7 @@ FRAMES: np.dtype[np.void] = np.dtype(
 
 
 class Mode(IntEnum):
-    """How the tracker obtained its attitude after a frame."""
+    """Mode by which the tracker obtained its attitude after a frame."""
 
     SEARCHING = 0  # no prediction, not solved
     ACQUIRED = 1  # solved without a prediction, or against it

@@ -116,7 +116,7 @@ class EarthSeen:
         return angle_to_lit
 
     def _beside(self, theta: Floats, radius: Floats, height: Floats, at: Ints) -> Floats:
-        """From lines above dark limb to the nearer end of the lit arc of the limb."""
+        """Angle from lines above dark limb to the nearer end of the lit arc of the limb."""
         down = self._to_sun[at]
         flat = np.sqrt(np.maximum(1 - down * down, 1e-18))
         sr, cr = np.sin(radius), np.cos(radius)

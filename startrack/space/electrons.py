@@ -273,7 +273,8 @@ def _answers(shielding: float) -> tuple[Floats, Floats]:
 
 
 class Behind(NamedTuple):
-    """What a shield lets through to its centre, of a flux; of a fluence without the seconds.
+    """Particles and dose that pass a shield to its centre, of a flux; of a fluence without the
+    seconds.
 
     number     1 / (cm2 s), electrons
     loss       MeV / (g s), of these to silicon by collisions
@@ -298,7 +299,7 @@ class Electrons(NamedTuple):
     above: Floats
 
     def behind(self, shielding: float) -> Behind:
-        """What is left at the centre of a sphere of aluminium (metre) by `follow`.
+        """Particles and dose at the centre of a sphere of aluminium (metre), by `follow`.
 
         Their number falls exponentially with energy between two of the spectrum; those of less than
         0.1 MeV and more than 8 MeV are left out.

@@ -149,7 +149,7 @@ def _plane(node: Floats, perigee: Floats, tilt: float) -> tuple[Floats, Floats]:
 
 
 def two_line_record(lines: tuple[str, ...]) -> Any:
-    """What SGP4 moves, of a two-line element set; raises ImportError without sgp4."""
+    """Record of a two-line element set for SGP4; raises ImportError without sgp4."""
     sgp4 = _sgp4()
     return sgp4.Satrec.twoline2rv(*lines, sgp4.WGS72)
 
@@ -157,7 +157,7 @@ def two_line_record(lines: tuple[str, ...]) -> Any:
 def element_record(
     epoch: str, axis: float, eccentricity: float, angles: tuple[float, float, float, float]
 ) -> Any:
-    """What SGP4 moves without drag, of mean elements at an epoch.
+    """Record of mean elements at an epoch for SGP4, without drag.
 
     epoch   UTC;  axis  metre
     angles  radian: inclination, node, perigee, mean anomaly

@@ -69,7 +69,7 @@ class Protons(NamedTuple):
     above: Floats
 
     def behind(self, shielding: float) -> tuple[float, float]:
-        """What is left at the centre of a sphere of aluminium: protons / (cm2 s) and rad / s.
+        """Protons / (cm2 s) and dose rate, rad / s, at the centre of a sphere of aluminium.
 
         Energies lie on a power law between two of the spectrum. Protons slow down on straight
         lines, without nuclear reactions.
@@ -185,7 +185,8 @@ class HitMap:
 
 @lru_cache(maxsize=8)
 def hit_map(altitude: float, shielding: float, active: bool = False) -> HitMap:
-    """Where particles of the belts hit a detector behind a shield, by AP-8 and AE-8.
+    """Map of the places where particles of the belts hit a detector behind a shield, by AP-8 and
+    AE-8.
 
         rate = J / 2,   charge = sum J S density / (3.65 eV) / sum J
 

@@ -56,7 +56,7 @@ def follow_boxes(
     images: Images,
     plan: DetectionPlan | None = None,
 ) -> tuple[Spots, Matches, Images]:
-    """What the tracker takes about the places where it expects stars.
+    """Pixels that the tracker takes about the places where it expects stars.
 
     images   of stars, where the exposure before left them; other stars, and those whose image is no
              more in their box, are searched for

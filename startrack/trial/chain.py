@@ -247,7 +247,7 @@ def lost_in_space(
     psf: core.Psf | None = None,
     knowledge: TrackerKnowledge | None = None,
 ) -> tuple[Spots, Matches, Estimate]:
-    """What the flight software does with a frame, real or rendered.
+    """Run the flight software on a frame, real or rendered.
 
     camera     as the tracker believes it
     indexes    of the tracker's catalogue
@@ -271,7 +271,7 @@ def identify_and_solve(
     tracker: Tracker,
     knowledge: TrackerKnowledge | None = None,
 ) -> tuple[Matches, Estimate]:
-    """What the flight software does with its spots; arguments as for `lost_in_space`."""
+    """Run the flight software on its spots; arguments as for `lost_in_space`."""
     settings = tracker.identification
     matches = identify(spots, camera, indexes.stars, indexes(camera), settings)
     return matches, solve_matches(spots, matches, tracker, knowledge)

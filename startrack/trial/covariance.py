@@ -85,7 +85,7 @@ def fitted(
 
 
 def _inverse(matrix: Floats) -> Floats:
-    """Of symmetric matrices (..., 2, 2), whose digits do not depend on how many there are."""
+    """Inverses of symmetric matrices (..., 2, 2), whose digits do not depend on how many there are."""
     xx, xy, yy = matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 1, 1]
     adjugate = np.stack([yy, -xy, -xy, xx], axis=-1).reshape(matrix.shape)
     return np.asarray(adjugate / (xx * yy - xy * xy)[..., None, None])
@@ -177,7 +177,7 @@ def outcomes(
 
 
 class Drawn(NamedTuple):
-    """What is drawn of m trials, up to n stars each.
+    """Draws of m trials, up to n stars each.
 
     pixel     (m, n, 2) x and y of the centroids
     star      (m, n) index into the field of the plan

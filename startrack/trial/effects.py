@@ -441,7 +441,7 @@ def said(column: str, case: Case) -> list[str]:
 
 
 def left_out(case: Case) -> list[str]:
-    """What the error budget leaves out of a design, by the table alone, a phrase each."""
+    """Effects that the error budget leaves out of a design, by the table alone, a phrase each."""
     of_pixels = [
         f"{effect.left_out} (detector.{effect.key})"
         for effect in PIXEL_EFFECTS

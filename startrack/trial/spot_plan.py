@@ -76,7 +76,7 @@ class SpotField(NamedTuple):
 
 
 class Through(NamedTuple):
-    """What a lens table does to stars of k colours over the frame; empty without one.
+    """Effect of a lens table on stars of k colours over the frame; empty without one.
 
     table        (k, q, p, 3) pixel shift x and y; logarithm of the relative flux
     step_x, _y   pixel, between two places
@@ -133,7 +133,8 @@ NO_LENS = Through(np.zeros((0, 1, 1, 3)), 1.0, 1.0, 1.0, 1.0, 1, 1, 0.0)
 
 
 class SpotPlan(NamedTuple):
-    """What the trials of a case have in common; gate as in the solver, false spots per frame.
+    """Values that the trials of a case have in common; gate as in the solver, false spots per
+    frame.
 
     Accuracy  model: hot pixels near companions, and which of two spots is brighter, are left out.
     """
@@ -273,7 +274,7 @@ def view_of(camera: Camera, border: int) -> SpotView:
 
 
 def through_of(case: Case) -> Through:
-    """What a lens table and the residual of a unit do to stars over the frame."""
+    """Effect of a lens table and of a unit's residual on stars over the frame."""
     camera, table, slack = case.instrument.camera, np.zeros((1, STEPS + 1, STEPS + 1, 3)), 0.0
     across = down = 1
     if case.instrument.optics.tabulated:
@@ -308,7 +309,7 @@ def _colours(case: Case, true: Floats, believed: Floats) -> tuple[Ints, Ints, Fl
 
 
 def _colour_nodes(case: Case) -> Floats:
-    """Of `Through`: from the bluest to the reddest light that images are computed for."""
+    """Colours of `Through`: from the bluest to the reddest light that images are computed for."""
     return np.linspace(*colour_range(case.instrument), COLOURS)
 
 

@@ -110,7 +110,7 @@ def false_spots(key, mean):  # type: ignore[no-untyped-def]
 
 @kernel
 def in_view(a, direction, view):  # type: ignore[no-untyped-def]
-    """Which stars (k,) of directions (n, 3), in order of z, lie in the cone around the frame."""
+    """Stars (k,) of directions (n, 3), in order of z, that lie in the cone around the frame."""
     first, last = belt(direction, a[2, 2], math.acos(view.cosine))
     inside = np.empty(last - first, np.int64)
     count = 0

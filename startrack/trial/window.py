@@ -267,7 +267,7 @@ class Noise(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class WindowPlan:
-    """What the trials of a case have in common.
+    """Values that the trials of a case have in common.
 
     detector   without its lag, which changes stars only, not a uniform background
     star       (n,) electron of each in the sky, None for a scene with other lights

@@ -135,7 +135,9 @@ def measured_over(objective: Objective, outcomes: Rows, boresight: Floats, sky: 
 
 
 def margin(limit: float, value: float) -> float:
-    """Of an error to its limit, as a fraction of the limit; minus infinity where there is none."""
+    """Margin of an error to its limit, as a fraction of the limit; minus infinity where there is
+    none.
+    """
     return 1 - value / limit if math.isfinite(value) else -math.inf
 
 
@@ -235,7 +237,7 @@ def needed_magnitude(case: Case, stars: int, fraction: float) -> float:
 def _needed(
     catalog: Selection, columns: int, rows: int, step: int, stars: int, fraction: float
 ) -> float:
-    """At a focal length of FOCAL_STEP**step pixels."""
+    """Limiting magnitude that is needed at a focal length of FOCAL_STEP**step pixels."""
     camera = Camera(columns, rows, FOCAL_STEP**step)
     sky, axes = open_sky(catalog), attitudes(FIELDS).as_matrix()
     # Too few stars in the whole source: a magnitude beyond its limit.

@@ -39,7 +39,7 @@ class Answer(StrEnum):
 
 
 def answer_of(parts: Sequence[Answer], left: object) -> Answer:
-    """Of several requirements: fail where one fails, pass where all pass and none is left."""
+    """Answer of several requirements: fail where one fails, pass where all pass and none is left."""
     if Answer.FAIL in parts:
         return Answer.FAIL
     shown = not left and all(answer is Answer.PASS for answer in parts)
@@ -83,20 +83,20 @@ class Looks(Parameters):
 
 
 def tails(looks: int, alpha: float, claims: int) -> tuple[float, float]:
-    """As `Looks.tails`, of a number of looks: alpha / K, and alpha / (K m)."""
+    """Like `Looks.tails`, of a number of looks: alpha / K, and alpha / (K m)."""
     tail = alpha / looks
     return tail, tail / max(claims, 1)
 
 
 class Decidable(Protocol):
-    """What trials can show or refute."""
+    """A requirement that trials can show or refute."""
 
     @property
     def name(self) -> str:
-        """Of the requirement."""
+        """Name of the requirement."""
 
     def answer(self, bounds: Interval) -> Answer:
-        """What bounds decide."""
+        """Decision by the bounds."""
 
 
 AnyClaim = TypeVar("AnyClaim", bound=Decidable)
@@ -182,14 +182,14 @@ class Claim:
         return Interval(value, max(low for low, _ in ends), max(high for _, high in ends))
 
     def answer(self, bounds: Interval) -> Answer:
-        """What the bounds decide."""
+        """Decision by the bounds."""
         if self.accuracy is None:
             return YieldClaim(self.least).answer(bounds)
         passes, fails = bounds.high <= self.limit, bounds.low > self.limit
         return Answer.PASS if passes else Answer.FAIL if fails else Answer.NOT_SHOWN
 
     def margin(self, value: float) -> float:
-        """Of an error as a fraction of its limit, of the availability as it is."""
+        """Margin of an error as a fraction of its limit, of the availability as it is."""
         return 1 - value / self.limit if self.accuracy else value - self.limit
 
     def needed(
@@ -253,16 +253,16 @@ class YieldClaim:
         return Interval(hits / n, low, fraction_interval(hits, n, 1 - 2 * failing).high)
 
     def answer(self, bounds: Interval) -> Answer:
-        """What the bounds decide."""
+        """Decision by the bounds."""
         passes, fails = bounds.low >= self.least, bounds.high < self.least
         return Answer.PASS if passes else Answer.FAIL if fails else Answer.NOT_SHOWN
 
     def most_beyond(self, n: int, passing: float) -> int:
-        """Of n units, the most that may exceed the limit where the yield is shown; 0 at least."""
+        """Number of n units that may exceed the limit at most where the yield is shown; 0 at least."""
         return max(0, int(scipy.stats.binom.ppf(passing, n, 1 - self.least)) - 1)
 
     def margin(self, value: float) -> float:
-        """Of a yield to what is asked."""
+        """Margin of a yield to the one that is required."""
         return value - self.least
 
     def needed(self, share: float, passing: float, failing: float) -> int | None:
@@ -271,7 +271,7 @@ class YieldClaim:
 
 
 def claims_of(needs: Requirements) -> list[Claim]:
-    """What trials can show of some requirements: the errors that are limited, the availability."""
+    """Requirements that trials can show: limits of errors, and the availability."""
     errors = [Claim(accuracy, 0.0, needs.limits, needs.sky) for accuracy in needs.accuracy]
     return [*errors, Claim(None, needs.min_availability, needs.limits)]
 

@@ -91,7 +91,7 @@ def level_of(windows: Windows, box: detection.Box) -> Floats:
 
 
 class MeasuredWindows(NamedTuple):
-    """What is measured of one star.
+    """Measured figures of one star.
 
     scalar  name: value, of `KEYS` less the curve
     curve   (2, PHASES) pixel, of the place along x and y less its mean, over the phase of the
@@ -242,7 +242,7 @@ def known_mean(values: Floats, axis: int) -> Floats:
 
 
 def correlation(seen: Floats, predicted: Floats) -> float:
-    """Of two curves (2, PHASES), both axes together."""
+    """Correlation of two curves (2, PHASES), both axes together."""
     both = np.isfinite(seen) & np.isfinite(predicted)
     if both.sum() < 4:
         return math.nan

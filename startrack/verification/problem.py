@@ -23,7 +23,7 @@ class LimitClaim:
     margin: Margin
 
     def answer(self, bounds: Interval) -> Answer:
-        """What the bound that can fail it (low) and the one that can pass it (high) decide."""
+        """Decision by the bound that can fail it (low) and the one that can pass it (high)."""
         if self.margin._replace(value=bounds.high).relative >= 0:
             return Answer.PASS
         fails = self.margin._replace(value=bounds.low).relative < 0

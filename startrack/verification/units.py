@@ -106,12 +106,12 @@ class UnitVerification:
     stated: tuple[StatedErrors, ...] = ()
 
     def at(self, number: int) -> Answer:
-        """Of all requirements at one of the ages: fail where one fails, pass where all pass."""
+        """Answer of all requirements at one of the ages: fail where one fails, pass where all pass."""
         return answer_of([row.ages[number].answer for row in self.rows], self.left)
 
     @property
     def answer(self) -> Answer:
-        """At the last age, the end of life."""
+        """Answer at the last age, the end of life."""
         return self.at(-1)
 
 

@@ -213,7 +213,7 @@ def verdict_table(verified: Verification) -> Table:
 
 
 def verdict_notes(verified: Verification) -> list[str]:
-    """What the table means, and what it leaves out."""
+    """Meaning of the table, and the effects that it leaves out."""
     rows = verified.verdicts
     lines = list(dict.fromkeys(f"{row.name}: {row.statistic}" for row in rows if row.trials))
     lines += [f"{row.condition}: {row.note}" for row in rows if row.note]

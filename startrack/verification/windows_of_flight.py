@@ -65,7 +65,7 @@ class Windows(core.Parameters, eq=False):
 
     @property
     def columns(self) -> dict[str, Any]:
-        """What `read_windows` makes them of, as an npz file has it."""
+        """Columns of `read_windows`, as an npz file has them."""
         left, top = self.corner.T
         columns = {"time": self.time, "number": self.number, "col0": left, "row0": top}
         return columns if self.acquired is None else columns | {"acquired": self.acquired}
@@ -302,7 +302,7 @@ def acquired_in(frame: core.Frame, corner: Ints, plan: detection.DetectionPlan) 
 def followed_stars(
     frame: core.Frame, corner: Ints, box: detection.Box, plan: detection.DetectionPlan
 ) -> Ints:
-    """Where the tracker's boxes are after a frame; those that lose their star stay."""
+    """Places of the tracker's boxes after a frame; those that lose their star stay."""
     after = detection.follow(frame, corner, box, plan).corner
     return np.where(after < 0, corner, after)
 

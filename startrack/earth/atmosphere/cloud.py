@@ -21,7 +21,8 @@ ANGLES: Floats = np.linspace(0, np.arccos(LOWEST), 45)
 
 
 class LayerLight(NamedTuple):
-    """What a layer does to light from one direction, over its flux through a horizontal plane.
+    """Effect of a layer on light from one direction, over the flux of that light through a
+    horizontal plane.
 
     reflected  (n,) 1, plane albedo; also the reflectance factor in this direction under an even sky
     direct     (n,) 1, transmitted without change of direction, forward peak included
@@ -61,7 +62,7 @@ class LayerOptics:
         return 1 - self.albedo * self.asymmetry**TERMS
 
     def light(self, depth: Floats, cosine: Floats) -> LayerLight:
-        """What becomes of light from one direction.
+        """Light from one direction after it has met the layer.
 
         The forward peak is g^2 of what is scattered, as Joseph, Wiscombe and Weinman (1976), J.
         Atmos. Sci. 33, 2452, cut it: the ground is seen, and casts its shadows, by this light.

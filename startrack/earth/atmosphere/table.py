@@ -388,7 +388,9 @@ def _below(low: float, high: float, gas: int) -> float:
 
 
 def _transmitted(table: AirTable, gas: Floats, masses: Floats) -> Floats:
-    """Of all gases, from their logarithms (3, f, m); strong lines go with the root of the mass."""
+    """Transmittance of all gases, from their logarithms (3, f, m); strong lines go with the root of
+    the mass.
+    """
     root, total = np.sqrt(table.mass), np.zeros(gas.shape[1])
     for values, at in zip(gas, masses, strict=True):
         i = int(np.clip(np.searchsorted(table.mass, at) - 1, 0, len(root) - 2))

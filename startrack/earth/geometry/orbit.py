@@ -152,7 +152,7 @@ def choose_carrier(orbit: Orbit | None, tle: tuple[str, ...], aircraft: Aircraft
 
 
 def fly(orbit: Carrier, second: Floats) -> Flight:
-    """Where a satellite or an aircraft is at (n,) seconds after its epoch.
+    """Place of a satellite or an aircraft at (n,) seconds after its epoch.
 
     Source: SGP4 (Vallado et al. 2006) by the package sgp4; axes by astropy (ERFA).
 

@@ -268,7 +268,7 @@ class Strip:
 def ground_finder(
     scene: EarthScene, folder: Path, terrain: Pyramid, sky_rays: int = 0
 ) -> Callable[[Rays], Ground]:
-    """What rays meet in a scene: the ground under its Sun, with its maps."""
+    """Finder of the ground that rays meet in a scene, under its Sun and with its maps."""
     charts, cell = scene.terrain.charts(folder), terrain.terrain.grid.step_y
     sun = sun_direction(scene.carrier.epoch, scene.sensor.delay)
     return lambda rays: read_charts(survey(terrain, rays, sun, sky_rays), charts, cell)

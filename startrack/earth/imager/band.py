@@ -106,7 +106,7 @@ def terms_in_band(
 
 
 def mean_wavelength(channel: Channel) -> float:
-    """Of a channel's response to an even spectrum of energy, metre."""
+    """Mean wavelength of a channel's response to an even spectrum of energy, metre."""
     return _answers(channel)[1]
 
 

@@ -43,7 +43,7 @@ class Passed(NamedTuple):
 
 
 def passed(decks: Sequence[Deck], point: Floats, direction: Floats, far: Floats) -> Passed:
-    """What layers let through between points (n, 3) and a camera or the Sun, `far` (n,) metre."""
+    """Transmittance of layers from points (n, 3) to a camera or the Sun, `far` (n,) metre."""
     clear = np.ones(len(point))
     out = Passed(clear, clear, 0 * clear)
     for deck in decks:

@@ -171,7 +171,7 @@ class Sheet:
     field: CloudField
 
     def cross(self, point: Floats, direction: Floats) -> Crossing:
-        """Where straight paths leave the layer, and its optical depth there.
+        """Points at which straight paths leave the layer, and its optical depth there.
 
         point      (n, 3) metre, Earth-fixed, where the paths begin
         direction  (n, 3) or (3,) unit vectors
@@ -196,7 +196,7 @@ class Sheet:
 
 @printed
 class Crossing(NamedTuple):
-    """Where n paths meet a layer.
+    """Crossing of n paths with a layer.
 
     point                (n, 3) metre, Earth-fixed
     longitude, latitude  (n,) radian

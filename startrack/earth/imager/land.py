@@ -55,11 +55,11 @@ class Cover(Parameters):
 
     @property
     def law(self) -> brdf.Law | None:
-        """How reflectance depends on directions; None where it does not."""
+        """Law of the reflectance over directions; None where it does not depend on them."""
         return self.ross_li or self.water or self.snow
 
     def weights(self, wavelength: Floats, weight: Floats) -> tuple[float, float, float]:
-        """Of the isotropic, volumetric and geometric kernels in a band."""
+        """Weights of the isotropic, volumetric and geometric kernels in a band."""
         law = self.ross_li or brdf.RossLi()
         isotropic, volumetric, geometric = (
             float(curve(wavelength) @ weight)
@@ -173,7 +173,7 @@ class Reflection(NamedTuple):
 
 
 def reflection(land: Land, ground: Ground, wavelength: Floats, weight: Floats) -> Reflection:
-    """How n rays reflect sunlight and skylight to the camera.
+    """Reflection of sunlight and skylight to the camera along n rays.
 
     wavelength, weight  as for `reflectance`
     Accuracy            model: means of reflectance over the band, before the law of directions; a

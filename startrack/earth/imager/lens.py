@@ -165,7 +165,7 @@ class FieldBlur(NamedTuple):
             first += lines
 
     def blurred(self, strips: Iterator[Singles]) -> Iterator[Singles]:
-        """As `blur_strips`."""
+        """Like `blur_strips`."""
         return blur_strips(self.strips(strips), self.weights.reshape(-1, *self.weights.shape[2:]))
 
 
@@ -260,7 +260,7 @@ def _radius(psf: Psf) -> float:
 
 
 class FieldLens(NamedTuple):
-    """What the lens of a channel does over its field.
+    """Effect of a channel's lens over its field.
 
     camera  directions of its pixels, with distortion, lateral colour of the band and keystone
     images  of points: one for the whole field, or those of a lens table
@@ -418,7 +418,7 @@ def image_pixels(channel: Channel, sensor: Sensor) -> tuple[Floats, Floats]:
 def lens_registration(
     channel: Channel, camera: Camera, first: Channel, other: Camera
 ) -> tuple[float, float]:
-    """How far the lens displaces the image of a channel against that of the first channel.
+    """Displacement by the lens of the image of a channel against that of the first channel.
 
     Places of the same direction, as multiples of each one's nominal pixel; channels that look ahead
     by other angles are compared where each sees the same ground.

@@ -63,7 +63,7 @@ class Reference(Parameters):
 
 
 class Performance(Parameters):
-    """What is required of a channel, or was measured of it in orbit; None: unknown."""
+    """Performance of a channel, required or measured in orbit; None: unknown."""
 
     snr: float | None = parameter("1, at the light of `reference`", limit=POSITIVE, default=None)
     nedt: float | None = parameter(
@@ -240,7 +240,7 @@ class Channel(Parameters):
 
     @property
     def columns(self) -> int:
-        """Of the image."""
+        """Columns of the image."""
         return self.detector.columns * (2 if self.kind == "staggered" else 1)
 
     def sensor(self, rays: int, rate: float, pitch: float = 0.0) -> geometry.Sensor:
@@ -521,7 +521,7 @@ class SpectrumFile(Parameters):
     )
 
     def read(self, folder: Path) -> dict[str, Any]:
-        """As the table of a Curve; values are put into [0, 1].
+        """The table of a Curve, with values put into [0, 1].
 
         Raises  ValueError where the file is none, or has not two different wavelengths.
         """

@@ -150,7 +150,7 @@ def prepare(survey: Survey, channel: Channel, folder: Path) -> Setting:
 def setting_below(
     survey: Survey, channel: Channel, height: float, surroundings: float
 ) -> tuple[Setting, float]:
-    """What is constant over an image of level ground straight below, in the middle of the field.
+    """Constant inputs of an image of level ground straight below, in the middle of the field.
 
     height        metre, of the ground above the sea
     surroundings  1, reflectance of the ground around
@@ -278,7 +278,7 @@ def turn_of(survey: Survey, seed: int) -> geometry.Jitter | None:
 
 
 def misregistration(survey: Survey, channel: Channel, seed: int) -> tuple[float, float]:
-    """How far a channel's lines lie from where the first channel has them, by motion alone.
+    """Displacement of a channel's lines from where the first channel has them, by motion alone.
 
     The same ground is seen by both at their own times; between them the camera turns.
 

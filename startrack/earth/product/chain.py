@@ -38,7 +38,7 @@ UNITS = {
 
 
 class ProductSettings(Parameters):
-    """How a product is put on a map."""
+    """Settings of a product on a map."""
 
     projection: str = parameter(limit=Range(choices=ortho.PROJECTIONS), default="utm")
     cell: float | None = parameter(

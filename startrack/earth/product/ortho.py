@@ -73,7 +73,7 @@ class Locator:
         self._at_once = not dating.period  # a matrix
 
     def locate(self, point: Floats) -> Floats:
-        """Where points are seen.
+        """Places in the image at which points are seen.
 
         point     (n, 3) metre, in the Earth's fixed axes
         Returns   (n, 2) column and line of the image, whole at the middle of a pixel; far outside,
@@ -213,7 +213,7 @@ def place_cells(
     lens: Camera | None = None,
     clouds: tuple[Sheet, ...] = (),
 ) -> Iterator[Part]:
-    """Where the image shows the terrain of each cell, some rows at a time.
+    """Places in the image that show the terrain of each cell, some rows at a time.
 
     distance  (lines, columns) metre from the camera to the ground of each pixel; NaN for the sky
     spread    metre on the ground between rays of the image, which set the terrain's level
@@ -294,7 +294,7 @@ def resample(values: Floats, pixel: Floats, method: str) -> Floats:
 
 
 def touched(flags: Flags, pixel: Floats) -> Flags:
-    """Which places (..., 2) of line and column have a flagged pixel among the four around."""
+    """Places (..., 2) of line and column that have a flagged pixel among the four around."""
     out = np.zeros(pixel.shape[:-1], np.bool_)
     finite = np.isfinite(pixel).all(-1)
     at = pixel[finite].T

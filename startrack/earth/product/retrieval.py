@@ -236,7 +236,7 @@ def mean_reflectance(
 def environment_of(
     reflectance: Floats, ground: Ground, pixel: float, setting: imager.Setting, more: float = 0.0
 ) -> imager.Environment | None:
-    """What surrounds each pixel, from the pixels themselves; beyond the image, their mean.
+    """Surroundings of each pixel, from the pixels themselves; beyond the image, their mean.
 
     reflectance  (n,) of the surface
     pixel        metre, the size of one on the ground

@@ -107,7 +107,7 @@ def _of_surface(
     hazier: Setting,
     knowledge: Knowledge,
 ) -> dict[str, Floats]:
-    """Of the surface's reflectance.
+    """Uncertainty of the surface's reflectance.
 
     What is common to all pixels also changes what surrounds them, which weakens it.
 
@@ -141,8 +141,9 @@ def _of_radiance(
     knowledge: Knowledge,
     channel: Channel,
 ) -> dict[str, Floats]:
-    """Of the radiance; photon noise by the measured electrons of a digital number, which read noise
-    hides where it is far above that of photons: it is as designed."""
+    """Uncertainty of the radiance; photon noise by the measured electrons of a digital number,
+    which read noise hides where it is far above that of photons: it is as designed.
+    """
     detector, measured = channel.detector, calibration.electrons
     signal = np.maximum(numbers - detector.offset, 0)
     shot = signal / measured if measured > 0 else np.zeros(numbers.shape)

@@ -14,7 +14,7 @@ LEAST = 1e-12  # of the variance of a channel, below which it has no contrast
 
 @printed
 class Contrast(NamedTuple):
-    """How each pixel of the mid infrared differs from what its surroundings predict.
+    """Difference of each pixel of the mid infrared from the prediction by its surroundings.
 
     score         1, excess over the standard deviation of such predictions
     mid, thermal  watt / m^2 / sr / m, as given

@@ -50,7 +50,7 @@ class RetrievalStudy(Protocol):
 
     @property
     def left_out(self) -> tuple[str, ...]:
-        """What formulas and trials do not know, in words."""
+        """Effects that formulas and trials leave out, in words."""
 
     def expected(self) -> dict[str, float]:
         """Each criterion by formula."""

@@ -92,7 +92,7 @@ class Side(NamedTuple):
         return (detector.prnu * self.mean) ** 2 if detector.scan else 0.0
 
     def variance(self, radiance: Floats) -> Floats:
-        """Of a pixel's radiance by its noise, `stripes` left out."""
+        """Variance of a pixel's radiance by its noise, `stripes` left out."""
         detector = self.channel.detector
         light = self.electrons * radiance
         step = detector.electrons_per_dn
@@ -135,7 +135,9 @@ class LevelGround(Protocol):
 
 
 class _Curves:
-    """What the band of a channel depends on, equal for channels that differ in the rest."""
+    """Curves of a channel that depend on its band alone, equal for channels that differ in the
+    rest.
+    """
 
     def __init__(self, channel: Channel) -> None:
         self.channel = channel
@@ -155,7 +157,7 @@ class _Curves:
 
 
 def band_in(channel: Channel, air: Air | None, above: float, distance: float) -> Band:
-    """As `band_of`; kept for channels that differ in nothing that a band depends on."""
+    """Like `band_of`; cached for channels that differ in nothing that a band depends on."""
     return _band(_Curves(channel), air, above, distance)
 
 
@@ -234,7 +236,7 @@ def side_of(survey: Survey, channel: Channel, spots: LevelGround) -> Side:
 
 @printed
 class FireForecast(NamedTuple):
-    """What the formulas expect.
+    """Errors of retrieved fires that the formulas expect.
 
     areas        square metre, smallest of each temperature
     power_error  1, rms of the relative error of the radiative power

@@ -112,7 +112,7 @@ class HotSpots(Parameters):
 
 
 class Views(NamedTuple):
-    """What is constant over the images of both channels."""
+    """Constant inputs of the images of both channels."""
 
     mid: patch.View
     thermal: patch.View
@@ -315,7 +315,9 @@ def smallest_areas(
 
 
 class MeasuredFires(NamedTuple):
-    """What is retrieved of fires, (n,) each: watt, kelvin, square metre."""
+    """Power, temperature and area that are retrieved of fires, (n,) each: watt, kelvin, square
+    metre.
+    """
 
     power: Floats
     temperature: Floats

@@ -139,7 +139,7 @@ def library() -> tuple[Mineral, ...]:
 
 @printed
 class MineralSpectrometer(NamedTuple):
-    """What is constant over the spectra of a design.
+    """Constant inputs of the spectra of a design.
 
     detector      with a pixel in each row and a spectral channel in each column
     exposure      second
@@ -193,7 +193,7 @@ class MineralSpectrometer(NamedTuple):
 
 
 def spectrometer_of(survey: Survey, minerals: Minerals) -> MineralSpectrometer:
-    """What is constant over the spectra of a design.
+    """Constant inputs of the spectra of a design.
 
     Raises  ValueError where the camera has no such channel, or there is air.
     """
@@ -281,7 +281,7 @@ def christiansen_of_library(own: Minerals) -> Floats:
 
 
 class Identified(NamedTuple):
-    """What is retrieved of n spectra.
+    """Minerals, temperatures and emissivities that are retrieved of n spectra.
 
     temperature   (n,) kelvin
     emissivity    (n, c) 1
@@ -353,7 +353,7 @@ def _largest(device: MineralSpectrometer, emissivity: Floats) -> Floats:
 
 @printed
 class MineralForecast(NamedTuple):
-    """What the formulas expect.
+    """Errors of retrieved minerals that the formulas expect.
 
     emissivity_error  1, rms over channels, minerals and temperatures
     wrong             1, fraction of spectra that are classified wrongly

@@ -65,7 +65,7 @@ class Radiation(NamedTuple):
 
 @printed
 class View(NamedTuple):
-    """What is constant over the images of a channel.
+    """Constant inputs of the images of a channel.
 
     channel       with as many columns and lines as the image
     setting       of its images
@@ -137,7 +137,7 @@ def level_ground(count: int, height: float, sun_zenith: float) -> Ground:
 
 
 def view_below(survey: Survey, channel: Channel, size: int, height: float, sun: float) -> View:
-    """What is constant over the images of one channel of size x size pixels.
+    """Constant inputs of the images of one channel of size x size pixels.
 
     height, sun  metre above the sea; radian, zenith angle of the Sun
     Raises  ValueError as `setting_below`.

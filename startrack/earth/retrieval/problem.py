@@ -120,12 +120,12 @@ class EarthProblem:
 
     @property
     def settings(self) -> EarthCampaign:
-        """How far a search goes."""
+        """Settings of the search."""
         return self.campaign
 
     @cached_property
     def variables(self) -> list[Bounds]:
-        """What a search may change."""
+        """Variables of a search."""
         return bounds_of(self.design, self.campaign.variables)
 
     def expect(self, conditions: Sequence[str] | None = None) -> Expectation:
@@ -201,7 +201,7 @@ class EarthProblem:
         return Words(OBJECTIVES[self.campaign.objective], first.unit, parts)
 
     def _objective(self) -> dict[str, Criterion]:
-        """What the objective is made of."""
+        """Parts of the objective."""
         return {
             f"{condition}: {name}": criterion
             for condition, study in self.studies.items()

@@ -19,7 +19,7 @@ OWN = "nominal"  # the file's own condition
 
 
 class Retrieval(Parameters):
-    """What the images are for: one of its tables."""
+    """Purpose of the images: one of its tables."""
 
     hot_spots: HotSpots | None = parameter("fires, their power and temperature", default=None)
     minerals: Minerals | None = parameter("emissivity of minerals, and their classes", default=None)
@@ -55,7 +55,7 @@ class EarthCondition(Parameters):
 
 
 class CameraLimits(Parameters):
-    """What a camera must keep, besides `required` of its channels; None: no limit.
+    """Limits of a camera beside `required` of its channels; None: no limit.
 
         mass = mass_fixed + sum over lenses of mass_per_volume aperture^3
 

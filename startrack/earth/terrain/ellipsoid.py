@@ -104,7 +104,7 @@ ARC = tuple(
 
 @kernel(forceinline=True)
 def angle(y, x):  # type: ignore[no-untyped-def]
-    """As atan2, to 3e-16 radian."""
+    """Like atan2, to 3e-16 radian."""
     tall, wide = abs(y), abs(x)
     low, high = (tall, wide) if tall < wide else (wide, tall)
     half = low > 0.4142135623730950 * high

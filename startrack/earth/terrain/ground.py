@@ -46,7 +46,8 @@ def rays_down(longitude: Floats, latitude: Floats, spacing: float) -> Rays:
 @printed
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """What rays meet: a point of the terrain, or the sky. All vectors in the Earth's fixed axes.
+    """Ground that rays meet: a point of the terrain, or the sky. All vectors in the Earth's fixed
+    axes.
 
     hit                  (n,) whether the ray meets the ground; where not, it sees the sky, and all
                          floats below but `tangent_height` are NaN

@@ -131,7 +131,7 @@ def _along(
 
 @kernel
 def _turning(q1: float, q2: float, half: float) -> float:
-    """Where a quadratic turns around, if it does between -half and half; else half."""
+    """Point at which a quadratic turns around, if it does between -half and half; else half."""
     if abs(q1) >= 2 * abs(q2) * half:
         return half
     return -q1 / (2 * q2)
@@ -157,7 +157,7 @@ def _within(
 def _border(
     q0: float, q1: float, q2: float, inverse: float, curl: float, sign: int, target: float
 ) -> float:
-    """As `crossing`, from 1 / q1 and q2 / q1, which are NaN for the other branch."""
+    """Like `crossing`, from 1 / q1 and q2 / q1, which are NaN for the other branch."""
     straight = (target - q0) * inverse
     bend = straight * curl
     if abs(bend) < STRAIGHT:
@@ -193,7 +193,7 @@ def _rates_of(segment: RaySegment, s: float, end: float) -> Rates:
 
 
 class Borders(NamedTuple):
-    """What gives the borders of blocks that a monotonic piece crosses.
+    """Borders of the blocks that a monotonic piece of a ray crosses.
 
     last_u, last_v   column and row at the end of the piece
     end_i, end_j     the cell there
@@ -533,7 +533,7 @@ def _cell_exact(
     j: int,
     i: int,
 ) -> tuple[int, float, float, float]:
-    """As `_cell_by_parabola`, on exact heights."""
+    """Like `_cell_by_parabola`, on exact heights."""
     half = 0.5 * (leave - s)
     low, high, guess = s, leave, s + half
     first = second = third = 0.0

@@ -55,7 +55,7 @@ class Mosaic:
 
     @cached_property
     def levels(self) -> int:
-        """How many, down to one of a few cells; around the Earth, as long as they close."""
+        """Number of levels, down to one of a few cells; around the Earth, as long as they close."""
         grid = self.grid
         coarsest = max(1, (min(grid.columns, grid.rows) - 1).bit_length() - 1)
         if not grid.closed:
@@ -112,7 +112,7 @@ class Mosaic:
         return tile
 
     def covers(self, longitude: Floats, latitude: Floats) -> Flags:
-        """Which places (n,), in radian, lie within any of the sources."""
+        """Places (n,), in radian, that lie within any of the sources."""
         inside = np.zeros(longitude.shape, np.bool_)
         for source in self.ordered:
             inside |= source.covers(longitude, latitude)

@@ -129,7 +129,7 @@ def path_at(lines: Lattice, ray: Ray, s: float) -> Path:
 
 @kernel
 def crossing(q0: float, q1: float, q2: float, sign: int, target: float) -> float:
-    """Where a quadratic reaches `target` on its branch that rises (sign 1) or falls (-1).
+    """Point at which a quadratic reaches `target` on its branch that rises (sign 1) or falls (-1).
 
     Nearly straight ones by the reverted series, to 1e-16; infinity where it does not reach it.
     """

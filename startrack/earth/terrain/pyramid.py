@@ -25,7 +25,7 @@ def beside(surface: Surface, wet: RayHits, hits: RayHits) -> RayHits:
 
 
 def under(surface: Surface, sea: float | None, rays: Rays, start: float) -> Flags:
-    """Which rays lead into the sea beside the surface, or below its lowest height."""
+    """Rays that lead into the sea beside the surface, or below its lowest height."""
     deep = ConstantHeight(surface.lowest if sea is None else min(sea, surface.lowest))
     stopped = deep.stops(rays, np.zeros(0, np.int8), start)
     if sea is not None:
@@ -72,7 +72,7 @@ class Pyramid:
         object.__setattr__(self, "cache", Cache(self._read, self.tiles))
 
     def meet(self, rays: Rays) -> tuple[RayHits, Levels]:
-        """Where rays meet the terrain, each ray on one level.
+        """Points at which rays meet the terrain, each ray on one level.
 
         Raises    OSError where a tile cannot be read; Refused where a height lies beyond the
                   bounds, and where a ray meets a hole whose height is not given.
@@ -92,7 +92,7 @@ class Pyramid:
         return out, level
 
     def stops(self, rays: Rays, level: Levels, start: float) -> Flags:
-        """Which rays meet the terrain at given levels, the sea, or the Earth below them."""
+        """Rays that meet the terrain at given levels, the sea, or the Earth below them."""
         out = np.zeros(len(rays), np.bool_)
         for own_level in np.unique(level):
             mine = np.flatnonzero(level == own_level)

@@ -42,7 +42,7 @@ class TerrainScan:
         return hits, np.zeros(len(rays), np.int8)
 
     def stops(self, rays: Rays, level: Levels, start: float) -> Flags:
-        """Which rays meet it from `start` on over the same length."""
+        """Rays that meet it from `start` on over the same length."""
         return np.isfinite(self._search(self.heights, rays, start))
 
     def _search(self, heights: NDArray[np.floating], rays: Rays, start: float) -> Floats:

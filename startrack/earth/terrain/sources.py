@@ -68,7 +68,9 @@ class Scaling(NamedTuple):
 
 
 class Extremes(NamedTuple):
-    """Of the values of a file; NaN where it has none. `holes` is the fraction without a value."""
+    """Extremes of the values of a file; NaN where it has none. `holes` is the fraction without a
+    value.
+    """
 
     lowest: float
     highest: float
@@ -126,7 +128,7 @@ class Raster:
 
     @cached_property
     def scaling(self) -> Scaling:
-        """What the numbers of the band mean."""
+        """Factor and offset from the numbers of the band to heights in metre."""
         with _opened(self.path) as file:
             scale, offset = file.scales[self.band - 1], file.offsets[self.band - 1]
             if not (math.isfinite(scale) and scale != 0 and math.isfinite(offset)):
@@ -152,7 +154,7 @@ class Raster:
         return out if (scale, offset) == (1.0, 0.0) else (scale * out + offset).astype(np.float32)
 
     def covers(self, longitude: Floats, latitude: Floats) -> Flags:
-        """Which places lie within the file, by at least a pixel; it may have a hole there."""
+        """Places that lie within the file, by at least a pixel; it may have a hole there."""
         rasterio = require_rasterio("to read terrain files")
         inside = np.zeros(longitude.shape, np.bool_)
         with _opened(self.path) as file:
@@ -339,7 +341,7 @@ class Source(Protocol):
         ...
 
     def covers(self, longitude: Floats, latitude: Floats) -> Flags:
-        """Which places (radian, of any shape) lie within it; it may have a hole there."""
+        """Places (radian, of any shape) that lie within it; it may have a hole there."""
         ...
 
 
@@ -387,7 +389,7 @@ class Array:
         return bilinear(values, v[:, None] / scale, u[None] / scale, self.grid.closed)
 
     def covers(self, longitude: Floats, latitude: Floats) -> Flags:
-        """Which places lie within its grid."""
+        """Places that lie within its grid."""
         mine = self.grid
         east = (longitude - mine.west) % FULL_TURN
         across = east <= mine.cells_across * mine.step_x

@@ -282,7 +282,7 @@ def corners(heights, slot, j, i):  # type: ignore[no-untyped-def]
 
 @kernel
 def covered(surface, place):  # type: ignore[no-untyped-def]
-    """Which places, (n, 3) longitude and latitude in radian and any third, lie over the grid."""
+    """Places, (n, 3) longitude and latitude in radian and any third, that lie over the grid."""
     out = np.zeros(len(place), np.bool_)
     turn = FULL_TURN / surface.step_x
     for n in range(len(place)):

@@ -91,11 +91,11 @@ class Intersector(Protocol):
     """Terrain that rays can meet."""
 
     def meet(self, rays: Rays) -> tuple[RayHits, Levels]:
-        """Where rays meet it, and the (n,) levels of its pyramid that were used."""
+        """Points at which rays meet it, and the (n,) levels of its pyramid that were used."""
         ...
 
     def stops(self, rays: Rays, level: Levels, start: float) -> Flags:
-        """Which rays meet it beyond the distance `start` in metres, at (n,) levels."""
+        """Rays that meet it beyond the distance `start` in metres, at (n,) levels."""
         ...
 
 

@@ -30,7 +30,7 @@ from startrack.earth.terrain.tile import CELLS, SIZE
 
 @printed
 class RayHits(NamedTuple):
-    """Where rays meet a surface; NaN, and infinity as the distance, where they do not.
+    """Points at which rays meet a surface; NaN, and infinity as the distance, where they do not.
 
     status    (n,) MISS, HIT, or ABSENT: the ray waits at `distance` for the tile `tile`
     distance  (n,) metre
@@ -41,7 +41,7 @@ class RayHits(NamedTuple):
 
     @property
     def hit(self) -> Flags:
-        """Which rays meet the surface."""
+        """Rays that meet the surface."""
         return self.status == HIT
 
     def put(self, choice: NDArray[np.intp] | Flags, other: RayHits) -> None:
