@@ -134,6 +134,7 @@ def main() -> None:
         print(f"{name:24} {', '.join(f'{key} {one:.4g}'.strip() for key, one in each.items())}")
     command.save(options, {**figures, "parts": found})
     if options.page:
+        found["source"] = command.source("chandra.py --page FOLDER")
         save_json(options.page / "flight.json", found)
         write_page(options.page, found)
         draw(options.page / "flight.png", found)

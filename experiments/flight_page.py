@@ -6,7 +6,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-import command
 import numpy as np
 from matplotlib.axes import Axes
 
@@ -25,7 +24,7 @@ def text_of(a: dict[str, Any], b: dict[str, Any]) -> str:
     return TEMPLATE.read_text(encoding="utf-8").format(
         a=a,
         b=b,
-        source=command.source("chandra.py --page FOLDER"),
+        source=a["source"],
         dark_before=100 * b["dark_bins_worst"],
         dark_after=100 * a["dark_bins_worst"],
         warm_before=100 * b["warm_share_worst"],

@@ -61,7 +61,7 @@ def rows() -> list[dict[str, Any]]:
     return found
 
 
-def page(found: list[dict[str, Any]]) -> str:
+def page(found: list[dict[str, Any]], source: str) -> str:
     """The table in Markdown."""
 
     def three(row: dict[str, Any], name: str, unit: str = "") -> str:
@@ -75,7 +75,7 @@ def page(found: list[dict[str, Any]]) -> str:
         "`max_mass`, `max_volume` and `max_cost` of a design with `lens_family`, or with a "
         "`lens_file` that holds its surfaces, count the lens by its glass: "
         "`startrack.design.requirements` has the equations. This page, written by "
-        f"{command.source('lens_costs.py --markdown FILE')}, has the double Gauss family beside "
+        f"{source}, has the double Gauss family beside "
         "nine lenses for cameras of 24 by 36 mm, at their focal length, f-number and field.",
         "",
         "The factors are medians over these lenses, so that the ratios (measured over predicted) "
@@ -106,7 +106,7 @@ def main() -> None:
     for row in found:
         print(f"{row['name']:34} {row['mass_g']:4.0f} g, predicted {row['mass_predicted_g']:4.0f}")
     if options.markdown:
-        save_text(options.markdown, page(found))
+        save_text(options.markdown, page(found, command.source("lens_costs.py --markdown FILE")))
     command.save(options, found)
 
 

@@ -89,7 +89,7 @@ def figures() -> dict[str, Any]:
     }
 
 
-def page(found: dict[str, Any]) -> str:
+def page(found: dict[str, Any], source: str) -> str:
     """The page in Markdown."""
 
     def cell(value: float | None, form: str = ".2f") -> str:
@@ -105,7 +105,7 @@ def page(found: dict[str, Any]) -> str:
     lines = [
         "# What trackers weigh and need, and what pixels trade",
         f"Cost laws of a design (`[campaign.requirements]`) beside what was built, by "
-        f"{command.source('tracker_costs.py --markdown FILE')}. What "
+        f"{source}. What "
         "[lenses weigh](lens-costs.md) is a page of its own.",
         "",
         "## Mass and power of trackers",
@@ -189,7 +189,7 @@ def main() -> None:
     for name, (middle, low, high) in found["spread"].items():
         print(f"{name}: median {middle:.3g}, {low:.2g} to {high:.2g} of it")
     if options.markdown:
-        save_text(options.markdown, page(found))
+        save_text(options.markdown, page(found, command.source("tracker_costs.py --markdown FILE")))
     command.save(options, found)
 
 

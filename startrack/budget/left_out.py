@@ -278,7 +278,7 @@ def check(case: Case, budget: Budget[ErrorLaw], seed: int) -> TrialCheck:
 
 
 def differences(budget: Budget[Any], summary: Summary) -> Iterator[str]:
-    """Errors of a budget that lie outside of the trials: by more than 15 % and than the interval."""
+    """Errors of a budget that lie outside the trials: by more than 15 % and the interval."""
     trials = summary.trials
     for name in ("across", "about"):
         formula, shown = getattr(budget, name), getattr(summary, name)

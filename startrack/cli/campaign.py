@@ -54,7 +54,7 @@ def require_campaign_fidelity(campaign: Campaign, case: Case) -> None:
             raise ValueError(f"campaign.fidelity{where}: {error}") from None
 
 
-class Study(NamedTuple):
+class ReadCampaign(NamedTuple):
     """A campaign that was read and checked.
 
     spaces  of its choices, or the one of its variables
@@ -66,7 +66,7 @@ class Study(NamedTuple):
     spaces: Sequence[DesignSpace]
 
 
-def read_study(options: argparse.Namespace) -> Study:
+def read_study(options: argparse.Namespace) -> ReadCampaign:
     """Read the campaign of a command and check its variables, choices and fidelity."""
     path = options.campaign or terminal.example()
     design, campaign = terminal.read_campaign(path, options.set)
@@ -75,10 +75,10 @@ def read_study(options: argparse.Namespace) -> Study:
         for branch in branches(design.case, campaign.choices):
             spaces.append(DesignSpace(branch.case, campaign.variables, campaign.links))
             require_campaign_fidelity(campaign, branch.case)
-    return Study(path, design, campaign, spaces)
+    return ReadCampaign(path, design, campaign, spaces)
 
 
-def unmet_text(study: Study) -> str:
+def unmet_text(study: ReadCampaign) -> str:
     """Which costs no design of a study keeps within their limits; empty where all can be met."""
     needs = study.campaign.requirements
     nearest = [
@@ -90,7 +90,9 @@ def unmet_text(study: Study) -> str:
 
 
 @contextmanager
-def open_runner(options: argparse.Namespace, study: Study, doing: str) -> Iterator[TrialRunner]:
+def open_runner(
+    options: argparse.Namespace, study: ReadCampaign, doing: str
+) -> Iterator[TrialRunner]:
     """Open workers and the ledger of the folder; yields the runner of the study's trials.
 
     Workers import all while this process compiles the kernels, which each of them then reads from

@@ -9,7 +9,7 @@ from startrack.cli.options import Exit, Options, study, wanted
 if wanted(__name__):
     from startrack import optimise
     from startrack.cli.campaign import (
-        Study,
+        ReadCampaign,
         open_runner,
         read_study,
         stages,
@@ -59,7 +59,7 @@ def command(options: argparse.Namespace) -> int:
     return Exit.DONE if optimum.feasible else Exit.UNSOLVED
 
 
-def _keep_start(options: argparse.Namespace, opened: Study, unmet: str) -> int:
+def _keep_start(options: argparse.Namespace, opened: ReadCampaign, unmet: str) -> int:
     """Write the start as best.toml, and which costs no design of the space can meet."""
     save_design(options.out / "best.toml", opened.design, "the start of startrack optimize")
     result = {

@@ -158,7 +158,7 @@ def _number_or_text(text: str) -> float | str:
 
 
 def unchecked(case: T, values: Mapping[str, Any]) -> T:
-    """Like `replaced_all`, but no part of the case is checked: only to compute other values from."""
+    """Like `replaced_all`, without a check of the case: only to compute other values from."""
     changed: T = _with(case, _changes(case, values), checked=False)
     return changed
 

@@ -146,7 +146,7 @@ class SeparableStars:
     name: Ints
 
     def places(self, count: int) -> Ints:
-        """Index among these of each of the `count` stars of the catalogue; -1 where it is merged."""
+        """Index among these of each of `count` stars of the catalogue; -1 where it is merged."""
         place = np.full(count, -1)
         place[self.name] = np.arange(len(self.name))
         return place

@@ -202,7 +202,7 @@ class Foresight(NamedTuple):
 
     @property
     def score(self) -> float:
-        """Score as of `evaluate`; infinite where no attitude is expected."""
+        """Score as for `evaluate`; infinite where no attitude is expected."""
         if math.isnan(self.expected):
             return math.inf
         return self.expected + PENALTY * missed(self.margins)

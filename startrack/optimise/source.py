@@ -55,7 +55,7 @@ class DesignSource(Protocol):
         """The forecast of a design in all conditions."""
 
     def cost_missed(self, point: Floats) -> float:
-        """Amount by which a design misses limits on its cost. Raises Refused where there is none."""
+        """Amount by which a design misses limits on cost. Raises Refused where there is none."""
 
 
 class StudiedSource(DesignSource, Protocol):

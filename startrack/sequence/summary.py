@@ -175,7 +175,7 @@ def _mean(values: Floats) -> Interval:
 
 
 def _rate(count: int, hours: float) -> Interval:
-    """Rate of a Poisson process, with its exact interval (Garwood 1936); unbounded after no time."""
+    """Rate of a Poisson process with its exact interval (Garwood 1936); unbounded at no time."""
     if not hours > 0:
         return Interval(float("nan"), 0.0, np.inf)
     low = special.gammaincinv(count, 0.025) if count else 0.0

@@ -85,7 +85,7 @@ def fitted(
 
 
 def _inverse(matrix: Floats) -> Floats:
-    """Inverses of symmetric matrices (..., 2, 2), whose digits do not depend on how many there are."""
+    """Inverses of symmetric matrices (..., 2, 2); their digits do not depend on the number."""
     xx, xy, yy = matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 1, 1]
     adjugate = np.stack([yy, -xy, -xy, xx], axis=-1).reshape(matrix.shape)
     return np.asarray(adjugate / (xx * yy - xy * xy)[..., None, None])

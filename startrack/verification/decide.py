@@ -39,7 +39,7 @@ class Answer(StrEnum):
 
 
 def answer_of(parts: Sequence[Answer], left: object) -> Answer:
-    """Answer of several requirements: fail where one fails, pass where all pass and none is left."""
+    """Answer of several requirements: fail where one fails, pass where all pass."""
     if Answer.FAIL in parts:
         return Answer.FAIL
     shown = not left and all(answer is Answer.PASS for answer in parts)
@@ -258,7 +258,7 @@ class YieldClaim:
         return Answer.PASS if passes else Answer.FAIL if fails else Answer.NOT_SHOWN
 
     def most_beyond(self, n: int, passing: float) -> int:
-        """Number of n units that may exceed the limit at most where the yield is shown; 0 at least."""
+        """Most of n units that may exceed the limit where the yield is shown; 0 at least."""
         return max(0, int(scipy.stats.binom.ppf(passing, n, 1 - self.least)) - 1)
 
     def margin(self, value: float) -> float:

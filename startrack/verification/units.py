@@ -106,7 +106,7 @@ class UnitVerification:
     stated: tuple[StatedErrors, ...] = ()
 
     def at(self, number: int) -> Answer:
-        """Answer of all requirements at one of the ages: fail where one fails, pass where all pass."""
+        """Answer of all requirements at one age: fail where one fails, pass where all pass."""
         return answer_of([row.ages[number].answer for row in self.rows], self.left)
 
     @property

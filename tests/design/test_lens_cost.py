@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 import runpy
 import sys
 from pathlib import Path
@@ -47,10 +48,14 @@ def test_real_lenses_are_near_the_model(study):
             assert 0.5 < row["price_ratio"] < 3.2, row
 
 
+def source_of(page):
+    """The command and the commit that a page says it is from."""
+    return re.search(r"`python experiments/[^`]*` at \*[0-9a-f]+\*", page)[0]
+
+
 def test_the_page_has_the_figures_of_the_model(study):
-    assert (ROOT / "docs/figures/lens-costs.md").read_text("utf-8") == study["page"](
-        study["rows"]()
-    )
+    written = (ROOT / "docs/figures/lens-costs.md").read_text("utf-8")
+    assert written == study["page"](study["rows"](), source_of(written))
 
 
 def test_glass_of_a_ball_and_of_a_plate_has_its_volume():
@@ -110,7 +115,8 @@ def test_built_trackers_have_the_spread_that_the_page_says():
     """Power of eleven, density of seven, and read noise of CCDs over three decades of rate."""
     study = experiment("tracker_costs")
     found = study["figures"]()
-    assert (ROOT / "docs/figures/tracker-costs.md").read_text("utf-8") == study["page"](found)
+    written = (ROOT / "docs/figures/tracker-costs.md").read_text("utf-8")
+    assert written == study["page"](found, source_of(written))
     assert found["counts"]["power_ratio"] >= 10
     assert 0.5 < found["spread"]["power_ratio"][0] < 2
     assert found["spread"]["density"][0] == pytest.approx(950, rel=0.05)
