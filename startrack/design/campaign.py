@@ -86,8 +86,8 @@ class Campaign(Parameters):
         "units on which start and best are compared at the end", limit=Range(2, 10**5), default=60
     )
     unit_trials: int | None = parameter(
-        "trials of each of these; None: 20, or as many as are needed so that the level of the "
-        "objective or of a requirement has one trial beyond it, which are 371 for 99.73 %",
+        "trials of each of these; None: 20. More where a level of the objective or of a "
+        "requirement needs them to have one trial beyond it, which are 371 for 99.73 %",
         limit=Range(2, 10**4),
         default=None,
     )
@@ -197,11 +197,6 @@ class Campaign(Parameters):
             raise Refused(f"units must lie in (0, 1), such as 0.95, got {self.units}")
         if self.requirements.sky == "worst":
             raise Refused("units must be left out where requirements.sky is worst")
-        if self.unit_trials is not None and self.unit_trials < self.trials_of_level:
-            raise Refused(
-                f"unit_trials must be at least {self.trials_of_level}, so that one is beyond the "
-                f"level that is asked, or be left out, got {self.unit_trials}"
-            )
 
     @property
     def trials_of_level(self) -> int:
@@ -219,7 +214,7 @@ class Campaign(Parameters):
     @property
     def trials_per_unit(self) -> int:
         """Trials of each fresh unit."""
-        return self.unit_trials or max(UNIT_TRIALS, self.trials_of_level)
+        return max(self.unit_trials or UNIT_TRIALS, self.trials_of_level)
 
     def over_units(self, case: Case) -> OverUnits | None:
         """Over which units of a design it is judged; None: it is judged as designed.

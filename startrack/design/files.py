@@ -9,7 +9,10 @@ from startrack.core import Refused, code_in, printed, require_code, shown
 from startrack.core import allow_code as allowed
 from startrack.design.campaign import Campaign
 from startrack.design.case import Case, Instrument
-from startrack.design.products import KEPT, OPERATED, with_product
+from startrack.design.products import DETECTOR, KEPT, OPERATED, with_product, with_product_files
+from startrack.design.products import PLACE as PRODUCT
+from startrack.design.spectrum import PLACE as SPECTRA
+from startrack.design.spectrum import with_spectra
 from startrack.design.told import Told
 from startrack.design.unknown import Quantile, Unknown, UnknownReader, is_law, with_laws
 from startrack.design.variation import Scope
@@ -27,7 +30,7 @@ from startrack.optics import with_blur_as_length
 # Lists of tables that files of a design add to, and what two entries for the same thing share.
 JOINED = {"variation": {"name": None, "per": str(Scope.UNIT)}}
 # A product of the catalogue stands for a detector; how a mission operates it, is kept.
-RENEWED = {"instrument.detector": Renewed("product", (*KEPT, *OPERATED))}
+RENEWED = {DETECTOR: Renewed("product", (*KEPT, *OPERATED))}
 
 
 @printed
@@ -65,6 +68,8 @@ def load_design(
     `product = "cmv4000"` under `[instrument.detector]` takes the values of that detector from
     the catalogue; other keys of the table in this file and in files over it override them. Of files
     below, exposure, frame rate, binning, row delay and age hold, nothing else.
+    `product = "mine.toml"` takes them from a file beside the design file, and `file = "psd.csv"`
+    under `[[instrument.motion.broadband]]` a power spectrum of jitter.
     `base = "other.toml"` and `include = ["a.toml"]` at the top of the file take the values of other
     files, see `read_layers`;
     `[[variation]]` tables of all of them count, except one below that another with the same
@@ -90,7 +95,10 @@ def load_design(
     table = layers.table
     try:
         campaign, told = table.pop("campaign", None), table.pop("told", [])
-        table = with_product(reader.table(table))
+        if isinstance(campaign, dict):
+            with_product_files(campaign.get("choices"), layers.folder_of("campaign.choices", path))
+        with_spectra(table, layers.folder_of(SPECTRA, path))
+        table = with_product(reader.table(table), layers.folder_of(PRODUCT, path))
         if isinstance(instrument := table.get("instrument"), dict):
             table["instrument"] = with_blur_as_length(instrument, Instrument, "instrument")
         refuse_unknown((Case, table, ""), (Campaign, campaign, "campaign"))

@@ -60,7 +60,17 @@ PRODUCT = Key(
     "",
     "",
     "none",
-    "detector of the catalogue, whose values hold where the file has none",
+    'detector of the catalogue, or a file beside the design file such as "mine.toml", whose values '
+    "hold where the design has none",
+)
+SPECTRUM = Key(
+    "instrument.motion.broadband.file",
+    "text",
+    "",
+    "",
+    "none",
+    "instead of frequency and density: a table of both beside the design file; a head such as "
+    '"frequency (Hz), density (urad2 / Hz)" names the units, else Hz and arcsec2 / Hz',
 )
 CAMPAIGN = Key("campaign", "table", "", "", "none", "The question that is put to a design.")
 TOLD = Key("told", "tables", "", "", "none", "Errors that were measured or published.")
@@ -71,8 +81,9 @@ def design_keys() -> tuple[Key, ...]:
     """All keys that a design file may have, in the order of their tables."""
     keys = [*OF_FILES, *keys_of(Case), CAMPAIGN]
     keys += [*keys_of(Campaign, "campaign"), TOLD, *keys_of(Told, "told")]
-    at = next(n for n, key in enumerate(keys) if key.name == "instrument.detector") + 1
-    keys = [*keys[:at], PRODUCT, *keys[at:]]
+    for more, before in ((PRODUCT, "detector"), (SPECTRUM, "motion.broadband.density")):
+        at = next(n for n, key in enumerate(keys) if key.name == f"instrument.{before}") + 1
+        keys.insert(at, more)
     others = json.loads(shipped("designs/fidelities.json").read_text(encoding="utf-8"))
     return tuple(
         key._replace(taken_by=_taken_by(**others.get(key.name, {})))
@@ -299,11 +310,17 @@ def design_schema() -> Schema:
     design["properties"] |= campaign | {key.name: _plain(key) for key in OF_FILES}
     within = design["properties"]["instrument"]["properties"]["detector"]
     within["properties"]["product"] = _plain(PRODUCT)
+    broadband = design["properties"]["instrument"]["properties"]["motion"]["properties"][
+        "broadband"
+    ]
+    broadband["items"]["properties"]["file"] = _plain(SPECTRUM)
     _allow_laws(design)
     design["properties"] |= told
     design["properties"]["include"]["items"] = {"anyOf": [{"type": "string"}, LAW]}
     parts = required["properties"]["instrument"]["properties"]
     parts["detector"] = {"anyOf": [{"required": ["product"]}, parts["detector"]]}
+    spectra = parts["motion"]["properties"]["broadband"]
+    spectra["items"] = {"anyOf": [{"required": ["axis", "file"]}, spectra["items"]]}
     return {
         "$schema": DRAFT,
         "title": "startrack design",

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from itertools import product
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,7 +23,7 @@ from startrack.design.parameter import (
     with_values,
 )
 from startrack.design.parameter import label as parameter_label
-from startrack.design.products import KEPT, OPERATED, with_product
+from startrack.design.products import DETECTOR, KEPT, OPERATED, with_product
 from startrack.io import from_table, to_table
 from startrack.problem import Bounds
 
@@ -230,7 +231,6 @@ class DesignSpace:
 
 
 MOST_BRANCHES = 256
-DETECTOR = "instrument.detector"
 EXPOSURE = "instrument.detector.exposure"
 OF_DEVICE = ("depleted",)  # of the age
 
@@ -239,7 +239,8 @@ class Choice(Parameters):
     """One parameter that takes one of some values."""
 
     name: str = parameter(
-        'path in the case; "instrument.detector" for a product of the catalogue, whose values '
+        'path in the case; "instrument.detector" for a product of the catalogue or a file such as '
+        '"mine.toml", whose values '
         "take the place of all but exposure, frame rate, binning, row delay and age (whose "
         "`depleted` is the product's)"
     )
@@ -271,12 +272,14 @@ def branches(case: Case, choices: Sequence[Choice]) -> list[Branch]:
     made = []
     for values in product(*(choice.values for choice in choices)):
         chosen = {choice.name: value for choice, value in zip(choices, values, strict=True)}
-        texts = (
-            f"{name.rpartition('.')[2]} {value if isinstance(value, str) else f'{value:g}'}"
-            for name, value in chosen.items()
-        )
+        texts = (f"{name.rpartition('.')[2]} {_short(value)}" for name, value in chosen.items())
         made.append(Branch(", ".join(texts), _chosen(case, chosen)))
     return made
+
+
+def _short(value: float | str) -> str:
+    """A value, of a file its name alone."""
+    return Path(value).name if isinstance(value, str) else f"{value:g}"
 
 
 def _chosen(case: Case, values: Mapping[str, float | str]) -> Case:

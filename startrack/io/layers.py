@@ -152,6 +152,14 @@ class Layers:
         del table[last]
         self.origin = {name: at for name, at in self.origin.items() if not _within(name, place)}
 
+    def folder_of(self, place: str, path: Path) -> Path:
+        """The folder of the file that a value is from; of `--set`, that of the file over all.
+
+        path  of the file over all
+        """
+        origin = self.origin.get(place, SET)
+        return path.parent if origin == SET else Path(origin).parent
+
     def blamed(self, message: str, path: Path) -> str:
         """A message on a place in the table, with the file that the value there is from."""
         match = PLACE.match(message)

@@ -51,3 +51,12 @@ def test_an_unknown_detector_is_named_with_those_there_are(tmp_path, capsys):
     assert "imx250" in capsys.readouterr().err
     with pytest.raises(ValueError, match="imx1"):
         template("imx1")
+
+
+def test_what_is_written_takes_a_level(tmp_path):
+    """Over its units each has as many trials as the level needs."""
+    path = tmp_path / "mine.toml"
+    path.write_text(template("imx250"))
+    campaign = load_design(path, ["campaign.requirements.level=99.73 %"]).campaign
+    assert campaign.requirements.accuracy[0].objective.fraction == pytest.approx(0.9973)
+    assert campaign.trials_per_unit == 371

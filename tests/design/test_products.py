@@ -7,6 +7,7 @@ import pytest
 
 from startrack.design.files import load_design, save_design
 from startrack.design.products import products, with_product
+from startrack.design.variables import branches
 from startrack.detector import Detector
 from startrack.io import from_table, shipped
 
@@ -136,3 +137,44 @@ def test_a_product_stands_for_the_detector_of_the_files_below(tmp_path):
     above.write_text('base = "below.toml"\n[instrument.detector]\nproduct = "star1000"\n')
     found = load_design(above).case.instrument.detector
     assert found.read_noise == _detector("star1000").read_noise != 5.0
+
+
+MINE = 'columns = 640\nrows = 480\npixel_pitch = "5 um"\nread_noise = "3 electron"\n'
+
+
+@pytest.mark.parametrize("head", ["", "[instrument.detector]\n"])
+def test_a_file_beside_the_design_is_a_product(tmp_path, monkeypatch, head):
+    """Alone or in a table of a design; from any folder, in a base, by --set and as a choice."""
+    folder = tmp_path / "design"
+    folder.mkdir()
+    (folder / "mine.toml").write_text(head + MINE)
+    base = folder / "base.toml"
+    base.write_text(DESIGN.format("mine.toml"))
+    above = tmp_path / "above.toml"
+    above.write_text('base = "design/base.toml"\n')
+    monkeypatch.chdir("/")
+    for path in (base, above):
+        detector = load_design(path).case.instrument.detector
+        assert (detector.columns, detector.read_noise, detector.exposure) == (640, 3, 0.1)
+    changed = load_design(base, ["instrument.detector.product=has2"]).case.instrument.detector
+    assert changed.columns == 1024
+    other = folder / "other.toml"
+    choice = '[[campaign.choices]]\nname = "instrument.detector"\nvalues = ["mine.toml", "star250"]'
+    other.write_text(DESIGN.format("has2") + choice)
+    design = load_design(other, ["instrument.detector.frame_rate=4 Hz"])
+    first, second = branches(design.case, design.campaign.choices)
+    assert first.label == "detector mine.toml"
+    assert first.case.instrument.detector.columns == 640
+    assert first.case.instrument.detector.frame_rate == 4  # as the one in its place
+    assert second.case.instrument.detector.columns == 512
+
+
+def test_a_file_that_is_no_detector_is_refused(case, tmp_path):
+    with pytest.raises(ValueError, match=r"none\.toml"):
+        case("none.toml")
+    (tmp_path / "optics.toml").write_text("[instrument.optics]\nf_number = 2")
+    with pytest.raises(ValueError, match=r"optics\.toml must have the keys of a detector"):
+        case("optics.toml")
+    (tmp_path / "odd.toml").write_text("colums = 2")
+    with pytest.raises(ValueError, match=r"detector\.colums"):
+        case("odd.toml")

@@ -88,13 +88,18 @@ def test_trials_of_the_units_correct_the_level():
         ({"units": 1.5}, r"units must lie in \(0, 1\), such as 0.95, got 1.5"),
         ({"age": "old"}, "age must be begin, end or a time such as 3 yr, got 'old'"),
         ({"requirements": Requirements(sky="worst")}, "units must be left out where"),
-        ({"objective": "across-99", "unit_trials": 50}, "unit_trials must be at least 100"),
     ],
-    ids=["fraction", "age", "worst sky", "trials"],
+    ids=["fraction", "age", "worst sky"],
 )
 def test_what_cannot_be_judged_over_units_is_refused(change, message):
     with pytest.raises(ValueError, match=message):
         replace(CAMPAIGN, **change)
+
+
+def test_a_level_has_a_trial_beyond_it():
+    assert replace(CAMPAIGN, unit_trials=50).trials_per_unit == 50
+    assert replace(CAMPAIGN, objective="across-99", unit_trials=50).trials_per_unit == 100
+    assert replace(CAMPAIGN, objective="across-99", unit_trials=150).trials_per_unit == 150
 
 
 def test_units_that_are_all_alike_are_refused():

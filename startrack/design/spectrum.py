@@ -1,0 +1,90 @@
+"""Table of a design -> the same with the power spectra of jitter that it names as files."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from startrack.core import Refused, parse
+from startrack.io import read_bytes
+
+PLACE = "instrument.motion.broadband"
+UNITS = "Hz", "arcsec2 / Hz"  # of columns whose head names none
+HEAD = re.compile(r"[^(\[]*[(\[](.*)[)\]]\s*")
+
+
+def with_spectra(table: Any, folder: Path) -> None:
+    """Replace `file` of each table of `instrument.motion.broadband` by frequency and density.
+
+    The file has two columns, between commas, semicolons or blanks: frequency and one-sided power
+    spectral density. A head such as "frequency (Hz), density (urad2 / Hz)" names the units, which
+    else are Hz and arcsec2 / Hz. Lines that begin with # do not count.
+
+    table   of a whole design, changed here
+    folder  in which the file is
+    Raises  ValueError, with file and line, where there is no such file or it is no such table.
+    """
+    match table:
+        case {"instrument": {"motion": {"broadband": list(entries)}}}:
+            pass
+        case _:
+            return
+    for number, entry in enumerate(entries):
+        if not (isinstance(entry, dict) and "file" in entry):
+            continue
+        if "frequency" in entry or "density" in entry:
+            raise Refused(f"{PLACE}[{number}]: frequency and density must be left out beside file")
+        if not isinstance(name := entry.pop("file"), str):
+            raise Refused(f"{PLACE}[{number}].file must be the name of a file, got {name!r}")
+        columns = _columns(folder / name)
+        entry["frequency"], entry["density"] = (list(column) for column in columns)
+
+
+def _columns(path: Path) -> tuple[list[str], list[str]]:
+    """Frequencies and densities, each with its unit."""
+    units, frequency, density = list(UNITS), list[str](), list[str]()
+    for line, cells in _lines(path):
+        if not frequency and _number(cells[0]) is None:
+            units = _units(path, line, cells)
+            continue
+        if len(cells) != 2 or None in (_number(cells[0]), _number(cells[1])):
+            raise Refused(f"{path}, line {line}: must have a frequency and a density, got {cells}")
+        frequency.append(f"{cells[0]} {units[0]}")
+        density.append(f"{cells[1]} {units[1]}")
+    if len(frequency) < 2:
+        raise Refused(f"{path} must have two lines of frequency and density or more")
+    return frequency, density
+
+
+def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
+    """Number and cells of each line that counts."""
+    try:
+        lines = read_bytes(path, "a table of a spectrum").decode("utf-8-sig").splitlines()
+    except UnicodeDecodeError as error:
+        raise Refused(f"{path} must be a table of a spectrum as text: {error}") from None
+    except OSError as error:
+        raise Refused(str(error) if error.errno is None else f"{path}: {error}") from None
+    for number, line in enumerate(lines, 1):
+        text = line.strip()
+        if text and not text.startswith("#"):
+            separated = re.split(r"\s*[,;]\s*", text)
+            yield number, separated if len(separated) > 1 else text.split()
+
+
+def _units(path: Path, line: int, cells: list[str]) -> list[str]:
+    """The units that a head names."""
+    found = [match[1] if (match := HEAD.fullmatch(cell)) else "" for cell in cells]
+    units = [unit or usual for unit, usual in zip(found, UNITS, strict=False)]
+    try:
+        for unit, usual in zip(units, ("Hz", "rad2 / Hz"), strict=True):
+            parse(f"1 {unit}", usual)
+    except ValueError as error:
+        raise Refused(f"{path}, line {line}: units of frequency and density {error}") from None
+    return units
+
+
+def _number(cell: str) -> float | None:
+    try:
+        return float(cell)
+    except ValueError:
+        return None

@@ -1,0 +1,65 @@
+"""Power spectra of jitter from files."""
+
+import numpy as np
+import pytest
+
+from startrack import arcsec, load_design
+
+DESIGN = """
+base = "designs/noise_only.toml"
+[[instrument.motion.broadband]]
+axis = "x"
+file = "jitter.csv"
+"""
+
+
+def spectrum(folder, text):
+    (folder / "jitter.csv").write_text(text)
+    path = folder / "design.toml"
+    path.write_text(DESIGN)
+    [broadband] = load_design(path).case.instrument.motion.broadband
+    return broadband
+
+
+@pytest.mark.parametrize(
+    ("text", "density"),
+    [
+        ("1, 4\n10, 0.4\n", 4 * arcsec**2),
+        ("# measured\n1 4\n\n10 0.4\n", 4 * arcsec**2),
+        ("frequency (Hz); PSD (urad2 / Hz)\n1; 4\n10; 0.4\n", 4e-12),
+        ("kind [kHz], psd [arcsec2 / Hz]\n0.001, 4\n0.01, 0.4\n", 4 * arcsec**2),
+        ("f, psd\r\n1e0, 4e0\r\n10, 0.4\r\n", 4 * arcsec**2),
+    ],
+)
+def test_a_table_beside_the_design_is_a_spectrum(tmp_path, monkeypatch, text, density):
+    monkeypatch.chdir("/")
+    found = spectrum(tmp_path, text)
+    assert found.axis == "x"
+    np.testing.assert_allclose(found.frequency, [1, 10], rtol=1e-12)
+    np.testing.assert_allclose(found.density, [density, density / 10], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("1, 4\n", "two lines"),
+        ("", "two lines"),
+        ("1, 4\n2\n", "line 2: must have a frequency and a density"),
+        ("1, 4\nx, 3\n", "line 2"),
+        ("f (kg), psd\n1, 4\n2, 3\n", "line 1: units"),
+        ("10, 4\n1, 3\n", "frequency must increase"),
+    ],
+)
+def test_what_is_no_spectrum_is_refused(tmp_path, text, words):
+    with pytest.raises(ValueError, match=words):
+        spectrum(tmp_path, text)
+
+
+def test_a_missing_file_and_two_tables_are_refused(tmp_path):
+    path = tmp_path / "design.toml"
+    path.write_text(DESIGN)
+    with pytest.raises(ValueError, match=r"jitter\.csv"):
+        load_design(path)
+    path.write_text(f'{DESIGN}\ndensity = ["1 rad2 / Hz"]\n')
+    with pytest.raises(ValueError, match="must be left out beside file"):
+        load_design(path)
