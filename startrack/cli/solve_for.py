@@ -54,7 +54,7 @@ declare = Options(
     ),
     *SHARED,
     shared.out("startrack-solve-for"),
-    fidelity="covariance",
+    fidelity=None,
 )
 
 
@@ -69,7 +69,7 @@ def command(options: argparse.Namespace) -> int:
             points=options.points,
             log=options.log,
             trials=options.trials,
-            fidelity=Fidelity(options.fidelity),
+            fidelity=Fidelity(options.fidelity) if options.fidelity else None,
             runner=runner,
             progress=advance,
         )

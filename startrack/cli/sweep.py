@@ -23,7 +23,8 @@ if wanted(__name__):
 SHARED = (
     Option("--log", "values of a range in equal ratios (default: in equal steps)"),
     shared.fidelity(
-        "of the trials (default: covariance); frame, window, spots, covariance: see montecarlo"
+        "of the trials (default: that of the campaign, window without one); frame, window, spots, "
+        "covariance: see montecarlo"
     ),
     *shared.SET,
     shared.SEED,
@@ -57,7 +58,7 @@ declare = Options(
     ),
     *SHARED,
     shared.out("startrack-sweep"),
-    fidelity="covariance",
+    fidelity=None,
 )
 
 
@@ -73,7 +74,7 @@ def command(options: argparse.Namespace) -> int:
             points=options.points,
             log=options.log,
             trials=options.trials,
-            fidelity=Fidelity(options.fidelity),
+            fidelity=Fidelity(options.fidelity) if options.fidelity else None,
             runner=runner,
             progress=advance,
         )

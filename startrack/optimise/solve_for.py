@@ -239,7 +239,7 @@ def solve_for(
     points: int = POINTS,
     log: bool = False,
     trials: int = 1000,
-    fidelity: Fidelity = Fidelity.COVARIANCE,
+    fidelity: Fidelity | None = None,
     runner: TrialRunner | None = None,
     progress: Advance | None = None,
 ) -> Solution:
@@ -261,7 +261,7 @@ def solve_for(
     points    of the range
     log       whether they are in equal ratios
     trials    at each value; 0: the formula alone
-    fidelity  of the trials
+    fidelity  of the trials; None: that of the campaign, window without one
     runner    whose workers compute designs and trials and whose ledger keeps them
     progress  called with the number of designs that were just done
     Raises    Refused where the key or the limit is none, or the design refuses every value.
@@ -293,6 +293,7 @@ def solve_for(
             reason = error
     if not asked:
         raise reason
+    fidelity = fidelity or next(iter(asked.values()))[1].fidelity
     margins = dict(zip(asked, line.formulas(list(asked.values()), progress), strict=True))
     line.known.extend((number, scaled(margin, found)) for number, found in margins.items())
     crossings = [
@@ -350,7 +351,8 @@ def _crossing(
         seen = [scaled(line.margin, end) for end in (found.value, found.low, found.high)]
         expected = line.formula(number)
         shifts = [end - expected for end in seen]
-        if abs(seen[0]) <= SETTLED * (seen[2] - seen[1]) / 2:
+        half = (seen[2] - seen[1]) / 2
+        if abs(seen[0]) <= max(SETTLED * half if math.isfinite(half) else 0.0, TOLERANCE):
             break
         number = line.root(bracket, above, shifts[0])
         if not math.isfinite(number):

@@ -346,7 +346,7 @@ def sweep(
     points: int | None = None,
     log: bool = False,
     trials: int = 0,
-    fidelity: Fidelity = Fidelity.COVARIANCE,
+    fidelity: Fidelity | None = None,
     runner: TrialRunner | None = None,
     progress: Advance | None = None,
 ) -> Sweep:
@@ -363,7 +363,7 @@ def sweep(
     points    of a range, its ends included; None: 9 of one key, 5 of each of two
     log       whether the points of a range are in equal ratios
     trials    of each design and condition; 0: the analytic budget alone
-    fidelity  of the trials
+    fidelity  of the trials; None: that of the campaign, window without one
     runner    whose workers compute designs and trials and whose ledger keeps them
     progress  called with the number of designs that were just done
     Raises    Refused where a key is none, or the design refuses every value.
@@ -390,6 +390,8 @@ def sweep(
     loaded = [design for design in designs if isinstance(design, Design)]
     if not loaded:
         raise next(design for design in designs if isinstance(design, Refused))
+    campaign = loaded[0].campaign
+    fidelity = fidelity or (campaign or Campaign()).fidelity
     figures = _figures(designs, runner, trials, fidelity, progress)
     rows = tuple(
         SweptDesign(values, None, str(found))
@@ -399,7 +401,6 @@ def sweep(
     )
     if all(row.refused for row in rows):
         raise Refused(rows[0].refused)
-    campaign = loaded[0].campaign
     how = f"{trials} trials of fidelity {fidelity}, seed {runner.seed}" if trials else "formula"
     limits = campaign.requirements.accuracy if campaign else ()
     return Sweep(swept, rows, limits, how, campaign is not None)

@@ -37,7 +37,7 @@ def test_a_sweep_writes_table_and_picture_and_continues(design, tmp_path, capsys
 
 
 def test_intervals_of_trials_have_two_columns(design, tmp_path, capsys):
-    more = ["--trials", "20", "--workers", "1", "--out", str(tmp_path)]
+    more = ["--trials", "20", "--fidelity", "covariance", "--workers", "1", "--out", str(tmp_path)]
     assert main(["sweep", design, f"{F_NUMBER}=1.4", *more]) == 0
     with (tmp_path / "sweep.csv").open() as file:
         [row] = csv.DictReader(file)

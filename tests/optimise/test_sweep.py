@@ -93,7 +93,9 @@ def test_by_formula_each_row_is_that_of_the_single_design(path):
 
 
 def test_by_trials_each_row_is_that_of_the_single_design(path):
-    swept = startrack.sweep(path, f"{F_NUMBER}=1.8", trials=TRIALS, runner=TrialRunner(3))
+    swept = startrack.sweep(
+        path, f"{F_NUMBER}=1.8", trials=TRIALS, fidelity=Fidelity.COVARIANCE, runner=TrialRunner(3)
+    )
     for row in swept.rows:
         case = load_design(path, [f"{F_NUMBER}={row.values[0]}"]).case
         summary = summarise(run_trials(case, 3, range(TRIALS), Fidelity.COVARIANCE))
