@@ -3,29 +3,48 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from startrack.cli import options as shared
-from startrack.cli.options import DESIGN, Exit, Option, Options, WrongUse, positive, wanted, whole
+from startrack.cli.options import (
+    DESIGN,
+    Exit,
+    Option,
+    Options,
+    WrongUse,
+    as_wrong_use,
+    positive,
+    wanted,
+    whole,
+)
 
 if wanted(__name__):
     from startrack import budget as budgets
     from startrack import metrics
-    from startrack.budget import INDICES, Budget, BudgetLine, SkySample, Spread, Term, analytic
+    from startrack.budget import (
+        INDICES,
+        Budget,
+        BudgetLine,
+        SkySample,
+        Spread,
+        Term,
+        UnitBudgets,
+        analytic,
+    )
     from startrack.cli import terminal
-    from startrack.cli.units import AXES, budgets_of, gains_of
+    from startrack.cli.units import AXES, budgets_of, gains_of, require_units
     from startrack.core import Refused, arcsec
-    from startrack.design import Campaign, Case, found_at, replaced
+    from startrack.design import Accuracy, Campaign, Case, found_at, replaced
     from startrack.io import aligned, save_json
     from startrack.metrics import Interval
     from startrack.montecarlo import pool
     from startrack.optimise import halved, levers
     from startrack.plots import draw_budget, draw_curves, draw_sky
     from startrack.response import TYPICAL, errors, lasting
-    from startrack.sequence import Sequence
+    from startrack.sequence import Sequence as Profiled
     from startrack.trial import SingleStars
 
 UNITS = 6  # where a design varies and no number is asked for
@@ -91,7 +110,7 @@ declare = Options(
 
 
 def command(options: argparse.Namespace) -> int:
-    """Print the budget; with --out, write budget.json and pictures."""
+    """Print the budget as it is computed; with --out, write budget.json and then pictures."""
     path = options.design or terminal.example()
     design = terminal.read_design(path, options.set)
     case, campaign = design.case, design.campaign
@@ -99,6 +118,9 @@ def command(options: argparse.Namespace) -> int:
         raise WrongUse("--tolerances needs --units and a design with [[variation]] tables")
     if options.levers and not options.units:
         raise WrongUse("--levers needs --units")
+    if options.units:
+        with as_wrong_use():
+            require_units(case)
     # First, as a profile may ask for what the design cannot do.
     indices = None
     if options.profile:
@@ -113,63 +135,78 @@ def command(options: argparse.Namespace) -> int:
                 case, members, options.seed, executor, options.times, options.workers, advance
             )
     result: dict[str, Any] = {"design": str(path), "analytic": _values(expected)}
+    show = terminal.sections(options)
+    for sentence in budgets.refusal(case, expected.refused):  # why the error below is large
+        show(sentence)
     with terminal.stage("single stars"):
         floor, stated = float(lasting(errors(case))), case.tracker.attitude.centroid_floor
     result |= {"star_without_noise_px": floor, "centroid_floor_px": stated}
     result |= {"star_without_noise_g": TYPICAL}
     assumed = "this, star by star" if stated is None else f"{stated:g} pixel for all stars"
+    alone = "the unit as designed, noise only; units follow\n" if options.units else ""
+    show(
+        f"{alone}{_table(expected, by_trials)}\n"
+        f"centroid error of a star of G {TYPICAL:g} without noise {floor:.4f} pixel; the tracker "
+        f"assumes {assumed}"
+    )
     with terminal.stage("single stars over magnitude"):
         stars = _star_table(case, budgets.single_stars(case))
     result["single_stars"] = stars.json()
     # Not more rows than are read at a glance.
     shown = replace(stars, records=stars.records[:: 1 + len(stars.records) // MOST_ROWS])
+    show("\n".join([STARS, *shown.text(())]))
     with terminal.stage("other centroids, more stars"):
         result["better"], better = _better(case, expected)
+    show("\n".join([*budgets.advice(expected), *better]))
     with terminal.stage("trials beside the formula"):
         checked = budgets.check(case, expected, options.seed)
     result |= {"not_counted": expected.left_out, "refused_as_hot_pixels": expected.refused}
     result["check"] = {"fidelity": checked.fidelity.value, "differs": checked.differs}
     result["check"] |= metrics.to_json(metrics.summary_rows(checked.summary))
-    alone = "the unit as designed, noise only; units follow\n" if options.units else ""
-    text = [
-        *budgets.refusal(case, expected.refused),  # why the error below is large comes first
-        f"{alone}{_table(expected, by_trials)}\n"
-        f"centroid error of a star of G {TYPICAL:g} without noise {floor:.4f} pixel; the tracker "
-        f"assumes {assumed}",
-        "\n".join([STARS, *shown.text(())]),
-        "\n".join([*budgets.advice(expected), *better]),
-        "\n".join([*budgets.caveats(case, expected.left_out), *_checked(checked, expected)]),
-    ]
+    show("\n".join([*budgets.caveats(case, expected.left_out), *_checked(checked, expected)]))
     if by_trials:
         result |= {"seed": options.seed, "measured": _values(by_trials)}
         result |= {"members": options.montecarlo, "times": options.times}
     required, units = campaign.requirements.accuracy if campaign else (), None
     if options.units:
         result["units"], lines, units = budgets_of(case, required, options)
-        text.append(lines)
+        show(lines)
     for name, changes in (("tolerances", halved), ("levers", levers)):
         if getattr(options, name):
             result[name], lines = gains_of(
                 case, campaign or Campaign(), list(changes(case)), options
             )
-            text.append(lines)
+            show(lines)
     if indices:
         result["indices"], lines = indices
-        text.append(lines)
+        show(lines)
     if options.out:
-        options.out.mkdir(parents=True, exist_ok=True)
-        picture = options.out / "budget.png"
-        draw_budget(picture, expected, by_trials, Path(path).stem, required, units)
-        with terminal.stage("the sky"):
-            draw_sky(options.out / "sky.png", budgets.survey(case), case, Path(path).stem)
-        with terminal.progress("slew rates and stars", budgets.curve_steps(case)) as advance:
-            curves = budgets.error_curves(case, options.seed, advance=advance)
-        draw_curves(options.out / "curves.png", curves, case, Path(path).stem)
         save_json(options.out / "budget.json", terminal.finite(result))
         result["out"] = str(options.out)
-    terminal.print_result(options, result, "\n\n".join(text))
+    if options.json:
+        terminal.print_result(options, result)
+    if options.out:
+        _draw(options, case, Path(path).stem, expected, by_trials, required, units)
     availability = (by_trials or expected).availability
     return Exit.DONE if availability > 0.9999 else Exit.UNSOLVED
+
+
+def _draw(
+    options: argparse.Namespace,
+    case: Case,
+    title: str,
+    expected: Budget[Any],
+    by_trials: Budget[Any] | None,
+    required: Sequence[Accuracy],
+    units: UnitBudgets | None,
+) -> None:
+    """Write budget.png, sky.png and curves.png."""
+    draw_budget(options.out / "budget.png", expected, by_trials, title, required, units)
+    with terminal.stage("the sky"):
+        draw_sky(options.out / "sky.png", budgets.survey(case), case, title)
+    with terminal.progress("slew rates and stars", budgets.curve_steps(case)) as advance:
+        curves = budgets.error_curves(case, options.seed, advance=advance)
+    draw_curves(options.out / "curves.png", curves, case, title)
 
 
 def _better(case: Case, expected: Budget[Any]) -> tuple[list[dict[str, Any]], list[str]]:
@@ -364,7 +401,7 @@ def _difference(
 
 
 def _indices(
-    case: Case, sequence: Sequence, options: argparse.Namespace
+    case: Case, sequence: Profiled, options: argparse.Namespace
 ) -> tuple[dict[str, Any], str]:
     """The error indices of sequences along a profile: values for JSON, and a table."""
     count, window, ways = options.sequences, options.window, tuple(metrics.Interpretation)

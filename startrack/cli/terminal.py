@@ -212,10 +212,26 @@ def print_result(options: argparse.Namespace, result: dict[str, Any], *lines: st
             result = {**result, "code": [str(origin) for origin in code]}
         print(json.dumps(finite(result), allow_nan=False), flush=True)
     else:
-        # The name of a file may hold what its encoding cannot.
-        encoding = sys.stdout.encoding or "utf-8"
-        text = "\n".join(lines)
-        print(text.encode(encoding, "backslashreplace").decode(encoding), flush=True)
+        _print_text("\n".join(lines))
+
+
+def sections(options: argparse.Namespace) -> Callable[[str], None]:
+    """What prints sections of a text as each is known, blank lines between; none with --json."""
+    before = ""
+
+    def show(section: str) -> None:
+        nonlocal before
+        if not options.json:
+            _print_text(before + section)
+            before = "\n"
+
+    return show
+
+
+def _print_text(text: str) -> None:
+    # The name of a file may hold what the encoding of the output cannot.
+    encoding = sys.stdout.encoding or "utf-8"
+    print(text.encode(encoding, "backslashreplace").decode(encoding), flush=True)
 
 
 def print_rows(options: argparse.Namespace, rows: Iterable[Row], *more: str) -> None:

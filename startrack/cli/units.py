@@ -13,7 +13,6 @@ if wanted(__name__):
 
     from startrack import design
     from startrack.budget import PUBLISHED, Term, UnitBudgets, unit_budgets
-    from startrack.cli.options import as_wrong_use
     from startrack.cli.terminal import progress
     from startrack.core import YEAR, Rows, arcsec
     from startrack.design import Accuracy, Campaign, Case
@@ -56,8 +55,6 @@ def budgets_of(
     case: Case, required: tuple[Accuracy, ...], options: argparse.Namespace
 ) -> tuple[list[dict[str, Any]], str, UnitBudgets]:
     """Budgets of some units: values for JSON, one for each age; text; those at the last age."""
-    with as_wrong_use():
-        require_units(case)
     ages = list(dict.fromkeys((0.0, case.end_of_life)))
     with progress("units", options.units * len(ages)) as advance:
         budgets = [

@@ -52,6 +52,36 @@ def test_a_better_centroid_is_suggested_by_its_own_budget_and_followed_no_more(c
     assert results[1]["better"] == []
 
 
+class Stopped(Exception):
+    """Of a step that must not be reached."""
+
+
+def _stops(*_args, **_named):
+    raise Stopped
+
+
+def test_the_table_stands_before_what_takes_longer(capsys, monkeypatch):
+    monkeypatch.setattr(module.budgets, "single_stars", _stops)
+    status, out, err = run(capsys)
+    assert (status, "Stopped" in err) == (1, True)
+    assert "root sum square" in out
+
+
+@pytest.mark.parametrize("json_too", [(), ("--json",)])
+def test_all_figures_stand_before_pictures_of_the_sky_are_drawn(
+    capsys, monkeypatch, tmp_path, json_too
+):
+    monkeypatch.setattr(module, "draw_budget", _stops)
+    status, out, err = run(capsys, "--out", str(tmp_path / "out"), *json_too)
+    assert (status, "Stopped" in err) == (1, True)
+    kept = json.loads((tmp_path / "out" / "budget.json").read_text())
+    if json_too:
+        assert json.loads(out) == kept | {"out": str(tmp_path / "out")}
+    else:
+        assert "root sum square" in out
+        assert "trials (" in out
+
+
 def test_why_stars_are_refused_stands_above_the_error_that_it_makes(capsys):
     noise_only = str(shipped("designs/noise_only.toml"))
     _, out, _ = run(capsys, noise_only, "--set", "instrument.optics.blur=0 um")
