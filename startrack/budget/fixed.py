@@ -10,7 +10,7 @@ from startrack import observation, response, trial
 from startrack.budget.budget import Cause
 from startrack.budget.fields import Fields
 from startrack.catalog import Selection, open_sky
-from startrack.core import Camera, Floats, Ints
+from startrack.core import Camera, Floats, Ints, kernel
 from startrack.design import Case
 from startrack.motion import jitter_rms
 
@@ -23,9 +23,8 @@ def visible(case: Case, view: Fields, faintest: float, like: Case) -> tuple[Ints
     camera, detection = case.instrument.camera, case.tracker.detection
     stars = view.sky.stars
     edge = np.tan(min(1.1 * camera.half_diagonal, 1.5))
-    near = (np.abs(view.x) < edge) & (np.abs(view.y) < edge)
-    near &= stars.magnitude_g[view.star] < faintest + 1  # red stars are brighter than their G
-    near = np.flatnonzero(near)
+    # Red stars are brighter than their G.
+    near = _within(view.x, view.y, view.star, stars.magnitude_g, edge, faintest + 1)
     pixel = camera.project(np.column_stack([view.x[near], view.y[near], np.ones(len(near))]))
     near = near[camera.holds(pixel, -(detection.window // 2 + detection.edge))]
     star = view.star[near]
@@ -33,6 +32,19 @@ def visible(case: Case, view: Fields, faintest: float, like: Case) -> tuple[Ints
     believed = believed_index(case.catalog, case.believed_catalog)[view.name[star]]
     seen = (magnitude < faintest) & (believed >= 0)
     return near[seen], magnitude[seen]
+
+
+@kernel
+def _within(
+    x: Floats, y: Floats, star: Ints, magnitude: Floats, edge: float, faintest: float
+) -> Ints:
+    """Indices of the stars at x and y below an edge that are brighter than a magnitude."""
+    index, count = np.empty(len(x), np.int64), 0
+    for k in range(len(x)):
+        if abs(x[k]) < edge and abs(y[k]) < edge and magnitude[star[k]] < faintest:
+            index[count] = k
+            count += 1
+    return index[:count]
 
 
 @lru_cache(maxsize=16)

@@ -11,7 +11,14 @@ from startrack.cli.options import Exit, Options, WrongUse, as_wrong_use, campaig
 if wanted(__name__):
     from startrack.budget import caveats, refusal
     from startrack.cli.campaign import limited
-    from startrack.cli.terminal import example, found_file, print_result, read_design, stage
+    from startrack.cli.terminal import (
+        example,
+        found_file,
+        print_result,
+        read_design,
+        sections,
+        stage,
+    )
     from startrack.core import arcsec, deg, um
     from startrack.earth import imager
     from startrack.io import aligned, from_table, read_table, shipped
@@ -43,14 +50,7 @@ def command(options: argparse.Namespace) -> int:
     campaign = design.campaign
     if campaign is None:
         raise WrongUse(f"{path} must have a table [campaign] with requirements")
-    with stage("error budget"):
-        budget, margins = expect(design.case, campaign)
-    over = campaign.over_units(design.case)
-    objective = units_text(over, campaign) if over else str(campaign.goal)
-    error = expected_objective(design.case, campaign) / arcsec
-    # No requirement is met by what is no number.
-    met = all(math.isfinite(margin) and margin >= 0 for margin in margins.values())
-    needs = campaign.requirements
+    needs, show = campaign.requirements, sections(options)
     costs = {
         "mass_kg": needs.mass(design.case),
         "volume_m3": needs.volume(design.case),
@@ -58,6 +58,14 @@ def command(options: argparse.Namespace) -> int:
         "data_rate_bit_per_s": needs.data_rate(design.case),
         "cost": needs.cost(design.case),
     }
+    show("\n".join(f"{name.replace('_', ' '):24} {value:.4g}" for name, value in costs.items()))
+    with stage("error budget"):
+        budget, margins = expect(design.case, campaign)
+    over = campaign.over_units(design.case)
+    objective = units_text(over, campaign) if over else str(campaign.goal)
+    error = expected_objective(design.case, campaign) / arcsec
+    # No requirement is met by what is no number.
+    met = all(math.isfinite(margin) and margin >= 0 for margin in margins.values())
     result = {"design": str(path), "met": met, "margins": margins, **costs}
     result |= {"objective": objective, "expected_arcsec": error, "stars": budget.stars}
     result |= {"not_counted": budget.left_out, "refused_as_hot_pixels": budget.refused}
@@ -80,12 +88,10 @@ def command(options: argparse.Namespace) -> int:
         [f"{body} keep-out", "", f"{angle / deg:g} deg", "", "judged by startrack verify"]
         for body, angle in needs.min_keep_out.angles.items()
     ]
-    lines = [f"{sentence}\n" for sentence in refusal(design.case, budget.refused)]
-    lines += aligned([["requirement", "value", "limit", "margin", ""], *rows], (0, 4))
-    lines += [
-        "",
-        *(f"{name.replace('_', ' '):24} {value:.4g}" for name, value in costs.items()),
-        "",
+    for sentence in refusal(design.case, budget.refused):
+        show(sentence)
+    show("\n".join(aligned([["requirement", "value", "limit", "margin", ""], *rows], (0, 4))))
+    lines = [
         *(
             f"{name} is limited to {limit['limit_arcsec']:g} arcsec, {limit['statistic']}"
             for name, limit in limits.items()
@@ -96,7 +102,9 @@ def command(options: argparse.Namespace) -> int:
         f"{100 * needs.sky_fraction:g} % of the sky need.",
         *caveats(design.case, budget.left_out),
     ]
-    print_result(options, result, *lines)
+    show("\n".join(lines))
+    if options.json:
+        print_result(options, result)
     return Exit.DONE if met else Exit.UNSOLVED
 
 

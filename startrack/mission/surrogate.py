@@ -14,9 +14,14 @@ from startrack.core import Floats, Refused, deg, printed
 from startrack.design import Case, turning
 from startrack.mission.heads import HeadView, Mounted, Shadow
 
-PLACES = 12288  # directions of a survey: 1.8 degrees apart
+# Directions of a survey: as far apart as a third of the half diagonal of the field. Chosen by hand:
+# a quarter of the error by what lies between two, and below that by the roll.
+FEWEST_PLACES, PLACES = 768, 12288
+APART = 1 / 3
 ROWS, COLUMNS = 90, 180  # cells of two degrees on the sky
-RATES, MAGNITUDE = 4, 1.0  # number of rates; magnitudes between two backgrounds
+# Most rates, smear between two, and magnitudes between two backgrounds. Chosen by hand: variances
+# between them are 0.4 % off across and 1 % about, those of a design of 1.5 arcsec.
+RATES, SMEAR, MAGNITUDE = 4, 0.3, 1.6
 STATES = 3  # temperatures, and ages
 CLOSE_RATES = 0.05  # relative range of rates that one stands for
 LEVELS: Floats = np.linspace(0, math.pi, 721)  # radian, of the tables of stray light
@@ -84,9 +89,9 @@ class Surrogate:
     Accuracy    model: that of `budget.analytic`, on which it is fitted: noise, neighbours and
                 method of a perfect unit; turning about the boresight does not smear. numerical:
                 fields of any roll count as one, and a cell of the sky (2 degrees) as its middle.
-              Beside the budget of the very fields of 1024 instants of the example mission, the
-              rms is 0.1 % off across and 0.4 % about, a single instant 14 % and 22 % (68 %),
-              and within a factor of 1.5 and 1.8 (95 %).
+              Beside the budget of the very fields of 1024 random attitudes, the rms of the example
+              mission's design is 0.4 % off across and 0.1 % about (0.9 and 1.4 % of wider fields),
+              a single attitude 14 % and 24 % (68 %), and within a factor of 1.5 and 1.8 (95 %).
     """
 
     rate: Floats
@@ -193,18 +198,26 @@ class Ranges:
 
 
 def surrogate_of(
-    case: Case, ranges: Ranges, state: Callable[[float | None, float], Case] | None = None
+    case: Case,
+    ranges: Ranges,
+    state: Callable[[float | None, float], Case] | None = None,
+    advance: Callable[[float], None] = lambda _: None,
 ) -> Surrogate:
     """A surrogate, fitted on the analytic budget over the sky at each rate, background and state.
 
     state      age (None: as the design) and kelvin above the design -> the case; None: always the
                same
+    advance    called with the part of the surveys that each is
     Raises     ValueError where the budget refuses the case, or no field has an attitude at one of
                the rates and states without stray light; with it, none is a probability of 0.
     """
     slow, fast = ranges.rate
     close = fast - slow < CLOSE_RATES * fast or fast < 1e-6
-    rate = np.array([(slow + fast) / 2]) if close else np.linspace(slow, fast, RATES)
+    smear = (
+        (fast - slow) * case.instrument.detector.exposure * case.instrument.camera.focal_length_px
+    )
+    count = min(1 + max(math.ceil(smear / SMEAR), 1), RATES)
+    rate = np.array([(slow + fast) / 2]) if close else np.linspace(slow, fast, count)
     faintest = case.scene.sky_g
     steps = max(math.ceil((faintest - ranges.brightest) / MAGNITUDE - 1e-6), 0)
     background = np.linspace(min(ranges.brightest, faintest), faintest, steps + 1)
@@ -226,6 +239,7 @@ def surrogate_of(
             table = tables[:, r, g + 1, t, a].copy()  # so bright that no field has an attitude
             table[2] = 0.0
         tables[:, r, g, t, a] = table
+        advance(1 / math.prod(shape))
     return Surrogate(rate, background, warmer, age, tables, stars)
 
 
@@ -234,7 +248,7 @@ def _survey(case: Case, rate: float, background: float, lit: bool) -> tuple[Floa
     case = turning(case, rate)
     if lit:
         case = replace(case, scene=replace(case.scene, background_g=background))
-    places = survey(case, PLACES)
+    places = survey(case, places_of(case))
     _, nearest = cKDTree(places.direction).query(middles())
     finite = np.isfinite(places.across)
     across, about = (
@@ -243,6 +257,12 @@ def _survey(case: Case, rate: float, background: float, lit: bool) -> tuple[Floa
     )
     stars = np.log(np.maximum(places.stars, 1.0))
     return np.stack([across, about, places.solved])[:, nearest], stars[nearest]
+
+
+def places_of(case: Case) -> int:
+    """Directions of a survey over the sky with the field of a case."""
+    places = 4 * math.pi / (APART * case.instrument.camera.half_diagonal) ** 2
+    return min(max(round(places), FEWEST_PLACES), PLACES)
 
 
 @printed

@@ -24,6 +24,7 @@ from startrack.detection import (
 from startrack.detector import (
     Detector,
     added_noise,
+    alternating_numbers,
     diffuse,
     electron_rate,
     expected_signal,
@@ -31,7 +32,6 @@ from startrack.detector import (
     settle,
     stamp,
     to_frame,
-    unrounded_numbers,
 )
 from startrack.motion import blur, slew
 from startrack.observation import as_believed, detection_plan, light_by_colour, psf_of, throughput
@@ -54,9 +54,8 @@ def noise_free_frame(electrons: Floats, detector: Detector, ripple: float, noise
     level = expected_signal(electrons, law)
     if detector.settling:
         level = settle(level, detector.settling)
-    row, column = np.indices(level.shape, sparse=True)
-    image = unrounded_numbers(level + ripple * (1 - 2 * ((row + column) & 1)), law)
-    return replace(to_frame(image.astype(np.float32), detector), read_noise=noise)
+    image = alternating_numbers(level, ripple, law)
+    return replace(to_frame(image, detector), read_noise=noise)
 
 
 def pixel_noise(detector: Detector, streams: Streams) -> Floats:

@@ -324,7 +324,7 @@ def _images(case: Case, places: list[tuple[float, float, float]]) -> star_respon
     """Stars at a few sub-pixel positions: of the mean image, then of each place and colour."""
     instrument, images = case.instrument, field_psf_of(case.instrument)
     side = star_response.cell_side(instrument, case.tracker.detection)
-    psfs = [psf_of(instrument), *(images.image(*place)[0] for place in places)]
+    psfs = [psf_of(instrument), *images.images(*np.array(places).T)]
     points = [star_response.star_images(instrument, _positions(), side, psf) for psf in psfs]
     every = np.tile(_positions(), (len(psfs), 1))
     return star_response.StarImages(np.concatenate(points), every)

@@ -7,13 +7,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from startrack import Fidelity, run_trials, shipped
+from startrack.budget import survey
 from startrack.core import deg
 from startrack.design import KeepOut
 from startrack.detector import Age, Thermal
 from startrack.mission import load_mission, plan_of, surrogate, timeline
 from startrack.mission.parameters import Check, HeadTemperature, MissionRequirements
 from startrack.mission.rendered import checked, fitted, judged_by_the_other_half, scenes_at
-from startrack.mission.surrogate import cell_of, middles
+from startrack.mission.surrogate import Ranges, cell_of, middles, places_of, surrogate_of
 from startrack.optics import Baffle
 
 EXAMPLE = shipped("missions/sun-synchronous.toml")
@@ -47,6 +48,34 @@ def test_errors_are_those_of_trials(plan):
         got = np.mean([(drawn[f"error_{axis}"][right] ** 2).mean() for axis in axes])
         expected = np.mean([getattr(one, name) ** 2 for one in head])
         assert np.sqrt(got / expected) == pytest.approx(1, abs=0.12), name
+
+
+def test_like_heads_share_surveys_of_which_there_are_as_many_as_the_smear_asks_for(
+    plan, monkeypatch
+):
+    """Two rates that smear a star by 0.2 pixel more or less, and four at most for any smear."""
+    loaded, counted, done = plan.loaded, list[int](), list[float]()
+    case = loaded.designs[0].case
+    of_sky = survey(case, 48)
+
+    def count(_case, places):
+        counted.append(places)
+        return of_sky
+
+    monkeypatch.setattr(surrogate, "survey", count)
+    shared = plan_of(loaded, advance=done.append).surrogates
+    assert len(counted) == 2  # the slowest and the fastest of the heads
+    assert len(shared) == len(loaded.mission.heads) == sum(done) == 3
+    assert shared[0] is shared[2]
+    apart = np.sqrt(4 * np.pi / places_of(case))
+    assert apart == pytest.approx(case.instrument.camera.half_diagonal / 3, rel=1e-3)
+    pixel = 1 / (case.instrument.detector.exposure * case.instrument.camera.focal_length_px)
+    for smear, rates in ((0.2, 2), (0.8, 4), (50.0, 4)):
+        counted.clear()
+        done.clear()
+        surrogate_of(case, Ranges((0.0, smear * pixel), case.scene.sky_g), advance=done.append)
+        assert len(counted) == rates
+        assert sum(done) == pytest.approx(1)
 
 
 def test_a_correction_finds_what_trials_differ_by():
