@@ -27,10 +27,8 @@ import command
 import numpy as np
 
 from startrack import arcsec, shipped, solve_for, sweep
-from startrack.cli.main import main as startrack
+from startrack.cli import main as startrack
 from startrack.io import save_text
-from startrack.metrics import Interval
-from startrack.optimise import middle
 
 VALUES = {
     "instrument.optics.f_number": ("1.3", "1.7", "2.2"),
@@ -104,13 +102,13 @@ def crossings(design: str, key: str, limit: str, trials: int, points: int) -> li
     rows = []
     for crossing in found.crossings:
         value = crossing.value
-        assert isinstance(value, Interval)
+        assert not isinstance(value, float)
         unit = found.key.unit
         low, high = (1 - NEAR) * value.value, (1 + NEAR) * value.value
         dense = sweep(
             path, f"{name}={low!r}..{high!r} {unit}".strip(), points=points, trials=trials
         )
-        error = np.log([middle(row.figure(axis)) / arcsec / most for row in dense.rows])
+        error = np.log(dense.table[axis] / arcsec / most)
         order = np.argsort(error)
         at = float(np.interp(0.0, error[order], np.array(dense.keys[0].numbers)[order]))
         rows.append(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from startrack.cli.options import Exit, Options, study, wanted
+from startrack.cli.options import Exit, Option, Options, study, wanted
 
 if wanted(__name__):
     from startrack import optimise
@@ -16,7 +16,16 @@ if wanted(__name__):
         unmet_text,
         write_study,
     )
-    from startrack.design import KEPT, OPERATED, Campaign, Design, Unknown, save_design
+    from startrack.cli.terminal import example, found_file
+    from startrack.design import (
+        KEPT,
+        OPERATED,
+        Campaign,
+        Design,
+        Unknown,
+        save_design,
+        save_overlay,
+    )
     from startrack.plots import draw_convergence
     from startrack.verification import cost_margins
 
@@ -30,6 +39,10 @@ declare = Options(
     "Of the scene of an Earth camera, by its file or name, it writes best.json in place of "
     "best.toml, and no evaluations.csv.",
     *study("optimize"),
+    Option(
+        "--whole",
+        "write best.toml with all values (default: over the design file, with what differs)",
+    ),
     problems=True,
 )
 
@@ -47,7 +60,7 @@ def command(options: argparse.Namespace) -> int:
     unknowns = still_unknown(design, campaign)
     for unknown in unknowns:
         note += f"\nfound for the middle of what is not known: {unknown.name}, {unknown}"
-    save_design(options.out / "best.toml", Design(optimum.best, campaign, unknowns), note)
+    _save_best(options, Design(optimum.best, campaign, unknowns), note)
     optimise.write_evaluations(options.out / "evaluations.csv", optimum.evaluations)
     draw_convergence(options.out / "convergence.png", optimum, campaign)
     result = {
@@ -59,9 +72,18 @@ def command(options: argparse.Namespace) -> int:
     return Exit.DONE if optimum.feasible else Exit.UNSOLVED
 
 
+def _save_best(options: argparse.Namespace, design: Design, note: str) -> None:
+    """Write best.toml."""
+    path = options.out / "best.toml"
+    if options.whole:
+        save_design(path, design, note)
+    else:
+        save_overlay(path, design, found_file(options.campaign or example()), note)
+
+
 def _keep_start(options: argparse.Namespace, opened: ReadCampaign, unmet: str) -> int:
     """Write the start as best.toml, and which costs no design of the space can meet."""
-    save_design(options.out / "best.toml", opened.design, "the start of startrack optimize")
+    _save_best(options, opened.design, "the start of startrack optimize")
     result = {
         "out": str(options.out),
         "seed": options.seed,

@@ -18,6 +18,7 @@ campaign      Campaign: what a study of a design is asked.
 told          Told: a figure of a design that somebody measured or published.
 unknown       Laws of values that a design file does not know, and what is drawn from them.
 keys          The keys of a design file, as a list, a template with values, and a JSON Schema.
+overlay       Design files that lie over another one and hold only what differs from it.
 files         Design files: a case, and optionally a campaign on it, as TOML with units in strings.
 """
 
@@ -44,6 +45,7 @@ from startrack.design.keys import (
     template,
 )
 from startrack.design.objective import AXES, Objective
+from startrack.design.overlay import save_over, save_overlay
 from startrack.design.parameter import find as found_at
 from startrack.design.parameter import number as number_at
 from startrack.design.parameter import (

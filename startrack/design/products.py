@@ -78,7 +78,7 @@ def with_product_files(choices: object, folder: Path) -> None:
         match choice:
             case {"name": str(name), "values": list(values)} if name == DETECTOR:
                 choice["values"] = [
-                    str((folder / value).absolute())
+                    str((folder / value).resolve())
                     if isinstance(value, str) and value.endswith(FILE)
                     else value
                     for value in values

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,8 +13,8 @@ from scipy.special import ndtr
 
 from startrack.budget import PUBLISHED
 from startrack.core import Floats, Refused
-from startrack.design import ERROR_FIGURES, INCLUDE, Told, Unknown
-from startrack.io import save_text, to_table
+from startrack.design import ERROR_FIGURES, INCLUDE, Told, Unknown, save_over
+from startrack.io import to_table
 from startrack.optimise import Chains, Ensembles, draw, thinned
 from startrack.prediction.surface import FrameSurface, PredictionSurface
 
@@ -172,28 +171,20 @@ def save_posterior(path: Path, design: Path, learned: Learned) -> None:
     files among which one is included are those of the design below, and stand in a comment.
     """
     table = dict[str, Any](told=[])
-    comments = [f"# {one.name} was told" for one in learned.told]
+    comments = [f"{one.name} was told" for one in learned.told]
     for lesson in learned.lessons:
         name, law = lesson.unknown.name, lesson.unknown.law
         *outer, last = name.split(".")
         if name.startswith(f"{INCLUDE} ") or any(part.isdecimal() for part in outer):
-            comments.append(f"# not in this file: {name}: {lesson.unknown}")
+            comments.append(f"not in this file: {name}: {lesson.unknown}")
             continue
         at = table
         for part in outer:
             at = at.setdefault(part, {})
         at[last] = dict(law)
-    _save_over(path, design, table, comments)
+    save_over(path, design, table, "\n".join(comments))
 
 
 def save_told(path: Path, design: Path, told: Sequence[Told]) -> None:
     """Write a design file over another one, with figures that it is told."""
-    _save_over(path, design, {"told": [to_table(one) for one in told]}, [])
-
-
-def _save_over(path: Path, design: Path, table: dict[str, Any], comments: Sequence[str]) -> None:
-    """Write a design file over another one."""
-    import tomli_w
-
-    base = os.path.relpath(design.resolve(), path.resolve().parent)
-    save_text(path, "\n".join([*comments, tomli_w.dumps({"base": base} | table)]))
+    save_over(path, design, {"told": [to_table(one) for one in told]})
