@@ -102,7 +102,7 @@ def crossings(design: str, key: str, limit: str, trials: int, points: int) -> li
     rows = []
     for crossing in found.crossings:
         value = crossing.value
-        assert not isinstance(value, float)
+        assert not isinstance(value, float | int)
         unit = found.key.unit
         low, high = (1 - NEAR) * value.value, (1 + NEAR) * value.value
         dense = sweep(
