@@ -125,6 +125,7 @@ def dark():
     return replace(found, full=full, effects={name: found.effects[name] for name in few})
 
 
+@pytest.mark.slow
 def test_a_dark_field_needs_its_read_noise_and_no_blooming(dark):
     found = {effect.name: effect for effect in leave_out(dark, 3, 1, 1 / 3, print).effects}
     assert found["blooming"].gap.error.tolist() == [0, 0]

@@ -209,6 +209,7 @@ def test_heads_of_one_time_are_fused_by_their_variances():
         np.testing.assert_allclose(np.diag(state.covariance)[:3], want, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_heads_that_share_an_error_are_no_better_than_it():
     """Of a state of which little was known: the fused covariance, and what is shared once more."""
     generator = np.random.default_rng(5)

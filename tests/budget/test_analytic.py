@@ -87,6 +87,7 @@ def test_mounting_and_time_stamp_are_closed_forms(troubled):
     np.testing.assert_allclose(line(troubled, "time stamp"), [3.6, 1.8, 0], rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_proper_motion_and_parallax_are_small_and_there(troubled):
     """Bright stars move some 0.1 arcsec a year and stand at some 0.02 arcsec of parallax."""
     assert 0.1 < line(troubled, "proper motion")[0] < 2.0

@@ -32,6 +32,7 @@ def parts(case, number: int = 0) -> dict[str, np.ndarray]:
     return dict(zip(["whole", *(name for name, _ in terms(case))], rows / arcsec, strict=True))
 
 
+@pytest.mark.slow
 def test_the_whole_is_the_trials_error(case):
     streams = Streams(5, 3)
     outcome = observe(case, random_attitude(streams), streams).outcome

@@ -118,6 +118,7 @@ def test_the_budget_has_both_ends_of_life(design, capsys):
     assert 0 < gains[0] < told["tolerances"]["level_arcsec"]
 
 
+@pytest.mark.slow
 def test_levers_are_steps_that_a_maker_may_take_with_what_they_cost(design, capsys):
     calibrated = ["--set", "tracker.calibration.positions=100"]
     main(["budget", str(design), "--units", "2", "--levers", "--json", *calibrated])

@@ -118,6 +118,7 @@ def test_a_region_is_cut_from_the_array():
     assert part.shift == (-70.0, -25.0)
 
 
+@pytest.mark.slow
 def test_noise_of_the_read_out_is_that_of_dark_frames_without_light():
     """Beside the numbers of frames of zero electrons, rounded: by 1 / sqrt(12) number at most.
 

@@ -30,7 +30,7 @@ def faults_of(number: int, seed: int, **options) -> list[str]:
     return found + [f"written outside of its folder: {path}" for path in outside]
 
 
-@pytest.mark.parametrize("number", [6, pytest.param(50, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("number", [3, pytest.param(50, marks=pytest.mark.slow)])
 def test_a_few_cases(number):
     """Each case is a command. The time holds compilation, too."""
     assert faults_of(number, SEED, seconds=300.0, primed=False) == []

@@ -62,6 +62,7 @@ def test_common_errors_count_once(sky):
     assert nees(fused, truth, counted_in_each) > 3.2
 
 
+@pytest.mark.slow
 def test_a_drift_of_one_head_is_estimated(sky):
     """The second head drifts with the orbit; the covariance holds after its estimation alone."""
     generator, truth, covariance = sky

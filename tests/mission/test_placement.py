@@ -35,6 +35,7 @@ def loaded(monkeypatch):
     return load_mission(EXAMPLE, ["time.duration=10 d", 'attitude.yaw="velocity"'])
 
 
+@pytest.mark.slow
 def test_three_heads_above_the_earth(loaded, monkeypatch):
     """Only the Earth's limb blinds, at 75 degrees: the heads lie in a cone about the zenith.
 

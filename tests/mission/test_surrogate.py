@@ -174,6 +174,7 @@ def test_cells_hold_their_middles():
     assert apart.max() < 2.5 * deg
 
 
+@pytest.mark.slow
 def test_stray_light_raises_the_error(monkeypatch):
     """Behind a weak baffle, a head is worse near the Sun; its exclusion angle is the baffle's."""
     monkeypatch.setattr(surrogate, "PLACES", 768)

@@ -50,6 +50,7 @@ def test_its_mean_and_variance_over_the_noise_are_exact(centroid):
     assert abs(surplus(controls).mean()) < 4 * surplus(controls).std() / np.sqrt(n)
 
 
+@pytest.mark.slow
 def test_it_halves_the_trials_that_an_rms_takes():
     outcomes, controls = sample_controlled(CASE, 9, range(50), at_random(9, range(50)))
     assert outcomes["solved"].all()

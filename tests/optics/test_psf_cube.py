@@ -80,6 +80,7 @@ def test_a_cube_of_a_lens_makes_the_stars_of_the_lens(cube):
             assert np.abs(a - b).max() < 0.015 * a.max()
 
 
+@pytest.mark.slow
 def test_a_trial_takes_a_cube(cube):
     path, optics = cube
     case = load_design(shipped("designs/noise_only.toml")).case

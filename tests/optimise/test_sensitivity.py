@@ -76,6 +76,7 @@ def test_whole_numbers_have_a_slope_between_two_of_them(small, monkeypatch):
     assert one.slope == pytest.approx(-1, abs=0.05)
 
 
+@pytest.mark.slow
 def test_each_design_is_reported(small):
     space, done = DesignSpace(small.case, small.campaign.variables[:2]), []
     sensitivities(TrackerSource(space, small.campaign, TrialRunner(1)), 4, done.append)

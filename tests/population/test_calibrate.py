@@ -119,6 +119,7 @@ def test_a_recursive_calibration_follows_temperature_and_age():
         assert one.believed_camera.focal_length_px != once.believed_camera.focal_length_px
 
 
+@pytest.mark.slow
 def test_a_recursive_calibration_makes_up_for_the_principal_point_that_it_holds():
     """One that is ten pixels off: tangential terms, of 24 fits, drawn and run."""
     settings = CameraCalibration("recursive", frames=30, tangential=True, noise=0.002)

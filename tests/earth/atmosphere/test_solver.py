@@ -55,7 +55,9 @@ def unit_cells(found, albedos):
 RAYS = [(0.9, 0.3, TOP), (0.55, 2.0, TOP), (0.31, 1.0, 5e3)]
 
 
-@pytest.mark.parametrize("air", [Air("none"), Air("rural", 10e3)])
+@pytest.mark.parametrize(
+    "air", [Air("none"), pytest.param(Air("rural", 10e3), marks=pytest.mark.slow)]
+)
 def test_any_albedo_follows_from_three(air):
     albedos = (0.0, 0.25, 0.75, 0.6)
     found = solve_radiance(air, np.array(SHETTLE), 0.0, 0.5371, RAYS, albedos)[0]

@@ -31,7 +31,7 @@ def relief():
     return index(GRID, HEIGHTS)
 
 
-@pytest.mark.parametrize("elevation", [85, 60, 30, 10, 2])
+@pytest.mark.parametrize("elevation", [pytest.param(85, marks=pytest.mark.slow), 60, 30, 10, 2])
 def test_hits_are_those_of_the_search(elevation):
     rays = random_rays(GRID, 1000, elevation, HEIGHTS.max())
     found = trace(relief(), rays)
