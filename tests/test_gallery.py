@@ -10,6 +10,7 @@ GALLERY = Path(__file__).parents[1] / "docs" / "gallery"
 # What must be in the output, the files that are written, and the package that is needed.
 EXPECTED = {
     "budget_over_aperture": ("arcsec across, most by", ["budget.png"], ""),
+    "closed_loop": ("pointing after 20 s", ["closed_loop.png"], ""),
     "errors_of_trials": ("Summary(", ["errors.png"], ""),
     "frame_for_others": ("Frame(size: 512 x 512", ["frames/orion.ser", "frames/orion.csv"], ""),
     "guide_stars": ("triangles", ["flight/startrack_guide.bin", "flight/startrack_guide.c"], ""),

@@ -8,7 +8,7 @@ import threading
 import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -317,6 +317,11 @@ def _named(text: Callable[[], str]) -> Iterator[None]:
         _running.remove(text)
 
 
+def waiting() -> AbstractContextManager[None]:
+    """Within: no line now and then, since the command waits for others."""
+    return _named(lambda: "")
+
+
 @contextmanager
 def stage(title: str) -> Iterator[None]:
     """A moving sign beside a name on a terminal, while a step without a bar runs."""
@@ -341,6 +346,8 @@ def lines_now_and_then() -> Iterator[None]:
     def show() -> None:
         while not over.wait(SILENT):
             text = _running[-1]() if _running else "at work"
+            if not text:
+                continue
             with suppress(OSError, ValueError):  # nobody can read it
                 print_message(f"startrack: {text}; {time.monotonic() - begun:.0f} s so far")
 

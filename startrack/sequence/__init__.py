@@ -7,20 +7,24 @@ frames      True flight of a head -> its frames, as the flight software gets the
 lasting     Camera and attitude -> what of the attitude's error lasts from frame to frame.
 tracker_state  Attitudes of the heads -> the state of the tracker between two frames.
 head        One head in a sequence: the attitude of each of its frames.
+camera_loop  Attitude and rate -> a frame and the tracker's attitude, one after the other.
 run         Case and sequence -> a table with a row for each frame.
 summary     Tables of sequences -> accuracy, losses of track and reacquisitions, with intervals.
 """
 
+from startrack.sequence.camera_loop import CameraLoop, SeenFrame
 from startrack.sequence.parameters import Gyro, Leg, Sequence, SequenceHead, load_sequence
 from startrack.sequence.recording import Recording
 from startrack.sequence.run import Mode, fly_sequences, run
 from startrack.sequence.summary import Tracking, summarise_sequences
 
 __all__ = [
+    "CameraLoop",
     "Gyro",
     "Leg",
     "Mode",
     "Recording",
+    "SeenFrame",
     "Sequence",
     "SequenceHead",
     "Tracking",

@@ -36,7 +36,12 @@ def whole_frames(
 ) -> Iterator[FrameView]:
     """Views of whole frames, each written before it is used where a recording keeps them."""
     for frame in _kept(case, true, seed, number, recording, name):
-        yield FrameView(partial(_in_frame, case, observation.as_believed(case, frame)), frame)
+        yield view_of(case, frame)
+
+
+def view_of(case: Case, frame: core.Frame) -> FrameView:
+    """View of a whole frame."""
+    return FrameView(partial(_in_frame, case, observation.as_believed(case, frame)), frame)
 
 
 def _in_frame(case: Case, frame: core.Frame, smear: tuple[float, float]) -> core.Spots:

@@ -65,11 +65,11 @@ class FlownHead:
         state  the predicted state; None without one
         rate   (3,) radian / second, as `known_rate` gives it
         step   second, since the frame before
-        alone  as for `_see`
+        alone  as for `run_on_frame`
         """
         predicted = state.seen_by(self.number) if state else None
         to_head = state.to_head(self.number) if state else self._believed
-        spots, matches, estimate, self._images = _see(
+        spots, matches, estimate, self._images = run_on_frame(
             self._case, view, self._camera, predicted, to_head.apply(rate), self._images, alone
         )
         self._since, self.spots = self._since + step, len(spots)
@@ -101,7 +101,7 @@ class FlownHead:
             self._stars.save(self._kept)
 
 
-def _see(
+def run_on_frame(
     case: Case,
     view: FrameView,
     camera: core.Camera,
