@@ -22,6 +22,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
+# Some experiments use what tests compare with, which no installation has: the checkout comes last.
+sys.path.append(str(Path(__file__).parents[1]))
+
 DRAWN = ("figure", "figures", "markdown", "out", "picture", "plot")
 EXPECTED = Path(__file__).parent / "expected.toml"
 

@@ -8,7 +8,6 @@ The list is that of `tests/hard`, which the tests run as well.
 from __future__ import annotations
 
 import argparse
-import sys
 import time
 from importlib import import_module
 from pathlib import Path
@@ -23,7 +22,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--markdown", type=Path, metavar="FILE")
     options = command.read(parser)
-    sys.path.insert(0, str(Path(__file__).parents[1]))
     cases = import_module("tests.hard").CASES
     rows = [tried(case) for case in (cases[::40] if options.quick else cases)]
     text = table(rows)

@@ -69,7 +69,6 @@ import json
 import math
 import shutil
 import subprocess
-import sys
 import tempfile
 import time
 from pathlib import Path
@@ -117,8 +116,6 @@ from startrack.optimise import without_noise
 from startrack.population import Units, per_unit, unit_of, unit_trials
 from startrack.sequence import Leg, Sequence, fly_sequences
 from startrack.space import Protons, hit_map, trapped_protons
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
 from tests.mission import independent
 from tests.mission.messages import write_aem
 from tests.space import satellites

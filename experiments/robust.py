@@ -35,16 +35,15 @@ from xml.etree import ElementTree
 import command
 import tomli_w
 
-ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT))
+from tests.fuzz.arena import NOBODY, Case, Verdict, is_unprivileged, make_folder, python_path
+from tests.fuzz.caches import run_caches
+from tests.fuzz.campaign import ALL, run_cases
+from tests.fuzz.clusters import run_clusters
+from tests.fuzz.grammar import bases
+from tests.fuzz.kills import COMMANDS, kill_commands
+from tests.fuzz.planted import SHOWN, is_found
 
-from tests.fuzz.arena import NOBODY, Case, Verdict, is_unprivileged, make_folder, python_path  # noqa: E402
-from tests.fuzz.caches import run_caches  # noqa: E402
-from tests.fuzz.campaign import ALL, run_cases  # noqa: E402
-from tests.fuzz.clusters import run_clusters  # noqa: E402
-from tests.fuzz.grammar import bases  # noqa: E402
-from tests.fuzz.kills import COMMANDS, kill_commands  # noqa: E402
-from tests.fuzz.planted import SHOWN, is_found  # noqa: E402
+ROOT = Path(__file__).parents[1]
 
 
 def main() -> None:

@@ -68,6 +68,7 @@ LONG = {
     "earth_images",
     "earth_sensors",
     "in_motion",
+    "in_seconds",
     "intervals",
     "mission",
     "scanner_jitter",
@@ -176,6 +177,15 @@ def test_an_experiment_runs_in_its_quick_mode(script, parent, tmp_path):
     assert left == ["figures.json", "stderr", "stdout"], (
         f"{script.name} --quick must leave no file that is not asked for"
     )
+
+
+def test_what_experiments_use_of_tests_is_found_beside_an_installed_package():
+    """`command` adds the checkout to the path, behind the package that is installed."""
+    for path in SCRIPTS:
+        text = path.read_text()
+        if (place := text.find("from tests.")) >= 0:
+            assert 0 <= text.find("\nimport command\n") < place, path.name
+    assert str(ROOT) in sys.path
 
 
 def test_a_long_experiment_is_one():
