@@ -259,6 +259,8 @@ def _better(found: Optimum, margins: dict[str, float], shown: _Shown) -> Optimum
     """
     met = not lacking(margins)
     ahead = math.log(found.factor.value) if found.factor.value > 0 else math.nan
+    if math.isnan(ahead) and math.isfinite(found.fresh[0].across.value):
+        ahead = -math.inf  # the start alone has an attitude
     ahead += PENALTY * (missed(margins) - missed(found.margins))
     if not met and (found.feasible or not ahead <= 0):
         return found

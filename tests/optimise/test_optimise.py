@@ -12,10 +12,11 @@ import pytest
 from startrack import Refused
 from startrack.design.files import Design, save_design
 from startrack.design.variables import Choice, DesignSpace, Variable, branches
+from startrack.metrics import Interval
 from startrack.optimise.evaluate import evaluate
 from startrack.optimise.explorer import Explorer
 from startrack.optimise.ledger import Ledger
-from startrack.optimise.optimise import optimize
+from startrack.optimise.optimise import _better, _Shown, optimize
 from startrack.optimise.runner import TrialRunner
 from startrack.optimise.source import TrackerSource
 from startrack.optimise.steps import RIVAL, explore
@@ -75,6 +76,23 @@ def test_a_worse_design_is_never_the_best(small, campaign):
     text = comparison(kept, worse)
     assert text.startswith("No design that was found is better than the start, which stays.")
     assert "Better by a factor" not in text
+
+
+def test_a_design_without_an_attitude_is_never_better_than_the_start(optimum):
+    """Both miss a limit, so that their errors decide, of which one is not known."""
+    solved, blind = (
+        optimum.fresh[0],
+        dataclasses.replace(optimum.fresh[1], across=Interval(math.nan, math.nan, math.nan)),
+    )
+    unknown = Interval(math.nan, math.nan, math.nan)
+    found = dataclasses.replace(optimum, factor=unknown, margins={"availability": -0.1})
+    shown = _Shown({}, {}, {}, optimum.availability)
+    start = {"availability": -0.2}
+    kept = _better(dataclasses.replace(found, fresh=(solved, blind)), start, shown)
+    assert kept.best == found.start
+    assert kept.candidate.design == found.best
+    kept = _better(dataclasses.replace(found, fresh=(blind, solved)), start, shown)
+    assert kept.best == found.best
 
 
 def test_the_best_is_the_best_feasible_one_of_the_last_pass(optimum, small, campaign):
