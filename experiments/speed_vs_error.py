@@ -1,8 +1,8 @@
 """How long does each stage take, and how wrong is it, here and in what else one would use?
 
-Every stage of `startrack bench` with its peers: the same work, in turns, in one run, on one thread.
-Peers that are not installed are left out and named; cedar-solve runs in the interpreter that
-STARTRACK_CEDAR names, because it needs an older numpy.
+Every stage of `startrack tools bench` with its peers: the same work, in turns, in one run, on one
+thread. Peers that are not installed are left out and named; cedar-solve runs in the interpreter
+that STARTRACK_CEDAR names, because it needs an older numpy.
 
     python experiments/speed_vs_error.py [--out DIR] [--json FILE] [--quick] [STAGE ...]
 

@@ -1,4 +1,4 @@
-"""`startrack bench`: the CPU time and the error of every stage, on this machine."""
+"""`startrack tools bench`: the CPU time and the error of every stage, on this machine."""
 
 from __future__ import annotations
 

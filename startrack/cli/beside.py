@@ -18,7 +18,7 @@ except ImportError:  # Windows
 
 # Commands of one trial, which Python runs; other commands compile what they need.
 ONE_TRIAL = ("simulate", "solve", "detect")
-IDENTIFICATION, TRIAL = "identification", "fidelity frame"  # parts of `startrack warm`
+IDENTIFICATION, TRIAL = "identification", "fidelity frame"  # parts of `startrack tools warm`
 LOCK = "compiling.lock"  # held by the process that compiles, as long as it runs
 
 

@@ -1,4 +1,4 @@
-"""`startrack combine`: one error from campaigns of different fidelity."""
+"""`startrack montecarlo combine`: one error from campaigns of different fidelity."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ declare = Options(
     "estimate is that of the rendered trials, with a narrower interval. For example\n\n"
     "  startrack montecarlo --trials 200 --control --store frames.sqlite\n"
     "  startrack montecarlo --trials 20000 --fidelity covariance --store covariance.sqlite\n"
-    "  startrack combine frames.sqlite covariance.sqlite",
+    "  startrack montecarlo combine frames.sqlite covariance.sqlite",
     Option(
         "campaigns CAMPAIGN.sqlite",
         "stores of `montecarlo`, of one design and one seed, made "

@@ -55,6 +55,20 @@ COMMANDS = {
     "warm": "compile all kernels before they are needed",
     "bench": "measure CPU time and error of every stage on this machine",
 }
+# How the list of commands is ordered; those in no group end it.
+GROUPS = {
+    "begin here": ("init", "budget", "optimize"),
+    "design": ("keys", "requirements", "psf", "lens", "simulate"),
+    "predict": (
+        *("predict", "montecarlo", "merge", "combine", "verify", "compare", "report", "sequence"),
+    ),
+    "improve": ("sweep", "solve-for", "pareto", "sensitivity", "sample"),
+    "real images": ("detect", "solve", "calibrate", "compare-flight"),
+    "fly": ("mission", "export", "earth"),
+    "this machine": ("warm", "bench"),
+}
+# Commands that are called as parts of another word; their names alone work, too.
+WITHIN = {"merge": "montecarlo", "combine": "montecarlo", "warm": "tools", "bench": "tools"}
 # Commands that find or identify stars; at the first run a second core compiles what that takes.
 IDENTIFY = (
     "simulate",
@@ -74,7 +88,7 @@ IDENTIFY = (
     "sensitivity",
     "bench",
 )
-EPILOG = """\
+EPILOG = """
 exit status: 0 done, 1 failed, 2 wrong use, 3 done but something is unsolved; 130, 143 stopped
 
 startrack COMMAND --help lists the options and the output files of a command. Examples:
@@ -85,8 +99,9 @@ startrack COMMAND --help lists the options and the output files of a command. Ex
   startrack optimize                        a better design, in a few minutes
   startrack montecarlo startrack-optimize/best.toml --out trials
   startrack report trials/campaign.sqlite   the results as an HTML page
-  startrack combine frames.sqlite windows.sqlite   few frames and many windows: one error
+  startrack montecarlo combine frames.sqlite windows.sqlite   one error of few frames, many windows
   startrack sample startrack-optimize/best.toml   the tolerance of each parameter
+  startrack sweep nanosatellite instrument.optics.f_number=1.2..2.4   errors and margins over a key
   startrack sensitivity                     what the error depends on
   startrack pareto                          accuracy against mass
   startrack sequence                        a slew: acquisition, loss, reacquisition
@@ -105,7 +120,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # Processes share the cores; a second thread for small matrices mostly waits.
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         postpone()
-    arguments = sys.argv[1:] if arguments is None else list(arguments)
+    arguments = parts_alone(sys.argv[1:] if arguments is None else arguments)
     with stopping.stopped_by_signals() as signals:
         try:
             if alone:
@@ -125,6 +140,29 @@ def main(arguments: Sequence[str] | None = None) -> int:
         stopping.drop_unwritten_messages()
         gc.freeze()  # or Python looks for garbage in all that the process leaves: 0.6 s
     return int(status)
+
+
+def parts_alone(arguments: Sequence[str]) -> list[str]:
+    """The arguments without the word before a command that is a part of it: "tools warm"."""
+    if list(arguments) == ["tools"]:
+        return ["tools", "--help"]
+    within = len(arguments) > 1 and WITHIN.get(arguments[1]) == arguments[0]
+    return list(arguments[1:] if within else arguments)
+
+
+def _full_name(name: str) -> str:
+    return " ".join(filter(None, (WITHIN.get(name), name)))
+
+
+def _list_of_commands() -> str:
+    """The commands in groups, each with its sentence."""
+    grouped = {name for names in GROUPS.values() for name in names}
+    others = tuple(name for name in COMMANDS if name not in grouped)
+    lines = list[str]()
+    for title, names in (GROUPS | {"others": others}).items():
+        lines += [f"\n{title}:"] * bool(names)
+        lines += [f"  {_full_name(name):19} {COMMANDS[name]}" for name in names]
+    return "\n".join(lines)
 
 
 def _parsed(arguments: Sequence[str]) -> argparse.Namespace:
@@ -195,21 +233,35 @@ def _print_warning(message: Warning | str, *_: Any, **__: Any) -> None:
 def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="startrack",
+        usage="startrack [-h] [--version] COMMAND ...",
         description="Design a star tracker before it is built: render, detect, identify, estimate, "
-        "optimise.",
+        f"optimise.\n{_list_of_commands()}",
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"startrack {__version__}")
-    commands = parser.add_subparsers(dest="name", required=True, metavar="COMMAND")
+    commands = parser.add_subparsers(
+        dest="name", required=True, metavar="COMMAND", help=argparse.SUPPRESS
+    )
     called = _called(arguments)
     # Only help that is asked for before a command lists all of them.
     alone = bool(called) and called[0] in COMMANDS and arguments[0] == called[0]
     for name in called if alone else COMMANDS:
         text = COMMANDS[name]
         command = commands.add_parser(
-            name, help=text, description=text, formatter_class=argparse.RawDescriptionHelpFormatter
+            name,
+            prog=f"startrack {_full_name(name)}",
+            description=text,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
         )
         if [name] == called:
             import_module(_module(name)).declare(command)
+    if not alone:
+        tools = [f"  startrack {_full_name(name)}" for name in WITHIN if WITHIN[name] == "tools"]
+        commands.add_parser(
+            "tools",
+            usage="startrack tools COMMAND ...",
+            description="\n".join(["what a machine needs once:", *tools]),
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
     return parser

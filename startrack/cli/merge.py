@@ -1,4 +1,4 @@
-"""`startrack merge`: parts of a campaign, from several machines, as one."""
+"""`startrack montecarlo merge`: parts of a campaign, from several machines, as one."""
 
 from __future__ import annotations
 

@@ -50,7 +50,7 @@ declare = Options(
     Option(
         "--first K",
         "number of the first trial (default: 0), so that the jobs of a cluster "
-        "run parts of one campaign, which `startrack merge` puts together",
+        "run parts of one campaign, which `startrack montecarlo merge` puts together",
         whole(0, 2**62),
         0,
     ),

@@ -1,4 +1,4 @@
-"""`startrack warm`: compile the kernels before they are needed."""
+"""`startrack tools warm`: compile the kernels before they are needed."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from day import WORDS as DATASHEET_WORDS
 
 from startrack.benchmark import STAGES
 from startrack.cli.keys import DATASHEET
-from startrack.cli.main import COMMANDS, main
+from startrack.cli.main import COMMANDS, GROUPS, WITHIN, main
 from startrack.cli.terminal import lines_now_and_then, progress, stage
 from startrack.design import design_keys
 from startrack.design.case import Fidelity
@@ -219,6 +219,35 @@ def test_every_command_documents_itself_and_its_options(capsys, command):
         if line.startswith("  --") and len(line.split("  ")) < 3:
             following = options.splitlines()[options.splitlines().index(line) + 1]
             assert following.startswith(" " * 10), line
+
+
+def test_the_list_of_commands_is_grouped_and_has_each_once(capsys):
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    text = capsys.readouterr().out
+    heads = [line for line in text.splitlines() if line in {f"{title}:" for title in GROUPS}]
+    assert heads == [f"{title}:" for title in GROUPS]
+    for sentence in COMMANDS.values():
+        assert text.count(sentence) == 1
+
+
+@pytest.mark.parametrize(("name", "home"), WITHIN.items())
+def test_a_command_within_another_word_is_the_same_alone(capsys, name, home):
+    texts = []
+    for words in ([name, "--help"], [home, name, "--help"]):
+        with pytest.raises(SystemExit):
+            main(words)
+        texts.append(capsys.readouterr().out)
+    assert texts[0] == texts[1]
+    assert texts[0].startswith(f"usage: startrack {home} {name} ")
+
+
+def test_tools_alone_names_its_commands(capsys):
+    for words in (["tools"], ["tools", "--help"]):
+        with pytest.raises(SystemExit) as ended:
+            main(words)
+        assert ended.value.code == 0
+        assert "startrack tools warm" in capsys.readouterr().out
 
 
 def test_a_design_with_an_error_is_wrong_use(call, tmp_path):
