@@ -64,7 +64,7 @@ GROUPS = {
     ),
     "improve": ("sweep", "solve-for", "pareto", "sensitivity", "sample"),
     "real images": ("detect", "solve", "calibrate", "compare-flight"),
-    "fly": ("mission", "export", "earth"),
+    "fly": ("mission", "export", "serve", "earth"),
     "this machine": ("warm", "bench"),
 }
 # Commands that are called as parts of another word; their names alone work, too.
