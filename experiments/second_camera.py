@@ -157,6 +157,7 @@ def formulas(quick: bool) -> dict[str, float]:
     images, few = (1, 2) if quick else (retrieval_formulas.IMAGES, moving_objects.TRIALS)
     kinds = {"fires": ("hsrs", retrieval_formulas.FIRES)}
     kinds["minerals"] = "mertis", retrieval_formulas.MINERALS
+    kinds["heights"] = "heights", retrieval_formulas.HEIGHTS
     kinds["fields"] = "fields", retrieval_formulas.FIELDS
     worst = dict[str, float]()
     for kind, (scene, designs) in kinds.items():

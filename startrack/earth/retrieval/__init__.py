@@ -7,6 +7,7 @@ fire           Excess radiance of a fire -> its radiative power, temperature and
 hot_spots      HotSpots: fires, their detection and power; a trial of both.
 fire_forecast  The smallest fire that is found, and the error of its power, by formula.
 minerals       Minerals: thermal spectra -> temperature, emissivity, Christiansen feature, class.
+stereo         Stereo: heights from two images along the track; their forecast and trials.
 land_cover     LandCover: reflectance, an index and classes of land; their forecast and trials.
 criteria       What a retrieval is judged by: criteria by name, by formula and by trials.
 study          EarthDesign: a scene with its camera, its retrieval and its campaign, and their file.
@@ -48,6 +49,13 @@ from startrack.earth.retrieval.minerals import (
     spectrometer_of,
 )
 from startrack.earth.retrieval.problem import EarthProblem
+from startrack.earth.retrieval.stereo import (
+    Stereo,
+    StereoForecast,
+    forecast_heights,
+    match_heights,
+    observe_terrain,
+)
 from startrack.earth.retrieval.study import (
     CameraLimits,
     EarthCampaign,
@@ -71,7 +79,10 @@ __all__ = [
     "MineralForecast",
     "Minerals",
     "Retrieval",
+    "Stereo",
+    "StereoForecast",
     "forecast_fires",
+    "forecast_heights",
     "forecast_land",
     "forecast_minerals",
     "load_earth_design",

@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from startrack.core import Floats
-from startrack.earth.retrieval import fire, hot_spots, land_cover, minerals
+from startrack.earth.retrieval import fire, hot_spots, land_cover, minerals, stereo
 from startrack.earth.retrieval.fire_forecast import forecast_fires
 from startrack.earth.retrieval.study import EarthDesign
 from startrack.metrics import Interval, fraction_interval, level_interval, rms_interval
@@ -69,6 +69,8 @@ def study_of(design: EarthDesign) -> RetrievalStudy:
         return Spectra(design, design.retrieval.minerals)
     if design.retrieval.land_cover:
         return MosaicStudy(design, design.retrieval.land_cover)
+    if design.retrieval.stereo:
+        return TerrainStudy(design, design.retrieval.stereo)
     assert design.retrieval.hot_spots
     return Fires(design, design.retrieval.hot_spots)
 
@@ -275,3 +277,57 @@ class MosaicStudy(NamedTuple):
         if name != "wrong":
             return interval
         return Interval(*(end**2 for end in (interval.value, interval.low, interval.high)))
+
+
+class TerrainStudy(NamedTuple):
+    """Heights of terrain from two images along the track."""
+
+    design: EarthDesign
+    own: stereo.Stereo
+
+    @property
+    def criteria(self) -> dict[str, Criterion]:
+        """As in `RetrievalStudy`."""
+        return {
+            "height": Criterion(
+                "rms error of heights", "m", "height", "max_height_error", "square of height"
+            )
+        }
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """As in `RetrievalStudy`; of pixels that are matched, and the fraction that is not."""
+        return "square of height", "unmatched"
+
+    @property
+    def per_image(self) -> int:
+        """As in `RetrievalStudy`."""
+        return 1
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """As in `RetrievalStudy`."""
+        return (
+            "errors of orientation and of the camera's calibration",
+            "shading, hidden ground, buildings and trees",
+            "pixels whose match is rejected",
+        )
+
+    def expected(self) -> dict[str, float]:
+        """As in `RetrievalStudy`."""
+        return {"height": stereo.forecast_heights(self.design, self.own).height_error}
+
+    def image(self, seed: int, number: int) -> dict[str, Floats]:
+        """As in `RetrievalStudy`."""
+        images = stereo.observe_terrain(self.design, self.own, seed, number)
+        found = stereo.match_heights(self.design, self.own, images)
+        errors = (found.height - images.height)[found.matched]
+        square = (errors**2).mean() if len(errors) else math.inf
+        return {
+            "square of height": np.array([square]),
+            "unmatched": np.array([1 - found.matched.sum() / max(found.inside.sum(), 1)]),
+        }
+
+    def shown(self, name: str, values: Floats, confidence: float = 0.95) -> Interval:
+        """As in `RetrievalStudy`."""
+        return rms_interval(values, confidence)

@@ -12,6 +12,7 @@ from startrack.earth.imager import Channel, Survey, scene_of
 from startrack.earth.retrieval.hot_spots import HotSpots
 from startrack.earth.retrieval.land_cover import LandCover
 from startrack.earth.retrieval.minerals import Minerals
+from startrack.earth.retrieval.stereo import Stereo
 from startrack.io import shipped
 from startrack.problem import Settings
 
@@ -26,6 +27,7 @@ class Retrieval(Parameters):
     land_cover: LandCover | None = parameter(
         "reflectance of land, an index and classes of its pixels", default=None
     )
+    stereo: Stereo | None = parameter("heights from two images along the track", default=None)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -110,6 +112,9 @@ class CameraLimits(Parameters):
     max_index_error: float | None = parameter(
         "1, rms, in each condition", limit=POSITIVE, default=None
     )
+    max_height_error: float | None = parameter(
+        "rms, in each condition", unit=Unit("m"), limit=POSITIVE, default=None
+    )
 
     def mass(self, channels: Sequence[Channel]) -> float:
         """Kilogram."""
@@ -138,9 +143,11 @@ class EarthCampaign(Settings):
     objective: str = parameter(
         '"area" of the smallest fire that is found, the geometric mean of all temperatures; '
         '"power", the relative error of the radiative power; "emissivity", its rms error; '
-        '"reflectance" and "index", likewise; "wrong", the fraction of spectra or pixels that are '
-        "classified wrongly. Of several conditions the geometric mean by their weights",
-        limit=Range(choices=("area", "power", "emissivity", "reflectance", "index", "wrong")),
+        '"reflectance", "index" and "height", likewise; "wrong", the fraction of spectra or pixels '
+        "that are classified wrongly. Of several conditions the geometric mean by their weights",
+        limit=Range(
+            choices=("area", "power", "emissivity", "reflectance", "index", "wrong", "height")
+        ),
         default="area",
     )
 

@@ -14,45 +14,52 @@ from startrack.core import Floats, Singles
 from startrack.earth.imager import ROUGHNESS, TEXELS
 
 
-def power(frequency: Floats, cell: float) -> Floats:
+def power(frequency: Floats, cell: float, roughness: float = ROUGHNESS) -> Floats:
     """Power spectral density of a texture of variance one.
 
         S(k) ~ k^(-2 roughness)   from one cycle in 1024 cells to one in 2 cells
 
     frequency  (..., 2) cycle / metre, along two axes
     cell       metre
+    roughness  1, smaller for rougher textures
     Returns    (...) square metre
     """
     period = TEXELS * cell
     size = np.hypot(frequency[..., 0], frequency[..., 1]) * period
     inside = (size >= 0.5) & (np.abs(frequency) <= 0.5 / cell).all(-1)
     with np.errstate(divide="ignore"):
-        return np.where(inside, size ** (-2 * ROUGHNESS), 0.0) * (period**2 / _total())
+        return np.where(inside, size ** (-2 * roughness), 0.0) * (period**2 / _total(roughness))
 
 
 @cache
-def _total() -> float:
-    """Sum of k^(-2 roughness) over all waves of the land's fractal."""
+def _total(roughness: float) -> float:
+    """Sum of k^(-2 roughness) over all waves of a fractal."""
     k = np.fft.fftfreq(TEXELS, 1 / TEXELS)
     size = np.hypot(k[:, None], k)
     size[0, 0] = np.inf
-    return float((size ** (-2 * ROUGHNESS)).sum())
+    return float((size ** (-2 * roughness)).sum())
 
 
 def draw(
-    stream: np.random.Generator, lines: int, columns: int, step: tuple[float, float], cell: float
+    stream: np.random.Generator,
+    lines: int,
+    columns: int,
+    step: tuple[float, float],
+    cell: float,
+    roughness: float = ROUGHNESS,
 ) -> Singles:
     """A realisation, the mean over each of a grid's cells.
 
     Waves longer than the grid are one constant over it.
 
-    step     metre along lines and along columns, sides of the cells
-    Returns  (lines, columns) of mean zero and rms one over many
+    step       metre along lines and along columns, sides of the cells
+    roughness  1, smaller for rougher textures
+    Returns    (lines, columns) of mean zero and rms one over many
     Accuracy model: a Gaussian field; the land's fractal has waves of fixed amplitude.
     """
     down, right = np.fft.fftfreq(lines, step[0]), np.fft.rfftfreq(columns, step[1])
     frequency = np.stack(np.meshgrid(down, right, indexing="ij"), -1).astype(np.float64)
-    density = power(frequency, cell)
+    density = power(frequency, cell, roughness)
     density[0, 0] = 0.0
     area = lines * step[0] * columns * step[1]
     mean = np.sinc(down * step[0])[:, None] * np.sinc(right * step[1])
