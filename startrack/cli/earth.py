@@ -19,10 +19,11 @@ if wanted(__name__):
     from startrack.earth import imager, product
     from startrack.earth.geometry import EarthScene, Strip, find, observe_earth
     from startrack.earth.product import UNITS as PRODUCT_UNITS
+    from startrack.earth.retrieval import ground_spectrum, load_earth_design
     from startrack.earth.terrain import EQUATORIAL, Raster
     from startrack.io import from_table, read_table, save_netcdf, save_text, shipped, whole
     from startrack.motion import Motion, realise_motion
-    from startrack.plots import draw_geometry, draw_picture, draw_product
+    from startrack.plots import draw_geometry, draw_picture, draw_product, draw_spectrum
     from startrack.report import write_earth_report
 
 EARTH = """\
@@ -33,6 +34,7 @@ GeoTIFF files of any resolution, such as tiles of the Copernicus DEM or of SRTM,
   startrack earth terrain 'dem/*.tif'         what they cover, and the table [terrain] to copy
   startrack earth geometry SCENE.toml         what each pixel sees
   startrack earth render SCENE.toml           the image, in digital numbers
+  startrack earth spectrum SCENE.toml         the spectrum at the sensor
   startrack earth process SCENE.toml          radiance and reflectance, on a map
 
 A scene to render also gives a camera (of the catalogue, or in the file), the land and the air;
@@ -141,6 +143,19 @@ declare = Parts(
             out("startrack-earth"),
         ),
     ),
+    spectrum=(
+        "compute the spectrum of sunlight at the sensor, and the rectangle of each band",
+        Options(
+            "Writes spectrum.csv and spectrum.png. The ground is level, straight below, the cover "
+            "of its height all around; thermal radiance is left out.",
+            Option("scene SCENE", "scene file, or one of the catalogue (default: hsrs)", many="?"),
+            Option("--low NM", "shortest wavelength (default: 400)", float, 400.0),
+            Option("--high NM", "longest wavelength (default: 1000)", float, 1000.0),
+            Option("--height METRE", "of the ground above the sea (default: 0)", float, 0.0),
+            Option("--sun DEGREE", "zenith angle of the Sun (default: 40)", float, 40.0),
+            out("startrack-earth"),
+        ),
+    ),
     terrain=(
         "print area and heights of height files, and the table that a scene needs",
         Options(
@@ -153,7 +168,13 @@ declare = Parts(
 
 def command(options: argparse.Namespace) -> int:
     """Run one part of the command."""
-    run = {"geometry": geometry, "render": rendered, "process": processed, "terrain": terrain}
+    run = {
+        "geometry": geometry,
+        "render": rendered,
+        "process": processed,
+        "spectrum": spectrum,
+        "terrain": terrain,
+    }
     return run[options.part](options)
 
 
@@ -369,6 +390,52 @@ def processed(options: argparse.Namespace) -> int:
     page = options.out / "earth.html"
     save_text(page, write_earth_report(survey, products, scene, f"Earth camera: {path.stem}"))
     print_result(options, {"report": str(page)}, f"wrote {page}")
+    return Exit.DONE
+
+
+def spectrum(options: argparse.Namespace) -> int:
+    """Write spectrum.csv and spectrum.png; print the rectangles."""
+    if not 0 <= options.sun <= 85 or not 0 <= options.height <= 9000:
+        raise shared.WrongUse(
+            f"sun must lie in [0, 85] degrees and height in [0, 9000] m, got {options.sun:g} and "
+            f"{options.height:g}"
+        )
+    with as_wrong_use():
+        survey = load_earth_design(options.scene or "hsrs")
+        low, high = (1e-9 * end for end in (options.low, options.high))
+        found = ground_spectrum(survey, low, high, options.height, math.radians(options.sun))
+    table = [
+        "wavelength_nm,radiance_w_m2_sr_um,path_w_m2_sr_um",
+        *(
+            f"{1e9 * place:.6g},{um * light:.6g},{um * path:.6g}"
+            for place, light, path in zip(found.wavelength, found.radiance, found.path, strict=True)
+        ),
+    ]
+    csv, png = options.out / "spectrum.csv", options.out / "spectrum.png"
+    save_text(csv, "\n".join(table) + "\n")
+    draw_spectrum(
+        png,
+        found.wavelength,
+        found.radiance * um,
+        found.path * um,
+        [(band.name, band.low, band.high, band.radiance * um) for band in found.bands],
+    )
+    bands = [
+        {
+            "channel": band.name,
+            "low_nm": 1e9 * band.low,
+            "high_nm": 1e9 * band.high,
+            "radiance": um * band.radiance,
+        }
+        for band in found.bands
+    ]
+    lines = [
+        f"{band['channel']}: {band['low_nm']:.1f} to {band['high_nm']:.1f} nm, "
+        f"{band['radiance']:.4g} W / m^2 / sr / um"
+        for band in bands
+    ]
+    result = {"bands": bands, "csv": str(csv), "png": str(png)}
+    print_result(options, result, *lines, f"wrote {csv} and {png}")
     return Exit.DONE
 
 

@@ -6,6 +6,7 @@ from .budget import draw_sky as draw_sky
 from .earth import draw_geometry as draw_geometry
 from .earth import draw_picture as draw_picture
 from .earth import draw_product as draw_product
+from .earth import draw_spectrum as draw_spectrum
 from .errors import draw_errors as draw_errors
 from .errors import draw_flown as draw_flown
 from .errors import draw_sequence as draw_sequence

@@ -1,6 +1,6 @@
 """Pictures of Earth scenes: geometry over the image; image and radiance."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +39,33 @@ def draw_geometry(path: Path, maps: dict[str, Floats], title: str) -> None:
     _panel(axes[0, 1], maps["shadow"], "shadow (fraction of the pixel)", "gray_r", (0.0, 1.0))
     _panel(axes[1, 0], maps["incidence"], "incidence of the line of sight (deg)", "magma")
     _levels(axes[1, 1], np.where(maps["hit"] > 0, maps["level"], np.nan))
+    style.save_picture(path, figure)
+
+
+@style.styled
+def draw_spectrum(
+    path: Path,
+    wavelength: Floats,
+    radiance: Floats,
+    scattered: Floats,
+    bands: Sequence[tuple[str, float, float, float]],
+) -> None:
+    """Write the picture of a spectrum at the sensor, with a rectangle for each band.
+
+    wavelength           (n,) metre
+    radiance, scattered  (n,) watt / m^2 / sr / um, of all light and of the air over black ground
+    bands                name, metre from and to, watt / m^2 / sr / um
+    """
+    figure = style.picture(4.5, "spectrum at the sensor; rectangles: bands of the channels")
+    axes = figure.subplots()
+    axes.plot(1e9 * wavelength, radiance, color=style.BLUE, lw=0.8, label="ground and air")
+    axes.plot(1e9 * wavelength, scattered, color=style.ORANGE, lw=0.8, label="air alone")
+    for name, low, high, mean in bands:
+        ends = np.array([low, low, high, high]) * 1e9
+        axes.plot(ends, [0, mean, mean, 0], color=style.GREEN, lw=1.2)
+        axes.annotate(name, (ends[1:3].mean(), mean), ha="center", va="bottom", fontsize=7)
+    axes.set(xlabel="wavelength (nm)", ylabel="W / m$^2$ / sr / um", ylim=(0, None))
+    axes.legend()
     style.save_picture(path, figure)
 
 

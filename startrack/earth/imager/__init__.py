@@ -18,7 +18,14 @@ files           FITS that is filled while an image is rendered; GeoTIFF with gro
 """
 
 from startrack.earth.imager.adjacency import Environment, Plane, leaving, surrounded
-from startrack.earth.imager.band import INFRARED, Band, band_of, mean_wavelength, terms_in_band
+from startrack.earth.imager.band import (
+    INFRARED,
+    Band,
+    air_table,
+    band_of,
+    mean_wavelength,
+    terms_in_band,
+)
 from startrack.earth.imager.brdf import Angles, RossLi, Snow, Water, glint, kernel_albedos, kernels
 from startrack.earth.imager.clouds import CloudLayer, Sheet, open_sheets
 from startrack.earth.imager.figures import (

@@ -56,7 +56,7 @@ def band_of(
               light is the mean of each cell of the table, 1 to 20 nm wide.
     """
     every, middle = _answers(channel)
-    table = _table(air, middle > INFRARED)
+    table = air_table(air, middle > INFRARED)
     step = np.gradient(table.spectrum)
     edges = atmosphere.edges_of(table.spectrum)
     place, part, cell = core.quadrature(edges, channel.curves)
@@ -123,9 +123,13 @@ def _answers(channel: Channel) -> tuple[float, float]:
 
 
 @lru_cache(maxsize=4)
-def _table(
+def air_table(
     air: atmosphere.Air | None, infrared: bool
 ) -> atmosphere.AirTable | atmosphere.InfraredTable:
+    """The shipped table of an air.
+
+    Raises  ValueError where there is none.
+    """
     if air is None:
         return atmosphere.vacuum()
     if infrared:

@@ -7,6 +7,7 @@ fire           Excess radiance of a fire -> its radiative power, temperature and
 hot_spots      HotSpots: fires, their detection and power; a trial of both.
 fire_forecast  The smallest fire that is found, and the error of its power, by formula.
 minerals       Minerals: thermal spectra -> temperature, emissivity, Christiansen feature, class.
+spectrum       The spectrum of level ground at the sensor, and the rectangle of each band.
 stereo         Stereo: heights from two images along the track; their forecast and trials.
 land_cover     LandCover: reflectance, an index and classes of land; their forecast and trials.
 criteria       What a retrieval is judged by: criteria by name, by formula and by trials.
@@ -49,6 +50,7 @@ from startrack.earth.retrieval.minerals import (
     spectrometer_of,
 )
 from startrack.earth.retrieval.problem import EarthProblem
+from startrack.earth.retrieval.spectrum import GroundSpectrum, Rectangle, ground_spectrum
 from startrack.earth.retrieval.stereo import (
     Stereo,
     StereoForecast,
@@ -73,11 +75,13 @@ __all__ = [
     "EarthDesign",
     "EarthProblem",
     "FireForecast",
+    "GroundSpectrum",
     "HotSpots",
     "LandCover",
     "LandForecast",
     "MineralForecast",
     "Minerals",
+    "Rectangle",
     "Retrieval",
     "Stereo",
     "StereoForecast",
@@ -85,6 +89,7 @@ __all__ = [
     "forecast_heights",
     "forecast_land",
     "forecast_minerals",
+    "ground_spectrum",
     "load_earth_design",
     "power_coefficient",
     "power_of",
