@@ -184,7 +184,8 @@ def command(options: argparse.Namespace) -> int:
     result = {"design": str(path), "seed": options.seed, "fidelity": sampling.fidelity.value}
     result |= metrics.to_json(rows) | {"trials_per_s": rate} | shown
     asked = f"{summary.doubt}; `startrack budget` names what the tracker does not know"
-    text = [*([asked] if summary.doubt else []), *metrics.to_lines(rows), *verdicts]
+    text = [_answer(summary), *([asked] if summary.doubt else [])]
+    text += [*metrics.to_lines(rows), *verdicts]
     if sampling.units:
         required = needs.accuracy if needs else ()
         result["units"], lines = trials_of(case, options.seed, sampling, outcomes, required)
@@ -209,6 +210,16 @@ def command(options: argparse.Namespace) -> int:
         result["out"] = str(options.out)
     terminal.print_result(options, result, *text)
     return Exit.DONE if summary.availability.value == 1 and not failures else Exit.UNSOLVED
+
+
+def _answer(summary: metrics.Summary) -> str:
+    """The errors, and how often there is a correct attitude."""
+    across = metrics.bracketed(summary.across, ".3f", arcsec)
+    about = metrics.bracketed(summary.about, ".3f", arcsec)
+    return (
+        f"error {across} arcsec across and {about} about the boresight, rms per axis; an attitude "
+        f"is correct in {100 * summary.availability.value:.2f} % of {summary.trials} trials"
+    )
 
 
 def _save_table(

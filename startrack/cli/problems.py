@@ -163,9 +163,10 @@ def verify(options: argparse.Namespace, problem: Problem) -> int:
     table = verification.problem_verdict_table(verified)
     sizes, alpha = ", ".join(map(str, looks.sizes)), 100 * looks.alpha
     lines = [
+        f"verdict: {verified.answer.loud}",
+        "",
         *table.text((0, 1)),
         "",
-        f"verdict: {verified.answer.loud}",
         *dict.fromkeys(row.note for row in verified.verdicts if row.note),
         f"tested at {sizes} trials until decided; a pass or a fail of the whole is wrong with a "
         f"probability of at most {alpha:g} %, as exactly as intervals hold. Values are in SI; "

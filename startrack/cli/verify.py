@@ -110,9 +110,11 @@ def command(options: argparse.Namespace) -> int:
     if unknowns and answer is verification.Answer.PASS:
         answer = verification.Answer.NOT_SHOWN
         values["verdict"] = answer.value
-        table += (
-            f"\nNOT SHOWN: {len(unknowns)} values are not known ({', '.join(unknowns)}), and what "
-            "passes does so for the middle of their laws; startrack predict gives the interval"
+        _, _, rest = table.partition("\n")
+        table = (
+            f"verdict: NOT SHOWN: {len(unknowns)} values are not known ({', '.join(unknowns)}), "
+            "and what passes does so for the middle of their laws; startrack predict gives the "
+            f"interval\n{rest}"
         )
     result = {"design": str(path), "seed": options.seed, "fidelity": fidelity.value}
     result |= {"unknowns": unknowns} if unknowns else {}

@@ -258,9 +258,10 @@ def unit_text(verified: UnitVerification) -> str:
     verdicts = ", ".join(f"{verified.at(k).loud} at {age}" for k, age in enumerate(ages))
     return "\n".join(
         [
+            f"verdict: {verdicts}",
+            "",
             *lines,
             "",
-            f"verdict: {verdicts}",
             *statistics,
             *(_stated_text(errors) for errors in verified.stated),
             *(f"not judged: {reason}" for reason in verified.left),

@@ -228,9 +228,13 @@ def verdict_notes(verified: Verification) -> list[str]:
 
 
 def verdict_text(verified: Verification) -> str:
-    """The table and its notes as plain text."""
+    """The verdict, the table and its notes as plain text."""
     lines = verdict_table(verified).text((0, 1, 8))
-    return "\n".join([*lines, "", f"verdict: {verified.answer.loud}", *verdict_notes(verified)])
+    open_ = [verdict for verdict in verified.verdicts if verdict.answer is not Answer.PASS]
+    names = [f"{verdict.name} ({verdict.condition}) {verdict.answer.loud}" for verdict in open_]
+    why = f": {', '.join(names)}" if names else ""
+    first = f"verdict: {verified.answer.loud}{why}"
+    return "\n".join([first, "", *lines, "", *verdict_notes(verified)])
 
 
 def verdict_values(verified: Verification) -> dict[str, Any]:
