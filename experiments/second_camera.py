@@ -1,7 +1,7 @@
 """Problems beside star trackers: what the engines cost, gain and know of each camera.
 
 python experiments/second_camera.py --json figures.json measures for fires (HSRS), minerals
-(MERTIS) and moving objects (AsteroidFinder):
+(MERTIS), moving objects (AsteroidFinder), land (Sentinel-2) and heights (ADS40):
 
 forecast_ms          CPU time of a forecast of a design that was not forecast before
 trial_s              CPU time of a trial, the first ones left out
@@ -9,6 +9,7 @@ optimize_s, gain     wall time of a search in this process, and start over best 
 formula_over_trials  worst ratio of formula and trials, over designs that stress the formulas
 hsrs_area_m2         smallest fire that is found in 95 % of the places, all conditions
 mertis_right         fraction of spectra that are classified rightly
+height_error_px      rms error of ADS40's heights from 3 km, over the ground between two lines
 asteroid_limit_mag   V of the objects of which half are found
 problem_lines        lines of the user's problem in the gallery
 tracker_same         whether the engines' trials of a star tracker are those of `run_trials`
@@ -33,6 +34,9 @@ import retrieval_formulas
 from startrack import load_design, run_trials, shipped
 from startrack.core import Rows
 from startrack.design import Fidelity
+from startrack.earth import imager
+from startrack.earth.geometry import flight_height, ground_rate
+from startrack.earth.imager import band_of
 from startrack.earth.retrieval import EarthProblem, load_earth_design
 from startrack.moving import MovingProblem, load_moving_design
 from startrack.optimise import TrialRunner, improve
@@ -41,6 +45,7 @@ from startrack.problem import Problem
 ROOT = Path(__file__).parents[1]
 ENGINES = "optimise", "montecarlo", "verification"
 KINDS = re.compile(r"\bEarth|\bearth\b|MovingProblem|MovingDesign|is_scene|is_search|\bProblemKind")
+IMAGES = 24  # of a terrain
 VARIED = {
     "hsrs": "channels.mir.detector.exposure",
     "mertis": "channels.*.detector.exposure",
@@ -72,6 +77,7 @@ def main() -> None:
     figures["mertis_right"] = 1 - minerals["nominal: wrong"].value
     asteroids = problems["asteroidfinder"].judge(measured["asteroidfinder"][1]).parts
     figures["asteroid_limit_mag"] = asteroids["limit 50 V"].value
+    figures["height_error_px"] = height_error(2 if options.quick else IMAGES)
     seconds, gain = dict[str, float](), dict[str, list[float]]()
     for name in options.cameras:
         began = time.perf_counter()
@@ -106,6 +112,18 @@ def cameras(quick: bool) -> dict[str, Problem]:
         made[name] = EarthProblem(replace(problem.design, campaign=campaign))
     own = replace(searched.moving_object, frames=4)
     return made | {"asteroidfinder": MovingProblem(replace(searched, moving_object=own))}
+
+
+def height_error(images: int) -> float:
+    """Error of heights, in pixels along the track."""
+    problem = EarthProblem(load_earth_design("heights"))
+    design = problem.design
+    (channel,) = (each for each in design.channels if each.name == "nadir")
+    height = flight_height(design.carrier)
+    band = band_of(channel, design.air, height, design.sun_distance)
+    line = imager.figures(channel, band, height, ground_rate(design.carrier)).sampling_along
+    judged = problem.judge(problem.trials(1, range(images)))
+    return judged.parts["nominal: height"].value / line
 
 
 def lines_of(path: Path) -> int:
