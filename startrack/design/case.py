@@ -427,6 +427,12 @@ class Tracker(Parameters):
             raise Refused("catalog of a tracker must have no random_g: no list has these stars")
         if self.mounting and self.mounting.swings:
             raise Refused("mounting of a tracker must not swing: it believes one turn")
+        least, most = self.identification.min_matches, self.detection.max_spots
+        if least > most:
+            raise Refused(
+                f"identification.min_matches must be at most detection.max_spots ({most}), "
+                f"got {least}"
+            )
 
 
 @core.printed

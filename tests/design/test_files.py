@@ -2,6 +2,7 @@ from pathlib import Path
 
 import pytest
 
+from startrack.core import Refused
 from startrack.design.case import Case, Fidelity
 from startrack.design.files import Design, load_design, save_design
 from startrack.io import shipped
@@ -184,3 +185,14 @@ def test_a_percentage_may_stand_for_a_fraction(tmp_path):
     path.write_text(text.format("1.5"))
     with pytest.raises(ValueError, match=r"instrument\.detector\.prnu must be a number"):
         load_design(path)
+
+
+def test_a_tracker_that_keeps_fewer_spots_than_it_must_match_is_refused_when_it_is_read():
+    changes = ["tracker.detection.max_spots=4", "tracker.identification.min_matches=5"]
+    with pytest.raises(
+        Refused, match=r"min_matches must be at most detection\.max_spots \(4\), got 5"
+    ):
+        load_design(shipped("designs/noise_only.toml"), changes)
+    load_design(
+        shipped("designs/noise_only.toml"), ["tracker.detection.max_spots=4", changes[1][:-1] + "4"]
+    )
