@@ -90,3 +90,10 @@ def test_what_cannot_be_is_refused():
         forecast_heights(DESIGN, replace(OWN, relief=500.0))
     with pytest.raises(Refused, match="too few details"):
         forecast_heights(DESIGN, replace(OWN, window=3))
+
+
+def test_wide_images_leave_windows_too_few_details():
+    """There the formula would be 17 % smaller than trials of 16 images."""
+    blurred = {"channels.*.optics.f_number": 8.0, "channels.*.optics.blur": 6e-6}
+    with pytest.raises(Refused, match="too few details"):
+        forecast_heights(PROBLEM.replaced(blurred).design, OWN)
