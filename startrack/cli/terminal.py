@@ -31,6 +31,7 @@ SHIPPED = ("designs", "trackers")  # folders of design files
 FEWEST_LETTERS = 3  # of a part of a name, by which a shipped design is suggested
 CATALOGS = ("bright", "deep")
 LONG_COMPILING = 2.0  # second
+EARLIEST = 0.02  # of the steps, before which the time left is not told: the first ones compile
 SILENT = 30.0  # second, between two lines where there is no terminal
 UNKEPT_CODE = (
     "startrack: compiled code cannot be kept, as no folder can be written to: each run compiles "
@@ -278,7 +279,7 @@ def progress(title: str, total: int) -> Iterator[Callable[..., None]]:
 
         def text() -> str:
             left = ""
-            if 0 < done[0] < total:
+            if EARLIEST * total <= done[0] < total:
                 left = f", some {(time.monotonic() - begun) * (total / done[0] - 1):.0f} s left"
             steps = f"{done[0]:.0f}" if total > 10 or done[0] % 1 == 0 else f"{done[0]:.1f}"
             return f"{title}: {steps} of {total}{left}{said[0] and f', {said[0]}'}"

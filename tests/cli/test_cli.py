@@ -16,7 +16,7 @@ from day import WORDS as DATASHEET_WORDS
 from startrack.benchmark import STAGES
 from startrack.cli.keys import DATASHEET
 from startrack.cli.main import COMMANDS, GROUPS, WITHIN, main
-from startrack.cli.terminal import lines_now_and_then, progress, stage
+from startrack.cli.terminal import lines_now_and_then, progress, stage, waiting
 from startrack.design import design_keys
 from startrack.design.case import Fidelity
 from startrack.design.files import load_design
@@ -585,8 +585,15 @@ def test_long_work_says_so_without_a_terminal(capsys, monkeypatch):
             now[0] = 60.0
             advance(1, "best 4.2")
             wait_for("startrack: trials: 1 of 3, some 120 s left, best 4.2; 60 s so far")
+        with progress("trials", 8000) as advance:
+            advance(1)  # which says nothing of the others
+            wait_for("startrack: trials: 1 of 8000; 60 s so far")
         with stage("error budget"):
             wait_for("startrack: error budget; 60 s so far")
+        with waiting():
+            shown.clear()
+            time.sleep(0.05)
+            assert not [line for line in capsys.readouterr().err.splitlines() if "at work" in line]
         wait_for("startrack: at work; 60 s so far")
     capsys.readouterr()
     time.sleep(0.05)
