@@ -32,7 +32,7 @@ from startrack.verification.accuracy import (
 )
 from startrack.verification.cases import boresights, cases, counted
 from startrack.verification.decide import Answer, Looks, YieldClaim, claims_of, tails
-from startrack.verification.figures import correlation, photon_transfer
+from startrack.verification.figures import correlation, gain_in_flight
 from startrack.verification.flown import FlightComparison, compare_flown
 from startrack.verification.frame_figures import expected_in_frames, told_by_frames
 from startrack.verification.prediction import simulate
@@ -61,4 +61,4 @@ from startrack.verification.windows_of_flight import (
 )
 
 # Public; the other imports serve other rooms.
-__all__ = ["Looks", "Windows", "compare_flown", "photon_transfer", "read_windows", "simulate"]
+__all__ = ["Looks", "Windows", "compare_flown", "gain_in_flight", "read_windows", "simulate"]

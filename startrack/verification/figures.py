@@ -117,7 +117,7 @@ def measure(
     curve       of the same, over the place in the pixel
     moves       steps of an image along an axis, in an exposure
     background  digital number; brightness in digital numbers a second and exposure
-    gain, read_noise  electron a number, and number: see `photon_transfer`; NaN where it refuses
+    gain, read_noise  electron a number, and number: see `gain_in_flight`; NaN where it refuses
     offset      digital number, at which the variance is that of the design's read noise: of numbers
                 less their offset, zero
     acquired    share of the exposures in which the search finds the star, of those with its light
@@ -249,7 +249,7 @@ def correlation(seen: Floats, predicted: Floats) -> float:
     return float(np.corrcoef(seen[both], predicted[both])[0, 1])
 
 
-def photon_transfer(windows: Windows) -> tuple[float, float]:
+def gain_in_flight(windows: Windows) -> tuple[float, float]:
     """Gain (electron / digital number) and read noise (digital number) of pixels in flight.
 
         variance = read noise^2 + 1/12 + mean / gain

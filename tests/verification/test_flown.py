@@ -16,7 +16,7 @@ from startrack.detector import dark_frames
 from startrack.io import FrameFiles, Layout, read_frames
 from startrack.observation import colour_correction
 from startrack.trial import observe
-from startrack.verification.figures import Centroids, _about_common, correlation, photon_transfer
+from startrack.verification.figures import Centroids, _about_common, correlation, gain_in_flight
 from startrack.verification.flown import compare_flown
 from startrack.verification.windows_of_flight import Windows, read_windows, windows_of_frames
 
@@ -35,9 +35,9 @@ def still(background=30.0, seed=1) -> Windows:
     return Windows("s1", 2.05 * np.arange(COUNT), electrons / GAIN, corner)
 
 
-def test_photon_transfer_finds_gain_and_read_noise():
+def test_photon_transfer_in_flight_finds_gain_and_read_noise():
     """Of 2,000 images of 64 pixels: the variance of each is known to 3 %; digital numbers."""
-    gain, noise = photon_transfer(still())
+    gain, noise = gain_in_flight(still())
     assert gain == pytest.approx(GAIN, rel=0.05)
     assert noise == pytest.approx(NOISE / GAIN, rel=0.1)
 
