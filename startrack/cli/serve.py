@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import socket
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
@@ -133,10 +133,14 @@ def _request(line: bytes) -> dict[str, Any]:
         raise ValueError("attitude_xyzw must be four numbers that are not all zero")
     _numbers(request, "rate_deg_s", 3)
     number = request.get("frame")
-    if number is not None and (type(number) is not int or not 0 <= number <= shared.LARGEST_SEED):
-        raise ValueError(f"frame must be a whole number from 0 on, got {number!r}")
+    largest = shared.LARGEST_SEED
+    if number is not None and (type(number) is not int or not 0 <= number <= largest):
+        raise ValueError(f"frame must be a whole number from 0 to {largest}, got {number!r}"[:200])
+    date = request.get("time_s")
+    if date is not None and not _is_finite(date):
+        raise ValueError(f"time_s must be a finite number, got {date!r}"[:200])
     if not isinstance(request.get("pixels", False), bool):
-        raise ValueError(f"pixels must be true or false, got {request['pixels']!r}")
+        raise ValueError(f"pixels must be true or false, got {request['pixels']!r}"[:200])
     return request
 
 
@@ -145,13 +149,14 @@ def _numbers(request: dict[str, Any], key: str, count: int) -> list[float] | Non
     value = request.get(key)
     if value is None:
         return None
-    if not (
-        isinstance(value, list)
-        and len(value) == count
-        and all(type(one) in (int, float) and math.isfinite(one) for one in value)
-    ):
+    if not (isinstance(value, list) and len(value) == count and all(map(_is_finite, value))):
         raise ValueError(f"{key} must be {count} finite numbers, got {value!r}"[:200])
     return value
+
+
+def _is_finite(value: Any) -> bool:
+    """Whether a value of JSON, whose whole numbers have no limit, is one that a float holds."""
+    return type(value) in (int, float) and abs(value) <= sys.float_info.max
 
 
 def _reply(seen: SeenFrame, request: dict[str, Any]) -> tuple[dict[str, Any], bytes]:
