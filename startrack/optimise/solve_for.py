@@ -132,20 +132,23 @@ def read_limit(until: str) -> tuple[str, list[str]]:
     name, equals, limit = (part.strip() for part in until.rpartition("="))
     if not equals:
         return until.strip(), []
+    if not limit:
+        raise Refused(f"a limit must have a value, such as 'mass=0.3 kg', got {until!r}")
     base, bracket, condition = name.partition(" (")
     place = "campaign.requirements"
     if base in LIMITS:
         return name, [f"{place}.{LIMITS[base]}={limit}"]
-    objective = None if base in ("", "both") or "+" in base else Objective.read(base)
-    if objective is None or objective.axes not in ERRORS:
+    axes = base.partition(" ")[0].partition("-")[0]
+    if axes not in ERRORS or "+" in base:
         raise Refused(
             f"a limit must be of {', '.join(ERRORS)}, such as across-99.73, or of "
             f"{', '.join(LIMITS)}, got {until!r}"
         )
+    objective = Objective.read(base)
     level = "rms" if objective.fraction is None else f"{100 * objective.fraction:.10g} %"
     kind = "radial" if objective.radial else "per axis"
-    changes = [f"max_{objective.axes}={limit}", f"level={level}", f"kind={kind}"]
-    return f"{objective.axes}{bracket}{condition}", [f"{place}.{change}" for change in changes]
+    changes = [f"max_{axes}={limit}", f"level={level}", f"kind={kind}"]
+    return f"{axes}{bracket}{condition}", [f"{place}.{change}" for change in changes]
 
 
 def scaled(name: str, margin: float) -> float:

@@ -273,7 +273,9 @@ def test_limits_are_those_of_requirements(until, margin, changes):
 
 def test_limits_and_keys_that_are_none_are_refused(path):
     for until, words in (
-        ("noise=3", "objective must be"),
+        ("noise=3", "a limit must be of across, about"),
+        ("across-0=3 arcsec", "objective must be"),
+        ("mass=", "a limit must have a value"),
         ("both=3 arcsec", "a limit must be of"),
         ("nothing", "or a margin of the design"),
         ("across=3 kg", "max_across must have a unit that converts to rad"),
