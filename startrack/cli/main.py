@@ -257,11 +257,14 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
         if [name] == called:
             import_module(_module(name)).declare(command)
     if not alone:
-        tools = [f"  startrack {_full_name(name)}" for name in WITHIN if WITHIN[name] == "tools"]
-        commands.add_parser(
+        names = [name for name in WITHIN if WITHIN[name] == "tools"]
+        lines = [f"  startrack {_full_name(name)}" for name in names]
+        tools = commands.add_parser(
             "tools",
+            prog="startrack tools",
             usage="startrack tools COMMAND ...",
-            description="\n".join(["what a machine needs once:", *tools]),
+            description="\n".join(["what a machine needs once:", *lines]),
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
+        tools.add_argument("tool", metavar="COMMAND", choices=names, help=argparse.SUPPRESS)
     return parser

@@ -248,6 +248,10 @@ def test_tools_alone_names_its_commands(capsys):
             main(words)
         assert ended.value.code == 0
         assert "startrack tools warm" in capsys.readouterr().out
+    with pytest.raises(SystemExit) as ended:
+        main(["tools", "clean"])
+    assert ended.value.code == 2
+    assert "invalid choice: 'clean' (choose from 'warm', 'bench')" in capsys.readouterr().err
 
 
 def test_a_design_with_an_error_is_wrong_use(call, tmp_path):
