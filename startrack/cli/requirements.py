@@ -14,6 +14,7 @@ if wanted(__name__):
     from startrack.cli.terminal import (
         example,
         found_file,
+        is_scene,
         print_result,
         read_design,
         sections,
@@ -113,7 +114,7 @@ def _earth_requirements(options: argparse.Namespace) -> int | None:
     path = options.campaign
     if path is None:
         return None
-    if str(path) in imager.cameras():
+    if path.suffix != ".toml" and is_scene(path):
         path = shipped(f"scenes/{path}.toml")
     with as_wrong_use():
         path = found_file(path)

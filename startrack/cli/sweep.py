@@ -95,7 +95,7 @@ def command(options: argparse.Namespace) -> int:
 def opened(options: argparse.Namespace) -> Iterator[tuple[Path, TrialRunner]]:
     """The path of the design, and the runner with workers and the ledger of the folder."""
     with shared.as_wrong_use():
-        path = terminal.found_file(options.design)
+        path = terminal.design_file(options.design)
         workers = open_workers(options)
         with workers as executor, Ledger(options.out / LEDGER) as ledger:
             yield path, TrialRunner(options.seed, executor, options.workers, ledger)

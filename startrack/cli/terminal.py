@@ -75,6 +75,17 @@ def read_design(path: Path, changes: Iterable[str] = ()) -> Design:
 
     A file that is not there is looked for among those that are shipped, by its path or name alone.
     """
+    path = design_file(path)
+    with as_wrong_use():
+        design = load_design(path, list(changes))
+    for code in used_code():
+        print_message(f"startrack: {code}")
+    print_unknown(design)
+    return design
+
+
+def design_file(path: Path) -> Path:
+    """The path of a design, also of one that is shipped; raises WrongUse for other files."""
     if is_scene(path):
         raise WrongUse(
             f"{path} is a scene of an Earth camera, which earth, requirements, montecarlo, "
@@ -82,11 +93,7 @@ def read_design(path: Path, changes: Iterable[str] = ()) -> Design:
             "takes the design of a star tracker"
         )
     with as_wrong_use():
-        design = load_design(found_file(path), list(changes))
-    for code in used_code():
-        print_message(f"startrack: {code}")
-    print_unknown(design)
-    return design
+        return found_file(path)
 
 
 def print_unknown(design: Design, owner: str = "the design") -> None:

@@ -1,6 +1,5 @@
 """Design files that lie over another one and hold only what differs from it."""
 
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -9,14 +8,14 @@ from startrack.core import Refused
 from startrack.design.files import Design, load_design, save_design
 from startrack.design.products import DETECTOR, PLACE
 from startrack.design.unknown import with_laws
-from startrack.io import save_text, to_table
+from startrack.io import name_from, save_text, to_table
 
 
 def save_over(path: Path, base: Path, table: Mapping[str, Any], comment: str = "") -> None:
-    """Write a design file with some values over those of another file."""
+    """Write a design file with some values over another file, which is named from its folder."""
     import tomli_w
 
-    below = Path(os.path.relpath(base.resolve(), path.resolve().parent)).as_posix()
+    below = name_from(path.resolve().parent, base)
     head = "".join(f"# {line}\n" for line in comment.splitlines())
     save_text(path, head + tomli_w.dumps({"base": below} | dict(table)))
 

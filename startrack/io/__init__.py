@@ -29,7 +29,9 @@ from startrack.io.images import field_hint, read_frames, read_image, write_fits
 from startrack.io.interchange import aligned, to_pandas, to_qtable, to_xarray
 from startrack.io.layers import LayerRules, Layers, Renewed, read_layers
 from startrack.io.reading import (
+    name_from,
     open_checked,
+    path_from,
     read_bytes,
     regular_file,
     require_fits,

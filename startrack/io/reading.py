@@ -36,6 +36,23 @@ def shipped(name: str) -> Path:
     raise FileNotFoundError(f"shipped data must be in {looked}, and {name!r} is in neither")
 
 
+def path_from(folder: Path, file: str | Path) -> str:
+    """The path of a file from a folder; as it is where they are on different drives."""
+    try:
+        return Path(os.path.relpath(os.path.realpath(file), os.path.realpath(folder))).as_posix()
+    except ValueError:
+        return os.path.realpath(file)
+
+
+def name_from(folder: Path, file: str | Path) -> str:
+    """The name of a shipped file, where no file of the folder has it; else its path from there."""
+    full = Path(os.path.realpath(file))
+    for root in (place.resolve() for place in SHIPPED):
+        if full.is_relative_to(root) and not (folder / full.relative_to(root)).exists():
+            return full.relative_to(root).as_posix()
+    return path_from(folder, file)
+
+
 MIB = 2**20  # byte
 MADE = ("/proc/", "/sys/")  # where Linux has files that it makes as they are read
 PIECE = 4 * MIB  # bytes that are unpacked at a time

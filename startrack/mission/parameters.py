@@ -1,7 +1,6 @@
 """Mission: orbit, attitude law, heads, time and requirements, as a mission file gives them."""
 
 import math
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -27,7 +26,7 @@ from startrack.core import (
     within,
 )
 from startrack.design import Design, Fidelity, KeepOut, load_design, replaced_all
-from startrack.io import from_table, read_layers, save_text, shipped, to_table
+from startrack.io import from_table, name_from, path_from, read_layers, save_text, shipped, to_table
 
 LAWS = ("nadir", "inertial", "sun", "target", "aem")
 YAWS = ("velocity", "ground", "sun")
@@ -566,7 +565,7 @@ def save_mission(path: Path, mission: Mission, comment: str = "") -> None:
 
     head = "".join(f"# {line}\n" for line in comment.splitlines())
     folder = Path(path).parent
-    named = with_files(mission, partial(_from, folder), partial(_shipped_as, folder))
+    named = with_files(mission, partial(path_from, folder), partial(name_from, folder))
     save_text(path, head + tomli_w.dumps(to_table(named)))
 
 
@@ -581,22 +580,6 @@ def with_files(
         attitude=replace(law, aem=file(law.aem)) if law.aem else law,
         heads=tuple(replace(head, design=design(head.design)) for head in mission.heads),
     )
-
-
-def _from(folder: Path, file: str) -> str:
-    """The path of a file from a folder; as it is where they are on different drives."""
-    try:
-        return Path(os.path.relpath(os.path.realpath(file), os.path.realpath(folder))).as_posix()
-    except ValueError:
-        return os.path.realpath(file)
-
-
-def _shipped_as(folder: Path, file: str) -> str:
-    """The name of a shipped file, where no file of the folder has it; else its path from there."""
-    root, full = shipped("missions").resolve().parent, Path(os.path.realpath(file))
-    if full.is_relative_to(root) and not (folder / full.relative_to(root)).exists():
-        return full.relative_to(root).as_posix()
-    return _from(folder, file)
 
 
 def _found(name: str, folder: Path) -> str:

@@ -168,6 +168,7 @@ def test_a_bad_image_does_not_stop_the_others(call, tmp_path):
         (["budget", "--set", "scene"], "--set must be KEY=VALUE"),
         (["detect", EXAMPLE, "--set", "scene.background_g=1"], "--set must be given with --design"),
         (["requirements", "hsrs", "--set", "a=1"], "--set must be given with design files alone"),
+        (["requirements", "fields", "--set", "a=1"], "design files alone, got "),
         (["requirements", "waos"], "waos must be a design file, or one of ads40, hsrs, landsat8"),
         (["montecarlo", "none.toml"], "none.toml must be a design file"),
         (["montecarlo", "--precision", "0"], "--precision: must be a number from 1e-06 to 1"),

@@ -80,3 +80,11 @@ def test_what_was_taken_out_leaves_a_whole_design(tmp_path, base):
     table, _ = overlay(tmp_path, load_design(base, ["campaign.requirements.max_rate="]), base)
     assert "base" not in table
     assert "columns" in table["instrument"]["detector"]
+
+
+def test_a_shipped_design_below_is_named_as_everywhere(tmp_path):
+    """No path of this machine: the file may be moved to another one."""
+    base = shipped("designs/noise_only.toml")
+    design = load_design(base, ["instrument.optics.f_number=2.0"])
+    table, _ = overlay(tmp_path, design, base)
+    assert table == {"base": "designs/noise_only.toml", "instrument": {"optics": {"f_number": 2.0}}}
