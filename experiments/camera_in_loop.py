@@ -1,6 +1,6 @@
 """Does `startrack serve` keep the rate of a camera, with the frames of `startrack simulate`?
 
-    python experiments/camera_in_loop.py [--minutes M] [--json FILE] [--quick]
+    python experiments/camera_in_loop.py [--minutes M] [--same N] [--json FILE] [--quick]
 
 A client in this process asks a server in another one for frames of a megapixel at 10 Hz, each with
 its pixels, at the attitudes of a slow slew, and waits for the next period after each reply.
@@ -47,7 +47,6 @@ rows = 1024
 frame_rate = "10 Hz"
 pixel_rate = "20 Mpix / s"
 """
-SAME = 3  # frames that are rendered twice
 AXIS, RATE = np.array([0.3, 1.0, 0.0]), 0.05 * deg  # of the slew, a second
 
 
@@ -56,12 +55,13 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--minutes", type=float, default=10.0, help="of frames (default: 10)")
-    options = command.read(parser, minutes=0.02)
+    parser.add_argument("--same", type=int, default=3, help="frames that are rendered twice")
+    options = command.read(parser, minutes=0.02, same=1)
     with tempfile.TemporaryDirectory() as folder:
         design = Path(folder) / "megapixel.toml"
         design.write_text(CAMERA, encoding="utf-8")
         with served(design) as stream:
-            same = [is_same(stream, design, number) for number in range(SAME)]
+            same = [is_same(stream, design, number) for number in range(options.same)]
             seconds = timed(stream, round(60 * options.minutes / PERIOD))
     figures = {
         "serve_p99_over_period": float(np.quantile(seconds, 0.99)) / PERIOD,
