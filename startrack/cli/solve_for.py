@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import Any
 
 from startrack.cli import options as shared
 from startrack.cli.options import Exit, Option, Options, wanted, whole
-from startrack.cli.sweep import SHARED
+from startrack.cli.sweep import DESIGN_FILE, SHARED
 
 if wanted(__name__):
     from startrack import optimise
@@ -28,7 +27,7 @@ declare = Options(
     "  startrack solve-for noise_only instrument.optics.f_number=1..4 --until across=1arcsec\n"
     "  startrack solve-for mine.toml instrument.detector.exposure --until availability=0.99\n"
     "  startrack solve-for mine.toml instrument.optics.f_number --until 'mass=0.3 kg'",
-    Option("design DESIGN.toml", "design file, or the name of a shipped one", Path),
+    DESIGN_FILE,
     Option(
         "key KEY[=A..B]",
         "key of the design file, and the range that is looked at (default: a tenth to ten times "

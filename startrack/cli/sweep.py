@@ -20,6 +20,7 @@ if wanted(__name__):
     from startrack.optimise import Ledger, TrialRunner
     from startrack.plots import draw_sweep
 
+DESIGN_FILE = Option("design DESIGN.toml", "design file, or the name of a shipped one", Path)
 SHARED = (
     Option("--log", "values of a range in equal ratios (default: in equal steps)"),
     shared.fidelity(
@@ -42,7 +43,7 @@ declare = Options(
     "  startrack sweep mine.toml 'instrument.detector.exposure=20..200 ms' --log --trials 1000\n"
     "  startrack sweep mine.toml instrument.detector.product=imx174,cmv4000 \\\n"
     "      'instrument.optics.focal_length=16 mm,25 mm,35 mm'",
-    Option("design DESIGN.toml", "design file, or the name of a shipped one", Path),
+    DESIGN_FILE,
     Option(
         "keys KEY=A..B",
         "key of the design file and its values: A..B for a range, A,B,C for a list of numbers, "

@@ -27,7 +27,7 @@ from startrack.metrics import Interval, four_digits
 from startrack.optimise.figures import Figure, all_by_formula, by_trials, middle
 from startrack.optimise.forecast import blind, name_by_condition
 from startrack.optimise.runner import TrialRunner
-from startrack.optimise.sweep import SweptKey, is_whole
+from startrack.optimise.sweep import SweptKey, design_or_refusal, is_whole
 
 WIDEST = 10.0  # factor below and above the value of a design; chosen by hand
 POINTS = 25  # designs at which the formula is looked at; chosen by hand: roots nearer are not seen
@@ -276,8 +276,9 @@ def solve_for(
     every = [*changes, *limits]
     if "=" not in key:
         key, log = _around(load_design(path, every), key), True
-    start = _design_or_none(path, every)
-    values = SweptKey.read(key, points, log, start)
+    start = design_or_refusal(path, every)  # which may need a value of the key
+    designed = start if isinstance(start, Design) else None
+    values = SweptKey.read(key, points, log, designed)
     if values.numbers is None:
         raise Refused(f"{values.name} must have numbers, got {', '.join(values.texts)}")
     line = _Line(
@@ -285,7 +286,7 @@ def solve_for(
         values,
         margin,
         runner,
-        start is not None and is_whole(start, values.name),
+        designed is not None and is_whole(designed, values.name),
         [],
     )
     asked, reason = dict[float, tuple[Case, Campaign]](), Refused("")
@@ -308,14 +309,6 @@ def solve_for(
     if line.tried and trials:
         how += f", corrected by {trials} trials of fidelity {fidelity}, seed {runner.seed}"
     return Solution(values, margin, until, margins, tuple(crossings), how)
-
-
-def _design_or_none(path: Path, changes: Sequence[str]) -> Design | None:
-    """The design; None where it needs a value of the key."""
-    try:
-        return load_design(path, changes)
-    except Refused:
-        return None
 
 
 def _margin_names(case: Case, campaign: Campaign) -> list[str]:

@@ -372,7 +372,7 @@ def sweep(
     if not 1 <= len(keys) <= MOST_KEYS:
         raise Refused(f"keys must be one or two, got {len(keys)}")
     path, runner = Path(path), runner or TrialRunner(1)
-    start = _loaded(path, changes)
+    start = design_or_refusal(path, changes)
     count = points or POINTS[len(keys)]
     swept = tuple(
         SweptKey.read(key, count, log, start if isinstance(start, Design) else None) for key in keys
@@ -383,10 +383,11 @@ def sweep(
     if number > MOST_DESIGNS:
         raise Refused(f"keys must make at most {MOST_DESIGNS} designs, got {number}")
     every = list(itertools.product(*(key.texts for key in swept)))
-    designs = [
-        _loaded(path, [*changes, *(f"{k.name}={v}" for k, v in zip(swept, values, strict=True))])
+    own = (
+        [f"{key.name}={value}" for key, value in zip(swept, values, strict=True)]
         for values in every
-    ]
+    )
+    designs = [design_or_refusal(path, [*changes, *values]) for values in own]
     loaded = [design for design in designs if isinstance(design, Design)]
     if not loaded:
         raise next(design for design in designs if isinstance(design, Refused))
@@ -415,7 +416,8 @@ def swept_designs(keys: Sequence[str], points: int | None = None) -> int:
     return math.prod(len(SweptKey.read(key, count).texts) for key in keys)
 
 
-def _loaded(path: Path, changes: Sequence[str]) -> Design | Refused:
+def design_or_refusal(path: Path, changes: Sequence[str]) -> Design | Refused:
+    """The design of a file with some changes, or why it is refused."""
     try:
         return load_design(path, changes)
     except Refused as reason:

@@ -11,11 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack import core, observation, trial
-from startrack.catalog import open_sky
+from startrack import core, trial
 from startrack.core import Floats, Refused, printed
 from startrack.design import Case
-from startrack.detector import expose
 from startrack.motion import realise_motion
 from startrack.sequence.frames import view_of
 from startrack.sequence.head import run_on_frame
@@ -93,14 +91,7 @@ class CameraLoop:
         case, instrument = self.case, self.case.instrument
         motion = replace(instrument.motion, rate_x=0.0, rate_y=0.0, rate_z=0.0)
         turn = realise_motion(motion, instrument.detector.exposure, streams)
-        turn = replace(turn, rate=rate)
-        stars = observation.stars_in_field(
-            open_sky(case.catalog), icrs_to_camera, instrument.camera
-        )
-        light = observation.light_of(case, stars, icrs_to_camera, streams)
-        path = observation.line_of_sight(instrument, streams, turn)
-        exposure = observation.exposure_of(instrument, light, path, icrs_to_camera, streams, turn)
-        frame = expose(exposure, streams)
+        frame, _, _ = trial.frame_at(case, icrs_to_camera, streams, replace(turn, rate=rate))
         spots, _, estimate, _ = run_on_frame(
             case, view_of(case, frame), case.believed_camera, None, rate, trial.Images(), False
         )

@@ -16,6 +16,7 @@ from startrack.trial.chain import (
     OUTCOMES,
     Record,
     drawn,
+    frame_at,
     identify_and_solve,
     lost_in_space,
     observe,

@@ -17,6 +17,7 @@ from startrack.detection import corrected, detect
 from startrack.detector import expose
 from startrack.identification import PatternIndexes, identify, refit
 from startrack.metrics import JUDGED, Outcome, judge
+from startrack.motion import MotionRealisation
 from startrack.observation import (
     as_believed,
     at_one_time,
@@ -144,10 +145,7 @@ def observe(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Record:
     icrs_to_camera  true attitude at the middle of the exposure
     Raises          ValueError where the case contradicts itself.
     """
-    stars = stars_in_field(open_sky(case.catalog), icrs_to_camera, case.instrument.camera)
-    light = light_of(case, stars, icrs_to_camera, streams)
-    path = line_of_sight(case.instrument, streams)
-    frame = _exposed(case, light, path, icrs_to_camera, streams)
+    frame, stars, path = frame_at(case, icrs_to_camera, streams)
     if boxed(case):
         expected = expected_attitude(case, icrs_to_camera, streams)
         spots, matches, _ = follow_boxes(case, frame, case.believed_camera, expected, {})
@@ -161,17 +159,22 @@ def observe(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Record:
     return Record(icrs_to_camera, stars, frame, spots, matches, estimate, outcome, path)
 
 
-def _exposed(
-    case: Case,
-    light: core.Light,
-    path: core.LineOfSight,
-    icrs_to_camera: Rotation,
-    streams: Streams,
-) -> Frame:
-    """The frame of a matrix, or the image of lines that sweep over the sky."""
-    if case.instrument.detector.scan:
-        return sweep(case, light, icrs_to_camera, streams)
-    return expose(exposure_of(case.instrument, light, path, icrs_to_camera, streams), streams)
+def frame_at(
+    case: Case, icrs_to_camera: Rotation, streams: Streams, turn: MotionRealisation | None = None
+) -> tuple[Frame, core.Stars, core.LineOfSight]:
+    """The frame of a matrix, or the image of lines that sweep over the sky; its stars and path.
+
+    icrs_to_camera  true attitude at the middle of the exposure
+    turn            how the camera moves about it; None: as the design has it. Not for lines
+    """
+    instrument = case.instrument
+    stars = stars_in_field(open_sky(case.catalog), icrs_to_camera, instrument.camera)
+    light = light_of(case, stars, icrs_to_camera, streams)
+    path = line_of_sight(instrument, streams, turn)
+    if instrument.detector.scan:
+        return sweep(case, light, icrs_to_camera, streams), stars, path
+    exposure = exposure_of(instrument, light, path, icrs_to_camera, streams, turn)
+    return expose(exposure, streams), stars, path
 
 
 def _detected(case: Case, frame: Frame) -> Spots:

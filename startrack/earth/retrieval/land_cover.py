@@ -27,15 +27,7 @@ from startrack.core import (
     printed,
 )
 from startrack.earth.atmosphere import SPREADS
-from startrack.earth.imager import (
-    INFRARED,
-    Band,
-    Channel,
-    Survey,
-    blur_strips,
-    mean_wavelength,
-    terms_in_band,
-)
+from startrack.earth.imager import Band, Channel, Survey, blur_strips, terms_in_band
 from startrack.earth.retrieval import patch, texture
 from startrack.earth.retrieval.fire_forecast import FINEST, Side, side_of
 from startrack.earth.retrieval.hot_spots import refuse_other_grounds
@@ -111,20 +103,8 @@ class AirOverLand(NamedTuple):
 
 
 def channels_of(survey: Survey, own: LandCover) -> list[Channel]:
-    """The channels of a retrieval.
-
-    Raises  ValueError where the camera has none of that name, or one is infrared.
-    """
-    names = {channel.name: channel for channel in survey.camera.channels}
-    for name in own.channels:
-        if name not in names:
-            raise Refused(
-                f"retrieval.land_cover.channels must be of the camera, {', '.join(names)}, got "
-                f"{name!r}"
-            )
-        if mean_wavelength(names[name]) > INFRARED:
-            raise Refused(f"channel {name} must see reflected sunlight, shorter than 3 um")
-    return [names[name] for name in own.channels]
+    """The channels of a retrieval. Raises as `sunlit_channels`."""
+    return patch.sunlit_channels(survey, own.channels, "retrieval.land_cover.channels")
 
 
 def _mean_ground(survey: Survey, band: Band) -> Survey:

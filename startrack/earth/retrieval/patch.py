@@ -5,16 +5,18 @@ one transmittance, textures instead of maps. An image takes milliseconds.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from startrack.core import Floats, Ints, Psf, Singles, Streams, printed
+from startrack.core import Floats, Ints, Psf, Refused, Singles, Streams, printed
 from startrack.detector import Detector, read_out
 from startrack.earth.atmosphere import ThermalRadiance
 from startrack.earth.geometry import inside_pixel
 from startrack.earth.imager import (
+    INFRARED,
     Band,
     Channel,
     Land,
@@ -24,6 +26,7 @@ from startrack.earth.imager import (
     blur_strips,
     cover_at,
     lines_apart,
+    mean_wavelength,
     pixel_electrons,
     point_images,
     setting_below,
@@ -134,6 +137,21 @@ def level_ground(count: int, height: float, sun_zenith: float) -> Ground:
         sun,
         -vertical,
     )
+
+
+def sunlit_channels(survey: Survey, names: Sequence[str], key: str) -> list[Channel]:
+    """The channels of some names.
+
+    key     of the scene that has the names
+    Raises  Refused where the camera has none of a name, or one is infrared.
+    """
+    known = {channel.name: channel for channel in survey.camera.channels}
+    for name in names:
+        if name not in known:
+            raise Refused(f"{key} must be of the camera, {', '.join(known)}, got {name!r}")
+        if mean_wavelength(known[name]) > INFRARED:
+            raise Refused(f"channel {name} must see reflected sunlight, shorter than 3 um")
+    return [known[name] for name in names]
 
 
 def view_below(survey: Survey, channel: Channel, size: int, height: float, sun: float) -> View:

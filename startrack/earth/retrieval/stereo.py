@@ -26,7 +26,7 @@ from startrack.core import (
     parameter,
     printed,
 )
-from startrack.earth.imager import INFRARED, Channel, Survey, mean_wavelength
+from startrack.earth.imager import Channel, Survey
 from startrack.earth.retrieval import patch, texture
 from startrack.earth.retrieval.fire_forecast import Side, side_of
 from startrack.earth.retrieval.hot_spots import refuse_other_grounds
@@ -83,17 +83,9 @@ class Stereo(Parameters):
 def channels_of(survey: Survey, own: Stereo) -> tuple[Channel, Channel]:
     """Both channels.
 
-    Raises  ValueError where the camera has none of a name, both look alike, or one is infrared.
+    Raises  ValueError as `sunlit_channels`, and where both look alike.
     """
-    names = {channel.name: channel for channel in survey.camera.channels}
-    for name in own.channels:
-        if name not in names:
-            raise Refused(
-                f"retrieval.stereo.channels must be of the camera, {', '.join(names)}, got {name!r}"
-            )
-        if mean_wavelength(names[name]) > INFRARED:
-            raise Refused(f"channel {name} must see reflected sunlight, shorter than 3 um")
-    first, second = (names[name] for name in own.channels)
+    first, second = patch.sunlit_channels(survey, own.channels, "retrieval.stereo.channels")
     if abs(_base(first, second)) < 0.01:
         raise Refused(
             f"channels {first.name} and {second.name} must look at different angles along the "
