@@ -60,11 +60,16 @@ def draw_spectrum(
     axes = figure.subplots()
     axes.plot(1e9 * wavelength, radiance, color=style.BLUE, lw=0.8, label="ground and air")
     axes.plot(1e9 * wavelength, scattered, color=style.ORANGE, lw=0.8, label="air alone")
-    for name, low, high, mean in bands:
+    named: dict[tuple[float, float, float], list[str]] = {}  # channels may share a band
+    for name, *band in bands:
+        named.setdefault((band[0], band[1], band[2]), []).append(name)
+    for (low, high, mean), names in named.items():
         ends = np.array([low, low, high, high]) * 1e9
         axes.plot(ends, [0, mean, mean, 0], color=style.GREEN, lw=1.2)
-        axes.annotate(name, (ends[1:3].mean(), mean), ha="center", va="bottom", fontsize=7)
-    axes.set(xlabel="wavelength (nm)", ylabel="W / m$^2$ / sr / um", ylim=(0, None))
+        text = ", ".join(names)
+        axes.annotate(text, (ends[1:3].mean(), mean), ha="center", va="bottom", fontsize=7)
+    label = "spectral radiance (W / m$^2$ / sr / um)"
+    axes.set(xlabel="wavelength (nm)", ylabel=label, ylim=(0, None))
     axes.legend()
     style.save_picture(path, figure)
 
