@@ -286,3 +286,18 @@ def test_limits_and_keys_that_are_none_are_refused(path):
         startrack.solve_for(path, "tracker.detection.centroid", "mass=1 kg")
     with pytest.raises(Refused, match="must have numbers"):
         startrack.solve_for(path, "tracker.detection.centroid=gravity,likelihood", "mass=1 kg")
+
+
+def test_a_limit_on_a_whole_number_is_the_first_that_keeps_it():
+    """The margins of single designs at that number and at the one below, of unlike sign."""
+    design, key = startrack.shipped("designs/noise_only.toml"), "tracker.detection.max_spots"
+    solution = startrack.solve_for(design, f"{key}=8..40", "across=0.6arcsec", points=3, trials=0)
+    [crossing] = solution.crossings
+    first = int(crossing.value)
+    assert crossing.value == first
+    assert crossing.above
+    swept = startrack.sweep(
+        design, f"{key}={first - 1},{first}", changes=["campaign.requirements.max_across=0.6arcsec"]
+    )
+    before, after = (row.margin("across") for row in swept.rows)
+    assert before < 0 <= after

@@ -14,6 +14,7 @@ from startrack.earth.retrieval import (
     load_earth_design,
     observe_land,
 )
+from startrack.earth.retrieval.patch import sunlit_channels
 
 PROBLEM = EarthProblem(load_earth_design("fields"))
 DESIGN = PROBLEM.design
@@ -120,3 +121,12 @@ def test_what_cannot_be_is_refused():
         observe_land(DESIGN, replace(OWN, channels=("B3", "B4", "B8", "B99")), 1, 0)
     with pytest.raises(Refused, match="sample the ground alike"):
         observe_land(DESIGN, replace(OWN, channels=("B4", "B8", "B11")), 1, 0)
+
+
+def test_channels_that_see_no_sunlight_or_are_not_there_are_refused():
+    hsrs = load_earth_design("hsrs")
+    with pytest.raises(Refused, match="channel tir must see reflected sunlight"):
+        sunlit_channels(hsrs, ["tir"], "retrieval.land_cover.channels")
+    with pytest.raises(Refused, match=r"land_cover\.channels must be of the camera, mir"):
+        sunlit_channels(hsrs, ["B2"], "retrieval.land_cover.channels")
+    assert [one.name for one in sunlit_channels(DESIGN, ["B8", "B4"], "")] == ["B8", "B4"]
