@@ -34,6 +34,7 @@ FIRST = {
         "docs/how-sure",
         "docs/calibrate-night-frames",
         "docs/optimise-an-earth-camera",
+        "docs/own-air",
         "docs/search-moving-objects",
         "docs/units",
         "docs/mission",

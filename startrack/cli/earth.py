@@ -17,6 +17,7 @@ if wanted(__name__):
     from startrack.cli.terminal import print_result, progress
     from startrack.core import Camera, FieldPsf, Floats, Streams, require_memory, um
     from startrack.earth import imager, product
+    from startrack.earth.atmosphere import RunGeometry, import_tape7
     from startrack.earth.geometry import EarthScene, Strip, find, observe_earth
     from startrack.earth.product import UNITS as PRODUCT_UNITS
     from startrack.earth.retrieval import ground_spectrum, load_earth_design
@@ -36,6 +37,7 @@ GeoTIFF files of any resolution, such as tiles of the Copernicus DEM or of SRTM,
   startrack earth render SCENE.toml           the image, in digital numbers
   startrack earth spectrum SCENE.toml         the spectrum at the sensor
   startrack earth process SCENE.toml          radiance and reflectance, on a map
+  startrack earth air RUN1.tp7 RUN2.tp7       a table of the air from output of MODTRAN
 
 A scene to render also gives a camera (of the catalogue, or in the file), the land and the air;
 catalogs/scenes/hsrs.toml is an example. Heights of both kinds of tiles are above a geoid, whose
@@ -156,6 +158,30 @@ declare = Parts(
             out("startrack-earth"),
         ),
     ),
+    air=(
+        "turn output of MODTRAN into a table of the air that a scene may name",
+        Options(
+            "Two runs of the same geometry over grounds of different albedo make one geometry of "
+            'the table; [air] table = "air.csv" in a scene uses it. docs/own-air.md has the form.',
+            Option("first RUN1", "tape7, tape7.scn or CSV", Path),
+            Option("second RUN2", "likewise", Path),
+            Option("--albedo A1 A2", "of the ground in each (default: 0.1 0.5)", float, (0.1, 0.5)),
+            Option(
+                "--unit",
+                "of the first column; with radiance in W / cm2 / sr / cm-1, uW / cm2 / sr / nm or "
+                "W / cm2 / sr / um (default: cm-1, that of tape7)",
+                ("cm-1", "nm", "um"),
+                "cm-1",
+            ),
+            Option("--height METRE", "of the ground above the sea (default: any)", float),
+            Option("--altitude METRE", "of the sensor above the ground (default: any)", float),
+            Option("--sensor-zenith DEGREE", "as the ground sees it (default: any)", float),
+            Option("--sun-zenith DEGREE", "likewise (default: any)", float),
+            Option("--azimuth DEGREE", "between Sun and sensor, likewise (default: any)", float),
+            Option("--add", "add a geometry to the file that is there"),
+            Option("--out FILE", "CSV file to write (default: air.csv)", Path, Path("air.csv")),
+        ),
+    ),
     terrain=(
         "print area and heights of height files, and the table that a scene needs",
         Options(
@@ -173,6 +199,7 @@ def command(options: argparse.Namespace) -> int:
         "render": rendered,
         "process": processed,
         "spectrum": spectrum,
+        "air": air,
         "terrain": terrain,
     }
     return run[options.part](options)
@@ -436,6 +463,22 @@ def spectrum(options: argparse.Namespace) -> int:
     ]
     result = {"bands": bands, "csv": str(csv), "png": str(png)}
     print_result(options, result, *lines, f"wrote {csv} and {png}")
+    return Exit.DONE
+
+
+def air(options: argparse.Namespace) -> int:
+    """Write a table of the air from two runs of MODTRAN."""
+    geometry = RunGeometry(*(getattr(options, name) for name in RunGeometry._fields))
+    first, second = options.runs
+    with as_wrong_use():
+        count = import_tape7(
+            (first, second), tuple(options.albedo), options.out, geometry, options.unit, options.add
+        )
+    print_result(
+        options,
+        {"wavelengths": count, "table": str(options.out)},
+        f'wrote {options.out}: {count} wavelengths; name it by [air] table = "{options.out}"',
+    )
     return Exit.DONE
 
 

@@ -5,6 +5,8 @@ table     AirTable: radiance and transmission over wavelength and geometry, and 
           from it and bands: every term as radiance in each band, from one altitude.
 look_up   Radiance of each pixel from BandTable and viewing geometry: the second of the two steps.
 cloud     Reflectance and transmission of a cloud layer, by doubling, with exact single scattering.
+radiance_table  A user's table of the air, its file, and BandTable from it.
+tape7     Output of MODTRAN -> rows of a user's table.
 infrared  BandTable from InfraredTable and bands: thermal radiance and transmittance of the air.
 radiance  At-sensor radiance in five terms, from the viewing geometry of pixels or from Ground.
 
@@ -23,6 +25,11 @@ from startrack.earth.atmosphere.radiance import (
     radiance,
     sight_of,
 )
+from startrack.earth.atmosphere.radiance_table import (
+    RadianceTable,
+    load_radiance_table,
+    radiance_bands,
+)
 from startrack.earth.atmosphere.spectra import edges_of, sun_spectrum
 from startrack.earth.atmosphere.table import (
     SPREADS,
@@ -33,6 +40,15 @@ from startrack.earth.atmosphere.table import (
     load_table,
     mixed,
 )
+from startrack.earth.atmosphere.tape7 import RunGeometry, import_tape7
 
 # Public; the other imports serve other rooms.
-__all__ = ["Air", "Terms", "load_table", "sun_spectrum"]
+__all__ = [
+    "Air",
+    "RunGeometry",
+    "Terms",
+    "import_tape7",
+    "load_radiance_table",
+    "load_table",
+    "sun_spectrum",
+]

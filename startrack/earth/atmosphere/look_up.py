@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from startrack.core import Floats, Singles, deg, kernel, read_only
+from startrack.core import Floats, Refused, Singles, deg, kernel, read_only
 from startrack.earth.atmosphere.table import BandTable
 
 Reals = NDArray[np.floating[Any]]
@@ -177,8 +177,9 @@ def _nodes(name: str, axis: Floats, extent: tuple[float, float], step: float) ->
     low, high = extent
     slack = 1e-9 * max(1.0, abs(axis[-1]))
     if not axis[0] - slack <= low <= high <= axis[-1] + slack:
-        raise ValueError(
+        raise Refused(
             f"{name} must lie in the table's [{axis[0]:g}, {axis[-1]:g}], got {low:g} to {high:g}"
+            + ("" if name == "height" else f" radian: {low / deg:.4g} to {high / deg:.4g} degree")
         )
     count = int(np.ceil((high - low) / step - 1e-9)) + 1
     return np.linspace(low, max(high, low), count)

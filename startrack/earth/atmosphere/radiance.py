@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from startrack.core import BOLTZMANN, LIGHT_SPEED, PLANCK, Floats, Singles
+from startrack.core import BOLTZMANN, LIGHT_SPEED, PLANCK, Floats, Refused, Singles, deg
 from startrack.earth.atmosphere.look_up import FineTable, Reach, Reals, SlantPath, look_up, refine
 from startrack.earth.atmosphere.table import BandTable
 from startrack.earth.terrain import Ground, up
@@ -148,6 +148,7 @@ def radiance(
     return out
 
 
+LOW_SUN = 69.9 * deg  # zenith angle that a table must reach to hold for a lower Sun, too
 TINY = 1e-12  # product of sines, below which the azimuth is undefined
 
 
@@ -200,6 +201,12 @@ def at_sensor(
         return out
     sight = sight_of(ground)
     lowest = float(table.sun[-1])
+    between = (sight.sun > lowest) & (sight.sun < math.pi / 2)
+    if lowest < LOW_SUN and between.any():
+        raise Refused(
+            f"sun must lie in the table's {table.sun[0] / deg:.4g} to {lowest / deg:.4g} degree, "
+            f"got {sight.sun[between][0] / deg:.4g} degree"
+        )
     weak = np.where(
         sight.sun > lowest, np.maximum(np.cos(sight.sun), 0) / math.cos(lowest), 1.0
     ).astype(np.float32)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +10,12 @@ from scipy.interpolate import CubicSpline
 
 from startrack import core
 from startrack.core import (
+    FILE,
     NON_NEGATIVE,
     Floats,
     Parameters,
     Range,
+    Refused,
     Unit,
     parameter,
     positive,
@@ -100,6 +102,17 @@ class Air(Parameters):
         limit=NON_NEGATIVE,
         default=3.32e-3,
     )
+    table: str = parameter(
+        "a user's table, FITS, ECSV or CSV, from MODTRAN, 6S, libRadtran or another program (see "
+        "docs/own-air.md), relative to the scene file; the other keys must be left out beside it",
+        limit=FILE,
+        default="",
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.table and replace(self, table="") != Air():
+            raise Refused("the other keys must be left out beside table")
 
 
 @printed

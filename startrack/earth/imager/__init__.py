@@ -24,6 +24,7 @@ from startrack.earth.imager.band import (
     air_table,
     band_of,
     mean_wavelength,
+    table_in_bands,
     terms_in_band,
 )
 from startrack.earth.imager.brdf import Angles, RossLi, Snow, Water, glint, kernel_albedos, kernels

@@ -1,12 +1,13 @@
 """BandTable and thermal radiance of one channel, weighted with its response."""
 
 from functools import lru_cache
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from startrack import core
-from startrack.core import Floats, printed, um
+from startrack.core import Floats, Refused, printed, um
 from startrack.earth import atmosphere
 from startrack.earth.atmosphere import BandTable
 from startrack.earth.imager.parameters import Channel
@@ -16,6 +17,8 @@ from startrack.io import shipped
 INFRARED = 3 * um  # a band beyond is infrared: thermal radiance exceeds scattered light there
 TABLES = "molecules", "rural-23km", "rural-5km"  # shipped
 OUTER = 0.2 * um, 60 * um  # between which a channel detects light
+TableOfAir = atmosphere.AirTable | atmosphere.RadianceTable | atmosphere.InfraredTable
+FEWEST = 3  # wavelengths of a user's table inside a band
 LEAST = 0.98  # of a band's response that a table must cover; chosen by hand
 
 
@@ -68,12 +71,26 @@ def band_of(
             f"channel {channel.name}: the band must lie in the air's table, {low:.2f} to "
             f"{high:.2f} um, got {100 * response @ step / every:.0f} % of it"
         )
+    places = table.spectrum[response > 0] / um
+    if isinstance(table, atmosphere.RadianceTable) and len(places) < FEWEST:
+        raise Refused(
+            f"channel {channel.name}: the air's table must have {FEWEST} wavelengths or more "
+            f"inside the band, got {', '.join(f'{place:.4g} um' for place in places)}"
+        )
     electrons = float(response @ step)
     flat = (response / electrons)[None]
+    try:
+        bands = table_in_bands(table, flat, altitude, sun_distance)
+    except Refused as error:
+        raise Refused(f"channel {channel.name}: {error}") from None
+    if middle > INFRARED and bands.rise is None:
+        raise Refused(
+            f"channel {channel.name}: a table of the air must have the columns rise and fall "
+            "beyond 3 um"
+        )
     if isinstance(table, atmosphere.AirTable):
-        bands, sun = atmosphere.in_bands(table, flat, altitude, sun_distance), table.irradiance
+        sun = table.irradiance
     else:
-        bands = atmosphere.infrared_bands(table, flat, altitude, sun_distance)
         sun = atmosphere.sun_spectrum(table.spectrum)
     warm = atmosphere.heat_of(table.spectrum, flat) if middle > INFRARED / 2 else None
     irradiance = float((flat[0] * step) @ sun) / sun_distance**2
@@ -122,16 +139,27 @@ def _answers(channel: Channel) -> tuple[float, float]:
     return float(part.sum()), float(part @ place / part.sum())
 
 
+def table_in_bands(
+    table: TableOfAir, response: Floats, altitude: float, sun_distance: float
+) -> BandTable:
+    """A table of any kind, weighted with the response (b, f) of each band."""
+    if isinstance(table, atmosphere.AirTable):
+        return atmosphere.in_bands(table, response, altitude, sun_distance)
+    if isinstance(table, atmosphere.RadianceTable):
+        return atmosphere.radiance_bands(table, response, altitude, sun_distance)
+    return atmosphere.infrared_bands(table, response, altitude, sun_distance)
+
+
 @lru_cache(maxsize=4)
-def air_table(
-    air: atmosphere.Air | None, infrared: bool
-) -> atmosphere.AirTable | atmosphere.InfraredTable:
-    """The shipped table of an air.
+def air_table(air: atmosphere.Air | None, infrared: bool) -> TableOfAir:
+    """The shipped table of an air, or a user's.
 
     Raises  ValueError where there is none.
     """
     if air is None:
         return atmosphere.vacuum()
+    if air.table:
+        return atmosphere.load_radiance_table(Path(air.table))
     if infrared:
         return atmosphere.load_infrared(shipped("atmosphere/infrared.fits"))
     tables = [atmosphere.load_table(shipped(f"atmosphere/{name}.fits")) for name in TABLES]

@@ -390,7 +390,9 @@ class Survey(Parameters):
     sky_rays: int = parameter(
         "from each point that sample the sky; 0 for none", limit=Range(0, 2**12), default=0
     )
-    air: Air | None = parameter("its state, one of the shipped tables; None: no air", default=None)
+    air: Air | None = parameter(
+        "its state, for a shipped table, or a user's table; None: no air", default=None
+    )
     land: Land = parameter("reflectance and temperature of the ground", default_factory=Land)
     clouds: tuple[CloudLayer, ...] = parameter("layers of cloud, which cast shadows", default=())
     surroundings: float | None = parameter(
@@ -489,6 +491,9 @@ def scene_of(kind: type[S], path: Path, without: Sequence[str] = ()) -> S:
         elif isinstance(camera, dict):
             table = {**table, "camera": _unshared(camera, "camera.")}
         _read_spectra(table.get("land"), path.parent, "land")
+        air = table.get("air")
+        if isinstance(air, dict) and isinstance(air.get("table"), str) and air["table"]:
+            table = {**table, "air": {**air, "table": str(path.parent / air["table"])}}
         return from_table(kind, table)
     except ValueError as error:
         raise Refused(f"{path}: {error}") from None

@@ -166,7 +166,7 @@ def _above(ground: Ground) -> float:
 def _hazier(survey: Survey, channel: Channel, ground: Ground, setting: Setting) -> Setting:
     """The setting in air of another visibility, one standard deviation away."""
     air = survey.air
-    if air is None or air.aerosol == "none":
+    if air is None or air.table or air.aerosol == "none":
         return setting
     other = air.visibility / (1 + survey.knowledge.visibility)
     if other < HAZIEST:

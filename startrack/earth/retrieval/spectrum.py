@@ -7,7 +7,15 @@ import numpy as np
 
 from startrack.core import Floats, Refused, printed, um
 from startrack.earth import atmosphere, geometry
-from startrack.earth.imager import INFRARED, Survey, air_table, band_of, cover_at, mean_wavelength
+from startrack.earth.imager import (
+    INFRARED,
+    Survey,
+    air_table,
+    band_of,
+    cover_at,
+    mean_wavelength,
+    table_in_bands,
+)
 from startrack.earth.retrieval.patch import level_ground
 
 TOGETHER = 200  # wavelengths that are computed at once
@@ -53,11 +61,12 @@ def ground_spectrum(
     height      metre above the sea
     sun_zenith  radian
     Raises      ValueError without air, where no table has it, or where the range is not in it.
-    Accuracy    numerical: 1 nm to 1.3 um and 5 nm beyond, means over the table's cells. model:
+    Accuracy    numerical: means over the table's cells: 1 nm to 1 um and 5 nm beyond, of a
+                user's table as it has them. model:
                 thermal radiance is left out.
     """
     table = air_table(survey.air, False)
-    if not isinstance(table, atmosphere.AirTable):
+    if isinstance(table, atmosphere.InfraredTable):
         raise Refused("the spectrum at the sensor needs a scene with the table [air]")
     spectrum = table.spectrum
     used = np.flatnonzero((spectrum >= low) & (spectrum <= high))
@@ -74,7 +83,7 @@ def ground_spectrum(
     for part in np.array_split(np.arange(len(used)), math.ceil(len(used) / TOGETHER)):
         response = np.zeros((len(part), len(spectrum)))
         response[np.arange(len(part)), used[part]] = 1 / step[used[part]]
-        bands = atmosphere.in_bands(table, response, above, survey.sun_distance)
+        bands = table_in_bands(table, response, above, survey.sun_distance)
         for total, own in ((light, around[part][None]), (path, np.zeros((1, len(part))))):
             terms = atmosphere.at_sensor(ground, bands, own, around[part])
             total.append(terms.total[0].astype(np.float64))
