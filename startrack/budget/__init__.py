@@ -20,7 +20,7 @@ curves     Case -> its error over the sky and over slew rate, and that of its st
 """
 
 from startrack.budget.analytic import analytic, refuse_scans
-from startrack.budget.budget import Budget, BudgetLine, ErrorLaw, SkySample, Spread
+from startrack.budget.budget import Budget, BudgetLine, ErrorLaw, SkySample, Spread, answer
 from startrack.budget.curves import (
     LONGEST,
     SMEARS,
@@ -29,6 +29,7 @@ from startrack.budget.curves import (
     RateSurvey,
     Slew,
     analytic_curve,
+    budget_and_sky,
     curve_steps,
     error_curves,
     slew_rates,

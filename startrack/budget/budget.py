@@ -9,7 +9,7 @@ import scipy
 from scipy.special import ndtr
 
 from startrack.core import Floats, Refused, Rows, Unit, arcsec, html_table, printed
-from startrack.design import Case
+from startrack.design import Accuracy, Case
 from startrack.metrics import Interpretation, Interval, level, level_bounds, rms_interval
 from startrack.response import METHOD, READ, SHOT
 from startrack.trial import Term, present
@@ -243,3 +243,19 @@ class Budget(Generic[S]):
         lines = [line for line in self.lines if line.term is term]
         across = sum(line.across**2 for line in lines)
         return across**0.5, sum(line.about**2 for line in lines) ** 0.5
+
+
+def answer(expected: Budget[ErrorLaw], required: Sequence[Accuracy]) -> str:
+    """The error with its limits, and the cause that makes most of it."""
+    limits = {limit.name: limit.most for limit in required if limit.objective.rms_per_axis}
+    values = {"across": expected.whole.across, "about": expected.whole.about}
+    errors = [
+        f"{value / arcsec:.3f} arcsec {name}"
+        + (f" ({limits[name] / arcsec:g} allowed)" if name in limits else "")
+        for name, value in values.items()
+    ]
+    largest = max(expected.lines, key=lambda line: line.across)
+    return (
+        f"error {' and '.join(errors)} the boresight, rms per axis, as designed; most of it across "
+        f"is {largest.name}; available in {100 * expected.availability:.2f} % of the sky"
+    )

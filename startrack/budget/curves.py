@@ -9,8 +9,8 @@ import numpy as np
 
 from startrack.budget.analytic import analytic, of_fields
 from startrack.budget.blind import blind
-from startrack.budget.budget import Budget
-from startrack.budget.fields import boresights, fields
+from startrack.budget.budget import Budget, ErrorLaw
+from startrack.budget.fields import Fields, attitudes, boresights, fields
 from startrack.budget.left_out import TrialCheck, check
 from startrack.budget.single_stars import Residuals, residuals
 from startrack.core import Advance, Floats, Refused, Unit, printed
@@ -219,9 +219,17 @@ class RateSurvey:
         return float((self.stars >= stars - 0.5).mean())
 
 
+def budget_and_sky(case: Case) -> tuple[Budget[ErrorLaw], RateSurvey]:
+    """The budget of `analytic`, and its errors in each of the fields that it is from."""
+    return _surveyed(case, fields(case.catalog, case.instrument.camera, attitudes))
+
+
 def survey(case: Case, places: int = DIRECTIONS) -> RateSurvey:
     """The analytic budget in each direction. Raises and accuracy as `analytic`."""
-    view = fields(case.catalog, case.instrument.camera, boresights, places)
+    return _surveyed(case, fields(case.catalog, case.instrument.camera, boresights, places))[1]
+
+
+def _surveyed(case: Case, view: Fields) -> tuple[Budget[ErrorLaw], RateSurvey]:
     solved = of_fields(case, view)
     if solved is None:
         raise blind(case, view=view)
@@ -233,4 +241,5 @@ def survey(case: Case, places: int = DIRECTIONS) -> RateSurvey:
     np.fmax.at(faintest, inside[counts], seen.magnitude[counts])
     direction = view.attitude.inv().apply([0.0, 0.0, 1.0])
     across, about = np.sqrt(square[:, :2].mean(axis=1)), np.sqrt(square[:, 2])
-    return RateSurvey(direction, per_field.stars, per_field.solved, across, about, faintest)
+    sky = RateSurvey(direction, per_field.stars, per_field.solved, across, about, faintest)
+    return solved.budget, sky

@@ -38,7 +38,7 @@ if wanted(__name__):
     from startrack.cli.units import AXES, budgets_of, gains_of, require_units
     from startrack.core import Refused, arcsec
     from startrack.design import Accuracy, Campaign, Case, found_at, replaced
-    from startrack.io import aligned, save_json
+    from startrack.io import aligned, finite, save_json
     from startrack.metrics import Interval
     from startrack.montecarlo import pool
     from startrack.optimise import halved, levers
@@ -136,7 +136,7 @@ def command(options: argparse.Namespace) -> int:
             )
     result: dict[str, Any] = {"design": str(path), "analytic": _values(expected)}
     show = terminal.sections(options)
-    show(_answer(expected, campaign.requirements.accuracy if campaign else ()))
+    show(budgets.answer(expected, campaign.requirements.accuracy if campaign else ()))
     for sentence in budgets.refusal(case, expected.refused):  # why the error below is large
         show(sentence)
     with terminal.stage("single stars"):
@@ -182,7 +182,7 @@ def command(options: argparse.Namespace) -> int:
         result["indices"], lines = indices
         show(lines)
     if options.out:
-        save_json(options.out / "budget.json", terminal.finite(result))
+        save_json(options.out / "budget.json", finite(result))
         result["out"] = str(options.out)
     if options.json:
         terminal.print_result(options, result)
@@ -208,22 +208,6 @@ def _draw(
     with terminal.progress("slew rates and stars", budgets.curve_steps(case)) as advance:
         curves = budgets.error_curves(case, options.seed, advance=advance)
     draw_curves(options.out / "curves.png", curves, case, title)
-
-
-def _answer(expected: Budget[Any], required: Sequence[Accuracy]) -> str:
-    """The error with its limits, and the cause that makes most of it."""
-    limits = {limit.name: limit.most for limit in required if limit.objective.rms_per_axis}
-    values = {"across": expected.whole.across, "about": expected.whole.about}
-    errors = [
-        f"{value / arcsec:.3f} arcsec {name}"
-        + (f" ({limits[name] / arcsec:g} allowed)" if name in limits else "")
-        for name, value in values.items()
-    ]
-    largest = max(expected.lines, key=lambda line: line.across)
-    return (
-        f"error {' and '.join(errors)} the boresight, rms per axis, as designed; most of it across "
-        f"is {largest.name}; available in {100 * expected.availability:.2f} % of the sky"
-    )
 
 
 def _better(case: Case, expected: Budget[Any]) -> tuple[list[dict[str, Any]], list[str]]:

@@ -20,7 +20,7 @@ if wanted(__name__):
     from startrack.design import Tracker
     from startrack.detection import Detection
     from startrack.identification import WIDEST_PINHOLE, Identification, PatternIndexes
-    from startrack.io import field_hint, save_json
+    from startrack.io import field_hint, finite, save_json
     from startrack.optimise import Ledger, chain_text, chain_values, thinned
     from startrack.photograph import PhotographView, solve_photograph
     from startrack.plots import draw_corner
@@ -172,7 +172,7 @@ def command(options: argparse.Namespace) -> int:
 def _write(options: argparse.Namespace, result: dict[str, Any], camera: Camera | None) -> None:
     """Write the files of --out and --camera."""
     if options.out:
-        save_json(options.out, terminal.finite(result))
+        save_json(options.out, finite(result))
     if options.camera and camera:
         terminal.save_camera(options.camera, camera)
 
@@ -252,7 +252,7 @@ def _posterior(
         "open": list(posterior.unconstrained),
         "correlation": posterior.correlation.tolist(),
     }
-    save_json(options.posterior / "posterior.json", terminal.finite(values))
+    save_json(options.posterior / "posterior.json", finite(values))
     labels = [
         name if name == "k1" else f"{name.removesuffix('_px')} (px)" for name in posterior.names
     ]

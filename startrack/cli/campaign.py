@@ -10,21 +10,13 @@ from typing import Any, NamedTuple
 
 from startrack.cli import terminal
 from startrack.cli.options import WrongUse, as_wrong_use
-from startrack.core import Refused, arcsec
-from startrack.design import (
-    NOMINAL,
-    Campaign,
-    Case,
-    Design,
-    DesignSpace,
-    Fidelity,
-    Requirements,
-    branches,
-)
-from startrack.io import regular_file, save_json, save_text
+from startrack.core import Refused
+from startrack.design import NOMINAL, Campaign, Case, Design, DesignSpace, Fidelity, branches
+from startrack.io import finite, regular_file, save_json, save_text
 from startrack.montecarlo import Certificates, Sampling, cluster, pool, warm
 from startrack.optimise import Ledger, SearchStage, TrialRunner, unmet_costs
 from startrack.trial import require_fidelity
+from startrack.verification import limited
 
 LEDGER = "ledger.sqlite"
 
@@ -117,38 +109,6 @@ def open_runner(
             yield TrialRunner(options.seed, executor, options.workers, ledger)
 
 
-def limited(
-    needs: Requirements, name: str, margin: float, needed: float = math.nan
-) -> tuple[str, str]:
-    """Value and limit of a margin, with their unit; empty where the margin has no limit.
-
-    needed  G, of `needed_magnitude`
-    """
-    most = {
-        "mass": (needs.max_mass, "kg"),
-        "power": (needs.max_power, "W"),
-        "volume": (needs.max_volume and needs.max_volume * 1e6, "cm3"),
-        "data rate": (needs.max_data_rate and needs.max_data_rate / 1e6, "Mbit/s"),
-        "cost": (needs.max_cost, ""),
-        **{accuracy.name: (accuracy.most / arcsec, "arcsec") for accuracy in needs.accuracy},
-    }
-    least = {
-        "update rate": (needs.min_update_rate, "Hz", needs.min_update_rate),
-        "availability": (needs.min_availability, "", 1.0),
-    }
-    asked = name.partition(" (")[0]
-    if asked == "stars in the sky":
-        return f"G {needed + margin:.2f}", f"G {needed:.2f}"
-    if asked in least:
-        limit, unit, scale = least[asked]
-        value = limit + margin * scale
-    else:
-        bound, unit = most.get(asked, (None, ""))
-        limit = bound or 0.0
-        value = limit * (1 - margin)
-    return (f"{value:.4g} {unit}".strip(), f"{limit:.4g} {unit}".strip()) if limit else ("", "")
-
-
 @contextmanager
 def stages(title: str) -> Iterator[Callable[[SearchStage], None]]:
     """A bar of the stages of a search; yields what shows one."""
@@ -173,5 +133,5 @@ def write_study(
 ) -> None:
     """Write the table of a study as Markdown, its result as JSON, and print both."""
     save_text(options.out / f"{name}.md", table + "\n")
-    save_json(options.out / "result.json", terminal.finite(result))
+    save_json(options.out / "result.json", finite(result))
     terminal.print_result(options, result, f"{table}\n\n{ending}results are in {options.out}")

@@ -15,7 +15,7 @@ if wanted(__name__):
     from startrack.cli import terminal
     from startrack.core import Refused
     from startrack.design import FRAME_FIGURES, Case, Told
-    from startrack.io import save_arrays, save_json, to_table
+    from startrack.io import finite, save_arrays, save_json, to_table
     from startrack.metrics import Column, Table
     from startrack.plots import draw_flown
     from startrack.prediction import save_told
@@ -100,7 +100,7 @@ def command(options: argparse.Namespace) -> int:
             star: [curve.tolist() for curve in pair] for star, pair in flown.curves.items()
         },
     }
-    save_json(options.out / "flight.json", terminal.finite(result))
+    save_json(options.out / "flight.json", finite(result))
     title = f"{options.design.stem}, {first.name}: predicted over seen"
     draw_flown(options.out / "flight.png", flown, title)
     lines = [*_text(flown, table), *_told_text(told, options)]

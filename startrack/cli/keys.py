@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import re
 import shutil
-from collections.abc import Sequence
 from textwrap import fill
 
 from startrack.cli.options import Exit, Option, Options, WrongUse, wanted
@@ -15,61 +13,10 @@ if wanted(__name__):
     import json
 
     from startrack.cli.terminal import print_result
-    from startrack.design import Key, design_keys, design_schema
+    from startrack.design import Key, design_keys, design_schema, search_keys
     from startrack.earth import retrieval
 
 WIDEST = 100  # letters of a line
-
-# Words of datasheets that no key is called by, and the keys that set them.
-DATASHEET = {
-    "field of view|fov": (
-        "instrument.optics.focal_length",
-        "instrument.detector.columns",
-        "instrument.detector.rows",
-        "instrument.detector.pixel_pitch",
-    ),
-    "aperture": ("instrument.optics.f_number", "instrument.optics.focal_length"),
-    "update rate": (
-        "instrument.detector.frame_rate",
-        "instrument.detector.pixel_rate",
-        "campaign.requirements.min_update_rate",
-    ),
-    "integration time": ("instrument.detector.exposure",),
-    "exclusion|sun": (
-        "campaign.requirements.min_keep_out.sun",
-        "instrument.baffle.angle",
-        "instrument.tube.length",
-    ),
-    "sigma|accuracy": (
-        "campaign.requirements.level",
-        "campaign.requirements.max_across",
-        "campaign.requirements.max_about",
-    ),
-    "slew|angular rate": (
-        "instrument.motion.rate_x",
-        "instrument.motion.rate_y",
-        "instrument.motion.rate_z",
-    ),
-    "radiation": ("instrument.detector.age", "instrument.detector.hits"),
-    "mass": ("campaign.requirements.max_mass",),
-    "power": ("campaign.requirements.max_power",),
-    "nea": ("campaign.requirements.max_across", "campaign.requirements.max_about"),
-    "sensitivity|magnitude limit|limiting magnitude": (
-        "tracker.catalog.limit_g",
-        "tracker.detection.threshold",
-    ),
-    "distortion": (
-        "instrument.optics.k1",
-        "instrument.optics.k2",
-        "instrument.optics.k3",
-        "tracker.calibration.order",
-    ),
-    "spot size": ("instrument.optics.blur", "instrument.optics.defocus"),
-    "latency": ("tracker.delay", "instrument.detector.exposure", "instrument.detector.pixel_rate"),
-    "pixel size": ("instrument.detector.pixel_pitch", "instrument.detector.pixel_pitch_y"),
-    "alignment": ("instrument.mounting", "tracker.mounting"),
-}
-
 
 declare = Options(
     "Prints each key of a design file with its type, the unit that its value is written with, "
@@ -102,7 +49,7 @@ def command(options: argparse.Namespace) -> int:
     table = " ".join(options.table)
     keys = retrieval.scene_keys() if options.scene else design_keys()
     chosen = [key for key in keys if f"{key.name}.".startswith(f"{table}." if table else "")]
-    chosen = chosen or ([] if "." in table else _searched(table, keys))
+    chosen = chosen or ([] if "." in table else search_keys(table, keys))
     if not chosen:
         near = difflib.get_close_matches(table, [key.name for key in keys], 3)
         raise WrongUse(
@@ -113,22 +60,6 @@ def command(options: argparse.Namespace) -> int:
     for key in chosen:
         print_result(options, key._asdict(), _text(key, width))
     return Exit.DONE
-
-
-def _searched(words: str, keys: Sequence[Key]) -> list[Key]:
-    """The keys that words of a datasheet mean, or whose name or meaning has all the words."""
-    asked = words.lower().replace("_", " ").replace("-", " ")
-    named = [
-        name
-        for terms, names in DATASHEET.items()
-        for name in names
-        if re.search(rf"\b({terms})\b", asked)
-    ]
-    if named:
-        return [key for key in keys if key.name in named]
-    parts = asked.split()
-    texts = {key: f"{key.name} {key.meaning} {key.unit}".lower().replace("_", " ") for key in keys}
-    return [key for key, text in texts.items() if parts and all(part in text for part in parts)]
 
 
 def _text(key: Key, width: int) -> str:

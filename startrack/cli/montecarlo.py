@@ -26,7 +26,7 @@ if wanted(__name__):
     from startrack.cli.units import require_units, trials_of
     from startrack.core import Floats, Rows, arcsec, parse
     from startrack.design import Case, Design, Fidelity, Requirements
-    from startrack.io import save_json
+    from startrack.io import finite, save_json
     from startrack.metrics import ARCSEC, ErrorLimits, Row
     from startrack.montecarlo import Endings, Precision, Sampling
     from startrack.plots import draw_errors
@@ -206,7 +206,7 @@ def command(options: argparse.Namespace) -> int:
     _save_table(options, case, outcomes, attitudes, ends)
     if options.out:
         draw_errors(options.out / "errors.png", outcomes, path.stem, summary)
-        save_json(options.out / "summary.json", terminal.finite(result))
+        save_json(options.out / "summary.json", finite(result))
         result["out"] = str(options.out)
     terminal.print_result(options, result, *text)
     return Exit.DONE if summary.availability.value == 1 and not failures else Exit.UNSOLVED

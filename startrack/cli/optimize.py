@@ -26,15 +26,19 @@ if wanted(__name__):
         save_design,
         save_overlay,
     )
+    from startrack.optimise import SearchStage
     from startrack.plots import draw_convergence
     from startrack.verification import cost_margins
+
+LOG = "search.jsonl"
 
 
 declare = Options(
     "Varies the variables of [campaign] under its requirements, and compares the best design with "
     "the start on fresh trials. Writes best.toml (a design for any other command), comparison.md, "
-    "convergence.png, evaluations.csv, result.json, and ledger.sqlite, from which the same "
-    "command continues after an interruption. Where no design is better than the start, the start "
+    "convergence.png, evaluations.csv, result.json, search.jsonl (a line for each forecast and "
+    "each design that was tried, while it runs), and ledger.sqlite, from which the same command "
+    "continues after an interruption. Where no design is better than the start, the start "
     "stays, and the text says what stands in the way. The status is 3 if a requirement is not met. "
     "Of the scene of an Earth camera, by its file or name, it writes best.json in place of "
     "best.toml, and no evaluations.csv.",
@@ -53,8 +57,19 @@ def command(options: argparse.Namespace) -> int:
     design, campaign = opened.design, opened.campaign
     if unmet := unmet_text(opened):
         return _keep_start(options, opened, unmet)
-    with open_runner(options, opened, "optimising") as runner, stages("optimising") as show:
-        optimum = optimise.optimize(design.case, campaign, runner, watch_stage=show)
+    with (
+        open_runner(options, opened, "optimising") as runner,
+        stages("optimising") as show,
+        optimise.SearchLog(options.out / LOG) as log,
+    ):
+        names = [variable.name for variable in campaign.variables]
+        runner.watch = lambda case, foresight: log.forecast_of(case, foresight, names)
+
+        def watch_stage(stage: SearchStage) -> None:
+            log.stage(stage)
+            show(stage)
+
+        optimum = optimise.optimize(design.case, campaign, runner, log.tried, watch_stage)
     table = optimise.comparison(optimum, campaign)
     note = f"found by startrack optimize, seed {options.seed}"
     unknowns = still_unknown(design, campaign)

@@ -16,7 +16,7 @@ if wanted(__name__):
     from startrack.cli import terminal
     from startrack.cli.options import as_wrong_use
     from startrack.core import YEAR, arcsec, parse
-    from startrack.io import aligned, save_json
+    from startrack.io import aligned, finite, save_json
     from startrack.montecarlo import pool
     from startrack.plots import draw_prediction
     from startrack.prediction import (
@@ -80,7 +80,7 @@ def command(options: argparse.Namespace) -> int:
     if options.out:
         options.out.mkdir(parents=True, exist_ok=True)
         draw_prediction(options.out / "prediction.png", prediction, Path(path).stem)
-        save_json(options.out / "prediction.json", terminal.finite(result))
+        save_json(options.out / "prediction.json", finite(result))
         if prediction.learned:
             save_posterior(options.out / "posterior.toml", path, prediction.learned)
             if options.set:

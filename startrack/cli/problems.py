@@ -14,12 +14,14 @@ import numpy as np
 from startrack import optimise, verification
 from startrack.cli import pareto, sample, sensitivity, terminal
 from startrack.cli.campaign import LEDGER, open_workers, stages
+from startrack.cli.optimize import LOG
 from startrack.cli.options import Exit, WrongUse, as_wrong_use
 from startrack.core import Rows
 from startrack.earth.retrieval import EarthProblem, load_earth_design
-from startrack.io import aligned, save_json, save_text
+from startrack.io import aligned, finite, save_json, save_text
 from startrack.metrics import Interval, markdown
 from startrack.moving import MovingProblem, load_moving_design
+from startrack.optimise import Evaluation, Foresight
 from startrack.plots import draw_improvement
 from startrack.problem import Expectation, Judgement, Margin, Problem, compare_problems
 from startrack.report import write_problem_report
@@ -94,26 +96,29 @@ def optimize(options: argparse.Namespace, problem: Problem) -> int:
     with (
         opened(options, problem) as source,
         terminal.progress("forecasts and designs", settings.analytic_evaluations) as advance,
+        optimise.SearchLog(options.out / LOG, 1.0) as log,
     ):
-        known = 0
 
-        def forecasts(count: int) -> None:
-            nonlocal known
-            advance(count - known)
-            known = count
+        def forecast(values: Mapping[str, float], foresight: Foresight) -> None:
+            log.forecast(values, foresight)
+            advance(1)
+
+        def tried(design: Evaluation) -> None:
+            log.tried(design)
+            advance(0, f"tried, {design.trials} trials")
 
         found = optimise.improve(
             problem,
             options.seed,
             source.executor,
             source.ledger,
-            watch=lambda design: advance(0, f"tried, {design.trials} trials"),
-            watch_forecasts=forecasts,
+            watch=tried,
+            watch_forecast=forecast,
         )
     table = improved_table(problem, found)
     result = {"out": str(options.out), "seed": options.seed, **improved_values(problem, found)}
     save_text(options.out / "comparison.md", table + "\n")
-    save_json(options.out / "result.json", terminal.finite(result))
+    save_json(options.out / "result.json", finite(result))
     save_text(options.out / "best.json", json.dumps(found.best, indent=1) + "\n")
     draw_improvement(options.out / "convergence.png", found, problem.text())
     ending = f"the search ended: {found.ending}; results are in {options.out}"
@@ -143,7 +148,7 @@ def montecarlo(options: argparse.Namespace, problem: Problem) -> int:
         "not_counted": list(expected.left_out),
     }
     if options.out:
-        save_json(options.out / "summary.json", terminal.finite(result))
+        save_json(options.out / "summary.json", finite(result))
         _write_rows(options.out / "trials.csv", rows, numbers)
     terminal.print_result(options, result, table)
     return Exit.DONE
@@ -177,7 +182,7 @@ def verify(options: argparse.Namespace, problem: Problem) -> int:
     result |= verification.verification_values(verified, table)
     if options.out:
         save_text(options.out / "verdict.md", f"```\n{text}\n```\n")
-        save_json(options.out / "verdict.json", terminal.finite(result))
+        save_json(options.out / "verdict.json", finite(result))
         result["out"] = str(options.out)
     terminal.print_result(options, result, text)
     passed = verified.answer is verification.Answer.PASS

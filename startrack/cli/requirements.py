@@ -10,7 +10,6 @@ from startrack.cli.options import Exit, Options, WrongUse, as_wrong_use, campaig
 
 if wanted(__name__):
     from startrack.budget import caveats, refusal
-    from startrack.cli.campaign import limited
     from startrack.cli.terminal import (
         example,
         found_file,
@@ -24,7 +23,7 @@ if wanted(__name__):
     from startrack.earth import imager
     from startrack.io import aligned, from_table, read_table, shipped
     from startrack.optimise import expect, expected_objective, units_text
-    from startrack.verification import needed_magnitude
+    from startrack.verification import limited, needed_magnitude
 
 EARTH_TOO = (
     "; or an Earth camera (sentinel2-msi, landsat8-oli, landsat8-tirs, waoss, hsrs, mertis, ads40 "

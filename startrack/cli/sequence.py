@@ -10,7 +10,7 @@ from startrack.cli.options import DESIGN, SEED, WORKERS, Exit, Option, Options, 
 if wanted(__name__):
     from startrack.cli import terminal
     from startrack.design import Fidelity
-    from startrack.io import save_json, shipped
+    from startrack.io import finite, save_json, shipped
     from startrack.metrics import ARCSEC, PERCENT, SECOND, Row, to_json, to_lines
     from startrack.montecarlo import export, pool
     from startrack.plots import draw_sequence
@@ -84,7 +84,7 @@ def command(options: argparse.Namespace) -> int:
     first = table[table["sequence"] == 0]
     title = f"{Path(design).stem}, {Path(profile).stem}: sequence 1 of {options.sequences}"
     draw_sequence(options.out / "sequence.png", first, title)
-    save_json(options.out / "summary.json", terminal.finite(result))
+    save_json(options.out / "summary.json", finite(result))
     counted = (
         f"{len(table)} frames in {tracking.sequences} sequences; intervals: 95 % confidence, open "
         "if there is one sequence only"

@@ -22,6 +22,7 @@ if wanted(__name__):
     from startrack.cli import terminal
     from startrack.cli.stopping import one_line
     from startrack.core import Status, arcsec, deg
+    from startrack.io import finite
     from startrack.sequence import CameraLoop
 
 if TYPE_CHECKING:
@@ -76,7 +77,7 @@ def command(options: argparse.Namespace) -> int:
                 connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                 with _lost(), connection, connection.makefile("rwb") as stream:
                     for reply, pixels in _replies(loop, stream, seconds):
-                        stream.write(json.dumps(terminal.finite(reply)).encode() + b"\n" + pixels)
+                        stream.write(json.dumps(finite(reply)).encode() + b"\n" + pixels)
                         stream.flush()
                 if options.once:
                     return Exit.DONE

@@ -14,7 +14,7 @@ if wanted(__name__):
     from startrack.cli import terminal
     from startrack.cli.sweep import opened
     from startrack.design import Fidelity
-    from startrack.io import save_json
+    from startrack.io import finite, save_json
     from startrack.metrics import Column, Table
     from startrack.plots import draw_crossings
 
@@ -90,7 +90,7 @@ def command(options: argparse.Namespace) -> int:
     result |= {"answer": solution.answer, "seed": options.seed, "by": solution.how}
     result |= {"key": solution.key.name, "unit": unit, "until": options.until}
     result |= {"margin": solution.margin, "values": table.json()}
-    save_json(options.out / "result.json", terminal.finite(result))
+    save_json(options.out / "result.json", finite(result))
     text = [solution.answer, "", *(table.text(()) if solution.crossings else ())]
     terminal.print_result(
         options, result, *text, f"by {solution.how}", f"results are in {options.out}"

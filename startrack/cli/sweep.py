@@ -16,7 +16,7 @@ if wanted(__name__):
     from startrack.cli import terminal
     from startrack.cli.campaign import LEDGER, open_workers
     from startrack.design import Fidelity
-    from startrack.io import save_csv, save_json
+    from startrack.io import finite, save_csv, save_json
     from startrack.optimise import Ledger, TrialRunner
     from startrack.plots import draw_sweep
 
@@ -84,7 +84,7 @@ def command(options: argparse.Namespace) -> int:
     draw_sweep(options.out / "sweep.png", swept, path.stem)
     result: dict[str, Any] = {"design": str(options.design), "out": str(options.out)}
     result |= {"answer": swept.answer, "seed": options.seed, "by": swept.how, "rows": table.json()}
-    save_json(options.out / "result.json", terminal.finite(result))
+    save_json(options.out / "result.json", finite(result))
     refused = [f"{', '.join(row.values)}: {row.refused}" for row in swept.rows if row.refused]
     text = [swept.answer, "", *table.text(), "", *refused, f"by {swept.how}"]
     terminal.print_result(options, result, *text, f"results are in {options.out}")

@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import math
 import sys
 import threading
 import time
@@ -23,6 +22,7 @@ from startrack.cli.stopping import one_line, status_and_sentence
 from startrack.core import Camera, Frame, Stars, compiling_reports, kernel_folder, used_code
 from startrack.design import Campaign, Design, load_design
 from startrack.detection import divide_flat, subtract_dark
+from startrack.io import finite
 from startrack.metrics import Row, to_json, to_lines
 from startrack.sequence import Sequence, load_sequence
 
@@ -258,17 +258,6 @@ def print_failed_image(options: argparse.Namespace, path: Path, error: Exception
         traceback.print_exception(error)
     if options.json:
         print_result(options, {"image": str(path), "status": "failed", "reason": reason}, "")
-
-
-def finite(value: Any) -> Any:
-    """The same value with None for each number that JSON cannot hold."""
-    if isinstance(value, dict):
-        return {key: finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [finite(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
 
 
 @contextmanager

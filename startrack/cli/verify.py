@@ -16,7 +16,7 @@ if wanted(__name__):
     from startrack.cli.units import require_units
     from startrack.core import Rows
     from startrack.design import Case, Fidelity
-    from startrack.io import save_json, save_text
+    from startrack.io import finite, save_json, save_text
     from startrack.montecarlo import Sampling, pool, warm
     from startrack.optimise import VERIFYING, VERIFYING_UNIT, Ledger, TrialRunner
     from startrack.population import Units
@@ -121,7 +121,7 @@ def command(options: argparse.Namespace) -> int:
     result |= values | {"noise_only": not units}
     if options.out:
         save_text(options.out / "verdict.md", f"```\n{table}\n```\n")
-        save_json(options.out / "verdict.json", terminal.finite(result))
+        save_json(options.out / "verdict.json", finite(result))
         result["out"] = str(options.out)
     for reason in () if units else values["not_judged"]:
         terminal.print_message(f"not judged: {reason}")

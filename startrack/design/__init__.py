@@ -18,6 +18,7 @@ campaign      Campaign: what a study of a design is asked.
 told          Told: a figure of a design that somebody measured or published.
 unknown       Laws of values that a design file does not know, and what is drawn from them.
 keys          The keys of a design file, as a list, a template with values, and a JSON Schema.
+key_search    Words of a datasheet, keys of a design file -> the keys that they mean.
 overlay       Design files that lie over another one and hold only what differs from it.
 files         Design files: a case, and optionally a campaign on it, as TOML with units in strings.
 """
@@ -33,6 +34,7 @@ from startrack.design.case import (
 )
 from startrack.design.conditions import NOMINAL, Change, Condition, Judged, OverUnits, turning
 from startrack.design.files import Design, load_design, save_design
+from startrack.design.key_search import search_keys
 from startrack.design.keys import (
     DRAFT,
     Key,

@@ -41,6 +41,7 @@ from startrack.io.reading import (
 from startrack.io.recordings import Layout, frames_in
 from startrack.io.saving import (
     claimed_folder,
+    finite,
     save_arrays,
     save_csv,
     save_figure,

@@ -13,6 +13,7 @@ correction         Trials of designs -> by how much forecasts of other designs a
 source             DesignSpace and campaign -> what an explorer asks of designs: forecasts, costs,
                    conditions.
 explorer           Source of designs -> forecasts where they tell most.
+search_log         A search -> a file with a line for each forecast and each design that was tried.
 landscape          Emulators of a design space -> what they say around its best design.
 steps              The steps of the optimiser: start, forecasts, correction, refinement,
                    confirmation.
@@ -68,6 +69,7 @@ from startrack.optimise.problem_front import OBJECTIVE, ProblemGoals, problem_fr
 from startrack.optimise.problem_source import ProblemSource
 from startrack.optimise.runner import FRESH, VERIFYING, VERIFYING_UNIT, TrialRunner
 from startrack.optimise.search import Algorithm, Search, SearchInput, least
+from startrack.optimise.search_log import SearchLog
 from startrack.optimise.sensitivity import Sensitivity, sensitivities, sobol_indices
 from startrack.optimise.solve_for import LimitCrossing, Solution, solve_for
 from startrack.optimise.source import DesignSource, TrackerSource

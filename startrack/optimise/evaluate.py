@@ -266,11 +266,15 @@ def foresee_all(
     limits = enough, most_excess
     keys = [runner.forecast_key(case, campaign, limits) if case else b"" for case in cases]
     notes = {key: runner.ledger.note(FORECAST, key) for key in keys}
-    new = {key: case for key, case in zip(keys, cases, strict=True) if key and not notes[key]}
+    built = {key: case for key, case in zip(keys, cases, strict=True) if case}
+    new = {key: case for key, case in built.items() if not notes[key]}
     if progress and len(keys) > len(new):
         progress(len(keys) - len(new))
+    for key in (key for key in built if key not in new):
+        runner.watch(built[key], Foresight.read(notes[key]))
     for key, foresight in zip(new, runner.map(compute, new.values(), progress), strict=True):
         notes[key] = foresight.text()
+        runner.watch(new[key], foresight)
         if foresight.lasting:
             runner.ledger.keep_note(FORECAST, key, notes[key])
     return [Foresight.read(notes[key]) if key else NOTHING for key in keys]

@@ -13,7 +13,7 @@ from startrack.core import Floats, Refused, printed
 from startrack.metrics import Interval
 from startrack.optimise import steps
 from startrack.optimise.correction import Correction, Limit
-from startrack.optimise.evaluate import Evaluation, missed
+from startrack.optimise.evaluate import Evaluation, Foresight, missed
 from startrack.optimise.explorer import Explorer
 from startrack.optimise.landscape import Landscape
 from startrack.optimise.ledger import Ledger
@@ -75,7 +75,7 @@ def improve(
     executor: Executor | None = None,
     ledger: Ledger | None = None,
     watch: steps.Watch | None = None,
-    watch_forecasts: Callable[[int], None] | None = None,
+    watch_forecast: Callable[[Mapping[str, float], Foresight], None] | None = None,
 ) -> Improved:
     """Search the best values of a problem's variables.
 
@@ -87,14 +87,12 @@ def improve(
     executor  for forecasts and trials; None: this process
     ledger    keeps both, so that an interrupted search continues; None: it is in memory
     watch     called with each design that was tried
-    watch_forecasts  called with the number of forecasts so far
+    watch_forecast  called with the values of each design and its forecast
     Raises    Refused where the problem has no variables, no design has a forecast, or none meets
               the limits on costs.
     """
-    source = ProblemSource(problem, seed, executor, ledger or Ledger())
+    source = ProblemSource(problem, seed, executor, ledger or Ledger(), watch_forecast)
     explorer, settings = Explorer(source), problem.settings
-    if watch_forecasts:
-        explorer.watch = lambda: watch_forecasts(len(explorer.points))
     started = problem.replaced(source.values(source.start))
     explorer.limits = {
         name: Limit.of_error(None, settings.fresh_trials, TAIL / steps.ROUNDS)

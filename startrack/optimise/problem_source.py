@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from functools import cached_property, partial
@@ -37,12 +37,14 @@ class ProblemSource:
     seed      of random proposals, and of trials
     executor  computes forecasts and trials; None: this process
     ledger    keeps both
+    watch     called with the values of each design and its forecast, as soon as there is one
     """
 
     problem: Problem
     seed: int = 1
     executor: Executor | None = None
     ledger: Ledger = field(default_factory=Ledger)
+    watch: Callable[[Mapping[str, float], Foresight], None] | None = None
 
     @cached_property
     def variables(self) -> Sequence[Bounds]:
@@ -149,16 +151,24 @@ class ProblemSource:
         new = {key: design for key, design in new.items() if not notes[key]}
         if progress and len(keys) > len(new):
             progress(len(keys) - len(new))
+        places = dict(zip(keys, points, strict=True))
+        for key in (key for key in places if key and notes[key]):
+            self._show(places[key], Foresight.read(notes[key]))
         call = partial(foreseen, most_excess=most_excess)
         every = list(new.values())
         results = self.executor.map(call, every) if self.executor else map(call, every)
         for key, foresight in zip(new, results, strict=True):
             notes[key] = foresight.text()
+            self._show(places[key], foresight)
             if foresight.lasting:
                 self.ledger.keep_note(FORECAST, key, notes[key])
             if progress:
                 progress(1)
         return [Foresight.read(notes[key]) if key else NOTHING for key in keys]
+
+    def _show(self, point: Floats, foresight: Foresight) -> None:
+        if self.watch:
+            self.watch(self.values(point), foresight)
 
     def _built(self, point: Floats) -> Problem | None:
         """The problem at a point; None where it contradicts itself."""

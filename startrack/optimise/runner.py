@@ -30,6 +30,7 @@ class TrialRunner:
     seed    of all random numbers
     workers number of them
     ledger  keeps the outcomes; None for one in memory
+    watch   called with each design of a search and its `Foresight`, as soon as there is one
     """
 
     def __init__(
@@ -43,6 +44,7 @@ class TrialRunner:
         self._asked = dict[bytes, tuple[Fidelity, int]]()
         self._recalled = dict[Any, Any]()
         self._executor = executor or Serial()
+        self.watch: Callable[[Case, Any], None] = lambda case, foresight: None
 
     @property
     def tried(self) -> dict[Fidelity, int]:

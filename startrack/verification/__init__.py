@@ -23,6 +23,7 @@ from startrack.verification.accuracy import (
     expected_error,
     expected_margins,
     expected_of,
+    limited,
     margin,
     margins,
     measured_over,

@@ -11,7 +11,7 @@ from scipy import special
 
 from startrack.budget import Budget, ErrorLaw, UnitBudgets, attitudes
 from startrack.catalog import FAINTEST_G, LIMITS, Selection, Sky, open_sky
-from startrack.core import Camera, Floats, Rows, Stars
+from startrack.core import Camera, Floats, Rows, Stars, arcsec
 from startrack.design import AXES, Accuracy, Case, Objective, Requirements
 from startrack.detector import electron_rate
 from startrack.metrics import Interpretation, Interval, fraction_interval
@@ -258,3 +258,35 @@ def _needed(
         if count >= len(sky) or not len(left):
             return float(np.quantile(faintest, fraction))
         count *= 4
+
+
+def limited(
+    needs: Requirements, name: str, margin: float, needed: float = math.nan
+) -> tuple[str, str]:
+    """Value and limit of a margin, with their unit; empty where the margin has no limit.
+
+    needed  G, of `needed_magnitude`
+    """
+    most = {
+        "mass": (needs.max_mass, "kg"),
+        "power": (needs.max_power, "W"),
+        "volume": (needs.max_volume and needs.max_volume * 1e6, "cm3"),
+        "data rate": (needs.max_data_rate and needs.max_data_rate / 1e6, "Mbit/s"),
+        "cost": (needs.max_cost, ""),
+        **{accuracy.name: (accuracy.most / arcsec, "arcsec") for accuracy in needs.accuracy},
+    }
+    least = {
+        "update rate": (needs.min_update_rate, "Hz", needs.min_update_rate),
+        "availability": (needs.min_availability, "", 1.0),
+    }
+    asked = name.partition(" (")[0]
+    if asked == "stars in the sky":
+        return f"G {needed + margin:.2f}", f"G {needed:.2f}"
+    if asked in least:
+        limit, unit, scale = least[asked]
+        value = limit + margin * scale
+    else:
+        bound, unit = most.get(asked, (None, ""))
+        limit = bound or 0.0
+        value = limit * (1 - margin)
+    return (f"{value:.4g} {unit}".strip(), f"{limit:.4g} {unit}".strip()) if limit else ("", "")

@@ -14,12 +14,12 @@ from astropy.io import fits
 from day import WORDS as DATASHEET_WORDS
 
 from startrack.benchmark import STAGES
-from startrack.cli.keys import DATASHEET
 from startrack.cli.main import COMMANDS, GROUPS, WITHIN, main
 from startrack.cli.terminal import lines_now_and_then, progress, stage, waiting
 from startrack.design import design_keys
 from startrack.design.case import Fidelity
 from startrack.design.files import load_design
+from startrack.design.key_search import DATASHEET
 from startrack.io import shipped
 from startrack.montecarlo.resume import STATISTICS
 from startrack.montecarlo.sampling import Sampling
