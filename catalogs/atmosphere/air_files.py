@@ -39,8 +39,8 @@ def save_table(path: Path, table: AirTable) -> None:
         "TABLE": (air_tables.FORMAT, "format of this table of the air"),
         "AEROSOL": table.air.aerosol,
         "VISIBIL": (table.air.visibility, "[m] at the ground"),
-        "WATER": (table.air.water, "[kg / m2]"),
-        "OZONE": (table.air.ozone, "[m] at standard conditions"),
+        "WATER": (table.air.columns[0], "[kg / m2]"),
+        "OZONE": (table.air.columns[1], "[m] at standard conditions"),
     }
     save_checked(path, cards, {name: getattr(table, name) for name in air_tables.ARRAYS})
 

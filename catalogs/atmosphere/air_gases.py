@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import importlib
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import RegularGridInterpolator
 
 from startrack.core import Floats, nm
-from startrack.io import open_checked, shipped
+from startrack.earth.atmosphere.gases import water_depth, water_spectrum
 
 GASES = ("water", "mixed", "ozone")
 
-POWER = 0.9426  # of the column of water: lines overlap
 WATER_TO = 2210 * nm  # beyond, Bird and Riordan's water stands for methane, too
-FORMAT = 1  # of the table of water
 # Pairs of colliding oxygen molecules, in bands without lines: wavelength (nm), peak (1e-46 cm^5),
 # full width at half maximum (nm). Greenblatt et al. (1990), J. Geophys. Res. 95, 18577, as SMARTS
 # 2.9.5 has them.
@@ -48,24 +44,11 @@ def transmittance(gas: str, wavelength: Floats, mass: Floats, water: float, ozon
     transmitted = np.stack([np.interp(wavelength, nodes, values) for _, values in columns], -1)
     if gas == "mixed":
         return transmitted * np.exp(-_pairs(wavelength)[:, None] * mass)
-    spectrum, nodes, amounts, table = _water_table()
+    spectrum = water_spectrum()
     known = (wavelength >= spectrum[0]) & (wavelength <= spectrum[-1])
-    seen = RegularGridInterpolator((np.log(amounts), spectrum, nodes), table)
-    column = np.log(np.clip(water, amounts[0], amounts[-1]))
-    at = np.meshgrid(column, wavelength[known], np.clip(mass, 0, nodes[-1]), indexing="ij")
-    depth = seen(np.stack(at, -1))[0] * (water / 10 * mass) ** POWER
-    transmitted[known] = np.exp(-depth)
+    transmitted[known] = np.exp(-water_depth(wavelength[known], mass, water))
     transmitted[wavelength < spectrum[0]] = 1.0
     return transmitted
-
-
-@lru_cache(maxsize=1)
-def _water_table() -> tuple[Floats, ...]:
-    """Wavelengths, air masses, columns, and (c, f, m) optical depth over (column mass)^POWER."""
-    path = shipped("atmosphere/water.fits")
-    with open_checked(path, "WATER", FORMAT, "a table of water vapour") as parts:
-        names = ("WAVELENGTH", "MASS", "COLUMN", "DEPTH")
-        return tuple(parts[name].data.astype(np.float64) for name in names)
 
 
 def _pairs(wavelength: Floats) -> Floats:

@@ -252,7 +252,7 @@ def build(
             path[:, h, :, :, i] = black.reshape(shape[0], shape[2], shape[3], shape[5])
             if progress:
                 progress((h * shape[4] + i + 1) / (shape[1] * shape[4]))
-    gas = np.stack([transmittance(gas, SPECTRUM, MASS, air.water, air.ozone) for gas in GASES])
+    gas = np.stack([transmittance(gas, SPECTRUM, MASS, *air.columns) for gas in GASES])
     return AirTable(
         air,
         *grid,

@@ -13,12 +13,13 @@ from pathlib import Path
 
 import numpy as np
 from air_files import save_checked
-from air_gases import FORMAT, WATER_TO
+from air_gases import WATER_TO
 from air_solver import MASS, SPECTRUM
 from build_tables import sign
 
 from startrack.core import Floats
 from startrack.core.units import nm
+from startrack.earth.atmosphere.gases import FORMAT
 from startrack.io.saving import whole
 
 HERE = Path(__file__).parent

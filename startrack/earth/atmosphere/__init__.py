@@ -3,6 +3,7 @@
 spectra   Irradiance of the Sun over wavelength.
 table     AirTable: radiance and transmission over wavelength and geometry, and its file; BandTable
           from it and bands: every term as radiance in each band, from one altitude.
+gases     AirTable with other columns of water vapour and ozone.
 look_up   Radiance of each pixel from BandTable and viewing geometry: the second of the two steps.
 cloud     Reflectance and transmission of a cloud layer, by doubling, with exact single scattering.
 radiance_table  A user's table of the air, its file, and BandTable from it.
@@ -14,6 +15,7 @@ The tables are built by the scripts in catalogs/atmosphere.
 """
 
 from startrack.earth.atmosphere.cloud import LayerOptics, layer_optics
+from startrack.earth.atmosphere.gases import with_gases
 from startrack.earth.atmosphere.infrared import InfraredTable, infrared_bands, load_infrared, vacuum
 from startrack.earth.atmosphere.look_up import FineTable, Reach, SlantPath, look_up, refine
 from startrack.earth.atmosphere.radiance import (

@@ -11,7 +11,6 @@ from scipy.interpolate import CubicSpline
 from startrack import core
 from startrack.core import (
     FILE,
-    NON_NEGATIVE,
     Floats,
     Parameters,
     Range,
@@ -69,6 +68,17 @@ def profile(visibility: float, height: Floats) -> Floats:
 
 
 AEROSOLS = ("none", "rural", "urban")
+# Columns of water, kg / m^2, and ozone, metre at standard conditions: integrals of the profiles of
+# AFGL's model atmospheres, Anderson et al. (1986), AFGL-TR-86-0110, exponential in each layer.
+SUMMER = "midlatitude summer"
+CLIMATES = {
+    "tropical": (41.2, 2.82e-3),
+    SUMMER: (29.2, 3.32e-3),
+    "midlatitude winter": (8.52, 3.78e-3),
+    "subarctic summer": (20.8, 3.48e-3),
+    "subarctic winter": (4.16, 3.76e-3),
+    "us standard": (14.2, 3.44e-3),
+}
 FORMAT = 2  # of the file; 1 had no spread
 # Scale heights, metre, for the fraction of a gas below a height. Water: 2 km, as Bird and Riordan;
 # mixed gases: as the air; ozone: evenly between two heights, chosen by hand.
@@ -93,14 +103,23 @@ class Air(Parameters):
         limit=Range(2e3, 150e3),
         default=23e3,
     )
-    water: float = parameter(
-        "vapour above the sea", unit=Unit("kg / m2"), limit=NON_NEGATIVE, default=29.2
+    water: float | None = parameter(
+        "vapour above the sea, in place of the climate's",
+        unit=Unit("kg / m2"),
+        limit=Range(0.5, 80),
+        default=None,
     )
-    ozone: float = parameter(
-        "pure, at standard conditions; 1e-5 m is a Dobson unit",
+    ozone: float | None = parameter(
+        "pure, at standard conditions, in place of the climate's; 1e-5 m is a Dobson unit",
         unit=Unit("m", "mm"),
-        limit=NON_NEGATIVE,
-        default=3.32e-3,
+        limit=Range(1e-4, 1e-2),
+        default=None,
+    )
+    climate: str = parameter(
+        "model atmosphere of AFGL (Anderson et al. 1986), whose columns of water and ozone the air "
+        "has; bands beyond 3 um know midlatitude summer alone",
+        limit=Range(choices=tuple(CLIMATES)),
+        default=SUMMER,
     )
     table: str = parameter(
         "a user's table, FITS, ECSV or CSV, from MODTRAN, 6S, libRadtran or another program (see "
@@ -113,6 +132,15 @@ class Air(Parameters):
         super().__post_init__()
         if self.table and replace(self, table="") != Air():
             raise Refused("the other keys must be left out beside table")
+
+    @property
+    def columns(self) -> tuple[float, float]:
+        """Water, kilogram / square metre, and ozone, metre at standard conditions."""
+        water, ozone = CLIMATES[self.climate]
+        return (
+            water if self.water is None else self.water,
+            ozone if self.ozone is None else self.ozone,
+        )
 
 
 @printed
@@ -175,7 +203,9 @@ def load_table(path: Path) -> AirTable:
     """
     with open_checked(path, "TABLE", FORMAT, "a table of the air") as parts:
         head = parts[0].header
-        air = Air(head["AEROSOL"], head["VISIBIL"], head["WATER"], head["OZONE"])
+        air, columns = Air(head["AEROSOL"], head["VISIBIL"]), (head["WATER"], head["OZONE"])
+        if columns != air.columns:
+            air = replace(air, water=columns[0], ozone=columns[1])
         arrays = {name: parts[name].data.astype(np.float64) for name in ARRAYS}
     return AirTable(air, **arrays)
 

@@ -160,17 +160,21 @@ def air_table(air: atmosphere.Air | None, infrared: bool) -> TableOfAir:
         return atmosphere.vacuum()
     if air.table:
         return atmosphere.load_radiance_table(Path(air.table))
+    water, ozone = air.columns
     if infrared:
+        if (water, ozone) != atmosphere.Air().columns:
+            raise Refused(
+                "climate, water and ozone of the air must be left out of a scene with a band "
+                f"beyond 3 um, whose shipped table is of midlatitude summer, got {air}; "
+                "air.table may name another"
+            )
         return atmosphere.load_infrared(shipped("atmosphere/infrared.fits"))
     tables = [atmosphere.load_table(shipped(f"atmosphere/{name}.fits")) for name in TABLES]
-    for table in tables:
-        if table.air == air:
-            return table
-    gases = tables[-1].air.water, tables[-1].air.ozone
-    other = air.aerosol != "rural" or (air.water, air.ozone) != gases
-    if other or air.visibility < tables[-1].air.visibility:
-        raise ValueError(
-            "air must be none, or rural from 5 to 150 km, with 29.2 kg / m2 of water and 3.32 mm "
-            f"of ozone, got {air}"
-        )
-    return atmosphere.mixed(air, tables)
+    particles = atmosphere.Air(air.aerosol, air.visibility)
+    found = next((table for table in tables if table.air == particles), None)
+    if found is None and (air.aerosol != "rural" or air.visibility < tables[-1].air.visibility):
+        raise Refused(f"air must be none, or rural from 5 to 150 km, got {air}")
+    found = found or atmosphere.mixed(particles, tables)
+    if (water, ozone) == found.air.columns:
+        return found
+    return atmosphere.with_gases(found, water, ozone)
