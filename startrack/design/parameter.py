@@ -180,7 +180,7 @@ def quantity(case: Any, name: str, value: float | str) -> float:
     unit = unit_at(case, name)
     if unit and isinstance(value, str):
         try:
-            return parse(value, unit.si, unit.absolute)
+            return parse(value, unit.si, unit.absolute, unit.clock)
         except ValueError as error:
             raise Refused(f"{name}: bound {error}") from None
     if unit or isinstance(value, str):

@@ -6,7 +6,15 @@ scene  EarthScene: a camera in flight over terrain, as a scene file gives it; th
        line, that it sees.
 """
 
-from startrack.earth.geometry.orbit import Aircraft, Carrier, Orbit, TwoLines, choose_carrier, fly
+from startrack.earth.geometry.orbit import (
+    Aircraft,
+    Carrier,
+    Orbit,
+    TwoLines,
+    choose_carrier,
+    fly,
+    sun_zenith_below,
+)
 from startrack.earth.geometry.scene import (
     EarthScene,
     Fractal,

@@ -1,7 +1,8 @@
 """Position and velocity of a satellite or an aircraft over the rotating Earth."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from startrack.core import (
     Floats,
     Parameters,
     Range,
+    Refused,
     Unit,
     parameter,
     printed,
@@ -45,11 +47,32 @@ class Orbit(Parameters):
     )
     perigee: float = parameter("its argument", unit=Unit("rad", "deg"), limit=FINITE, default=0.0)
     eccentricity: float = parameter("1", limit=Range(0, 0.9), default=0.0)
+    local_time: float | None = parameter(
+        'mean solar time at the ascending node, as "22.5 h" or "22:30"; it replaces `inclination` '
+        "and `node` by those of a Sun-synchronous orbit",
+        unit=Unit("s", "h", clock=True),
+        limit=Range(0, DAY),
+        default=None,
+    )
+    day: float | None = parameter(
+        "of the year, from 1, in place of that of `epoch`: the season, as a number that a campaign "
+        "may vary",
+        limit=Range(1, 367),
+        default=None,
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
         space.require_perigee(self.altitude, self.eccentricity)
         core.utc(self.epoch)
+        if self.local_time is not None:
+            space.sun_synchronous(space.EARTH_RADIUS + self.altitude, self.eccentricity)
+
+    def resolved(self) -> "Orbit":
+        """The same by its elements alone, without `local_time` and `day`."""
+        if self.local_time is None and self.day is None:
+            return self
+        return _resolved(self)
 
     def satellite(self) -> Any:
         """The record that SGP4 moves."""
@@ -57,6 +80,29 @@ class Orbit(Parameters):
         return space.element_record(
             self.epoch, space.EARTH_RADIUS + self.altitude, self.eccentricity, angles
         )
+
+
+@lru_cache(maxsize=64)
+def _resolved(orbit: Orbit) -> Orbit:
+    epoch = orbit.epoch
+    if orbit.day is not None:
+        from astropy.time import TimeDelta
+
+        with core.installed_tables():
+            date = core.utc(epoch)
+            first = core.utc(f"{date.ymdhms['year']}-01-01T00:00:00")
+            clock = (date.jd1 - 0.5 + date.jd2) % 1.0
+            moved = first + TimeDelta(math.floor(orbit.day - 1) + clock, format="jd")
+            epoch = str(moved.isot)
+    changed = replace(orbit, epoch=epoch, local_time=None, day=None)
+    if orbit.local_time is None:
+        return changed
+    axis = space.EARTH_RADIUS + orbit.altitude
+    return replace(
+        changed,
+        inclination=space.sun_synchronous(axis, orbit.eccentricity),
+        node=space.node_at(epoch, orbit.local_time),
+    )
 
 
 @dataclass(frozen=True)
@@ -143,9 +189,10 @@ def choose_carrier(orbit: Orbit | None, tle: tuple[str, ...], aircraft: Aircraft
     Raises  ValueError where it gives none or several."""
     if (orbit is not None) + bool(tle) + (aircraft is not None) != 1:
         raise ValueError("exactly one of orbit, tle and aircraft must be given")
-    carrier = orbit or aircraft
-    if carrier is not None:
-        return carrier
+    if orbit is not None:
+        return orbit.resolved()
+    if aircraft is not None:
+        return aircraft
     if len(tle) != 2:
         raise ValueError(f"tle must be two lines, got {len(tle)}")
     return TwoLines(*tle)
@@ -161,6 +208,8 @@ def fly(orbit: Carrier, second: Floats) -> Flight:
               orientation less than 0.84 km of ground more (`startrack.dates`).
     """
     second = np.asarray(second, float)
+    if isinstance(orbit, Orbit):
+        orbit = orbit.resolved()
     if isinstance(orbit, Aircraft):
         where, velocity = orbit.state(second)
         inertial = velocity + np.cross(SPIN_VECTOR, where)
@@ -174,3 +223,33 @@ def fly(orbit: Carrier, second: Floats) -> Flight:
     return Flight(
         second, where, inertial - np.cross(SPIN_VECTOR, where), inertial, inertial, icrs_to_itrs
     )
+
+
+@lru_cache(maxsize=64)
+def sun_zenith_below(carrier: Carrier, latitude: float, ascending: bool) -> float:
+    """Zenith angle of the Sun (radian) at the ground below a satellite as it passes a latitude.
+
+    latitude   radian, geodetic
+    ascending  whether it flies north there
+    Raises     ValueError for an aircraft, and where the orbit does not reach the latitude.
+    Accuracy   model: node and date are those of the epoch, the ground track is that of a sphere:
+               0.3 degree.
+    """
+    if isinstance(carrier, Aircraft):
+        raise Refused("retrieval.latitude must be left out of a scene with an aircraft")
+    record = carrier.satellite()
+    tilt, node = float(record.inclo), float(record.nodeo)
+    ratio = math.sin(latitude) / math.sin(tilt) if math.sin(tilt) else math.inf
+    if not abs(ratio) <= 1:
+        raise Refused(
+            f"retrieval.latitude must be one that the orbit reaches, at most "
+            f"{min(tilt, math.pi - tilt) / core.deg:.2f} deg, got {latitude / core.deg:g} deg"
+        )
+    argument = math.asin(ratio) if ascending else math.pi - math.asin(ratio)
+    x, y, _ = space.orbit_direction(node, tilt, argument)
+    over = math.atan2(y, x)
+    flat = math.cos(latitude)
+    zenith = np.array([flat * math.cos(over), flat * math.sin(over), math.sin(latitude)])
+    (teme_to_itrs,) = space.to_itrs(("TEME",), carrier.epoch, np.zeros(1))
+    sun = teme_to_itrs[0].inv().apply(space.sun_direction(carrier.epoch).copy())
+    return math.acos(float(np.clip(zenith @ sun, -1, 1)))

@@ -63,16 +63,20 @@ class RetrievalStudy(Protocol):
 
 
 def study_of(design: EarthDesign) -> RetrievalStudy:
-    """The study of what the images of a design are for."""
+    """The study of what the images of a design are for.
+
+    Raises  ValueError where the Sun of `retrieval.latitude` is none for the retrieval.
+    """
     assert design.retrieval
-    if design.retrieval.minerals:
-        return Spectra(design, design.retrieval.minerals)
-    if design.retrieval.land_cover:
-        return MosaicStudy(design, design.retrieval.land_cover)
-    if design.retrieval.stereo:
-        return TerrainStudy(design, design.retrieval.stereo)
-    assert design.retrieval.hot_spots
-    return Fires(design, design.retrieval.hot_spots)
+    own = design.retrieval.below(design.carrier)
+    if own.minerals:
+        return Spectra(design, own.minerals)
+    if own.land_cover:
+        return MosaicStudy(design, own.land_cover)
+    if own.stereo:
+        return TerrainStudy(design, own.stereo)
+    assert own.hot_spots
+    return Fires(design, own.hot_spots)
 
 
 class Fires(NamedTuple):

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
 
 from startrack.core import NON_NEGATIVE, POSITIVE, Parameters, Range, Refused, Unit, parameter
 from startrack.design import Change, Link, Variable, with_changes, with_values
+from startrack.earth.geometry import Carrier, sun_zenith_below
 from startrack.earth.imager import Channel, Survey, scene_of
 from startrack.earth.retrieval.hot_spots import HotSpots
 from startrack.earth.retrieval.land_cover import LandCover
@@ -17,6 +20,7 @@ from startrack.io import shipped
 from startrack.problem import Settings
 
 OWN = "nominal"  # the file's own condition
+PURPOSES = "hot_spots", "minerals", "land_cover", "stereo"  # tables of a retrieval
 
 
 class Retrieval(Parameters):
@@ -28,12 +32,36 @@ class Retrieval(Parameters):
         "reflectance of land, an index and classes of its pixels", default=None
     )
     stereo: Stereo | None = parameter("heights from two images along the track", default=None)
+    latitude: float | None = parameter(
+        "of the ground, geodetic: the Sun's zenith angle is then that below the satellite as it "
+        "passes, by its orbit and date, in place of the table's `sun_zenith`",
+        unit=Unit("rad", "deg"),
+        limit=Range(-math.pi / 2, math.pi / 2),
+        default=None,
+    )
+    flight: str = parameter(
+        "how the satellite passes `latitude`: ascending flies north",
+        limit=Range(choices=("ascending", "descending")),
+        default="descending",
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        given = [name for name, value in vars(self).items() if value is not None]
+        given = [name for name in PURPOSES if getattr(self, name) is not None]
         if len(given) != 1:
             raise Refused(f"retrieval must have one table, got {', '.join(given) or 'none'}")
+        if self.latitude is not None and self.minerals:
+            raise Refused("retrieval.latitude must be left out beside minerals")
+
+    def below(self, carrier: Carrier) -> Retrieval:
+        """The same with the Sun of the pass over `latitude`."""
+        if self.latitude is None:
+            return self
+        zenith = sun_zenith_below(carrier, self.latitude, self.flight == "ascending")
+        for name in PURPOSES:
+            if (own := getattr(self, name)) is not None:
+                return replace(self, **{name: replace(own, sun_zenith=zenith), "latitude": None})
+        return self
 
 
 class EarthCondition(Parameters):

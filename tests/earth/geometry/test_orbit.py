@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from startrack.earth.geometry import Orbit, TwoLines, fly
-from startrack.earth.terrain import geodetic
+from startrack.core import Refused, deg
+from startrack.earth.geometry import Orbit, TwoLines, fly, sun_zenith_below
+from startrack.earth.terrain import geodetic, up
 from startrack.space import sun_direction
 
 pytest.importorskip("sgp4")
@@ -109,3 +110,44 @@ def test_the_epoch_keeps_its_microseconds():
     minutes, rest = divmod(rest, 60)
     assert orbit.epoch == f"2019-12-09T{int(hours):02d}:{int(minutes):02d}:{rest:09.6f}"
     assert record.jdsatepochF == pytest.approx(0.69339541, abs=1e-12)
+
+
+def test_local_time_and_day_give_the_elements():
+    """Sentinel-2: 786 km, 98.62 degree, 10:30 descending, so 22:30 at the ascending node."""
+    orbit = Orbit("2026-06-21T10:00:00", 786e3, local_time=22.5 * 3600, day=80.5).resolved()
+    assert orbit.epoch.startswith("2026-03-21T10:00:00")
+    assert orbit.inclination / deg == pytest.approx(98.55, abs=0.1)
+    flight = fly(orbit, np.linspace(0, 6000, 601))
+    _, latitude, _ = geodetic(flight.position)
+    node = int(np.argmax((latitude[:-1] < 0) & (latitude[1:] >= 0)))
+    longitude = geodetic(flight.position[node : node + 1])[0][0] / deg
+    hour = (10 + flight.second[node] / 3600 + longitude / 15) % 24
+    assert hour == pytest.approx(22.5, abs=0.05)
+    assert Orbit("2026-06-21T10:00:00").resolved() == Orbit("2026-06-21T10:00:00")
+
+
+@pytest.mark.parametrize(
+    ("latitude", "ascending", "day"), [(47, False, 172), (-30, True, 10), (0, False, 300)]
+)
+def test_the_sun_below_is_that_of_the_flight(latitude, ascending, day):
+    """Against the pass itself, flown by SGP4, and the Sun at its instant."""
+    orbit = Orbit("2026-06-21T12:00:00", 600e3, local_time=22.0 * 3600, day=day).resolved()
+    second = np.arange(0.0, 5900.0, 5.0)
+    flight = fly(orbit, second)
+    longitude, there, _ = geodetic(flight.position)
+    above = there > latitude * deg
+    crosses = (~above[:-1] & above[1:]) if ascending else (above[:-1] & ~above[1:])
+    n = int(np.argmax(crosses))
+    sun = sun_direction(orbit.epoch, float(second[n]))
+    zenith = np.arccos(up(longitude[n : n + 1], there[n : n + 1])[0] @ sun)
+    found = sun_zenith_below(orbit, latitude * deg, ascending)
+    assert found / deg == pytest.approx(zenith / deg, abs=0.3)
+
+
+def test_a_latitude_out_of_reach_and_an_orbit_that_is_not_synchronous_are_refused():
+    with pytest.raises(Refused, match=r"at most 51\.64 deg, got 60 deg"):
+        sun_zenith_below(TwoLines(FIRST, SECOND), 60 * deg, True)
+    with pytest.raises(Refused, match="local_time must be left out above 5972 km"):
+        Orbit("2026-06-21T10:00:00", 7000e3, local_time=36000.0)
+    with pytest.raises(Refused, match="day must lie in"):
+        Orbit("2026-06-21T10:00:00", day=400)
