@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ from startrack.cli.options import (
 
 if wanted(__name__):
     from startrack import budget as budgets
-    from startrack import metrics
+    from startrack import metrics, plots
     from startrack.budget import (
         INDICES,
         Budget,
@@ -35,20 +35,27 @@ if wanted(__name__):
         analytic,
     )
     from startrack.cli import terminal
-    from startrack.cli.units import AXES, budgets_of, gains_of, require_units
+    from startrack.cli.units import (
+        AXES,
+        budgets_of,
+        gains_of,
+        require_units,
+        units_answer,
+        units_text,
+    )
     from startrack.core import Refused, arcsec
     from startrack.design import Accuracy, Campaign, Case, found_at, replaced
     from startrack.io import aligned, finite, save_json
     from startrack.metrics import Interval
     from startrack.montecarlo import pool
     from startrack.optimise import halved, levers
-    from startrack.plots import draw_budget, draw_curves, draw_sky
     from startrack.response import TYPICAL, errors, lasting
     from startrack.sequence import Sequence as Profiled
     from startrack.trial import SingleStars
 
 UNITS = 6  # where a design varies and no number is asked for
 MOST_ROWS = 12  # of single stars in text; JSON has all
+FEW_CAUSES = 3  # that are explained without --full: the largest
 STARS = (
     "single stars, rms per axis: as the tracker states, from exposure to exposure, by the centroid "
     "method, in all, and without the few that hot pixels move far"
@@ -58,12 +65,19 @@ FAR = 0.1  # relative difference of the two columns from which on it is printed
 
 
 declare = Options(
-    "Prints the analytic budget, what of this design it does not count, and whether some trials "
-    "agree with it; with --montecarlo also the measured one, and a note where the two differ by "
-    "more than 10 %. With --out it writes budget.json, budget.png, sky.png (stars and error over "
+    "Prints the error with its limits and what decides it, the analytic budget cause by cause, "
+    "what of this design it does not count, and whether some trials agree with it; with --full "
+    "also single stars, what each cause means and what would be better, all levels of units; with "
+    "--montecarlo also the measured budget, and a note where the two differ by more than 10 %. "
+    "With --out it writes budget.json, budget.png, sky.png (stars and error over "
     "the sky) and curves.png (error over rate, magnitude and field). The status is 3 if a part of "
     "the sky has no attitude.",
     *DESIGN,
+    Option(
+        "--full",
+        "all tables: single stars over magnitude, every cause and its keys, other centroids and "
+        "more stars, all levels of the units",
+    ),
     Option(
         "--montecarlo N",
         "measure it on N random attitudes by switching causes (default: analytic only)",
@@ -136,7 +150,10 @@ def command(options: argparse.Namespace) -> int:
             )
     result: dict[str, Any] = {"design": str(path), "analytic": _values(expected)}
     show = terminal.sections(options)
-    show(budgets.answer(expected, campaign.requirements.accuracy if campaign else ()))
+    required, units = campaign.requirements.accuracy if campaign else (), None
+    if options.units:
+        result["units"], units = budgets_of(case, required, options)
+    show(budgets.answer(expected, required) if units is None else units_answer(units, required))
     for sentence in budgets.refusal(case, expected.refused):  # why the error below is large
         show(sentence)
     with terminal.stage("single stars"):
@@ -144,21 +161,17 @@ def command(options: argparse.Namespace) -> int:
     result |= {"star_without_noise_px": floor, "centroid_floor_px": stated}
     result |= {"star_without_noise_g": TYPICAL}
     assumed = "this, star by star" if stated is None else f"{stated:g} pixel for all stars"
-    alone = "the unit as designed, noise only; units follow\n" if options.units else ""
+    alone = "the unit as designed, noise only\n" if units else ""
     show(
         f"{alone}{_table(expected, by_trials)}\n"
         f"centroid error of a star of G {TYPICAL:g} without noise {floor:.4f} pixel; the tracker "
         f"assumes {assumed}"
     )
-    with terminal.stage("single stars over magnitude"):
-        stars = _star_table(case, budgets.single_stars(case))
-    result["single_stars"] = stars.json()
-    # Not more rows than are read at a glance.
-    shown = replace(stars, records=stars.records[:: 1 + len(stars.records) // MOST_ROWS])
-    show("\n".join([STARS, *shown.text(())]))
-    with terminal.stage("other centroids, more stars"):
-        result["better"], better = _better(case, expected)
-    show("\n".join([*budgets.advice(expected), *better]))
+    if units:
+        show(units_text(result["units"], options.full))
+    show("\n".join(budgets.advice(expected)[: None if options.full else FEW_CAUSES]))
+    if options.full:
+        result |= _in_full(case, expected, show)
     with terminal.stage("trials beside the formula"):
         checked = budgets.check(case, expected, options.seed)
     result |= {"not_counted": expected.left_out, "refused_as_hot_pixels": expected.refused}
@@ -168,10 +181,6 @@ def command(options: argparse.Namespace) -> int:
     if by_trials:
         result |= {"seed": options.seed, "measured": _values(by_trials)}
         result |= {"members": options.montecarlo, "times": options.times}
-    required, units = campaign.requirements.accuracy if campaign else (), None
-    if options.units:
-        result["units"], lines, units = budgets_of(case, required, options)
-        show(lines)
     for name, changes in (("tolerances", halved), ("levers", levers)):
         if getattr(options, name):
             result[name], lines = gains_of(
@@ -192,6 +201,19 @@ def command(options: argparse.Namespace) -> int:
     return Exit.DONE if availability > 0.9999 else Exit.UNSOLVED
 
 
+def _in_full(case: Case, expected: Budget[Any], show: Callable[[str], None]) -> dict[str, Any]:
+    """Print single stars over magnitude and what would be better; their values for JSON."""
+    with terminal.stage("single stars over magnitude"):
+        stars = _star_table(case, budgets.single_stars(case))
+    # Not more rows than are read at a glance.
+    shown = replace(stars, records=stars.records[:: 1 + len(stars.records) // MOST_ROWS])
+    show("\n".join([STARS, *shown.text(())]))
+    with terminal.stage("other centroids, more stars"):
+        gains, better = _better(case, expected)
+    show("\n".join(better or ["neither another centroid nor twice as many stars is better"]))
+    return {"single_stars": stars.json(), "better": gains}
+
+
 def _draw(
     options: argparse.Namespace,
     case: Case,
@@ -202,12 +224,12 @@ def _draw(
     units: UnitBudgets | None,
 ) -> None:
     """Write budget.png, sky.png and curves.png."""
-    draw_budget(options.out / "budget.png", expected, by_trials, title, required, units)
+    plots.draw_budget(options.out / "budget.png", expected, by_trials, title, required, units)
     with terminal.stage("the sky"):
-        draw_sky(options.out / "sky.png", budgets.survey(case), case, title)
+        plots.draw_sky(options.out / "sky.png", budgets.survey(case), case, title)
     with terminal.progress("slew rates and stars", budgets.curve_steps(case)) as advance:
         curves = budgets.error_curves(case, options.seed, advance=advance)
-    draw_curves(options.out / "curves.png", curves, case, title)
+    plots.draw_curves(options.out / "curves.png", curves, case, title)
 
 
 def _better(case: Case, expected: Budget[Any]) -> tuple[list[dict[str, Any]], list[str]]:

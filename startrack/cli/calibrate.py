@@ -14,7 +14,7 @@ from startrack.cli.options import Exit, Option, Options, WrongUse, images, wante
 if wanted(__name__):
     import numpy as np
 
-    from startrack import calibration
+    from startrack import calibration, plots
     from startrack.cli import terminal
     from startrack.core import Camera, Frame, Matches, Spots, arcsec, within
     from startrack.design import Tracker
@@ -23,7 +23,6 @@ if wanted(__name__):
     from startrack.io import field_hint, finite, save_json
     from startrack.optimise import Ledger, chain_text, chain_values, thinned
     from startrack.photograph import PhotographView, solve_photograph
-    from startrack.plots import draw_corner
     from startrack.trial import lost_in_space
 
 ANGLES = {"yz": ("y_angle", "z_angle"), "xy": ("x_angle", "y_angle")}
@@ -257,7 +256,9 @@ def _posterior(
         name if name == "k1" else f"{name.removesuffix('_px')} (px)" for name in posterior.names
     ]
     title = f"camera of {len(frames)} images: {said}"
-    draw_corner(options.posterior / "corner.png", thinned(posterior.samples, 2000), labels, title)
+    plots.draw_corner(
+        options.posterior / "corner.png", thinned(posterior.samples, 2000), labels, title
+    )
     lines = ["", "posterior: median and 95 % interval"]
     for name in posterior.names:
         middle, low, high = posterior.interval(name)

@@ -11,13 +11,12 @@ from startrack.cli import options as shared
 from startrack.cli.options import SEED, SET, Exit, Option, Options, images, out, wanted, whole
 
 if wanted(__name__):
-    from startrack import verification
+    from startrack import plots, verification
     from startrack.cli import terminal
     from startrack.core import Refused
     from startrack.design import FRAME_FIGURES, Case, Told
     from startrack.io import finite, save_arrays, save_json, to_table
     from startrack.metrics import Column, Table
-    from startrack.plots import draw_flown
     from startrack.prediction import save_told
 
 TABLES = (".npz", ".fits", ".fit", ".fts")  # of images of stars, where there is one file
@@ -102,7 +101,7 @@ def command(options: argparse.Namespace) -> int:
     }
     save_json(options.out / "flight.json", finite(result))
     title = f"{options.design.stem}, {first.name}: predicted over seen"
-    draw_flown(options.out / "flight.png", flown, title)
+    plots.draw_flown(options.out / "flight.png", flown, title)
     lines = [*_text(flown, table), *_told_text(told, options)]
     terminal.print_result(options, result | {"out": str(options.out)}, *lines)
     return Exit.DONE

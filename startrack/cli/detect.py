@@ -10,12 +10,11 @@ from typing import Any
 from startrack.cli.options import SET, Exit, Option, Options, WrongUse, as_wrong_use, images, wanted
 
 if wanted(__name__):
-    from startrack import detection
+    from startrack import detection, plots
     from startrack.cli.terminal import image_reader, print_failed_image, print_result, read_design
     from startrack.core import Psf, Spots
     from startrack.metrics import Column, Table
     from startrack.observation import psf_of
-    from startrack.plots import draw_spots
 
 
 declare = Options(
@@ -66,7 +65,7 @@ def command(options: argparse.Namespace) -> int:
         text = f"{path}: {len(spots)} spots; noise alone makes {chance:.1g} per frame"
         if options.overlay:
             picture = options.overlay / f"{path.stem}.spots.png"
-            draw_spots(picture, frame, spots, f"{path.name}: {len(spots)} spots")
+            plots.draw_spots(picture, frame, spots, f"{path.name}: {len(spots)} spots")
             result["overlay"] = str(picture)
         print_result(options, result, text, *(table.text(()) if len(spots) else []))
     return status

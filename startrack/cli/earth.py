@@ -14,6 +14,7 @@ from startrack.cli.options import SEED, Exit, Option, Options, Parts, as_wrong_u
 if wanted(__name__):
     import numpy as np
 
+    from startrack import plots
     from startrack.cli.terminal import print_result, progress
     from startrack.core import Camera, FieldPsf, Floats, Streams, require_memory, um
     from startrack.earth import imager, product
@@ -24,7 +25,6 @@ if wanted(__name__):
     from startrack.earth.terrain import EQUATORIAL, Raster
     from startrack.io import from_table, read_table, save_netcdf, save_text, shipped, whole
     from startrack.motion import Motion, realise_motion
-    from startrack.plots import draw_geometry, draw_picture, draw_product, draw_spectrum
     from startrack.report import write_earth_report
 
 EARTH = """\
@@ -233,7 +233,7 @@ def geometry(options: argparse.Namespace) -> int:
         "netcdf": str(options.out / "geometry.nc"),
     }
     save_netcdf(options.out / "geometry.nc", maps, MAPS, ("line", "column"))
-    draw_geometry(options.out / "geometry.png", maps, path.stem)
+    plots.draw_geometry(options.out / "geometry.png", maps, path.stem)
     print_result(options, result, *_text(result))
     return Exit.DONE
 
@@ -270,7 +270,7 @@ def rendered(options: argparse.Namespace) -> int:
             frames = {"calibration": str(saved), "electrons_per_number": calibration.electrons}
         numbers, *terms = (imager.thinned(m, PANEL) for m in (picture.numbers, *picture.terms))
         small = dict(zip(picture.terms._fields, terms, strict=True))
-        draw_picture(png, numbers, small, f"{path.stem}: {channel.name}")
+        plots.draw_picture(png, numbers, small, f"{path.stem}: {channel.name}")
         result = _picture_values(channel, picture, setting) | {"fits": str(fits), "png": str(png)}
         if survey.motion != Motion():
             result["misregistration_px"] = imager.misregistration(survey, channel, options.seed)
@@ -397,7 +397,7 @@ def processed(options: argparse.Namespace) -> int:
                 tags,
             )
         shown = {name: imager.thinned(layer, PANEL) for name, layer in mapped.layers.items()}
-        draw_product(
+        plots.draw_product(
             start.with_suffix(".png"),
             shown,
             PRODUCT_UNITS,
@@ -440,7 +440,7 @@ def spectrum(options: argparse.Namespace) -> int:
     ]
     csv, png = options.out / "spectrum.csv", options.out / "spectrum.png"
     save_text(csv, "\n".join(table) + "\n")
-    draw_spectrum(
+    plots.draw_spectrum(
         png,
         found.wavelength,
         found.radiance * um,

@@ -15,7 +15,7 @@ from startrack.cli.options import Exit, Option, Options, WrongUse, as_wrong_use,
 if wanted(__name__):
     import numpy as np
 
-    from startrack import metrics, mission, report
+    from startrack import metrics, mission, plots, report
     from startrack.cli import terminal
     from startrack.cli.simulate import draw_record
     from startrack.cli.terminal import attitude_values, finite, print_result, progress
@@ -23,7 +23,6 @@ if wanted(__name__):
     from startrack.io import save_json, save_text, shipped, write_fits
     from startrack.metrics import ARCSEC, Column, DisplayUnit
     from startrack.montecarlo import cluster, export, pool
-    from startrack.plots import draw_beta, draw_mission, draw_placement
     from startrack.trial import observe
 
 ROWS = 20_000  # of the table, where --every is not given
@@ -363,7 +362,7 @@ def _place(options: argparse.Namespace, path: Path, before: report.ReportedFligh
     )
     picture, title = options.out / "placement.png", f"directions of {plan.heads[0].name}"
     clear = plan.loaded.mission.keep_out
-    draw_placement(picture, mapped, old, new, clear, f"{path.stem}: {title}")
+    plots.draw_placement(picture, mapped, old, new, clear, f"{path.stem}: {title}")
     save_json(options.out / "summary.json", finite(result))
     _draw(options.out, after, f"{path.stem}, placed", picture)
     lines = [f"{placement.evaluations} mountings, {placement.ending}"]
@@ -380,8 +379,8 @@ def _draw(out: Path, flight: report.ReportedFlight, title: str, placed: Path | N
     """Write mission.png, beta.png, and report.html with them and the picture of a placement."""
     plan, _, flown, available = flight
     overview, beta = out / "mission.png", out / "beta.png"
-    draw_mission(overview, plan, flown, available, title)
-    draw_beta(beta, plan, flown, title)
+    plots.draw_mission(overview, plan, flown, available, title)
+    plots.draw_beta(beta, plan, flown, title)
     pictures = [
         ("Blind time, valid heads and error over the mission", overview),
         ("Availability and error over the beta angle and the orbit", beta),

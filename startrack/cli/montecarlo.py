@@ -18,7 +18,7 @@ if wanted(__name__):
     import numpy as np
     from scipy.spatial.transform import Rotation
 
-    from startrack import metrics, montecarlo
+    from startrack import metrics, montecarlo, plots
     from startrack.budget import noise_only
     from startrack.cli import terminal
     from startrack.cli.campaign import open_workers
@@ -29,7 +29,6 @@ if wanted(__name__):
     from startrack.io import finite, save_json
     from startrack.metrics import ARCSEC, ErrorLimits, Row
     from startrack.montecarlo import Endings, Precision, Sampling
-    from startrack.plots import draw_errors
     from startrack.population import Units
     from startrack.trial import OUTCOMES, require_fidelity
     from startrack.verification import cases, claims_of, counted
@@ -205,7 +204,7 @@ def command(options: argparse.Namespace) -> int:
         result["store"] = str(where)
     _save_table(options, case, outcomes, attitudes, ends)
     if options.out:
-        draw_errors(options.out / "errors.png", outcomes, path.stem, summary)
+        plots.draw_errors(options.out / "errors.png", outcomes, path.stem, summary)
         save_json(options.out / "summary.json", finite(result))
         result["out"] = str(options.out)
     terminal.print_result(options, result, *text)

@@ -7,7 +7,7 @@ import argparse
 from startrack.cli.options import Exit, Option, Options, study, wanted
 
 if wanted(__name__):
-    from startrack import optimise
+    from startrack import optimise, plots
     from startrack.cli.campaign import (
         ReadCampaign,
         open_runner,
@@ -27,7 +27,6 @@ if wanted(__name__):
         save_overlay,
     )
     from startrack.optimise import SearchStage
-    from startrack.plots import draw_convergence
     from startrack.verification import cost_margins
 
 LOG = "search.jsonl"
@@ -77,7 +76,7 @@ def command(options: argparse.Namespace) -> int:
         note += f"\nfound for the middle of what is not known: {unknown.name}, {unknown}"
     _save_best(options, Design(optimum.best, campaign, unknowns), note)
     optimise.write_evaluations(options.out / "evaluations.csv", optimum.evaluations)
-    draw_convergence(options.out / "convergence.png", optimum, campaign)
+    plots.draw_convergence(options.out / "convergence.png", optimum, campaign)
     result = {
         "out": str(options.out),
         "seed": options.seed,

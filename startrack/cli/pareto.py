@@ -19,11 +19,11 @@ from startrack.cli.options import (
 if wanted(__name__):
     import numpy as np
 
+    from startrack import plots
     from startrack.cli.campaign import open_runner, read_study, stages, unmet_text, write_study
     from startrack.design import COSTS, DesignSpace, Objective
     from startrack.metrics import markdown
     from startrack.optimise import FrontGoals, Point, front
-    from startrack.plots import draw_front, with_unit
 
 
 FIRST = "across"
@@ -90,13 +90,13 @@ def write_front(
     """
     head, rows = list[str](), []
     for goal, unit in zip(goals, units, strict=True):
-        head += [f"{with_unit(goal, unit)} expected", "tried"]
+        head += [f"{plots.with_unit(goal, unit)} expected", "tried"]
     for point, values in zip(points, texts, strict=True):
         pairs = zip(point.expected, point.measured, strict=True)
         rows.append([*(f"{value:.4g}" for pair in pairs for value in pair), *values.values()])
     table = "\n".join(markdown([*head, *labels], rows))
-    first, second = (with_unit(word, unit) for word, unit in zip(words, units, strict=True))
-    draw_front(options.out / "front.png", points, (first, second), trials)
+    first, second = (plots.with_unit(word, unit) for word, unit in zip(words, units, strict=True))
+    plots.draw_front(options.out / "front.png", points, (first, second), trials)
     found = [
         {
             "values_si": point.values,

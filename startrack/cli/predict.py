@@ -12,13 +12,13 @@ from startrack.cli.options import DESIGN, Exit, Option, Options, wanted, whole
 if wanted(__name__):
     import numpy as np
 
+    from startrack import plots
     from startrack.budget import PUBLISHED
     from startrack.cli import terminal
     from startrack.cli.options import as_wrong_use
     from startrack.core import YEAR, arcsec, parse
     from startrack.io import aligned, finite, save_json
     from startrack.montecarlo import pool
-    from startrack.plots import draw_prediction
     from startrack.prediction import (
         ACCURACY,
         DRAWS,
@@ -79,7 +79,7 @@ def command(options: argparse.Namespace) -> int:
     result = {"design": str(path), "seed": options.seed, **_values(prediction)}
     if options.out:
         options.out.mkdir(parents=True, exist_ok=True)
-        draw_prediction(options.out / "prediction.png", prediction, Path(path).stem)
+        plots.draw_prediction(options.out / "prediction.png", prediction, Path(path).stem)
         save_json(options.out / "prediction.json", finite(result))
         if prediction.learned:
             save_posterior(options.out / "posterior.toml", path, prediction.learned)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from startrack import optimise, verification
+from startrack import optimise, plots, verification
 from startrack.cli import pareto, sample, sensitivity, terminal
 from startrack.cli.campaign import LEDGER, open_workers, stages
 from startrack.cli.optimize import LOG
@@ -22,7 +22,6 @@ from startrack.io import aligned, finite, save_json, save_text
 from startrack.metrics import Interval, markdown
 from startrack.moving import MovingProblem, load_moving_design
 from startrack.optimise import Evaluation, Foresight
-from startrack.plots import draw_improvement
 from startrack.problem import Expectation, Judgement, Margin, Problem, compare_problems
 from startrack.report import write_problem_report
 
@@ -120,7 +119,7 @@ def optimize(options: argparse.Namespace, problem: Problem) -> int:
     save_text(options.out / "comparison.md", table + "\n")
     save_json(options.out / "result.json", finite(result))
     save_text(options.out / "best.json", json.dumps(found.best, indent=1) + "\n")
-    draw_improvement(options.out / "convergence.png", found, problem.text())
+    plots.draw_improvement(options.out / "convergence.png", found, problem.text())
     ending = f"the search ended: {found.ending}; results are in {options.out}"
     terminal.print_result(options, result, f"{table}\n\n{ending}")
     return Exit.DONE if found.feasible else Exit.UNSOLVED

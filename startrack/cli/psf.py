@@ -13,14 +13,13 @@ from startrack.cli.options import DESIGN, Exit, Options, WrongUse, out, wanted
 if wanted(__name__):
     import numpy as np
 
-    from startrack import optics
+    from startrack import optics, plots
     from startrack.cli.terminal import example, finite, print_result, read_design
     from startrack.core import Floats, Psf, Streams
     from startrack.design import Instrument
     from startrack.io import save_json
     from startrack.motion import image_path, transfer
     from startrack.observation import detected_spectrum, line_of_sight, psf_of
-    from startrack.plots import Curves, draw_psf
     from startrack.scene import WAVELENGTH
 
 NYQUIST = 0.5  # cycle / pixel
@@ -66,7 +65,9 @@ def command(options: argparse.Namespace) -> int:
         "png": str(options.out / "psf.png"),
     }
     title = f"{path.stem}: {choice.model}, within {choice.error:.1g} of the peak, "
-    draw_psf(options.out / "psf.png", image, frequency, curves, f"{title}{mean * 1e9:.0f} nm mean")
+    plots.draw_psf(
+        options.out / "psf.png", image, frequency, curves, f"{title}{mean * 1e9:.0f} nm mean"
+    )
     save_json(options.out / "psf.json", finite(result))
     print_result(options, result, _text(judged, choice, mean, curves) + f"\nwrote {result['png']}")
     return Exit.DONE
@@ -74,7 +75,7 @@ def command(options: argparse.Namespace) -> int:
 
 def _curves(
     instrument: Instrument, response: Psf, image: Psf, angle: float, frequency: Floats
-) -> Curves:
+) -> plots.Curves:
     """Each factor of the modulation along one direction of the detector, up to Nyquist."""
     lens, detector, camera = instrument.optics, instrument.detector, instrument.camera
     pitch = detector.pitch
@@ -97,7 +98,7 @@ def _curves(
 
 
 def _values(
-    judged: optics.Quality, choice: optics.PsfChoice, mean: float, curves: list[Curves]
+    judged: optics.Quality, choice: optics.PsfChoice, mean: float, curves: list[plots.Curves]
 ) -> dict[str, Any]:
     return {
         "model": choice.model,
@@ -124,7 +125,7 @@ def _energies(form: str, sizes: Sequence[float], fractions: Sequence[float]) -> 
 
 
 def _text(
-    judged: optics.Quality, choice: optics.PsfChoice, mean: float, curves: list[Curves]
+    judged: optics.Quality, choice: optics.PsfChoice, mean: float, curves: list[plots.Curves]
 ) -> str:
     lines = [
         f"model               {choice.model}, because {choice.reason}; error at most "

@@ -8,12 +8,11 @@ from typing import Any
 from startrack.cli.options import Exit, Options, WrongUse, study, wanted
 
 if wanted(__name__):
-    from startrack import optimise
+    from startrack import optimise, plots
     from startrack.cli.campaign import open_runner, read_study, unmet_text, write_study
     from startrack.cli.terminal import print_result, progress
     from startrack.core import arcsec
     from startrack.design import DesignSpace
-    from startrack.plots import draw_tolerance
 
 
 declare = Options(
@@ -52,7 +51,7 @@ def write_tolerance(
         return Exit.UNSOLVED
     table = optimise.tolerance_table(tolerance)
     optimise.write_samples(options.out / "samples.csv", tolerance)
-    draw_tolerance(options.out / "corner.png", tolerance)
+    plots.draw_tolerance(options.out / "corner.png", tolerance)
     result = {"out": str(options.out), "seed": options.seed, **values}
     write_study(options, "tolerance", table, result)
     return Exit.DONE

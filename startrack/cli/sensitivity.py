@@ -8,12 +8,12 @@ import math
 from startrack.cli.options import Exit, Option, Options, power_of_two, study, wanted
 
 if wanted(__name__):
+    from startrack import plots
     from startrack.cli.campaign import open_runner, read_study, write_study
     from startrack.cli.terminal import progress
     from startrack.design import DesignSpace
     from startrack.metrics import Column, Table
     from startrack.optimise import Sensitivity, TrackerSource, sensitivities, units_text
-    from startrack.plots import draw_tornado, with_unit
 
 
 MEANING = (
@@ -64,9 +64,9 @@ def write_sensitivities(
 
     ending  of fields of JSON that have the unit of the objective
     """
-    shown = _table(studied, with_unit(f"{objective} at its bounds", unit), labels, ending)
+    shown = _table(studied, plots.with_unit(f"{objective} at its bounds", unit), labels, ending)
     table = "\n".join([*shown.markdown(), "", MEANING])
-    draw_tornado(options.out / "tornado.png", studied, objective, unit)
+    plots.draw_tornado(options.out / "tornado.png", studied, objective, unit)
     variables = dict(zip((variable.name for variable in studied), shown.json(), strict=True))
     result = {"out": str(options.out), "objective": objective, "variables": variables}
     write_study(options, "sensitivity", table, result)

@@ -8,12 +8,12 @@ from pathlib import Path
 from startrack.cli.options import DESIGN, SEED, WORKERS, Exit, Option, Options, out, wanted, whole
 
 if wanted(__name__):
+    from startrack import plots
     from startrack.cli import terminal
     from startrack.design import Fidelity
     from startrack.io import finite, save_json, shipped
     from startrack.metrics import ARCSEC, PERCENT, SECOND, Row, to_json, to_lines
     from startrack.montecarlo import export, pool
-    from startrack.plots import draw_sequence
     from startrack.sequence import Recording, Tracking, fly_sequences, summarise_sequences
 
 
@@ -83,7 +83,7 @@ def command(options: argparse.Namespace) -> int:
     export(options.out / "frames.csv", table)
     first = table[table["sequence"] == 0]
     title = f"{Path(design).stem}, {Path(profile).stem}: sequence 1 of {options.sequences}"
-    draw_sequence(options.out / "sequence.png", first, title)
+    plots.draw_sequence(options.out / "sequence.png", first, title)
     save_json(options.out / "summary.json", finite(result))
     counted = (
         f"{len(table)} frames in {tracking.sequences} sequences; intervals: 95 % confidence, open "

@@ -12,11 +12,11 @@ from startrack.cli import options as shared
 from startrack.cli.options import DESIGN, Exit, Option, Options, decimal, out, wanted, whole
 
 if wanted(__name__):
+    from startrack import plots
     from startrack.cli import terminal
     from startrack.core import Streams
     from startrack.io import FrameFiles, pointing, write_fits
     from startrack.observation import random_attitude
-    from startrack.plots import draw_frame, draw_solution
     from startrack.scene import date_of
     from startrack.trial import observe, searched
 
@@ -100,13 +100,13 @@ def draw_record(path: Path, case: Case, record: Record, title: str) -> Path | No
     """
     saturation = case.tracker.detection.saturation
     if case.instrument.detector.scan:
-        draw_frame(path, record.frame, title, saturation=saturation)
+        plots.draw_frame(path, record.frame, title, saturation=saturation)
         return None
     seen, raw = searched(case, record.frame), None
     sky = case.instrument.camera, record.icrs_to_camera, record.stars
     if seen is not record.frame:
         raw = path.with_name("raw.png" if path.stem == "frame" else f"{path.stem}-raw.png")
-        draw_frame(raw, record.frame, title, *sky, saturation)
+        plots.draw_frame(raw, record.frame, title, *sky, saturation)
         title += "; dark map taken off"
-    draw_solution(path, seen, record.spots, record.matches, *sky[1:], title, saturation)
+    plots.draw_solution(path, seen, record.spots, record.matches, *sky[1:], title, saturation)
     return raw

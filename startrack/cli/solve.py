@@ -14,6 +14,7 @@ from startrack.cli import options as shared
 from startrack.cli.options import Exit, Option, Options, as_wrong_use, images, wanted, whole
 
 if wanted(__name__):
+    from startrack import plots
     from startrack.cli import terminal
     from startrack.core import Camera, Frame, positive, within
     from startrack.design import Tracker
@@ -22,7 +23,6 @@ if wanted(__name__):
     from startrack.io import field_hint, tetra3_values, to_table, write_solution
     from startrack.montecarlo import pool
     from startrack.photograph import THRESHOLDS, Photograph, PhotographView, solve_photograph
-    from startrack.plots import draw_solution
     from startrack.trial import lost_in_space
 
 
@@ -166,7 +166,7 @@ def _solved(how: argparse.Namespace, path: Path) -> tuple[dict[str, Any], str, E
     result = {"image": str(path), **values}
     if how.overlay:
         name = how.overlay / f"{path.stem}.solved.png"
-        draw_solution(
+        plots.draw_solution(
             name,
             solved.view.frame(frame),
             solved.spots,

@@ -10,13 +10,12 @@ from startrack.cli.options import Exit, Option, Options, wanted, whole
 from startrack.cli.sweep import DESIGN_FILE, SHARED
 
 if wanted(__name__):
-    from startrack import optimise
+    from startrack import optimise, plots
     from startrack.cli import terminal
     from startrack.cli.sweep import opened
     from startrack.design import Fidelity
     from startrack.io import finite, save_json
     from startrack.metrics import Column, Table
-    from startrack.plots import draw_crossings
 
 
 declare = Options(
@@ -85,7 +84,7 @@ def command(options: argparse.Namespace) -> int:
         ],
         solution.crossings,
     )
-    draw_crossings(options.out / "solve-for.png", solution, path.stem)
+    plots.draw_crossings(options.out / "solve-for.png", solution, path.stem)
     result: dict[str, Any] = {"design": str(options.design), "out": str(options.out)}
     result |= {"answer": solution.answer, "seed": options.seed, "by": solution.how}
     result |= {"key": solution.key.name, "unit": unit, "until": options.until}

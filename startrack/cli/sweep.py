@@ -12,13 +12,12 @@ from startrack.cli import options as shared
 from startrack.cli.options import Exit, Option, Options, wanted, whole
 
 if wanted(__name__):
-    from startrack import optimise
+    from startrack import optimise, plots
     from startrack.cli import terminal
     from startrack.cli.campaign import LEDGER, open_workers
     from startrack.design import Fidelity
     from startrack.io import finite, save_csv, save_json
     from startrack.optimise import Ledger, TrialRunner
-    from startrack.plots import draw_sweep
 
 DESIGN_FILE = Option("design DESIGN.toml", "design file, or the name of a shipped one", Path)
 SHARED = (
@@ -81,7 +80,7 @@ def command(options: argparse.Namespace) -> int:
         )
     table = swept.columns
     save_csv(options.out / "sweep.csv", *swept.csv())
-    draw_sweep(options.out / "sweep.png", swept, path.stem)
+    plots.draw_sweep(options.out / "sweep.png", swept, path.stem)
     result: dict[str, Any] = {"design": str(options.design), "out": str(options.out)}
     result |= {"answer": swept.answer, "seed": options.seed, "by": swept.how, "rows": table.json()}
     save_json(options.out / "result.json", finite(result))

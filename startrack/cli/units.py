@@ -37,6 +37,7 @@ if wanted(__name__):
         "tracker.calibration, instrument.residual, tracker.detection.max_spots",
     }
 AXES = {"across": (0, 1), "about": (2,)}
+BRIEF = ("NEA", "and thermo-elastic: accuracy")  # of PUBLISHED, without --full
 
 
 def require_units(case: Case) -> None:
@@ -53,15 +54,41 @@ def require_units(case: Case) -> None:
 
 def budgets_of(
     case: Case, required: tuple[Accuracy, ...], options: argparse.Namespace
-) -> tuple[list[dict[str, Any]], str, UnitBudgets]:
-    """Budgets of some units: values for JSON, one for each age; text; those at the last age."""
+) -> tuple[list[dict[str, Any]], UnitBudgets]:
+    """Budgets of some units: values for JSON, one for each age; those at the last age."""
     ages = list(dict.fromkeys((0.0, case.end_of_life)))
     with progress("units", options.units * len(ages)) as advance:
         budgets = [
             unit_budgets(case, options.seed, options.units, age, progress=advance) for age in ages
         ]
-    values = [_values(at_age, required) for at_age in budgets]
-    return values, _text(values), budgets[-1]
+    return [_values(at_age, required) for at_age in budgets], budgets[-1]
+
+
+def units_answer(units: UnitBudgets, required: tuple[Accuracy, ...]) -> str:
+    """The error of the median unit with its limits, and the class of error that decides it."""
+    limits = {limit.name: limit for limit in required if limit.objective.rms_per_axis}
+    medians = {"across": np.median(units.across()), "about": np.median(units.about())}
+    errors = [
+        f"{median / arcsec:.3g} arcsec {name}"
+        + (f" ({limits[name].most / arcsec:g} allowed)" if name in limits else "")
+        for name, median in medians.items()
+    ]
+    classes = {term: _pair(values)["across"] for term, values in units.terms.items()}
+    largest = max(classes, key=lambda term: classes[term])
+    short = [
+        f"{_yield_share(_yield_values(limit, share))} of the units keep {name}"
+        for name, limit in limits.items()
+        if (share := yield_of(limit, units_expected(limit.objective, units))).value < 1
+    ]
+    return "; ".join(
+        [
+            f"error {' and '.join(errors)} the boresight, rms per axis of the median of "
+            f"{len(units)} units at {units.age / YEAR:g} yr, without its bias",
+            f"most of it across is {largest}: {classes[largest]:.3g} arcsec",
+            *short,
+            f"available in {100 * float(units.availability.mean()):.2f} % of the sky",
+        ]
+    )
 
 
 def gains_of(
@@ -244,8 +271,8 @@ def _pair(values: Floats) -> dict[str, float]:
     }
 
 
-def _text(ages: list[dict[str, Any]]) -> str:
-    """The values of `_values` as a table, a pair of columns for each age."""
+def units_text(ages: list[dict[str, Any]], full: bool) -> str:
+    """The values of `budgets_of` as a table, a pair of columns for each age; `full`: all rows."""
     years = [f"{values['age_years']:g} yr" for values in ages]
 
     def row(label: str, pairs: list[dict[str, float]]) -> str:
@@ -256,14 +283,14 @@ def _text(ages: list[dict[str, Any]]) -> str:
     for name in ages[0]["classes_rms_arcsec"]:
         lines.append(row(f"{name}, rms per axis", [at["classes_rms_arcsec"][name] for at in ages]))
     lines.append("-" * len(lines[0]))
-    for name in PUBLISHED:
+    for name in PUBLISHED if full else BRIEF:
         lines.append(row(f"{name}, 1 sigma", [at["as_published_arcsec"][name] for at in ages]))
         triple = [{axis: 3 * at["as_published_arcsec"][name][axis] for axis in AXES} for at in ages]
         lines.append(row(f"{name}, 3 sigma", triple))
     for which in ("median", "worst"):
         pairs = [{axis: at["rms_arcsec"][axis][which] for axis in AXES} for at in ages]
         lines.append(row(f"all but bias, rms, {which} unit", pairs))
-    for kind, levels in ages[0]["levels_arcsec"].items():
+    for kind, levels in ages[0]["levels_arcsec"].items() if full else ():
         for level in levels:
             pairs = [at["levels_arcsec"][kind][level] for at in ages]
             lines.append(row(f"{level} % below, {kind}", pairs))

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from startrack.core import Flags, Floats, Ints, kernel
+from startrack.core import Flags, Floats, Ints, Psf, PsfTable, kernel
 from startrack.detection.gravity import (
     COLUMNS,
     FLUX,
@@ -241,14 +241,12 @@ class Model(NamedTuple):
     """Model of a star's image.
 
     table           of a PSF, where `width` is 0
-    oversampling    of the table
     half_x, half_y  pixel, half sides of a star's window
     ring            pixel, half side of the square that the ring about a star leaves free
     width           pixel, first guess of the sigma of a Gaussian star
     """
 
-    table: Floats
-    oversampling: int
+    table: PsfTable
     half_x: int
     half_y: int
     ring: int
@@ -383,7 +381,7 @@ def _render_model(model: Model, value: Floats, left: int, top: int, star: Floats
         if model.width > 0:
             gaussian_star(x - left, y - top, value[k * per_star + 2], star[k])
         else:
-            expected(model.table, model.oversampling, x, y, left, top, star[k])
+            expected(model.table, x, y, left, top, star[k])
 
 
 @kernel
@@ -437,7 +435,7 @@ def _written(
     return True
 
 
-NO_TABLE = np.empty((0, 0))
+NO_TABLE = Psf(np.zeros((1, 1)), 1, 1.0).arranged
 
 
 def gaussian(sample: Sample, sigma: float) -> Floats:
@@ -451,7 +449,7 @@ def gaussian(sample: Sample, sigma: float) -> Floats:
     Accuracy  model: a star that is no Gaussian is fitted by its core.
     """
     half = max(sample.half, math.ceil(3 * sigma + 0.5))
-    return np.asarray(fitted(sample, Model(NO_TABLE, 1, half, half, half, float(sigma))))
+    return np.asarray(fitted(sample, Model(NO_TABLE, half, half, half, float(sigma))))
 
 
 def likelihood(sample: Sample, star: StarModel) -> Floats:
@@ -473,4 +471,4 @@ def likelihood(sample: Sample, star: StarModel) -> Floats:
     """
     psf, (half_x, half_y) = star.psf, star.fit_window
     ring = max(sample.half, half_x, half_y)
-    return np.asarray(fitted(sample, Model(psf.table, psf.oversampling, half_x, half_y, ring, 0.0)))
+    return np.asarray(fitted(sample, Model(psf.arranged, half_x, half_y, ring, 0.0)))

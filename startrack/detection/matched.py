@@ -168,7 +168,7 @@ def offset_filters(psf: Psf, kernel: Kernel) -> Floats:
     star = np.empty((3, *filters.shape[:2]))
     for k in range(filters.shape[2]):
         x, y = OFFSETS[k % len(OFFSETS)], OFFSETS[k // len(OFFSETS)]
-        expected(psf.table, psf.oversampling, x, y, -half_x, -half_y, star)
+        expected(psf.arranged, x, y, -half_x, -half_y, star)
         filters[..., k] = star[0] * (kernel.noise / np.linalg.norm(star[0]))
     return filters
 

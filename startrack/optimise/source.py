@@ -9,7 +9,7 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-import scipy.stats
+import scipy
 
 from startrack.core import Advance, Floats, Refused
 from startrack.design import Campaign, DesignSpace, found_at

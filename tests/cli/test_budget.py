@@ -24,7 +24,7 @@ def run(capsys, *arguments: str) -> tuple[int, str, str]:
 
 
 def test_the_table_names_causes_and_terms(capsys):
-    status, out, _ = run(capsys)
+    status, out, _ = run(capsys, "--full")
     assert status == 0
     for word in ("read noise", "PRNU", "temporal noise", "pixel spatial", "end to end", "99.73 %"):
         assert word in out
@@ -45,7 +45,9 @@ def test_json_holds_both_columns(capsys):
 def test_a_better_centroid_is_suggested_by_its_own_budget_and_followed_no_more(capsys):
     noise_only = str(shipped("designs/noise_only.toml"))
     fitted = ["--set", "tracker.detection.centroid=likelihood"]
-    results = [json.loads(run(capsys, noise_only, "--json", *more)[1]) for more in ([], fitted)]
+    results = [
+        json.loads(run(capsys, noise_only, "--full", "--json", *more)[1]) for more in ([], fitted)
+    ]
     [better] = results[0]["better"]  # it tracks all stars that it sees
     assert better["value"] == "likelihood"
     assert better["across_arcsec"] == pytest.approx(results[1]["analytic"]["sum"]["across"])
@@ -62,7 +64,7 @@ def _stops(*_args, **_named):
 
 def test_the_table_stands_before_what_takes_longer(capsys, monkeypatch):
     monkeypatch.setattr(module.budgets, "single_stars", _stops)
-    status, out, err = run(capsys)
+    status, out, err = run(capsys, "--full")
     assert (status, "Stopped" in err) == (1, True)
     assert "root sum square" in out
 
@@ -71,7 +73,7 @@ def test_the_table_stands_before_what_takes_longer(capsys, monkeypatch):
 def test_all_figures_stand_before_pictures_of_the_sky_are_drawn(
     capsys, monkeypatch, tmp_path, json_too
 ):
-    monkeypatch.setattr(module, "draw_budget", _stops)
+    monkeypatch.setattr("startrack.plots.draw_budget", _stops)
     status, out, err = run(capsys, "--out", str(tmp_path / "out"), *json_too)
     assert (status, "Stopped" in err) == (1, True)
     kept = json.loads((tmp_path / "out" / "budget.json").read_text())

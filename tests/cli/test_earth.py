@@ -51,7 +51,7 @@ def test_the_maps_of_a_scene(tmp_path, capsys):
 @pytest.fixture
 def undrawn(monkeypatch):
     """Without the picture of the maps, which takes most of the time."""
-    monkeypatch.setattr("startrack.cli.earth.draw_geometry", lambda *_: None)
+    monkeypatch.setattr("startrack.plots.draw_geometry", lambda *_: None)
 
 
 @pytest.mark.parametrize(

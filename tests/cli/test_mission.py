@@ -138,7 +138,7 @@ def test_heads_are_placed(capsys, tmp_path, monkeypatch):
     monkeypatch.setattr(placement, "GRID", 0.6)
     monkeypatch.setattr("startrack.mission.map_of", partial(placement.map_of, step=0.4))
     for draw in ("draw_mission", "draw_beta"):  # of a mission that is flown
-        monkeypatch.setattr(f"startrack.cli.mission.{draw}", draw_nothing)
+        monkeypatch.setattr(f"startrack.plots.{draw}", draw_nothing)
     out = tmp_path / "out"
     changes = ["time.duration=3 d", "time.step=60 s"]
     options = [text for one in changes for text in ("--set", one)]

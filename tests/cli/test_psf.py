@@ -24,7 +24,7 @@ def test_json_and_picture(tmp_path: Path, capsys):
 
 @pytest.fixture
 def undrawn(monkeypatch):
-    monkeypatch.setattr("startrack.cli.psf.draw_psf", lambda *_, **__: None)
+    monkeypatch.setattr("startrack.plots.draw_psf", lambda *_, **__: None)
 
 
 def test_text(undrawn, tmp_path: Path, capsys):
