@@ -43,7 +43,7 @@ ADVICE = {
     "instrument.detector.exposure, tracker.detection.dark_map",
     "hot pixels": "pixels of a large dark current near stars: tracker.detection.dark_map and its "
     "age, a colder detector (instrument.detector.thermal.temperature), more shielding",
-    "read-out": "instrument.detector.settling, instrument.detector.lag, "
+    "read-out": "instrument.detector.settling or impulse_response, instrument.detector.lag, "
     "instrument.detector.nonlinearity, instrument.detector.adc_inl",
     "neighbours": "fainter stars in the window: a smaller tracker.detection.window, less blur",
     response.LENS_FIELD: "the image of a star differs over the field: instrument.optics.defocus, "

@@ -41,8 +41,9 @@ from startrack.detector.effects import (
     EffectInput,
     added_noise,
     multiplied,
+    read_channel,
+    read_out_transfer,
     require_independent_pixels,
-    settle,
 )
 from startrack.detector.exposure import (
     Exposure,

@@ -94,6 +94,57 @@ def settle(level: Floats, rest: float) -> Floats:
     return out
 
 
+def impulse_weights(detector: Detector) -> Floats:
+    """What a pixel's charge gives to the numbers of itself and of the pixels read after it.
+
+        w_m = Int_mT^(m+1)T h dt / Int h dt
+
+    for a pixel's signal that is held over its time T and sampled at the end: with h exponential it
+    is `settle`.
+
+    Returns  (k,) 1, of sum one; [1] without an impulse response
+    """
+    given = np.array(detector.impulse_response or (1.0,))
+    if detector.impulse_step is None:
+        return np.asarray(given / given.sum())
+    time = detector.impulse_step * np.arange(len(given))
+    period = 1 / detector.pixel_rate
+    edges = period * np.arange(int(np.ceil(time[-1] / period - 1e-9)) + 1)
+    nodes = np.union1d(time, np.minimum(edges, time[-1]))
+    below = scipy.integrate.cumulative_trapezoid(np.interp(nodes, time, given), nodes, initial=0)
+    return np.diff(np.interp(edges, nodes, below)) / below[-1]
+
+
+def read_channel(level: Floats, detector: Detector) -> Floats:
+    """Signal of pixels (rows, columns) read one after the other through the channel of a detector.
+
+        out_i = sum_m w_m in_(i-m)
+
+    with a row's first pixel before it. Source: Krutz et al. (2011), section 1.
+    """
+    if detector.settling:
+        return settle(level, detector.settling)
+    if not detector.impulse_response:
+        return level
+    weights = impulse_weights(detector)
+    before = np.repeat(level[:, :1], len(weights) - 1, axis=1)
+    out = scipy.signal.lfilter(weights, [1.0], np.concatenate([before, level], axis=1), axis=1)
+    return np.asarray(out[:, len(weights) - 1 :])
+
+
+def read_out_transfer(detector: Detector, frequency: Floats) -> Floats:
+    """MTF of the read-out channel along the columns.
+
+    frequency  (n,) cycle / pixel
+    """
+    if detector.settling:
+        rest = detector.settling
+        return np.asarray((1 - rest) / abs(1 - rest * np.exp(-2j * np.pi * frequency)))
+    weights = impulse_weights(detector)
+    turns = np.exp(-2j * np.pi * np.multiply.outer(frequency, np.arange(len(weights))))
+    return np.asarray(abs(turns @ weights))
+
+
 @dataclass(frozen=True, eq=False)
 class EffectInput:
     """Input of an effect on a frame.
@@ -160,7 +211,7 @@ def _add_reset_noise(signal: Floats, detector: Detector, streams: Streams) -> Fl
 
 
 def _settle(signal: Floats, detector: Detector, streams: Streams) -> Floats:
-    return settle(signal, detector.settling)
+    return read_channel(signal, detector)
 
 
 def _add_read_noise(signal: Floats, detector: Detector, streams: Streams) -> Floats:
@@ -248,6 +299,7 @@ PIXEL_EFFECTS = [
         noise=True,
     ),
     PixelEffect("settling", SIGNAL, lambda detector: detector.settling, _settle),
+    PixelEffect("impulse_response", SIGNAL, lambda detector: detector.impulse_response, _settle),
     PixelEffect(
         "read_noise",
         SIGNAL,
@@ -303,7 +355,7 @@ def after(stage: PixelStage, values: Floats, detector: Detector, streams: Stream
 def added_noise(detector: Detector, streams: Streams) -> Floats:
     """Noise (rows, columns) that does not depend on the signal, electron at the converter.
 
-    Its draws are those of the read-out; a settling channel does not filter it.
+    Its draws are those of the read-out; the channel does not filter it.
     """
     noise = np.zeros((detector.rows, detector.columns))
     for effect in present(detector):

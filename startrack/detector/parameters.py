@@ -20,6 +20,7 @@ from startrack.core import (
 from startrack.detector.ageing import TAILS, Age, typical
 from startrack.detector.imperfections import Defects, Hits, Pattern, Thermal
 
+LONGEST = 1024  # values, and pixels, of an impulse response
 KINDS = ("line", "staggered", "tdi", "lines")
 
 
@@ -247,6 +248,20 @@ class Detector(Parameters):
         limit=Range(0, 0.99),
         default=0.0,
     )
+    impulse_response: tuple[float, ...] = parameter(
+        "of the read-out channel to the charge of one pixel, in place of settling: values from the "
+        "moment when the charge enters, over any unit; their sum counts as 1, and undershoot is "
+        "negative. Before its first pixel a row has that pixel's signal",
+        limit=FINITE,
+        default=(),
+    )
+    impulse_step: float | None = parameter(
+        "between the values of `impulse_response`, which are joined by straight lines; None: each "
+        "value is what a pixel adds to the next one read",
+        unit=Unit("s", "ns"),
+        limit=POSITIVE,
+        default=None,
+    )
     read_noise_spread: float = parameter(
         "rms of the logarithm of the read noise over the pixels of a CMOS array, whose median "
         "is `read_noise`",
@@ -292,6 +307,10 @@ class Detector(Parameters):
             raise Refused(
                 f"adc_inl must stay under a quarter of the converter's range, got {self.adc_inl}"
             )
+        if self.impulse_response:
+            self._check_impulse()
+        elif self.impulse_step is not None:
+            raise Refused("impulse_step must be left out without impulse_response")
         if self.region:
             self._check(self.region)
         if self.frame_rate:
@@ -309,6 +328,27 @@ class Detector(Parameters):
             f"{y / um:.4g} um; {columns} columns and {rows} rows of {square / um:.4g} um have "
             "the same field, light and dark current of a pixel, and one error for both axes"
         )
+
+    def _check_impulse(self) -> None:
+        """Refuse a response of the read-out channel that has no sum, or is too long."""
+        if self.settling:
+            raise Refused("settling must be left out beside impulse_response")
+        if len(self.impulse_response) > LONGEST:
+            raise Refused(
+                f"impulse_response must have {LONGEST} values or fewer, got "
+                f"{len(self.impulse_response)}"
+            )
+        total = sum(self.impulse_response)
+        if not total > 1e-3 * sum(abs(value) for value in self.impulse_response):
+            raise Refused(f"impulse_response must have a sum above 0, got {total:g}")
+        if self.impulse_step is None:
+            return
+        pixels = len(self.impulse_response) * self.impulse_step * self.pixel_rate
+        if len(self.impulse_response) < 2 or pixels > LONGEST:
+            raise Refused(
+                f"impulse_response must have two values or more, over {LONGEST} pixels or fewer, "
+                f"got {len(self.impulse_response)} over {pixels:.3g}"
+            )
 
     def _check(self, region: RegionOfInterest) -> None:
         for name, start, length, array in (

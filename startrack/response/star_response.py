@@ -29,7 +29,7 @@ from startrack.detector import (
     electron_rate,
     expected_signal,
     law_of,
-    settle,
+    read_channel,
     stamp,
     to_frame,
 )
@@ -52,8 +52,7 @@ def noise_free_frame(electrons: Floats, detector: Detector, ripple: float, noise
     """
     law = law_of(detector)._replace(gain=1 / detector.electrons_per_dn)
     level = expected_signal(electrons, law)
-    if detector.settling:
-        level = settle(level, detector.settling)
+    level = read_channel(level, detector)
     image = alternating_numbers(level, ripple, law)
     return replace(to_frame(image, detector), read_noise=noise)
 

@@ -291,7 +291,9 @@ def unique_places(
     Returns  them; which of them each place (n,) is; the mirror (n, 2, 2) of its displacements
     """
     instrument = case.instrument
-    alike = mirrored(instrument.optics, instrument.camera) and not instrument.detector.settling
+    detector = instrument.detector
+    alike = mirrored(instrument.optics, instrument.camera) and not detector.settling
+    alike = alike and not detector.impulse_response
     alike = alike and star_response.smear_extent(instrument) < STILL
     centre_x, centre_y = instrument.camera.centre
     numbers: dict[tuple[float, float, float], int] = {}

@@ -23,7 +23,15 @@ JITTER, JITTER_OF_HEAD = "jitter", "jitter of the head"
 DSNU = "DSNU"
 SHUTTER = "rolling shutter"
 LENS_COLOUR = "lateral colour"
-NONLINEAR = ("settling", "lag", "nonlinearity", "adc_inl")  # of the signal of a pixel
+# Of the signal of a pixel, and the values without them.
+NONLINEAR = {
+    "settling": 0.0,
+    "impulse_response": (),
+    "impulse_step": None,
+    "lag": 0.0,
+    "nonlinearity": 0.0,
+    "adc_inl": 0.0,
+}
 
 
 class Term(StrEnum):
@@ -257,7 +265,9 @@ EFFECTS = [
         lambda case: any(getattr(case.instrument.detector, key) for key in NONLINEAR),
         "read-out",
         Term.PIXEL,
-        lambda case: replaced_all(case, {f"instrument.detector.{key}": 0.0 for key in NONLINEAR}),
+        lambda case: replaced_all(
+            case, {f"instrument.detector.{key}": value for key, value in NONLINEAR.items()}
+        ),
     ),
     Effect(
         "instrument.optics.lens_field",

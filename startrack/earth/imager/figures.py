@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 
 from startrack import core
 from startrack.core import NON_NEGATIVE, POSITIVE, Parameters, Range, Unit, deg, parameter, um
-from startrack.detector import Detector
+from startrack.detector import Detector, read_out_transfer
 from startrack.earth.atmosphere import Reach, SlantPath, radiance, refine
 from startrack.earth.geometry import fly, ground_rate
 from startrack.earth.imager.band import INFRARED, Band, band_of
@@ -35,8 +35,9 @@ class Figures:
     swath, field      metre; radian
     rayleigh          metre, on the ground: 1.22 lambda H / D
     mtf_across, mtf_along  1, at half a cycle per pixel, or per `average` pixels: lens, blur, pixel,
-                      smear. The Nyquist frequency of staggered lines is twice that, where the
-                      MTF of a pixel is 0. With a lens table the lowest over the field
+                      smear, and across the read-out channel. The Nyquist frequency of
+                      staggered lines is twice that, where the MTF of a pixel is 0. With a lens
+                      table the lowest over the field
     illumination      1, of the darkest pixel over that of the middle; None without a lens table.
                       SNR and saturation are those of the middle
     radiance          watt / m^2 / sr / m, of the SNR
@@ -111,6 +112,7 @@ def figures(
     else:
         across = sharpness(channel, wavelength, 0.0, channel.average)
         along, illumination = sharpness(channel, wavelength, drift), None
+    across *= _read_out(channel)
     numbers = 2**detector.bits - 1
     full = detector.full_well * min(1.0, (1 - detector.offset / numbers) / detector.gain)
     return Figures(
@@ -190,6 +192,12 @@ def sharpness(channel: Channel, wavelength: float, drift: float, merged: int = 1
     mean = _merged(channel) if merged > 1 else 1.0
     both = pixel_transfer(nyquist, side) * pixel_transfer(nyquist, drift)
     return float((lens * blur * np.abs(both))[0] * mean)
+
+
+def _read_out(channel: Channel) -> float:
+    """MTF of the read-out channel across, at the same frequency."""
+    nyquist = 0.5 / channel.average * channel.detector.columns / channel.columns
+    return float(read_out_transfer(channel.detector, np.array([nyquist]))[0])
 
 
 def _lens_over_field(

@@ -141,7 +141,15 @@ class EarthProblem:
         }
         limits = {name: self._limit(name, value) for name, value in parts.items()}
         margins = {name: margin for name, margin in limits.items() if margin}
-        left_out = next(iter(self.studies.values())).left_out
+        left_out = (
+            *next(iter(self.studies.values())).left_out,
+            *(
+                f"formulas alone: the read-out channel of {channel.name} (settling, "
+                "impulse_response)"
+                for channel in self.design.camera.channels
+                if channel.detector.settling or channel.detector.impulse_response
+            ),
+        )
         return Expectation(self._mean(parts), margins, parts, left_out)
 
     def trials(self, seed: int, numbers: range, fidelity: str = IMAGE) -> Rows:

@@ -328,3 +328,21 @@ def test_a_filter_narrower_than_the_table_passes_its_integral(ends):
     assert band.electrons == pytest.approx(0.8 * 0.5 * (b**2 - a**2) / 2 / hc, rel=1e-9)
     middle = 2 / 3 * (b**3 - a**3) / (b**2 - a**2)
     assert band.weight @ band.wavelength == pytest.approx(middle, rel=1e-9)
+
+
+def test_the_read_out_channel_lowers_the_mtf_across():
+    """Half of the charge a pixel late: |1 + exp(-i pi)| / 2 = 0 at Nyquist; a quarter late 0.5."""
+    channel = load_survey(shipped("scenes/waoss.toml")).camera.channels[1]
+    band = band_of(channel, None, 300e3, 1.0)
+    found = [
+        figures(
+            replace(channel, detector=replace(channel.detector, impulse_response=given)),
+            band,
+            300e3,
+            1e-3,
+        )
+        for given in ((), (3.0, 1.0), (1.0, 1.0))
+    ]
+    assert found[1].mtf_across == pytest.approx(found[0].mtf_across / 2)
+    assert found[2].mtf_across == pytest.approx(0, abs=1e-12)
+    assert found[1].mtf_along == found[0].mtf_along
