@@ -9,6 +9,7 @@ import numpy as np
 
 from startrack.earth.atmosphere import AirTable, InfraredTable, infrared
 from startrack.earth.atmosphere import table as air_tables
+from startrack.scene import air_above
 from startrack.scene import limb as limbs
 
 
@@ -60,3 +61,9 @@ def save_limb(path: Path, limb: limbs.Limb) -> None:
     first.header["ALBEDO"] = limb.albedo
     axes = [fits.ImageHDU(getattr(limb, name), name=name) for name in limbs.AXES]
     fits.HDUList([first, *axes]).writeto(path, checksum=True)
+
+
+def save_sky(path: Path, table: air_above.SkyTable) -> None:
+    """Write a table as FITS in single precision, with checksums; `path` is written by name."""
+    cards = {"SKY": (air_above.FORMAT, "format of this table of the sky")}
+    save_checked(path, cards, {name: getattr(table, name) for name in air_above.ARRAYS})

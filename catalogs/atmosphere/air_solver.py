@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,10 +12,10 @@ from air_gases import GASES, transmittance
 from air_particles import Haze, particles, sasktran2
 from air_photons import Column, spread
 
-from startrack.core import Floats, Streams, deg, nm
+from startrack.core import LIGHT_SPEED, PLANCK, Floats, Streams, deg, nm
 from startrack.earth.atmosphere.spectra import sun_spectrum
 from startrack.earth.atmosphere.table import SPREADS, Air, AirTable, profile
-from startrack.scene import Limb
+from startrack.scene import WAVELENGTH, Limb, SkyTable
 
 TOP = 100e3  # metre, of the air
 PHOTONS = 300_000  # of each place and wavelength of `spread`
@@ -372,3 +373,149 @@ def build_limb(
         if progress:
             progress((s + 1) / len(LIMB_SUN))
     return Limb(albedo, LIMB_WAVELENGTH, LIMB_TANGENT, LIMB_SUN, LIMB_AZIMUTH, radiance)
+
+
+SKY_WAVELENGTH: Floats = np.array([320, 350, 400, 450, 500, 550, 600, 700, 850, 1000, 1100]) * nm
+SKY_HEIGHT: Floats = np.array([0.0, 1, 2, 4, 7, 11, 16, 22, 28, 34, 40]) * 1e3
+SKY_ZENITH: Floats = np.array([0.0, 20, 35, 47, 57, 66, 73, 80]) * deg
+SKY_SUN: Floats = np.array([0.0, 15, 30, 42, 52, 62, 70, 76, 81, 85, 88, 90]) * deg
+SKY_AZIMUTH: Floats = np.array([0.0, 15, 30, 50, 75, 100, 130, 155, 180]) * deg
+SKY_LEVEL: Floats = np.concatenate([np.arange(0, 50, 1.0), np.arange(50, 101, 2.5)]) * 1e3
+SKY_ANGLE: Floats = np.concatenate([np.arange(0, 10, 0.25), np.arange(10, 181, 1.0)]) * deg
+DEPOLARISATION = 0.029  # of light that molecules scatter; Bates (1984): 0.028 to 0.032
+
+
+def sky_radiance(
+    aerosol: Air | None,
+    wavelength: Floats,
+    sun: float,
+    rays: Sequence[tuple[float, float, float]],
+    albedo: float,
+    multiple: bool = True,
+    streams: int = 8,
+) -> Floats:
+    """Radiance of lines of sight that begin in spherical layers of air and go up.
+
+    wavelength  (k,) metre
+    sun         1, cosine of the Sun's zenith angle at the camera
+    rays        r of (zenith angle; azimuth from the Sun, radian; height of the camera, metre)
+    albedo      of the ground
+    aerosol     type and visibility of Shettle and Fenn; None for molecules alone
+    multiple    whether light is scattered more than once, and by the ground
+    Returns     (k, r) 1 / sr, over the Sun's irradiance
+    Raises      ModuleNotFoundError where sasktran2 is missing.
+    Accuracy    model: as `limb_radiance`
+    """
+    sk = sasktran2()
+    config = sk.Config()
+    config.num_streams = streams
+    source = sk.MultipleScatterSource
+    config.multiple_scatter_source = source.DiscreteOrdinates if multiple else source.NoSource
+    config.single_scatter_source = sk.SingleScatterSource.Exact
+    if aerosol is not None:
+        config.num_singlescatter_moments = SINGLE_MOMENTS
+        config.delta_m_scaling = multiple
+    geometry = sk.Geometry1D(
+        sun,
+        0.0,
+        EARTH,
+        SKY_LEVEL,
+        sk.InterpolationMethod.LinearInterpolation,
+        sk.GeometryType.Spherical,
+    )
+    view = sk.ViewingGeometry()
+    for zenith, azimuth, height in rays:
+        view.add_ray(sk.SolarAnglesObserverLocation(sun, azimuth, math.cos(zenith), height))
+    state = _molecules(sk, geometry, config, wavelength)
+    if aerosol is not None:
+        state["aerosol"] = _aerosol(sk, aerosol, SKY_LEVEL, wavelength, config.num_stokes)
+    state["surface"] = sk.constituent.LambertianSurface(albedo)
+    radiance = sk.Engine(config, geometry, view).calculate_radiance(state)
+    return radiance.radiance.to_numpy()[:, :, 0]
+
+
+def build_sky(progress: Callable[[float], None] | None = None) -> SkyTable:
+    """Solve the radiative transfer for cameras that look up.
+
+    Over a Lambert ground of albedo rho light is L(rho) = L(0) + rho g / (1 - rho S), see `build`.
+
+    progress  called with the fraction that is done
+    Raises    ModuleNotFoundError where sasktran2 or pvlib is missing.
+    """
+    shape = len(SKY_WAVELENGTH), len(SKY_HEIGHT), len(SKY_ZENITH), len(SKY_SUN), len(SKY_AZIMUTH)
+    more, ground = np.empty((2, *shape)), np.empty((2, *shape[:-1]))
+    returned = np.empty((2, shape[0]))
+    rays = [(z, p, h) for h in SKY_HEIGHT for z in SKY_ZENITH for p in SKY_AZIMUTH]
+    of_rays = shape[0], shape[1], shape[2], shape[4]
+    hazy = Air("rural", 23e3)
+    for n, aerosol in enumerate((None, hazy)):
+        for s, sun in enumerate(SKY_SUN):
+            solve = partial(sky_radiance, aerosol, SKY_WAVELENGTH, _off(sun), rays)
+            once, black = solve(0.0, multiple=False), solve(0.0)
+            first, second = ((solve(albedo) - black) / albedo for albedo in ALBEDOS)
+            spherical = np.median((second - first) / (ALBEDOS[1] * second - ALBEDOS[0] * first), 1)
+            if s == 0:
+                returned[n] = spherical
+            added = first * (1 - ALBEDOS[0] * returned[n][:, None])
+            more[n, :, :, :, s] = (black - once).reshape(of_rays)
+            ground[n, :, :, :, s] = added.reshape(of_rays).mean(-1)
+            if progress:
+                progress((n * shape[3] + s + 1) / (2 * shape[3]))
+    mixture = particles(hazy.aerosol, tuple(SKY_WAVELENGTH))
+    cosine = np.cos(SKY_ANGLE)
+    uneven = DEPOLARISATION / (2 - DEPOLARISATION)
+    molecular = 0.75 / (1 + 2 * uneven) * (1 + 3 * uneven + (1 - uneven) * cosine**2)
+    by_aerosol = np.polynomial.legendre.legval(cosine, mixture.moments[:, :SINGLE_MOMENTS].T)
+    return SkyTable(
+        SKY_WAVELENGTH,
+        SKY_HEIGHT,
+        1 / np.cos(SKY_ZENITH),
+        SKY_SUN,
+        SKY_AZIMUTH,
+        more,
+        ground,
+        returned,
+        SKY_LEVEL,
+        _rayleigh(SKY_WAVELENGTH, SKY_LEVEL),
+        mixture.extinction[:, None] * profile(hazy.visibility, SKY_LEVEL),
+        mixture.albedo,
+        SKY_ANGLE,
+        np.stack([np.broadcast_to(molecular, by_aerosol.shape), by_aerosol]),
+        *_of_bins(hazy),
+    )
+
+
+def _rayleigh(wavelength: Floats, heights: Floats) -> Floats:
+    """(k, n) 1 / metre, extinction by molecules."""
+    sk = sasktran2()
+    config = sk.Config()
+    config.num_streams = 2
+    geometry = sk.Geometry1D(
+        REFERENCE_SUN,
+        0.0,
+        EARTH,
+        heights,
+        sk.InterpolationMethod.LinearInterpolation,
+        sk.GeometryType.PlaneParallel,
+    )
+    view = sk.ViewingGeometry()
+    view.add_ray(sk.GroundViewingSolar(REFERENCE_SUN, 0.0, 1.0, TOP))
+    state = _molecules(sk, geometry, config, wavelength)
+    state["surface"] = sk.constituent.LambertianSurface(0.0)
+    sk.Engine(config, geometry, view).calculate_radiance(state)
+    return np.array(state.storage.total_extinction).T
+
+
+def _of_bins(air: Air) -> tuple[Floats, Floats, Floats]:
+    """Photon irradiance of the Sun (bins,), air masses, and gases (3, bins, m), in WAVELENGTH."""
+    fine = np.arange(WAVELENGTH[0] - 5 * nm, WAVELENGTH[-1] + 5.5 * nm, 1 * nm)
+    photons = sun_spectrum(fine) * fine / (PLANCK * LIGHT_SPEED)
+    width = WAVELENGTH[1] - WAVELENGTH[0]
+    cell = np.clip(((fine - WAVELENGTH[0]) / width + 0.5).astype(int), 0, len(WAVELENGTH) - 1)
+    count = np.bincount(cell)
+    irradiance = np.bincount(cell, photons) / count * width
+    gas = np.array([transmittance(gas, fine, MASS, *air.columns) for gas in GASES])
+    binned = np.array(
+        [[np.bincount(cell, row) / count for row in rows.T] for rows in gas]
+    ).transpose(0, 2, 1)
+    return irradiance, MASS, binned

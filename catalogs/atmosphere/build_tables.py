@@ -11,8 +11,8 @@ import hashlib
 from functools import partial
 from pathlib import Path
 
-from air_files import save_limb, save_table
-from air_solver import build, build_limb
+from air_files import save_limb, save_sky, save_table
+from air_solver import build, build_limb, build_sky
 
 from startrack.earth.atmosphere import Air
 from startrack.io.saving import save_text, whole
@@ -23,6 +23,7 @@ TABLES = {
     "rural-23km.fits": Air("rural", 23e3),
     "rural-5km.fits": Air("rural", 5e3),
 }
+SKY = "sky.fits"
 LIMBS = {"limb.fits": None, "limb-rural.fits": Air("rural", 23e3)}
 
 
@@ -33,6 +34,8 @@ def main() -> None:
     for name, aerosol in LIMBS.items():
         with whole(HERE / name) as draft:
             save_limb(draft, build_limb(aerosol=aerosol, progress=partial(show, name)))
+    with whole(HERE / SKY) as draft:
+        save_sky(draft, build_sky(partial(show, SKY)))
     sign()
 
 

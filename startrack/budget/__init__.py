@@ -36,7 +36,7 @@ from startrack.budget.curves import (
     slews,
     survey,
 )
-from startrack.budget.exclusion import Exclusion, added, exclusions, stray_light_levels
+from startrack.budget.exclusion import Exclusion, exclusions, stray_light_levels
 from startrack.budget.fields import attitudes, boresights
 from startrack.budget.left_out import (
     ADVICE,

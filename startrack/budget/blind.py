@@ -95,8 +95,9 @@ def _light(case: Case, magnitude: Floats, field: Ints, needed: str) -> str:
     size, fewest = response.scale(case), case.tracker.identification.min_matches
     dark = response.dark_electrons(case.instrument.detector)[0]
     sky = max(size.background - dark, 0.0)
+    of_sky = "scene.sky" if case.scene.sky else "scene.background_g"
     if size.background >= size.largest:
-        filled, keys = "the light of the sky", "scene.background_g"
+        filled, keys = "the light of the sky", of_sky
         if dark > sky:
             filled, keys = "dark current", "instrument.detector.dark_current"
         return (
@@ -114,7 +115,7 @@ def _light(case: Case, magnitude: Floats, field: Ints, needed: str) -> str:
     )
     for name, rest, keys in (
         ("dark current", sky, "instrument.detector.dark_current"),
-        ("the light of the sky", dark, "scene.background_g"),
+        ("the light of the sky", dark, of_sky),
     ):
         noise = math.sqrt(size.noise**2 + size.excess * rest)
         deeper = limit + 2.5 * math.log10(size.pixel / noise)

@@ -1,7 +1,6 @@
 """Case with a baffle -> error over the angle to Sun, Moon and Earth; exclusion angles."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Annotated
@@ -64,10 +63,9 @@ def exclusions(case: Case, angle: Floats, altitude: float = 600e3) -> dict[str, 
     """
     levels = stray_light_levels(case, angle, altitude)
     faintest = max(float(level.max()) for level in levels.values())
-    background = case.scene.sky_g
-    skies = np.arange(BRIGHTEST, min(faintest, background) + 2 * STEP, STEP)
+    skies = np.arange(BRIGHTEST, min(faintest, case.scene.sky_g) + 2 * STEP, STEP)
     bare = replace(case, instrument=replace(case.instrument, baffle=None, tube=None))
-    across, fraction = _budgets(bare, (*skies.tolist(), DARK), background)
+    across, fraction = _budgets(bare, (*skies.tolist(), DARK))
     of_body = {}
     for name, level in levels.items():
         at = np.interp(level, np.append(skies, DARK), np.arange(len(skies) + 1))
@@ -89,11 +87,6 @@ def stray_light_levels(case: Case, angle: Floats, altitude: float = 600e3) -> di
         "moon": _stray_light(case, FULL_MOON_G, angle),
         "earth": _of_the_earth(case, angle, altitude),
     }
-
-
-def added(magnitudes: Sequence[float]) -> float:
-    """Magnitude of several lights together."""
-    return -2.5 * math.log10(sum(10 ** (-0.4 * magnitude) for magnitude in magnitudes))
 
 
 def _stray_light(case: Case, magnitude_g: float, angle: Floats) -> Floats:
@@ -121,11 +114,11 @@ def _of_the_earth(case: Case, angle: Floats, altitude: float) -> Floats:
 
 
 @lru_cache(maxsize=4)  # of the baffles of one design
-def _budgets(case: Case, skies: tuple[float, ...], background: float) -> tuple[Floats, Floats]:
+def _budgets(case: Case, skies: tuple[float, ...]) -> tuple[Floats, Floats]:
     """(n,) errors across and availabilities with stray light of some brightness."""
     across, fraction = np.full(len(skies), math.nan), np.zeros(len(skies))
     for i, sky in enumerate(skies):
-        lit = replace(case, scene=replace(case.scene, background_g=added((sky, background))))
+        lit = replace(case, scene=case.scene.with_stray_light(sky))
         budget = budget_if_solved(lit)
         if budget is not None:
             across[i], fraction[i] = budget.across, budget.availability

@@ -75,6 +75,10 @@ def plan_of(
             sgp4 for `orbit.tle`.
     """
     mission = loaded.mission
+    if any(design.case.scene.sky for design in loaded.designs):
+        raise Refused(
+            "scene.sky must be left out in the designs of a mission, which is in an orbit"
+        )
     motion = motion_of(mission)
     cases = [
         state_of(design.case, head, mission.check.seed, head.age, 0.0)

@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from startrack.budget import added, stray_light_levels, survey
+from startrack.budget import stray_light_levels, survey
 from startrack.core import Floats, Refused, deg, printed
 from startrack.design import Case, turning
 from startrack.mission.heads import HeadView, Mounted, Shadow
+from startrack.scene import added
 
 # Directions of a survey: as far apart as a third of the half diagonal of the field. Chosen by hand:
 # a quarter of the error by what lies between two, and below that by the roll.

@@ -10,12 +10,16 @@ bodies      Observer -> the Sun, the Moon and the Earth: discs in the field, str
 limb        Light of the Earth's air: the bright limb as a table over tangent height and Sun, the
             airglow as thin shells.
 cities      The Earth at a date -> the lights of its large cities by night, as points.
+day_sky     DaySky: where a camera within or below the air looks, and where the Sun stands to it.
+air_above   DaySky -> photons of the sky above a camera, and transmittance of the air to stars.
 background  Directions -> zodiacal light, and the light of stars below the catalogue's limit.
 illuminate  Stars -> Light: photons at the entrance pupil; diffuse light by user code.
 """
 
+from startrack.scene.air_above import SkyTable, load_sky, sky_light
 from startrack.scene.background import zodiacal
 from startrack.scene.bodies import EARTH_ALBEDO, SUN_G, SUN_RADIUS, Disc, Earth, sunlight
+from startrack.scene.day_sky import DaySky
 from startrack.scene.ephemeris import (
     BODIES,
     SkyObserver,
@@ -26,7 +30,7 @@ from startrack.scene.ephemeris import (
 )
 from startrack.scene.illuminate import LightInput, Sight, illuminate
 from startrack.scene.limb import Limb, load_limb
-from startrack.scene.parameters import DARK, LIGHTS, ObserverOrbit, Scene
+from startrack.scene.parameters import DARK, LIGHTS, ObserverOrbit, Scene, added
 from startrack.scene.photometry import (
     SUN,
     SUN_G_MINUS_V,
@@ -37,4 +41,4 @@ from startrack.scene.photometry import (
 )
 
 # Public; the other imports serve other rooms.
-__all__ = ["LightInput", "ObserverOrbit", "Scene", "Sight", "illuminate"]
+__all__ = ["DaySky", "LightInput", "ObserverOrbit", "Scene", "Sight", "illuminate"]

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from startrack import core
 from startrack.core import Floats, Light, Stars
 from startrack.scene import photometry
+from startrack.scene.air_above import sky_light
 from startrack.scene.background import starlight, starlight_spectrum, zodiacal, zodiacal_spectrum
 from startrack.scene.bodies import Disc, Earth, disc_points, earth_of, moon_of, sun_of
 from startrack.scene.cities import cities
@@ -151,13 +152,19 @@ def illuminate(scene: Scene, stars: Stars, sight: Sight | None = None) -> Light:
     sight     None: only stars and the uniform background, which do not depend on it
     Raises    ValueError where a disc in the field has too many pixels. TypeError where the scene
               draws a date or an orbit and `sight` has no streams.
-    Accuracy  model: those of `photon_irradiance`, `zodiacal`, `starlight`, `magnitude_v` and
-              `bodies`; a body hides a star completely or not at all; discs do not move during the
+    Accuracy  model: those of `photon_irradiance`, `zodiacal`, `starlight`, `magnitude_v`,
+              `sky_light` and `bodies`; by day the sky of the line of sight is that of the whole
+              field; a body hides a star completely or not at all; discs do not move during the
               exposure. numerical: 1 % between the nodes of the maps of diffuse light; the Earth's
               limb within 1/128 of the frame.
     """
     rate = photon_irradiance(stars.magnitude_g, photometry.colour_temperature(stars.colour))
-    light = Light(stars.direction, WAVELENGTH, rate, _uniform_background(scene.background_g))
+    background = _uniform_background(scene.background_g)
+    if scene.sky is not None:
+        above = sky_light(scene.sky, scene.date)
+        rate = rate * above.through
+        background = above.background + _uniform_background(scene.sky.stray_g)
+    light = Light(stars.direction, WAVELENGTH, rate, background)
     if sight is None or not scene.lights:
         return light
     observer = observer_of(scene, sight.streams) if scene.dated else None

@@ -1,6 +1,10 @@
 """Scene: date, observer, background and bodies besides the stars; the lights that it may have."""
 
-from collections.abc import Callable, Iterable
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from typing import Any, NamedTuple
 
@@ -17,6 +21,7 @@ from startrack.core import (
     parameter,
     within,
 )
+from startrack.scene.day_sky import DaySky
 from startrack.space import FIRST_YEAR, LAST_YEAR
 
 LIMBS = ("molecules", "rural")  # air of the Earth's bright limb
@@ -52,6 +57,11 @@ LIGHTS = {
     "airglow": LightKind(varies=True),
     "cities": LightKind(),
 }
+
+
+def added(magnitudes: Sequence[float]) -> float:
+    """Magnitude of several lights together."""
+    return -2.5 * math.log10(sum(10 ** (-0.4 * magnitude) for magnitude in magnitudes))
 
 
 class ObserverOrbit(Parameters):
@@ -114,6 +124,11 @@ class Scene(Parameters):
         limit=Range(choices=LIMBS),
         default="molecules",
     )
+    sky: DaySky | None = parameter(
+        "The sky by day above a camera within or below the air, in place of `background_g`; "
+        "without it the camera is above the air.",
+        default=None,
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -126,12 +141,23 @@ class Scene(Parameters):
         """`background_g`, or DARK where it is none."""
         return DARK if self.background_g is None else self.background_g
 
+    def with_stray_light(self, magnitude_g: float) -> Scene:
+        """The scene with more light over the whole field.
+
+        magnitude_g  per square arcsecond
+        """
+        if self.sky is not None:
+            return replace(self, sky=replace(self.sky, stray_g=magnitude_g))
+        return replace(self, background_g=added((magnitude_g, self.sky_g)))
+
     def _refuse_contradictions(self) -> None:
         if "zodiacal" in self.lights and self.background_g is not None:
             raise Refused(
                 "background_g must be left out where lights has zodiacal, for which it stands, "
                 f"got {self.background_g:g}"
             )
+        if self.sky is not None:
+            self._refuse_beside_sky(self.sky)
         if self.dated and self.date is None:
             raise Refused(f"date must be given for {', '.join(self.dated)}, got none")
         if self.orbit and self.place:
@@ -146,6 +172,21 @@ class Scene(Parameters):
                 raise Refused(f"place must have three coordinates, got {len(self.place)}")
             for coordinate in self.place:
                 core.finite(place=coordinate)
+
+    def _refuse_beside_sky(self, sky: DaySky) -> None:
+        beside = {
+            "background_g": self.background_g is not None,
+            "lights": bool(self.lights),
+            "orbit": self.orbit is not None,
+            "place": self.place is not None,
+            "days": self.days > 0,
+        }
+        for name in (key for key, given in beside.items() if given):
+            raise Refused(f"{name} must be left out beside sky, which says what light there is")
+        if sky.dated:
+            if self.date is None:
+                raise Refused("date must be given where sky has latitude and longitude, got none")
+            sky.sun(self.date)
 
     @property
     def dated(self) -> list[str]:

@@ -10,7 +10,7 @@ from dataclasses import replace
 from enum import StrEnum
 from typing import Any, NamedTuple
 
-from startrack.core import Refused, is_code
+from startrack.core import Refused, arcsec, is_code
 from startrack.design import Case, replaced, replaced_all
 from startrack.detector import PIXEL_EFFECTS, require_independent_pixels
 from startrack.response import LENS_FIELD, dark_currents
@@ -147,6 +147,20 @@ def _shining(case: Case) -> list[str]:
     if case.instrument.stray is None:
         return lights
     return lights + [name for name, kind in kinds.items() if kind and kind.stray > kind.varies]
+
+
+def _unmodelled_air(case: Case) -> list[str]:
+    """What the air above a camera does that no fidelity has, with its size."""
+    sky, half = case.scene.sky, case.instrument.camera.half_diagonal
+    if sky is None:
+        return []
+    lift = sky.refraction()
+    low, high = (sky.refraction(max(sky.elevation + side * half, 0.0)) for side in (-1, 1))
+    return [
+        f"refraction, {lift / arcsec:.2g} arcsec in the line of sight and {low / arcsec:.2g} to "
+        f"{high / arcsec:.2g} over the field, the change of the sky over the field, clouds and "
+        "scintillation (scene.sky)"
+    ]
 
 
 def _rolled(case: Case) -> bool:
@@ -415,6 +429,7 @@ EFFECTS = [
             f"brighter and blinded sky by {', '.join(case.scene.lights)} (scene.lights)"
         ],
     ),
+    Effect("scene.sky", lambda case: case.scene.sky, left_out=_unmodelled_air),
     Effect(
         "scene.lights",
         _shining,

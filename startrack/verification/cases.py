@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from startrack.budget import added, stray_light_levels
+from startrack.budget import stray_light_levels
 from startrack.core import Floats, Rows, deg
 from startrack.design import Campaign, Case, Judged, KeepOut, Requirements
 from startrack.montecarlo import at_random
@@ -46,10 +46,9 @@ def lit_by(case: Case, keep_out: KeepOut, body: str) -> Case:
     """The case with the stray light of a body at its keep-out angle as uniform background."""
     angle = np.array([keep_out.angles[body]])
     stray = float(stray_light_levels(case, angle, keep_out.altitude)[body][0])
-    level = added((stray, case.scene.sky_g))
-    if not math.isfinite(level):
+    if math.isnan(stray):
         return case
-    return replace(case, scene=replace(case.scene, background_g=level))
+    return replace(case, scene=case.scene.with_stray_light(stray))
 
 
 def boresights(seed: int, outcomes: Rows) -> Floats:

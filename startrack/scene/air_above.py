@@ -1,0 +1,248 @@
+"""DaySky -> photons of the sky above a camera, and how much light of stars the air lets through."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from functools import lru_cache
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from startrack.core import Floats, deg
+from startrack.io import open_checked, shipped
+from startrack.scene.day_sky import DaySky, SunPlace
+from startrack.scene.photometry import WAVELENGTH
+
+FORMAT = 1  # of the file
+EARTH = 6371e3  # metre, mean radius, as the solver has it
+STEPS = 400  # of the integral along the line of sight: 0.1 % of light that is scattered once
+FAINT = 1e-12  # 1 / sr: a logarithm must be finite
+# Fraction of a gas above a height, as for Earth cameras: scale heights of water and of mixed gases,
+# and the heights between which ozone lies evenly; metre.
+WATER_SCALE, AIR_SCALE, OZONE_FROM, OZONE_TO = 2e3, 8e3, 12e3, 35e3
+ABOVE_SCATTERING = 0.5  # of the gas above the camera, on both ways of light that scatters there
+DIFFUSE_MASS = 1.66  # air masses that diffuse light crosses upwards
+
+
+@dataclass(frozen=True, eq=False)
+class SkyTable:
+    """Light that reaches a camera from above, in spherical layers over a Lambert surface.
+
+    wavelength  (k,) metre
+    height      (h,) metre of the camera above the sea
+    mass        (v,) 1, over the cosine of the zenith angle of the line of sight
+    sun         (s,) radian, zenith angle of the Sun
+    azimuth     (p,) radian, between line of sight and Sun
+    multiple    (2, k, h, v, s, p) 1 / sr, light that is scattered more than once over black
+                ground, over the Sun's irradiance; for molecules alone and with the aerosol
+    ground      (2, k, h, v, s) 1 / sr, what one unit of albedo adds where nothing comes back
+    returned    (2, k) 1, spherical albedo of the air from below
+    level       (l,) metre, of the extinctions
+    molecules   (k, l) 1 / metre
+    aerosol     (k, l) 1 / metre
+    single      (k,) 1, albedo of single scattering of the aerosol
+    angle       (a,) radian, of scattering
+    phase       (2, k, a) 1, phase functions of molecules and aerosol, of mean 1
+    irradiance  (bins,) photon / s / m^2 of the Sun at one astronomical unit in each spectral bin
+    air         (m,) 1, air masses
+    gas         (3, bins, m) 1, transmittance of water, mixed gases and ozone of the whole column
+    """
+
+    wavelength: Floats
+    height: Floats
+    mass: Floats
+    sun: Floats
+    azimuth: Floats
+    multiple: Floats
+    ground: Floats
+    returned: Floats
+    level: Floats
+    molecules: Floats
+    aerosol: Floats
+    single: Floats
+    angle: Floats
+    phase: Floats
+    irradiance: Floats
+    air: Floats
+    gas: Floats
+
+
+ARRAYS = tuple(part.name for part in fields(SkyTable))
+
+
+def load_sky(path: Path) -> SkyTable:
+    """Read it.
+
+    Raises  FileNotFoundError; ValueError where the file is no table of the sky or damaged.
+    """
+    with open_checked(path, "SKY", FORMAT, "a table of the sky") as parts:
+        return SkyTable(*(parts[name].data.astype(np.float64) for name in ARRAYS))
+
+
+class SkyLight(NamedTuple):
+    """What the air gives and takes.
+
+    background  (bins,) photon / s / m^2 / sr
+    through     (bins,) 1, of the light of stars in the line of sight
+    """
+
+    background: Floats
+    through: Floats
+
+
+@lru_cache(maxsize=64)
+def sky_light(sky: DaySky, date: str | None = None) -> SkyLight:
+    """Light of the sky in the line of sight, and transmittance of the air above the camera.
+
+    Source: sasktran2 (Zawada et al.), by catalogs/atmosphere; the Sun and gases as for Earth
+    cameras.
+
+    date      UTC, where the sky is `dated`
+    Accuracy  model: clear air without clouds, no polarisation (up to 10 % at 400 nm, 3 % from 600
+              nm on), no twilight; where the Sun is below the horizontal, light that is scattered
+              more than once is that of a Sun at the horizontal, an upper limit. The aerosol of a
+              real stratosphere differs by a factor of two and more. Lines of gases are averaged
+              over bins of 10 nm. numerical: 3 % of the solver from 5 degrees of distance from the
+              Sun on.
+    """
+    table, sun = _table(), sky.sun(date)
+    once = scattered_once(table, sky, sun)
+    black, lit = _scattered_more(table, sky, sun)
+    above = _above(sky.height)
+    slant, low = _air_mass(math.pi / 2 - sky.elevation), _air_mass(math.pi / 2 - sun.elevation)
+    at_once = ABOVE_SCATTERING * above * (slant + low)
+    from_ground = low + DIFFUSE_MASS * (1 - above) + ABOVE_SCATTERING * above * slant
+    direct = _to_bins(table, once + black) * _gases(table, at_once)
+    upward = _to_bins(table, lit) * _gases(table, from_ground)
+    background = (direct + upward) * table.irradiance / sun.far**2
+    depth = _column(table, sky) @ _path(table, sky)
+    through = np.exp(-np.interp(WAVELENGTH, table.wavelength, depth))
+    return SkyLight(background, through * _gases(table, above * slant))
+
+
+def scattered_once(table: SkyTable, sky: DaySky, sun: SunPlace) -> Floats:
+    """(k,) 1 / sr, light that the air scatters once, over the Sun's irradiance.
+
+        L = integral of (m P_m + s a P_a) / 4 pi exp(-depth to the Sun - depth to the camera) ds
+
+    m, a are the extinctions of molecules and aerosol, s the aerosol's albedo, P phase functions at
+    the Sun's distance. Straight rays through spherical layers; the ground hides the Sun.
+    """
+    zenith = math.pi / 2 - sky.elevation
+    start = EARTH + sky.height
+    end = _reach(start, zenith, EARTH + table.level[-1])
+    edges = end * np.linspace(0, 1, STEPS + 1) ** 2  # closer where the air is denser
+    step, place = np.diff(edges), (edges[1:] + edges[:-1]) / 2
+    radius = np.sqrt(start**2 + place**2 + 2 * start * place * math.cos(zenith))
+    cosine = (start * math.sin(sun.elevation) + place * math.cos(sun.distance)) / radius
+    molecules, aerosol = (
+        np.array([np.interp(radius - EARTH, table.level, row) for row in rows])
+        for rows in (table.molecules, sky.aerosol * table.aerosol)
+    )
+    extinction = molecules + aerosol
+    # To the middle of each step.
+    depth = np.cumsum(extinction * step, 1) - extinction * step / 2
+    sunlight = _depth_to_sun(table, _column(table, sky), radius, cosine)
+    phase = [
+        np.array([np.interp(sun.distance, table.angle, row) for row in rows])
+        for rows in table.phase
+    ]
+    source = molecules * phase[0][:, None] + (table.single * phase[1])[:, None] * aerosol
+    return np.asarray((source * np.exp(-depth - sunlight) * step).sum(1) / (4 * math.pi))
+
+
+def _reach(start: float, zenith: float, top: float) -> float:
+    """Metre from a radius to a larger one along a line of some zenith angle."""
+    return math.sqrt(top**2 - (start * math.sin(zenith)) ** 2) - start * math.cos(zenith)
+
+
+def _column(table: SkyTable, sky: DaySky) -> Floats:
+    """(k, l - 1) 1 / metre, mean extinction of each layer."""
+    extinction = table.molecules + sky.aerosol * table.aerosol
+    return (extinction[:, 1:] + extinction[:, :-1]) / 2
+
+
+def _path(table: SkyTable, sky: DaySky) -> Floats:
+    """(l - 1,) metre of the line of sight in each layer above the camera."""
+    zenith, start = math.pi / 2 - sky.elevation, EARTH + sky.height
+    borders = EARTH + np.maximum(table.level, sky.height)
+    return np.diff([_reach(start, zenith, float(border)) for border in borders])
+
+
+def _depth_to_sun(table: SkyTable, layer: Floats, radius: Floats, cosine: Floats) -> Floats:
+    """(k, n) optical depth from radii (n,) to the Sun at cosines (n,) of its zenith angle.
+
+    Infinite where the ground is in between.
+    """
+    nearest = radius * np.sqrt(np.maximum(1 - cosine**2, 0))  # to the Earth's centre
+    border = EARTH + table.level
+    half = np.sqrt(np.maximum(border**2 - nearest[:, None] ** 2, 0))  # (n, l), from that point
+    here = np.sqrt(np.maximum(radius**2 - nearest**2, 0))[:, None]
+    upward = np.diff(np.maximum(half, here), axis=1)
+    below = np.diff(np.minimum(half, here), axis=1)
+    path = upward + np.where(cosine[:, None] < 0, 2 * below, 0)
+    hidden = (cosine < 0) & (nearest < EARTH)
+    return np.where(hidden, np.inf, layer @ path.T)
+
+
+def _scattered_more(table: SkyTable, sky: DaySky, sun: SunPlace) -> tuple[Floats, Floats]:
+    """(k,) 1 / sr each: light that is scattered more than once, and light of the ground."""
+    from scipy.interpolate import RegularGridInterpolator  # 0.1 s; few scenes are below the air
+
+    zenith = min(max(math.pi / 2 - sun.elevation, 0.0), float(table.sun[-1]))
+    mass = 1 / math.sin(sky.elevation)
+    at = [sky.height, math.log(mass), zenith, _azimuth(sky, sun)]
+    axes = table.height, np.log(table.mass), table.sun, table.azimuth
+    black, lit = [], []
+    for more, ground, returned in zip(table.multiple, table.ground, table.returned, strict=True):
+        logs = np.moveaxis(np.log(np.maximum(more, FAINT)), 0, -1)
+        black.append(np.exp(RegularGridInterpolator(axes, logs)(at)[0]))
+        logs = np.moveaxis(np.log(np.maximum(ground, FAINT)), 0, -1)
+        of_ground = np.exp(RegularGridInterpolator(axes[:3], logs)(at[:3])[0])
+        lit.append(sky.albedo * of_ground / (1 - sky.albedo * returned))
+    clear, hazy = 1 - sky.aerosol, sky.aerosol
+    mixed = (clear * part[0] + hazy * part[1] for part in (black, lit))
+    first, second = (np.maximum(part, 0) for part in mixed)
+    return first, second
+
+
+def _azimuth(sky: DaySky, sun: SunPlace) -> float:
+    """Radian between the line of sight and the Sun, about the zenith."""
+    level = math.cos(sky.elevation) * math.cos(sun.elevation)
+    if level < 1e-12:
+        return 0.0
+    along = math.cos(sun.distance) - math.sin(sky.elevation) * math.sin(sun.elevation)
+    return math.acos(min(max(along / level, -1.0), 1.0))
+
+
+def _to_bins(table: SkyTable, values: Floats) -> Floats:
+    """(bins,) from (k,), straight lines in the logarithms of wavelength and value."""
+    logs = np.log(np.maximum(values, FAINT))
+    return np.asarray(np.exp(np.interp(np.log(WAVELENGTH), np.log(table.wavelength), logs)))
+
+
+def _above(height: float) -> Floats:
+    """(3,) 1, fractions of water, mixed gases and ozone above a height."""
+    ozone = min(max((OZONE_TO - height) / (OZONE_TO - OZONE_FROM), 0.0), 1.0)
+    return np.array([math.exp(-height / WATER_SCALE), math.exp(-height / AIR_SCALE), ozone])
+
+
+def _gases(table: SkyTable, mass: Floats) -> Floats:
+    """(bins,) 1, transmittance of (3,) air masses of water, mixed gases and ozone."""
+    through = np.ones(len(WAVELENGTH))
+    for rows, own in zip(table.gas, mass, strict=True):
+        through *= np.array([np.interp(own, table.air, row) for row in rows])
+    return through
+
+
+def _air_mass(zenith: float) -> float:
+    """Air masses at sea level; Kasten and Young (1989), Appl. Opt. 28, 4735."""
+    angle = min(zenith / deg, 90.0)
+    return 1 / (math.cos(angle * deg) + 0.50572 * (96.07995 - angle) ** -1.6364)
+
+
+@lru_cache(maxsize=1)
+def _table() -> SkyTable:
+    return load_sky(shipped("atmosphere/sky.fits"))

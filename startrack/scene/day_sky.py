@@ -1,0 +1,167 @@
+"""DaySky: where a camera within or below the air looks, and where the Sun stands to it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import field
+from typing import NamedTuple
+
+import numpy as np
+
+from startrack.core import Floats, Parameters, Range, Refused, Unit, deg, parameter
+from startrack.space import EARTH_RADIUS, sun_direction
+
+HIGHEST_SITE = 40e3  # metre
+LOWEST_LINE = 10 * deg  # of a line of sight above the horizontal
+MOST_AEROSOL = 2.0
+ROUNDING = 1e-9  # radian
+# Refraction at 45 degrees and sea level, radian, Saemundsson's formula as Meeus (1998) has it,
+# Astronomical Algorithms, 2nd ed., eq. (16.4); the air thins out with the scale of its density.
+REFRACTION, REFRACTION_A, REFRACTION_B = 1.02 / 60 * deg, 10.3, 5.11
+DENSITY_SCALE = 7.0e3  # metre, from the ground to 40 km; 10 % at heights between
+
+
+class SunPlace(NamedTuple):
+    """Where the Sun stands: elevation and distance from the line of sight, radian; and in AU."""
+
+    elevation: float
+    distance: float
+    far: float = 1.0
+
+
+class DaySky(Parameters):
+    """The sky by day for a camera within or below the air, whose line of sight stays to the Sun.
+
+    The Sun's place is given by its elevation and distance from the line of sight, or follows from
+    the scene's date, the place on the Earth and the azimuth of the line of sight.
+    """
+
+    height: float = parameter(
+        "of the camera above the sea; it is in an orbit where the scene has no sky",
+        unit=Unit("m", "km"),
+        limit=Range(0, HIGHEST_SITE),
+    )
+    elevation: float = parameter(
+        "of the line of sight above the horizontal",
+        unit=Unit("rad", "deg"),
+        limit=Range(LOWEST_LINE, math.pi / 2),
+    )
+    sun_elevation: float | None = parameter(
+        "of the Sun's centre, above the horizon that the camera sees: at 38 km down to -6 deg. "
+        "Twilight and night are not modelled. None: from date and place",
+        unit=Unit("rad", "deg"),
+        limit=Range(-math.pi / 2, math.pi / 2),
+        default=None,
+    )
+    sun_distance: float | None = parameter(
+        "of the Sun from the line of sight; None: from date and place",
+        unit=Unit("rad", "deg"),
+        limit=Range(0, math.pi),
+        default=None,
+    )
+    latitude: float | None = parameter(
+        "of the place, geodetic",
+        unit=Unit("rad", "deg"),
+        limit=Range(-math.pi / 2, math.pi / 2),
+        default=None,
+    )
+    longitude: float | None = parameter(
+        "of the place, to the east",
+        unit=Unit("rad", "deg"),
+        limit=Range(-math.pi, 2 * math.pi),
+        default=None,
+    )
+    azimuth: float | None = parameter(
+        "of the line of sight, from north over east",
+        unit=Unit("rad", "deg"),
+        limit=Range(-2 * math.pi, 2 * math.pi),
+        default=None,
+    )
+    aerosol: float = parameter(
+        "times the rural aerosol of Shettle and Fenn (1979) with 23 km of visibility at the ground "
+        "and a background stratosphere; 0: molecules alone",
+        limit=Range(0, MOST_AEROSOL),
+        default=1.0,
+    )
+    albedo: float = parameter(
+        "of the ground, or of clouds upon it, which lights the air from below",
+        limit=Range(0, 1),
+        default=0.3,
+    )
+    stray_g: float | None = field(default=None, metadata={"computed": True})
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        place = self.latitude, self.longitude, self.azimuth
+        sun = self.sun_elevation, self.sun_distance
+        if None not in sun and place == (None, None, None):
+            self._check(SunPlace(self.sun_elevation or 0.0, self.sun_distance or 0.0))
+        elif None in place or sun != (None, None):
+            raise Refused(
+                "sky must have sun_elevation and sun_distance, or latitude, longitude and azimuth, "
+                "and not some of both"
+            )
+
+    @property
+    def dated(self) -> bool:
+        """Whether the Sun's place follows from the date."""
+        return self.latitude is not None
+
+    def sun(self, date: str | None = None) -> SunPlace:
+        """The Sun's place.
+
+        date      UTC, where the sky is `dated`
+        Raises    Refused where the Sun is below the horizon that the camera sees.
+        Accuracy  model: 10 arcsec, and the distance in AU is the mean one without a date.
+        """
+        if self.latitude is None or self.longitude is None or self.azimuth is None:
+            return SunPlace(self.sun_elevation or 0.0, self.sun_distance or 0.0)
+        towards = sun_direction(str(date)) @ _horizon(self.latitude, self.longitude)
+        level = math.cos(self.elevation)
+        line = np.array(
+            [
+                level * math.sin(self.azimuth),
+                level * math.cos(self.azimuth),
+                math.sin(self.elevation),
+            ]
+        )
+        apart = 2 * math.asin(min(float(np.linalg.norm(line - towards)) / 2, 1.0))
+        place = SunPlace(math.asin(float(towards[2])), apart)
+        self._check(place)
+        return place
+
+    def _check(self, sun: SunPlace) -> None:
+        dip = math.acos(EARTH_RADIUS / (EARTH_RADIUS + self.height))
+        if sun.elevation < -dip - ROUNDING:
+            raise Refused(
+                f"sky.sun_elevation must be at least {-dip / deg:.2f} deg, the horizon from "
+                f"{self.height / 1e3:g} km, as twilight and night are not modelled, got "
+                f"{sun.elevation / deg:.4g} deg"
+            )
+        least = abs(sun.elevation - self.elevation)
+        most = math.pi - abs(sun.elevation + self.elevation)
+        if not least - ROUNDING <= sun.distance <= most + ROUNDING:
+            raise Refused(
+                f"sky.sun_distance must lie in [{least / deg:.4g}, {most / deg:.4g}] deg between a "
+                f"Sun at {sun.elevation / deg:.4g} deg and a line of sight at "
+                f"{self.elevation / deg:.4g} deg, got {sun.distance / deg:.4g} deg"
+            )
+
+    def refraction(self, elevation: float | None = None) -> float:
+        """Radian by which the air lifts a star, of the line of sight by default.
+
+            R = 1.02' cot(e + 10.3 / (e + 5.11)) exp(-height / 7 km),   e in degrees
+
+        e is the elevation without air. Source: Saemundsson (1986), Sky and Telescope 72, 70.
+
+        Accuracy  model: 0.1 arcmin at the ground in air of 10 degC and 1010 hPa; 10 % above it.
+        """
+        given = (self.elevation if elevation is None else elevation) / deg
+        angle = (given + REFRACTION_A / (given + REFRACTION_B)) * deg
+        return max(REFRACTION / math.tan(angle), 0.0) * math.exp(-self.height / DENSITY_SCALE)
+
+
+def _horizon(latitude: float, longitude: float) -> Floats:
+    """Columns east, north and up (3, 3) in the Earth's axes."""
+    (s, c), (sl, cl) = ((math.sin(x), math.cos(x)) for x in (latitude, longitude))
+    return np.array([[-sl, -s * cl, c * cl], [cl, -s * sl, c * sl], [0.0, c, s]])
