@@ -36,6 +36,7 @@ earth            Earth cameras: terrain, geometry in flight, atmosphere, imager,
 moving           moving objects: images of one field -> objects that move
 plots            pictures
 report           a campaign as one page
+page             the local page of a design, in a browser
 benchmark        CPU time and error of every stage
 cli              the command `startrack`
 

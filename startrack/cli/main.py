@@ -46,6 +46,7 @@ COMMANDS = {
     "sweep": "compute errors and margins of a design over the values of one or two keys",
     "solve-for": "find the value of a key at which a design just keeps a limit",
     "optimize": "find a better design",
+    "page": "show a design in a browser: sliders, budget, frame, searches",
     "sample": "compute the tolerance of each parameter of a design",
     "pareto": "find designs that no other beats in both of two goals",
     "sensitivity": "compute which parameters the error of a design depends on",
@@ -57,7 +58,7 @@ COMMANDS = {
 }
 # How the list of commands is ordered; those in no group end it.
 GROUPS = {
-    "begin here": ("init", "budget", "optimize"),
+    "begin here": ("init", "budget", "optimize", "page"),
     "design": ("keys", "requirements", "psf", "lens", "simulate"),
     "predict": (
         *("predict", "montecarlo", "merge", "combine", "verify", "compare", "report", "sequence"),
@@ -83,6 +84,7 @@ IDENTIFY = (
     "sweep",
     "solve-for",
     "optimize",
+    "page",
     "sample",
     "pareto",
     "sensitivity",
@@ -97,6 +99,7 @@ startrack COMMAND --help lists the options and the output files of a command. Ex
   startrack budget                          its error, cause by cause
   startrack verify startrack-optimize/best.toml   whether it meets its requirements
   startrack optimize                        a better design, in a few minutes
+  startrack page --open                     the same with sliders, in a browser
   startrack montecarlo startrack-optimize/best.toml --out trials
   startrack report trials/campaign.sqlite   the results as an HTML page
   startrack montecarlo combine frames.sqlite windows.sqlite   one error of few frames, many windows

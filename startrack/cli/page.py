@@ -1,0 +1,91 @@
+"""`startrack page`: a design and its searches on a page of a browser."""
+
+from __future__ import annotations
+
+import argparse
+import threading
+import webbrowser
+from concurrent.futures import Executor
+from pathlib import Path
+
+from startrack.cli import options as shared
+from startrack.cli.options import Exit, Option, Options, wanted, whole
+
+if wanted(__name__):
+    from startrack.cli import terminal
+    from startrack.io import shipped
+    from startrack.montecarlo import pool
+    from startrack.page import EarthPage, PageServer, Routes, SearchRun, TrackerPage, TrialsRun
+
+BESIDE = 2  # processes: one for what is shown later, one for trials
+
+
+declare = Options(
+    "Shows a design on a page of the browser of this machine: its values as a form and sliders; "
+    "beside them error budget, frame, sky, curves and requirements, which are painted anew at "
+    "each change; a search and trials, which can be watched and stopped. The page says the "
+    "numbers of budget, requirements, optimize and montecarlo. It is on 127.0.0.1 alone, asks for "
+    "the token in the printed address, and needs no network. Files are written to the folder of "
+    "--out alone. Ctrl-C ends it.",
+    Option(
+        "design DESIGN.toml",
+        "design file, or a scene of an Earth camera with [retrieval] and [campaign] (default: the "
+        "example, a nanosatellite)",
+        Path,
+        many="?",
+    ),
+    *shared.SET,
+    Option("--port N", "port (default: one that is free)", whole(0, 65535), 0),
+    Option("--open", "open the address in the browser"),
+    shared.SEED,
+    shared.WORKERS,
+    shared.out("startrack-page"),
+)
+
+
+def command(options: argparse.Namespace) -> int:
+    """Serve the page until Ctrl-C."""
+    page = _page(options)
+    options.out.mkdir(parents=True, exist_ok=True)
+    try:
+        with pool(max(options.workers, BESIDE)) as executor:
+            _serve(options, page, executor)
+    except KeyboardInterrupt:  # which has ended the processes, whatever they computed
+        terminal.print_message("startrack page: ended")
+    return Exit.DONE
+
+
+def _serve(options: argparse.Namespace, page: TrackerPage | EarthPage, executor: Executor) -> None:
+    search = SearchRun(page.path, options.out / "search", options.seed, options.workers)
+    trials = None
+    if isinstance(page, TrackerPage):
+        trials = TrialsRun(page, options.out, executor, options.workers)
+    routes = Routes(page, options.out.resolve(), executor, search, trials, options.set)
+    first = {"changes": options.set, "trial": 0}
+    with shared.as_wrong_use(OSError), PageServer(routes, options.port) as server:
+        result = {"address": server.address, "out": str(options.out)}
+        terminal.print_result(options, result, f"open {server.address}\nCtrl-C ends the page")
+        # Before the browser asks: the first design compiles kernels and reads the sky.
+        threading.Thread(target=routes.answer, args=("paint", first), daemon=True).start()
+        if options.open:
+            webbrowser.open(server.address)
+        try:
+            with terminal.waiting():
+                server.serve_forever()
+        finally:
+            routes.close()
+
+
+def _page(options: argparse.Namespace) -> TrackerPage | EarthPage:
+    """The design or the scene of the command, read once so that a fault in it ends the command."""
+    path = options.design or terminal.example()
+    with shared.as_wrong_use():
+        if terminal.is_scene(path):
+            if path.suffix != ".toml":
+                path = shipped(f"scenes/{path}.toml")
+            scene = EarthPage(path.resolve(), options.seed)
+            scene.load(options.set)
+            return scene
+        tracker = TrackerPage(terminal.design_file(path).resolve(), options.seed)
+        terminal.read_design(tracker.path, options.set)
+        return tracker

@@ -1,0 +1,273 @@
+"use strict";
+// What a design is drawn as. Each function takes the section of a side and what the server said.
+
+const VIRIDIS = ["#440154", "#472d7b", "#3b528b", "#2c728e", "#21918c", "#28ae80", "#5ec962",
+  "#addc30", "#fde725"].map((text) => [1, 3, 5].map((at) => parseInt(text.slice(at, at + 2), 16)));
+const BLUE = "#0072b2", ORANGE = "#e69f00", RED = "#d55e00", GREY = "#8a94a0", SKY = "#56b4e9";
+
+function element(name, text, parent, kind) {
+  const made = document.createElement(name);
+  if (text !== undefined) made.textContent = text;
+  if (kind) made.className = kind;
+  if (parent) parent.append(made);
+  return made;
+}
+
+function digits(value, count = 4) {
+  if (value === null || value === undefined || !isFinite(value)) return "none";
+  const size = Math.abs(value);
+  return size !== 0 && (size < 1e-3 || size >= 1e6)
+    ? value.toExponential(count - 1) : String(+value.toPrecision(count));
+}
+
+function colour(part) {
+  const at = Math.min(Math.max(part, 0), 1) * (VIRIDIS.length - 1), low = Math.floor(at);
+  const high = Math.min(low + 1, VIRIDIS.length - 1);
+  return VIRIDIS[low].map((value, k) => value + (at - low) * (VIRIDIS[high][k] - value));
+}
+
+// --- frame ---------------------------------------------------------------------------------------
+
+function drawFrame(panel, frame) {
+  const canvas = panel.querySelector("canvas"), words = panel.querySelector("p");
+  if (frame.refused) {
+    words.textContent = frame.refused;
+    return;
+  }
+  const bytes = atob(frame.pixels), [rows, columns] = frame.shape;
+  const image = new ImageData(columns, rows), pixels = new Uint32Array(image.data.buffer);
+  for (let n = 0; n < pixels.length; n++) pixels[n] = 0xff000000 | (bytes.charCodeAt(n) * 0x010101);
+  const plain = drawFrame.plain ||= document.createElement("canvas");
+  plain.width = columns;
+  plain.height = rows;
+  plain.getContext("2d").putImageData(image, 0, 0);
+  canvas.width = 640;
+  canvas.height = Math.round(640 * frame.rows / frame.columns);
+  const scale = 640 / frame.columns, pen = canvas.getContext("2d");
+  pen.imageSmoothingEnabled = false;
+  const wide = columns * frame.block * scale, high = rows * frame.block * scale;
+  pen.drawImage(plain, 0, 0, wide, high);
+  pen.lineWidth = 2;
+  frame.x.forEach((x, n) => {
+    const u = (x + 0.5) * scale, v = (frame.y[n] + 0.5) * scale;
+    pen.beginPath();
+    pen.strokeStyle = frame.matched[n] ? SKY : ORANGE;
+    if (frame.matched[n]) pen.arc(u, v, 9, 0, 2 * Math.PI);
+    else pen.rect(u - 8, v - 8, 16, 16);
+    pen.stroke();
+  });
+  const matched = frame.matched.filter(Boolean).length, [x, y, z] = frame.errors;
+  const error = frame.solved
+    ? `error ${digits(x, 3)}, ${digits(y, 3)}, ${digits(z, 3)} arcsec about x, y, z`
+    : frame.status;
+  words.textContent = `Trial ${frame.trial}: RA ${frame.ra.toFixed(2)}°, Dec ` +
+    `${frame.dec.toFixed(2)}°; ${matched} spots matched (○), ${frame.x.length - matched} not (□); ` +
+    `${error}. Black ${digits(frame.black, 3)}, white ${digits(frame.white, 3)} digital numbers` +
+    (frame.block > 1 ? `, largest of ${frame.block} × ${frame.block} pixels` : "") +
+    (frame.saturated ? `; ${frame.saturated} pixels saturated` : "");
+}
+
+// --- budget --------------------------------------------------------------------------------------
+
+function drawBars(box, rows, before, most) {
+  box.replaceChildren();
+  const old = new Map((before || []).map((row) => [row.name, row.value]));
+  for (const row of rows) {
+    const line = element("div", undefined, box, row.sum ? "bar sum" : "bar");
+    line.title = row.note || "";
+    element("span", row.name, line);
+    const track = element("div", undefined, line, "track");
+    element("i", undefined, track).style.width = `${100 * Math.min(row.value / most, 1)}%`;
+    const ghost = old.get(row.name);
+    if (ghost !== undefined && ghost !== row.value) {
+      element("b", undefined, track).style.width = `${100 * Math.min(ghost / most, 1)}%`;
+      line.title += ` before: ${digits(ghost)}`;
+    }
+    element("span", digits(row.value, 3), line);
+  }
+}
+
+function budgetRows(shown, axis) {
+  if (!shown || !shown.causes) return [];
+  const rows = shown.causes.map((cause) => (
+    { name: cause.name, value: cause[axis], note: `${cause.term}. ${cause.advice}` }));
+  return [...rows, { name: "all, arcsec rms", value: shown[axis], sum: true }];
+}
+
+function drawBudget(panel, shown, before, other) {
+  const axis = panel.querySelector("input:checked").value;
+  const rows = budgetRows(shown, axis), old = budgetRows(before, axis);
+  const every = [...rows, ...old, ...budgetRows(other, axis)].map((row) => row.value);
+  drawBars(panel.querySelector(".bars"), rows, old, Math.max(...every, 1e-9));
+  panel.querySelector(".left-out").textContent = [
+    shown.causes ? `attitude in ${(100 * shown.availability).toFixed(2)} % of the sky, ` +
+      `${digits(shown.matched, 3)} stars on average` : "",
+    ...(shown.advice || []).slice(0, 1).map((text) => `Most: ${text}`),
+    shown.left_out && shown.left_out.length ? `Not counted: ${shown.left_out.join("; ")}` : "",
+  ].filter(Boolean).join(". ");
+}
+
+function drawParts(panel, shown, before) {
+  const rows = (shown.parts || []).map((part) => (
+    { name: part.unit ? `${part.name} (${part.unit})` : part.name, value: part.value }));
+  const old = ((before && before.parts) || []).map((part) => (
+    { name: part.unit ? `${part.name} (${part.unit})` : part.name, value: part.value }));
+  const box = panel.querySelector(".bars");
+  box.replaceChildren();
+  const table = element("table", undefined, box);
+  rows.forEach((row, n) => {
+    const line = element("tr", undefined, table);
+    element("td", row.name, line);
+    const cell = element("td", digits(row.value), line);
+    if (old[n] && old[n].value !== row.value) element("small", `before ${digits(old[n].value)}`, cell);
+  });
+  panel.querySelector(".left-out").textContent =
+    shown.left_out && shown.left_out.length ? `Not counted: ${shown.left_out.join("; ")}` : "";
+}
+
+// --- requirements --------------------------------------------------------------------------------
+
+function drawRequirements(panel, rows, before, state) {
+  const table = panel.querySelector("table");
+  const old = new Map((before || []).map((row) => [row.name, row.margin]));
+  panel.querySelector(".state").textContent = rows.length
+    ? state : "The design has no campaign with requirements.";
+  table.replaceChildren();
+  if (!rows.length) return;
+  const head = element("tr", undefined, element("thead", undefined, table));
+  for (const title of ["", "value", "limit", "margin"]) element("th", title, head);
+  const body = element("tbody", undefined, table);
+  for (const row of rows) {
+    const line = element("tr", undefined, body), limited = row.margin !== undefined;
+    element("td", row.name, line);
+    element("td", row.value, line);
+    element("td", row.limit || (limited ? "" : "no limit"), line);
+    const met = limited && row.margin !== null && row.margin >= 0;
+    const text = limited ? `${met ? "✓" : "✗ NOT MET"} ${signed(row.margin)}` : "";
+    const cell = element("td", text, line, limited && !met ? "missed" : "");
+    const ghost = old.get(row.name);
+    if (limited && ghost !== undefined && ghost !== row.margin) {
+      element("small", `before ${signed(ghost)}`, cell);
+    }
+  }
+}
+
+function signed(margin) {
+  return margin === null ? "none" : (margin < 0 ? "" : "+") + margin.toFixed(3);
+}
+
+// --- sky -----------------------------------------------------------------------------------------
+
+const SKY_WIDE = 480, SKY_HIGH = 240;
+let nearest = null; // direction of each pixel of a Mollweide map; -1 outside of it
+
+function nearestOf(sky) {
+  if (nearest && nearest.count === sky.ra.length) return nearest.index;
+  const index = new Int16Array(SKY_WIDE * SKY_HIGH).fill(-1);
+  const vectors = sky.ra.map((ra, n) => unit(ra * Math.PI / 180, sky.dec[n] * Math.PI / 180));
+  for (let v = 0; v < SKY_HIGH; v++) {
+    for (let u = 0; u < SKY_WIDE; u++) {
+      const x = 2 * (u + 0.5) / SKY_WIDE - 1, y = 1 - 2 * (v + 0.5) / SKY_HIGH;
+      if (x * x + y * y > 1) continue;
+      const turn = Math.asin(y);
+      const dec = Math.asin((2 * turn + Math.sin(2 * turn)) / Math.PI);
+      const [a, b, c] = unit(-Math.PI * x / Math.cos(turn), dec); // east to the left
+      let best = -2, at = 0;
+      for (let n = 0; n < vectors.length; n++) {
+        const cosine = a * vectors[n][0] + b * vectors[n][1] + c * vectors[n][2];
+        if (cosine > best) [best, at] = [cosine, n];
+      }
+      index[v * SKY_WIDE + u] = at;
+    }
+  }
+  nearest = { count: sky.ra.length, index };
+  return index;
+}
+
+function unit(ra, dec) {
+  return [Math.cos(dec) * Math.cos(ra), Math.cos(dec) * Math.sin(ra), Math.sin(dec)];
+}
+
+function drawSky(panel, sky, other) {
+  const canvas = panel.querySelector("canvas"), words = panel.querySelector("p");
+  const select = panel.querySelector("select"), name = select.value;
+  const finite = (values) => values.filter((value) => value !== null && isFinite(value));
+  const values = sky[name], inside = finite([...values, ...(other ? other[name] : [])]);
+  const low = Math.min(...inside), high = Math.max(...inside), index = nearestOf(sky);
+  canvas.width = SKY_WIDE;
+  canvas.height = SKY_HIGH + 40;
+  const pen = canvas.getContext("2d"), image = pen.createImageData(SKY_WIDE, SKY_HIGH);
+  const shade = values.map((value) => value === null ? [200, 200, 200]
+    : colour(high > low ? (value - low) / (high - low) : 0.5));
+  for (let n = 0; n < index.length; n++) {
+    if (index[n] < 0) continue;
+    image.data.set(shade[index[n]], 4 * n);
+    image.data[4 * n + 3] = 255;
+  }
+  pen.putImageData(image, 0, 0);
+  for (let u = 0; u < SKY_WIDE; u++) {
+    pen.fillStyle = `rgb(${colour(u / SKY_WIDE).join(",")})`;
+    pen.fillRect(u, SKY_HIGH + 6, 1, 12);
+  }
+  pen.fillStyle = "#1c2530";
+  pen.font = "15px system-ui, sans-serif";
+  pen.fillText(digits(low, 3), 0, SKY_HIGH + 35);
+  pen.textAlign = "right";
+  pen.fillText(digits(high, 3), SKY_WIDE, SKY_HIGH + 35);
+  pen.textAlign = "center";
+  pen.fillText(select.selectedOptions[0].textContent, SKY_WIDE / 2, SKY_HIGH + 35);
+  const own = finite(values), worst = name === "stars" ? Math.min(...own) : Math.max(...own);
+  const at = values.indexOf(name === "faintest" ? Math.min(...own) : worst);
+  const blind = 100 * (1 - own.length / values.length);
+  words.textContent = (high - low < 0.05 && name === "stars"
+    ? `${digits(high, 3)} stars everywhere: as many as the tracker keeps`
+    : `Worst: ${digits(values[at], 3)} at RA ${((sky.ra[at] + 360) % 360).toFixed(0)}°, Dec ` +
+      `${sky.dec[at].toFixed(0)}°`) + (blind ? `; grey: no attitude, ${blind.toFixed(1)} %` : "") +
+    `. ${values.length} directions; the middle is RA 0°, Dec 0°, east is left.`;
+}
+
+// --- curves --------------------------------------------------------------------------------------
+
+function chart(box, data, names, titles, logarithmic) {
+  const wide = Math.max(box.clientWidth, 200);
+  if (box.uplot) box.uplot.destroy();
+  const axis = (label) => ({ label, size: 54, font: "12px system-ui", labelFont: "12px system-ui" });
+  const series = names.map((label) => ({
+    label, stroke: label.endsWith("before") ? GREY : label === "about" ? RED : BLUE,
+    dash: label.startsWith("about") ? [7, 4] : [], width: label.endsWith("before") ? 1.3 : 2,
+    spanGaps: true,
+    value: (plot, value) => value === null ? "" : digits(value, 3),
+    points: { show: data[0].length < 12, size: 6 },
+  }));
+  const first = { label: titles[0], value: (plot, value) => digits(value, 4) };
+  box.uplot = new uPlot({
+    width: wide, height: 220, series: [first, ...series],
+    scales: { x: { time: false }, y: { distr: logarithmic ? 3 : 1 } },
+    axes: [{ ...axis(titles[0]), size: 42 }, axis(titles[1])],
+  }, data, box);
+}
+
+function drawMagnitude(panel, stars, before) {
+  const tables = [[stars.magnitude, stars.error]], names = ["by formula"];
+  if (before) {
+    tables.push([before.magnitude, before.error]);
+    names.push("by formula, before");
+  }
+  chart(panel.querySelector(".chart"), uPlot.join(tables), names,
+    ["G of a star like the Sun", "pixel per axis"], true);
+}
+
+function drawSlew(panel, points, before, waiting) {
+  const columns = (rows) => [rows.map((row) => row.rate), rows.map((row) => row.across),
+    rows.map((row) => row.about)];
+  const tables = [columns(points)], names = ["across", "about"];
+  if (before && before.length) {
+    tables.push(columns(before));
+    names.push("across, before", "about, before");
+  }
+  panel.querySelector("p").textContent = waiting;
+  if (points.length) {
+    chart(panel.querySelector(".chart"), uPlot.join(tables), names,
+      ["rate about x (deg/s)", "arcsec rms"], true);
+  }
+}

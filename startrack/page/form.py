@@ -1,0 +1,83 @@
+"""Tables of a design, its keys -> rows of a form, and sliders of what a campaign varies."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from startrack.design import Key
+from startrack.problem import Bounds
+
+MOST_LETTERS = 400  # of a value that is shown; longer lists are edited in the file
+ONE_OF = "one of "
+
+
+def rows(table: Mapping[str, Any], keys: Sequence[Key]) -> list[dict[str, Any]]:
+    """A row for each key that a form can change, in the order of the keys.
+
+    table  of the design, as a file has it
+    """
+    values: dict[str, dict[str, Any]] = {}
+    for path, value in _leaves(table, ""):
+        parts = [part for part in path.split(".") if not part.isdecimal()]
+        values.setdefault(".".join(parts), {})[path] = value
+    lists = tuple(f"{key.name}." for key in keys if key.kind == "tables")
+    found = []
+    for key in keys:
+        if "table" in key.kind or key.name in ("base", "include"):
+            continue
+        here = values.get(key.name, {})
+        if not here and not key.name.startswith(lists):
+            here = {key.name: None}
+        found += [_row(path, value, key) for path, value in here.items()]
+    return found
+
+
+def _row(path: str, value: Any, key: Key) -> dict[str, Any]:
+    text = "" if value is None else value if isinstance(value, str) else json.dumps(value)
+    choices = key.kind.removeprefix(ONE_OF).removesuffix(", or code").split(", ")
+    if key.kind == "true or false":
+        choices = ["true", "false"]
+    return {
+        "key": path,
+        "value": text,
+        "editable": len(text) <= MOST_LETTERS,
+        "unit": key.unit,
+        "range": key.range,
+        "kind": key.kind,
+        "choices": choices if key.kind.startswith((ONE_OF, "true or")) else [],
+        "code": key.kind.endswith(", or code"),
+        "default": key.default,
+        "meaning": key.meaning,
+    }
+
+
+def _leaves(value: Any, path: str) -> Iterator[tuple[str, Any]]:
+    """Paths and values of a table, with the numbers of entries of lists of tables."""
+    if isinstance(value, Mapping):
+        for name, inner in value.items():
+            yield from _leaves(inner, f"{path}.{name}" if path else name)
+    elif isinstance(value, list) and value and isinstance(value[0], Mapping):
+        for number, inner in enumerate(value):
+            yield from _leaves(inner, f"{path}.{number}")
+    else:
+        yield path, value
+
+
+def slider(variable: Bounds, whole: bool) -> dict[str, Any]:
+    """A variable in the unit in which it is written.
+
+    whole  whether its values are whole numbers
+    """
+    size = variable.size
+    return {
+        "key": variable.name,
+        "low": variable.low / size,
+        "high": variable.high / size,
+        "value": variable.start / size,
+        "log": variable.log,
+        "unit": variable.unit,
+        "si": size,
+        "whole": whole,
+    }

@@ -1,0 +1,100 @@
+"""The command `optimize` beside the page: started, watched, stopped, continued."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from startrack.core import Refused
+
+LOG, RESULT, MESSAGES = "search.jsonl", "result.json", "messages.txt"
+POLITE = 10  # steps of priority below the page's own, so that it stays quick
+PATIENCE = 20.0  # second, until a search that was asked to stop is ended
+
+
+class SearchRun:
+    """One search at a time, as a process of its own; its ledger lets it continue.
+
+    folder  of the results, within that of the page
+    """
+
+    def __init__(self, path: Path, folder: Path, seed: int, workers: int) -> None:
+        self._path, self._folder = path, folder
+        self._options = ["--seed", str(seed), "--workers", str(workers)]
+        self._process: subprocess.Popen[bytes] | None = None
+        self._stopped = False
+
+    @property
+    def running(self) -> bool:
+        """Whether it computes."""
+        return self._process is not None and self._process.poll() is None
+
+    def start(self, changes: Sequence[str]) -> None:
+        """Begin, or continue what was begun with the same values."""
+        if self.running:
+            raise Refused("a search runs already: stop it before another begins")
+        self._folder.mkdir(parents=True, exist_ok=True)
+        for name in (LOG, RESULT):
+            (self._folder / name).unlink(missing_ok=True)
+        words = [sys.executable, "-m", "startrack.cli", "optimize", str(self._path)]
+        words += ["--out", str(self._folder), *self._options]
+        words += [word for change in changes for word in ("--set", change)]
+        with (self._folder / MESSAGES).open("wb") as messages:
+            self._process = subprocess.Popen(
+                words,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=messages,
+                start_new_session=True,
+            )
+        self._stopped = False
+        with suppress(OSError, AttributeError):
+            os.setpriority(os.PRIO_PROCESS, self._process.pid, POLITE)
+
+    def stop(self) -> None:
+        """Ask it to end as by Ctrl-C; what was computed stays in its ledger."""
+        if self._process is None or not self.running:
+            return
+        self._stopped = True
+        self._process.send_signal(signal.SIGINT)
+        try:
+            self._process.wait(PATIENCE)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+    def state(self, first: int) -> dict[str, Any]:
+        """Lines of the log from number `first` on, and how the search ended where it has."""
+        ended = self._process is not None and not self.running  # before the last lines are read
+        lines = self._lines(self._folder / LOG)
+        state: dict[str, Any] = {"lines": lines[first:], "count": len(lines)}
+        state |= {"running": self.running, "stopped": self._stopped}
+        if ended and self._process:
+            state["status"] = self._process.returncode
+            state["message"] = self._last_words()
+            with suppress(OSError, ValueError):
+                state["result"] = json.loads((self._folder / RESULT).read_text(encoding="utf-8"))
+        return state
+
+    @staticmethod
+    def _lines(path: Path) -> list[Any]:
+        """The whole lines of a file that may still grow."""
+        try:
+            text = path.read_text(encoding="utf-8")
+        except OSError:
+            return []
+        return [json.loads(line) for line in text[: text.rfind("\n") + 1].splitlines()]
+
+    def _last_words(self) -> str:
+        with suppress(OSError):
+            words = (self._folder / MESSAGES).read_text(encoding="utf-8", errors="replace")
+            lines = [line for line in words.splitlines() if line.strip()]
+            return lines[-1] if lines else ""
+        return ""

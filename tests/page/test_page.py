@@ -1,0 +1,214 @@
+"""The server of a page without a browser: who is answered; numbers beside those of commands."""
+
+import http.client
+import json
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from startrack.cli.main import main
+from startrack.io import shipped
+from startrack.montecarlo import Serial
+from startrack.page import EarthPage, PageServer, Routes, SearchRun, TrackerPage, TrialsRun
+
+DESIGN = Path(str(shipped("designs/noise_only.toml")))
+# So few that a search takes seconds.
+TINY = (
+    "campaign.fidelity=covariance",
+    "campaign.analytic_evaluations=6",
+    "campaign.evaluations=2",
+    "campaign.trials=4",
+    "campaign.most_trials=4",
+    "campaign.fresh_trials=8",
+)
+
+
+class Client:
+    """Requests to a page."""
+
+    def __init__(self, server, folder):
+        self.server, self.folder = server, folder
+        self.cookie = f"{server.cookie}={server.token}"
+
+    def send(self, method, path, body=b"", **headers):
+        own = {"Cookie": self.cookie, "Content-Type": "application/json"}
+        own |= {name.replace("_", "-"): value for name, value in headers.items()}
+        connection = http.client.HTTPConnection("127.0.0.1", self.server.server_port, timeout=120)
+        connection.request(method, path, body, own)
+        reply = connection.getresponse()
+        content = reply.read()
+        connection.close()
+        return reply, content
+
+    def ask(self, path, **body):
+        reply, content = self.send("POST", f"/api/{path}", json.dumps(body).encode())
+        assert reply.status == 200, content
+        return json.loads(content)
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("page")
+    tracker = TrackerPage(DESIGN, 1)
+    trials = TrialsRun(tracker, folder, Serial(), 1)
+    search = SearchRun(DESIGN, folder / "search", 1, 1)
+    routes = Routes(tracker, folder, Serial(), search, trials, [])
+    with PageServer(routes, 0) as server:
+        thread = threading.Thread(target=server.serve_forever, daemon=True)
+        thread.start()
+        yield Client(server, folder)
+        routes.close()
+        server.shutdown()
+
+
+def output_of(capsys, *words):
+    main([*words, "--json"])
+    return [json.loads(line) for line in capsys.readouterr().out.splitlines()][-1]
+
+
+def test_the_token_is_taken_once_and_becomes_a_cookie(page):
+    reply, _ = page.send("GET", f"/?token={page.server.token}", Cookie="")
+    assert (reply.status, reply.headers["Location"]) == (303, "/")
+    assert "HttpOnly; SameSite=Strict" in reply.headers["Set-Cookie"]
+    reply, content = page.send("GET", "/")
+    assert reply.status == 200
+    assert b"page.js" in content
+    policy = reply.headers["Content-Security-Policy"]
+    assert "default-src 'none'" in policy
+    assert "unsafe" not in policy
+
+
+@pytest.mark.parametrize("cookie", ["", "startrack-1=x", "other=1; startrack", "=;=", "\xe4=\xe4"])
+def test_a_stale_or_missing_token_ends_in_a_sentence(page, cookie):
+    for method, path in (("GET", "/"), ("POST", "/api/about"), ("GET", "/?token=stale")):
+        reply, content = page.send(method, path, b"{}", Cookie=cookie)
+        assert reply.status == 403
+        assert b"open the address that the running command printed" in content
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Host": "evil.example"},
+        {"Host": "127.0.0.1"},
+        {"Origin": "http://evil.example"},
+        {"Origin": "null"},
+    ],
+)
+def test_another_host_or_origin_is_refused(page, headers):
+    for method, path in (("GET", "/"), ("POST", "/api/paint")):
+        assert page.send(method, path, b"{}", **headers)[0].status == 403
+
+
+def test_requests_that_are_none_are_refused(page):
+    many = str(2**20 + 1)
+    assert page.send("POST", "/api/paint", b"{}", Content_Length=many)[0].status == 413
+    assert page.send("POST", "/api/paint", b"{}", Content_Length="x")[0].status == 411
+    assert page.send("POST", "/api/paint", b"{}", Content_Type="text/plain")[0].status == 415
+    assert page.send("POST", "/api/paint", b"[" * 5000)[0].status == 400
+    assert page.send("POST", "/api/paint", b"[1]")[0].status == 400
+    assert page.send("POST", "/api/delete", b"{}")[0].status == 404
+    assert page.send("GET", "/../server.py")[0].status == 404
+    assert page.send("GET", "/%2e%2e/server.py")[0].status == 404
+
+
+def test_a_bad_value_ends_in_the_sentence_of_the_command(page, capsys):
+    change = "instrument.optics.f_number=-1"
+    assert main(["budget", str(DESIGN), "--set", change]) == 2
+    assert page.ask("paint", changes=[change])["refused"] in capsys.readouterr().err
+    assert "KEY=VALUE" in page.ask("paint", changes=[7])["refused"]
+    assert "list" in page.ask("paint", changes="all")["refused"]
+    assert "whole number" in page.ask("paint", trial=-1)["refused"]
+    assert "rate must be" in page.ask("later", rate="fast")["refused"]
+
+
+def test_a_saved_design_has_the_numbers_that_were_shown(page, capsys):
+    changes = ["instrument.optics.f_number=2.1", "instrument.detector.exposure=91.7 ms"]
+    shown = page.ask("paint", changes=changes)
+    assert page.ask("save", changes=changes, name="mine")["done"].startswith(str(page.folder))
+    saved = page.folder / "mine.toml"
+    assert "base" in saved.read_text()
+    result = output_of(capsys, "budget", str(saved))["analytic"]
+    whole = result["end to end"]
+    assert (shown["across"], shown["about"]) == (whole["across"], whole["about"])
+    causes = {cause["name"]: cause["across"] for cause in shown["causes"]}
+    assert causes == {name: line["across"] for name, line in result["causes"].items()}
+    found = output_of(capsys, "requirements", str(saved))
+    later = page.ask("later", changes=changes)
+    margins = {row["name"]: row["margin"] for row in later["requirements"] if "margin" in row}
+    assert margins == found["margins"]
+    assert later["expected"] == found["expected_arcsec"]
+
+
+@pytest.mark.parametrize("name", ["../mine", "a/b", "", ".hidden", "x.toml", "a" * 65])
+def test_nothing_is_written_outside_the_folder(page, name):
+    assert "name must" in page.ask("save", changes=[], name=name)["refused"]
+
+
+def test_a_frame_is_that_of_the_trial(page):
+    first, same, other = (page.ask("paint", trial=trial)["frame"] for trial in (3, 3, 4))
+    assert first == same
+    assert first["pixels"] != other["pixels"]
+
+
+def test_a_form_has_units_limits_and_the_words_of_datasheets(page):
+    rows = {row["key"]: row for row in page.ask("form", changes=[])}
+    exposure = rows["instrument.detector.exposure"]
+    assert (exposure["value"], exposure["unit"]) == ("80 ms", "ms")
+    assert rows["tracker.detection.centroid"]["choices"]
+    assert "campaign.variables.0.low" in rows
+    assert "instrument.detector.pixel_pitch" in page.ask("keys", words="field of view")
+
+
+def ended(page, name, seconds=60):
+    for _ in range(int(seconds / 0.05)):
+        state = page.ask(f"{name}/state")
+        if not state["running"]:
+            return state
+        time.sleep(0.05)
+    raise AssertionError(f"{name} does not end")
+
+
+def test_trials_start_stop_and_continue_as_montecarlo_has_them(page, capsys):
+    asked = {"changes": [], "trials": 24, "fidelity": "covariance"}
+    page.ask("trials/start", **asked)
+    page.ask("trials/stop")
+    page.ask("trials/start", **asked)
+    state = ended(page, "trials")
+    assert state["count"] == 24
+    words = "--trials", "24", "--fidelity", "covariance", "--workers", "1"
+    result = output_of(capsys, "montecarlo", str(DESIGN), *words)
+    assert f"{result['across_rms_arcsec']:.3f}" in state["lines"][0]
+    assert "fidelity must be" in page.ask("trials/start", trials=1, fidelity="x")["refused"]
+
+
+@pytest.mark.slow
+def test_a_search_is_started_watched_stopped_and_continued(page):
+    changes = list(TINY)
+    page.ask("search/start", changes=changes)
+    assert "a search runs already" in page.ask("search/start", changes=changes)["refused"]
+    for _ in range(2400):
+        if any("values" in line for line in page.ask("search/state")["lines"]):
+            break
+        time.sleep(0.05)
+    page.ask("search/stop")
+    stopped = page.ask("search/state")
+    assert stopped["stopped"]
+    page.ask("search/start", changes=changes)
+    state = ended(page, "search", 200)
+    designs = [line for line in state["lines"] if "values" in line]
+    assert len(designs) >= len([line for line in stopped["lines"] if "values" in line]) > 0
+    assert any(line["by"] != "formula" for line in designs)
+    assert "ending" in state["result"]
+    assert (page.folder / "search" / "best.toml").is_file()
+
+
+def test_an_earth_camera_has_forecast_margins_and_sliders():
+    page = EarthPage(Path(str(shipped("scenes/hsrs.toml"))), 1)
+    shown = page.paint([], 0)
+    assert shown["answer"].startswith("smallest fire")
+    assert shown["sliders"]
+    assert all(row["limit"] for row in shown["requirements"])
+    assert page.form([])
