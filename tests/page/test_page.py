@@ -4,6 +4,7 @@ import http.client
 import json
 import threading
 import time
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -35,12 +36,11 @@ class Client:
     def send(self, method, path, body=b"", **headers):
         own = {"Cookie": self.cookie, "Content-Type": "application/json"}
         own |= {name.replace("_", "-"): value for name, value in headers.items()}
-        connection = http.client.HTTPConnection("127.0.0.1", self.server.server_port, timeout=120)
-        connection.request(method, path, body, own)
-        reply = connection.getresponse()
-        content = reply.read()
-        connection.close()
-        return reply, content
+        port = self.server.server_port
+        with closing(http.client.HTTPConnection("127.0.0.1", port, timeout=120)) as connection:
+            connection.request(method, path, body, own)
+            with connection.getresponse() as reply:
+                return reply, reply.read()
 
     def ask(self, path, **body):
         reply, content = self.send("POST", f"/api/{path}", json.dumps(body).encode())
