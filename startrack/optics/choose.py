@@ -8,7 +8,7 @@ import numpy as np
 from startrack.core import Floats, is_code
 from startrack.optics.diffraction import blur_transfer, pixel_transfer, pupil_transfer
 from startrack.optics.parameters import MODELS, Optics
-from startrack.optics.pupil import area_weights, pupil_grid, zernike
+from startrack.optics.pupil import area_weights, nearest_segment, pupil_grid, segment_path, zernike
 
 STEEPEST = 0.999  # largest sine of an angle at the focus; it clips the soft edge beyond the rim
 
@@ -72,6 +72,8 @@ def wavefront(optics: Optics, model: str, samples: int) -> Wavefront:
     for aberration in optics.aberrations:
         if aberration.growth == 0 and aberration.rms:
             path = path + aberration.rms * zernike(aberration.noll, x, y)
+    if not optics.pupil.phased:
+        path = path + segment_path(optics.pupil, coordinate, coordinate[:, None], radius)
     weight = opened * amplitude
     return Wavefront(coordinate, weight, path, float((weight * amplitude).sum()), scale / (2 * rim))
 
@@ -81,6 +83,10 @@ def steepest_slope(optics: Optics, model: str) -> float:
     wave = wavefront(optics, model, 96)
     down, across = np.gradient(wave.path, wave.coordinate, wave.coordinate)
     inside = np.hypot(wave.coordinate, wave.coordinate[:, None]) <= 1
+    if not optics.pupil.phased:  # steps between segments are no slopes
+        x, y = wave.coordinate, wave.coordinate[:, None]
+        step = np.gradient(nearest_segment(optics.pupil, x, y).astype(float))
+        inside &= (step[0] == 0) & (step[1] == 0)
     return float(np.hypot(down, across)[inside].max())
 
 

@@ -9,7 +9,17 @@ from itertools import combinations
 import numpy as np
 from scipy import special
 
-from startrack.core import FINITE, POSITIVE, Floats, Parameters, Range, Refused, Unit, parameter
+from startrack.core import (
+    FINITE,
+    POSITIVE,
+    Floats,
+    Ints,
+    Parameters,
+    Range,
+    Refused,
+    Unit,
+    parameter,
+)
 
 EDGE = 0.75  # cell, width of the soft edge: 3e-6 of the peak at twice the critical sampling
 MARGIN = 3  # cells beyond the rim, where the soft edge is zero
@@ -30,6 +40,21 @@ class Segment(Parameters):
         '"circle" or "hexagon" (two of its sides along x)',
         limit=Range(choices=("circle", "hexagon")),
         default="hexagon",
+    )
+    piston: float = parameter(
+        "path of its wavefront beyond that of the others; a mirror moves by half of it",
+        unit=Unit("m", "nm"),
+        limit=FINITE,
+        default=0.0,
+    )
+    tilt_x: float = parameter(
+        "slope of its wavefront along x about its centre; a mirror turns by half of it",
+        unit=Unit("rad", "arcsec"),
+        limit=Range(-0.1, 0.1),
+        default=0.0,
+    )
+    tilt_y: float = parameter(
+        "likewise along y", unit=Unit("rad", "arcsec"), limit=Range(-0.1, 0.1), default=0.0
     )
 
     def __post_init__(self) -> None:
@@ -99,6 +124,31 @@ class Pupil(Parameters):
         Accuracy  numerical: 1e-5 for shapes with corners.
         """
         return 1.0 if self.clear else _open_fraction(self)
+
+    @property
+    def phased(self) -> bool:
+        """Whether all segments are in one wavefront."""
+        return not any(one.piston or one.tilt_x or one.tilt_y for one in self.segments)
+
+
+def nearest_segment(pupil: Pupil, x: Floats, y: Floats) -> Ints:
+    """Number of the segment that is nearest to each point, by distance over size."""
+    apart = [np.hypot(x - one.x, y - one.y) / one.size for one in pupil.segments]
+    return np.argmin(apart, axis=0)
+
+
+def segment_path(pupil: Pupil, x: Floats, y: Floats, radius: float) -> Floats:
+    """Path (metre) by piston and tilt of the segment nearest to each point.
+
+    x, y    1, in radii of the aperture, of shapes that broadcast
+    radius  metre, of the aperture
+    """
+    each = [
+        one.piston + radius * (one.tilt_x * (x - one.x) + one.tilt_y * (y - one.y))
+        for one in pupil.segments
+    ]
+    number = nearest_segment(pupil, x, y)
+    return np.take_along_axis(np.array(each), number[None], axis=0)[0]
 
 
 @lru_cache(maxsize=64)

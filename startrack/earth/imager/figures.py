@@ -16,7 +16,13 @@ from startrack.earth.imager.band import INFRARED, Band, band_of
 from startrack.earth.imager.lens import field_lens, image_pixels
 from startrack.earth.imager.parameters import Channel, Performance, Survey, exposure_of, smear
 from startrack.earth.terrain import geodetic
-from startrack.optics import blur_transfer, modulation, pixel_transfer, pupil_transfer
+from startrack.optics import (
+    aperture_transfer,
+    blur_transfer,
+    modulation,
+    pixel_transfer,
+    pupil_transfer,
+)
 from startrack.space import GM
 
 PLACES = 17  # along a line, whose lowest MTF is taken
@@ -87,8 +93,8 @@ def figures(
     rate    radian / second of the ground below
     light   watt / m^2 / sr / m; None for that of the channel, else that of `reference`
     Raises    ValueError as `field_lens`, of a lens table that does not hold field or band.
-    Accuracy  model: flat ground; without a lens table, a lens without aberrations beyond its blur,
-              at the mean wavelength.
+    Accuracy  model: flat ground; without a lens table, the lens at the mean wavelength on the axis,
+              with its pupil, its segments and its aberrations that do not grow over the field.
     """
     optics, detector = channel.optics, channel.detector
     focal, pitch = optics.image_distance, detector.pitch
@@ -110,8 +116,8 @@ def figures(
     if optics.tabulated:
         across, along, illumination = _lens_over_field(channel, band, rate, drift)
     else:
-        across = sharpness(channel, wavelength, 0.0, channel.average)
-        along, illumination = sharpness(channel, wavelength, drift), None
+        across = sharpness(channel, wavelength, "x", merged=channel.average)
+        along, illumination = sharpness(channel, wavelength, "y", drift), None
     across *= _read_out(channel)
     numbers = 2**detector.bits - 1
     full = detector.full_well * min(1.0, (1 - detector.offset / numbers) / detector.gain)
@@ -179,15 +185,21 @@ def known(performance: Performance) -> dict[str, float]:
     return {name: value for name, value in vars(performance).items() if value is not None}
 
 
-def sharpness(channel: Channel, wavelength: float, drift: float, merged: int = 1) -> float:
+def sharpness(
+    channel: Channel, wavelength: float, along: str, drift: float = 0.0, merged: int = 1
+) -> float:
     """MTF along one axis at half a cycle per pixel, or per `average` pixels.
 
+    along   "x" or "y", along columns and rows
     drift   metre on the detector, of the image in an exposure
     merged  pixels along this axis that are averaged
     """
     nyquist = np.array([0.5 / channel.detector.pitch / channel.average])
     optics, side = channel.optics, channel.detector.pitch * math.sqrt(channel.detector.fill_factor)
-    lens = pupil_transfer(nyquist, wavelength, optics.working_f_number)
+    if optics.plain:
+        lens = pupil_transfer(nyquist, wavelength, optics.working_f_number)
+    else:
+        lens = aperture_transfer(optics, wavelength, nyquist, along)
     blur = blur_transfer(nyquist, math.hypot(optics.total_blur, channel.detector.diffusion))
     mean = _merged(channel) if merged > 1 else 1.0
     both = pixel_transfer(nyquist, side) * pixel_transfer(nyquist, drift)

@@ -115,7 +115,10 @@ class Fires(NamedTuple):
     @property
     def left_out(self) -> tuple[str, ...]:
         """As in `RetrievalStudy`."""
-        return ("lines of sight aside, relief and clouds", "the registration of both channels")
+        out = ["lines of sight aside, relief and clouds", "the registration of both channels"]
+        if any(not channel.optics.plain for channel in self.design.camera.channels):
+            out.append("formulas alone: the pupil's shape, segments, defocus and aberrations")
+        return tuple(out)
 
     def expected(self) -> dict[str, float]:
         """As in `RetrievalStudy`."""
