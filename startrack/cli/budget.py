@@ -35,6 +35,7 @@ if wanted(__name__):
         analytic,
     )
     from startrack.cli import terminal
+    from startrack.cli.predict import prediction_answer, prediction_values
     from startrack.cli.units import (
         AXES,
         budgets_of,
@@ -49,10 +50,12 @@ if wanted(__name__):
     from startrack.metrics import Interval
     from startrack.montecarlo import pool
     from startrack.optimise import halved, levers
+    from startrack.prediction import predict
     from startrack.response import TYPICAL, errors, lasting
     from startrack.sequence import Sequence as Profiled
     from startrack.trial import SingleStars
 
+DRAWS = 32  # of what is not known
 UNITS = 6  # where a design varies and no number is asked for
 MOST_ROWS = 12  # of single stars in text; JSON has all
 FEW_CAUSES = 3  # that are explained without --full: the largest
@@ -95,6 +98,13 @@ declare = Options(
         "from its [[variation]] tables and calibrated, at the begin and the end of its "
         f"lifetime (default: {UNITS} where it has such tables)",
         whole(2),
+    ),
+    Option(
+        "--draws N",
+        "draws of the values that a design does not know, which give its accuracy an interval as "
+        "`startrack predict` does; 0: none (default: 32)",
+        whole(0, 10**4),
+        DRAWS,
     ),
     Option(
         "--tolerances",
@@ -172,6 +182,21 @@ def command(options: argparse.Namespace) -> int:
     show("\n".join(budgets.advice(expected)[: None if options.full else FEW_CAUSES]))
     if options.full:
         result |= _in_full(case, expected, show)
+    if design.unknowns and options.draws:
+        with (
+            pool(options.workers) as executor,
+            terminal.progress("draws of what is not known", options.draws + 1) as advance,
+        ):
+            sure = predict(
+                terminal.found_file(path),
+                options.set,
+                options.seed,
+                options.draws,
+                executor=executor,
+                progress=advance,
+            )
+        result["not_known"] = prediction_values(sure)
+        show(f"with all that is not known, {prediction_answer(sure)}")
     with terminal.stage("trials beside the formula"):
         checked = budgets.check(case, expected, options.seed)
     result |= {"not_counted": expected.left_out, "refused_as_hot_pixels": expected.refused}

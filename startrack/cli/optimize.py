@@ -17,15 +17,7 @@ if wanted(__name__):
         write_study,
     )
     from startrack.cli.terminal import example, found_file
-    from startrack.design import (
-        KEPT,
-        OPERATED,
-        Campaign,
-        Design,
-        Unknown,
-        save_design,
-        save_overlay,
-    )
+    from startrack.design import Design, save_design, save_overlay
     from startrack.optimise import SearchStage
     from startrack.verification import cost_margins
 
@@ -71,10 +63,9 @@ def command(options: argparse.Namespace) -> int:
         optimum = optimise.optimize(design.case, campaign, runner, log.tried, watch_stage)
     table = optimise.comparison(optimum, campaign)
     note = f"found by startrack optimize, seed {options.seed}"
-    unknowns = still_unknown(design, campaign)
-    for unknown in unknowns:
+    for unknown in design.undrawn:
         note += f"\nfound for the middle of what is not known: {unknown.name}, {unknown}"
-    _save_best(options, Design(optimum.best, campaign, unknowns), note)
+    _save_best(options, Design(optimum.best, design.campaign, design.open_unknowns), note)
     optimise.write_evaluations(options.out / "evaluations.csv", optimum.evaluations)
     plots.draw_convergence(options.out / "convergence.png", optimum, campaign)
     result = {
@@ -111,16 +102,3 @@ def _keep_start(options: argparse.Namespace, opened: ReadCampaign, unmet: str) -
     text = f"The start stays, and nothing was forecast: {unmet}."
     write_study(options, "comparison", text, result)
     return Exit.UNSOLVED
-
-
-def still_unknown(design: Design, campaign: Campaign) -> tuple[Unknown, ...]:
-    """Unknown values of the design that the search did not choose."""
-    chosen = {variable.name for variable in campaign.variables}
-    chosen |= {link.name for link in campaign.links}
-    chosen |= {choice.name for choice in campaign.choices}
-
-    def is_chosen(name: str) -> bool:
-        table, _, key = name.rpartition(".")  # a chosen detector replaces all but some of its keys
-        return name in chosen or (table in chosen and key not in (*KEPT, *OPERATED))
-
-    return tuple(unknown for unknown in design.unknowns if not is_chosen(unknown.name))

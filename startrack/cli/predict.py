@@ -76,7 +76,7 @@ def command(options: argparse.Namespace) -> int:
                 advance,
                 lambda draw: _print_middle(draw) if draw.number == MIDDLE else None,
             )
-    result = {"design": str(path), "seed": options.seed, **_values(prediction)}
+    result = {"design": str(path), "seed": options.seed, **prediction_values(prediction)}
     if options.out:
         options.out.mkdir(parents=True, exist_ok=True)
         plots.draw_prediction(options.out / "prediction.png", prediction, Path(path).stem)
@@ -107,7 +107,8 @@ def _print_middle(draw: Draw) -> None:
     )
 
 
-def _values(prediction: Prediction) -> dict[str, Any]:
+def prediction_values(prediction: Prediction) -> dict[str, Any]:
+    """A prediction for JSON, arcsecond per axis (1 sigma)."""
     return {
         "age_years": prediction.age / YEAR,
         "draws": prediction.draws,
@@ -139,6 +140,18 @@ def _values(prediction: Prediction) -> dict[str, Any]:
     }
 
 
+def prediction_answer(prediction: Prediction) -> str:
+    """The accuracy with its intervals, and the unknown that makes most of their width."""
+    across, about = (prediction.figure(ACCURACY, axis) for axis in ("across", "about"))
+    return (
+        f"accuracy, rms per axis (1 sigma): {across.median / arcsec:.3g} arcsec across "
+        f"{_interval(across.low_68, across.high_68)} and {about.median / arcsec:.3g} about "
+        f"{_interval(about.low_68, about.high_68)} in 68 %, at {prediction.age / YEAR:g} yr; "
+        f"of {len(prediction.unknowns)} unknown values {across.causes[0][0]} makes the largest "
+        f"part of the width across, {across.causes[0][1]:.0%}"
+    )
+
+
 def _text(prediction: Prediction) -> str:
     across, about = (prediction.figure(ACCURACY, axis) for axis in ("across", "about"))
     rows = [["arcsec, rms per axis (1 sigma)", "axis", "middle", "median", "68 %", "95 %"]]
@@ -154,11 +167,7 @@ def _text(prediction: Prediction) -> str:
         for figure in prediction.figures
     ]
     lines = [
-        f"accuracy, rms per axis (1 sigma): {across.median / arcsec:.3g} arcsec across "
-        f"{_interval(across.low_68, across.high_68)} and {about.median / arcsec:.3g} about "
-        f"{_interval(about.low_68, about.high_68)} in 68 %, at {prediction.age / YEAR:g} yr; "
-        f"of {len(prediction.unknowns)} unknown values {across.causes[0][0]} makes the largest "
-        f"part of the width across, {across.causes[0][1]:.0%}",
+        prediction_answer(prediction),
         "",
         *aligned(rows, (0, 1)),
         "",

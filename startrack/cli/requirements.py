@@ -47,7 +47,7 @@ def command(options: argparse.Namespace) -> int:
         return earth
     path = options.campaign or example()
     design = read_design(path, options.set)
-    campaign = design.campaign
+    campaign = design.asked
     if campaign is None:
         raise WrongUse(f"{path} must have a table [campaign] with requirements")
     needs, show = campaign.requirements, sections(options)

@@ -101,11 +101,13 @@ def print_unknown(design: Design, owner: str = "the design") -> None:
     if not design.unknowns:
         return
     names = [unknown.name for unknown in design.unknowns]
+    drawn = design.campaign.unknown_draws if design.campaign else 0
     more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
     print_message(
         f"startrack: {len(names)} values of {owner} are not known "
-        f"({', '.join(names[:MOST_NAMES])}{more}); figures are for the middle of their laws, "
-        "`startrack predict` gives intervals"
+        f"({', '.join(names[:MOST_NAMES])}{more}); figures are for the middle of their laws"
+        + (f", conditions for {drawn} draws" if drawn else "")
+        + ", `startrack predict` gives intervals"
     )
 
 
@@ -135,9 +137,10 @@ def found_file(path: Path, folders: Iterable[str] = SHIPPED, kind: str = "a desi
 def read_campaign(path: Path, changes: Iterable[str] = ()) -> tuple[Design, Campaign]:
     """A design that comes with a campaign."""
     design = read_design(path, changes)
-    if design.campaign is None or not design.campaign.variables:
+    campaign = design.asked
+    if campaign is None or not campaign.variables:
         raise WrongUse(f"{path} must have a table [campaign] that names variables")
-    return design, design.campaign
+    return design, campaign
 
 
 def read_sequence(path: Path) -> Sequence:

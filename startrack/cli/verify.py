@@ -58,7 +58,7 @@ def command(options: argparse.Namespace) -> int:
     """Print the table of verdicts; with --out, write it."""
     path = options.campaign or terminal.example()
     design = terminal.read_design(path, options.set)
-    case, campaign, units = design.case, design.campaign, options.units
+    case, campaign, units = design.case, design.asked, options.units
     if campaign is None:
         raise shared.WrongUse(f"{path} must have a table [campaign] with requirements")
     fidelity = Fidelity(options.fidelity or ("window" if units else "frame"))
@@ -113,8 +113,9 @@ def command(options: argparse.Namespace) -> int:
         _, _, rest = table.partition("\n")
         table = (
             f"verdict: NOT SHOWN: {len(unknowns)} values are not known ({', '.join(unknowns)}), "
-            "and what passes does so for the middle of their laws; startrack predict gives the "
-            f"interval\n{rest}"
+            "and what passes does so for the middle of their laws"
+            + (f" and {drawn} draws" if (drawn := campaign.unknown_draws) else "")
+            + f"; startrack predict gives the interval\n{rest}"
         )
     result = {"design": str(path), "seed": options.seed, "fidelity": fidelity.value}
     result |= {"unknowns": unknowns} if unknowns else {}

@@ -65,7 +65,7 @@ from startrack.design.products import KEPT, OPERATED, products, with_product
 from startrack.design.requirements import COSTS, Accuracy, KeepOut, Requirements, cost_of
 from startrack.design.structure import TURNS, Structure
 from startrack.design.told import ERROR_FIGURES, FRAME_FIGURES, Told
-from startrack.design.unknown import INCLUDE, Unknown
+from startrack.design.unknown import INCLUDE, Unknown, stratified
 from startrack.design.variables import (
     OF_IMAGES,
     Choice,

@@ -56,6 +56,12 @@ class Campaign(Parameters):
         '"across + 0.1 about", a weighted sum of rms errors',
         default="across",
     )
+    unknown_draws: int = parameter(
+        "draws of what is not known in which the design is judged, too, each a condition of "
+        "weight 1 with one value of each unknown; 0: all unknowns stay at their middle",
+        limit=Range(0, 200),
+        default=0,
+    )
     conditions_mean: str = parameter(
         "how the objective counts conditions, by their weights: their geometric, arithmetic or "
         "quadratic mean; or the worst of those that have a weight",

@@ -1,7 +1,7 @@
 """Design files: a case, and optionally a campaign on it, as TOML with units in strings."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -9,12 +9,13 @@ from startrack.core import Refused, code_in, printed, require_code, shown
 from startrack.core import allow_code as allowed
 from startrack.design.campaign import Campaign
 from startrack.design.case import Case, Instrument
+from startrack.design.conditions import Change, Condition
 from startrack.design.products import DETECTOR, KEPT, OPERATED, with_product, with_product_files
 from startrack.design.products import PLACE as PRODUCT
 from startrack.design.spectrum import PLACE as SPECTRA
 from startrack.design.spectrum import with_spectra
 from startrack.design.told import Told
-from startrack.design.unknown import Quantile, Unknown, UnknownReader, is_law, with_laws
+from startrack.design.unknown import Quantile, Unknown, UnknownReader, is_law, stratified, with_laws
 from startrack.design.variation import Scope
 from startrack.io import (
     LayerRules,
@@ -48,6 +49,60 @@ class Design:
     campaign: Campaign | None = None
     unknowns: tuple[Unknown, ...] = ()
     told: tuple[Told, ...] = ()
+
+    @property
+    def open_unknowns(self) -> tuple[Unknown, ...]:
+        """Unknown values that no variable, link or choice of the campaign replaces."""
+        if self.campaign is None:
+            return self.unknowns
+        replaced = {variable.name for variable in self.campaign.variables}
+        replaced |= {link.name for link in self.campaign.links}
+        replaced |= {choice.name for choice in self.campaign.choices}
+
+        def is_replaced(name: str) -> bool:
+            # A chosen detector replaces all but some of its keys.
+            table, _, key = name.rpartition(".")
+            return name in replaced or (table in replaced and key not in (*KEPT, *OPERATED))
+
+        return tuple(unknown for unknown in self.unknowns if not is_replaced(unknown.name))
+
+    @property
+    def undrawn(self) -> tuple[Unknown, ...]:
+        """Unknown values that stay at their middle in all conditions of `asked`."""
+        drawn = self.campaign is not None and self.campaign.unknown_draws > 0
+        return tuple(
+            unknown for unknown in self.open_unknowns if not (drawn and unknown.of_one_key)
+        )
+
+    @property
+    def asked(self) -> Campaign | None:
+        """The campaign, with draws of what is not known among the conditions.
+
+        Each draw has one value of each unknown, of its equal part of the probability (Latin
+        hypercube); the draws are the same for all seeds, so that designs are compared on them.
+        """
+        campaign = self.campaign
+        if campaign is None or not campaign.unknown_draws:
+            return campaign
+        unknowns = [unknown for unknown in self.open_unknowns if unknown.of_one_key]
+        if not unknowns:
+            raise Refused(
+                "campaign.unknown_draws must be 0 where no value of the design is unknown, or all "
+                f"are what the campaign varies or files among several, got {campaign.unknown_draws}"
+            )
+        count = campaign.unknown_draws
+        quantile = {unknown.name: stratified(1, unknown.name, count) for unknown in unknowns}
+        drawn = tuple(
+            Condition(
+                name=f"draw {number + 1}",
+                change=tuple(
+                    Change(unknown.name, unknown.at(float(quantile[unknown.name][number])))
+                    for unknown in unknowns
+                ),
+            )
+            for number in range(count)
+        )
+        return replace(campaign, conditions=(*campaign.conditions, *drawn))
 
     @property
     def _rows(self) -> list[tuple[str, str]]:

@@ -10,13 +10,14 @@ import itertools
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
 from pathlib import PurePosixPath
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import ndtri
 
-from startrack.core import Floats, Ints, Refused, shown
+from startrack.core import Floats, Ints, Refused, Streams, shown
 
 # The keys of each form of a law.
 FORMS = (("low", "high"), ("median", "factor"), ("among",), ("among", "weight"))
@@ -49,6 +50,13 @@ class Unknown(NamedTuple):
     def choice(self) -> bool:
         """Whether the law is one of several values."""
         return "among" in self.law
+
+    @property
+    def of_one_key(self) -> bool:
+        """Whether it is the value of one key, a number or a text, and not a file or a table."""
+        values = self.law.get("among", ())
+        scalar = all(isinstance(value, str | int | float) for value in values)
+        return scalar and not self.name.startswith(f"{INCLUDE} ")
 
     @property
     def weights(self) -> list[float]:
@@ -141,6 +149,16 @@ class Unknown(NamedTuple):
         if "median" in law:
             return f"{law['median']}, 68 % within a factor of {law['factor']:g}"
         return f"between {law['low']} and {law['high']}"
+
+
+@lru_cache(maxsize=256)
+def stratified(seed: int, name: str, count: int) -> Floats:
+    """Numbers (count,) in (0, 1), one in each of as many equal parts, in random order.
+
+    Of all names together, a Latin hypercube (McKay et al. 1979, Technometrics 21, 239).
+    """
+    random = Streams(seed, 0)(f"unknown {name}")
+    return (random.permutation(count) + random.uniform(1e-9, 1 - 1e-9, count)) / count
 
 
 class UnknownReader:

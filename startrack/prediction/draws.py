@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
-from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType
 from typing import NamedTuple
@@ -12,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from startrack.budget import Term, unit_budgets
-from startrack.core import Advance, Floats, Refused, Streams, printed, whole
-from startrack.design import Case, Unknown, load_design
+from startrack.core import Advance, Floats, Refused, printed, whole
+from startrack.design import Case, Unknown, load_design, stratified
 from startrack.verification import expected_in_frames
 
 # Of each unit, chosen by hand: what so few leave is in the scatter of the surface, and small beside
@@ -133,10 +132,3 @@ def _terms(
         term: np.sqrt([(values[0] + values[1]) / 2, values[2]]) for term, values in square.items()
     }
     return terms, float(budgets.availability.mean())
-
-
-@lru_cache(maxsize=256)
-def stratified(seed: int, name: str, count: int) -> Floats:
-    """Numbers (count,) in (0, 1), one in each of as many equal parts, in random order."""
-    random = Streams(seed, 0)(f"unknown {name}")
-    return (random.permutation(count) + random.uniform(1e-9, 1 - 1e-9, count)) / count

@@ -10,8 +10,8 @@ from scipy.special import ndtri
 
 from startrack.budget import Term
 from startrack.core import Floats, Refused, Streams, arcsec, printed
-from startrack.design import Unknown
-from startrack.prediction.draws import Draw, stratified
+from startrack.design import Unknown, stratified
+from startrack.prediction.draws import Draw
 
 LEAST = 1e-6 * arcsec  # radian, of a class of error, whose logarithm is taken
 FINEST = 1e-12  # of a quantile

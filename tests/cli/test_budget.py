@@ -137,3 +137,16 @@ def test_the_number_of_sequences_is_that_of_the_option(capsys, tmp_path, monkeyp
     asked = ["--profile", str(profile), "--sequences", "3", "--workers", "1"]
     assert run(capsys, *asked)[0] == 0
     assert flown == [3]
+
+
+def test_a_design_with_unknown_values_ends_with_the_interval_of_its_prediction(capsys, tmp_path):
+    path = tmp_path / "design.toml"
+    path.write_text(
+        'base = "designs/noise_only.toml"\n[scene]\nbackground_g = { low = 18, high = 22 }\n'
+    )
+    _, out, err = run(capsys, str(path), "--draws", "8", "--workers", "1", "--json")
+    found = json.loads(out)["not_known"]["figures_arcsec"]["NEA"]["across"]
+    assert main(["predict", str(path), "--draws", "8", "--workers", "1", "--json"]) == 0
+    alone = json.loads(capsys.readouterr().out)["figures_arcsec"]["NEA"]["across"]
+    assert found == alone
+    assert found["95"][0] < found["median"] < found["95"][1]

@@ -1,5 +1,6 @@
 """Laws of values that are not known, in a design file."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -7,8 +8,8 @@ import pytest
 from scipy.stats import lognorm, uniform
 
 from startrack import Refused, arcsec, load_design
-from startrack.cli import optimize
-from startrack.design import Unknown, save_design
+from startrack.design import Unknown, replaced, save_design
+from startrack.optimise import expected_objective
 
 NAME = "instrument.optics.f_number"
 
@@ -141,5 +142,33 @@ def test_a_search_keeps_the_laws_of_what_it_does_not_choose(written):
         "[scene]\nbackground_g = { low = 21, high = 22 }\n"
     )
     design = load_design(path)
-    (kept,) = optimize.still_unknown(design, design.campaign)
+    (kept,) = design.open_unknowns
     assert kept.name == "scene.background_g"
+
+
+BACKGROUND = "[scene]\nbackground_g = { low = 19, high = 22 }\n"
+
+
+def test_draws_of_what_is_not_known_are_conditions_of_a_campaign(written):
+    """Each draw lies in its third of the law; the expected error is the mean over all of them."""
+    design = load_design(written(BACKGROUND), ["campaign.unknown_draws=3"])
+    campaign = design.asked
+    drawn = [condition for condition in campaign.conditions if condition.name.startswith("draw")]
+    values = sorted(condition.change[0].value for condition in drawn)
+    assert [19 + k <= value < 20 + k for k, value in enumerate(values)] == [True] * 3
+    assert not design.undrawn
+    errors = [
+        expected_objective(
+            replaced(design.case, "scene.background_g", value),
+            dataclasses.replace(design.campaign, conditions=(), unknown_draws=0),
+        )
+        for value in [design.case.scene.background_g, *values]
+    ]
+    together = expected_objective(design.case, dataclasses.replace(campaign, conditions=drawn))
+    assert together == pytest.approx(np.prod(errors) ** (1 / 4), rel=1e-9)
+    assert errors[1] > errors[2] > errors[3]  # a brighter sky is worse
+
+
+def test_draws_need_something_that_is_not_known(written):
+    with pytest.raises(Refused, match=r"campaign.unknown_draws must be 0 where no value"):
+        load_design(written(""), ["campaign.unknown_draws=2"]).asked  # noqa: B018
