@@ -144,7 +144,7 @@ def test_a_design_with_unknown_values_ends_with_the_interval_of_its_prediction(c
     path.write_text(
         'base = "designs/noise_only.toml"\n[scene]\nbackground_g = { low = 18, high = 22 }\n'
     )
-    _, out, err = run(capsys, str(path), "--draws", "8", "--workers", "1", "--json")
+    _, out, _ = run(capsys, str(path), "--draws", "8", "--workers", "1", "--json")
     found = json.loads(out)["not_known"]["figures_arcsec"]["NEA"]["across"]
     assert main(["predict", str(path), "--draws", "8", "--workers", "1", "--json"]) == 0
     alone = json.loads(capsys.readouterr().out)["figures_arcsec"]["NEA"]["across"]
