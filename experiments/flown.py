@@ -83,8 +83,8 @@ def tim(draw: Draw) -> Figures:
     for name, _, sun, _, _, elevation, distance, _ in BLOCKS:
         sky = lit_from(draw, elevation, sun, distance)
         past = stray * noon * (84.0 / distance) ** 2.5 * min(1.0, max(sun + 7, 0.0) / 15)
-        # Reflections of the gondola, ground that differs; a ground in dusk below a low Sun; the first
-        # block may be lower than float.
+        # Reflections of the gondola, ground that differs; dusk below a low Sun; the first block may
+        # be lower than float.
         scatter = draw.about(f"tim block {name}", 1.0, 1.04 if sun > 10 else 1.15)
         rising = 1 + 0.6 * draw.uniform("tim rising", 0, 1) ** 3 if name == "18:08" else 1.0
         electrons.append((sky + past) * shaded * scatter * rising)
@@ -362,6 +362,8 @@ WIDE = {
     "G4": "the model of distortion that is fitted",
     "G5": "the spacecraft's control, not the camera's",
 }
+# Electron / s of a pixel of BRITE's CCD at each degC: median, and the factor that holds 68 %.
+DARK = {"10": [3.0, 2.6], "20": [8.0, 2.5], "30": [21.5, 2.6], "40": [58.0, 2.7]}
 CANNOT = {
     "T14": "share with an attitude of other exposures and gains: the solver's limits where pixels "
     "are full, and in little light, are unknown",
@@ -409,7 +411,7 @@ def main() -> None:
         print(f"{name:24} {row['median']:10.4g} [{row['low_90']:.4g}, {row['high_90']:.4g}]")
     if options.predict:
         head = {"version": version("startrack"), "commit": command.commit(), "seed": SEED}
-        text = head | {"draws": count, "figures": table, "cannot": CANNOT}
+        text = head | {"draws": count, "figures": table, "cannot": CANNOT, "dark": DARK}
         options.predict.write_text(json.dumps(text, indent=1) + "\n", encoding="utf-8")
 
 
