@@ -469,10 +469,15 @@ def spectrum(options: argparse.Namespace) -> int:
 def air(options: argparse.Namespace) -> int:
     """Write a table of the air from two runs of MODTRAN."""
     geometry = RunGeometry(*(getattr(options, name) for name in RunGeometry._fields))
-    first, second = options.runs
-    with as_wrong_use():
+    dark, bright = options.albedo
+    with as_wrong_use(ValueError, FileNotFoundError):
         count = import_tape7(
-            (first, second), tuple(options.albedo), options.out, geometry, options.unit, options.add
+            (options.first, options.second),
+            (dark, bright),
+            options.out,
+            geometry,
+            options.unit,
+            options.add,
         )
     print_result(
         options,

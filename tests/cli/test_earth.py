@@ -145,3 +145,29 @@ def test_terrain_files_are_listed_and_can_be_flown_over(undrawn, tmp_path, capsy
     assert result["height_m"][1] <= 1000
     assert main(["earth", "terrain", str(tmp_path / "scene.toml")]) == 2
     assert "must be a raster file of GDAL's GTiff" in capsys.readouterr().err
+
+
+def test_output_of_modtran_becomes_a_table_that_a_scene_names(tmp_path, capsys):
+    """Two runs of a bare layout; what is wrong is said in a sentence, with status 2."""
+    for name, albedo in (("a.csv", 0.1), ("b.csv", 0.5)):
+        lines = ["FREQ,TOT_TRANS,THRML_EM,SOL_SCAT,GRND_RFLT,DRCT_RFLT,TOTAL_RAD"]
+        lines += [
+            f"{place},0.9,0,0.1,{0.4 * albedo},{0.3 * albedo},1" for place in range(500, 601, 10)
+        ]
+        (tmp_path / name).write_text("\n".join(lines) + "\n")
+    out = tmp_path / "air.csv"
+    runs = ["earth", "air", str(tmp_path / "a.csv"), str(tmp_path / "b.csv"), "--unit", "nm"]
+    more = ["--albedo", "0.1", "0.5", "--out", str(out)]
+    assert main([*runs, *more, "--sun-zenith", "30"]) == 0
+    assert main([*runs, *more, "--sun-zenith", "50", "--add"]) == 0
+    assert "11 wavelengths" in capsys.readouterr().out
+    assert len(out.read_text().splitlines()) == 23
+    for wrong, words in (
+        (["--albedo", "0", "0.5"], "albedos must be two different numbers"),
+        (["--sun-zenith", "95", "--out", str(tmp_path / "c.csv")], "column sun_zenith"),
+        (["--azimuth", "0", "--add", "--out", str(out)], "must have the columns"),
+    ):
+        assert main([*runs, *more, *wrong]) == 2
+        assert words in capsys.readouterr().err
+    assert not (tmp_path / "c.csv").exists()
+    assert main([*runs[:3], str(tmp_path / "none.tp7"), *runs[4:], *more]) == 2

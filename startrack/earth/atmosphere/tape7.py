@@ -10,7 +10,7 @@ import numpy as np
 
 from startrack.core import Floats, Refused, um
 from startrack.earth.atmosphere.radiance_table import LIGHT, RATIOS, load_radiance_table
-from startrack.io import content, save_text
+from startrack.io import content, whole
 
 WHAT = "output of MODTRAN (tape7, tape7.scn or CSV)"
 # Columns by their names in MODTRAN 3 to 6; a blank inside a name counts as "_".
@@ -111,10 +111,14 @@ def import_tape7(
         first = before.splitlines()[0]
         if first != head:
             raise Refused(f"{out} must have the columns {head} to add rows, has {first}")
-    text = (before or head + "\n") + "\n".join(lines) + "\n"
-    save_text(out, text)
-    if not add:
-        load_radiance_table(out)
+    rows = "\n".join(lines) + "\n"
+    with whole(out) as draft:
+        draft.write_text(f"{head}\n{rows}", encoding="utf-8")
+        try:  # alone: with others it may lack geometries that are still to come
+            load_radiance_table(draft)
+        except Refused as error:
+            raise Refused(str(error).replace(str(draft), str(out))) from None
+        draft.write_text((before or f"{head}\n") + rows, encoding="utf-8")
     return len(place)
 
 

@@ -98,7 +98,8 @@ def _rectangles(
 ) -> tuple[Rectangle, ...]:
     made = []
     for channel in survey.camera.channels:
-        if mean_wavelength(channel) > INFRARED:
+        place = mean_wavelength(channel)
+        if place > INFRARED or not wavelength[0] <= place <= wavelength[-1]:
             continue
         band = band_of(channel, survey.air, above, survey.sun_distance)
         mean = float(band.weight @ band.wavelength)
