@@ -72,7 +72,7 @@ def main() -> None:
     for name, value in measured(options):
         figures[name] = value
         print(f"{name}: {value}", flush=True)
-    command.save(options, figures)
+        command.save(options, figures)  # so that an interrupted run leaves what it measured
 
 
 def measured(options: argparse.Namespace) -> Iterator[tuple[str, Any]]:
@@ -88,7 +88,10 @@ def measured(options: argparse.Namespace) -> Iterator[tuple[str, Any]]:
             for name, problem in problems.items()
         },
     )
-    rows = {name: trials(problem, options.trials) for name, problem in problems.items()}
+    rows = dict[str, tuple[float, Rows]]()
+    for name, problem in problems.items():
+        rows[name] = trials(problem, options.trials)
+        print(f"{name}: {rows[name][0]:.3g} s a trial", flush=True)
     yield "trial_s", {name: each for name, (each, _) in rows.items()}
     yield "hsrs_area_m2", problems["hsrs"].judge(rows["hsrs"][1]).value.value
     modis = modis_problem()
