@@ -30,6 +30,7 @@ from startrack.earth.atmosphere.radiance import (
 from startrack.earth.atmosphere.radiance_table import (
     RadianceTable,
     load_radiance_table,
+    load_user_table,
     radiance_bands,
 )
 from startrack.earth.atmosphere.spectra import edges_of, sun_spectrum

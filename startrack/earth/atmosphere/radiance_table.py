@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from startrack.core import Floats, Refused, deg, parse, positive, printed, um
-from startrack.earth.atmosphere.table import BandTable, require_response
+from startrack.earth.atmosphere.table import AirTable, BandTable, load_table, require_response
 from startrack.io import content, csv_table, first_line, read_bytes, require_fits
 
 WHAT = "a table of the air"
@@ -50,6 +50,7 @@ RATIOS = ("backscatter", "through")
 HEAT = ("rise", "fall")
 UNITS = dict.fromkeys((*LIGHT, *HEAT), RADIANCE) | dict.fromkeys(RATIOS, "")
 FEWEST = 3  # wavelengths of a table
+BLOCK, BUILT = 2880, b"TABLE   ="  # byte of a FITS header; its keyword in a built table
 HEADING = re.compile(r"(\w+)\s*(?:\[([^\]]*)\])?")
 
 
@@ -90,6 +91,17 @@ class RadianceTable:
     through: Floats
     rise: Floats | None = None
     fall: Floats | None = None
+
+
+def load_user_table(path: Path) -> AirTable | RadianceTable:
+    """A table that a scene names: of any program, or as the shipped ones are built.
+
+    Raises  ValueError as `load_radiance_table` and `load_table`.
+    """
+    head = read_bytes(path, WHAT)[:BLOCK]
+    if head.startswith(b"SIMPLE") and BUILT in head:
+        return load_table(path)
+    return load_radiance_table(path)
 
 
 def load_radiance_table(path: Path) -> RadianceTable:

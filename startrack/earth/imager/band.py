@@ -159,7 +159,7 @@ def air_table(air: atmosphere.Air | None, infrared: bool) -> TableOfAir:
     if air is None:
         return atmosphere.vacuum()
     if air.table:
-        return atmosphere.load_radiance_table(Path(air.table))
+        return atmosphere.load_user_table(Path(air.table))
     water, ozone = air.columns
     if infrared:
         if (water, ozone) != atmosphere.Air().columns:
@@ -173,7 +173,9 @@ def air_table(air: atmosphere.Air | None, infrared: bool) -> TableOfAir:
     particles = atmosphere.Air(air.aerosol, air.visibility)
     found = next((table for table in tables if table.air == particles), None)
     if found is None and (air.aerosol != "rural" or air.visibility < tables[-1].air.visibility):
-        raise Refused(f"air must be none, or rural from 5 to 150 km, got {air}")
+        raise Refused(
+            f"air must be none, or rural from 5 to 150 km, got {air}; air.table may name another"
+        )
     found = found or atmosphere.mixed(particles, tables)
     if (water, ozone) == found.air.columns:
         return found

@@ -20,6 +20,7 @@ from startrack.earth.atmosphere import (
 from startrack.earth.imager import band_of
 from startrack.earth.retrieval import EarthProblem, ground_spectrum, load_earth_design
 from startrack.earth.retrieval.patch import level_ground
+from startrack.io import shipped
 
 WHITE = {"path": 20.0, "direct": 300.0, "sky": 60.0, "around": 40.0}  # W / m2 / sr / um
 MIRRORED, THROUGH = 0.1, 0.7
@@ -381,3 +382,12 @@ def test_wrong_runs_are_refused(tmp_path):
     second.write_text("\n".join(half[:-2]) + "\n")
     with pytest.raises(Refused, match="must have the same wavelengths"):
         import_tape7((first, second), (0.1, 0.6), out)
+
+
+def test_a_table_as_the_shipped_ones_is_taken_too():
+    channel = load_earth_design("fields").camera.channels[1]
+    found, wanted = (
+        band_of(channel, air, 786e3, 1.0).table.path
+        for air in (Air(table=str(shipped("atmosphere/rural-5km.fits"))), Air(visibility=5e3))
+    )
+    np.testing.assert_array_equal(found, wanted)
