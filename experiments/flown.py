@@ -1,6 +1,6 @@
 """Question: do predictions of cameras that flew hold, frozen before the data were opened?
 
-    python experiments/flown.py [--predict FILE] [--json FILE] [--quick]
+    python experiments/flown.py [--predict FILE] [--page FILE] [--json FILE] [--quick]
 
 Designs with laws of what is not published (experiments/flown/*.toml) are drawn DRAWS times; each
 draw gives the figures of docs/figures/flown.md from the light of sky and stars in the design, and
@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import command
+import flown_page
 import numpy as np
 from flown_cameras import (
     DESIGNS,
@@ -38,7 +39,7 @@ from flown_cameras import (
 from startrack.core import Floats, arcsec, deg
 
 SEED, DRAWS, QUICK_DRAWS = 1, 400, 12
-COMMITTED = DESIGNS / "predictions.json"
+COMMITTED, RESULTS = DESIGNS / "predictions.json", DESIGNS / "results.json"
 QUANTILES = {"median": 0.5, "low_68": 0.16, "high_68": 0.84, "low_90": 0.05, "high_90": 0.95}
 QUANTILES |= {"low_95": 0.025, "high_95": 0.975}
 Figures = dict[str, float]
@@ -401,14 +402,24 @@ def predicted(count: int, seed: int = SEED) -> dict[str, dict[str, Any]]:
     return table
 
 
+def page() -> str:
+    """The text of docs/figures/flown.md, of the committed predictions and results."""
+    frozen = json.loads(COMMITTED.read_text(encoding="utf-8"))
+    results = json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.exists() else None
+    return flown_page.text_of(frozen, results, "python experiments/flown.py")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--predict", type=Path, help="write the predictions to this file")
+    parser.add_argument("--page", type=Path, help="write the page of the committed figures")
     options = command.read(parser)
     count = QUICK_DRAWS if options.quick else DRAWS
     table = predicted(count)
     for name, row in table.items():
         print(f"{name:24} {row['median']:10.4g} [{row['low_90']:.4g}, {row['high_90']:.4g}]")
+    if options.page:
+        options.page.write_text(page(), encoding="utf-8")
     if options.predict:
         head = {"version": version("startrack"), "commit": command.commit(), "seed": SEED}
         text = head | {"draws": count, "figures": table, "cannot": CANNOT, "dark": DARK}

@@ -1,0 +1,84 @@
+"""What flown.py writes: the page on cameras that flew, misses first, from figures alone."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+HEAD = Path(__file__).with_suffix(".md").read_text(encoding="utf-8")
+OPEN = """
+**The results are not opened yet.**
+"""
+ROW = "| {name} | {median:.4g} | {low_68:.4g} to {high_68:.4g} | {low_90:.4g} to {high_90:.4g} |"
+
+
+def held(row: dict[str, Any], value: float, level: int) -> bool:
+    """Whether an interval holds a value."""
+    return bool(row[f"low_{level}"] <= value <= row[f"high_{level}"])
+
+
+def misses(row: dict[str, Any], value: float) -> float:
+    """How far a value is from the interval of 90 %, in half widths from its middle."""
+    middle = (row["high_90"] + row["low_90"]) / 2
+    half = max((row["high_90"] - row["low_90"]) / 2, 1e-12)
+    return abs(value - middle) / half
+
+
+def text_of(frozen: dict[str, Any], results: dict[str, Any] | None, source: str) -> str:
+    """The page.
+
+    frozen   as `predictions.json` has it
+    results  as `results.json` has it; None: not opened
+    """
+    table = frozen["figures"]
+    head = {key: frozen[key] for key in ("commit", "version", "seed", "draws")}
+    text = HEAD.format(source=source, count=len(table), **head)
+    if results is None:
+        text += (
+            OPEN
+            + "\n| figure | median | 68 % | 90 % | what makes it wide |\n|---|---|---|---|---|\n"
+        )
+        for name, row in table.items():
+            text += f"{ROW.format(name=name, **row)} {row['wide']} |\n"
+    else:
+        text += scored(table, results)
+    text += "\n**Cannot be predicted**\n"
+    for name, why in frozen["cannot"].items():
+        text += f"- {name}: {why}.\n"
+    text += "\nDark current that the model of BRITE's CCD has, electron/s of a pixel (median, "
+    text += "factor of 68 %): "
+    text += "; ".join(
+        f"{celsius} degC {median:g} ({factor:g})"
+        for celsius, (median, factor) in frozen["dark"].items()
+    )
+    return text + ".\n"
+
+
+def scored(table: dict[str, Any], results: dict[str, Any]) -> str:
+    """Shares, and all figures with what was seen, misses first."""
+    seen = {name: row["value"] for name, row in results["figures"].items() if name in table}
+    shares = {
+        level: sum(held(table[name], value, level) for name, value in seen.items()) / len(seen)
+        for level in (68, 90, 95)
+    }
+    text = "\n" + results["opened"] + "\n\n"
+    text += f"Of {len(seen)} figures with a result, 68, 90 and 95 % intervals hold "
+    text += ", ".join(f"{share:.2f}" for share in shares.values()) + ".\n"
+    order = sorted(seen, key=lambda name: -misses(table[name], seen[name]))
+    outside = [name for name in order if not held(table[name], seen[name], 90)]
+    for title, names in (
+        ("Outside the interval of 90 %, the farthest first", outside),
+        ("Inside", [name for name in table if name in seen and name not in outside]),
+    ):
+        text += f"\n**{title}**\n\n| figure | seen | median | 68 % | 90 % | seen / median |\n"
+        text += "|---|---|---|---|---|---|\n"
+        for name in names:
+            row, value = table[name], seen[name]
+            ratio = value / row["median"] if row["median"] else math.nan
+            line = ROW.format(name=name, **row).split(" | ", 1)
+            text += f"{line[0]} | {value:.4g} | {line[1]} {ratio:.3g} |\n"
+    without = [name for name in table if name not in seen]
+    if without:
+        text += "\n**Without a result**: " + ", ".join(without) + ". " + results["without"] + "\n"
+    return text + "\n" + results["notes"] + "\n"
