@@ -120,42 +120,49 @@ def peers(regime: cases.Regime) -> Iterator[tuple[str, Solver]]:
     """tetra3rs as it comes, and with the tolerances that the noise asks for; cedar-solve."""
     interpreter = os.environ.get("STARTRACK_CEDAR")
     if interpreter and regime.field >= 10:
-        yield "cedar-solve", _cedar(interpreter)
+        yield "cedar-solve", cedar(interpreter)
     if command.missing("tetra3rs is", "tetra3rs"):
         return
-    import tetra3rs
+    database = database_of(regime.field, cases.LIMIT_G[regime.field] + 1)
+    tunings: dict[str, dict[str, float]] = {"tetra3rs": {}, "tetra3rs tuned": tuned(regime.noise)}
+    for name, settings in tunings.items():
+        yield name, timed(tetra3rs_solver(database, settings))
 
-    database = _database(regime.field)
-    tuned = {
-        "match_radius": (4 * regime.noise + 1) / cases.SIZE,
-        "match_max_error": max(0.001, 6 * regime.noise / cases.SIZE),
+
+def tuned(noise: float) -> dict[str, float]:
+    """Settings of tetra3rs for centroids of a noise, pixel; chosen on the regimes here."""
+    return {
+        "match_radius": (4 * noise + 1) / cases.SIZE,
+        "match_max_error": max(0.001, 6 * noise / cases.SIZE),
         "match_threshold": 1e-6,
     }
-    tunings: dict[str, dict[str, float]] = {"tetra3rs": {}, "tetra3rs tuned": tuned}
-    for name, settings in tunings.items():
 
-        def run(
-            seen: cases.BenchmarkView, settings: dict[str, float] = settings
-        ) -> Rotation | None:
-            centre = (cases.SIZE - 1) / 2
-            spots = seen.spots
-            field = seen.believed.fov_x / deg
-            answer = database.solve_from_centroids(
-                np.column_stack([spots.x - centre, spots.y - centre, spots.flux]),
-                fov_estimate_deg=field,
-                fov_max_error_deg=1.1 * cases.TOLERANCE * field,
-                image_shape=(cases.SIZE, cases.SIZE),
-                **settings,
-            )
-            if isinstance(answer, tetra3rs.SolveFailure):
-                return None
-            return Rotation.from_matrix(np.array(answer.rotation_matrix_icrs_to_camera))
 
-        yield name, timed(run)
+def tetra3rs_solver(
+    database: Any, settings: dict[str, float]
+) -> Callable[[cases.BenchmarkView], Rotation | None]:
+    import tetra3rs
+
+    def run(seen: cases.BenchmarkView) -> Rotation | None:
+        centre = (cases.SIZE - 1) / 2
+        spots = seen.spots
+        field = seen.believed.fov_x / deg
+        answer = database.solve_from_centroids(
+            np.column_stack([spots.x - centre, spots.y - centre, spots.flux]),
+            fov_estimate_deg=field,
+            fov_max_error_deg=1.1 * cases.TOLERANCE * field,
+            image_shape=(cases.SIZE, cases.SIZE),
+            **settings,
+        )
+        if isinstance(answer, tetra3rs.SolveFailure):
+            return None
+        return Rotation.from_matrix(np.array(answer.rotation_matrix_icrs_to_camera))
+
+    return run
 
 
 @lru_cache
-def _cedar(interpreter: str) -> Solver:
+def cedar(interpreter: str) -> Solver:
     """A solver in another process; only where it points is judged, so the roll is the true one."""
     worker = subprocess.Popen(
         [interpreter, str(Path(__file__).with_name("cedar_worker.py"))],
@@ -193,12 +200,11 @@ def toward(ra: float, dec: float) -> Floats:
 
 
 @lru_cache
-def _database(field: int) -> Any:
+def database_of(field: int, limit: float) -> Any:
+    """tetra3rs's database for a field, degree, with stars to a magnitude."""
     import tetra3rs
 
-    return tetra3rs.SolverDatabase.generate_from_gaia(
-        max_fov_deg=field, star_max_magnitude=cases.LIMIT_G[field] + 1
-    )
+    return tetra3rs.SolverDatabase.generate_from_gaia(max_fov_deg=field, star_max_magnitude=limit)
 
 
 def measure(regime: cases.Regime, skies: int, seed: int) -> dict[str, Any]:

@@ -188,6 +188,20 @@ def test_hard_photographs_with_a_field_and_without(outside, capsys, name):
         assert found["reason"].startswith(f"{found['matches']} of {found['spots']} ")
 
 
+@pytest.mark.slow
+def test_an_image_that_few_hypotheses_do_not_solve_is_solved_without_a_field(outside, capsys):
+    """Its pixels are oblong and sheared, so that few triangles agree; as with its field given."""
+    path = str(outside / "images-more" / "tc16u_southern_maybe.png")
+    found = []
+    for more in ((), ("--fov", "14.3")):
+        assert main(["solve", path, "--json", *more]) == 0
+        found.append(json.loads(capsys.readouterr().out))
+    assert found[0]["matches"] >= 23
+    assert found[0]["false_probability"] < 1e-20
+    assert found[0]["ra_deg"] == pytest.approx(found[1]["ra_deg"], abs=0.01)
+    assert found[0]["dec_deg"] == pytest.approx(found[1]["dec_deg"], abs=0.01)
+
+
 def test_a_real_frame_of_streaks_says_how_fast_the_camera_turned(outside, capsys):
     """Beside second moments of single stars, which are of a line of that length and a round image.
 

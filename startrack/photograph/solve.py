@@ -148,6 +148,7 @@ def solve_photograph(
     rounds = (
         (FULL, near),
         *((effort, others) for effort in ROUNDS),
+        (FULL, others[:1]),
         (FULL, of_one),
         (ROUNDS[-1], squares),
     )

@@ -1,0 +1,410 @@
+"""How often is a lost-in-space solver wrong? The same skies for all of them, by the million.
+
+Each sky is made from its number (`solvers_skies`), so that nothing but counts is kept: fields of 2
+to 60 deg, and of each thirteen kinds of difficulty. Programs:
+
+    startrack    `identify`, with the settings of a design
+    tetra3rs     with its tolerances set for the noise of each kind, where it is installed
+    cedar-solve  through the interpreter that STARTRACK_CEDAR names, on fields from 10 to 30 deg,
+                 which its database holds
+    astrometry   `solve-field` of astrometry.net with Tycho-2 indexes, where it is installed, on
+                 fields up to 20 deg; it is started anew for each sky, and its time is not shown
+
+The part `stated` counts frames without a star that startrack, asked for any evidence, takes for a
+sky, by the probability of a false match that it states.
+
+Counts are lines of the file `--counts`, a block of skies each: a run that is stopped goes on where
+it was, and a larger `--skies` adds to it. Times are CPU times.
+
+    python experiments/solvers.py [--json FILE] [--markdown FILE] [--counts FILE] [--skies N]
+                                  [--programs NAME ...] [--workers N] [--quick]
+"""
+
+from __future__ import annotations
+
+import one_thread  # noqa: F401  # isort: skip
+
+import argparse
+import json
+import math
+import os
+import shutil
+import subprocess
+import tempfile
+import time
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import command
+import numpy as np
+import solvers_skies as skies
+from identification import cedar, database_of, tetra3rs_solver, toward, tuned
+from scipy.spatial.transform import Rotation
+
+from startrack import deg
+from startrack.benchmark import versions
+from startrack.benchmark.solving import SETTINGS, BenchmarkView
+from startrack.core import Status
+from startrack.identification import identify
+from startrack.metrics import fraction_interval
+
+BLOCK = 500  # skies
+PROGRAMS = ("startrack", "tetra3rs", "cedar-solve", "astrometry", "stated")
+OTHERS = PROGRAMS[1:4]
+# Skies of each field and kind, as many as a program's time allows; None: those that are asked for.
+MOST = {"startrack": None, "tetra3rs": None, "cedar-solve": 50, "astrometry": 10, "stated": None}
+FIELDS = {"cedar-solve": (12, 20), "astrometry": (2, 4, 8, 12, 20)}
+BINS = 50  # of a histogram of times, per decade
+STATED_KIND = "no stars"
+DECADES = 6  # of stated probabilities
+
+
+class Answer(NamedTuple):
+    """What a program makes of a sky: attitude, CPU seconds, and the probability that it states."""
+
+    attitude: Rotation | None
+    seconds: float
+    stated: float = math.nan
+
+
+Program = Callable[[BenchmarkView], Answer]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--markdown", type=Path, metavar="FILE", help="write the page here")
+    parser.add_argument("--counts", type=Path, default=Path("solver-counts.jsonl"), metavar="FILE")
+    parser.add_argument("--skies", type=int, default=10**6, help="of all fields and kinds together")
+    parser.add_argument("--programs", nargs="+", choices=PROGRAMS, default=PROGRAMS)
+    parser.add_argument("--workers", type=int, default=1)
+    options = command.read(parser, skies=100, programs=("startrack", "tetra3rs", "stated"))
+    if options.quick:
+        with tempfile.TemporaryDirectory() as folder:
+            options.counts = Path(folder) / "counts.jsonl"
+            run(options, [12], ["plain", STATED_KIND], 20)
+            report(options, read(options.counts))
+        return
+    run(options, list(skies.LIMIT_G), list(skies.KINDS), BLOCK)
+    report(options, read(options.counts))
+
+
+def run(options: argparse.Namespace, fields: list[int], kinds: list[str], block: int) -> None:
+    """Count what is not counted yet; all cells advance together."""
+    done = {key(row) for row in read(options.counts)}
+    cells = [(field, kind) for field in fields for kind in kinds]
+    blocks = max(1, math.ceil(options.skies / len(cells) / block))
+    jobs = [
+        (program, field, kind, number, min(block, MOST[program] or block))
+        for number in range(blocks)
+        for field, kind in cells
+        for program in options.programs
+        if runs(program, field, kind) and number * block < (MOST[program] or math.inf)
+    ]
+    left = [job for job in jobs if job[:4] not in done]
+    options.counts.parent.mkdir(parents=True, exist_ok=True)
+    with ProcessPoolExecutor(options.workers) as pool, options.counts.open("a") as file:
+        futures = [pool.submit(counted, *job) for job in left]
+        for number, future in enumerate(as_completed(futures), 1):
+            file.write(json.dumps(future.result()) + "\n")
+            file.flush()
+            if number % 50 == 0:
+                print(f"{number} of {len(left)} blocks", flush=True)
+
+
+def runs(program: str, field: int, kind: str) -> bool:
+    """Whether a program is there and is asked for skies of a field and a kind."""
+    if field not in FIELDS.get(program, skies.LIMIT_G):
+        return False
+    match program:
+        case "stated":
+            return kind == STATED_KIND
+        case "tetra3rs":
+            return not command.missing("tetra3rs is", "tetra3rs")
+        case "cedar-solve":
+            return bool(os.environ.get("STARTRACK_CEDAR"))
+        case "astrometry":
+            return shutil.which("solve-field") is not None
+    return True
+
+
+def key(row: dict[str, Any]) -> tuple[str, int, str, int]:
+    return row["program"], row["field"], row["kind"], row["block"]
+
+
+def read(path: Path) -> list[dict[str, Any]]:
+    """The rows of a file of counts; a last line that was cut off does not count."""
+    rows = list[dict[str, Any]]()
+    for line in path.read_text().splitlines() if path.is_file() else ():
+        try:
+            rows.append(json.loads(line))
+        except json.JSONDecodeError:
+            continue
+    return rows
+
+
+def counted(program: str, field: int, kind: str, block: int, count: int) -> dict[str, Any]:
+    """Counts of one block of skies."""
+    solve = program_of(program, field, kind)
+    solve(skies.sky(field, kind, 0))  # compiles and loads
+    solved, false, times, stated = 0, list[int](), Counter[int](), Counter[int]()
+    for number in range(block * BLOCK, block * BLOCK + count):
+        seen = skies.sky(field, kind, number)
+        answer = solve(seen)
+        times[math.floor(BINS * math.log10(max(answer.seconds, 1e-7)))] += 1
+        if answer.attitude is None:
+            continue
+        if skies.is_wrong(answer.attitude, seen, kind):
+            false.append(number)
+        else:
+            solved += 1
+        if math.isfinite(answer.stated):
+            stated[max(-DECADES, math.floor(math.log10(max(answer.stated, 1e-300))))] += 1
+    return {
+        "program": program,
+        "field": field,
+        "kind": kind,
+        "block": block,
+        "skies": count,
+        "solved": solved,
+        "false": false,
+        "times": times,
+        "stated": stated,
+    }
+
+
+@lru_cache(maxsize=4)
+def program_of(name: str, field: int, kind: str) -> Program:
+    match name:
+        case "startrack":
+            return ours(field, SETTINGS)
+        case "stated":
+            return ours(field, replace(SETTINGS, max_false_probability=0.999))
+        case "tetra3rs":
+            limit = min(skies.LIMIT_G[field] + 1, skies.DEEPEST_G)
+            solve = tetra3rs_solver(database_of(field, limit), tuned(skies.noise_of(kind)))
+            return lambda seen: clocked(lambda: solve(seen))
+        case "cedar-solve":
+            by_cedar = cedar(os.environ["STARTRACK_CEDAR"])
+            return lambda seen: Answer(*by_cedar(seen))
+    return astrometry
+
+
+def ours(field: int, settings: Any) -> Program:
+    known = skies.tracker(field)
+
+    def solve(seen: BenchmarkView) -> Answer:
+        began = time.process_time()
+        found = identify(seen.spots, seen.believed, known.stars, known.index, settings)
+        seconds = time.process_time() - began
+        good = found.status is Status.SOLVED
+        return Answer(found.icrs_to_camera if good else None, seconds, found.false_probability)
+
+    return solve
+
+
+def clocked(solve: Callable[[], Rotation | None]) -> Answer:
+    began = time.process_time()
+    attitude = solve()
+    return Answer(attitude, time.process_time() - began)
+
+
+def astrometry(seen: BenchmarkView) -> Answer:
+    """`solve-field` on a list of places; where it points is judged, as if its roll were true."""
+    from astropy.io import fits
+    from astropy.table import Table
+
+    spots, side = seen.spots, skies.SIZE
+    field = seen.believed.fov_x / deg
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "spots.fits"
+        table = {"X": spots.x + 1, "Y": spots.y + 1, "FLUX": spots.flux}
+        Table(table).write(path)
+        low, high = (field * (1 + sign * 1.1 * skies.TOLERANCE) for sign in (-1, 1))
+        words = ["solve-field", "--no-plots", "--overwrite", "--width", side, "--height", side]
+        words += ["--scale-units", "degwidth", "--scale-low", low, "--scale-high", high]
+        words += ["--cpulimit", 20, "--no-tweak", "--crpix-center", "--sort-column", "FLUX", path]
+        began = time.perf_counter()
+        subprocess.run([str(word) for word in words], capture_output=True, check=False, text=True)
+        seconds = time.perf_counter() - began
+        if not (solution := path.with_suffix(".wcs")).is_file():
+            return Answer(None, seconds)
+        header = fits.getheader(solution)
+    x, y, z = seen.icrs_to_camera.apply(toward(header["CRVAL1"] * deg, header["CRVAL2"] * deg))
+    off = np.array([y, -x, 0.0])
+    off *= math.atan2(math.hypot(x, y), z) / max(math.hypot(x, y), 1e-300)
+    return Answer(Rotation.from_rotvec(off) * seen.icrs_to_camera, seconds)
+
+
+def report(options: argparse.Namespace, rows: list[dict[str, Any]]) -> None:
+    """Print the table, write the page and the figures."""
+    figures = figures_of(rows)
+    text = page(rows, figures)
+    print(text)
+    if options.markdown:
+        options.markdown.write_text(text, encoding="utf-8")
+    command.save(options, figures)
+
+
+def figures_of(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Totals of each program over all skies that it was given."""
+    figures: dict[str, Any] = defaultdict(dict)
+    for program in PROGRAMS[:-1]:
+        own = [row for row in rows if row["program"] == program]
+        if not own:
+            continue
+        skies_of, solved, false = totals(own)
+        figures["skies"][program] = skies_of
+        figures["solved"][program] = solved / max(stars_in(own), 1)
+        figures["false"][program] = false
+        figures["false_bound"][program] = fraction_interval(false, skies_of, 0.90).high
+        for name, part in (("median_us", 0.5), ("p99_us", 0.99)):
+            figures[name][program] = 1e6 * quantile(own, part)
+    stated = [row for row in rows if row["program"] == "stated"]
+    if stated:
+        figures["stated"] = calibration(stated)
+        ratios = [line["upper_over_stated"] for line in figures["stated"] if line["resolved"]]
+        figures["calibrated"] = max(ratios, default=math.nan)
+    return dict(figures)
+
+
+def totals(rows: Iterable[dict[str, Any]]) -> tuple[int, int, int]:
+    """Skies, those solved, and false attitudes."""
+    own = list(rows)
+    return (
+        sum(row["skies"] for row in own),
+        sum(row["solved"] for row in own),
+        sum(len(row["false"]) for row in own),
+    )
+
+
+def stars_in(rows: Iterable[dict[str, Any]]) -> int:
+    """Skies that hold stars."""
+    return sum(row["skies"] for row in rows if skies.KINDS[row["kind"]].sky)
+
+
+def quantile(rows: Iterable[dict[str, Any]], part: float) -> float:
+    """CPU seconds that a part of the skies takes at most, to a bin of 5 %."""
+    times = Counter[int]()
+    for row in rows:
+        times.update({int(at): count for at, count in row["times"].items()})
+    total, below = sum(times.values()), 0
+    for at in sorted(times):
+        below += times[at]
+        if below >= part * total:
+            return float(10 ** ((at + 1) / BINS))
+    return math.nan
+
+
+def calibration(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Frames without a star that state a probability below each decade, beside that probability.
+
+    resolved   whether the frames are many enough to see as many as are stated
+    """
+    frames = sum(row["skies"] for row in rows)
+    counts = Counter[int]()
+    for row in rows:
+        counts.update({int(decade): count for decade, count in row["stated"].items()})
+    lines = []
+    for decade in range(0, -DECADES, -1):
+        seen = sum(count for at, count in counts.items() if at < decade)
+        share = fraction_interval(seen, frames, 0.90)
+        stated = 10.0**decade
+        lines.append(
+            {
+                "stated_below": stated,
+                "frames": frames,
+                "seen": seen,
+                "share": share.value,
+                "share_bound_95": share.high,
+                "upper_over_stated": share.high / stated,
+                "resolved": frames * stated >= 3,
+            }
+        )
+    return lines
+
+
+def page(rows: list[dict[str, Any]], figures: dict[str, Any]) -> str:
+    """The page of the benchmark."""
+    return "\n".join([*_head(rows, figures), *_by_kind(rows), *_by_field(rows), *_stated(figures)])
+
+
+def _head(rows: list[dict[str, Any]], figures: dict[str, Any]) -> Iterator[str]:
+    yield "# How often solvers are wrong"
+    yield ""
+    yield (
+        f"{command.source('solvers.py')}, {versions()}. Lost in space: the places and fluxes of "
+        "spots, a focal length that is wrong by up to 1 %, no attitude. Fields of "
+        f"{min(skies.LIMIT_G)} to {max(skies.LIMIT_G)} deg, {len(skies.KINDS)} kinds; each program "
+        "has the same skies, as many as its time allowed. Solved: of the skies that hold stars. "
+        "False: an attitude farther off than noise explains, with the bound that the rate keeps "
+        "with 95 %. Times are CPU times of a call, of astrometry wall-clock with its start."
+    )
+    yield ""
+    yield "| program | skies | solved | false | false, at most | median | 99 % |"
+    yield "|---|---|---|---|---|---|---|"
+    for program, count in figures.get("skies", {}).items():
+        yield (
+            f"| {program} | {count:,} | {100 * figures['solved'][program]:.2f} % | "
+            f"{figures['false'][program]} | {figures['false_bound'][program]:.1e} | "
+            f"{figures['median_us'][program] / 1e3:.2g} ms | "
+            f"{figures['p99_us'][program] / 1e3:.2g} ms |"
+        )
+
+
+def _by_kind(rows: list[dict[str, Any]]) -> Iterator[str]:
+    yield from _table(rows, "kind", list(skies.KINDS), "By kind")
+
+
+def _by_field(rows: list[dict[str, Any]]) -> Iterator[str]:
+    yield from _table(rows, "field", list(skies.LIMIT_G), "By field, degree")
+
+
+def _table(rows: list[dict[str, Any]], name: str, values: list[Any], title: str) -> Iterator[str]:
+    """Solved and false of each program on the skies that it shares with startrack."""
+    programs = [one for one in PROGRAMS[:-1] if any(row["program"] == one for row in rows)]
+    yield ""
+    yield f"## {title}"
+    yield "Solved, and false attitudes of how many skies."
+    yield ""
+    yield f"| {name} | " + " | ".join(programs) + " |"
+    yield "|---" * (len(programs) + 1) + "|"
+    for value in values:
+        cells = []
+        for program in programs:
+            own = [row for row in rows if row["program"] == program and row[name] == value]
+            count, solved, false = totals(own)
+            share = f"{100 * solved / stars:.2f} %, " if (stars := stars_in(own)) else ""
+            cells.append(f"{share}{false} of {count:,}" if count else "")
+        yield f"| {value} | " + " | ".join(cells) + " |"
+
+
+def _stated(figures: dict[str, Any]) -> Iterator[str]:
+    if "stated" not in figures:
+        return
+    yield ""
+    yield "## What startrack states of a false match"
+    yield (
+        "Frames of 30 random points, without a star, that startrack takes for a sky when it is "
+        "asked for any evidence, by the probability of a false match that it states. A probability "
+        "that is a bound holds where no more are seen than stated."
+    )
+    yield ""
+    yield "| stated below | frames | seen | share | at most (95 %) | resolved |"
+    yield "|---|---|---|---|---|---|"
+    for line in figures["stated"]:
+        yield (
+            f"| {line['stated_below']:.0e} | {line['frames']:,} | {line['seen']} | "
+            f"{line['share']:.1e} | {line['share_bound_95']:.1e} | "
+            f"{'yes' if line['resolved'] else 'no: too few frames'} |"
+        )
+
+
+if __name__ == "__main__":
+    command.run(main)
