@@ -89,6 +89,12 @@ def full_name(group: str, built_in: Collection[str], name: Any) -> Any:
     """The module:function of an entry point of an installed package; all else as it is."""
     if not isinstance(name, str) or name in built_in or is_code(name):
         return name
+    return _of_entry_point(group, name, tuple(sys.path))
+
+
+@lru_cache(maxsize=64)
+def _of_entry_point(group: str, name: str, folders: tuple[str, ...]) -> str:
+    """Read from the packages in the folders of sys.path, which takes milliseconds."""
     for point in metadata.entry_points(group=f"startrack.{group}", name=name):
         return point.value.replace(" ", "")
     return name

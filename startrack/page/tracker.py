@@ -236,7 +236,9 @@ def _frame(case: Case, seed: int, trial: int) -> dict[str, Any]:
     record = observe(case, attitude, streams)
     frame = record.frame if case.instrument.detector.scan else searched(case, record.frame)
     shown = stretch(frame.image, case.tracker.detection.saturation)
-    level = np.clip(shown.level(shown.image), 0.0, 1.0)
+    # Most pixels are as dark as the background.
+    level, bright = np.zeros(shown.image.shape), shown.image > shown.black
+    level[bright] = np.minimum(shown.level(shown.image[bright]), 1.0)
     rows, columns = frame.image.shape
     ra, dec, roll = celestial(attitude)
     matched = np.zeros(len(record.spots), bool)

@@ -35,6 +35,7 @@ class Side {
   // One paint at a time; of changes that come meanwhile, the last one counts.
   async paint() {
     this.number += 1;
+    clearTimeout(this.timer);
     if (this.painting) return;
     this.painting = true;
     let number = 0;
@@ -58,7 +59,6 @@ class Side {
       performance.measure("move", { start: began, end: performance.now() });
     }
     this.painting = false;
-    clearTimeout(this.timer);
     this.timer = setTimeout(() => this.askLater(), QUIET);
   }
 

@@ -1,0 +1,255 @@
+"""`startrack page` in a headless Chromium: how quick it is, whether its numbers are the commands'.
+
+    python experiments/page_in_browser.py [--json FILE] [--designs NAME ...] [--moves N]
+
+move_ms_95        of each design, the time that 95 % of the moves of a slider take, from the event
+                  to the painted frame, bars and sky, ms; each at a random place of a random slider
+move_cpu_ms       mean CPU time of the server for a move, ms; 95 % need more where cores are shared
+search_visible_s  longest time from a line of search.jsonl to its point on the page, s
+saved_same        1: the saved file gives the numbers shown by `startrack budget`, digit by digit
+offline           1: no request goes elsewhere, and no other address can be reached
+sentences         1: a second tab, a stale token, a broken file and a killed server each end in a
+                  sentence that the user sees
+page_lines        lines of Python, and of JavaScript, HTML and CSS, uPlot apart
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import command
+import numpy as np
+from browser import Browser, browser, installed
+
+import startrack
+from startrack import shipped
+
+READY = "typeof begun !== 'undefined' && sides.A && sides.A.shown && !sides.A.painting"
+MOVE = """
+const [n, part] = arguments;
+const range = document.querySelectorAll('#sliders input[type=range]')[n];
+const count = performance.getEntriesByName('move').length;
+range.value = Math.round(1000 * part);
+range.dispatchEvent(new Event('input'));
+for (;;) {
+  const moves = performance.getEntriesByName('move');
+  if (moves.length > count && !sides[active].painting) {
+    range.dispatchEvent(new Event('change'));
+    return done(moves[moves.length - 1].duration);
+  }
+  await new Promise((next) => setTimeout(next, 2));
+}
+"""
+# So few evaluations that a search takes a minute.
+SEARCH = (
+    "campaign.analytic_evaluations=16",
+    "campaign.evaluations=3",
+    "campaign.trials=20",
+    "campaign.most_trials=40",
+    "campaign.fresh_trials=100",
+    "campaign.fidelity=covariance",
+)
+
+
+@contextmanager
+def served(design: str | Path, folder: Path, *words: str) -> Iterator[tuple[Any, str]]:
+    """The process of a page and its address."""
+    line = [sys.executable, "-m", "startrack.cli", "page", str(design), "--json", "--workers", "1"]
+    line += ["--out", str(folder), *words]
+    with subprocess.Popen(
+        line, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+    ) as process:
+        assert process.stdout
+        try:
+            yield process, json.loads(process.stdout.readline())["address"]
+        finally:
+            process.terminate()
+
+
+def moves_of(page: Browser, count: int, seed: int = 1) -> list[float]:
+    """Milliseconds of moves, from event to painted page."""
+    random = np.random.default_rng(seed)
+    sliders = page.run("return sides.A.shown.sliders.length")
+    return [
+        page.promised(MOVE, int(random.integers(sliders)), float(random.random()))
+        for _ in range(count)
+    ]
+
+
+def cpu_ms(process: int) -> float:
+    """CPU time that a process has taken, without its children."""
+    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    return 1e3 * (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def saved_same(page: Browser, folder: Path) -> bool:
+    """Whether the saved design has the numbers that are shown."""
+    page.run("document.getElementById('save').requestSubmit()")
+    page.until("!document.getElementById('note').hidden")
+    shown = page.run("return [sides.A.shown.across, sides.A.shown.about]")
+    line = [sys.executable, "-m", "startrack.cli", "budget", str(folder / "mine.toml"), "--json"]
+    printed = subprocess.run(line, capture_output=True, text=True).stdout
+    whole = json.loads(printed)["analytic"]["end to end"]
+    return bool(shown == [whole["across"], whole["about"]])
+
+
+def compared(page: Browser) -> bool:
+    """Whether two designs stand side by side on the same sky and noise."""
+    page.run("document.getElementById('compare').click()")
+    page.until("sides.B && sides.B.shown && !sides.B.painting")
+    page.promised(MOVE, 1, 0.2)
+    same = page.run(
+        "const [a, b] = [sides.A.shown, sides.B.shown];"
+        "return a.frame.ra === b.frame.ra && a.frame.trial === b.frame.trial"
+        " && a.across !== b.across"
+    )
+    page.run("document.getElementById('compare').click()")
+    return bool(same)
+
+
+def search(page: Browser, folder: Path) -> dict[str, Any]:
+    """A search that is started, watched, stopped and continued; the longest wait for a line."""
+    log, written, ended = folder / "search" / "search.jsonl", list[float](), threading.Event()
+
+    def watch() -> None:
+        while not ended.is_set():
+            text = log.read_text() if log.exists() else ""
+            new = text.count('"values"') - len(written)
+            written.extend([time.monotonic()] * new)
+            time.sleep(0.01)
+
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
+    seen = list[float]()
+    page.run("document.querySelector('#search [data-do=start]').click()")
+    while len(seen) < 12:
+        count = page.run("return document.querySelectorAll('#search [data-n]').length")
+        seen.extend([time.monotonic()] * (count - len(seen)))
+        time.sleep(0.02)
+    ended.set()
+    watcher.join()
+    waits = [shown - known for shown, known in zip(seen, written, strict=False)]
+    page.run("document.querySelector('#search [data-do=stop]').click()")
+    line = "document.querySelector('#search .line').textContent"
+    page.until(f"{line}.startsWith('Stopped')")
+    page.run("document.querySelector('#search [data-do=start]').click()")
+    page.until(f"{line}.startsWith('Ended')", 600)
+    best = page.run("return document.querySelector('#search .best').textContent")
+    return {"search_visible_s": max(waits), "best": best}
+
+
+def sentences(folder: Path) -> dict[str, str]:
+    """Messages to the user where something is wrong, by what it is."""
+    said, message = {}, "document.getElementById('message')"
+    design = folder / "mine.toml"
+    design.write_text(f'base = "{shipped("designs/noise_only.toml")}"\n')
+    with browser() as page:
+        with served(design, folder / "first") as (process, address):
+            page.open(address)
+            page.until(READY, 600)
+            first = page.run("return location.href")
+            page.new_tab()
+            page.open(first)
+            page.until("!document.getElementById('note').hidden", 600)
+            said["second tab"] = page.run("return document.getElementById('note').textContent")
+            page.until(READY, 600)
+            design.write_text("[instrument\n")
+            page.promised(MOVE.replace("moves.length > count &&", "count >= 0 &&"), 1, 0.5)
+            page.until(f"document.querySelector('.answer').textContent.includes('{design.name}')")
+            said["broken file"] = page.run("return document.querySelector('.answer').textContent")
+            design.write_text(f'base = "{shipped("designs/noise_only.toml")}"\n')
+            process.kill()
+            process.wait()
+            page.run("sides.A.paint()")
+            page.until(f"!{message}.hidden")
+            said["killed server"] = page.run(f"return {message}.textContent")
+        port = address.partition("/?")[0].rpartition(":")[2]
+        with served(design, folder / "second", "--port", port):
+            page.run("sides.A.paint()")
+            page.until(f"{message}.textContent.includes('token')")
+            said["stale token"] = page.run(f"return {message}.textContent")
+    return said
+
+
+def page_lines() -> dict[str, int]:
+    """Lines of the page by language."""
+    home = Path(startrack.__file__).parent
+    python = [*(home / "page").glob("*.py"), home / "cli" / "page.py"]
+    files = (home / "page" / "files").iterdir()
+    shown = [file for file in files if "uPlot" not in file.name]
+    return {
+        kind: sum(len(path.read_text(encoding="utf-8").splitlines()) for path in paths)
+        for kind, paths in (("python", python), ("browser", shown))
+    }
+
+
+def figures(designs: list[str], moves: int) -> dict[str, Any]:
+    """All figures; those that need a browser are left out without one."""
+    found: dict[str, Any] = {"page_lines": page_lines()}
+    if not installed():
+        print("the page is not measured: it needs chromium and chromedriver")
+        return found
+    found |= {"move_ms_95": {}, "move_ms_50": {}, "move_cpu_ms": {}}
+    with tempfile.TemporaryDirectory() as name, browser() as page:
+        folder = Path(name)
+        for design in designs:
+            with served(design, folder / design) as (process, address):
+                page.open(address)
+                page.until(READY, 600)
+                page.promised(MOVE, 0, 0.5)  # the first one reads what all others share
+                before = cpu_ms(process.pid)
+                times = moves_of(page, moves)
+                found["move_cpu_ms"][design] = round((cpu_ms(process.pid) - before) / moves, 1)
+                for part in (50, 95):
+                    found[f"move_ms_{part}"][design] = round(float(np.percentile(times, part)), 1)
+                print(design, {part: found[f"move_ms_{part}"][design] for part in (50, 95)})
+                if design == designs[0]:
+                    found["saved_same"] = int(saved_same(page, folder / design))
+                    found["compared"] = int(compared(page))
+                    found["offline"] = int(_offline(page))
+        changes = [word for change in SEARCH for word in ("--set", change)]
+        with served("noise_only", folder / "searched", *changes) as (_, address):
+            page.open(address)
+            page.until(READY, 600)
+            found |= search(page, folder / "searched")
+        said = sentences(folder)
+        print("\n".join(f"{name}: {text}" for name, text in said.items()))
+        found["sentences"] = int(all(said.values()) and len(said) == 4)
+    return found
+
+
+def _offline(page: Browser) -> bool:
+    """Whether all that was loaded is of this page, and nothing else can be."""
+    own = page.run(
+        "return performance.getEntriesByType('resource')"
+        ".every((entry) => entry.name.startsWith(location.origin + '/'))"
+    )
+    reached = page.promised(
+        "try { await fetch('http://example.org/'); done(true); } catch { done(false); }"
+    )
+    return bool(own and not reached)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--designs", nargs="+", default=["noise_only", "nanosatellite"])
+    parser.add_argument("--moves", type=int, default=200)
+    options = command.read(parser, designs=["noise_only"], moves=5)
+    found = figures(options.designs, options.moves)
+    print(json.dumps(found, indent=1))
+    command.save(options, found)
+
+
+if __name__ == "__main__":
+    command.run(main)
