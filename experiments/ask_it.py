@@ -8,6 +8,9 @@ sweep_same       1: each figure of `startrack sweep` is, byte for byte, that of 
 solve_for_error  worst relative difference of `startrack solve-for` from a dense sweep on the same
                  skies and noise, whose error is interpolated
 inside           1: each value of the dense sweep lies in the interval of `solve-for`
+move_ms_95, search_visible_s, saved_same, offline, page_lines
+                 of `startrack page` in a headless Chromium, see page_in_browser.py; without one
+                 they are left out, and a sentence says so
 worse_best       searches of `startrack optimize` whose best design is worse than the start: misses
                  a limit that the start keeps, or has a larger error on fresh trials
 """
@@ -25,6 +28,7 @@ from typing import Any
 
 import command
 import numpy as np
+import page_in_browser
 
 from startrack import arcsec, shipped, solve_for, sweep
 from startrack.cli import main as startrack
@@ -140,8 +144,10 @@ def main() -> None:
     parser.add_argument("--points", type=int, default=13, help="of a dense sweep")
     parser.add_argument("--limits", type=int, default=len(LIMITS), help="that are solved for")
     parser.add_argument("--searches", type=int, default=2, help="of each tight requirement")
+    parser.add_argument("--moves", type=int, default=200, help="of sliders of the page")
     parser.add_argument("--markdown", type=Path)
-    options = command.read(parser, designs=["noise_only"], trials=8, points=3, limits=1, searches=0)
+    quick: dict[str, Any] = {"trials": 8, "points": 3, "limits": 1, "searches": 0, "moves": 0}
+    options = command.read(parser, designs=["noise_only"], **quick)
     values = VALUES
     if options.quick:
         values = {key: some[:1] for key, some in list(VALUES.items())[:1]}
@@ -189,6 +195,7 @@ def main() -> None:
             "worse_best": sum(lost),
             "searches": len(lost),
             "values": rows,
+            **page_in_browser.figures(options.designs, options.moves),
         },
     )
 

@@ -111,7 +111,7 @@ def compared(page: Browser) -> bool:
     page.promised(MOVE, 1, 0.2)
     same = page.run(
         "const [a, b] = [sides.A.shown, sides.B.shown];"
-        "return a.frame.ra === b.frame.ra && a.frame.trial === b.frame.trial"
+        "return a.frame.pointing[0] === b.frame.pointing[0] && a.frame.trial === b.frame.trial"
         " && a.across !== b.across"
     )
     page.run("document.getElementById('compare').click()")
@@ -197,8 +197,8 @@ def page_lines() -> dict[str, int]:
 def figures(designs: list[str], moves: int) -> dict[str, Any]:
     """All figures; those that need a browser are left out without one."""
     found: dict[str, Any] = {"page_lines": page_lines()}
-    if not installed():
-        print("the page is not measured: it needs chromium and chromedriver")
+    if not (installed() and moves):
+        print("the page is not measured: it needs chromium, chromedriver and moves")
         return found
     found |= {"move_ms_95": {}, "move_ms_50": {}, "move_cpu_ms": {}}
     with tempfile.TemporaryDirectory() as name, browser() as page:

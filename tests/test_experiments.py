@@ -53,6 +53,7 @@ LONG = {
     "lens",
     "nanosatellite",
     "optimiser",
+    "page_in_browser",
     "photographs",
     "profile_trial",
     "moving_objects",

@@ -15,7 +15,7 @@ if wanted(__name__):
     from startrack.cli import terminal
     from startrack.io import shipped
     from startrack.montecarlo import pool
-    from startrack.page import EarthPage, PageServer, Routes, SearchRun, TrackerPage, TrialsRun
+    from startrack.page import EarthPage, PageServer, Routes, TrackerPage
 
 BESIDE = 2  # processes: one for what is shown later, one for trials
 
@@ -56,11 +56,7 @@ def command(options: argparse.Namespace) -> int:
 
 
 def _serve(options: argparse.Namespace, page: TrackerPage | EarthPage, executor: Executor) -> None:
-    search = SearchRun(page.path, options.out / "search", options.seed, options.workers)
-    trials = None
-    if isinstance(page, TrackerPage):
-        trials = TrialsRun(page, options.out, executor, options.workers)
-    routes = Routes(page, options.out.resolve(), executor, search, trials, options.set)
+    routes = Routes(page, options.out.resolve(), executor, options.workers, options.set)
     first = {"changes": options.set, "trial": 0}
     with shared.as_wrong_use(OSError), PageServer(routes, options.port) as server:
         result = {"address": server.address, "out": str(options.out)}

@@ -11,7 +11,5 @@ server    HTTP on 127.0.0.1 for one token: pages, requests, and what is refused.
 
 from startrack.page.earth import EarthPage
 from startrack.page.routes import Routes
-from startrack.page.search import SearchRun
 from startrack.page.server import PageServer
 from startrack.page.tracker import TrackerPage
-from startrack.page.trials import TrialsRun

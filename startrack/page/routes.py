@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from startrack.core import Refused
+from startrack.design import search_keys
 from startrack.page.earth import EarthPage
 from startrack.page.search import SearchRun
 from startrack.page.tracker import TrackerPage
@@ -19,7 +20,8 @@ from startrack.page.trials import TrialsRun
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
 MOST_CHANGES, MOST_LETTERS = 500, 20_000
-LARGEST_TRIAL = 2**53
+LARGEST = 2**53  # whole number of a browser
+FASTEST = 10.0  # radian / second
 
 Body = Mapping[str, Any]
 
@@ -27,6 +29,7 @@ Body = Mapping[str, Any]
 class Routes:
     """All that a page may ask for.
 
+    folder    that files are written to
     executor  computes what is shown later, so that painting does not wait
     changes   that the command was called with
     """
@@ -36,27 +39,44 @@ class Routes:
         page: TrackerPage | EarthPage,
         folder: Path,
         executor: Executor,
-        search: SearchRun,
-        trials: TrialsRun | None,
+        workers: int,
         changes: list[str],
     ) -> None:
-        self._page, self._folder, self._executor = page, folder, executor
-        self._search, self._trials, self._changes = search, trials, changes
+        search = SearchRun(page.path, folder / "search", page.seed, workers)
         self._painting = threading.Lock()
+        self._page, self._executor, self._folder = page, executor, folder
+        self._stops = [search.stop]
+        self._about = {
+            "kind": page.kind,
+            "name": page.path.stem,
+            "file": str(page.path),
+            "folder": str(folder),
+            "changes": changes,
+            "not_shown": page.not_shown,
+        }
         self._by_path: dict[str, Callable[[Body], Any]] = {
-            "about": self._about,
+            "about": lambda body: self._about,
             "form": lambda body: page.form(_changes(body)),
-            "keys": lambda body: page.keys(_text(body, "words")),
+            "keys": lambda body: [
+                key.name for key in search_keys(_text(body, "words"), page.all_keys())
+            ],
             "paint": self._paint,
-            "later": self._later,
-            "save": self._save,
             "search/start": lambda body: search.start(_changes(body)),
             "search/stop": lambda body: search.stop(),
             "search/state": lambda body: search.state(_whole(body, "first")),
-            "trials/start": self._start_trials,
-            "trials/stop": lambda body: self._of_tracker().stop(),
-            "trials/state": lambda body: self._of_tracker().state(),
         }
+        if isinstance(page, TrackerPage):
+            trials = TrialsRun(page, folder, executor, workers)
+            self._stops.append(trials.stop)
+            self._by_path |= {
+                "later": lambda body: self._later(page, body),
+                "save": lambda body: {"done": page.save(_changes(body), self._file(body))},
+                "trials/start": lambda body: trials.start(
+                    _changes(body), _whole(body, "trials"), _text(body, "fidelity")
+                ),
+                "trials/stop": lambda body: trials.stop(),
+                "trials/state": lambda body: trials.state(),
+            }
 
     def __contains__(self, path: str) -> bool:
         return path in self._by_path
@@ -73,56 +93,30 @@ class Routes:
 
     def close(self) -> None:
         """End what runs."""
-        self._search.stop()
-        if self._trials:
-            self._trials.stop()
-
-    def _about(self, body: Body) -> dict[str, Any]:
-        return {
-            "kind": self._page.kind,
-            "name": self._page.path.stem,
-            "file": str(self._page.path),
-            "folder": str(self._folder),
-            "changes": self._changes,
-            "not_shown": self._page.not_shown,
-        }
+        for stop in self._stops:
+            stop()
 
     def _paint(self, body: Body) -> dict[str, Any]:
         with self._painting:  # one after the other, so that each is quick
             return self._page.paint(_changes(body), _whole(body, "trial"))
 
-    def _later(self, body: Body) -> Any:
+    def _later(self, page: TrackerPage, body: Body) -> Any:
         """What takes longer: margins over units and conditions, or the error at a slew rate."""
-        page, changes = self._of_tracker_page(), _changes(body)
         rate = body.get("rate")
         if rate is None:
-            return self._executor.submit(page.requirements, changes).result()
-        if not (isinstance(rate, int | float) and 0 <= rate < 10):
-            raise Refused(f"rate must be a number from 0 to 10 rad / s, got {rate!r}")
-        return self._executor.submit(page.at_rate, changes, float(rate)).result()
+            return self._executor.submit(page.requirements, _changes(body)).result()
+        if not (isinstance(rate, int | float) and 0 <= rate < FASTEST):
+            raise Refused(f"rate must be a number from 0 to {FASTEST:g} rad / s, got {rate!r}")
+        return self._executor.submit(page.at_rate, _changes(body), float(rate)).result()
 
-    def _save(self, body: Body) -> dict[str, Any]:
+    def _file(self, body: Body) -> Path:
         name = _text(body, "name")
         if not NAME.fullmatch(name):
             raise Refused(
                 "name must have letters, digits, - and _ alone, at most 64, without .toml, got "
                 f"{name[:80]!r}"
             )
-        path = self._folder / f"{name}.toml"
-        return {"done": self._of_tracker_page().save(_changes(body), path)}
-
-    def _start_trials(self, body: Body) -> None:
-        self._of_tracker().start(_changes(body), _whole(body, "trials"), _text(body, "fidelity"))
-
-    def _of_tracker(self) -> TrialsRun:
-        if self._trials is None:
-            raise Refused(self._page.not_shown)
-        return self._trials
-
-    def _of_tracker_page(self) -> TrackerPage:
-        if not isinstance(self._page, TrackerPage):
-            raise Refused(self._page.not_shown)
-        return self._page
+        return self._folder / f"{name}.toml"
 
 
 def _changes(body: Body) -> list[str]:
@@ -144,6 +138,6 @@ def _text(body: Body, name: str) -> str:
 
 def _whole(body: Body, name: str) -> int:
     value = body.get(name, 0)
-    if type(value) is not int or not 0 <= value < LARGEST_TRIAL:
+    if type(value) is not int or not 0 <= value < LARGEST:
         raise Refused(f"{name} must be a whole number from 0 on, got {str(value)[:80]!r}")
     return value

@@ -18,16 +18,8 @@ HOST = "127.0.0.1"
 MOST_BYTES = 2**20  # of a request's body
 SECONDS = 60.0  # that a connection may be silent
 FILES = Path(__file__).with_name("files")
-KINDS = {
-    "page.html": "text/html; charset=utf-8",
-    "page.css": "text/css; charset=utf-8",
-    "page.js": "text/javascript; charset=utf-8",
-    "panels.js": "text/javascript; charset=utf-8",
-    "runs.js": "text/javascript; charset=utf-8",
-    "uPlot.iife.min.js": "text/javascript; charset=utf-8",
-    "uPlot.min.css": "text/css; charset=utf-8",
-    "uPlot-LICENSE.txt": "text/plain; charset=utf-8",
-}
+KINDS = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".txt": "text/plain"}
+SHOWN = {file.name: file for file in FILES.iterdir() if file.suffix in KINDS}
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
     "img-src 'self' data:; connect-src 'self'; base-uri 'none'; form-action 'none'; "
@@ -83,10 +75,11 @@ class _Handler(BaseHTTPRequestHandler):
             self._reply(403, STALE.encode(), "text/plain; charset=utf-8")
             return
         name = url.path.removeprefix("/") or "page.html"
-        if name not in KINDS:
+        if name not in SHOWN:
             self._reply(404, b"there is no such file", "text/plain")
             return
-        self._reply(200, (FILES / name).read_bytes(), KINDS[name])
+        file = SHOWN[name]
+        self._reply(200, file.read_bytes(), f"{KINDS[file.suffix]}; charset=utf-8")
 
     def do_POST(self) -> None:
         """A request of the page, as JSON."""

@@ -12,7 +12,7 @@ import pytest
 from startrack.cli.main import main
 from startrack.io import shipped
 from startrack.montecarlo import Serial
-from startrack.page import EarthPage, PageServer, Routes, SearchRun, TrackerPage, TrialsRun
+from startrack.page import EarthPage, PageServer, Routes, TrackerPage
 
 DESIGN = Path(str(shipped("designs/noise_only.toml")))
 # So few that a search takes seconds.
@@ -52,9 +52,7 @@ class Client:
 def page(tmp_path_factory):
     folder = tmp_path_factory.mktemp("page")
     tracker = TrackerPage(DESIGN, 1)
-    trials = TrialsRun(tracker, folder, Serial(), 1)
-    search = SearchRun(DESIGN, folder / "search", 1, 1)
-    routes = Routes(tracker, folder, Serial(), search, trials, [])
+    routes = Routes(tracker, folder, Serial(), 1, [])
     with PageServer(routes, 0) as server:
         thread = threading.Thread(target=server.serve_forever, daemon=True)
         thread.start()

@@ -42,8 +42,8 @@ function drawFrame(panel, frame) {
   plain.height = rows;
   plain.getContext("2d").putImageData(image, 0, 0);
   canvas.width = 640;
-  canvas.height = Math.round(640 * frame.rows / frame.columns);
-  const scale = 640 / frame.columns, pen = canvas.getContext("2d");
+  canvas.height = Math.round(640 * frame.size[0] / frame.size[1]);
+  const scale = 640 / frame.size[1], pen = canvas.getContext("2d");
   pen.imageSmoothingEnabled = false;
   const wide = columns * frame.block * scale, high = rows * frame.block * scale;
   pen.drawImage(plain, 0, 0, wide, high);
@@ -57,11 +57,12 @@ function drawFrame(panel, frame) {
     pen.stroke();
   });
   const matched = frame.matched.filter(Boolean).length, [x, y, z] = frame.errors;
+  const [ra, dec] = frame.pointing;
   const error = frame.solved
     ? `error ${digits(x, 3)}, ${digits(y, 3)}, ${digits(z, 3)} arcsec about x, y, z`
     : frame.status;
-  words.textContent = `Trial ${frame.trial}: RA ${frame.ra.toFixed(2)}°, Dec ` +
-    `${frame.dec.toFixed(2)}°; ${matched} spots matched (○), ${frame.x.length - matched} not (□); ` +
+  words.textContent = `Trial ${frame.trial}: RA ${ra.toFixed(2)}°, Dec ` +
+    `${dec.toFixed(2)}°; ${matched} spots matched (○), ${frame.x.length - matched} not (□); ` +
     `${error}. Black ${digits(frame.black, 3)}, white ${digits(frame.white, 3)} digital numbers` +
     (frame.block > 1 ? `, largest of ${frame.block} × ${frame.block} pixels` : "") +
     (frame.saturated ? `; ${frame.saturated} pixels saturated` : "");
@@ -102,27 +103,26 @@ function drawBudget(panel, shown, before, other) {
   panel.querySelector(".left-out").textContent = [
     shown.causes ? `attitude in ${(100 * shown.availability).toFixed(2)} % of the sky, ` +
       `${digits(shown.matched, 3)} stars on average` : "",
-    ...(shown.advice || []).slice(0, 1).map((text) => `Most: ${text}`),
-    shown.left_out && shown.left_out.length ? `Not counted: ${shown.left_out.join("; ")}` : "",
+    ...(shown.advice || []).map((text) => `Most: ${text}`),
+    notCounted(shown),
   ].filter(Boolean).join(". ");
 }
 
 function drawParts(panel, shown, before) {
-  const rows = (shown.parts || []).map((part) => (
-    { name: part.unit ? `${part.name} (${part.unit})` : part.name, value: part.value }));
-  const old = ((before && before.parts) || []).map((part) => (
-    { name: part.unit ? `${part.name} (${part.unit})` : part.name, value: part.value }));
-  const box = panel.querySelector(".bars");
-  box.replaceChildren();
-  const table = element("table", undefined, box);
-  rows.forEach((row, n) => {
-    const line = element("tr", undefined, table);
-    element("td", row.name, line);
-    const cell = element("td", digits(row.value), line);
-    if (old[n] && old[n].value !== row.value) element("small", `before ${digits(old[n].value)}`, cell);
-  });
-  panel.querySelector(".left-out").textContent =
-    shown.left_out && shown.left_out.length ? `Not counted: ${shown.left_out.join("; ")}` : "";
+  const old = new Map(((before && before.parts) || []).map((part) => [part.name, part.value]));
+  const table = element("table");
+  for (const { name, value } of shown.parts || []) {
+    const line = element("tr", undefined, table), ghost = old.get(name);
+    element("td", name, line);
+    const cell = element("td", digits(value), line);
+    if (ghost !== undefined && ghost !== value) element("small", `before ${digits(ghost)}`, cell);
+  }
+  panel.querySelector(".bars").replaceChildren(table);
+  panel.querySelector(".left-out").textContent = notCounted(shown);
+}
+
+function notCounted(shown) {
+  return shown.left_out && shown.left_out.length ? `Not counted: ${shown.left_out.join("; ")}` : "";
 }
 
 // --- requirements --------------------------------------------------------------------------------

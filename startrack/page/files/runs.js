@@ -16,7 +16,7 @@ function shape(svg, name, values, text) {
 // Points over their number, with a logarithmic height; `look` of each: [symbol, colour, filled].
 function scatter(svg, values, look, title, hover, click) {
   const wide = svg.clientWidth || 400, high = svg.clientHeight || 240;
-  const [left, right, top, bottom] = [58, wide - 10, 14, high - 34];
+  const [left, right, top, bottom] = [58, wide - 10, 30, high - 34];
   svg.setAttribute("viewBox", `0 0 ${wide} ${high}`);
   svg.replaceChildren();
   const good = values.filter((value) => value > 0);
@@ -29,7 +29,7 @@ function scatter(svg, values, look, title, hover, click) {
     shape(svg, "line", { x1: left, x2: right, y1: y(value), y2: y(value), stroke: "#dde3ea" });
     shape(svg, "text", { x: left - 5, y: y(value) + 4, "text-anchor": "end" }, digits(value, 3));
   }
-  shape(svg, "text", { x: left, y: 11 }, title[1]);
+  shape(svg, "text", { x: 2, y: 12 }, title[1]);
   shape(svg, "text", { x: right, y: high - 4, "text-anchor": "end" }, title[0]);
   shape(svg, "text", { x: left, y: bottom + 15 }, "0");
   shape(svg, "text", { x: right, y: bottom + 15, "text-anchor": "end" }, Math.max(values.length, 10));
@@ -149,7 +149,9 @@ class Search extends Run {
   }
 
   limits(design) {
-    const close = Object.entries(design.margins).sort((a, b) => a[1] - b[1]).slice(0, 2);
+    // Of chances, which end at a small margin, only those that are missed.
+    const close = Object.entries(design.margins).sort((a, b) => a[1] - b[1])
+      .filter(([name, margin]) => margin < 0 || !/^(availability|false)/.test(name)).slice(0, 2);
     return close.length
       ? `Nearest limits: ${close.map(([name, margin]) => `${name} (${signed(margin)})`).join(", ")}.` : "";
   }
