@@ -4,8 +4,18 @@
 
 Designs with laws of what is not published (experiments/flown/*.toml) are drawn DRAWS times; each
 draw gives the figures of docs/figures/flown.md from the light of sky and stars in the design, and
-from laws of what no design holds, which stand here beside each figure. `--predict` writes medians
-and intervals; the committed ones are experiments/flown/predictions.json.
+from laws of what no design holds, which stand here beside each figure. `--predict` writes
+medians and intervals; those frozen before the look are experiments/flown/predictions.json, what was
+seen is results.json there (by `flown_results.py`), and second.json has predictions after the look.
+
+figures               with a result
+held_68, _90, _95     share of them that the intervals hold
+same                  1 where the medians frozen are those of this code, within 1 %
+sky_error             largest error of the sky beside sasktran2, 60 places, molecules alone
+tim_background_ratio  seen over the median; `_second`: with the team's gain, known after the look
+tim_solved_points     share of frames with an attitude, seen less the median, per cent
+ebex_peaks_held       of three numbers of peaks, in the intervals of 90 %
+brite_flux_ratio, tess_ratio  seen over the median: B1 of each satellite, G4
 """
 
 from __future__ import annotations
@@ -15,6 +25,7 @@ import one_thread  # noqa: F401  # isort: skip
 import argparse
 import json
 import math
+import sys
 from collections.abc import Iterator
 from importlib.metadata import version
 from pathlib import Path
@@ -36,10 +47,13 @@ from flown_cameras import (
     passes,
 )
 
+from startrack import Streams, load_design, shipped
 from startrack.core import Floats, arcsec, deg
+from startrack.scene import DaySky, scattered_light
 
 SEED, DRAWS, QUICK_DRAWS = 1, 400, 12
 COMMITTED, RESULTS = DESIGNS / "predictions.json", DESIGNS / "results.json"
+SECOND, SKIES = DESIGNS / "second.json", 60
 QUANTILES = {"median": 0.5, "low_68": 0.16, "high_68": 0.84, "low_90": 0.05, "high_90": 0.95}
 QUANTILES |= {"low_95": 0.025, "high_95": 0.975}
 Figures = dict[str, float]
@@ -406,7 +420,65 @@ def page() -> str:
     """The text of docs/figures/flown.md, of the committed predictions and results."""
     frozen = json.loads(COMMITTED.read_text(encoding="utf-8"))
     results = json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.exists() else None
-    return flown_page.text_of(frozen, results, "python experiments/flown.py")
+    second = json.loads(SECOND.read_text(encoding="utf-8")) if SECOND.exists() else {}
+    return flown_page.text_of(frozen, results, second, "python experiments/flown.py")
+
+
+def after_the_look() -> Figures:
+    """TIM's background by the middle of each law, the team's gain and no sunlight past the baffle.
+
+    It was chosen with the results known: a second prediction, no test.
+    """
+    draw = Draw(load_design(DESIGNS / "tim.toml").case, Streams(SEED, 0))
+    level = np.array([lit_from(draw, block[5], block[2], block[6]) for block in BLOCKS])
+    level = (level + 4.0) * ANALYSED
+    ratio = {f"T7 {block[0]}": level[k] / level[4] for k, block in enumerate(BLOCKS) if k != 4}
+    ends = {f"T6 {at} %": _weighted(level, at=at / 100) for at in (16, 84)}
+    background = _weighted(level)
+    per_square = background / ANALYSED / draw.case.instrument.detector.exposure / 6.79**2
+    return {"T6": background} | ends | ratio | {"T13": per_square}
+
+
+def sky_error(count: int) -> float:
+    """Largest error of the light of the sky beside sasktran2, of molecules at random places.
+
+    Raises  ModuleNotFoundError without the extra `earth`.
+    """
+    sys.path.append(str(shipped("atmosphere")))
+    from air_solver import sky_radiance
+
+    random, worst = Streams(SEED, 0)("places of a sky"), 0.0
+    for _ in range(count):
+        height, up, down = random.uniform(0, 40e3), random.uniform(15, 85), random.uniform(2, 85)
+        turned, albedo = random.uniform(0, 180), random.uniform(0, 0.8)
+        distance = apart(up, down, turned) * deg
+        above = DaySky(height, up * deg, down * deg, distance, aerosol=0.0, albedo=albedo)
+        wavelength, light = scattered_light(above)
+        ray = (math.pi / 2 - up * deg, turned * deg, height)
+        solved = sky_radiance(None, wavelength, math.sin(down * deg), [ray], albedo, streams=16)
+        worst = max(worst, float(np.abs(light / solved[:, 0] - 1).max()))
+    return worst
+
+
+def scores() -> dict[str, Any]:
+    """The figures of the experiment, of the committed predictions and results."""
+    table = json.loads(COMMITTED.read_text(encoding="utf-8"))["figures"]
+    results = json.loads(RESULTS.read_text(encoding="utf-8"))["figures"]
+    second = json.loads(SECOND.read_text(encoding="utf-8"))
+    seen = {name: row["value"] for name, row in results.items()}
+    ratio = {name: seen[name] / table[name]["median"] for name in seen}
+    peaks = [flown_page.held(table[name], seen[name], 90) for name in ("E4 1", "E4 2", "E4 3")]
+    held = {f"held_{level}": part for level, part in flown_page.shares(table, results).items()}
+    return {
+        "figures": len(seen),
+        **held,
+        "tim_background_ratio": ratio["T6"],
+        "tim_background_ratio_second": seen["T6"] / second["T6"],
+        "tim_solved_points": 100 * (seen["T1"] - table["T1"]["median"]),
+        "ebex_peaks_held": sum(peaks),
+        "brite_flux_ratio": {name: ratio[f"{name} B1"] for name in BRITE},
+        "tess_ratio": ratio["G4"],
+    }
 
 
 def main() -> None:
@@ -424,6 +496,19 @@ def main() -> None:
         head = {"version": version("startrack"), "commit": command.commit(), "seed": SEED}
         text = head | {"draws": count, "figures": table, "cannot": CANNOT, "dark": DARK}
         options.predict.write_text(json.dumps(text, indent=1) + "\n", encoding="utf-8")
+    frozen = json.loads(COMMITTED.read_text(encoding="utf-8"))["figures"]
+    same = not options.quick and all(
+        math.isclose(table[name]["median"], row["median"], rel_tol=0.01, abs_tol=1e-3)
+        for name, row in frozen.items()
+    )
+    result = scores() | {"same": float(same)}
+    try:
+        result["sky_error"] = sky_error(1 if options.quick else SKIES)
+    except ModuleNotFoundError as missing:
+        print(missing)
+    for name, value in result.items():
+        print(f"{name}: {value}")
+    command.save(options, result)
 
 
 if __name__ == "__main__":

@@ -6,10 +6,9 @@ import math
 from pathlib import Path
 from typing import Any
 
-HEAD = Path(__file__).with_suffix(".md").read_text(encoding="utf-8")
-OPEN = """
-**The results are not opened yet.**
-"""
+HEAD, NOTES = (
+    Path(__file__).with_suffix(".md").read_text(encoding="utf-8").split("<!-- notes -->\n")
+)
 ROW = "| {name} | {median:.4g} | {low_68:.4g} to {high_68:.4g} | {low_90:.4g} to {high_90:.4g} |"
 
 
@@ -25,24 +24,25 @@ def misses(row: dict[str, Any], value: float) -> float:
     return abs(value - middle) / half
 
 
-def text_of(frozen: dict[str, Any], results: dict[str, Any] | None, source: str) -> str:
+def text_of(
+    frozen: dict[str, Any], results: dict[str, Any] | None, second: dict[str, float], source: str
+) -> str:
     """The page.
 
     frozen   as `predictions.json` has it
     results  as `results.json` has it; None: not opened
+    second   predictions after the look, as `second.json` has them
     """
     table = frozen["figures"]
     head = {key: frozen[key] for key in ("commit", "version", "seed", "draws")}
     text = HEAD.format(source=source, count=len(table), **head)
     if results is None:
-        text += (
-            OPEN
-            + "\n| figure | median | 68 % | 90 % | what makes it wide |\n|---|---|---|---|---|\n"
-        )
+        text += "\n**The results are not opened yet.**\n\n"
+        text += "| figure | median | 68 % | 90 % | what makes it wide |\n|---|---|---|---|---|\n"
         for name, row in table.items():
             text += f"{ROW.format(name=name, **row)} {row['wide']} |\n"
     else:
-        text += scored(table, results)
+        text += scored(table, results["figures"], second)
     text += "\n**Cannot be predicted**\n"
     for name, why in frozen["cannot"].items():
         text += f"- {name}: {why}.\n"
@@ -55,30 +55,56 @@ def text_of(frozen: dict[str, Any], results: dict[str, Any] | None, source: str)
     return text + ".\n"
 
 
-def scored(table: dict[str, Any], results: dict[str, Any]) -> str:
-    """Shares, and all figures with what was seen, misses first."""
-    seen = {name: row["value"] for name, row in results["figures"].items() if name in table}
-    shares = {
-        level: sum(held(table[name], value, level) for name, value in seen.items()) / len(seen)
+def shares(table: dict[str, Any], seen: dict[str, Any]) -> dict[int, float]:
+    """Fraction of the figures with a result that intervals of 68, 90 and 95 % hold."""
+    known = {name: row["value"] for name, row in seen.items() if name in table}
+    return {
+        level: sum(held(table[name], value, level) for name, value in known.items()) / len(known)
         for level in (68, 90, 95)
     }
-    text = "\n" + results["opened"] + "\n\n"
-    text += f"Of {len(seen)} figures with a result, 68, 90 and 95 % intervals hold "
-    text += ", ".join(f"{share:.2f}" for share in shares.values()) + ".\n"
+
+
+def scored(table: dict[str, Any], results: dict[str, Any], second: dict[str, float]) -> str:
+    """Shares, and all figures with what was seen, misses first."""
+    seen = {name: row["value"] for name, row in results.items() if name in table}
+    text = f"\nOf {len(seen)} figures with a result, intervals of 68, 90 and 95 % hold "
+    text += ", ".join(f"{share:.2f}" for share in shares(table, results).values())
+    text += ", by camera (90 %): "
+    text += ", ".join(
+        f"{camera} {sum(held(table[name], seen[name], 90) for name in own)} of {len(own)}"
+        for camera, own in by_camera(seen).items()
+    )
+    text += ".\n\n" + NOTES
     order = sorted(seen, key=lambda name: -misses(table[name], seen[name]))
     outside = [name for name in order if not held(table[name], seen[name], 90)]
     for title, names in (
         ("Outside the interval of 90 %, the farthest first", outside),
         ("Inside", [name for name in table if name in seen and name not in outside]),
     ):
-        text += f"\n**{title}**\n\n| figure | seen | median | 68 % | 90 % | seen / median |\n"
-        text += "|---|---|---|---|---|---|\n"
+        text += f"\n**{title}**\n\n"
+        text += (
+            "| figure | seen | median | 68 % | 90 % | seen / median | second, after the look |\n"
+        )
+        text += "|---|---|---|---|---|---|---|\n"
         for name in names:
             row, value = table[name], seen[name]
             ratio = value / row["median"] if row["median"] else math.nan
             line = ROW.format(name=name, **row).split(" | ", 1)
-            text += f"{line[0]} | {value:.4g} | {line[1]} {ratio:.3g} |\n"
-    without = [name for name in table if name not in seen]
-    if without:
-        text += "\n**Without a result**: " + ", ".join(without) + ". " + results["without"] + "\n"
-    return text + "\n" + results["notes"] + "\n"
+            after = f"{second[name]:.4g}" if name in second else ""
+            text += f"{line[0]} | {value:.4g} | {line[1]} {ratio:.3g} | {after} |\n"
+    without = [
+        f"{name} ({row['median']:.3g}, {row['low_90']:.3g} to {row['high_90']:.3g})"
+        for name, row in table.items()
+        if name not in seen
+    ]
+    return text + "\n**Without a result** (median, 90 %): " + ", ".join(without) + ".\n"
+
+
+def by_camera(seen: dict[str, Any]) -> dict[str, list[str]]:
+    """The figures of each camera."""
+    cameras = {"T": "TIM", "E": "EBEX", "u": "UniBRITE", "h": "BRITE-Heweliusz", "G": "TESS"}
+    return {
+        camera: own
+        for letter, camera in cameras.items()
+        if (own := [name for name in seen if name[0] == letter])
+    }

@@ -16,7 +16,7 @@ background  Directions -> zodiacal light, and the light of stars below the catal
 illuminate  Stars -> Light: photons at the entrance pupil; diffuse light by user code.
 """
 
-from startrack.scene.air_above import SkyTable, load_sky, sky_light
+from startrack.scene.air_above import SkyTable, load_sky, scattered_light, sky_light
 from startrack.scene.background import zodiacal
 from startrack.scene.bodies import EARTH_ALBEDO, SUN_G, SUN_RADIUS, Disc, Earth, sunlight
 from startrack.scene.day_sky import DaySky

@@ -122,6 +122,16 @@ def sky_light(sky: DaySky, date: str | None = None) -> SkyLight:
     return SkyLight(background, through * _gases(table, above * slant))
 
 
+def scattered_light(sky: DaySky, date: str | None = None) -> tuple[Floats, Floats]:
+    """Light of the sky without absorption by gases, at the wavelengths of the table.
+
+    Returns  (k,) metre; (k,) 1 / sr, over the Sun's irradiance
+    """
+    table, sun = _table(), sky.sun(date)
+    black, lit = _scattered_more(table, sky, sun)
+    return table.wavelength, scattered_once(table, sky, sun) + black + lit
+
+
 def scattered_once(table: SkyTable, sky: DaySky, sun: SunPlace) -> Floats:
     """(k,) 1 / sr, light that the air scatters once, over the Sun's irradiance.
 

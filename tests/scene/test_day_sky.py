@@ -14,7 +14,7 @@ from startrack.earth.atmosphere import Air
 from startrack.io import shipped
 from startrack.observation import random_attitude, sky_electrons
 from startrack.scene import WAVELENGTH, DaySky, Scene, illuminate, sky_light
-from startrack.scene.air_above import _scattered_more, _table, scattered_once
+from startrack.scene.air_above import _table, scattered_light, scattered_once
 from startrack.trial import observe, run_random_trial
 
 BALLOON = shipped("designs/daylight_balloon.toml")
@@ -64,10 +64,9 @@ def test_light_is_that_of_the_solver(height, elevation, sun, azimuth, aerosol, a
     )
     above, table = DaySky(height, up, down, apart, aerosol=aerosol, albedo=albedo), _table()
     once = scattered_once(table, above, above.sun())
-    black, lit = _scattered_more(table, above, above.sun())
     air, ray = Air("rural", 23e3) if aerosol else None, (math.pi / 2 - up, azimuth * deg, height)
     solved = sky_radiance(air, table.wavelength, math.sin(down), [ray], albedo, streams=16)[:, 0]
-    np.testing.assert_allclose(once + black + lit, solved, rtol=0.03)
+    np.testing.assert_allclose(scattered_light(above)[1], solved, rtol=0.03)
     alone = sky_radiance(air, table.wavelength, math.sin(down), [ray], 0.0, False)[:, 0]
     np.testing.assert_allclose(once, alone, rtol=0.03)
 
