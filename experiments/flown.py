@@ -1,6 +1,7 @@
 """Question: do predictions of cameras that flew hold, frozen before the data were opened?
 
-    python experiments/flown.py [--predict FILE] [--page FILE] [--json FILE] [--quick]
+    python experiments/flown.py [--predict FILE] [--measure FOLDER] [--page FILE] [--json FILE]
+                                 [--quick]
 
 Designs with laws of what is not published (experiments/flown/*.toml) are drawn DRAWS times; each
 draw gives the figures of docs/figures/flown.md from the light of sky and stars in the design, and
@@ -23,6 +24,7 @@ from __future__ import annotations
 import one_thread  # noqa: F401  # isort: skip
 
 import argparse
+import importlib
 import json
 import math
 import sys
@@ -33,8 +35,11 @@ from typing import Any
 
 import command
 import flown_page
+import flown_results
 import numpy as np
 from flown_cameras import (
+    BLOCKS,
+    BRITE,
     DESIGNS,
     Draw,
     apart,
@@ -58,24 +63,6 @@ QUANTILES = {"median": 0.5, "low_68": 0.16, "high_68": 0.84, "low_90": 0.05, "hi
 QUANTILES |= {"low_95": 0.025, "high_95": 0.975}
 Figures = dict[str, float]
 
-# UTC, frames, the Sun's elevation, right ascension, declination, elevation of the line of sight,
-# distance from the Sun (degree), focus (steps).
-BLOCKS = (
-    ("18:08", 104, 51.0, 214.8, 3.7, 44.7, 27.7, -421),
-    ("18:38", 99, 52.0, 245.4, 46.8, 44.6, 71.0, -411),
-    ("19:10", 100, 51.6, 252.8, 44.8, 44.6, 74.9, -365),
-    ("19:40", 99, 49.9, 260.0, 42.5, 44.7, 79.2, -451),
-    ("20:10", 100, 47.1, 266.9, 41.5, 44.7, 84.0, -441),
-    ("20:40", 99, 43.4, 274.2, 39.4, 44.7, 89.2, -431),
-    ("21:10", 99, 39.0, 281.1, 38.2, 44.7, 94.5, -421),
-    ("21:40", 100, 34.1, 288.8, 37.8, 44.8, 100.5, -411),
-    ("22:10", 100, 28.8, 296.1, 37.1, 44.8, 106.3, -401),
-    ("22:40", 99, 23.1, 291.1, 12.5, 44.6, 103.3, -391),
-    ("23:12", 99, 16.9, 296.0, 9.0, 44.6, 108.1, -400),
-    ("23:43", 100, 10.9, 316.7, 66.2, 45.4, 107.9, -400),
-    ("00:13", 99, 4.8, 325.9, 63.2, 45.4, 112.9, -390),
-    ("00:43", 100, -1.4, 334.2, 62.3, 45.5, 116.0, -380),
-)
 FRAMES: Floats = np.array([block[1] for block in BLOCKS], float)
 ANALYSED = 0.165  # number / electron, with which the team counts electrons
 MEAN_COLOUR = 0.9  # BP - RP of the stars that are seen
@@ -258,11 +245,6 @@ def ebex(draw: Draw) -> Figures:
     return figures
 
 
-BRITE = {
-    # G and BP - RP, radius of the aperture (pixel), side of the raster, median degC of the CCD
-    "unibrite": (2.72, -0.30, 9.0, 32.0, 28.1),
-    "heweliusz": (1.72, -0.24, 10.0, 28.0, 16.9),
-}
 BANDS = {"below 15": 12.0, "15 to 25": 20.0, "25 to 35": 30.0, "above 35": 37.0}
 
 
@@ -420,7 +402,9 @@ def page() -> str:
     """The text of docs/figures/flown.md, of the committed predictions and results."""
     frozen = json.loads(COMMITTED.read_text(encoding="utf-8"))
     results = json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.exists() else None
-    second = json.loads(SECOND.read_text(encoding="utf-8")) if SECOND.exists() else {}
+    second = dict[str, float]()
+    if SECOND.exists():
+        second = json.loads(SECOND.read_text(encoding="utf-8"))
     return flown_page.text_of(frozen, results, second, "python experiments/flown.py")
 
 
@@ -445,8 +429,7 @@ def sky_error(count: int) -> float:
     Raises  ModuleNotFoundError without the extra `earth`.
     """
     sys.path.append(str(shipped("atmosphere")))
-    from air_solver import sky_radiance
-
+    solver = importlib.import_module("air_solver")
     random, worst = Streams(SEED, 0)("places of a sky"), 0.0
     for _ in range(count):
         height, up, down = random.uniform(0, 40e3), random.uniform(15, 85), random.uniform(2, 85)
@@ -455,7 +438,9 @@ def sky_error(count: int) -> float:
         above = DaySky(height, up * deg, down * deg, distance, aerosol=0.0, albedo=albedo)
         wavelength, light = scattered_light(above)
         ray = (math.pi / 2 - up * deg, turned * deg, height)
-        solved = sky_radiance(None, wavelength, math.sin(down * deg), [ray], albedo, streams=16)
+        solved = solver.sky_radiance(
+            None, wavelength, math.sin(down * deg), [ray], albedo, streams=16
+        )
         worst = max(worst, float(np.abs(light / solved[:, 0] - 1).max()))
     return worst
 
@@ -485,7 +470,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--predict", type=Path, help="write the predictions to this file")
     parser.add_argument("--page", type=Path, help="write the page of the committed figures")
+    parser.add_argument("--measure", type=Path, help="folder of what others publish")
     options = command.read(parser)
+    if options.measure:
+        seen = {"figures": flown_results.measured(options.measure)}
+        RESULTS.write_text(json.dumps(seen, indent=1) + "\n", encoding="utf-8")
     count = QUICK_DRAWS if options.quick else DRAWS
     table = predicted(count)
     for name, row in table.items():

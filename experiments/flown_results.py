@@ -1,6 +1,4 @@
-"""What was seen of cameras that flew, from files that others publish -> results.json.
-
-    python experiments/flown_results.py FOLDER [--write FILE]
+"""What was seen of cameras that flew, for `flown.py --measure FOLDER`, from files of others.
 
 FOLDER has, by their own names, `results_table_post_process.ipynb` and `photometry.ipynb` of
 evanmayer/starcam-sim (pipeline), the two `.dat` of bbuysschaert/BRITE_decor and the three `.fits`
@@ -10,7 +8,6 @@ fits, and of TESS, is copied below with its place.
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -20,7 +17,7 @@ from typing import Any
 
 import numpy as np
 from astropy.io import fits
-from flown import BLOCKS, BRITE
+from flown_cameras import BLOCKS, BRITE
 from scipy import ndimage
 
 from startrack.core import Floats, Ints
@@ -31,7 +28,12 @@ PHOTOMETRY = "starcam-sim pipeline/photometry.ipynb"
 # a, k, b of cell 18, percentile 50 of cell 19, the linear coefficient of cell 32, cell 49;
 # libstarcam says 7 to 13 times the width of diffraction in flight.
 FIT = (487.772919, -0.301852219, -0.303235192)
-FAINTEST, COLOUR, BACKGROUND, WIDTHS = 8.505024909973145, 0.34860767, 406.30958912327844, (7, 13)
+FAINTEST, COLOUR, BACKGROUND, WIDTHS = (
+    8.505024909973145,
+    0.34860767,
+    406.30958912327844,
+    (7.0, 13.0),
+)
 TESS = 2.56  # ssmichael1/tetra3rs CHANGELOG.md, 0.5.0: sector 17; all ten stay below 9 in README.md
 # Of `startrack solve --catalog deep --fov 4.05 --fov-tolerance 0.02 --epoch 2013 FRAME` (some
 # minutes a frame): matched stars, and residual, pixel rms of an axis; none of the first.
@@ -89,10 +91,10 @@ def tim(folder: Path) -> Seen:
     for k, (label, *_) in enumerate(BLOCKS):
         if k != 4:
             seen[f"T7 {label}"] = (median[k] / median[4], NOTEBOOK)
-    a, k, b = FIT
+    scale, power, zero = FIT
     for rp in (3, 5, 7):
-        seen[f"T8 RP {rp}"] = (a * 10 ** (k * rp) + b, PHOTOMETRY)
-    seen["T9"] = (math.log10((3 - b) / a) / k, PHOTOMETRY)
+        seen[f"T8 RP {rp}"] = (scale * 10 ** (power * rp) + zero, PHOTOMETRY)
+    seen["T9"] = (math.log10((3 - zero) / scale) / power, PHOTOMETRY)
     seen["T10"], seen["T11"] = (FAINTEST, PHOTOMETRY), (COLOUR, PHOTOMETRY)
     for name, width in zip(("T12 least", "T12 largest"), WIDTHS, strict=True):
         seen[name] = (width, "starcam-sim libstarcam.py, as a typical range")
@@ -188,20 +190,10 @@ def parts(folder: Path) -> Iterator[Seen]:
     yield {"G4": (TESS, "ssmichael1/tetra3rs CHANGELOG.md 0.5.0, sector 17, one chip of four")}
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("folder", type=Path, help="of the files")
-    parser.add_argument("--write", type=Path, help="write what was seen to this file")
-    options = parser.parse_args()
-    figures: dict[str, Any] = {}
-    for seen in parts(options.folder):
-        for name, (value, source) in seen.items():
-            figures[name] = {"value": float(f"{value:.5g}"), "source": source}
-            print(f"{name:24} {value:10.4g}")
-    if options.write:
-        text = json.dumps({"figures": figures}, indent=1) + "\n"
-        options.write.write_text(text, encoding="utf-8")
-
-
-if __name__ == "__main__":
-    main()
+def measured(folder: Path) -> dict[str, dict[str, Any]]:
+    """Value and source of each figure."""
+    return {
+        name: {"value": float(f"{value:.5g}"), "source": source}
+        for seen in parts(folder)
+        for name, (value, source) in seen.items()
+    }
