@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
@@ -14,7 +15,7 @@ from matplotlib.colors import FuncNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.path import Path as MarkerPath
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter, uniform_filter
+from scipy.ndimage import uniform_filter
 from scipy.spatial.transform import Rotation
 
 from startrack.core import Camera, Floats, Frame, Matches, Spots, Stars, arcsec, deg
@@ -381,7 +382,7 @@ def stretch(image: NDArray[np.number], saturation: float | None = None) -> Stret
     finite = reduced[np.isfinite(reduced)]
     if not len(finite):
         return Stretch(reduced, block, False, 0.0, 1.0, 1.0, limit, saturated)
-    median, noise = _ground(finite)
+    ground = median, noise = _ground(finite)
     black = median + DARK * noise
     if saturated:
         black = min(black, limit - RANGE * noise)
@@ -391,12 +392,13 @@ def stretch(image: NDArray[np.number], saturation: float | None = None) -> Stret
         bright = values > median + BRIGHT * noise
         if block < 3:
             # A star shines into the eight pixels around; a hot pixel does not, and stays small.
-            middle, of_pixels = _ground(values[np.isfinite(values)])
+            single = block == 1
+            middle, of_pixels = ground if single else _ground(values[np.isfinite(values)])
             filled = np.where(np.isfinite(values), values, middle)
             around = (9 * uniform_filter(filled, 3) - filled) / 8
             bright &= around > middle + AROUND * of_pixels / math.sqrt(8)
         wide = _largest(np.where(bright, values, -np.inf), block)
-        reduced = np.maximum(reduced, maximum_filter(wide, 3, mode="nearest"))
+        reduced = np.maximum(reduced, cv2.dilate(wide, np.ones((3, 3)), borderType=cv2.BORDER_REPLICATE))
     return Stretch(reduced, block, wider, black, noise, white, limit, saturated)
 
 

@@ -98,7 +98,7 @@ class Search extends Run {
   forget() {
     this.first = 0;
     this.designs = [];
-    this.stage = "the processes start";
+    this.stage = "";
   }
 
   asked() {
@@ -118,7 +118,8 @@ class Search extends Run {
     }
     this.first = state.count;
     const count = `${this.designs.length} results`;
-    if (state.running) this.line(`Searching: ${this.stage}; ${count}.`);
+    const stage = this.stage || (this.designs.length ? "forecasts" : "the processes start");
+    if (state.running) this.line(`Searching: ${stage}; ${count}.`);
     else if (state.stopped) this.line(`Stopped after ${count}; Start continues.`);
     else if (state.result) {
       const kept = state.result.start_stays ? " No better design was found: the start stays." : "";
@@ -137,7 +138,7 @@ class Search extends Run {
         const { by, met } = this.designs[n];
         return [by === "formula" ? "circle" : "triangle", met ? BLUE : RED, met];
       },
-      ["results: ○ by formula, △ by trials; filled: all limits met", "error, or what is made small"],
+      ["results: ○ formula, △ trials; filled: all limits met", "error, or what is made small; at the top: no forecast"],
       (n) => this.hover(this.words(this.designs[n])), (n) => this.take(this.designs[n]));
   }
 
