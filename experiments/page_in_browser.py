@@ -10,7 +10,7 @@ saved_same        1: the saved file gives the numbers shown by `startrack budget
 offline           1: no request goes elsewhere, and no other address can be reached
 sentences         1: a second tab, a stale token, a broken file and a killed server each end in a
                   sentence that the user sees
-page_lines        lines of Python, and of JavaScript, HTML and CSS, uPlot apart
+page_lines        lines that are not blank, of Python and of JavaScript, HTML and CSS, uPlot apart
 """
 
 from __future__ import annotations
@@ -189,7 +189,7 @@ def page_lines() -> dict[str, int]:
     files = (home / "page" / "files").iterdir()
     shown = [file for file in files if "uPlot" not in file.name]
     return {
-        kind: sum(len(path.read_text(encoding="utf-8").splitlines()) for path in paths)
+        kind: sum(bool(line.strip()) for path in paths for line in path.open(encoding="utf-8"))
         for kind, paths in (("python", python), ("browser", shown))
     }
 

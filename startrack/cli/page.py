@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import threading
 import webbrowser
 from concurrent.futures import Executor
@@ -47,6 +48,8 @@ def command(options: argparse.Namespace) -> int:
     """Serve the page until Ctrl-C."""
     page = _page(options)
     options.out.mkdir(parents=True, exist_ok=True)
+    if options.allow_code:  # in the processes that compute, too
+        os.environ["STARTRACK_ALLOW_CODE"] = "*"
     try:
         with pool(max(options.workers, BESIDE)) as executor:
             _serve(options, page, executor)

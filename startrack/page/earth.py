@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from startrack.core import Refused
-from startrack.design import found_at
 from startrack.earth.retrieval import EarthProblem, load_earth_design, scene_keys
 from startrack.io import to_table
 from startrack.page import form
@@ -41,10 +40,7 @@ class EarthPage:
         """Forecast and margins; the number of the trial changes nothing."""
         problem = self.load(changes)
         words, costs = problem.text(), _margins(problem.costs())
-        sliders = [
-            form.slider(bounds, type(found_at(problem.design, bounds.name)) is int)
-            for bounds in problem.variables
-        ]
+        sliders = form.sliders(problem.design, problem.variables)
         try:
             expected = problem.expect()
         except Refused as reason:

@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from startrack.design import Key
+from startrack.design import Key, found_at
 from startrack.problem import Bounds
 
 MOST_LETTERS = 400  # of a value that is shown; longer lists are edited in the file
@@ -65,19 +65,18 @@ def _leaves(value: Any, path: str) -> Iterator[tuple[str, Any]]:
         yield path, value
 
 
-def slider(variable: Bounds, whole: bool) -> dict[str, Any]:
-    """A variable in the unit in which it is written.
-
-    whole  whether its values are whole numbers
-    """
-    size = variable.size
-    return {
-        "key": variable.name,
-        "low": variable.low / size,
-        "high": variable.high / size,
-        "value": variable.start / size,
-        "log": variable.log,
-        "unit": variable.unit,
-        "si": size,
-        "whole": whole,
-    }
+def sliders(design: Any, variables: Sequence[Bounds]) -> list[dict[str, Any]]:
+    """Variables of a design, in the units in which they are written."""
+    return [
+        {
+            "key": variable.name,
+            "low": variable.low / variable.size,
+            "high": variable.high / variable.size,
+            "value": variable.start / variable.size,
+            "log": variable.log,
+            "unit": variable.unit,
+            "si": variable.size,
+            "whole": type(found_at(design, variable.name)) is int,
+        }
+        for variable in variables
+    ]

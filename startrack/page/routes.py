@@ -43,7 +43,7 @@ class Routes:
         changes: list[str],
     ) -> None:
         search = SearchRun(page.path, folder / "search", page.seed, workers)
-        self._painting = threading.Lock()
+        self._painting, self._starting = threading.Lock(), threading.Lock()
         self._page, self._executor, self._folder = page, executor, folder
         self._stops = [search.stop]
         self._about = {
@@ -61,7 +61,7 @@ class Routes:
                 key.name for key in search_keys(_text(body, "words"), page.all_keys())
             ],
             "paint": self._paint,
-            "search/start": lambda body: search.start(_changes(body)),
+            "search/start": lambda body: self._alone(search.start, _changes(body)),
             "search/stop": lambda body: search.stop(),
             "search/state": lambda body: search.state(_whole(body, "first")),
         }
@@ -71,8 +71,8 @@ class Routes:
             self._by_path |= {
                 "later": lambda body: self._later(page, body),
                 "save": lambda body: {"done": page.save(_changes(body), self._file(body))},
-                "trials/start": lambda body: trials.start(
-                    _changes(body), _whole(body, "trials"), _text(body, "fidelity")
+                "trials/start": lambda body: self._alone(
+                    trials.start, _changes(body), _whole(body, "trials"), _text(body, "fidelity")
                 ),
                 "trials/stop": lambda body: trials.stop(),
                 "trials/state": lambda body: trials.state(),
@@ -95,6 +95,10 @@ class Routes:
         """End what runs."""
         for stop in self._stops:
             stop()
+
+    def _alone(self, start: Callable[..., None], *values: Any) -> None:
+        with self._starting:  # of two tabs, one
+            start(*values)
 
     def _paint(self, body: Body) -> dict[str, Any]:
         with self._painting:  # one after the other, so that each is quick

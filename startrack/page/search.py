@@ -93,8 +93,5 @@ class SearchRun:
         return [json.loads(line) for line in text[: text.rfind("\n") + 1].splitlines()]
 
     def _last_words(self) -> str:
-        with suppress(OSError):
-            words = (self._folder / MESSAGES).read_text(encoding="utf-8", errors="replace")
-            lines = [line for line in words.splitlines() if line.strip()]
-            return lines[-1] if lines else ""
-        return ""
+        words = (self._folder / MESSAGES).read_text(encoding="utf-8", errors="replace")
+        return words.strip().rpartition("\n")[2]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hmac
 import json
 import secrets
+from collections.abc import Mapping
 from http.cookies import CookieError, SimpleCookie
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -30,6 +31,7 @@ HEADERS = {
     "Cross-Origin-Opener-Policy": "same-origin",
     "Cache-Control": "no-store",
 }
+NOTHING: Mapping[str, str] = {}
 STALE = (
     "this page is of another run of startrack page, or lacks its token: open the address that the "
     "running command printed"
@@ -56,6 +58,14 @@ class PageServer(ThreadingHTTPServer):
         """Say nothing of connections that a browser has closed."""
 
 
+class _Denied(Exception):
+    """A request that is not answered: its status of HTTP and a sentence."""
+
+    def __init__(self, status: int, sentence: str) -> None:
+        super().__init__(sentence)
+        self.status = status
+
+
 class _Handler(BaseHTTPRequestHandler):
     protocol_version = "HTTP/1.1"
     server_version, sys_version = "startrack", ""
@@ -64,98 +74,88 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         """The page and its files; the first request brings the token, and takes a cookie."""
-        url = urlsplit(self.path)
-        if not self._is_ours():
-            return
-        token = parse_qs(url.query).get("token", [""])[0]
-        if token and self._right(token):
-            self._reply(303, b"", "text/plain", {"Location": "/", "Set-Cookie": self._cookie()})
-            return
-        if token or not self._has_cookie():
-            self._reply(403, STALE.encode(), "text/plain; charset=utf-8")
-            return
-        name = url.path.removeprefix("/") or "page.html"
-        if name not in SHOWN:
-            self._reply(404, b"there is no such file", "text/plain")
-            return
-        file = SHOWN[name]
-        self._reply(200, file.read_bytes(), f"{KINDS[file.suffix]}; charset=utf-8")
+        try:
+            self._check_origin()
+            url = urlsplit(self.path)
+            token = parse_qs(url.query).get("token", [""])[0]
+            if self._right(token):
+                cookie = f"{self._page.cookie}={token}; HttpOnly; SameSite=Strict; Path=/"
+                self._reply(303, b"", "text/plain", {"Location": "/", "Set-Cookie": cookie})
+                return
+            self._check_cookie()
+            name = url.path.removeprefix("/") or "page.html"
+            if name not in SHOWN:
+                raise _Denied(404, "there is no such file")
+            content, kind = SHOWN[name].read_bytes(), KINDS[SHOWN[name].suffix]
+            self._reply(200, content, f"{kind}; charset=utf-8")
+        except _Denied as denied:
+            self._reply(denied.status, str(denied).encode(), "text/plain; charset=utf-8")
 
     def do_POST(self) -> None:
         """A request of the page, as JSON."""
         self.close_connection = True  # unless the body is read
-        if not self._is_ours():
-            return
-        if not self._has_cookie():
-            self._refuse(403, STALE)
-            return
-        if self.headers.get_content_type() != "application/json":
-            self._refuse(415, "a request must be application/json")
-            return
-        length = self.headers.get("Content-Length", "")
-        if not (length.isascii() and length.isdecimal()):
-            self._refuse(411, "a request must say its length")
-            return
-        if len(length) > 9 or int(length) > MOST_BYTES:
-            self._refuse(413, f"a request must have at most {MOST_BYTES} bytes, got {length[:20]}")
-            return
-        path = self.path.removeprefix("/api/")
         try:
-            body = json.loads(self.rfile.read(int(length)) or b"{}")
-        except (ValueError, RecursionError):
-            body = None
-        self.close_connection = False
-        if not isinstance(body, dict):
-            self._refuse(400, "a request must be an object of JSON")
-        elif path not in self._page.routes or not self.path.startswith("/api/"):
-            self._refuse(404, "there is no such request")
-        else:
+            self._check_origin()
+            self._check_cookie()
+            body, path = self._body(), self.path.removeprefix("/api/")
+            if path == self.path or path not in self._page.routes:
+                raise _Denied(404, "there is no such request")
             self._json(200, self._page.routes.answer(path, body))
+        except _Denied as denied:
+            self._json(denied.status, {"refused": str(denied)})
 
     @property
     def _page(self) -> PageServer:
         assert isinstance(self.server, PageServer)
         return self.server
 
-    def _is_ours(self) -> bool:
-        """Whether the request names this host and comes from its own page; else it is refused."""
+    def _check_origin(self) -> None:
+        """Deny a request that names another host, or comes from another page."""
         host, origin = self.headers.get("Host", ""), self.headers.get("Origin")
         if host not in self._page.names:
-            self._refuse(403, f"Host must be {HOST}:{self._page.server_port}")
-            return False
+            raise _Denied(403, f"Host must be {HOST}:{self._page.server_port}")
         if origin is not None and origin != f"http://{host}":
-            self._refuse(403, "Origin must be that of this page")
-            return False
-        return True
+            raise _Denied(403, "Origin must be that of this page")
+
+    def _check_cookie(self) -> None:
+        try:
+            cookie = SimpleCookie(self.headers.get("Cookie", "")).get(self._page.cookie)
+        except CookieError:
+            cookie = None
+        if cookie is None or not self._right(cookie.value):
+            raise _Denied(403, STALE)
 
     def _right(self, token: str) -> bool:
         return hmac.compare_digest(token.encode(), self._page.token.encode())
 
-    def _has_cookie(self) -> bool:
+    def _body(self) -> dict[str, Any]:
+        if self.headers.get_content_type() != "application/json":
+            raise _Denied(415, "a request must be application/json")
+        length = self.headers.get("Content-Length", "")
+        if not (length.isascii() and length.isdecimal()):
+            raise _Denied(411, "a request must say its length")
+        if len(length) > 9 or int(length) > MOST_BYTES:
+            raise _Denied(413, f"a request must have at most {MOST_BYTES} bytes")
         try:
-            cookie = SimpleCookie(self.headers.get("Cookie", "")).get(self._page.cookie)
-        except CookieError:
-            return False
-        return cookie is not None and self._right(cookie.value)
-
-    def _cookie(self) -> str:
-        return f"{self._page.cookie}={self._page.token}; HttpOnly; SameSite=Strict; Path=/"
-
-    def _refuse(self, status: int, sentence: str) -> None:
-        self._json(status, {"refused": sentence})
+            body = json.loads(self.rfile.read(int(length)) or b"{}")
+        except (ValueError, RecursionError):
+            body = None
+        self.close_connection = False
+        if not isinstance(body, dict):
+            raise _Denied(400, "a request must be an object of JSON")
+        return body
 
     def _json(self, status: int, value: Any) -> None:
-        content = json.dumps(finite(value), allow_nan=False).encode()
-        self._reply(status, content, "application/json")
+        self._reply(status, json.dumps(finite(value)).encode(), "application/json")
 
     def _reply(
-        self, status: int, content: bytes, kind: str, more: dict[str, str] | None = None
+        self, status: int, content: bytes, kind: str, more: Mapping[str, str] = NOTHING
     ) -> None:
         self.send_response(status)
-        for name, value in (HEADERS | (more or {})).items():
+        length = str(len(content))
+        own = {**HEADERS, **more, "Content-Type": kind, "Content-Length": length}
+        for name, value in own.items():
             self.send_header(name, value)
-        self.send_header("Content-Type", kind)
-        self.send_header("Content-Length", str(len(content)))
         self.end_headers()
         self.wfile.write(content)
 

@@ -111,10 +111,7 @@ class TrackerPage:
 def _sliders(case: Case, campaign: Campaign | None) -> list[dict[str, Any]]:
     variables = campaign.variables if campaign else ()
     every = variables or [_usual(case, f"instrument.{name}") for name in USUAL]
-    return [
-        form.slider(bounds, type(designs.found_at(case, bounds.name)) is int)
-        for bounds in designs.bounds_of(case, every)
-    ]
+    return form.sliders(case, designs.bounds_of(case, every))
 
 
 def _usual(case: Case, name: str) -> designs.Variable:

@@ -398,7 +398,9 @@ def stretch(image: NDArray[np.number], saturation: float | None = None) -> Stret
             around = (9 * uniform_filter(filled, 3) - filled) / 8
             bright &= around > middle + AROUND * of_pixels / math.sqrt(8)
         wide = _largest(np.where(bright, values, -np.inf), block)
-        reduced = np.maximum(reduced, cv2.dilate(wide, np.ones((3, 3)), borderType=cv2.BORDER_REPLICATE))
+        reduced = np.maximum(
+            reduced, cv2.dilate(wide, np.ones((3, 3)), borderType=cv2.BORDER_REPLICATE)
+        )
     return Stretch(reduced, block, wider, black, noise, white, limit, saturated)
 
 

@@ -94,10 +94,16 @@ class Side {
       drawFrame(this.panel("frame"), shown.frame);
       drawBudget(this.panel("budget"), shown, ghost, beside);
       if (shown.sky) drawSky(this.panel("sky"), shown.sky, beside && beside.sky);
-      if (shown.stars) drawMagnitude(this.panel("magnitude"), shown.stars, ghost && ghost.stars);
-      this.drawSlew();
     }
     this.drawRequirements();
+    clearTimeout(this.curves); // which are drawn when nothing else is waited for
+    this.curves = setTimeout(() => this.drawCurves(), 50);
+  }
+
+  drawCurves() {
+    const { shown, ghost } = this;
+    if (shown.stars) drawMagnitude(this.panel("magnitude"), shown.stars, ghost && ghost.stars);
+    if (about.kind === "tracker") this.drawSlew();
   }
 
   drawSlew() {
@@ -161,21 +167,16 @@ async function ask(path, body = {}) {
   }
   const value = await reply.json();
   if (reply.ok) {
-    if (!byId("message").dataset.kept) say("");
+    say("");
     return value;
   }
   say(value.refused);
   return null;
 }
 
-function say(text) {
-  byId("message").textContent = text;
-  byId("message").hidden = !text;
-}
-
-function note(text) {
-  byId("note").textContent = text;
-  byId("note").hidden = !text;
+function say(text, where = "message") {
+  byId(where).textContent = text;
+  byId(where).hidden = !text;
 }
 
 // --- sliders -------------------------------------------------------------------------------------
@@ -351,7 +352,7 @@ document.querySelectorAll("[name=side]").forEach((radio) => {
 byId("save").addEventListener("submit", async (event) => {
   event.preventDefault();
   const done = await ask("save", { changes: sides[active].list, name: byId("save-name").value });
-  if (done) note(done.done || done.refused);
+  if (done) say(done.done || done.refused, "note");
 });
 
 byId("trial").addEventListener("change", () => Object.values(sides).forEach((side) => side.paint()));
@@ -372,8 +373,8 @@ function startingChanges() {
 // Each tab has its own values; what runs and what is saved is of all tabs.
 const tabs = new BroadcastChannel(`startrack-${location.port}`);
 tabs.onmessage = ({ data }) => {
-  note("This page is open in another tab, too: each tab has its own values; searches, trials and " +
-    "saved files are the same.");
+  say("This page is open in another tab, too: each tab has its own values; searches, trials and " +
+    "saved files are the same.", "note");
   if (data === "opened") tabs.postMessage("here");
 };
 

@@ -197,13 +197,13 @@ function drawSky(panel, sky, other) {
   canvas.width = SKY_WIDE;
   canvas.height = SKY_HIGH + 40;
   const pen = canvas.getContext("2d"), image = pen.createImageData(SKY_WIDE, SKY_HIGH);
-  const shade = values.map((value) => value === null ? [200, 200, 200]
-    : colour(high > low ? (value - low) / (high - low) : 0.5));
-  for (let n = 0; n < index.length; n++) {
-    if (index[n] < 0) continue;
-    image.data.set(shade[index[n]], 4 * n);
-    image.data[4 * n + 3] = 255;
-  }
+  const shade = Uint32Array.from(values, (value) => {
+    const [r, g, b] = value === null ? [200, 200, 200]
+      : colour(high > low ? (value - low) / (high - low) : 0.5);
+    return 0xff000000 | (b << 16) | (g << 8) | r;
+  });
+  const pixels = new Uint32Array(image.data.buffer);
+  for (let n = 0; n < index.length; n++) if (index[n] >= 0) pixels[n] = shade[index[n]];
   pen.putImageData(image, 0, 0);
   for (let u = 0; u < SKY_WIDE; u++) {
     pen.fillStyle = `rgb(${colour(u / SKY_WIDE).join(",")})`;

@@ -54,24 +54,20 @@ class Run {
       .map((button) => [button.dataset.do, button]));
     this.buttons.start.addEventListener("click", () => this.start());
     this.buttons.stop.addEventListener("click", async () => {
-      this.line("Stopping.");
+      this.tell("Stopping.");
       await ask(`${name}/stop`);
       this.look();
     });
   }
 
-  line(text) {
-    this.box.querySelector(".line").textContent = text;
-  }
-
-  hover(text) {
-    this.box.querySelector(".hover").textContent = text;
+  tell(text, where = "line") {
+    this.box.querySelector(`.${where}`).textContent = text;
   }
 
   async begin(body) {
     const reply = await ask(`${this.name}/start`, { changes: sides[active].list, ...body });
     if (reply && reply.refused) {
-      this.line(reply.refused);
+      this.tell(reply.refused);
       return;
     }
     this.look();
@@ -119,12 +115,12 @@ class Search extends Run {
     this.first = state.count;
     const count = `${this.designs.length} results`;
     const stage = this.stage || (this.designs.length ? "forecasts" : "the processes start");
-    if (state.running) this.line(`Searching: ${stage}; ${count}.`);
-    else if (state.stopped) this.line(`Stopped after ${count}; Start continues.`);
+    if (state.running) this.tell(`Searching: ${stage}; ${count}.`);
+    else if (state.stopped) this.tell(`Stopped after ${count}; Start continues.`);
     else if (state.result) {
       const kept = state.result.start_stays ? " No better design was found: the start stays." : "";
-      this.line(`Ended: ${state.result.ending}.${kept} best.toml is in ${about.folder}/search.`);
-    } else if (state.status) this.line(`The search failed: ${state.message}`);
+      this.tell(`Ended: ${state.result.ending}.${kept} best.toml is in ${about.folder}/search.`);
+    } else if (state.status) this.tell(`The search failed: ${state.message}`);
     this.buttons.start.textContent = state.stopped ? "Continue" : "Start";
     const best = this.bestOf();
     this.buttons.take.disabled = !best;
@@ -139,7 +135,7 @@ class Search extends Run {
         return [by === "formula" ? "circle" : "triangle", met ? BLUE : RED, met];
       },
       ["results: ○ formula, △ trials; filled: all limits met", "error, or what is made small; at the top: no forecast"],
-      (n) => this.hover(this.words(this.designs[n])), (n) => this.take(this.designs[n]));
+      (n) => this.tell(this.words(this.designs[n]), "hover"), (n) => this.take(this.designs[n]));
   }
 
   bestOf() {
@@ -208,18 +204,18 @@ class Trials extends Run {
 
   show(state) {
     this.state = state;
-    if (state.message) this.line(state.message);
+    if (state.message) this.tell(state.message);
     else if (state.count) {
       const lost = state.correct.filter((correct) => !correct).length;
-      this.line(`${state.running ? "Running" : "Ended"}: ${state.count} trials, ${lost} without a ` +
+      this.tell(`${state.running ? "Running" : "Ended"}: ${state.count} trials, ${lost} without a ` +
         `correct attitude${state.running ? "" : "; Start continues to the number above"}.`);
-    } else this.line(state.running ? "The first trials run." : "No trial was done.");
+    } else this.tell(state.running ? "The first trials run." : "No trial was done.");
     this.buttons.worst.disabled = !state.count;
     if (!state.count) return;
     this.box.querySelector(".summary").textContent = state.lines.join("\n");
     scatter(this.svg, state.across, (n) => ["circle", state.correct[n] ? BLUE : RED, state.correct[n]],
       ["trial; hollow: no correct attitude", "error across (arcsec rms per axis)"],
-      (n) => this.hover(this.words(n)), (n) => this.frame(n));
+      (n) => this.tell(this.words(n), "hover"), (n) => this.frame(n));
   }
 
   words(n) {
@@ -237,7 +233,7 @@ class Trials extends Run {
   frame(n) {
     byId("trial").value = n;
     byId("trial").dispatchEvent(new Event("change"));
-    this.hover(`${this.words(n)} Its frame is shown above, of the values that are shown now.`);
+    this.tell(`${this.words(n)} Its frame is above, of the values that are shown now.`, "hover");
     sides[active].panel("frame").scrollIntoView({ block: "nearest" });
   }
 }
