@@ -114,9 +114,11 @@ def browser() -> Iterator[Browser]:
             wanted = {"alwaysMatch": {"goog:chromeOptions": options}}
             session = _ask("POST", f"{address}/session", {"capabilities": wanted})["sessionId"]
             _ask("POST", f"{address}/session/{session}/timeouts", {"script": 600_000})
-            yield Browser(address, session)
-            with suppress(RuntimeError, URLError):
-                _ask("DELETE", f"{address}/session/{session}")
+            try:
+                yield Browser(address, session)
+            finally:  # or the browser outlives its driver
+                with suppress(RuntimeError, URLError, ConnectionError):
+                    _ask("DELETE", f"{address}/session/{session}")
         finally:
             driver.terminate()
             driver.wait()
