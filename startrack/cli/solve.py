@@ -6,6 +6,7 @@ import argparse
 import math
 from collections.abc import Callable
 from concurrent.futures import BrokenExecutor
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ if wanted(__name__):
     from startrack.core import Camera, Frame, positive, within
     from startrack.design import Tracker
     from startrack.detection import Detection
-    from startrack.identification import Identification, PatternIndexes
+    from startrack.identification import Identification, PatternIndexes, fit_frame
     from startrack.io import field_hint, tetra3_values, to_table, write_solution
     from startrack.montecarlo import pool
     from startrack.photograph import THRESHOLDS, Photograph, PhotographView, solve_photograph
@@ -28,8 +29,11 @@ if wanted(__name__):
 
 declare = Options(
     "Prints the boresight of each image, its roll, its field of view and the probability of a "
-    "false match. Without --camera the lens is unknown: its distortion is estimated where the "
-    "stars show it, and the boresight is the direction of the centre of the image. Mirrored and "
+    "false match. The boresight is the direction of the centre of the image, as the catalogue has "
+    "it: refraction of the air and aberration are in it. Without --camera the lens is unknown: its "
+    "distortion is estimated where the stars show it; with it the optical axis is printed, too. "
+    "Scale and squeeze of the image that refraction of the air causes are estimated where the "
+    "stars show them. Mirrored and "
     "squeezed images are tried after others; the result then is that of the image as a camera "
     "with square pixels would see it, and says so. The status is 3 if an image has no attitude, "
     "with the reason, and 1 if one cannot be read.",
@@ -150,9 +154,12 @@ def _opened(
 def _solved(how: argparse.Namespace, path: Path) -> tuple[dict[str, Any], str, Exit]:
     """Solve one image and write its files; its values, its line, and its status."""
     read, camera, identification, indexes = _opened(*(getattr(how, name) for name in SHARED))
-    frame, stars = read(path), indexes.stars
+    frame, stars, place = read(path), indexes.stars, ""
     if camera:
         solved = _with_camera(frame, camera, indexes, identification)
+        if solved.estimate.icrs_to_camera is not None:
+            axis = terminal.pointing_text(solved.estimate.icrs_to_camera, 4, 3)
+            place = f"; the optical axis at {axis}"
     else:
         given = None if how.fov is None else math.radians(how.fov)
         hint = given or field_hint(path, frame.image.shape)
@@ -182,7 +189,7 @@ def _solved(how: argparse.Namespace, path: Path) -> tuple[dict[str, Any], str, E
         files = write_solution(name, solved.spots, (rows, columns), solved.matches, stars)
         result["tables"] = [str(file) for file in files]
     status = Exit.UNSOLVED if solved.axis is None else Exit.DONE
-    text = f"{path}: {_text(solved)}"
+    text = f"{path}: {_text(solved)}{place}"
     if solved.axis is None and how.catalog == BRIGHT:
         text += DEEPER
     return result, text, status
@@ -203,7 +210,12 @@ def _with_camera(
         spots, matches, estimate = lost_in_space(frame, camera, indexes, tracker)
         if estimate.icrs_to_camera is not None:
             break
-    return Photograph(spots, matches, estimate, estimate.icrs_to_camera, PhotographView())
+    if estimate.icrs_to_camera is None:
+        return Photograph(spots, matches, estimate, None, PhotographView())
+    matches, axis, covariance, rms = fit_frame(spots, matches)
+    attitude = matches.icrs_to_camera
+    estimate = replace(estimate, icrs_to_camera=attitude, covariance=covariance, residual_rms=rms)
+    return Photograph(spots, matches, estimate, axis, PhotographView())
 
 
 def _values(solved: Photograph, exposure: float) -> dict[str, Any]:
@@ -218,6 +230,8 @@ def _values(solved: Photograph, exposure: float) -> dict[str, Any]:
         "false_probability": estimate.false_probability,
     }
     if estimate.icrs_to_camera is not None and axis is not None:
+        lens = terminal.attitude_values(estimate.icrs_to_camera)  # of the optical axis
+        lens["icrs_to_lens_xyzw"] = lens.pop("icrs_to_camera_xyzw")
         result |= terminal.attitude_values(axis) | {
             "fov_x_deg": math.degrees(matches.camera.fov_x),
             "mirrored": solved.view.mirrored,
@@ -226,10 +240,7 @@ def _values(solved: Photograph, exposure: float) -> dict[str, Any]:
             "streak_px": solved.streak and list(solved.streak),
             "rate_deg_s": _rate(solved, exposure),
             "as_hinted": solved.as_hinted,
-            "lens": {
-                "icrs_to_lens_xyzw": terminal.quaternion(estimate.icrs_to_camera),
-                "camera": to_table(matches.camera),
-            },
+            "lens": lens | {"camera": to_table(matches.camera)},
             "residual_rms_px": estimate.residual_rms,
             "sigma_arcsec": [3600 * math.degrees(v**0.5) for v in estimate.covariance.diagonal()],
         }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import cached_property
+from itertools import zip_longest
 
 import numpy as np
 
@@ -67,6 +68,14 @@ class FieldPolynomial(Parameters):
     def at(self, temperature: float) -> FieldPolynomial:
         """The same polynomial at another temperature, kelvin."""
         return replace(self, temperature=temperature)
+
+    def plus(self, other: FieldPolynomial) -> FieldPolynomial:
+        """The sum with another polynomial, whose growth and temperatures it has."""
+        x, y = (
+            tuple(a + b for a, b in zip_longest(*pair, fillvalue=0.0))
+            for pair in ((self.x, other.x), (self.y, other.y))
+        )
+        return replace(other, x=x, y=y)
 
     def shift(self, plane: Floats, temperature: Floats | None = None) -> Floats:
         """Displacement of places.

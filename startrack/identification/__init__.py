@@ -23,6 +23,7 @@ from startrack.identification.blind import (
     cameras,
     cameras_of,
     fisheye,
+    fit_frame,
     fit_lens,
     identify_blind,
 )

@@ -90,7 +90,8 @@ class Photograph:
             text += f"; stars are streaks of {math.hypot(*self.streak):.1f} px"
         if polynomial := self.matches.camera.polynomial:
             text += (
-                f"; pixels {self.aspect:.4f} times as wide as high, shear {polynomial.x[2]:+.4f}"
+                f"; pixels {self.aspect:.4f} times as wide as high, shear {polynomial.x[2]:+.4f}, "
+                "to which refraction of the air may contribute"
             )
         return text
 

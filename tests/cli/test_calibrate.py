@@ -1,6 +1,7 @@
 """What `calibrate` writes is a camera that `solve` and a design take."""
 
 import json
+import math
 
 import pytest
 
@@ -27,6 +28,30 @@ def test_solve_takes_the_camera(calibrated, capsys):
     true = load_design(example()).case.instrument.camera
     assert found["fov_x_deg"] == pytest.approx(true.fov_x * 57.29578, rel=2e-4)
     assert found["residual_rms_px"] < 0.2
+
+
+def test_the_direction_is_that_of_the_middle_and_the_optical_axis_is_said(
+    calibrated, tmp_path, capsys
+):
+    """The camera's axis is moved by 50 columns: the stars turn with it, the middle stays."""
+    frame, camera = calibrated
+    moved = tmp_path / "moved.toml"
+    lines = camera.read_text().splitlines()
+    lines = ["principal_x = 50.0" if line.startswith("principal_x") else line for line in lines]
+    moved.write_text("\n".join(lines))
+    middle, axis = [], []
+    for file in (camera, moved):
+        assert main(["solve", str(frame), "--camera", str(file), "--json"]) == 0
+        found = json.loads(capsys.readouterr().out)
+        middle.append((found["ra_deg"], found["dec_deg"]))
+        axis.append((found["lens"]["ra_deg"], found["lens"]["dec_deg"]))
+    assert middle[0] == pytest.approx((83.0, -5.0), abs=0.002)
+    assert middle[1] == pytest.approx(middle[0], abs=0.002)
+    pixel = found["fov_x_deg"] / found["lens"]["camera"]["columns"]
+    apart = math.hypot(*(a - b for a, b in zip(axis[1], middle[1], strict=True)))
+    assert apart == pytest.approx(50 * pixel, rel=0.1)
+    assert main(["solve", str(frame), "--camera", str(moved)]) == 0
+    assert "the optical axis at RA" in capsys.readouterr().out
 
 
 def test_a_design_takes_the_camera(calibrated, tmp_path):
