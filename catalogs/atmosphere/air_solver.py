@@ -376,7 +376,7 @@ def build_limb(
 
 
 SKY_WAVELENGTH: Floats = np.array([320, 350, 400, 450, 500, 550, 600, 700, 850, 1000, 1100]) * nm
-SKY_HEIGHT: Floats = np.array([0.0, 1, 2, 4, 7, 11, 16, 22, 28, 34, 40]) * 1e3
+SKY_HEIGHT: Floats = np.array([0.0, 1, 2, 4, 7, 11, 15, 18, 21, 25, 29, 34, 40]) * 1e3
 SKY_ZENITH: Floats = np.array([0.0, 20, 35, 47, 57, 66, 73, 80]) * deg
 SKY_SUN: Floats = np.array([0.0, 15, 30, 42, 52, 62, 70, 76, 81, 85, 88, 90]) * deg
 SKY_AZIMUTH: Floats = np.array([0.0, 15, 30, 50, 75, 100, 130, 155, 180]) * deg

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import lru_cache
 from pathlib import Path
@@ -104,7 +105,7 @@ def sky_light(sky: DaySky, date: str | None = None) -> SkyLight:
               nm on), no twilight; where the Sun is below the horizontal, light that is scattered
               more than once is that of a Sun at the horizontal, an upper limit. The aerosol of a
               real stratosphere differs by a factor of two and more. Lines of gases are averaged
-              over bins of 10 nm. numerical: 3 % of the solver from 5 degrees of distance from the
+              over bins of 10 nm. numerical: 2 % of the solver from 5 degrees of distance from the
               Sun on.
     """
     table, sun = _table(), sky.sun(date)
@@ -199,23 +200,32 @@ def _depth_to_sun(table: SkyTable, layer: Floats, radius: Floats, cosine: Floats
 
 def _scattered_more(table: SkyTable, sky: DaySky, sun: SunPlace) -> tuple[Floats, Floats]:
     """(k,) 1 / sr each: light that is scattered more than once, and light of the ground."""
-    from scipy.interpolate import RegularGridInterpolator  # 0.1 s; few scenes are below the air
-
     zenith = min(max(math.pi / 2 - sun.elevation, 0.0), float(table.sun[-1]))
     mass = 1 / math.sin(sky.elevation)
     at = [sky.height, math.log(mass), zenith, _azimuth(sky, sun)]
     axes = table.height, np.log(table.mass), table.sun, table.azimuth
     black, lit = [], []
     for more, ground, returned in zip(table.multiple, table.ground, table.returned, strict=True):
-        logs = np.moveaxis(np.log(np.maximum(more, FAINT)), 0, -1)
-        black.append(np.exp(RegularGridInterpolator(axes, logs)(at)[0]))
-        logs = np.moveaxis(np.log(np.maximum(ground, FAINT)), 0, -1)
-        of_ground = np.exp(RegularGridInterpolator(axes[:3], logs)(at[:3])[0])
+        black.append(_between(axes, more, at))
+        of_ground = _between(axes[:3], ground, at[:3])
         lit.append(sky.albedo * of_ground / (1 - sky.albedo * returned))
     clear, hazy = 1 - sky.aerosol, sky.aerosol
     mixed = (clear * part[0] + hazy * part[1] for part in (black, lit))
     first, second = (np.maximum(part, 0) for part in mixed)
     return first, second
+
+
+def _between(axes: Sequence[Floats], values: Floats, at: Sequence[float]) -> Floats:
+    """(k,) values (k, ...) between nodes, by monotone cubic curves through their logarithms."""
+    from scipy.interpolate import PchipInterpolator  # 0.1 s; few scenes are below the air
+
+    for axis, place in zip(axes, at, strict=True):
+        # The curve in a cell depends on two nodes to each side.
+        first = min(max(int(np.searchsorted(axis, place)) - 2, 0), len(axis) - 4)
+        near = slice(first, first + 4)
+        logs = np.log(np.maximum(values[:, near], FAINT))
+        values = np.exp(PchipInterpolator(axis[near], logs, axis=1)(place))
+    return values
 
 
 def _azimuth(sky: DaySky, sun: SunPlace) -> float:
