@@ -184,6 +184,7 @@ def test_stray_light_adds_to_it():
     np.testing.assert_allclose(more, none + alone)
 
 
+@pytest.mark.slow
 def test_frames_windows_and_the_formula_have_the_same_sky():
     night = load_design(shipped("designs/noise_only.toml")).case
     case = replaced_all(night, {"scene": Scene(sky=sky()), "instrument.detector.exposure": 2e-3})
