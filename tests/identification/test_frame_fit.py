@@ -85,7 +85,7 @@ def test_a_frame_without_air_keeps_the_camera():
     assert normalised(lens, middle)[0] < 0.05
 
 
-@pytest.mark.parametrize("count", [8, 90])
+@pytest.mark.parametrize("count", [5, 8, 90])
 def test_the_error_that_neighbours_share_is_stated(count):
     """The calibration is wrong by 0.15 pixel, smooth over the frame: stars do not average it."""
     rng, over, before = np.random.default_rng(5), [], []

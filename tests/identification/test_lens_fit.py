@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from startrack.catalog import Selection, open_sky
 from startrack.core.camera import Camera
 from startrack.core.units import deg
-from startrack.core.values import Status
+from startrack.core.values import Matches, Status
 from startrack.identification import Identification, build_index, fit_lens, identify_blind
 from startrack.identification.blind import AXIS, FISHEYE, cameras, fields, fisheye, tolerance_of
 from startrack.identification.index import indexed_field
@@ -117,6 +117,25 @@ def test_a_lens_without_distortion_has_none(field):
             found.append(lens.matches.camera.distorted)
     assert found
     assert not any(found)
+
+
+@pytest.mark.parametrize("count", [5, 6])
+def test_few_stars_state_their_error(count):
+    """Noise of 0.3 pixel that spots state as 0.1: Student's factor of few residuals holds it."""
+    rng, over = np.random.default_rng(count), []
+    for _ in range(60):
+        true = Camera(SIZE, SIZE, 3900.0, *rng.normal(0, 5, 2), k1=rng.normal(0, 0.05))
+        place = rng.uniform(0, SIZE - 1, (count, 2))
+        axis, direction = axis_of(true, Rotation.identity()), true.unproject(place)
+        spots, index = make_spots(place + rng.normal(0, 0.3, place.shape), 0.1), np.arange(count)
+        start = Rotation.from_rotvec(rng.normal(0, 1e-3, 3))
+        guess = Camera(SIZE, SIZE, 3900.0 * np.exp(rng.normal(0, 0.03)))
+        matches = Matches(Status.SOLVED, "", index, index, direction, guess, start, 1e-9)
+        lens = fit_lens(spots, matches, STARS, None, Identification())
+        error = lens.icrs_to_image.apply(axis)[:2]
+        over.append(np.hypot(*error) / np.sqrt(lens.covariance.diagonal()[:2].mean()))
+    assert np.median(over) < 1.18
+    assert np.percentile(over, 95) < 2.45
 
 
 @pytest.mark.parametrize("field", [pytest.param(50, marks=SLOW), pytest.param(65, marks=SLOW), 80])
