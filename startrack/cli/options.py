@@ -390,7 +390,7 @@ def images(more: str = "") -> tuple[Option, ...]:
     return (
         Option(
             "images IMAGE",
-            "FITS, TIFF, PNG, JPEG, HEIC (needs pillow-heif), SER, raw or video "
+            "FITS, TIFF, PNG, JPEG, BMP, HEIC (needs pillow-heif), SER, raw or video "
             "(mkv, avi, mp4, mov)" + more,
             Path,
             many="+",

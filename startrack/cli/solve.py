@@ -21,7 +21,7 @@ if wanted(__name__):
     from startrack.design import Tracker
     from startrack.detection import Detection
     from startrack.identification import Identification, PatternIndexes, fit_frame
-    from startrack.io import field_hint, tetra3_values, to_table, write_solution
+    from startrack.io import field_hint, rows_upwards, tetra3_values, to_table, write_solution
     from startrack.montecarlo import pool
     from startrack.photograph import THRESHOLDS, Photograph, PhotographView, solve_photograph
     from startrack.trial import lost_in_space
@@ -163,7 +163,10 @@ def _solved(how: argparse.Namespace, path: Path) -> tuple[dict[str, Any], str, E
     else:
         given = None if how.fov is None else math.radians(how.fov)
         hint = given or field_hint(path, frame.image.shape)
-        solved = solve_photograph(frame, indexes, identification, hint, how.aspect)
+        upwards = rows_upwards(path)
+        solved = solve_photograph(frame, indexes, identification, hint, how.aspect, upwards)
+        if upwards and solved.axis is not None:
+            place = "; the rows of the file go upwards, by its ROWORDER"
     seen = solved.spots, solved.matches, solved.estimate
     values = (
         tetra3_values(*seen, solved.axis, stars)

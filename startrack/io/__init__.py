@@ -16,7 +16,7 @@ wcs           Camera and attitude as a FITS world coordinate system, and back to
               reader; a solved image as FITS files of astrometry.net, and by the names of tetra3.
 recordings    SER, raw and video files -> images; Bayer mosaics -> images of one colour or of all.
 tiff          Bytes of a TIFF -> its pixels.
-pictures      Bytes of a PNG, JPEG or HEIC -> its pixels.
+pictures      Bytes of a PNG, JPEG, BMP or HEIC -> its pixels.
 fits_image    Bytes of a FITS file -> its image, exposure, gain, offset and time.
 images        Image files to frames, and frames to FITS with their WCS and their truth.
 interchange   Tables of results -> pandas, xarray and astropy, with the units of their columns;
@@ -25,7 +25,7 @@ frame_files   Frames, their times and attitudes -> FITS, PNG, SER, raw or video 
 """
 
 from startrack.io.frame_files import FrameFiles
-from startrack.io.images import field_hint, read_frames, read_image, write_fits
+from startrack.io.images import field_hint, read_frames, read_image, rows_upwards, write_fits
 from startrack.io.interchange import aligned, to_pandas, to_qtable, to_xarray
 from startrack.io.layers import LayerRules, Layers, Renewed, read_layers
 from startrack.io.reading import (

@@ -63,7 +63,9 @@ class FitsImage(NamedTuple):
 
 
 def read_fits(path: Path, data: bytes, require: Callable[[Path, int, int, int], None]) -> FitsImage:
-    """The first image of a FITS file, compressed or not, with BSCALE, BZERO and BLANK applied.
+    """An image of a FITS file, compressed or not, with BSCALE, BZERO and BLANK applied.
+
+    Of several the first of the largest: a thumbnail may be before it, maps of its errors behind it.
 
     What astropy warns of (letters beyond ASCII, a header or data without its padding, a card that
     is not as the standard has it) does not hinder, as long as all pixels are there.
@@ -87,7 +89,9 @@ def read_fits(path: Path, data: bytes, require: Callable[[Path, int, int, int], 
                 ]
                 if not images:
                     raise Refused(f"{path} must hold an image of two axes, but it has none")
-                unit, header = images[0], images[0].header.copy()
+                sizes = [_pixels(part.header) for part in images]
+                unit = images[sizes.index(max(sizes))]
+                header = unit.header.copy()
                 _require_memory(path, header, require)
                 if not isinstance(unit, fits.CompImageHDU):
                     _require_whole(path, unit, len(data))
@@ -99,8 +103,11 @@ def read_fits(path: Path, data: bytes, require: Callable[[Path, int, int, int], 
         raise Refused(f"{path} must be a whole FITS file: {missing}") from None
     if len(images) > 1:
         names = ", ".join(part.name or "the first" for part in images[:9])
+        read = unit.name or "the first"
         warnings.warn(
-            f"{path} holds {len(images)} images ({names}); the first of them is read", stacklevel=3
+            f"{path} holds {len(images)} images ({names}); {read} is read, the first of the "
+            "largest",
+            stacklevel=3,
         )
     image = np.squeeze(image) if image.ndim > 2 else image
     offset = _number(header, "PEDESTAL", 0.0)
@@ -119,6 +126,12 @@ def read_fits(path: Path, data: bytes, require: Callable[[Path, int, int, int], 
         _time(header),
         excess,
     )
+
+
+def _pixels(header: Any) -> int:
+    """Columns times rows by a header, which may be damaged."""
+    sides = [header.get(key, 0) for key in ("NAXIS1", "NAXIS2")]
+    return math.prod(side if isinstance(side, int) else 0 for side in sides)
 
 
 def _require_memory(path: Path, header: Any, require: Callable[..., None]) -> None:

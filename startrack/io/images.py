@@ -14,7 +14,7 @@ from startrack.core import Camera, Frame, Refused, Stars, require_memory
 from startrack.io import recordings, tiff
 from startrack.io.fits_image import EXCESS, read_fits
 from startrack.io.pictures import is_heif, is_picture, open_heif, open_picture, read_picture, turned
-from startrack.io.reading import read_bytes
+from startrack.io.reading import CARD, read_bytes, unpacked
 from startrack.io.recordings import Layout
 from startrack.io.saving import whole
 from startrack.io.wcs import wcs_header
@@ -29,7 +29,7 @@ SEARCHED = 24  # bytes that the detection takes for each pixel of an image; meas
 
 
 def read_image(path: Path, layout: Layout | None = None) -> Frame:
-    """Read a FITS, TIFF, PNG, JPEG, HEIC, SER, raw or video file as one frame.
+    """Read a FITS, TIFF, PNG, JPEG, BMP, HEIC, SER, raw or video file as one frame.
 
     Of a colour image the largest of the three channels is taken, because a star is bright in
     at least one. A mosaic of colours, which the layout or the header (BAYERPAT of FITS, ColorID of
@@ -76,6 +76,17 @@ def read_frames(path: Path, layout: Layout) -> Iterator[Frame]:
             yield Frame(layout.one_image(path, image, None))
     else:
         yield read_image(path, layout)
+
+
+def rows_upwards(path: Path) -> bool:
+    """Whether a FITS file says that its first row is the lowest of the picture.
+
+    Source: the keyword ROWORDER of Siril and others (free-astro.org, Siril:FITS_orientation).
+    """
+    if not FITS & {suffix.lower() for suffix in path.suffixes}:
+        return False
+    at = unpacked(path, read_bytes(path)).find(b"ROWORDER= 'BOTTOM-UP'")
+    return at >= 0 and at % CARD == 0
 
 
 def field_hint(path: Path, shape: tuple[int, ...]) -> float | None:
@@ -239,7 +250,7 @@ def _read_cube(path: Path, data: bytes, layout: Layout) -> Frame:
 
 
 def _read_picture(path: Path, data: bytes, layout: Layout) -> Frame:
-    """The image of a TIFF, PNG, JPEG or HEIC; of colours the largest of the three."""
+    """The image of a TIFF, PNG, JPEG, BMP or HEIC; of colours the largest of the three."""
     if data[:4] in tiff.MAGIC:
         found = tiff.read_tiff(path, data, layout.plane, require_image_memory)
     elif is_picture(data):
@@ -250,7 +261,7 @@ def _read_picture(path: Path, data: bytes, layout: Layout) -> Frame:
             )
         found = read_picture(path, data, require_image_memory)
     else:
-        raise Refused(f"{path} must be a whole FITS, TIFF, PNG or JPEG image")
+        raise Refused(f"{path} must be a whole FITS, TIFF, PNG, JPEG or BMP image")
     image, pattern = found.image, layout.bayer or found.pattern
     if pattern not in (None, "none"):
         if found.orientation != 1:

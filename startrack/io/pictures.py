@@ -1,4 +1,4 @@
-"""Bytes of a PNG, JPEG or HEIC -> its pixels, by Pillow; turned as their orientation says."""
+"""Bytes of a PNG, JPEG, BMP or HEIC -> its pixels, by Pillow; turned as their orientation says."""
 
 import importlib
 import io
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from startrack.core import Refused
 from startrack.io.text import first_line
 
-PNG, JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"
+PNG, JPEG, BMP = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"BM"
 # Where a PNG has its columns and rows, its bits a sample, and its kind of colour.
 PNG_SIZE, PNG_BITS, PNG_COLOUR = 16, 24, 25
 GREY_PNG = 0
@@ -50,8 +50,8 @@ def turned(image: NDArray[Any], orientation: int) -> NDArray[Any]:
 
 
 def is_picture(data: bytes) -> bool:
-    """Whether these are the bytes of a PNG, JPEG or HEIC."""
-    return data.startswith((PNG, JPEG)) or is_heif(data)
+    """Whether these are the bytes of a PNG, JPEG, BMP or HEIC."""
+    return data.startswith((PNG, JPEG, BMP)) or is_heif(data)
 
 
 def open_picture(path: Path, data: bytes) -> Any:
@@ -59,19 +59,24 @@ def open_picture(path: Path, data: bytes) -> Any:
 
     Not by `Image.open`, which warns of large images and looks at other formats.
     """
+    from PIL.BmpImagePlugin import BmpImageFile
     from PIL.JpegImagePlugin import JpegImageFile
     from PIL.PngImagePlugin import PngImageFile
 
+    files = {PNG: PngImageFile, JPEG: JpegImageFile, BMP: BmpImageFile}
+    opened = next(file for magic, file in files.items() if data.startswith(magic))
     try:
-        return (PngImageFile if data.startswith(PNG) else JpegImageFile)(io.BytesIO(data))
+        return opened(io.BytesIO(data))
     except Exception as error:  # Pillow's parts raise their own
-        raise Refused(f"{path} must be a whole PNG or JPEG image: {first_line(error)}") from None
+        raise Refused(
+            f"{path} must be a whole PNG, JPEG or BMP image: {first_line(error)}"
+        ) from None
 
 
 def read_picture(
     path: Path, data: bytes, require: Callable[[Path, int, int, int], None]
 ) -> PicturePixels:
-    """The pixels of a PNG, JPEG or HEIC, 16 bits as 16 bits.
+    """The pixels of a PNG, JPEG, BMP or HEIC, 16 bits as 16 bits.
 
     require  refuses an image of (path, columns, rows, bytes of a pixel) that is too large
     Raises   Refused where the file is cut, damaged, or of colours that are none of a camera.
@@ -104,7 +109,9 @@ def read_picture(
     except MemoryError:
         raise
     except Exception as error:  # Pillow, its decoders and OpenCV each raise their own
-        raise Refused(f"{path} must be a whole PNG or JPEG image: {first_line(error)}") from None
+        raise Refused(
+            f"{path} must be a whole PNG, JPEG or BMP image: {first_line(error)}"
+        ) from None
     if image.dtype == bool:
         image = image.astype(np.uint8) * np.uint8(255)
     if image.ndim == 3:

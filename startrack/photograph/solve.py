@@ -102,6 +102,7 @@ def solve_photograph(
     settings: identification.Identification,
     hint: float | None = None,
     aspect: float | None = None,
+    mirrored: bool = False,
 ) -> Photograph:
     """Try one view and one camera after the other until the attitude is found.
 
@@ -114,6 +115,7 @@ def solve_photograph(
     settings  its `focal_tolerance` is that of the hint
     hint      radian, field of view across the columns; None: unknown
     aspect    width of a pixel over its height; None: 1, then those of common shapes
+    mirrored  whether the mirrored image is tried first, as of a file whose rows go upwards
     Raises    ValueError where hint or aspect are out of range.
     Accuracy  model: as for `fit_lens`; the bound on false matches as for `identify`. None of 300
               images without a sky is solved with a bound of 1 %, a thousand times the default.
@@ -126,7 +128,7 @@ def solve_photograph(
     sought = _Sought(ScaledSpots(frame), indexes, settings)
     shape = star_shape(frame.image, sought.spots(*FIRST[:2]))
     squeezed = [] if aspect else squeezes(columns, rows, shape.elongation)
-    near, rest = tries_of(columns, rows, hint, settings.focal_tolerance, aspect, squeezed)
+    near, rest = tries_of(columns, rows, hint, settings.focal_tolerance, aspect, squeezed, mirrored)
     unsolved, smear = [], None
     if shape.length > DRAWN_OUT:  # oblong pixels are likely, or that the camera turned
         rest.sort(key=lambda guess: guess.view.aspect == 1.0)

@@ -65,16 +65,20 @@ def tries_of(
     tolerance: float,
     aspect: float | None,
     squeezed: list[float],
+    mirrored: bool = False,
 ) -> tuple[list[Try], list[Try]]:
-    """Attempts by the hint, and attempts without it, each in turn."""
-    as_it_is = PhotographView(aspect=aspect or 1.0)
+    """Attempts by the hint, and attempts without it, each in turn.
+
+    mirrored  whether the mirrored image is tried before the image as it is
+    """
+    as_it_is = PhotographView(mirrored, aspect or 1.0)
     size = as_it_is.size(columns, rows)
     every = cameras(*size, hint)
     looks = [look for look in LOOKS if min(columns, rows) >= LEAST_SIDE * look[1][0]]
     rest = [Try(*look, as_it_is, every) for look in looks or [FIRST]]
     for view in [
-        as_it_is._replace(mirrored=True),
-        *(PhotographView(aspect=ratio) for ratio in squeezed),
+        as_it_is._replace(mirrored=not mirrored),
+        *(PhotographView(mirrored, ratio) for ratio in squeezed),
     ]:
         made = cameras(*view.size(columns, rows), hint, fisheyes=False)
         rest += [Try(*look, view, made) for look in (FIRST, COARSER) if look in (FIRST, *looks)]

@@ -16,7 +16,7 @@ from astropy.wcs import WCS
 
 from startrack.core.camera import Camera
 from startrack.core.values import Frame, Stars
-from startrack.io.images import field_hint, read_image, write_fits
+from startrack.io.images import field_hint, read_image, rows_upwards, write_fits
 from startrack.io.wcs import pointing
 
 CAMERA = Camera(60, 40, 300.0, k1=-0.1)
@@ -107,6 +107,37 @@ def test_pictures_keep_their_depth_and_colours_their_largest(tmp_path):
     got = read_image(tmp_path / "colour.tiff").image
     assert got.shape == (4, 5)
     assert (got[1, 2], got.sum()) == (30, 30)
+
+
+def test_a_bmp_is_read(tmp_path):
+    """Its rows are upwards in the file, and it has three colours."""
+    image = np.arange(60, dtype=np.uint8).reshape(6, 10)
+    cv2.imwrite(str(tmp_path / "a.bmp"), np.dstack([image // 3, image // 2, image]))
+    assert (read_image(tmp_path / "a.bmp").image == image).all()
+    (tmp_path / "b.bmp").write_bytes((tmp_path / "a.bmp").read_bytes()[:90])
+    with pytest.raises(ValueError, match="BMP"):
+        read_image(tmp_path / "b.bmp")
+
+
+def test_of_several_images_the_first_of_the_largest_is_read(tmp_path):
+    small, large = np.zeros((8, 9), np.float32), np.ones((20, 30), np.float32)
+    parts = [small, large, 2 * large]
+    names = ["THUMB", "SCI", "ERR"]
+    units = [fits.ImageHDU(part, name=name) for part, name in zip(parts, names, strict=True)]
+    path = tmp_path / "several.fits"
+    fits.HDUList([fits.PrimaryHDU(), *units]).writeto(path)
+    with pytest.warns(UserWarning, match="SCI is read"):
+        assert (read_image(path).image == large).all()
+
+
+@pytest.mark.parametrize(
+    ("order", "upwards"), [("BOTTOM-UP", True), ("TOP-DOWN", False), (None, False)]
+)
+def test_a_file_says_which_way_its_rows_go(tmp_path, order, upwards):
+    header = fits.Header({"ROWORDER": order} if order else {})
+    fits.writeto(tmp_path / "a.fits", np.ones((20, 30), np.float32), header)
+    assert rows_upwards(tmp_path / "a.fits") is upwards
+    assert not rows_upwards(tmp_path / "none.png")
 
 
 def test_equal_frames_are_equal_files_with_valid_checksums(frame_file):

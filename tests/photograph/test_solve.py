@@ -13,7 +13,7 @@ from startrack.core import Camera, Frame, deg
 from startrack.detection import Detection, detect
 from startrack.identification import Identification, build_index, cameras_of
 from startrack.identification.index import indexed_field
-from startrack.photograph import PhotographView, solve_photograph
+from startrack.photograph import PhotographView, solve, solve_photograph
 from startrack.photograph.spots import ScaledSpots
 from startrack.photograph.tries import SQUARES, tries_of
 
@@ -106,6 +106,21 @@ def test_a_camera_that_turned_is_solved_and_its_streaks_are_said():
     assert found.streak is not None
     assert math.hypot(*found.streak) == pytest.approx(math.hypot(17, 11), abs=1.5)
     assert "streaks of" in found.note
+
+
+def test_a_file_whose_rows_go_upwards_is_tried_mirrored_first(monkeypatch):
+    attempts = []
+    attempt = solve._Sought.attempt
+
+    def counted(sought, guess, effort):
+        attempts.append(guess.view.mirrored)
+        return attempt(sought, guess, effort)
+
+    monkeypatch.setattr(solve._Sought, "attempt", counted)
+    image = draw(PINHOLE.project, COLUMNS, ROWS)[::-1].copy()
+    found = solve_photograph(Frame(image), Indexes(), SETTINGS, FIELD, mirrored=True)
+    assert found.view.mirrored
+    assert attempts == [True]
 
 
 def test_a_hint_that_is_wrong_is_left():
