@@ -61,7 +61,13 @@ def command(options: argparse.Namespace) -> int:
 def _serve(options: argparse.Namespace, page: TrackerPage | EarthPage, executor: Executor) -> None:
     routes = Routes(page, options.out.resolve(), executor, options.workers, options.set)
     first = {"changes": options.set, "trial": 0}
-    with shared.as_wrong_use(OSError), PageServer(routes, options.port) as server:
+    try:
+        server = PageServer(routes, options.port)
+    except OSError as error:
+        raise shared.WrongUse(
+            f"--port must be free, but {options.port} is not: {error.strerror}"
+        ) from None
+    with server:
         result = {"address": server.address, "out": str(options.out)}
         terminal.print_result(options, result, f"open {server.address}\nCtrl-C ends the page")
         # Before the browser asks: the first design compiles kernels and reads the sky.
