@@ -11,7 +11,7 @@ seen is results.json there (by `flown_results.py`), and second.json has predicti
 
 figures               with a result
 held_68, _90, _95     share of them that the intervals hold
-same                  1 where the medians frozen are those of this code, within 1 %
+same                  1 where the medians frozen are those of this code, within 2 %
 sky_error             largest error of the sky beside sasktran2, 60 places, molecules alone
 tim_background_ratio  seen over the median; `_second`: with the team's gain, known after the look
 tim_solved_points     share of frames with an attitude, seen less the median, per cent
@@ -487,7 +487,7 @@ def main() -> None:
         options.predict.write_text(json.dumps(text, indent=1) + "\n", encoding="utf-8")
     frozen = json.loads(COMMITTED.read_text(encoding="utf-8"))["figures"]
     same = not options.quick and all(
-        math.isclose(table[name]["median"], row["median"], rel_tol=0.01, abs_tol=1e-3)
+        math.isclose(table[name]["median"], row["median"], rel_tol=0.02, abs_tol=1e-3)
         for name, row in frozen.items()
     )
     result = scores() | {"same": float(same)}

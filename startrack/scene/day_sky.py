@@ -98,7 +98,7 @@ class DaySky(Parameters):
             self._check(SunPlace(self.sun_elevation or 0.0, self.sun_distance or 0.0))
         elif None in place or sun != (None, None):
             raise Refused(
-                "sky must have sun_elevation and sun_distance, or latitude, longitude and azimuth, "
+                "sun_elevation and sun_distance must be given, or latitude, longitude and azimuth, "
                 "and not some of both"
             )
 
@@ -134,7 +134,7 @@ class DaySky(Parameters):
         dip = math.acos(EARTH_RADIUS / (EARTH_RADIUS + self.height))
         if sun.elevation < -dip - ROUNDING:
             raise Refused(
-                f"sky.sun_elevation must be at least {-dip / deg:.2f} deg, the horizon from "
+                f"sun_elevation must be at least {-dip / deg:.2f} deg, the horizon from "
                 f"{self.height / 1e3:g} km, as twilight and night are not modelled, got "
                 f"{sun.elevation / deg:.4g} deg"
             )
@@ -142,7 +142,7 @@ class DaySky(Parameters):
         most = math.pi - abs(sun.elevation + self.elevation)
         if not least - ROUNDING <= sun.distance <= most + ROUNDING:
             raise Refused(
-                f"sky.sun_distance must lie in [{least / deg:.4g}, {most / deg:.4g}] deg between a "
+                f"sun_distance must lie in [{least / deg:.4g}, {most / deg:.4g}] deg between a "
                 f"Sun at {sun.elevation / deg:.4g} deg and a line of sight at "
                 f"{self.elevation / deg:.4g} deg, got {sun.distance / deg:.4g} deg"
             )

@@ -186,7 +186,10 @@ class Scene(Parameters):
         if sky.dated:
             if self.date is None:
                 raise Refused("date must be given where sky has latitude and longitude, got none")
-            sky.sun(self.date)
+            try:
+                sky.sun(self.date)
+            except Refused as refused:
+                raise refused.within("sky") from None
 
     @property
     def dated(self) -> list[str]:
