@@ -189,6 +189,30 @@ def test_hard_photographs_with_a_field_and_without(outside, capsys, name):
 
 
 @pytest.mark.slow
+def test_a_camera_of_the_same_series_states_its_error(outside, capsys, tmp_path):
+    """Calibrated on four images; of the two others one is 20 degrees above the horizon. Their truth
+    is the direction of the middle by an independent fit, good to 8 and 12 arcsec."""
+    folder, camera = outside / "images-more", tmp_path / "camera.toml"
+    truth = json.loads((folder / "truth.json").read_text())["images"]
+    names = [f"gr_{name}.jpg" for name in ("andromeda", "casiopea", "cisne", "sagitario")]
+    paths = [str(folder / name) for name in names]
+    assert main(["calibrate", *paths, "--epoch", "2016", "--camera", str(camera)]) == 0
+    capsys.readouterr()
+    for name in ("gr_vega_05sec.jpg", "gr_pleyades_05sec.jpg"):
+        options = ["--camera", str(camera), "--epoch", "2016", "--json"]
+        assert main(["solve", str(folder / name), *options]) == 0
+        found, known = json.loads(capsys.readouterr().out), truth[name]
+        across = (found["ra_deg"] - known["ra_deg"]) * np.cos(np.radians(known["dec_deg"]))
+        error = 3600 * np.hypot(across, found["dec_deg"] - known["dec_deg"])
+        assert error < 6
+        sigma = np.hypot(*found["sigma_arcsec"][:2]) / np.sqrt(2)
+        assert error < 2.45 * sigma
+        assert sigma < 12
+        axis = found["lens"]["ra_deg"] - found["ra_deg"]
+        assert abs(axis) > 0.5  # the principal point is 52 pixels off the middle
+
+
+@pytest.mark.slow
 def test_an_image_that_few_hypotheses_do_not_solve_is_solved_without_a_field(outside, capsys):
     """Its pixels are oblong and sheared, so that few triangles agree; as with its field given."""
     path = str(outside / "images-more" / "tc16u_southern_maybe.png")
