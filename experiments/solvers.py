@@ -47,8 +47,7 @@ from identification import cedar, database_of, tetra3rs_solver, toward, tuned
 from scipy.spatial.transform import Rotation
 
 from startrack import deg
-from startrack.benchmark import versions
-from startrack.benchmark.solving import SETTINGS, BenchmarkView
+from startrack.benchmark import solving, versions
 from startrack.core import Status
 from startrack.identification import identify
 from startrack.metrics import fraction_interval
@@ -72,7 +71,7 @@ class Answer(NamedTuple):
     stated: float = math.nan
 
 
-Program = Callable[[BenchmarkView], Answer]
+Program = Callable[[solving.BenchmarkView], Answer]
 
 
 def main() -> None:
@@ -183,9 +182,9 @@ def counted(program: str, field: int, kind: str, block: int, count: int) -> dict
 def program_of(name: str, field: int, kind: str) -> Program:
     match name:
         case "startrack":
-            return ours(field, SETTINGS)
+            return ours(field, solving.SETTINGS)
         case "stated":
-            return ours(field, replace(SETTINGS, max_false_probability=0.999))
+            return ours(field, replace(solving.SETTINGS, max_false_probability=0.999))
         case "tetra3rs":
             limit = min(skies.LIMIT_G[field] + 1, skies.DEEPEST_G)
             solve = tetra3rs_solver(database_of(field, limit), tuned(skies.noise_of(kind)))
@@ -199,7 +198,7 @@ def program_of(name: str, field: int, kind: str) -> Program:
 def ours(field: int, settings: Any) -> Program:
     known = skies.tracker(field)
 
-    def solve(seen: BenchmarkView) -> Answer:
+    def solve(seen: solving.BenchmarkView) -> Answer:
         began = time.process_time()
         found = identify(seen.spots, seen.believed, known.stars, known.index, settings)
         seconds = time.process_time() - began
@@ -215,7 +214,7 @@ def clocked(solve: Callable[[], Rotation | None]) -> Answer:
     return Answer(attitude, time.process_time() - began)
 
 
-def astrometry(seen: BenchmarkView) -> Answer:
+def astrometry(seen: solving.BenchmarkView) -> Answer:
     """`solve-field` on a list of places; where it points is judged, as if its roll were true."""
     from astropy.io import fits
     from astropy.table import Table
