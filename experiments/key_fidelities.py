@@ -106,6 +106,13 @@ VALUES: Table = {
     "scene.background_g": 21.0,
     "scene.date": "2026-03-20T12:00:00",
     "scene.lights": ["zodiacal"],
+    "scene.sky.height": "36 km",
+    "scene.sky.elevation": "45 deg",
+    "scene.sky.sun_elevation": "40 deg",
+    "scene.sky.sun_distance": "90 deg",
+    "scene.sky.latitude": "10 deg",  # below which the Sun is high on that date
+    "scene.sky.longitude": "0 deg",
+    "scene.sky.azimuth": "60 deg",
     "instrument.tube.length": "150 mm",
     "instrument.tube.diameter": "300 mm",
 }
@@ -134,6 +141,7 @@ PROFILES = tuple(
     f"instrument.structure.{name}_profile" for name in ("mean", "gradient_x", "gradient_y")
 )
 ORBIT = ("instrument.detector.age.inclination", "instrument.detector.age.shielding", *AGED)
+BY_DATE = (*(f"scene.sky.{name}" for name in ("latitude", "longitude", "azimuth")), *DATE)
 BESIDE: dict[str, tuple[str, ...]] = {
     "instrument.optics.pupil.vanes": ("instrument.optics.pupil.vane_width",),
     "instrument.optics.pupil.vane_width": ("instrument.optics.pupil.vanes",),
@@ -162,6 +170,8 @@ BESIDE: dict[str, tuple[str, ...]] = {
     "tracker.motion.tones": ("tracker.motion.tones.rms_x",),
     "tracker.box": ("tracker.acquisition",),
     "scene.lights": DATE,
+    "scene.sky": ("scene.sky.sun_elevation", "scene.sky.sun_distance"),
+    **{f"scene.sky.{name}": BY_DATE for name in ("latitude", "longitude", "azimuth")},
     "tracker.calibrated_at": LENS,
     "tracker.focal_length_by_colour": LENS,
     "tracker.detection.dark_map_age": ("tracker.detection.dark_map.frames", *AGED),
@@ -369,7 +379,7 @@ def checking() -> bool:
 def forget() -> None:
     """Empty the caches of the package, so that all is read again."""
     for one in gc.get_objects():
-        if hasattr(one, "cache_clear") and COMPUTING.match(one.__module__):
+        if hasattr(type(one), "cache_clear") and COMPUTING.match(one.__module__):
             one.cache_clear()
 
 

@@ -31,6 +31,7 @@ WITHOUT_KERNELS = {
     "mission",
     "onboard",
     "optimise",
+    "page",
     "plots",
     "report",
     "verification",

@@ -45,8 +45,8 @@ def folders(request, tmp_path_factory):
 
 def test_the_example_has_every_command():
     named = {line.split()[0] for line in every_command.COMMANDS.strip().splitlines()}
-    # `serve` ends when its client leaves: tests/cli/test_serve.py.
-    assert named == {*COMMANDS, "earth"} - {"serve"}
+    # These end when somebody leaves: tests/cli/test_serve.py and tests/page.
+    assert named == {*COMMANDS, "earth"} - {"serve", "page"}
     for part in ("geometry", "render", "process", "terrain"):
         assert f"\nearth {part} " in every_command.COMMANDS
     for words in every_command.DATED_COMMANDS:

@@ -160,7 +160,7 @@ def test_a_jpeg_that_is_cut_is_refused(tmp_path):
     Image.fromarray(image_of("u1", 3)).save(file, "JPEG")
     path = tmp_path / "cut.jpg"
     path.write_bytes(file.getvalue()[: len(file.getvalue()) // 2])
-    with pytest.raises(Refused, match="whole PNG or JPEG image"):
+    with pytest.raises(Refused, match="whole PNG, JPEG or BMP image"):
         read_image(path)
 
 
