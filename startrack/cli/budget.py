@@ -55,7 +55,6 @@ if wanted(__name__):
     from startrack.sequence import Sequence as Profiled
     from startrack.trial import SingleStars
 
-DRAWS = 32  # of what is not known
 UNITS = 6  # where a design varies and no number is asked for
 MOST_ROWS = 12  # of single stars in text; JSON has all
 FEW_CAUSES = 3  # that are explained without --full: the largest
@@ -102,9 +101,9 @@ declare = Options(
     Option(
         "--draws N",
         "draws of the values that a design does not know, which give its accuracy an interval as "
-        "`startrack predict` does; 0: none (default: 32)",
+        "`startrack predict` does, such as 32 (default: none)",
         whole(0, 10**4),
-        DRAWS,
+        0,
     ),
     Option(
         "--tolerances",
