@@ -187,12 +187,17 @@ def cedar(interpreter: str) -> Solver:
         ra, dec, seconds = json.loads(worker.stdout.readline())
         if ra is None:
             return None, seconds
-        x, y, z = seen.icrs_to_camera.apply(toward(ra * deg, dec * deg))
-        off = np.array([y, -x, 0.0])  # turns that direction onto the boresight
-        off *= math.atan2(math.hypot(x, y), z) / max(math.hypot(x, y), 1e-300)
-        return Rotation.from_rotvec(off) * seen.icrs_to_camera, seconds
+        return pointed(ra * deg, dec * deg, seen), seconds
 
     return run
+
+
+def pointed(ra: float, dec: float, seen: cases.BenchmarkView) -> Rotation:
+    """The attitude of a boresight, radian, as if its roll were the true one."""
+    x, y, z = seen.icrs_to_camera.apply(toward(ra, dec))
+    off = np.array([y, -x, 0.0])  # turns that direction onto the boresight
+    off *= math.atan2(math.hypot(x, y), z) / max(math.hypot(x, y), 1e-300)
+    return Rotation.from_rotvec(off) * seen.icrs_to_camera
 
 
 def toward(ra: float, dec: float) -> Floats:

@@ -41,9 +41,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import command
-import numpy as np
 import solvers_skies as skies
-from identification import cedar, database_of, tetra3rs_solver, toward, tuned
+from identification import cedar, database_of, pointed, tetra3rs_solver, tuned
 from scipy.spatial.transform import Rotation
 
 from startrack import deg
@@ -236,10 +235,7 @@ def astrometry(seen: solving.BenchmarkView) -> Answer:
         if not (solution := path.with_suffix(".wcs")).is_file():
             return Answer(None, seconds)
         header = fits.getheader(solution)
-    x, y, z = seen.icrs_to_camera.apply(toward(header["CRVAL1"] * deg, header["CRVAL2"] * deg))
-    off = np.array([y, -x, 0.0])
-    off *= math.atan2(math.hypot(x, y), z) / max(math.hypot(x, y), 1e-300)
-    return Answer(Rotation.from_rotvec(off) * seen.icrs_to_camera, seconds)
+    return Answer(pointed(header["CRVAL1"] * deg, header["CRVAL2"] * deg, seen), seconds)
 
 
 def report(options: argparse.Namespace, rows: list[dict[str, Any]]) -> None:

@@ -21,6 +21,7 @@ TOP = 100e3  # metre, of the air
 PHOTONS = 300_000  # of each place and wavelength of `spread`
 EARTH = 6371e3  # metre, mean radius
 LIMB_STEP = 1e3  # metre, between the borders of spherical layers
+LIMB_STREAMS = 8  # of discrete ordinates, of lines of sight past the limb
 ORBIT = 600e3  # metre, of the observer of the limb; any height above the air is equivalent
 SINGLE_MOMENTS = 180  # of the phase function in single scattering, enough for its forward peak
 ALBEDOS = (0.25, 0.75)  # besides black: two suffice for spherical albedo and transmittance
@@ -126,12 +127,28 @@ def limb_radiance(
     """
     sk = sasktran2()
     heights = np.arange(0.0, TOP + 1, LIMB_STEP)
+    lines = [sk.TangentAltitudeSolar(tangent, azimuth, ORBIT, sun) for tangent, azimuth in rays]
+    aerosol = None if aerosol == Air("none") else aerosol
+    return _spherical(lines, heights, wavelength, sun, albedo, aerosol, multiple, LIMB_STREAMS)
+
+
+def _spherical(
+    lines: Sequence[Any],
+    heights: Floats,
+    wavelength: Floats,
+    sun: float,
+    albedo: float,
+    aerosol: Air | Haze | None,
+    multiple: bool,
+    streams: int,
+) -> Floats:
+    """Radiance (k, r) 1 / sr of lines of sight of sasktran2 through spherical layers of air."""
+    sk = sasktran2()
     config = sk.Config()
-    config.num_streams = 8
+    config.num_streams = streams
     source = sk.MultipleScatterSource
     config.multiple_scatter_source = source.DiscreteOrdinates if multiple else source.NoSource
     config.single_scatter_source = sk.SingleScatterSource.Exact
-    aerosol = None if aerosol == Air("none") else aerosol
     if aerosol is not None:
         config.num_singlescatter_moments = SINGLE_MOMENTS
         config.delta_m_scaling = multiple
@@ -144,8 +161,8 @@ def limb_radiance(
         sk.GeometryType.Spherical,
     )
     view = sk.ViewingGeometry()
-    for tangent, azimuth in rays:
-        view.add_ray(sk.TangentAltitudeSolar(tangent, azimuth, ORBIT, sun))
+    for line in lines:
+        view.add_ray(line)
     state = _molecules(sk, geometry, config, wavelength)
     if aerosol is not None:
         state["aerosol"] = _aerosol(sk, aerosol, heights, wavelength, config.num_stokes)
@@ -407,31 +424,11 @@ def sky_radiance(
     Accuracy    model: as `limb_radiance`
     """
     sk = sasktran2()
-    config = sk.Config()
-    config.num_streams = streams
-    source = sk.MultipleScatterSource
-    config.multiple_scatter_source = source.DiscreteOrdinates if multiple else source.NoSource
-    config.single_scatter_source = sk.SingleScatterSource.Exact
-    if aerosol is not None:
-        config.num_singlescatter_moments = SINGLE_MOMENTS
-        config.delta_m_scaling = multiple
-    geometry = sk.Geometry1D(
-        sun,
-        0.0,
-        EARTH,
-        SKY_LEVEL,
-        sk.InterpolationMethod.LinearInterpolation,
-        sk.GeometryType.Spherical,
-    )
-    view = sk.ViewingGeometry()
-    for zenith, azimuth, height in rays:
-        view.add_ray(sk.SolarAnglesObserverLocation(sun, azimuth, math.cos(zenith), height))
-    state = _molecules(sk, geometry, config, wavelength)
-    if aerosol is not None:
-        state["aerosol"] = _aerosol(sk, aerosol, SKY_LEVEL, wavelength, config.num_stokes)
-    state["surface"] = sk.constituent.LambertianSurface(albedo)
-    radiance = sk.Engine(config, geometry, view).calculate_radiance(state)
-    return radiance.radiance.to_numpy()[:, :, 0]
+    lines = [
+        sk.SolarAnglesObserverLocation(sun, azimuth, math.cos(zenith), height)
+        for zenith, azimuth, height in rays
+    ]
+    return _spherical(lines, SKY_LEVEL, wavelength, sun, albedo, aerosol, multiple, streams)
 
 
 def build_sky(progress: Callable[[float], None] | None = None) -> SkyTable:
