@@ -1,32 +1,39 @@
 """Problems beside star trackers: what the engines cost, gain and know of each camera.
 
 python experiments/second_camera.py --json figures.json measures for fires (HSRS), minerals
-(MERTIS), moving objects (AsteroidFinder), land (Sentinel-2) and heights (ADS40):
+(MERTIS), moving objects (AsteroidFinder), land (Sentinel-2) and heights (ADS40), part by part;
+figures that the file has are kept, and an interrupted run goes on where it ended:
 
-forecast_ms          CPU time of a forecast of a design that was not forecast before
-trial_s              CPU time of a trial, the first ones left out
-optimize_s, gain     wall time of a search in this process, and start over best on fresh trials
-formula_over_trials  worst ratio of formula and trials, over designs that stress the formulas
-hsrs_area_m2         smallest fire that is found in 95 % of the places, all conditions
-modis_area_m2        the same of MODIS's bands 22 and 31; modis_areas_m2 by temperature and hour,
-                     modis_forecast_m2 by formula
-mertis_right         fraction of spectra that are classified rightly
-height_error_px      rms error of ADS40's heights from 3 km, over the ground between two lines
-asteroid_limit_mag   V of the objects of which half are found
-problem_lines        lines of the user's problem in the gallery
-tracker_same         whether the engines' trials of a star tracker are those of `run_trials`
-earth_if             conditions in optimise, montecarlo and verification that name a kind of camera
+engines           problem_lines: lines of the user's problem in the gallery; tracker_same: whether
+                  the engines' trials of a star tracker are those of `run_trials`; earth_if:
+                  conditions in optimise, montecarlo and verification that name a kind of camera
+forecast/CAMERA   forecast_ms: CPU time of a forecast of a design that was not forecast before
+trials/CAMERA     trial_s: CPU time of a trial, the first one left out; hsrs_area_m2: smallest fire
+                  that is found in 95 % of the places, all conditions; mertis_right: fraction of
+                  spectra that are classified rightly; asteroid_limit_mag: V of the objects of
+                  which half are found; intervals: ends of 95 % and the formula
+modis             modis_area_m2: as hsrs_area_m2, of MODIS's bands 22 and 31; modis_areas_m2 by
+                  temperature and hour; modis_forecast_m2 by formula
+heights           height_error_px: rms error of ADS40's heights from 3 km, over the ground between
+                  two lines
+search/CAMERA     optimize_s, optimize_cpu_s: time of a search in this process; gain: start over
+                  best on fresh trials
+formulas/KIND     formula_over_trials: worst ratio of formula and trials, over designs that stress
+                  the formulas; ratios: of each design
+measured          commit, counts and time of each part
 """
 
 from __future__ import annotations
 
 import argparse
 import ast
+import json
 import math
 import re
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -59,61 +66,133 @@ VARIED = {
     "mertis": "channels.*.detector.exposure",
     "asteroidfinder": "instrument.optics.f_number",
 }
+Figures = dict[str, Any]
+Measured = Iterator[tuple[tuple[str, ...], Any]]
+Part = Callable[[argparse.Namespace, Figures], Measured]
 
 
 def main() -> None:
-    """Measure and save."""
+    """Measure and save each part that is asked and was not measured."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--trials", type=int, default=200, help="of each camera")
+    parser.add_argument("--trials", type=int, default=100, help="of each camera")
+    parser.add_argument("--images", type=int, default=12, help="of each design of `formulas`")
+    parser.add_argument("--fields", type=int, default=30, help="of each design of moving objects")
     parser.add_argument("--repeats", type=int, default=8, help="forecasts of each camera")
-    parser.add_argument("--cameras", nargs="*", default=[*VARIED], help="that are searched")
-    options = command.read(parser, trials=4, repeats=1, cameras=["mertis"])
+    parser.add_argument("--parts", default="", help="some of the parts, as search/hsrs,modis")
+    options = command.read(parser, trials=4, images=1, fields=2, repeats=1)
+    asked = options.parts.split(",") if options.parts else list(PARTS)
+    if options.quick and not options.parts:
+        asked.remove("search/hsrs")
+        asked.remove("search/asteroidfinder")
+    for part in asked:
+        if part not in PARTS:
+            raise SystemExit(f"--parts must be of {', '.join(PARTS)}, got {part}")
     figures: dict[str, Any] = {}
-    for name, value in measured(options):
-        figures[name] = value
-        print(f"{name}: {value}", flush=True)
-        command.save(options, figures)  # so that an interrupted run leaves what it measured
+    if options.json and options.json.is_file():
+        figures = json.loads(options.json.read_text(encoding="utf-8"))
+    done = figures.setdefault("measured", {})
+    for part in asked:
+        if part in done:
+            continue
+        began, wall = time.process_time(), time.perf_counter()
+        for place, value in PARTS[part](options, figures):
+            table = figures
+            for level in place[:-1]:
+                table = table.setdefault(level, {})
+            table[place[-1]] = value
+            print(f"{', '.join(place)}: {value}", flush=True)
+            command.save(options, command.finite(figures), partial=True)
+        done[part] = {
+            "commit": command.commit(),
+            "trials": options.trials,
+            "images": options.images,
+            "fields": options.fields,
+            "cpu_s": time.process_time() - began,
+            "wall_s": time.perf_counter() - wall,
+        }
+        command.save(options, command.finite(figures), partial=len(done) < len(PARTS))
 
 
-def measured(options: argparse.Namespace) -> Iterator[tuple[str, Any]]:
-    """Name and value of each figure, as soon as it is measured."""
-    problems = cameras(options.quick)
-    yield "problem_lines", lines_of(ROOT / "docs" / "gallery" / "problem_of_a_photometer.py")
-    yield "tracker_same", tracker_same()
-    yield "earth_if", sum(1 for _ in conditions())
-    yield (
-        "forecast_ms",
-        {
-            name: forecast_ms(problem, VARIED[name], options.repeats)
-            for name, problem in problems.items()
-        },
-    )
-    rows = dict[str, tuple[float, Rows]]()
-    for name, problem in problems.items():
-        rows[name] = trials(problem, options.trials)
-        print(f"{name}: {rows[name][0]:.3g} s a trial", flush=True)
-    yield "trial_s", {name: each for name, (each, _) in rows.items()}
-    yield "hsrs_area_m2", problems["hsrs"].judge(rows["hsrs"][1]).value.value
-    modis = modis_problem()
-    judged = modis.judge(modis.trials(1, range(options.trials)))
-    yield "modis_area_m2", judged.value.value
-    yield "modis_areas_m2", {name: part.value for name, part in judged.parts.items()}
-    yield "modis_forecast_m2", modis.expect().value
-    minerals = problems["mertis"].judge(rows["mertis"][1]).parts
-    yield "mertis_right", 1 - minerals["nominal: wrong"].value
-    asteroids = problems["asteroidfinder"].judge(rows["asteroidfinder"][1]).parts
-    yield "asteroid_limit_mag", asteroids["limit 50 V"].value
-    yield "height_error_px", height_error(2 if options.quick else IMAGES)
-    seconds, gain = dict[str, float](), dict[str, list[float]]()
-    for name in options.cameras:
-        began = time.perf_counter()
-        factor = improve(problems[name], seed=1).factor
-        seconds[name] = time.perf_counter() - began
-        gain[name] = [factor.value, factor.low, factor.high]
-        print(f"{name}: {seconds[name]:.1f} s, gain {gain[name]}", flush=True)
-    yield "optimize_s", seconds
-    yield "gain", gain
-    yield "formula_over_trials", formulas(options.quick)
+def engines(options: argparse.Namespace, figures: Figures) -> Measured:
+    """What the engines know of star trackers."""
+    yield ("problem_lines",), lines_of(ROOT / "docs" / "gallery" / "problem_of_a_photometer.py")
+    yield ("tracker_same",), tracker_same()
+    yield ("earth_if",), sum(1 for _ in conditions())
+
+
+def forecasts(name: str, options: argparse.Namespace, figures: Figures) -> Measured:
+    """CPU time of a forecast."""
+    problem = camera(name, options.quick)
+    yield ("forecast_ms", name), forecast_ms(problem, VARIED[name], options.repeats)
+
+
+def camera_trials(name: str, options: argparse.Namespace, figures: Figures) -> Measured:
+    """CPU time of a trial, and what the trials say."""
+    problem = camera(name, options.quick)
+    each, rows = trials(problem, options.trials)
+    yield ("trial_s", name), each
+    judged, expected = problem.judge(rows), problem.expect()
+    for figure, part, right in SAID[name]:
+        found = judged.parts[part] if part else judged.value
+        ends = found.value, found.low, found.high
+        value, low, high = (1 - ends[0], 1 - ends[2], 1 - ends[1]) if right else ends
+        formula = expected.parts[part] if part else expected.value
+        yield (figure,), value
+        yield (
+            ("intervals", figure),
+            {"low": low, "high": high, "formula": 1 - formula if right else formula},
+        )
+
+
+def modis(options: argparse.Namespace, figures: Figures) -> Measured:
+    """Smallest fires of MODIS."""
+    problem = modis_problem()
+    judged = problem.judge(problem.trials(1, range(options.trials)))
+    yield ("modis_area_m2",), judged.value.value
+    yield ("modis_areas_m2",), {name: part.value for name, part in judged.parts.items()}
+    yield ("modis_forecast_m2",), problem.expect().value
+
+
+def heights(options: argparse.Namespace, figures: Figures) -> Measured:
+    """Error of ADS40's heights."""
+    yield ("height_error_px",), height_error(2 if options.quick else IMAGES)
+
+
+def search(name: str, options: argparse.Namespace, figures: Figures) -> Measured:
+    """Time and gain of a search."""
+    wall, cpu = time.perf_counter(), time.process_time()
+    found = improve(camera(name, options.quick), seed=1)
+    yield ("optimize_s", name), time.perf_counter() - wall
+    yield ("optimize_cpu_s", name), time.process_time() - cpu
+    yield ("gain", name), [found.factor.value, found.factor.low, found.factor.high]
+    start, best = (judged.value for judged in found.judged)
+    yield ("start", name), [start.value, start.low, start.high]
+    yield ("best", name), [best.value, best.low, best.high]
+    yield ("verdicts", name), found.verdicts
+    yield ("values", name), {"start": found.start, "best": found.best}
+
+
+def formulas(kind: str, options: argparse.Namespace, figures: Figures) -> Measured:
+    """Ratios of trials and formula over designs, each kept as it is measured, and the worst."""
+    scene, designs = STRESSED[kind]
+    some = dict(list(designs.items())[:1]) if options.quick else designs
+    known = figures.get("ratios", {}).get(kind, {})
+    for name, values in some.items():
+        if name in known:
+            continue
+        if scene == "asteroidfinder":
+            found = moving_objects.compare(options.fields, {name: values})["designs"][name]
+        else:
+            found = retrieval_formulas.compare(scene, {name: values}, options.images)[name]
+        yield ("ratios", kind, name), found
+    measured = figures["ratios"][kind]
+    for group, inside in (kind, False), (f"{kind}, place", True):
+        some = {
+            name: {part: ratio for part, ratio in ratios.items() if (part == "place") == inside}
+            for name, ratios in measured.items()
+        }
+        if any(some.values()):
+            yield ("formula_over_trials", group), furthest(some)
 
 
 def modis_problem() -> EarthProblem:
@@ -184,27 +263,25 @@ def as_published(
     return replace(channel, detector=detector)
 
 
-def cameras(quick: bool) -> dict[str, Problem]:
-    """The problems, as shipped; smaller for a quick run."""
-    searched = load_moving_design("asteroidfinder")
-    made = {
-        "hsrs": EarthProblem(load_earth_design("hsrs")),
-        "mertis": EarthProblem(load_earth_design("mertis")),
-    }
-    if not quick:
-        return made | {"asteroidfinder": MovingProblem(searched)}
-    for name, problem in made.items():
+def camera(name: str, quick: bool) -> Problem:
+    """A problem as shipped; smaller for a quick run."""
+    if name == "asteroidfinder":
+        searched = load_moving_design(name)
+        own = replace(searched.moving_object, frames=4) if quick else searched.moving_object
+        return MovingProblem(replace(searched, moving_object=own))
+    design = load_earth_design(name)
+    if quick:
+        assert design.campaign
         campaign = replace(
-            problem.campaign,
+            design.campaign,
             trials=4,
             most_trials=4,
             fresh_trials=8,
             evaluations=1,
             analytic_evaluations=2,
         )
-        made[name] = EarthProblem(replace(problem.design, campaign=campaign))
-    own = replace(searched.moving_object, frames=4)
-    return made | {"asteroidfinder": MovingProblem(replace(searched, moving_object=own))}
+        design = replace(design, campaign=campaign)
+    return EarthProblem(design)
 
 
 def height_error(images: int) -> float:
@@ -263,30 +340,37 @@ def trials(problem: Problem, count: int) -> tuple[float, Rows]:
     return (time.process_time() - began) / count, rows
 
 
-def formulas(quick: bool) -> dict[str, float]:
-    """Worst ratio of each retrieval over designs that stress its formulas."""
-    images, few = (1, 2) if quick else (retrieval_formulas.IMAGES, moving_objects.TRIALS)
-    kinds = {"fires": ("hsrs", retrieval_formulas.FIRES)}
-    kinds["minerals"] = "mertis", retrieval_formulas.MINERALS
-    kinds["heights"] = "heights", retrieval_formulas.HEIGHTS
-    kinds["fields"] = "fields", retrieval_formulas.FIELDS
-    worst = dict[str, float]()
-    for kind, (scene, designs) in kinds.items():
-        some = dict(list(designs.items())[:1]) if quick else designs
-        worst[kind] = furthest(retrieval_formulas.compare(scene, some, images))
-    some = dict(list(moving_objects.STRESSED.items())[:1]) if quick else moving_objects.STRESSED
-    ratios = moving_objects.compare(few, some)["designs"]
-    limits = {
-        name: {part: ratio for part, ratio in design.items() if part != "place"}
-        for name, design in ratios.items()
-    }
-    return worst | {"moving objects": furthest(limits)}
-
-
 def furthest(ratios: dict[str, dict[str, float]]) -> float:
     """The largest of ratios and their inverses."""
     every = (ratio for design in ratios.values() for ratio in design.values())
     return max(max(ratio, 1 / ratio) for ratio in every)
+
+
+# Figures of trials: name, part of the judgement or "" for its value, whether 1 minus that is meant.
+SAID = {
+    "hsrs": (("hsrs_area_m2", "", False),),
+    "mertis": (("mertis_right", "nominal: wrong", True),),
+    "asteroidfinder": (
+        ("asteroid_limit_mag", "limit 50 V", False),
+        ("asteroid_limit_90_mag", "limit 90 V", False),
+    ),
+}
+STRESSED = {
+    "fires": ("hsrs", retrieval_formulas.FIRES),
+    "minerals": ("mertis", retrieval_formulas.MINERALS),
+    "heights": ("heights", retrieval_formulas.HEIGHTS),
+    "fields": ("fields", retrieval_formulas.FIELDS),
+    "moving objects": ("asteroidfinder", moving_objects.STRESSED),
+}
+PARTS: dict[str, Part] = {
+    "engines": engines,
+    **{f"forecast/{name}": partial(forecasts, name) for name in VARIED},
+    **{f"trials/{name}": partial(camera_trials, name) for name in VARIED},
+    "modis": modis,
+    "heights": heights,
+    **{f"search/{name}": partial(search, name) for name in VARIED},
+    **{f"formulas/{kind}": partial(formulas, kind) for kind in STRESSED},
+}
 
 
 if __name__ == "__main__":
