@@ -8,9 +8,10 @@ engines           problem_lines: lines of the user's problem in the gallery; tra
                   the engines' trials of a star tracker are those of `run_trials`; earth_if:
                   conditions in optimise, montecarlo and verification that name a kind of camera
 forecast/CAMERA   forecast_ms: CPU time of a forecast of a design that was not forecast before
-trials/CAMERA     trial_s: CPU time of a trial, the first one left out; hsrs_area_m2: smallest fire
-                  that is found in 95 % of the places, all conditions; mertis_right: fraction of
-                  spectra that are classified rightly; asteroid_limit_mag: V of the objects of
+trials/CAMERA     trial_s: CPU time of a trial, the first one left out; image_s: of an image of a
+                  condition, which has several trials; hsrs_area_m2: smallest fire that is found in
+                  95 % of the places, all conditions; mertis_right: fraction of spectra that are
+                  classified rightly; asteroid_limit_mag: V of the objects of
                   which half are found; intervals: ends of 95 % and the formula
 modis             modis_area_m2: as hsrs_area_m2, of MODIS's bands 22 and 31; modis_areas_m2 by
                   temperature and hour; modis_forecast_m2 by formula
@@ -131,6 +132,10 @@ def camera_trials(name: str, options: argparse.Namespace, figures: Figures) -> M
     problem = camera(name, options.quick)
     each, rows = trials(problem, options.trials)
     yield ("trial_s", name), each
+    if isinstance(problem, EarthProblem):
+        studies = problem.studies.values()
+        images = len(studies) * math.ceil(options.trials / next(iter(studies)).per_image)
+        yield ("image_s", name), each * options.trials / images
     judged, expected = problem.judge(rows), problem.expect()
     for figure, part, right in SAID[name]:
         found = judged.parts[part] if part else judged.value

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import fft
 
 from startrack.core import Floats, Psf, Stars, Streams, printed
 from startrack.detector import electron_rate
@@ -106,6 +107,7 @@ def camera_of(design: MovingDesign) -> MovingCamera:
     )
 
 
+@lru_cache(maxsize=32)
 def frame_nodes(design: MovingDesign) -> tuple[Floats, Floats]:
     """Times (n,) within a frame in halves of its exposure, and their weights, of sum 1."""
     motion, exposure = design.instrument.motion, design.instrument.detector.exposure
@@ -117,6 +119,7 @@ def frame_nodes(design: MovingDesign) -> tuple[Floats, Floats]:
     return node, weight / 2
 
 
+@lru_cache(maxsize=32)
 def frame_times(design: MovingDesign) -> Floats:
     """Second (images, frames, nodes) within all exposures, from the middle of all."""
     own, exposure = design.moving_object, design.instrument.detector.exposure
@@ -174,18 +177,20 @@ def object_image(design: MovingDesign, angle: float) -> Floats:
     """
     camera, own = camera_of(design), design.moving_object
     table, step = camera.psf.table, camera.psf.oversampling
-    room = step * 3
+    room = 3 * step
     padded = np.pad(table, room)
+    side = len(padded)
+    samples = fft.next_fast_len(side, real=True)
     seconds = own.frames * design.instrument.detector.exposure
     trail = own.rate * seconds / design.pixel
-    y, x = (np.fft.fftfreq(size, 1 / step) for size in padded.shape)
-    y, x = y[:, None], x[None, :]
-    sigma = camera.smear**2 + camera.registered**2
-    transfer = np.exp(-2 * math.pi**2 * (sigma[0] * x**2 + sigma[1] * y**2))
+    x, y = fft.rfftfreq(samples, 1 / step), fft.fftfreq(samples, 1 / step)[:, None]
+    sigma = 2 * math.pi**2 * (camera.smear**2 + camera.registered**2)
     box = math.sqrt(12) * camera.rest
-    transfer = transfer * np.sinc(box[0] * x) * np.sinc(box[1] * y)
-    transfer = transfer * np.sinc(trail * (math.cos(angle) * x + math.sin(angle) * y))
-    return np.asarray(np.fft.ifft2(np.fft.fft2(padded) * transfer).real)
+    columns = np.exp(-sigma[0] * x**2) * np.sinc(box[0] * x)
+    rows = np.exp(-sigma[1] * y**2) * np.sinc(box[1] * y)
+    transfer = columns * rows * np.sinc(trail * (math.cos(angle) * x + math.sin(angle) * y))
+    spectrum = fft.rfft2(padded, (samples, samples)) * transfer
+    return np.asarray(fft.irfft2(spectrum, (samples, samples))[:side, :side])
 
 
 def sampled(fine: Floats, step: int, x: float, y: float) -> Floats:

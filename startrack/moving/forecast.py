@@ -17,7 +17,7 @@ from startrack.moving.study import MovingDesign
 ANGLES = (0.0, math.pi / 4)  # of the motion, over which the means are taken
 MISSED = (-0.25, 0.0, 0.25)  # pixel, places of an object between those that are searched
 FREE = 4  # place and motion, over which the score is the largest of all near an object
-NODES = 40  # over the noise
+NOISE, NOISE_WEIGHT = np.polynomial.hermite_e.hermegauss(40)
 MEDIAN = math.sqrt(2 * math.log(2))  # distance over the rms per axis, of a normal law
 FAINTEST, BRIGHTEST = 1e-3, 1e9  # microjansky
 
@@ -86,10 +86,9 @@ class _Shape:
         self.shapes = [sampled(fine, step, x, y) for x, y in places]
         middle = self.shapes[len(places) // 2]
         # By how much the score falls where an object lies between the places that are searched.
-        self.kept = [
-            float((shape * middle).sum() / (middle**2).sum() ** 0.5) for shape in self.shapes
-        ]
-        self.cube = [float((shape * middle**2).sum() / (middle**2).sum()) for shape in self.shapes]
+        square = (middle**2).sum()
+        self.kept = np.array([(shape * middle).sum() for shape in self.shapes]) / square**0.5
+        self.cube = np.array([(shape * middle**2).sum() for shape in self.shapes]) / square
         half = 0.5 / step
         self.slopes = [
             (sampled(fine, step, x + half, y) - sampled(fine, step, x - half, y)) / (2 * half)
@@ -105,15 +104,12 @@ class _Shape:
 
     def found(self, flux: float, threshold: float) -> float:
         """Probability, mean over places."""
-        node, weight = np.polynomial.hermite_e.hermegauss(NODES)
         own = self.excess * flux * self.electrons / self.variance
-        chances = []
-        for kept, cube in zip(self.kept, self.cube, strict=True):
-            score = self._scale(flux) * kept + math.sqrt(1 + own * cube) * node
-            rest = np.where(score > 0, threshold**2 - score**2, threshold**2)
-            beyond = np.where(rest > 0, special.chdtrc(FREE, np.maximum(rest, 0)), 1.0)
-            chances.append(float(weight @ beyond / weight.sum()))
-        return float(np.mean(chances))
+        noise = np.sqrt(1 + own * self.cube)[:, None] * NOISE
+        score = self._scale(flux) * self.kept[:, None] + noise
+        rest = np.where(score > 0, threshold**2 - score**2, threshold**2)
+        beyond = special.chdtrc(FREE, np.maximum(rest, 0))
+        return float((beyond @ NOISE_WEIGHT).mean() / NOISE_WEIGHT.sum())
 
     def place(self, flux: float) -> float:
         """Pixel rms per axis."""

@@ -264,14 +264,19 @@ def pixel_response(
     samples = fft.next_fast_len(8 * half * fine, real=True)
     core.require_memory(BYTES * samples**2, f"a transfer function of {samples} x {samples} samples")
     spacing = pitch / oversampling / fine
-    fx, fy = fft.rfftfreq(samples, spacing), fft.fftfreq(samples, spacing)
-    radius = np.hypot(fx, fy[:, None])
+    # Negative frequencies along the rows have the values of the positive ones.
+    order = np.arange(samples)
+    along = np.minimum(order, samples - order)
+    fx = fft.rfftfreq(samples, spacing)
+    radius = np.hypot(fx, fx[:, None])
     # A transfer function of one variable costs less on a line than on the plane.
     line = np.linspace(0, radius.max(), 4 * samples)
     decay = max(cusp, 2 * math.pi * finest * pitch)
     wings = cusp / decay * np.exp(-decay * line)
     spectrum = scipy.interpolate.CubicSpline(line, transfer(line) - wings)(radius)
-    spectrum *= pixel_transfer(fx, side) * pixel_transfer(fy, side)[:, None]
+    pixel = pixel_transfer(fx, side)
+    spectrum *= pixel * pixel[:, None]
+    spectrum = spectrum[along]
     plane = fft.irfft2(spectrum, s=(samples, samples)) * (pitch / spacing) ** 2
     around = np.r_[-half : half + 1]
     table = plane[np.ix_(around * fine, around * fine)]
