@@ -9,7 +9,7 @@ from startrack import observation, response
 from startrack.attitude import FEWEST
 from startrack.budget.fields import attitudes, design_row, fields
 from startrack.budget.fixed import visible
-from startrack.core import Floats, Ints, Streams, is_code, kernel, median
+from startrack.core import Floats, Ints, Streams, is_code, kept, kernel, median
 from startrack.design import Case
 from startrack.identification import LEAST_SIGMA, LOG_ATTITUDES, NARROWEST, REACH, log_evidence
 
@@ -57,8 +57,34 @@ def hot_stars(case: Case, even: Case, star: response.Errors) -> NearHot:
               error across is 1.00 of theirs where 0.6 % of the pixels are hot, 0.89 and 1.03 where
               1.7 and 4.4 % are, 1.15 where 5.6 % are; attitudes are up to 5 % too few.
     """
-    magnitude, sky = star.magnitude, observation.sky_electrons(case)
-    fewest = case.tracker.identification.min_matches
+    magnitude, fewest = star.magnitude, case.tracker.identification.min_matches
+    search, place, hot, false = _near_hot(*map(response.star_inputs, (case, even)))
+    if not hot.chance:
+        none = np.zeros_like(star.stated)
+        return NearHot(search, false, np.ones(len(magnitude)), none, np.ones(fewest))
+    detected = response.detection_probability(even, magnitude, search=search) * star.kept
+    drawn, rules = _frames(case, even, star, detected, place, hot, false)
+    seen, used, solved, square = np.zeros((4, len(place)))
+    tried, accepted = np.zeros((2, max(MOST, fewest)))
+    _use(drawn, rules, seen, used, solved, square, tried, accepted)
+    kept = np.where(seen > 0, used / np.maximum(seen, 1), 1.0)
+    square = np.where(solved > 0, square / np.maximum(solved, 1) / 2, 0.0)
+    lost = np.where(tried > 0, 1 - accepted / np.maximum(tried, 1), 0.0)
+    lost[:fewest] = 1.0
+    index = np.abs(magnitude[:, None] - place).argmin(axis=1)
+    fainter = 10 ** (0.8 * (magnitude - place[index]))
+    moment = (fainter * square[index])[:, None, None] * np.eye(2)
+    return NearHot(search, false, kept[index], moment, lost)
+
+
+@kept(4)
+def _near_hot(
+    case: Case, even: Case
+) -> tuple[response.StarSearch, Floats, response.HotPixels, Floats]:
+    """Search of a frame, magnitudes (k,) of stars, what hot pixels do to these, and the electrons
+    (f,) of the spots of an empty frame.
+    """
+    magnitude, sky = response.errors(even).magnitude, observation.sky_electrons(case)
     empty = response.empty_frame(case, sky)
     assert empty is not None
     search = response.StarSearch(empty.noise, np.quantile(empty.of_places, EVEN))
@@ -75,22 +101,7 @@ def hot_stars(case: Case, even: Case, star: response.Errors) -> NearHot:
     weight[: len(EVEN)] /= len(EVEN)
     weight[len(EVEN) :] /= len(near)
     search = response.StarSearch(empty.noise, _quantiles(np.append(search.threshold, near), weight))
-    if not hot.chance:
-        none = np.zeros_like(star.stated)
-        return NearHot(search, empty.flux, np.ones(len(magnitude)), none, np.ones(fewest))
-    detected = response.detection_probability(even, magnitude, search=search) * star.kept
-    drawn, rules = _frames(case, even, star, detected, place, hot, empty.flux)
-    seen, used, solved, square = np.zeros((4, len(place)))
-    tried, accepted = np.zeros((2, max(MOST, fewest)))
-    _use(drawn, rules, seen, used, solved, square, tried, accepted)
-    kept = np.where(seen > 0, used / np.maximum(seen, 1), 1.0)
-    square = np.where(solved > 0, square / np.maximum(solved, 1) / 2, 0.0)
-    lost = np.where(tried > 0, 1 - accepted / np.maximum(tried, 1), 0.0)
-    lost[:fewest] = 1.0
-    index = np.abs(magnitude[:, None] - place).argmin(axis=1)
-    fainter = 10 ** (0.8 * (magnitude - place[index]))
-    moment = (fainter * square[index])[:, None, None] * np.eye(2)
-    return NearHot(search, empty.flux, kept[index], moment, lost)
+    return search, place, hot, empty.flux
 
 
 def _quantiles(values: Floats, weight: Floats) -> Floats:

@@ -187,23 +187,31 @@ class Kept(Generic[T]):
 class KeptFunction(Generic[P, T]):
     """A function of hashable arguments whose last values are `Kept`."""
 
-    def __init__(self, make: Callable[P, T], count: int):
-        self._make, self._store = make, Kept[T](count)
+    def __init__(self, make: Callable[P, T], count: int, reads: Callable[[Any], Any] | None = None):
+        self._make, self._store, self._reads = make, Kept[T](count), reads
         update_wrapper(self, make)
 
     def __call__(self, *args: P.args, **named: P.kwargs) -> T:
         """The value, made where it is not kept."""
-        key = (args, *sorted(named.items())) if named else args
-        return self._store.get(key, lambda: self._make(*args, **named))
+        make: Callable[..., T] = self._make
+        given = (self._reads(args[0]), *args[1:]) if self._reads else args
+        key = (given, *sorted(named.items())) if named else given
+        return self._store.get(key, lambda: make(*given, **named))
 
     def cache_clear(self) -> None:
         """Drop all values."""
         self._store.clear()
 
 
-def kept(count: int) -> Callable[[Callable[P, T]], KeptFunction[P, T]]:
-    """Like `functools.lru_cache`, for values of megabytes: they count against the memory limit."""
-    return partial(KeptFunction, count=count)
+def kept(
+    count: int, reads: Callable[[Any], Any] | None = None
+) -> Callable[[Callable[P, T]], KeptFunction[P, T]]:
+    """Like `functools.lru_cache`, for values of megabytes: they count against the memory limit.
+
+    reads  first argument -> the same, with all that the function does not read at fixed values. The
+           function is given this one, so that it cannot read what the key leaves out. None: all
+    """
+    return partial(KeptFunction, count=count, reads=reads)
 
 
 def kept_bytes() -> int:

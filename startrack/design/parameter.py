@@ -83,17 +83,19 @@ def find(case: Any, name: str) -> Any:
 
     Raises  ValueError where there is no such parameter, or "*" means different values.
     """
-    values = []
-    for path in paths(case, name):
-        at = case
-        for part in path.split("."):
-            at = at[int(part)] if isinstance(at, tuple) else getattr(at, part)
-        values.append(at)
+    values = [_at(case, path) for path in paths(case, name)]
     if any(value != values[0] for value in values[1:]):
         raise Refused(
             f"{name} must have one value in every entry, got {', '.join(map(repr, values))}"
         )
     return values[0]
+
+
+def _at(case: Any, path: str) -> Any:
+    """Value at one of the `paths` of a name."""
+    for part in path.split("."):
+        case = case[int(part)] if isinstance(case, tuple) else getattr(case, part)
+    return case
 
 
 def number(case: Any, name: str) -> float:
@@ -219,7 +221,7 @@ def _changes(case: Any, values: Mapping[str, Any]) -> list[_Change]:
     changes = []
     for name, value in values.items():
         for path in paths(case, name):
-            now = find(case, path)
+            now = _at(case, path)
             if isinstance(now, int) and not isinstance(now, bool) and isinstance(value, float):
                 value = round(value)
             changes.append(_Change(name, path.split("."), value))

@@ -1,5 +1,6 @@
 """How one star is measured: its errors, and its chance of being detected.
 
+star_inputs    Case -> the same, with what images of single stars do not show at fixed values.
 star_response  Case -> response of the tracker's centroid to single stars of any flux.
 star_errors    Case -> errors of single stars over their magnitude, cause by cause.
 zones          Case with a lens table -> how single stars are measured over the frame and over their
@@ -35,6 +36,7 @@ from startrack.response.spot_response import (
     response_of_zones,
 )
 from startrack.response.star_errors import METHOD, READ, SHOT, TYPICAL, Errors, errors, lasting
+from startrack.response.star_inputs import star_inputs
 from startrack.response.star_response import (
     PHASES,
     StarSearch,

@@ -14,6 +14,7 @@ from startrack.core import Floats, Ints, Streams, kept
 from startrack.design import Case, replaced_all, turning
 from startrack.detector import Defects, Detector, dark, flickering, frame_of
 from startrack.observation import as_believed, detection_plan
+from startrack.response.star_inputs import star_inputs
 
 
 def dark_currents(detector: Detector) -> tuple[float, float]:
@@ -225,7 +226,7 @@ class Empty(NamedTuple):
     of_places: Floats
 
 
-@lru_cache(maxsize=128)
+@kept(128, reads=star_inputs)
 def empty_frame(case: Case, sky: float) -> Empty | None:
     """The search of a frame with the pattern of a case; None where all pixels are alike.
 

@@ -16,6 +16,7 @@ from startrack.observation import (
     separated,
     with_images_of,
 )
+from startrack.response.star_inputs import star_inputs
 from startrack.response.star_response import RING, cell_side, measure, phases, scale, star_images
 
 CONTRAST = np.arange(-2.0, 6.0)  # magnitude, of the neighbour less that of the star
@@ -35,7 +36,7 @@ WIDER = math.log(2)  # pairs are kept for all reaches that are smaller by less t
 FAINTER = 1.0  # magnitude beyond the tracker's catalogue, whose stars have no shift
 
 
-@kept(8)
+@kept(8, reads=star_inputs)
 def blending_shift(case: Case, catalog: Selection) -> Floats:
     """Shift of each separable star of a catalogue by the light of its neighbours.
 

@@ -7,10 +7,11 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from startrack.core import Floats, Unit, printed
+from startrack.core import Floats, Unit, kept, printed
 from startrack.design import Case, unchecked
 from startrack.response import star_response
 from startrack.response.dark_pattern import dark_residual
+from startrack.response.star_inputs import star_inputs
 from startrack.response.star_response import Chart, chart, magnitudes, pattern, scale
 
 LEAST_KEPT = 1e-6  # sum of chances below which a magnitude is not used
@@ -37,7 +38,7 @@ class Errors(NamedTuple):
     mean: Annotated[Floats, Unit("pixel")]
 
 
-@lru_cache(maxsize=8)
+@kept(8, reads=star_inputs)
 def errors(case: Case) -> Errors:
     """Errors of single stars of each magnitude, cause by cause; kept for the 8 last cases."""
     detector = case.instrument.detector

@@ -19,6 +19,7 @@ from startrack.observation import (
 )
 from startrack.optics import mirrored
 from startrack.response import star_errors, star_response
+from startrack.response.star_inputs import star_inputs
 
 PLACES = 5  # zones along each side of the frame
 COLOURS = 3  # classes of stars, each a third of them
@@ -68,7 +69,7 @@ class Zones(NamedTuple):
         return np.asarray(number, np.int64)
 
 
-@kept(8)
+@kept(8, reads=star_inputs)
 def zones_of(case: Case) -> Zones:
     """The zones of a case; kept for the 8 last cases."""
     camera = case.instrument.camera
@@ -85,7 +86,7 @@ def zones_of(case: Case) -> Zones:
     )
 
 
-@kept(8)
+@kept(8, reads=star_inputs)
 def centroid_shift(case: Case) -> FieldPsf:
     """Shift of the tracker's centroid from the place that the camera projects to.
 
@@ -134,7 +135,7 @@ def _from_centre(case: Case) -> Floats:
     return np.stack(np.meshgrid(images.x - x, images.y - y), axis=-1)
 
 
-@kept(8)
+@kept(8, reads=star_inputs)
 def residual_shift(case: Case) -> tuple[FieldPsf, FieldPsf]:
     """`centroid_shift` of a sunlike star, and what that of others differs by.
 
@@ -181,7 +182,7 @@ class ZoneErrors(NamedTuple):
     random: dict[str, Floats]
 
 
-@kept(8)
+@kept(8, reads=star_inputs)
 def zone_errors(case: Case) -> ZoneErrors:
     """Errors of single stars in each zone; kept for the 8 last cases.
 

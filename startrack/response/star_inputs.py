@@ -1,0 +1,49 @@
+"""Case -> the same, with what images of single stars do not show at fixed values."""
+
+from functools import lru_cache
+from typing import Any
+
+from startrack.attitude import Mounting, SolverSettings
+from startrack.design import Case, unchecked
+from startrack.identification import Identification
+
+# What neither the image of a star nor its detection and centroid depend on.
+NOT_SHOWN: dict[str, Any] = {
+    "tracker.identification": Identification(),
+    "tracker.attitude": SolverSettings(),
+    "tracker.calibration": None,
+    "tracker.mounting": None,
+    "tracker.delay": None,
+    "instrument.structure": None,
+    "instrument.residual": None,
+    "instrument.baffle": None,
+    "instrument.tube": None,
+    "instrument.mounting": Mounting(),
+    "instrument.delay": 0.0,
+    "variation": (),
+    "lifetime": 0.0,
+}
+
+
+@lru_cache(maxsize=64)
+def star_inputs(case: Case) -> Case:
+    """The case as images of single stars show it; of the 64 last cases.
+
+    What is computed of it is shared by all cases that differ in nothing else: in how spots are
+    identified, in the calibration, or in what carries the camera.
+    """
+    values = dict(NOT_SHOWN)
+    if case.instrument.imaged:
+        inside = {f"instrument.imaged.{name}": value for name, value in _of_instrument.items()}
+        values |= inside
+    shown: Case = unchecked(case, values)
+    if case.design is None:
+        return shown
+    return shown.unit_of(star_inputs(case.design))
+
+
+_of_instrument = {
+    name.removeprefix("instrument."): value
+    for name, value in NOT_SHOWN.items()
+    if name.startswith("instrument.")
+}
