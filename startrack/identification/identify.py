@@ -7,13 +7,13 @@ from scipy.spatial.transform import Rotation
 
 from startrack import core
 from startrack.core import Camera, Floats, Ints, Matches, Refused, Status, kernel
-from startrack.identification.agree import FOCAL_ROUNDS, Gathered, gather
+from startrack.identification.agree import FOCAL_ROUNDS, Gathered, gather, release
 from startrack.identification.grids import SkyGrid, VerificationStars
 from startrack.identification.index import CodeTable, PatternIndex
 from startrack.identification.parameters import Identification, matches_by_code
 from startrack.identification.search import TripleLimits, breadth_first, search
 from startrack.identification.seen import Seen, keep_brightest, see, usable
-from startrack.identification.verify import MatchVerdict
+from startrack.identification.verify import MatchVerdict, scale_tolerance
 
 # Bound on chance below which a refused hypothesis is reported as ambiguous, not as no match. Chosen
 # by hand: it changes the status alone.
@@ -39,7 +39,8 @@ def identify(
     index     built from these stars, for about this field of view
     Returns   Matches: solved, with the spots in rising order and the least-squares attitude; or
               too few stars, a blank image, ambiguous (the best hypothesis is likely, but its
-              bound on chance is too large), or no match
+              bound on chance is too large), or no match, also where many more spots fit a
+              focal length beyond the tolerance
     Raises    ValueError where the index was built from another number of stars.
     Accuracy  model: the bound on false matches holds for randomly distributed spots; spots of trees
               or clouds are clustered, and so are stars.
@@ -64,11 +65,13 @@ def identify(
     )
     choices = breadth_first(min(len(finite), settings.verify_spots), settings.pattern_spots)
     patterns = index.table, index.bright, index.faint, stars.magnitude_g
-    best, tried, gathered = _identify(
+    best, tried, gathered, off = _identify(
         see(spots, finite, camera, settings), choices, *patterns, limits
     )
     if best.log_p >= log_accepted:
         return _not_accepted(best.log_p, best.matches, len(finite), tried, camera)
+    if off:
+        return _other_focal_length(gathered, len(finite), camera, settings)
     if camera.distorted:
         return refined(
             spots, finite, camera, stars, index, settings, best.rotation, best.scale, best.log_p
@@ -85,11 +88,22 @@ def _identify(
     faint: SkyGrid,
     magnitude: Floats,
     limits: TripleLimits,
-) -> tuple[MatchVerdict, int, Gathered]:
-    """`search` and `gather` in one call: a call takes about as long as the work in it."""
+) -> tuple[MatchVerdict, int, Gathered, bool]:
+    """`search` and `gather` in one call: a call takes about as long as the work in it.
+
+    Returns  verdict, number of hypotheses, the matches, and whether an accepted one needs a focal
+             length beyond the tolerance
+    """
     voting = keep_brightest(seen, limits.voting)
     best, tried = search(voting, choices, table, voters, limits)
-    return best, tried, gather(seen, faint, magnitude, best.rotation, best.scale)
+    gathered = gather(seen, faint, magnitude, best.rotation, best.scale)
+    if best.log_p < limits.log_accepted:
+        held, gathered = gathered, release(seen, faint, magnitude, gathered, limits.fewest)
+        if len(gathered.spot) > len(held.spot):
+            best = MatchVerdict(
+                gathered.rotation, gathered.scale, best.matches, best.expected, best.log_p
+            )
+    return best, tried, gathered, abs(gathered.scale - 1) > scale_tolerance(seen)
 
 
 def refined(
@@ -149,6 +163,17 @@ def _not_accepted(log_p: float, matches: int, spots: int, tried: int, camera: Ca
         )
         return _unsolved(Status.AMBIGUOUS, reason, camera, math.exp(log_p))
     reason = f"none of {tried} hypotheses explains the {spots} spots better than chance"
+    return _unsolved(Status.NO_MATCH, reason, camera)
+
+
+def _other_focal_length(
+    gathered: Gathered, spots: int, camera: Camera, settings: Identification
+) -> Matches:
+    reason = (
+        f"{len(gathered.spot)} of {spots} spots are stars for a focal length "
+        f"{100 * (gathered.scale - 1):+.1f} % off, of which focal_tolerance allows "
+        f"{100 * settings.focal_tolerance:g} %"
+    )
     return _unsolved(Status.NO_MATCH, reason, camera)
 
 

@@ -152,6 +152,25 @@ def keep_brightest(seen: Seen, count: int) -> Seen:
 
 
 @kernel
+def with_focal(seen: Seen, focal: float) -> Seen:
+    """The same with another relative tolerance of the focal length."""
+    return Seen(
+        seen.plane,
+        seen.direction,
+        seen.sigma,
+        seen.magnitude,
+        seen.blur,
+        seen.low,
+        seen.high,
+        seen.corner,
+        seen.radius,
+        seen.excess,
+        seen.area,
+        focal,
+    )
+
+
+@kernel
 def predict(seen: Seen, sky: SkyGrid, rotation: Floats, scale: float) -> tuple[Ints, Floats]:
     """Indices into `sky` (m,) and positions in the plane (m, 2) of the stars in the image.
 

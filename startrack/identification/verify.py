@@ -53,14 +53,14 @@ def prefilter(
     seen: Seen, screen: SpotGrid, sky: SkyGrid, rotation: Floats, scale: float, fewest: int
 ) -> bool:
     """Whether at least `fewest` stars of `sky` lie near a spot; else `verify` is not needed."""
-    if not abs(scale - 1) <= 2 * _scale_tolerance(seen):
+    if not abs(scale - 1) <= 2 * scale_tolerance(seen):
         return False
     _, place = predict(seen, sky, rotation, scale)
     return hits(screen, seen.plane, place) >= fewest
 
 
 @kernel
-def _scale_tolerance(seen: Seen) -> float:
+def scale_tolerance(seen: Seen) -> float:
     """Largest difference of the scale from one: the focal tolerance, and noise."""
     return seen.focal + seen.radius / seen.corner
 
@@ -124,7 +124,7 @@ def _verdict(
 ) -> MatchVerdict:
     """The verdict on what `agree` found; refused where it is too little or the scale is off."""
     matches = len(agreed.spot)
-    if matches < fewest or not abs(agreed.scale - 1) <= _scale_tolerance(seen):
+    if matches < fewest or not abs(agreed.scale - 1) <= scale_tolerance(seen):
         return MatchVerdict(agreed.rotation, agreed.scale, 0, 0, 0.0)
     evidence = log_evidence_of_match(seen, voters, star, agreed)
     magnitude = voters.magnitude[star]

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from startrack.core.units import deg
 from startrack.core.values import Stars, Status
@@ -175,3 +176,48 @@ def test_settings_out_of_range_are_refused(wrong):
 def test_settings_of_another_type_are_refused():
     with pytest.raises(TypeError, match="min_matches"):
         Identification(min_matches=4.5)
+
+
+# A sky of 20 deg whose nineteenth spot was matched to a wrong star, which held the focal length: 7
+# of 21 spots were matched, 9 pixels off across. Columns: x, y (pixel), magnitude.
+HELD = np.array(
+    [
+        [612.0, 177.2, 2.9],
+        [89.0, 23.1, 3.0],
+        [39.3, 401.4, 3.1],
+        [635.4, 353.5, 3.1],
+        [174.5, 868.4, 3.2],
+        [598.6, 163.2, 3.3],
+        [30.1, 111.6, 3.3],
+        [771.4, 839.2, 3.7],
+        [634.8, 184.9, 3.7],
+        [643.1, 187.1, 3.8],
+        [284.8, 683.2, 4.0],
+        [1012.4, 826.8, 4.0],
+        [184.3, 821.8, 4.0],
+        [409.3, 74.1, 4.1],
+        [613.7, 192.8, 4.3],
+        [631.3, 201.1, 4.3],
+        [318.8, 734.0, 4.3],
+        [237.5, 288.9, 4.3],
+        [76.8, 13.8, 4.5],
+        [84.0, 103.8, 4.5],
+        [655.9, 511.9, 5.0],
+    ]
+)
+
+
+def test_a_focal_length_that_one_false_match_holds_is_refused(design, spots_at):
+    known = design(20, 5.0)
+    x, y, magnitude = HELD.T
+    spots = replace(spots_at(np.column_stack([x, y]), 0.2), flux=10 ** (-0.4 * magnitude))
+    believed = known.camera.scaled(1.0236)
+    matches = identify(spots, believed, known.stars, known.index, SETTINGS)
+    assert matches.status is Status.NO_MATCH
+    assert "16 of 21 spots are stars for a focal length -2.3 % off" in matches.reason
+    told = replace(SETTINGS, focal_tolerance=0.03)
+    matches = identify(spots, believed, known.stars, known.index, told)
+    assert matches.camera.focal_length_px == pytest.approx(known.camera.focal_length_px, rel=2e-4)
+    truth = Rotation.from_quat([-0.579577, -0.072195, -0.569057, -0.578837])
+    error = (matches.icrs_to_camera * truth.inv()).as_rotvec()
+    assert np.hypot(*error[:2]) * known.camera.focal_length_px < 0.5
