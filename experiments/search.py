@@ -68,7 +68,7 @@ COMMANDS = {
     "optimize_warm_s": ("optimize", "nanosatellite"),
     "optimize_high_accuracy_s": ("optimize", "high_accuracy"),
     "pareto_s": ("pareto", "nanosatellite", "--points", "12"),
-    "sensitivity_s": ("sensitivity", "nanosatellite"),
+    "what_matters_s": ("what-matters", "nanosatellite", "--units", "0"),
     "sample_s": ("sample", "nanosatellite"),
 }
 # Besides the five of the campaign of noise alone: 30 in all.

@@ -13,7 +13,7 @@ beside      At the first run, another process compiles while this one works.
 Of one frame or lens: simulate, psf, lens, detect, solve, calibrate. Of many trials: budget,
 predict, montecarlo, merge, combine, compare, compare_flight, report, requirements, verify. In time:
 sequence, serve, mission, export. Of many designs: sweep, solve_for, optimize, page, sample, pareto,
-sensitivity. Of Earth cameras: earth. Others: init, keys, warm, bench. `main.COMMANDS` says what
+what_matters. Of Earth cameras: earth. Others: init, keys, warm, bench. `main.COMMANDS` says what
 each does.
 """
 

@@ -107,14 +107,13 @@ declare = Options(
     ),
     Option(
         "--tolerances",
-        "with --units: what halving the scale of each [[variation]] buys at "
-        "the end of life, the one that buys most first",
+        "with --units: what halving the scale of each [[variation]] buys at the end of life "
+        "(until version 0.3; then what-matters)",
     ),
     Option(
         "--levers",
-        "with --units: what a step of each lever buys and costs at the end of life "
-        "(tracked stars, catalogue, calibration, causes of the residual, structure, lens), the "
-        "one that buys most first",
+        "with --units: what a step of each lever buys and costs at the end of life (until version "
+        "0.3; then what-matters)",
     ),
     Option(
         "--profile PROFILE.toml",
@@ -141,6 +140,11 @@ def command(options: argparse.Namespace) -> int:
         raise WrongUse("--tolerances needs --units and a design with [[variation]] tables")
     if options.levers and not options.units:
         raise WrongUse("--levers needs --units")
+    if options.levers or options.tolerances:
+        terminal.print_message(
+            "startrack: levers and tolerances are part of startrack what-matters; the options of "
+            "budget work until version 0.3"
+        )
     if options.units:
         with as_wrong_use():
             require_units(case)

@@ -49,7 +49,7 @@ COMMANDS = {
     "page": "show a design in a browser: sliders, budget, frame, searches",
     "sample": "compute the tolerance of each parameter of a design",
     "pareto": "find designs that no other beats in both of two goals",
-    "sensitivity": "compute which parameters the error of a design depends on",
+    "what-matters": "answer what the error and the tightest margin of a design depend on",
     "init": "write a design file to begin with",
     "keys": "print what a design file may hold: keys, units, ranges, defaults",
     "earth": "simulate Earth cameras over terrain: geometry, images",
@@ -63,13 +63,15 @@ GROUPS = {
     "predict": (
         *("predict", "montecarlo", "merge", "combine", "verify", "compare", "report", "sequence"),
     ),
-    "improve": ("sweep", "solve-for", "pareto", "sensitivity", "sample"),
+    "improve": ("sweep", "solve-for", "what-matters", "pareto", "sample"),
     "real images": ("detect", "solve", "calibrate", "compare-flight"),
     "fly": ("mission", "export", "serve", "earth"),
     "this machine": ("warm", "bench"),
 }
 # Commands that are called as parts of another word; their names alone work, too.
 WITHIN = {"merge": "montecarlo", "combine": "montecarlo", "warm": "tools", "bench": "tools"}
+# Names that commands had in earlier versions; they work until version 0.3.
+EARLIER = {"sensitivity": "what-matters"}
 # Commands that find or identify stars; at the first run a second core compiles what that takes.
 IDENTIFY = (
     "simulate",
@@ -87,7 +89,7 @@ IDENTIFY = (
     "page",
     "sample",
     "pareto",
-    "sensitivity",
+    "what-matters",
     "bench",
 )
 EPILOG = """
@@ -105,7 +107,7 @@ startrack COMMAND --help lists the options and the output files of a command. Ex
   startrack montecarlo combine frames.sqlite windows.sqlite   one error of few frames, many windows
   startrack sample startrack-optimize/best.toml   the tolerance of each parameter
   startrack sweep nanosatellite instrument.optics.f_number=1.2..2.4   errors and margins over a key
-  startrack sensitivity                     what the error depends on
+  startrack what-matters noise_only         what the error and the tightest margin depend on
   startrack pareto                          accuracy against mass
   startrack sequence                        a slew: acquisition, loss, reacquisition
   startrack detect photo.jpg                the stars of a real image
@@ -123,7 +125,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # Processes share the cores; a second thread for small matrices mostly waits.
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         postpone()
-    arguments = parts_alone(sys.argv[1:] if arguments is None else arguments)
+    arguments = named_now(parts_alone(sys.argv[1:] if arguments is None else arguments))
     with stopping.stopped_by_signals() as signals:
         try:
             if alone:
@@ -151,6 +153,19 @@ def parts_alone(arguments: Sequence[str]) -> list[str]:
         return ["tools", "--help"]
     within = len(arguments) > 1 and WITHIN.get(arguments[1]) == arguments[0]
     return list(arguments[1:] if within else arguments)
+
+
+def named_now(arguments: Sequence[str]) -> list[str]:
+    """The arguments with the command as it is called now; says so where that is another name."""
+    first, *others = arguments or [""]
+    if first not in EARLIER:
+        return list(arguments)
+    now = EARLIER[first]
+    print(
+        f"startrack: {first} is called {now} now; the earlier name works until version 0.3",
+        file=sys.stderr,
+    )
+    return [now, *others]
 
 
 def _full_name(name: str) -> str:

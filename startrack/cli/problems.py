@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from startrack import optimise, plots, verification
-from startrack.cli import pareto, sample, sensitivity, terminal
+from startrack.cli import pareto, sample, terminal, what_matters
 from startrack.cli.campaign import LEDGER, open_workers, stages
 from startrack.cli.optimize import LOG
 from startrack.cli.options import Exit, WrongUse, as_wrong_use
@@ -34,9 +34,10 @@ REFUSED = {
     ),
     "verify": ("--fidelity", "--units"),
     "compare": ("--fidelity",),
+    "what-matters": ("--units",),
     "report": ("--stars", "--slews", "--budget", "--fidelity-trials", "--worst", "--conditions"),
 }
-FOLDERS = ("optimize", "montecarlo", "verify", "sample", "sensitivity", "pareto")  # have a ledger
+FOLDERS = ("optimize", "montecarlo", "verify", "sample", "what-matters", "pareto")  # have a ledger
 DESIGNS = 32  # that the sensitivities of a page are computed from
 APART = 1.5  # factor between trials and formula, from which on it is said
 Command = Callable[[argparse.Namespace], int]
@@ -199,17 +200,13 @@ def sample_around(options: argparse.Namespace, problem: Problem) -> int:
     )
 
 
-def sensitivities(options: argparse.Namespace, problem: Problem) -> int:
-    """Print what the objective depends on, and write it; all by forecast."""
+def forecast_what_matters(options: argparse.Namespace, problem: Problem) -> int:
+    """Print what the objective and the margins depend on, and write it; all by forecast."""
     with opened(options, problem) as source:
-        count = len(source.variables)
-        count = 4 * count + (options.designs if count > 1 else 0)
-        with terminal.progress("forecasts", count) as advance:
-            studied = optimise.sensitivities(source, options.designs, advance)
+        found = what_matters.forecast(options, source)
+        region = what_matters.sampled_region(source) if options.full else None
     words = problem.text()
-    return sensitivity.write_sensitivities(
-        options, studied, source.labels(), words.value, words.unit
-    )
+    return what_matters.write_what_matters(options, source, found, words.value, region=region)
 
 
 def trade_off(options: argparse.Namespace, problem: Problem) -> int:
@@ -286,7 +283,7 @@ STUDIES: dict[str, Callable[..., int]] = {
     "montecarlo": montecarlo,
     "verify": verify,
     "sample": sample_around,
-    "sensitivity": sensitivities,
+    "what-matters": forecast_what_matters,
     "pareto": trade_off,
     "compare": compare,
     "report": report,

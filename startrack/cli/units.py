@@ -19,7 +19,7 @@ if wanted(__name__):
     from startrack.io import aligned
     from startrack.metrics import ARCSEC, LEVELS, Interpretation, Interval, bounds_json, bracketed
     from startrack.montecarlo import Sampling
-    from startrack.optimise import LeverChange, allocation
+    from startrack.optimise import LeverChange, allocation, costs_of
     from startrack.population import explain, per_unit
     from startrack.verification import USUAL, units_expected, yield_of
 
@@ -101,7 +101,7 @@ def gains_of(
         allocated = allocation(
             case, objective, required, fraction, options.seed, options.units, changes, advance
         )
-    before = _costs(needs, case)
+    before = costs_of(needs, case)
     values, entries = (
         {
             "objective": str(objective),
@@ -117,7 +117,7 @@ def gains_of(
     rows = [["change" if lever else "halved", "gain (arcsec)", *yields, *costs, "price"]]
     for gain in allocated.gains:
         change = gain.change
-        more = {name: _costs(needs, change.case)[name] - before[name] for name in before}
+        more = {name: costs_of(needs, change.case)[name] - before[name] for name in before}
         more["price"] = change.price or more["price"]
         entries.append(
             {
@@ -159,15 +159,6 @@ def gains_of(
             "where price is 0"
         )
     return values, "\n".join(text)
-
-
-def _costs(needs: design.Requirements, case: Case) -> dict[str, float]:
-    return {
-        "mass_kg": needs.mass(case),
-        "power_w": needs.power(case),
-        "calibration_h": needs.calibration_time(case) / 3600,
-        "price": needs.cost(case),
-    }
 
 
 def trials_of(
@@ -309,7 +300,7 @@ def units_text(ages: list[dict[str, Any]], full: bool) -> str:
         for term, text in ADVICE.items()
         if last.get(term, {}).get("across", 0.0) > 0
     ]
-    lines.append("--levers says what a step of each buys and costs")
+    lines.append("`startrack what-matters` says what a step of each buys and costs")
     return "\n".join(lines)
 
 

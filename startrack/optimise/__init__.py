@@ -26,6 +26,8 @@ pareto             Designs, two goals -> the designs that no other design beats 
 problem_front      Problem, two of its goals -> the designs that no other design beats in both.
 sensitivity        Designs around one -> how much the objective depends on each variable, alone and
                    with others.
+what_matters       Designs around one -> what matters: effect, share of the variance and range of
+                   each variable.
 figures            Design -> its errors, availability, margins and costs, by formula or by trials.
 sweep              Values of one or two keys of a design file -> the figures of the design at each.
 solve_for          A key, a limit -> the values of the key at which the design just keeps it.
@@ -72,7 +74,7 @@ from startrack.optimise.search import Algorithm, Search, SearchInput, least
 from startrack.optimise.search_log import SearchLog
 from startrack.optimise.sensitivity import Sensitivity, sensitivities, sobol_indices
 from startrack.optimise.solve_for import LimitCrossing, Solution, solve_for
-from startrack.optimise.source import DesignSource, TrackerSource
+from startrack.optimise.source import DesignSource, TrackerSource, costs_of
 from startrack.optimise.steps import (
     SearchStage,
     confirm_requirements,
@@ -107,6 +109,13 @@ from startrack.optimise.units import (
     resampled_units,
     without_noise,
 )
+from startrack.optimise.what_matters import (
+    Influence,
+    WhatMatters,
+    forecasts_needed,
+    share,
+    what_matters,
+)
 
 # Public; the other imports serve other rooms.
 __all__ = [
@@ -137,4 +146,5 @@ __all__ = [
     "sensitivities",
     "solve_for",
     "sweep",
+    "what_matters",
 ]

@@ -26,24 +26,41 @@ class Span(NamedTuple):
     everywhere: bool
 
 
-def spans_of(model: Emulators, best: Floats, precision: float) -> list[Span]:
+def spans_of(model: Emulators, best: Floats, precision: float, halvings: int = 0) -> list[Span]:
     """For each variable, where the score stays within the precision of that of a design.
 
     The other variables follow: at each value they are where the score is least.
+
+    halvings  of the step between two nodes where a span ends
     """
     spans = list[Span]()
     limit = float(model.score(best[None])[0]) + precision
     nodes = np.linspace(0, 1, model.settings.span_nodes)
+
+    def best_at(axis: int, value: float, start: Floats) -> Floats | None:
+        """The best design with a variable at a value; None where it is beyond the limit."""
+        fixed = np.arange(len(best)) == axis
+        box = np.where(fixed, value, 0.0), np.where(fixed, value, 1.0)
+        point, score = model.least(np.array([start, best]), box=box)
+        return None if score > limit else point
+
     for axis, middle in enumerate(best):
         ends = [best, best]
         for side, way in enumerate((nodes[nodes < middle][::-1], nodes[nodes > middle])):
+            beyond = None
             for value in way:
-                starts, fixed = np.array([ends[side], best]), np.arange(len(best)) == axis
-                box = np.where(fixed, value, 0.0), np.where(fixed, value, 1.0)
-                point, score = model.least(starts, box=box)
-                if score > limit:
+                point = best_at(axis, value, ends[side])
+                if point is None:
+                    beyond = value
                     break
                 ends[side] = point
+            for _ in range(halvings if beyond is not None else 0):
+                value = (ends[side][axis] + beyond) / 2
+                point = best_at(axis, value, ends[side])
+                if point is None:
+                    beyond = value
+                else:
+                    ends[side] = point
         low, high = (float(end[axis]) for end in ends)
         everywhere = high - low >= model.settings.whole_span
         spans.append(Span(low, high, ends[0], ends[1], everywhere))

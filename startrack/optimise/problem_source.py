@@ -124,6 +124,11 @@ class ProblemSource:
         """The variables as they are called in tables."""
         return {name: name for name in self.names}
 
+    def costs(self, point: Floats) -> dict[str, float]:
+        """Costs that have a margin, by their names with units."""
+        costs = self.design(point).costs().items()
+        return {f"{name} ({margin.unit})": margin.value for name, margin in costs}
+
     def design(self, point: Floats) -> Problem:
         """The problem at a point. Raises Refused where there is none."""
         return self.problem.replaced(self.values(point))

@@ -1,14 +1,15 @@
 """Designs around one -> how much the objective depends on each variable, alone and with others."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy
 
 from startrack.core import Advance, Floats, Refused, Streams, whole
 from startrack.metrics import Interval
+from startrack.optimise.evaluate import Foresight
 from startrack.optimise.gaussian_process import Emulator, emulator
 from startrack.optimise.source import StudiedSource
 
@@ -41,6 +42,44 @@ class Sensitivity:
     total: Interval
 
 
+class Probes(NamedTuple):
+    """Forecasts of a design and of others around it.
+
+    points      unit-cube coordinates of the design, of two a step beside it for each variable, of
+                two with the variable at its bounds for each, and of designs over the whole space
+    foresights  of each
+    dimensions  number of variables
+    """
+
+    points: tuple[Floats, ...]
+    foresights: tuple[Foresight, ...]
+    dimensions: int
+
+    @property
+    def here(self) -> Foresight:
+        """Forecast of the design."""
+        return self.foresights[0]
+
+    def beside(self, axis: int) -> tuple[tuple[Floats, Foresight], tuple[Floats, Foresight]]:
+        """A step below and above along an axis: points and forecasts."""
+        return self._pair(1 + 2 * axis)
+
+    def ends(self, axis: int) -> tuple[tuple[Floats, Foresight], tuple[Floats, Foresight]]:
+        """At the low and the high bound along an axis."""
+        return self._pair(1 + 2 * self.dimensions + 2 * axis)
+
+    @property
+    def over(self) -> tuple[Floats, Floats]:
+        """Points (n, d) over the space, and ln(objective) there."""
+        first = 1 + 4 * self.dimensions
+        values = [foresight.expected for foresight in self.foresights[first:]]
+        return np.array(self.points[first:]), np.array(values)
+
+    def _pair(self, at: int) -> tuple[tuple[Floats, Foresight], tuple[Floats, Foresight]]:
+        low, high = zip(self.points[at : at + 2], self.foresights[at : at + 2], strict=True)
+        return low, high
+
+
 def sensitivities(
     source: StudiedSource, designs: int = DESIGNS, progress: Advance | None = None
 ) -> list[Sensitivity]:
@@ -59,39 +98,47 @@ def sensitivities(
     Raises    ValueError where the design has no forecast, or designs nearly nowhere have one.
     Accuracy  model: the forecasts'; designs without one count with the largest objective.
     """
+    return sensitivities_of(source, probe(source, designs, progress))
+
+
+def probe(source: StudiedSource, designs: int, progress: Advance | None = None) -> Probes:
+    """Forecast the designs that `sensitivities` needs; arguments and refusals as there.
+
+    The design and those a step beside it are forecast in all conditions, the others in those that
+    have a weight.
+    """
     whole(2, 2**20, designs=designs)
     if designs & (designs - 1):
         raise Refused(f"designs must be a power of two, got {designs}")
     d, centre = len(source.names), source.start
-    moved = [point for i in range(d) for point in _beside(source, centre, i)]
-    ends = [_moved(centre, i, at) for i in range(d) for at in (0.0, 1.0)]
-    over = _spread(d, designs, Streams(source.seed, 0)("designs of the indices"))
-    [here] = _logs(source, [centre])
-    if not math.isfinite(here):
-        raise Refused("the design must have a forecast, it has none")
-    every = [*moved, *ends, *(over if d > 1 else [])]
-    logs = _logs(source, every, progress)
-    step, end = logs[: 2 * d].reshape(d, 2), np.exp(logs[2 * d : 4 * d]).reshape(d, 2)
-    fractions = [(Interval(1.0, 1.0, 1.0),) * 2]
+    near = [point for axis in range(d) for point in _beside(source, centre, axis)]
+    far = [_moved(centre, axis, end) for axis in range(d) for end in (0.0, 1.0)]
     if d > 1:
-        fractions = sobol_indices(over, _filled(logs[4 * d :]))
+        far += list(_spread(d, designs, Streams(source.seed, 0)("designs of the indices")))
+    here = source.foresee_any([centre])
+    if not math.isfinite(here[0].expected):
+        raise Refused("the design must have a forecast, it has none")
+    seen = source.foresee_any(near, progress=progress)
+    seen += source.foresee_any(far, weighted=True, progress=progress)
+    return Probes((centre, *near, *far), (*here, *seen), d)
+
+
+def sensitivities_of(source: StudiedSource, probes: Probes) -> list[Sensitivity]:
+    """The sensitivities by forecasts that are known."""
+    fractions = [(Interval(1.0, 1.0, 1.0),) * 2]
+    if probes.dimensions > 1:
+        points, values = probes.over
+        fractions = sobol_indices(points, _filled(values))
     result = []
-    for i, (name, value) in enumerate(source.start_values.items()):
-        before, after = (source.value(point, name) for point in moved[2 * i : 2 * i + 2])
-        rise = float(step[i, 1] - step[i, 0])
-        slope = rise / (after - before) * value if value else math.nan
+    for axis, (name, value) in enumerate(source.start_values.items()):
+        (before, below), (after, above) = probes.beside(axis)
+        rise, step = above.expected - below.expected, source.value(after, name)
+        slope = rise / (step - source.value(before, name)) * value if value else math.nan
         slope += 0.0  # not -0
-        low, high = end[i].tolist()
-        result.append(Sensitivity(name, math.exp(here), low, high, slope, *fractions[i]))
+        low, high = (math.exp(foresight.expected) for _, foresight in probes.ends(axis))
+        here = math.exp(probes.here.expected)
+        result.append(Sensitivity(name, here, low, high, slope, *fractions[axis]))
     return result
-
-
-def _logs(
-    source: StudiedSource, points: Sequence[Floats], progress: Advance | None = None
-) -> Floats:
-    """ln(objective) of designs, whatever they cost; NaN where there is no forecast."""
-    seen = source.foresee_any(points, weighted=True, progress=progress)
-    return np.array([foresight.expected for foresight in seen])
 
 
 def _spread(d: int, count: int, random: np.random.Generator) -> Floats:

@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 
 from startrack.core import Advance, Floats, Refused
-from startrack.design import Campaign, DesignSpace, found_at
+from startrack.design import Campaign, Case, DesignSpace, Requirements, found_at
 from startrack.metrics import ARCSEC, DisplayUnit
 from startrack.optimise.evaluate import Evaluation, Foresight, evaluate, foresee_all, missed
 from startrack.optimise.forecast import name_by_condition
@@ -96,6 +96,9 @@ class StudiedSource(DesignSource, Protocol):
 
     def labels(self) -> Mapping[str, str]:
         """The variables as they are called in tables, by names."""
+
+    def costs(self, point: Floats) -> Mapping[str, float]:
+        """Costs of a design, by their names with units."""
 
     def foresee_any(
         self, points: Sequence[Floats], weighted: bool = False, progress: Advance | None = None
@@ -217,6 +220,10 @@ class TrackerSource:
         """Values by the design space."""
         return self.space.labels()
 
+    def costs(self, point: Floats) -> Mapping[str, float]:
+        """Costs by `costs_of`."""
+        return costs_of(self.campaign.requirements, self.space.design(point))
+
     def foresee_any(
         self, points: Sequence[Floats], weighted: bool = False, progress: Advance | None = None
     ) -> list[Foresight]:
@@ -240,6 +247,16 @@ class TrackerSource:
     def cost_missed(self, point: Floats) -> float:
         """Amount by which mass, power and the other costs miss their limits."""
         return missed(cost_margins(self.campaign.requirements, self.space.design(point)))
+
+
+def costs_of(needs: Requirements, case: Case) -> dict[str, float]:
+    """What a star tracker costs, by names with their units."""
+    return {
+        "mass_kg": needs.mass(case),
+        "power_w": needs.power(case),
+        "calibration_h": needs.calibration_time(case) / 3600,
+        "price": needs.cost(case),
+    }
 
 
 def affordable(source: DesignSource, random: np.random.Generator) -> Iterator[Floats]:

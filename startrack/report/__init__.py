@@ -5,6 +5,7 @@ sections  Sections: design, verdicts, lost trials, error budget, units, worst tr
 pictures  Distributions and sky maps of the errors of trials, single stars, slew rates.
 write     The page from a campaign's store.
 mission   The page of a mission.
+study     The page of a study: answer, tables, pictures.
 problem   The page of a problem: question, trials beside formulas, verdicts, sensitivity.
 earth     The page of an Earth camera: its figures, requirements, images, products and scene.
 """
@@ -21,6 +22,7 @@ from startrack.report.mission import (
     write_mission_report,
 )
 from startrack.report.problem import write_problem_report
+from startrack.report.study import write_study_page
 from startrack.report.write import Depth, repeated, write_report
 
 # Public; the other imports serve other rooms.

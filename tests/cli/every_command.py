@@ -69,7 +69,7 @@ solve-for design.toml instrument.optics.f_number=1..2 --until mass=0.4kg --point
 optimize design.toml --out optimize --workers 1
 sample design.toml --out sample --workers 1
 pareto design.toml --points 2 --out pareto --workers 1
-sensitivity design.toml --designs 2 --out sensitivity --workers 1
+what-matters design.toml --designs 2 --out matters --workers 1
 compare-flight trackers/chandra-aca.toml windows.npz --devices 2 --out flown
 earth geometry mountains.toml --out geometry
 earth render hsrs.toml --calibration 8 --geotiff --out render

@@ -179,7 +179,7 @@ def test_a_bad_image_does_not_stop_the_others(call, tmp_path):
         (["montecarlo", "--control", "--fidelity", "window"], "control needs fidelity frame"),
         (["combine", "one.sqlite"], "campaigns must be two or more, each of a different fidelity"),
         (["combine", "a.sqlite", "./a.sqlite"], "must be different files, got a.sqlite more"),
-        (["sensitivity", "--designs", "65"], "--designs: must be a power of two, got '65'"),
+        (["what-matters", "--designs", "65"], "--designs: must be a power of two, got '65'"),
         (["pareto", "--first", "speed"], "objective must be across, about or both"),
         (["report", "x.sqlite", "--budget", "1"], "--budget: must be a whole number from 2 on"),
         (["sequence", "--profile", "none.toml"], "none.toml must be a sequence file"),
@@ -277,7 +277,7 @@ ON_DESIGNS = (
     "optimize",
     "sample",
     "pareto",
-    "sensitivity",
+    "what-matters",
     "detect --design",
 )
 

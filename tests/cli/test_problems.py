@@ -86,7 +86,7 @@ def test_two_scenes_are_compared(capsys):
 @pytest.mark.slow
 def test_a_scene_has_sensitivities_a_tolerance_a_front_and_a_page(tmp_path, capsys):
     out = ["--out", str(tmp_path), *QUICK, *SHORT]
-    assert main(["sensitivity", "mertis", "--designs", "8", *out]) == 0
+    assert main(["what-matters", "mertis", "--designs", "8", *out]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["variables"]["retrieval.minerals.step"]["low"] > 0
     assert main(["sample", "mertis", *out]) in (0, 3)

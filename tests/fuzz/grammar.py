@@ -579,8 +579,8 @@ def page_case(draw: Draw) -> Case:
 def campaign_case(draw: Draw) -> Case:
     base = bases()["design"]
     table = base | {"campaign": mutated(draw, base["campaign"], Campaign)}
-    command = draw.one_of(("requirements", "requirements", "requirements", "sensitivity"))
-    more = ("--designs", "2", "--workers", "1", "--out", "out") if command == "sensitivity" else ()
+    command = draw.one_of(("requirements", "requirements", "requirements", "what-matters"))
+    more = ("--designs", "2", "--workers", "1", "--out", "out") if command == "what-matters" else ()
     return Case(
         "campaign", (command, "design.toml", *more, "--json"), {"design.toml": toml(draw, table)}
     )
@@ -879,7 +879,16 @@ def stores() -> dict[str, bytes]:
             with Store(path, case, 1, Sampling(fidelity)) as store:
                 resume(store, Serial(), 1, 16, block=4)
             found[path.name] = path.read_bytes()
-        command = ("sensitivity", "design.toml", "--designs", "2", "--workers", "1", "--out", "out")
+        command = (
+            "what-matters",
+            "design.toml",
+            "--designs",
+            "2",
+            "--workers",
+            "1",
+            "--out",
+            "out",
+        )
         environment = os.environ | {"PYTHONPATH": python_path()}
         subprocess.run(
             [sys.executable, "-m", "tests.fuzz.worker", "run", *command],
@@ -946,7 +955,7 @@ def store_case(draw: Draw) -> Case:
     if name == "ledger.sqlite":
         files = {"out/ledger.sqlite": files[name], "design.toml": files["design.toml"]}
         arguments = (
-            "sensitivity",
+            "what-matters",
             "design.toml",
             "--designs",
             "2",
@@ -1100,7 +1109,7 @@ def whole_cases() -> list[Case]:
         *(Case("whole", (*command, "--json"), design) for command in DESIGN_COMMANDS),
         Case(
             "whole",
-            ("sensitivity", "design.toml", "--designs", "2", "--workers", "1", "--json"),
+            ("what-matters", "design.toml", "--designs", "2", "--workers", "1", "--json"),
             design,
         ),
         Case(

@@ -1,0 +1,29 @@
+"""The page of a study: its answer, its tables, pictures and what they mean."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from startrack.metrics import Table
+from startrack.report.page import Section, embedded, page, paragraph, records
+
+
+def write_study_page(
+    title: str,
+    answer: str,
+    tables: Sequence[Table],
+    meanings: Sequence[str],
+    pictures: Mapping[str, Path],
+) -> str:
+    """The page as HTML.
+
+    answer    a sentence, which stands first
+    meanings  paragraphs on what the tables say, and how it was computed
+    pictures  files, by their captions
+    """
+    shown = "".join(records("", table) for table in tables)
+    sections = [Section("Table", shown)]
+    if pictures:
+        drawn = "".join(embedded(caption, file) for caption, file in pictures.items())
+        sections.append(Section("Pictures", drawn))
+    sections.append(Section("How it was computed", "".join(map(paragraph, meanings))))
+    return page(title, answer, sections)
