@@ -46,6 +46,7 @@ from startrack.plots import (
     picture,
     save_picture,
     styled,
+    variable_panels,
 )
 
 SMALLEST: dict[str, Any] = {  # of a campaign, under --quick
@@ -107,11 +108,12 @@ def draw(
 ) -> None:
     """The error before and after, and how the search came there."""
     branch = f", {optimum.branch}" if optimum.branch else ""
-    figure = picture(11.5, f"{name}{branch}: better by {told_interval(optimum.factor, 2)}")
-    shares, upper, lower = figure.subplots(3, 1)
+    figure = picture(0.6, f"{name}{branch}: better by {told_interval(optimum.factor, 2)}")
+    count = len(optimum.space.variables)
+    shares, upper, *variables = variable_panels(figure, count, (3.5, 3.5))
     draw_shares(shares, optimum, campaign, fresh)
     draw_path(upper, optimum)
-    draw_variables(lower, optimum)
+    draw_variables(variables, optimum)
     save_picture(path, figure)
 
 

@@ -24,6 +24,7 @@ from .optimise import draw_front as draw_front
 from .optimise import draw_tolerance as draw_tolerance
 from .optimise import draw_tornado as draw_tornado
 from .optimise import draw_variables as draw_variables
+from .optimise import variable_panels as variable_panels
 from .prediction import draw_prediction as draw_prediction
 from .psf import Curves as Curves
 from .psf import draw_psf as draw_psf

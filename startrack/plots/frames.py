@@ -15,7 +15,7 @@ from matplotlib.colors import FuncNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.path import Path as MarkerPath
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter
+from scipy.ndimage import rank_filter, uniform_filter
 from scipy.spatial.transform import Rotation
 
 from startrack.core import Camera, Floats, Frame, Matches, Spots, Stars, arcsec, deg
@@ -23,7 +23,8 @@ from startrack.plots import style
 
 IMAGE = 5.75  # inch, width of the image beside its axis
 LABELS = 10  # brightest stars that are named, or have their magnitude written beside them
-NAMES_APART = (0.14, 0.035)  # of the columns and rows, of two labels
+LETTER_WIDTH, LETTER_HEIGHT = 0.068, 0.14  # inch, of a label's letters of 8.5 points
+RING = 0.075  # inch, half the side of the mark of a spot
 SCALES = (1, 2, 5, 10, 20, 30, 60, 120, 300, 600, 1200, 1800, 3600, 2 * 3600, 5 * 3600, 36000)
 # Four arms around a place that stays free, so that its star is seen.
 CROSS = MarkerPath(
@@ -71,7 +72,8 @@ def draw_frame(
     figure, axes = _image(frame, title, saturation)
     if camera is not None and icrs_to_camera is not None:
         if stars is not None:
-            _name(axes, camera, *_predicted(camera, icrs_to_camera, stars, LABELS))
+            pixel, bright = _predicted(camera, icrs_to_camera, stars, LABELS)
+            _name(axes, camera, pixel, bright, pixel)
         _compass(axes, camera, icrs_to_camera)
     return style.save_picture(path, figure)
 
@@ -84,7 +86,8 @@ def draw_spots(path: Path | None, frame: Frame, spots: Spots, title: str) -> Fig
         spots.x, spots.y, edgecolors=style.SKY, label="spot, numbered by brightness", **RINGS
     )
     places = np.column_stack([spots.x, spots.y])[:LABELS]
-    _label(axes, frame.image.shape, places, [str(n + 1) for n in range(len(places))])
+    marks = np.column_stack([spots.x, spots.y])
+    _label(axes, frame.image.shape, places, [str(n + 1) for n in range(len(places))], marks)
     if len(spots):
         style.legend_below(axes)
     else:
@@ -134,7 +137,8 @@ def draw_solution(
             linewidths=1.0,
             label=f"catalogue star (brightest {len(pixel)})",
         )
-        _name(axes, matches.camera, pixel, bright)
+        marks = np.vstack([pixel, np.column_stack([spots.x, spots.y])])
+        _name(axes, matches.camera, pixel, bright, marks)
         _compass(axes, matches.camera, icrs_to_camera)
     style.legend_below(axes)
     return style.save_picture(path, figure)
@@ -211,37 +215,68 @@ def _predicted(
     return pixel[inside][order], stars[near[inside][order]]
 
 
-def _name(axes: Axes, camera: Camera, pixel: Floats, stars: Stars) -> None:
-    """Proper names or magnitudes beside the brightest stars."""
+def _name(axes: Axes, camera: Camera, pixel: Floats, stars: Stars, marks: Floats) -> None:
+    """Proper names or magnitudes beside the brightest stars, away from all marks."""
     texts = []
     for identifier, magnitude in zip(stars.identifier, stars.magnitude_g, strict=True):
         own = PROPER_NAMES.get(-int(identifier))
         texts.append(f"{own}, G {magnitude:.1f}" if own else f"G {magnitude:.1f}")
-    _label(axes, (camera.rows, camera.columns), pixel[:LABELS], texts[:LABELS])
+    _label(axes, (camera.rows, camera.columns), pixel[:LABELS], texts[:LABELS], marks)
 
 
-def _label(axes: Axes, shape: tuple[int, ...], places: Floats, texts: Sequence[str]) -> None:
-    """Texts beside their places, on the side that is inside of the frame; none over another."""
+def _label(
+    axes: Axes, shape: tuple[int, ...], places: Floats, texts: Sequence[str], marks: Floats
+) -> None:
+    """Texts beside their places, on a side that is inside of the frame and free; none elsewhere.
+
+    marks  (m, 2) pixels of all that is marked in the frame, which no text may hide
+    """
     rows, columns = shape[:2]
-    used: list[tuple[float, float]] = []
-    for (x, y), text in zip(places, texts, strict=True):
-        left, under = x > 0.8 * columns, y < 0.06 * rows
-        here = x / columns - 0.07 * left, y / rows + 0.03 * under
-        apart = NAMES_APART[0] * (0.3 if len(text) < 3 else 1.0)
-        if any(abs(here[0] - u) < apart and abs(here[1] - v) < NAMES_APART[1] for u, v in used):
+    inch = columns / IMAGE  # pixel
+    high, away = LETTER_HEIGHT * inch, RING * inch
+    taken = [_Box(x - away, y - away, x + away, y + away) for x, y in marks.tolist()]
+    frame = _Box(0, 0, columns, rows)
+    for (x, y), text in zip(places.tolist(), texts, strict=True):
+        wide, beside = len(text) * LETTER_WIDTH * inch, RING * inch
+        for side, level in ((1, -1), (1, 1), (-1, -1), (-1, 1)):
+            first = x + beside if side > 0 else x - beside - wide
+            top = y - beside - high if level < 0 else y + beside
+            box = _Box(first, top, first + wide, top + high)
+            own = _Box(x - away, y - away, x + away, y + away)
+            others = [other for other in taken if other != own]
+            if frame.holds(box) and not any(box.meets(other) for other in others):
+                break
+        else:
             continue
-        used.append(here)
-        style.note(
-            axes,
+        taken.append(box)
+        axes.text(
+            box.left,
+            (box.top + box.bottom) / 2,
             text,
-            (x, y),
-            (-7 if left else 7, -6 if under else 5),
             color=style.SKY,
-            ha="right" if left else "left",
-            va="top" if under else "bottom",
+            fontsize=style.SMALL,
+            va="center",
             path_effects=[style.outline("black")],
-            annotation_clip=True,
         )
+
+
+class _Box(NamedTuple):
+    """A rectangle of a frame, pixel."""
+
+    left: float
+    top: float
+    right: float
+    bottom: float
+
+    def meets(self, other: _Box) -> bool:
+        """Whether two have a part in common."""
+        apart = self.right <= other.left or other.right <= self.left
+        return not (apart or self.bottom <= other.top or other.bottom <= self.top)
+
+    def holds(self, other: _Box) -> bool:
+        """Whether another one is inside."""
+        across = self.left <= other.left and other.right <= self.right
+        return across and self.top <= other.top and other.bottom <= self.bottom
 
 
 def _compass(axes: Axes, camera: Camera, icrs_to_camera: Rotation) -> None:
@@ -312,6 +347,8 @@ CELLS = 640  # along the longer side; a picture of 1280 pixels shows each with t
 FEW_CELLS = 360  # up to which each is a pixel where the picture is 400 wide
 BRIGHT = 5.0  # noise above the background, from which on a cell is drawn wider
 AROUND = 3.0  # noise of their mean, by which the pixels around a star stand out
+FOURTH = 4  # largest of a pixel and the eight around it
+BESIDE = 1.0  # noise above the background that it has in a star, at least
 TAIL = 2.33  # noise that 1 % of normal numbers exceed
 RANGE = 4.0  # noise from black to white, at least
 DARK = 1.5  # noise above the background up to which a pixel is black
@@ -397,6 +434,9 @@ def stretch(image: NDArray[np.number], saturation: float | None = None) -> Stret
             filled = np.where(np.isfinite(values), values, middle)
             around = (9 * uniform_filter(filled, 3) - filled) / 8
             bright &= around > middle + AROUND * of_pixels / math.sqrt(8)
+            # Two hot pixels beside each other are no star either: it shines into three at least.
+            fourth = rank_filter(filled, -FOURTH, size=3)
+            bright &= fourth > middle + BESIDE * of_pixels
         wide = _largest(np.where(bright, values, -np.inf), block)
         reduced = np.maximum(
             reduced, cv2.dilate(wide, np.ones((3, 3)), borderType=cv2.BORDER_REPLICATE)

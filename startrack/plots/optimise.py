@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from startrack.core import YEAR, Floats, Ints, arcsec
@@ -23,6 +24,13 @@ from startrack.optimise import (
 from startrack.plots import style
 
 SAME = 0.02  # relative change of an error that is not drawn as a bar
+COLUMNS, PANEL = 2, 1.05  # of the panels of variables; inch, height of each
+LETTERS_BESIDE = 36  # of a title of one of them
+HOW_TO_READ = (
+    "below, each variable from its low to its high bound: dots are designs that were forecast or "
+    "tried, the line is the best so far, the band the range that keeps the objective while the "
+    "others follow"
+)
 LARGEST = 1.6  # inch, of a panel of a corner picture whose letters are legible in 400 pixels
 
 
@@ -37,11 +45,11 @@ def draw_convergence(path: Path, optimum: Optimum, campaign: Campaign) -> None:
     if optimum.candidate:
         result = "none is better than the start"
     figure = style.picture(
-        8.4,
+        0.6,
         f"{len(optimum.evaluations)} designs on the same skies and noise; on {fresh.trials} fresh "
-        f"frames {result}",
+        f"frames {result}\n{HOW_TO_READ}",
     )
-    error, variables = figure.subplots(2, 1, sharex=True, height_ratios=(1.2, 1))
+    error, *variables = variable_panels(figure, len(optimum.space.variables), (4.6,))
     words, unit = campaign.made_small
     if optimum.units and campaign.minimise == "error":
         over = optimum.units.over
@@ -78,8 +86,8 @@ def _tried(axes: Axes, optimum: Optimum, objective: str) -> None:
         np.where(np.isfinite(so_far), so_far, np.nan),
         where="post",
         color=style.GREEN,
-        lw=1.2,
-        label="best so far with as many trials",
+        lw=1.8,
+        label="best by as many trials",
     )
     if not solved.all():
         at = number_of[~solved]
@@ -110,16 +118,20 @@ def draw_forecasts(axes: Axes, landscape: Landscape) -> None:
     """Draw the forecasts of the designs before any trial."""
     error, met = np.exp(landscape.expected), np.array(landscape.met, bool)
     number_of = np.arange(1, len(error) + 1)
-    for chosen, face, label in ((met, style.GREY, "meets"), (~met, "none", "misses")):
+    for chosen, marker, shade, label in ((met, "o", 1.0, "meets"), (~met, "x", 0.4, "misses")):
         axes.plot(
             number_of[chosen],
             error[chosen],
-            "o",
+            marker,
             ms=3,
             color=style.GREY,
-            mfc=face,
+            alpha=shade,
             label=f"forecast, {label} the requirements ({chosen.sum()})",
         )
+    least = np.fmin.accumulate(np.where(met, error, np.nan))
+    axes.step(
+        number_of, least, where="post", color=style.BLUE, lw=1.8, label="best forecast that meets"
+    )
 
 
 def _made_small(design: Evaluation) -> float:
@@ -165,7 +177,7 @@ def _numbers_of_trials(axes: Axes, trials: Floats, before: int) -> None:
             color=style.GREY,
             lw=1.0,
             ls=":",
-            label=None if n else "dotted: another number of trials per design",
+            label=None if n else "another number of trials",
         )
     shown = -math.inf
     for k in [*run[:1], *steps]:
@@ -187,44 +199,53 @@ def _numbers_of_trials(axes: Axes, trials: Floats, before: int) -> None:
         style.panel_title(axes, f"numbers at the top: trials per design, {ends}")
 
 
-def draw_variables(axes: Axes, optimum: Optimum) -> None:
-    """Each variable of the designs, of the best so far as a line, and its span at the end.
+def draw_variables(panels: Sequence[Axes], optimum: Optimum) -> None:
+    """A panel for each variable of the designs: those tried, the best so far, its range at the end.
 
-    Scaled to its bounds.
+    From its low to its high bound, in its unit.
     """
-    landscape = optimum.landscape
+    landscape, space = optimum.landscape, optimum.space
     points = [
         *(landscape.forecasts if landscape else ()),
         *(design.coordinates for design in optimum.evaluations),
     ]
     number_of, best = np.arange(1, len(points) + 1), _best_numbers(optimum)
-    for n, (variable, line) in enumerate(
-        zip(optimum.space.variables, np.array(points).T, strict=True)
+    names = [variable.name for variable in space.variables]
+    ticks = (0.0, 0.5, 1.0)
+    values = [space.values(np.full(len(names), tick)) for tick in ticks]
+    for axes, name, short, line in zip(
+        panels, names, short_names(names), np.array(points).T, strict=True
     ):
-        colour = style.CYCLE[n % len(style.CYCLE)]
-        # Where colours come again, lines do not come with the same one.
-        pattern = style.LINES[(n + n // len(style.CYCLE)) % len(style.LINES)]
-        axes.plot(number_of, line, ".", ms=2.5, color=colour, alpha=0.35)
-        axes.plot(
-            number_of,
-            line[best],
-            lw=1.4,
-            color=colour,
-            ls=pattern,
-            drawstyle="steps-post",
-            label=variable.name.rpartition(".")[2],
-        )
+        axes.plot(number_of, line, ".", ms=2.5, color=style.GREY, alpha=0.4)
+        axes.plot(number_of, line[best], lw=1.6, color=style.GREEN, drawstyle="steps-post")
         if landscape:
-            span, at = landscape.spans[variable.name], len(line) * (1.02 + 0.015 * n)
-            axes.plot([at, at], [span.low, span.high], "-_", lw=2.5, color=colour, ms=5)
-    axes.set(xlabel="evaluation (number)", ylabel="variable, scaled (fraction of its range)")
-    title = "dots: designs that were tried; lines: the best so far"
-    if landscape:
-        title += "; bars: values that keep the objective, while the others follow"
-    style.panel_title(axes, title)
-    axes.set_ylim(-0.03, 1.03)
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    style.legend_below(axes, 3)
+            span = landscape.spans[name]
+            axes.axhspan(span.low, span.high, color=style.SKY, alpha=0.3, lw=0)
+        texts = [space.shown(name, at[name], 3).partition(" ") for at in values]
+        axes.set_yticks(ticks, [number for number, _, _ in texts])
+        axes.set_ylabel(f"({texts[0][2] or 1})")
+        axes.set_ylim(-0.05, 1.05)
+        axes.xaxis.set_major_locator(MaxNLocator(4, integer=True))
+        axes.tick_params(labelbottom=False)
+        style.panel_title(axes, short, LETTERS_BESIDE)
+    for axes in panels[-COLUMNS:]:
+        axes.tick_params(labelbottom=True)
+        axes.set_xlabel("evaluation (number)")
+
+
+def variable_panels(figure: Figure, count: int, above: Sequence[float]) -> list[Axes]:
+    """Panels of a figure below each other, and below them small ones, two beside each other.
+
+    above    inch, heights of the panels; the figure is made as high as all need
+    Returns  these panels, and then one for each of `count` variables
+    """
+    rows = -(-count // COLUMNS)
+    heights = [*above, *[PANEL] * rows]
+    figure.set_figheight(figure.get_figheight() + sum(heights))
+    grid = figure.add_gridspec(len(heights), COLUMNS, height_ratios=heights)
+    wide = [figure.add_subplot(grid[row, :]) for row in range(len(above))]
+    places = [divmod(number, COLUMNS) for number in range(count)]
+    return [*wide, *(figure.add_subplot(grid[len(above) + row, at]) for row, at in places)]
 
 
 def _best_numbers(optimum: Optimum) -> Ints:

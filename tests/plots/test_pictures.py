@@ -371,7 +371,7 @@ def optimum(count):
     fresh = (SimpleNamespace(trials=100),) * 2
     factor = Interval(1.5, 1.4, 1.6)
     return Optimum(
-        space=SimpleNamespace(variables=names),
+        space=space_of(names),
         branch="",
         start=None,
         best=None,
@@ -389,21 +389,34 @@ def optimum(count):
     )
 
 
+def space_of(variables):
+    """Of lengths from 0 to 1 m."""
+
+    def values(point):
+        return {one.name: u for one, u in zip(variables, point, strict=True)}
+
+    def shown(name, value, digits):
+        return f"{value:g} m"
+
+    return SimpleNamespace(variables=variables, values=values, shown=shown)
+
+
 def test_the_lines_of_a_search_are_explained(drawn):
     found = optimum(40)
     figure, _ = drawn(draw_convergence, found, Campaign())
-    error, variables = figure.axes
+    error, *variables = figure.axes
     dotted = [line for line in error.lines if line.get_linestyle() == ":"]
     assert len(dotted) == 1
     explained = error.get_legend_handles_labels()[1]
     assert any("another number of trials" in one for one in explained)
     assert any("(10)" in one for one in explained)  # the designs without an error are counted
     assert {text.get_text() for text in error.texts} == {"20", "60"}
-    paths = [line for line in variables.lines if not line.get_label().startswith("_")]
-    assert len({(line.get_color(), line.get_linestyle()) for line in paths}) == 3
+    assert [axes.get_title("left") for axes in variables] == ["first", "second", "third"]
+    assert [tick.get_text() for tick in variables[0].get_yticklabels()] == ["0", "0.5", "1"]
+    assert variables[0].get_ylabel() == "(m)"
 
 
-def test_the_path_of_a_variable_is_that_of_the_best_so_far_and_no_two_look_alike(drawn):
+def test_the_path_of_a_variable_is_that_of_the_best_so_far_each_in_a_panel(drawn):
     """Forecasts 2, 1 and 3 arcsec, of which the second misses a limit and the third is worse; then
     designs without trials, that miss a limit, of 4.9 and of 4.8 arcsec."""
     names = [SimpleNamespace(name=f"instrument.{number}") for number in range(9)]
@@ -433,16 +446,16 @@ def test_the_path_of_a_variable_is_that_of_the_best_so_far_and_no_two_look_alike
         )
     ]
     found = dataclasses.replace(
-        found,
-        space=SimpleNamespace(variables=names),
-        evaluations=tuple(evaluations),
-        landscape=landscape,
+        found, space=space_of(names), evaluations=tuple(evaluations), landscape=landscape
     )
     figure, _ = drawn(draw_convergence, found, Campaign())
-    paths = [line for line in figure.axes[1].lines if not line.get_label().startswith("_")]
-    assert len({(line.get_color(), str(line.get_linestyle())) for line in paths}) == 9
+    history, *panels = figure.axes
+    assert len(panels) == 9
     expected = points[[0, 0, 0, 0, 0, 5, 6, 6], 4]
-    assert np.array_equal(paths[4].get_ydata(), expected)
+    _, path = panels[4].lines
+    assert np.array_equal(path.get_ydata(), expected)
+    [best] = [line for line in history.lines if line.get_label() == "best forecast that meets"]
+    assert np.allclose(best.get_ydata(), [2, 2, 2])
 
 
 def test_a_search_over_units_says_so_and_explains_its_bars(drawn):
@@ -454,9 +467,11 @@ def test_a_search_over_units_says_so_and_explains_its_bars(drawn):
     over = SimpleNamespace(fraction=0.95, age=5 * YEAR)
     found = dataclasses.replace(optimum(40), landscape=landscape, units=SimpleNamespace(over=over))
     figure, _ = drawn(draw_convergence, found, Campaign())
-    error, variables = figure.axes
+    error, *variables = figure.axes
     assert "that 95 % of units at 5 yr do not exceed" in error.get_ylabel()
-    assert "bars" in variables.get_title("left")
+    assert "the band the range that keeps the objective" in " ".join(figure.get_suptitle().split())
+    [band] = variables[0].patches
+    assert (band.get_y(), band.get_y() + band.get_height()) == (0.2, 0.8)
 
 
 def test_a_front_has_the_intervals_of_its_trials(drawn):
