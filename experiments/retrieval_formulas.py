@@ -2,9 +2,10 @@
 
 python experiments/retrieval_formulas.py prints, for each design, the smallest fire of 800 K by day
 and by night, the error of its radiative power, the error of emissivity, and of land the errors of
-reflectance and index and the fraction classified wrongly, and the error of heights, each by trials
-over that by formula. `formula_over_trials` is the worst ratio of each retrieval, as the larger over
-the smaller of both. With 600 fires of a design a 95th percentile scatters by 0.03.
+reflectance and index and the fraction classified wrongly, and the errors of heights, of the height
+of waves and of their direction, each by trials over that by formula. `formula_over_trials` is the
+worst ratio of each retrieval, as the larger over the smaller of both. With 600 fires of a design a
+95th percentile scatters by 0.03, with 24 images of waves a rms error by 0.14.
 """
 
 from __future__ import annotations
@@ -77,6 +78,22 @@ MINERALS: dict[str, dict[str, float]] = {
     "wrong assumption": {"retrieval.minerals.assumed": 0.95},
 }
 
+SEA = "retrieval.waves."
+WAVES: dict[str, dict[str, float]] = {
+    "as designed": {},
+    "f/8, blurred": {"channels.*.optics.f_number": 8.0, "channels.*.optics.blur": 6e-6},
+    "noisy": {BOTH + "read_noise": 1500.0},
+    "8 bit": {BOTH + "bits": 8, BOTH + "offset": 10},
+    "differences of pixels": {BOTH + "prnu": 0.03},
+    "waves towards the Sun": {SEA + "direction": -1.12},
+    "waves across": {SEA + "direction": 0.45},
+    "calm": {SEA + "wind": 4.0, SEA + "significant_height": 0.4},
+    "high Sun": {SEA + "sun_zenith": 0.2},
+    "low Sun": {SEA + "sun_zenith": 0.8},
+    "small images": {SEA + "size": 64},
+    "short waves": {SEA + "peak_wavelength": 30.0, SEA + "significant_height": 0.6},
+}
+
 
 def main() -> None:
     """Print and save the ratios."""
@@ -88,6 +105,7 @@ def main() -> None:
         "minerals": compare("mertis", MINERALS, options.images),
         "fields": compare("fields", FIELDS, options.images),
         "heights": compare("heights", HEIGHTS, options.images),
+        "waves": compare("waves", WAVES, options.images),
     }
     worst = {
         kind: max(max(ratio, 1 / ratio) for design in designs.values() for ratio in design.values())

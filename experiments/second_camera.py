@@ -1,8 +1,8 @@
 """Problems beside star trackers: what the engines cost, gain and know of each camera.
 
 python experiments/second_camera.py --json figures.json measures for fires (HSRS), minerals
-(MERTIS), moving objects (AsteroidFinder), land (Sentinel-2) and heights (ADS40), part by part;
-figures that the file has are kept, and an interrupted run goes on where it ended:
+(MERTIS), moving objects (AsteroidFinder), land and waves (Sentinel-2) and heights (ADS40), part by
+part; figures that the file has are kept, and an interrupted run goes on where it ended:
 
 engines           problem_lines: lines of the user's problem in the gallery; tracker_same: whether
                   the engines' trials of a star tracker are those of `run_trials`; earth_if:
@@ -365,6 +365,7 @@ STRESSED = {
     "minerals": ("mertis", retrieval_formulas.MINERALS),
     "heights": ("heights", retrieval_formulas.HEIGHTS),
     "fields": ("fields", retrieval_formulas.FIELDS),
+    "waves": ("waves", retrieval_formulas.WAVES),
     "moving objects": ("asteroidfinder", moving_objects.STRESSED),
 }
 PARTS: dict[str, Part] = {

@@ -27,7 +27,17 @@ from startrack.earth.imager.band import (
     table_in_bands,
     terms_in_band,
 )
-from startrack.earth.imager.brdf import Angles, RossLi, Snow, Water, glint, kernel_albedos, kernels
+from startrack.earth.imager.brdf import (
+    Angles,
+    RossLi,
+    Snow,
+    Water,
+    fresnel,
+    glint,
+    kernel_albedos,
+    kernels,
+    sky_factor,
+)
 from startrack.earth.imager.clouds import CloudLayer, Sheet, open_sheets
 from startrack.earth.imager.figures import (
     Figures,

@@ -10,6 +10,8 @@ minerals       Minerals: thermal spectra -> temperature, emissivity, Christianse
 spectrum       The spectrum of level ground at the sensor, and the rectangle of each band.
 stereo         Stereo: heights from two images along the track; their forecast and trials.
 land_cover     LandCover: reflectance, an index and classes of land; their forecast and trials.
+sea            A sea of wind waves -> the spectrum of its elevation, and its slopes.
+waves          Waves: height and direction of waves in the glint; their forecast and trials.
 criteria       What a retrieval is judged by: criteria by name, by formula and by trials.
 study          EarthDesign: a scene with its camera, its retrieval and its campaign, and their file.
 keys           The keys of a scene file, as a list and as a JSON Schema.
@@ -50,6 +52,13 @@ from startrack.earth.retrieval.minerals import (
     spectrometer_of,
 )
 from startrack.earth.retrieval.problem import EarthProblem
+from startrack.earth.retrieval.sea import (
+    Sea,
+    developed_sea,
+    draw_sea,
+    elevation_power,
+    slope_variance,
+)
 from startrack.earth.retrieval.spectrum import GroundSpectrum, Rectangle, ground_spectrum
 from startrack.earth.retrieval.stereo import (
     Stereo,
@@ -65,6 +74,14 @@ from startrack.earth.retrieval.study import (
     EarthDesign,
     Retrieval,
     load_earth_design,
+)
+from startrack.earth.retrieval.waves import (
+    WaveEstimate,
+    WaveForecast,
+    Waves,
+    forecast_waves,
+    observe_waves,
+    retrieve_waves,
 )
 
 # Public; the other imports serve other rooms.
@@ -85,10 +102,13 @@ __all__ = [
     "Retrieval",
     "Stereo",
     "StereoForecast",
+    "WaveForecast",
+    "Waves",
     "forecast_fires",
     "forecast_heights",
     "forecast_land",
     "forecast_minerals",
+    "forecast_waves",
     "ground_spectrum",
     "load_earth_design",
     "power_coefficient",

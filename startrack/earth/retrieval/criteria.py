@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from startrack.core import Floats
-from startrack.earth.retrieval import fire, hot_spots, land_cover, minerals, stereo
+from startrack.earth.retrieval import fire, hot_spots, land_cover, minerals, stereo, waves
 from startrack.earth.retrieval.fire_forecast import forecast_fires
 from startrack.earth.retrieval.study import EarthDesign
 from startrack.metrics import Interval, fraction_interval, level_interval, rms_interval
@@ -75,6 +75,8 @@ def study_of(design: EarthDesign) -> RetrievalStudy:
         return MosaicStudy(design, own.land_cover)
     if own.stereo:
         return TerrainStudy(design, own.stereo)
+    if own.waves:
+        return SeaStudy(design, own.waves)
     assert own.hot_spots
     return Fires(design, own.hot_spots)
 
@@ -333,6 +335,72 @@ class TerrainStudy(NamedTuple):
         return {
             "square of height": np.array([square]),
             "unmatched": np.array([1 - found.matched.sum() / max(found.inside.sum(), 1)]),
+        }
+
+    def shown(self, name: str, values: Floats, confidence: float = 0.95) -> Interval:
+        """As in `RetrievalStudy`."""
+        return rms_interval(values, confidence)
+
+
+class SeaStudy(NamedTuple):
+    """Height and direction of waves in the glint."""
+
+    design: EarthDesign
+    own: waves.Waves
+
+    @property
+    def criteria(self) -> dict[str, Criterion]:
+        """As in `RetrievalStudy`."""
+        return {
+            "wave height": Criterion(
+                "rms error of significant wave height",
+                "m",
+                "wave height",
+                "max_wave_height_error",
+                "square of wave height",
+            ),
+            "wave direction": Criterion(
+                "rms error of the waves' direction, opposite ones alike",
+                "rad",
+                "wave direction",
+                "max_wave_direction_error",
+                "square of wave direction",
+            ),
+        }
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """As in `RetrievalStudy`; the last is that of the spectrum's peak, relative."""
+        return "square of wave height", "square of wave direction", "wavelength"
+
+    @property
+    def per_image(self) -> int:
+        """As in `RetrievalStudy`."""
+        return 1
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """As in `RetrievalStudy`."""
+        return (
+            "errors of the wind and of the light of air, sky and water, which are taken as known",
+            "waves that are not linear, currents, a second system of waves, foam in patches",
+            "lines of sight aside, and the edges of an image: waves are periodic over it",
+        )
+
+    def expected(self) -> dict[str, float]:
+        """As in `RetrievalStudy`."""
+        found = waves.forecast_waves(self.design, self.own)
+        return {"wave height": found.height_error, "wave direction": found.direction_error}
+
+    def image(self, seed: int, number: int) -> dict[str, Floats]:
+        """As in `RetrievalStudy`."""
+        image = waves.observe_waves(self.design, self.own, seed, number)
+        found = waves.retrieve_waves(self.design, self.own, image.radiance)
+        turn = math.remainder(found.direction - image.direction, math.pi)
+        return {
+            "square of wave height": np.array([(found.height - image.height) ** 2]),
+            "square of wave direction": np.array([turn**2]),
+            "wavelength": np.array([found.wavelength / self.own.peak_wavelength - 1]),
         }
 
     def shown(self, name: str, values: Floats, confidence: float = 0.95) -> Interval:

@@ -34,8 +34,8 @@ class EarthProblem:
     """The camera of a design, and the error of its retrieval.
 
     Trials are of images of level ground straight below, with fires of known places, or of spectra
-    of known minerals, or of fields of known covers, or of known terrain; each fire, each spectrum,
-    and each image of fields or terrain is one trial.
+    of known minerals, or of fields of known covers, or of known terrain, or of known waves; each
+    fire, each spectrum, and each image of fields, terrain or waves is one trial.
 
     Raises  ValueError where the design has no retrieval or no campaign, or a name is none.
     """
@@ -251,6 +251,8 @@ OBJECTIVES = {
     "index": "error of the index",
     "wrong": "fraction classified wrongly",
     "height": "error of heights",
+    "wave height": "error of wave height",
+    "wave direction": "error of the waves' direction",
 }
 UNITS = {"nedt": "K", "saturation": "W m-2 sr-1 m-1", "gsd": "m"}
 

@@ -16,11 +16,12 @@ from startrack.earth.retrieval.hot_spots import HotSpots
 from startrack.earth.retrieval.land_cover import LandCover
 from startrack.earth.retrieval.minerals import Minerals
 from startrack.earth.retrieval.stereo import Stereo
+from startrack.earth.retrieval.waves import Waves
 from startrack.io import shipped
 from startrack.problem import Settings
 
 OWN = "nominal"  # the file's own condition
-PURPOSES = "hot_spots", "minerals", "land_cover", "stereo"  # tables of a retrieval
+PURPOSES = "hot_spots", "minerals", "land_cover", "stereo", "waves"  # tables of a retrieval
 
 
 class Retrieval(Parameters):
@@ -32,6 +33,7 @@ class Retrieval(Parameters):
         "reflectance of land, an index and classes of its pixels", default=None
     )
     stereo: Stereo | None = parameter("heights from two images along the track", default=None)
+    waves: Waves | None = parameter("height and direction of waves in the glint", default=None)
     latitude: float | None = parameter(
         "of the ground, geodetic: the Sun's zenith angle is then that below the satellite as it "
         "passes, by its orbit and date, in place of the table's `sun_zenith`",
@@ -50,8 +52,8 @@ class Retrieval(Parameters):
         given = [name for name in PURPOSES if getattr(self, name) is not None]
         if len(given) != 1:
             raise Refused(f"retrieval must have one table, got {', '.join(given) or 'none'}")
-        if self.latitude is not None and self.minerals:
-            raise Refused("retrieval.latitude must be left out beside minerals")
+        if self.latitude is not None and (self.minerals or self.waves):
+            raise Refused("retrieval.latitude must be left out beside minerals and waves")
 
     def below(self, carrier: Carrier) -> Retrieval:
         """The same with the Sun of the pass over `latitude`."""
@@ -143,6 +145,12 @@ class CameraLimits(Parameters):
     max_height_error: float | None = parameter(
         "rms, in each condition", unit=Unit("m"), limit=POSITIVE, default=None
     )
+    max_wave_height_error: float | None = parameter(
+        "rms, in each condition", unit=Unit("m"), limit=POSITIVE, default=None
+    )
+    max_wave_direction_error: float | None = parameter(
+        "rms, in each condition", unit=Unit("rad", "deg"), limit=POSITIVE, default=None
+    )
 
     def mass(self, channels: Sequence[Channel]) -> float:
         """Kilogram."""
@@ -171,10 +179,21 @@ class EarthCampaign(Settings):
     objective: str = parameter(
         '"area" of the smallest fire that is found, the geometric mean of all temperatures; '
         '"power", the relative error of the radiative power; "emissivity", its rms error; '
-        '"reflectance", "index" and "height", likewise; "wrong", the fraction of spectra or pixels '
-        "that are classified wrongly. Of several conditions the geometric mean by their weights",
+        '"reflectance", "index", "height", "wave height" and "wave direction", likewise; "wrong", '
+        "the fraction of spectra or pixels that are classified wrongly. Of several conditions the "
+        "geometric mean by their weights",
         limit=Range(
-            choices=("area", "power", "emissivity", "reflectance", "index", "wrong", "height")
+            choices=(
+                "area",
+                "power",
+                "emissivity",
+                "reflectance",
+                "index",
+                "wrong",
+                "height",
+                "wave height",
+                "wave direction",
+            )
         ),
         default="area",
     )
