@@ -188,8 +188,14 @@ class Camera(Parameters):
         return self.unproject(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
 
     def scaled(self, factor: float) -> Camera:
-        """The same camera with another focal length."""
-        return replace(self, focal_length_px=self.focal_length_px * factor)
+        """The same camera with another focal length, the only value that is checked again."""
+        focal_length = self.focal_length_px * factor
+        if not 0 < focal_length < math.inf:
+            return replace(self, focal_length_px=focal_length)  # which raises the error
+        camera = object.__new__(type(self))
+        values = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        vars(camera).update(values, focal_length_px=focal_length)
+        return camera
 
     def project(self, direction: Floats) -> Floats:
         """Pixels on which directions fall.

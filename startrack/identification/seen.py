@@ -57,18 +57,20 @@ def usable(spots: Spots) -> Ints:
 
 def see(spots: Spots, chosen: Ints, camera: Camera, settings: Identification) -> Seen:
     """The chosen spots in the image plane of the believed camera."""
-    focal = camera.focal_length_px
-    x, y = camera.centre
-    plane_x, plane_y = (spots.x[chosen] - x) / focal, (spots.y[chosen] - y) / focal
-    left, top = (-0.5 - x) / focal, (-0.5 - y) / focal
-    border = left, top, (camera.columns - 0.5 - x) / focal, (camera.rows - 0.5 - y) / focal
+    focal, (x, y) = camera.focal_length_px, camera.centre
     if camera.distorted:
         direction = camera.unproject(np.column_stack([spots.x[chosen], spots.y[chosen]]))
-        plane_x, plane_y = (direction[:, :2] / direction[:, 2:]).T.copy()
-        border = _border(camera)
-    flux, snr = (np.asarray(values[chosen], np.float64) for values in (spots.flux, spots.snr))
+        plane, border = direction[:, :2] / direction[:, 2:], _border(camera)
+    else:
+        plane = np.empty((len(chosen), 2))
+        plane[:, 0], plane[:, 1] = spots.x[chosen], spots.y[chosen]
+        plane -= x, y
+        plane /= focal
+        left, top = (-0.5 - x) / focal, (-0.5 - y) / focal
+        border = left, top, (camera.columns - 0.5 - x) / focal, (camera.rows - 0.5 - y) / focal
+    flux, snr = np.asarray(spots.flux, np.float64), np.asarray(spots.snr, np.float64)
     accuracy = settings.match_radius, settings.focal_tolerance, settings.verify_spots
-    return _see(plane_x, plane_y, spots.covariance[chosen], flux, snr, border, focal, *accuracy)
+    return _see(plane, chosen, spots.covariance, flux, snr, border, focal, *accuracy)
 
 
 @lru_cache(maxsize=64)
@@ -86,8 +88,8 @@ def _border(camera: Camera) -> Border:
 
 @kernel
 def _see(
-    x: Floats,
-    y: Floats,
+    plane: Floats,
+    chosen: Ints,
     covariance: Floats,
     flux: Floats,
     snr: Floats,
@@ -97,24 +99,24 @@ def _see(
     tolerance: float,
     voting: int,
 ) -> Seen:
-    """`see` for spots at (x, y) in the image plane; `voting` of them set the match radius."""
-    n = len(x)
+    """`see` for chosen spots at places in the image plane; `voting` of them set the radius."""
+    n = len(chosen)
     left, top, right, bottom = border
-    plane, direction = np.empty((n, 2)), np.empty((n, 3))
+    direction = np.empty((n, 3))
     sigma, magnitude, blur = np.empty(n), np.empty(n), np.empty(n)
     low, high = np.empty(2), np.empty(2)
     low[0], low[1] = left, top
     high[0], high[1] = right, bottom
     for i in range(n):
-        plane[i, 0], plane[i, 1] = x[i], y[i]
-        z = 1 / math.sqrt(1 + x[i] ** 2 + y[i] ** 2)
-        direction[i, 0], direction[i, 1], direction[i, 2] = x[i] * z, y[i] * z, z
-        pixel = math.sqrt(max((covariance[i, 0, 0] + covariance[i, 1, 1]) / 2, 0.0))
+        x, y, spot = plane[i, 0], plane[i, 1], chosen[i]
+        z = 1 / math.sqrt(1 + x**2 + y**2)
+        direction[i, 0], direction[i, 1], direction[i, 2] = x * z, y * z, z
+        pixel = math.sqrt(max((covariance[spot, 0, 0] + covariance[spot, 1, 1]) / 2, 0.0))
         if not math.isfinite(pixel):
             pixel = match_radius
         sigma[i] = min(max(pixel, LEAST_SIGMA), match_radius)
-        magnitude[i] = -2.5 * math.log10(flux[i]) if 0 < flux[i] < np.inf else np.nan
-        blur[i] = PER_SNR / snr[i] if snr[i] > 0 else np.inf
+        magnitude[i] = -2.5 * math.log10(flux[spot]) if 0 < flux[spot] < np.inf else np.nan
+        blur[i] = PER_SNR / snr[spot] if snr[spot] > 0 else np.inf
     radius = max(match_radius, GATE * median(sigma[:voting])) if n else match_radius
     return Seen(
         plane,
