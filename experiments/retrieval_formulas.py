@@ -82,8 +82,8 @@ SEA = "retrieval.waves."
 WAVES: dict[str, dict[str, float]] = {
     "as designed": {},
     "f/8, blurred": {"channels.*.optics.f_number": 8.0, "channels.*.optics.blur": 6e-6},
-    "noisy": {BOTH + "read_noise": 1500.0},
-    "8 bit": {BOTH + "bits": 8, BOTH + "offset": 10},
+    "noisy": {BOTH + "read_noise": 500.0},
+    "10 bit": {BOTH + "bits": 10, BOTH + "offset": 100},
     "differences of pixels": {BOTH + "prnu": 0.03},
     "waves towards the Sun": {SEA + "direction": -1.12},
     "waves across": {SEA + "direction": 0.45},

@@ -11,8 +11,9 @@ forecast/CAMERA   forecast_ms: CPU time of a forecast of a design that was not f
 trials/CAMERA     trial_s: CPU time of a trial, the first one left out; image_s: of an image of a
                   condition, which has several trials; hsrs_area_m2: smallest fire that is found in
                   95 % of the places, all conditions; mertis_right: fraction of spectra that are
-                  classified rightly; asteroid_limit_mag: V of the objects of
-                  which half are found; intervals: ends of 95 % and the formula
+                  classified rightly; asteroid_limit_mag: V of the objects of which half are found;
+                  wave_height_m, wave_direction_rad: rms errors; intervals: ends of 95 % and the
+                  formula
 modis             modis_area_m2: as hsrs_area_m2, of MODIS's bands 22 and 31; modis_areas_m2 by
                   temperature and hour; modis_forecast_m2 by formula
 heights           height_error_px: rms error of ADS40's heights from 3 km, over the ground between
@@ -66,6 +67,7 @@ VARIED = {
     "hsrs": "channels.mir.detector.exposure",
     "mertis": "channels.*.detector.exposure",
     "asteroidfinder": "instrument.optics.f_number",
+    "waves": "channels.*.optics.f_number",
 }
 Figures = dict[str, Any]
 Measured = Iterator[tuple[tuple[str, ...], Any]]
@@ -85,6 +87,7 @@ def main() -> None:
     if options.quick and not options.parts:
         asked.remove("search/hsrs")
         asked.remove("search/asteroidfinder")
+        asked.remove("search/waves")
     for part in asked:
         if part not in PARTS:
             raise SystemExit(f"--parts must be of {', '.join(PARTS)}, got {part}")
@@ -358,6 +361,10 @@ SAID = {
     "asteroidfinder": (
         ("asteroid_limit_mag", "limit 50 V", False),
         ("asteroid_limit_90_mag", "limit 90 V", False),
+    ),
+    "waves": (
+        ("wave_height_m", "nominal: wave height", False),
+        ("wave_direction_rad", "nominal: wave direction", False),
     ),
 }
 STRESSED = {

@@ -47,7 +47,8 @@ RINGS = 12  # of wave numbers
 ROUNDS = 5  # of a fit, each with the statistics of the last
 SCORINGS = 30  # of a round, at most
 CLOSE = 1e-4  # of its steps
-NODES, NODE_WEIGHT = np.polynomial.hermite_e.hermegauss(24)
+COARSE = 0.6  # steps of the converter, of waves and noise together, from which on steps are noise
+WORST = 0.1  # of the height, and radian: larger errors are not those of a linear theory
 
 
 class Waves(Parameters):
@@ -309,10 +310,21 @@ class _Transfer(NamedTuple):
 
     gain    1 / metre^2, mean square of the brightness over that of the elevation
     rest    1, mean square of the brightness that does not follow the elevation, noise included
+    rms     watt / m^2 / sr / m, of the brightness by waves: one number
+    noise   variance of a pixel, likewise squared
     """
 
     gain: Floats
     rest: Floats
+    rms: float
+    noise: float
+
+
+def _noise(side: Side, radiance: float) -> float:
+    """Variance of a pixel's radiance; differences between columns are no noise of waves."""
+    detector = side.channel.detector
+    every = float(side.variance(np.array(radiance)))
+    return every + side.stripes - (detector.prnu * radiance) ** 2 if detector.scan else every
 
 
 def _transfer(own: Waves, side: Side, mirror: Mirror, modes: _Modes, sea: Sea) -> _Transfer:
@@ -348,13 +360,14 @@ def _transfer(own: Waves, side: Side, mirror: Mirror, modes: _Modes, sea: Sea) -
     g = np.array([m[2] * z[0] - m[1] * z[1], m[0] * z[1] - m[1] * z[0]]) / own_det
     # What a pixel's grid is too coarse for is seen as longer waves.
     every = np.fft.fft2(square).real / size**2 * modes.fine**2
+    scatter = float(every.sum())
     folded = every.reshape(rays, own.size, rays, own.size).sum((0, 2))[modes.places]
     mean = mirror.glint * _mean_gain(mirror, m)
-    light = mean * (1 + math.sqrt(float(square[0, 0])) * NODES.clip(-1, 3))
-    noise = side.variance(mirror.base + light) @ NODE_WEIGHT / NODE_WEIGHT.sum() / mean**2
+    noise = _noise(side, mirror.base + mean) + (side.channel.detector.prnu * mean) ** 2 * scatter
     wave = (2 * math.pi * (g[0] * modes.down + g[1] * modes.right) * modes.seen) ** 2
     rest = np.maximum(2 * folded - wave * modes.power(sea), 0.0)
-    return _Transfer(wave, rest + 2 * float(noise) / own.size**2)
+    camera = 2 * noise / mean**2 / own.size**2
+    return _Transfer(wave, rest + camera, math.sqrt(scatter) * mean, noise)
 
 
 def _quadratic(m: list[Any], z: Floats) -> Any:
@@ -428,11 +441,11 @@ class WaveEstimate(NamedTuple):
 def retrieve_waves(survey: Survey, own: Waves, radiance: Floats) -> WaveEstimate:
     """Height and direction of the waves of an image.
 
-        b = ln((L - base) / mean),   |b_k|^2 = (2 Z . k / s^2)^2 T^2 |z_k|^2 + noise
+        b = (L - base) / mean - 1,   |b_k|^2 = (g . k)^2 T^2 |z_k|^2 + rest
 
     The spectrum of the largest likelihood says what waves are that are not seen; with it,
 
-        |z_k|^2 = W^2 |b_k|^2 / gain + (1 - W) S,   W = gain S / (gain S + noise)
+        |z_k|^2 = W^2 |b_k|^2 / gain + (1 - W) S,   W = gain S / (gain S + rest)
 
     is the mean of each wave, given the image: the filter of Wiener, and what it leaves.
 
@@ -541,11 +554,21 @@ def forecast_waves(survey: Survey, own: Waves) -> WaveForecast:
     the brightness is the camera's noise and what does not follow the waves. Both parts are
     independent, as the first is the error of a mean that is given the image.
 
-    Source: Kay (1993), Fundamentals of Statistical Signal Processing, 3.9 and 11.
+    Source    Kay (1993), Fundamentals of Statistical Signal Processing, 3.9 and 11.
+    Raises    ValueError as `channel_of`, `mirror_of` and `side_of`; where waves are hardly seen, or
+              steps of the converter are too coarse for them.
+    Accuracy  model: waves linear, slopes normal, the wind and the light of air and water known.
     """
     mirror, side, modes = _plan(survey, own)
     sea = own.sea
     transfer = _transfer(own, side, mirror, modes, sea)
+    step = side.channel.detector.electrons_per_dn / side.electrons
+    before = math.sqrt(transfer.rms**2 + max(transfer.noise - step**2 / 12, 0.0))
+    if before < COARSE * step:
+        raise Refused(
+            f"bits of channel {side.channel.name} must make steps of {before / COARSE:.3g} "
+            f"W / (m2 sr m) or finer for a forecast of waves, got {step:.3g}"
+        )
     fit = _fit(modes, transfer, sea)
     kept = transfer.gain * fit.wave / fit.image
     left = (1 - kept) * fit.wave
@@ -567,6 +590,12 @@ def forecast_waves(survey: Survey, own: Waves) -> WaveForecast:
     turned = np.sin(2 * (modes.turn() - sea.direction)) / (2 * total * _evenness(sea))
     height = squares[0] + 4 * float(each.sum()) / total
     direction = squares[1] + float((turned**2 * each).sum())
+    if height > (WORST * sea.height) ** 2 or direction > WORST**2:
+        raise Refused(
+            f"waves must be seen well enough for a forecast, errors within {WORST:.0%} of the "
+            f"height and {WORST:g} rad, got {math.sqrt(height) / sea.height:.0%} and "
+            f"{math.sqrt(direction):.2g} rad: more light, less noise, or higher waves"
+        )
     return WaveForecast(
         math.sqrt(height), math.sqrt(direction), 2 * float(np.hypot(*mirror.towards)) / mirror.rough
     )

@@ -127,6 +127,11 @@ def test_noise_and_blur_make_errors_larger():
 def test_what_is_no_sea_is_refused():
     with pytest.raises(Refused, match="significant_height"):
         forecast_waves(DESIGN, replace(OWN, significant_height=6.0))
+    start = EarthProblem(DESIGN)
+    with pytest.raises(Refused, match="bits of channel B8 must make steps"):
+        start.replaced({"channels.*.detector.bits": 7, "channels.*.detector.offset": 4}).expect()
+    with pytest.raises(Refused, match="seen well enough"):
+        start.replaced({"channels.*.detector.read_noise": 5000.0}).expect()
     with pytest.raises(Refused, match="channel"):
         forecast_waves(DESIGN, replace(OWN, channel="B99"))
     with pytest.raises(Refused, match="latitude"):
