@@ -116,7 +116,7 @@ def test_noise_and_blur_make_errors_larger():
     start = EarthProblem(DESIGN)
     as_designed = start.expect().parts
     for values in (
-        {"channels.*.detector.read_noise": 2000.0},
+        {"channels.*.detector.read_noise": 500.0},
         {"channels.*.optics.f_number": 8.0, "channels.*.optics.blur": 6e-6},
     ):
         worse = start.replaced(values).expect().parts
