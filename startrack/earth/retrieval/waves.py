@@ -39,6 +39,7 @@ from startrack.earth.retrieval.sea import Sea, draw_sea, elevation_power, slope_
 
 HIGHEST = 0.49  # cycle / pixel along each axis, of the waves that are fitted
 RAYS = 2  # points of a pixel along each axis, of the statistics of slopes
+LEAST_RAYS = 3  # likewise, of the images of trials: two are too few for a sharp lens
 SMALL = 1e-4  # step of derivatives of the spectrum
 STEP = 1e-3  # likewise, of the image and the results
 LENGTHS, DIRECTIONS = 8, 6  # of the seas in which a fit begins
@@ -155,8 +156,8 @@ def mirror_of(survey: Survey, own: Waves, side: Side) -> Mirror:
     Raises  Refused where waves of the lengths that are seen are steeper than the wind makes all.
     """
     water, band = Water(wind=own.wind), side.band
-    if survey.rays < RAYS:
-        raise Refused(f"rays must be {RAYS} or more where waves are seen, got {survey.rays}")
+    if survey.rays < LEAST_RAYS:
+        raise Refused(f"rays must be {LEAST_RAYS} or more where waves are seen, got {survey.rays}")
     shortest = _shortest(side)
     rough = water.slope_variance - slope_variance(own.sea, shortest)
     if rough < water.slope_variance / 3:
