@@ -7,7 +7,6 @@ import math
 import time
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -31,11 +30,16 @@ if wanted(__name__):
     from startrack.montecarlo import Endings, Precision, Sampling
     from startrack.population import Units
     from startrack.trial import OUTCOMES, require_fidelity
-    from startrack.verification import cases, claims_of, counted
+    from startrack.verification import (
+        bounds_of_errors,
+        cases,
+        counted,
+        number_of_claims,
+        with_bounds,
+    )
 
 Workers = AbstractContextManager[Executor]
 STORE = "campaign.sqlite"
-SHOWN = 0.95  # confidence of the intervals of a summary
 HALL = "Hall's transformation of Student's t, for skew squares"
 UNREACHED = 1e-6  # without --precision: one that no campaign reaches
 
@@ -171,7 +175,8 @@ def command(options: argparse.Namespace) -> int:
     shown, verdicts = dict[str, Any](), list[str]()
     if needs and needs.accuracy:
         boresight = attitudes[np.isin(outcomes["trial"], judged["trial"])].inv().apply([0, 0, 1])
-        summary, shown["required"], verdicts = _required(needs, judged, boresight, summary)
+        claims = number_of_claims(conditions)
+        summary, shown["required"], verdicts = _required(needs, judged, boresight, summary, claims)
         others = [*(condition.name for condition in conditions[1:]), *refused]
         shown["conditions_not_run"] = others
         if others:
@@ -204,7 +209,8 @@ def command(options: argparse.Namespace) -> int:
         result["store"] = str(where)
     _save_table(options, case, outcomes, attitudes, ends)
     if options.out:
-        plots.draw_errors(options.out / "errors.png", outcomes, path.stem, summary)
+        required = needs.accuracy if needs else ()
+        plots.draw_errors(options.out / "errors.png", outcomes, path.stem, summary, required)
         save_json(options.out / "summary.json", finite(result))
         result["out"] = str(options.out)
     terminal.print_result(options, result, *text)
@@ -345,27 +351,28 @@ def _sketch(
 
 
 def _required(
-    needs: Requirements, outcomes: Rows, boresight: Floats, summary: metrics.Summary
+    needs: Requirements,
+    outcomes: Rows,
+    boresight: Floats,
+    summary: metrics.Summary,
+    claims: int = 1,
 ) -> tuple[metrics.Summary, dict[str, Any], list[str]]:
-    """Each error that is limited, with the bounds of its confidence; no verdict, see `verify`.
-
-    An rms of the summary that is limited gets these bounds, for they hold for skew squares, too.
+    """Each error that is limited, with the bounds by which it is judged; no verdict, see `verify`.
 
     boresight  (n, 3) of the outcomes, ICRS
+    claims     number of all that `verify` judges together
     """
-    required, lines, tail = {}, [], 1 - needs.confidence
-    for claim in claims_of(needs):
-        if claim.accuracy is None:
-            continue
-        bounds = claim.bounds(outcomes, boresight, tail, tail)
+    required, lines = {}, []
+    every = bounds_of_errors(needs, outcomes, boresight, claims)
+    known = with_bounds(summary, needs, every)
+    for claim, bounds in every:
+        assert claim.accuracy
         shown = metrics.bracketed(bounds, ".3f", arcsec)
         if math.isfinite(bounds.low) and not math.isfinite(bounds.high):
             shown = f"{bounds.value / arcsec:.3f}, at least {bounds.low / arcsec:.3f} (too few "
             shown += "trials for an upper bound)"
-        same = claim.accuracy.objective.rms_per_axis and claim.sky == "whole"
-        if same and needs.confidence == SHOWN and math.isfinite(bounds.high):
-            known: dict[str, Any] = {claim.accuracy.name: bounds}
-            summary = replace(summary, **known)
+        alike = claim.accuracy.objective.rms_per_axis
+        if alike and getattr(known, claim.accuracy.name) == bounds:
             shown = f"{bounds.value / arcsec:.3f} with the interval above ({HALL})"
         required[claim.name] = {
             "statistic": str(claim.accuracy.objective),
@@ -376,7 +383,7 @@ def _required(
             f"required: {claim.accuracy.objective} at most {claim.limit / arcsec:g} arcsec, found "
             f"{shown}: {claim.answer(bounds).value} with {100 * needs.confidence:g} %"
         )
-    return summary, required, lines
+    return known, required, lines
 
 
 def _sampling(options: argparse.Namespace, case: Case) -> Sampling:

@@ -1,5 +1,6 @@
 """Pictures of errors: of many trials, of one sequence in time, and predicted beside seen."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, NullLocator
 
 from startrack.core import Floats, Rows, arcsec, deg
+from startrack.design import Accuracy
 from startrack.metrics import Interval, Summary, summarise
 from startrack.plots import style
 from startrack.sequence import Mode
@@ -18,13 +20,18 @@ BINS = 41
 
 @style.styled
 def draw_errors(
-    path: Path | None, outcomes: Rows, title: str, summary: Summary | None = None
+    path: Path | None,
+    outcomes: Rows,
+    title: str,
+    summary: Summary | None = None,
+    required: Sequence[Accuracy] = (),
 ) -> Figure:
     """The errors of many trials: across the boresight as points, about it as a histogram.
 
     Axes hold eight times the typical error. Larger ones stand at the edge, and are counted.
 
-    summary  of these outcomes, by what is required of them; None: nothing is
+    summary   of these outcomes, by what is required of them; None: nothing is
+    required  limits of errors, of which those of an rms per axis are drawn
     """
     correct = outcomes[outcomes["solved"] & ~outcomes["false"]]
     summary = summary or summarise(outcomes)
@@ -37,12 +44,13 @@ def draw_errors(
     )
     across, about = figure.subplots(1, 2)
     x, y, z = (np.asarray(correct[f"error_{axis}"], float) / arcsec for axis in "xyz")
-    _across(across, x, y, summary.across)
-    _about(about, z, summary.about)
+    most = {limit.name: limit.most for limit in required if limit.objective.rms_per_axis}
+    _across(across, x, y, summary.across, most.get("across"))
+    _about(about, z, summary.about, most.get("about"))
     return style.save_picture(path, figure)
 
 
-def _across(axes: Axes, x: Floats, y: Floats, rms: Interval) -> None:
+def _across(axes: Axes, x: Floats, y: Floats, rms: Interval, most: float | None) -> None:
     style.panel_title(axes, "across the boresight", 36)
     axes.set(xlabel="error about x (arcsec)", ylabel="error about y (arcsec)", aspect="equal")
     if not len(x):
@@ -71,13 +79,20 @@ def _across(axes: Axes, x: Floats, y: Floats, rms: Interval) -> None:
         radius * np.sin(turn),
         color="k",
         lw=1.2,
-        label=f"rms per axis {_interval_text(rms)}",
+        label=f"rms per axis\n{_interval_text(rms)}",
     )
+    if most is not None:
+        allowed, label = most / arcsec, _limit_text(most)
+        if allowed <= limit:
+            circle = allowed * np.cos(turn), allowed * np.sin(turn)
+            axes.plot(*circle, "--", color=style.RED, label=label)
+        else:
+            axes.plot([], [], "--", color=style.RED, label=f"{label} (beyond)")
     axes.set(xlim=(-limit, limit), ylim=(-limit, limit))
     style.legend_below(axes, 1)
 
 
-def _about(axes: Axes, z: Floats, rms: Interval) -> None:
+def _about(axes: Axes, z: Floats, rms: Interval, most: float | None) -> None:
     style.panel_title(axes, "about the boresight", 36)
     axes.set(xlabel="error about z (arcsec)", ylabel="number of trials")
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
@@ -87,7 +102,11 @@ def _about(axes: Axes, z: Floats, rms: Interval) -> None:
     limit = style.robust_limit(z)
     inside = np.abs(z) <= limit
     axes.hist(
-        z[inside], BINS, range=(-limit, limit), color=style.BLUE, label=f"rms {_interval_text(rms)}"
+        z[inside],
+        BINS,
+        range=(-limit, limit),
+        color=style.BLUE,
+        label=f"rms\n{_interval_text(rms)}",
     )
     if not inside.all():
         for side in (-1, 1):
@@ -111,8 +130,26 @@ def _about(axes: Axes, z: Floats, rms: Interval) -> None:
             color=style.RED,
             label=f"{(~inside).sum()} beyond the axis, to {largest} arcsec",
         )
+    root = rms.value / arcsec
+    axes.plot(
+        [-root, -root, np.nan, root, root],
+        [0, 1, np.nan, 0, 1],
+        color=style.BLACK,
+        lw=1.2,
+        transform=axes.get_xaxis_transform(),
+    )
+    if most is not None:
+        far, label = most / arcsec, _limit_text(most)
+        for side in (-1, 1) if far <= limit else ():
+            axes.axvline(side * far, ls="--", color=style.RED)
+        label += "" if far <= limit else " (beyond)"
+        axes.plot([], [], "--", color=style.RED, label=label)
     axes.set_xlim(-limit, limit)
     style.legend_below(axes, 1)
+
+
+def _limit_text(most: float) -> str:
+    return f"required: {most / arcsec:g} arcsec"
 
 
 def _interval_text(interval: Interval) -> str:

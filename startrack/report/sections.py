@@ -123,7 +123,8 @@ def verdict(store: Store, outcomes: Rows, trials: int, advance: Advance) -> page
     lines[-1] = (
         f"Tested once: the design's own condition on the {len(outcomes)} trials of the campaign, "
         f"each other one on {trials}. {lines[-1].partition('decided; ')[2]} "
-        "Each end of the bounds is one-sided, as the test asks; intervals elsewhere are two-sided."
+        "Bounds are one-sided, as the test asks; errors of the summary that are limited have the "
+        "same, all else two-sided intervals of 95 %."
     )
     return page.Section(
         "Verdict",

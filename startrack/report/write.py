@@ -5,7 +5,7 @@ import math
 
 import tomli_w
 
-from startrack import budget, metrics
+from startrack import budget, metrics, verification
 from startrack.core import Advance, Parameters, Range, Rows, arcsec, deg, parameter
 from startrack.design import Case, Fidelity
 from startrack.io import to_table
@@ -100,6 +100,14 @@ def _summary(store: Store, outcomes: Rows) -> Section:
     campaign = store.campaign
     limits = campaign.requirements.limits if campaign else metrics.STATED_ALONE
     summary = metrics.summarise(outcomes, limits)
+    if campaign and store.sampling.attitudes == "random":
+        needs = campaign.requirements
+        judged = verification.counted(needs, store.case, store.seed, outcomes)
+        summary = metrics.summarise(judged, limits)
+        claims = verification.number_of_claims(verification.cases(store.case, campaign)[0])
+        sky = verification.boresights(store.seed, judged)
+        bounds = verification.bounds_of_errors(needs, judged, sky, claims)
+        summary = verification.with_bounds(summary, needs, bounds)
     text = (
         f"On average {summary.stars:.1f} stars are matched. The mean squared error over the "
         f"variance that the tracker states is {summary.nees:.2f}; 3 if its covariance is right."

@@ -47,12 +47,15 @@ from startrack.verification.units import (
 )
 from startrack.verification.verify import (
     Verdict,
+    bounds_of_errors,
+    number_of_claims,
     verdict_notes,
     verdict_table,
     verdict_text,
     verdict_values,
     verification_values,
     verify,
+    with_bounds,
 )
 from startrack.verification.windows_of_flight import (
     Windows,

@@ -222,12 +222,13 @@ class Claim:
         if fraction is not None:
             enough = _needed_hits(float((finite <= limit).mean()), fraction, passing, failing)
         else:
-            gap = limit - float(finite.mean())
-            if not gap:
+            mean = float(finite.mean())
+            if mean == limit:
                 return None
-            tail = passing / 2 if gap > 0 else failing / 2
-            width = float(finite.std(ddof=1)) * float(scipy.special.ndtri(1 - tail))
-            enough = math.ceil((width / gap) ** 2)
+            low, high = mean_bounds(finite, failing / 2, passing / 3)
+            # Bounds close in as one over the root of the number.
+            beyond = ((high if mean < limit else low) - mean) / (limit - mean)
+            enough = max(FEWEST, math.ceil(len(finite) * beyond**2))
         return None if enough is None or enough * more > MOST else math.ceil(enough * more)
 
 

@@ -1,18 +1,26 @@
 """Design, campaign -> a verdict on each requirement, by analysis and by trials, and their table."""
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
 from typing import Any
 
 from startrack.budget import analytic
 from startrack.core import Floats, Refused, Rows, arcsec
-from startrack.design import Campaign, Case, Judged
-from startrack.metrics import Column, Interval, Table
-from startrack.verification.accuracy import expected_availability, expected_over, margins
+from startrack.design import Campaign, Case, Judged, Requirements
+from startrack.metrics import Column, Interval, Summary, Table
+from startrack.verification.accuracy import (
+    expected_availability,
+    expected_over,
+    limited,
+    margins,
+    needed_magnitude,
+)
 from startrack.verification.cases import boresights, cases, counted
 from startrack.verification.decide import Answer, Claim, Looks, answer_of, claims_of, decide
+from startrack.verification.decide import tails as tails_of_looks
 
+SHOWN = 0.95  # confidence of the intervals of a summary
 Trials = Callable[[Case, int], Rows]
 FORMULA = "formula"
 
@@ -24,7 +32,7 @@ class Verdict:
     condition  its name
     name       of the requirement
     statistic  what is limited, in words
-    limit      radian, or a fraction; NaN for a requirement by formula, which has a margin only
+    limit      radian, or a fraction; NaN for a requirement by formula
     analysis   its value by the analytic budget; NaN where there is none
     trials     its value by trials, with the bound that can fail it and the one that can pass it;
                None where it needs no trials
@@ -35,6 +43,7 @@ class Verdict:
     needed     number of trials that would do where it is not shown; None where none would
     note       why there is no value, or empty
     unit       of limit and values as a text; none: radian or a fraction
+    shown      value and limit by formula with their units, of a requirement that needs no trials
     """
 
     condition: str
@@ -49,6 +58,7 @@ class Verdict:
     needed: int | None = None
     note: str = ""
     unit: str = ""
+    shown: tuple[str, str] = ("", "")
 
 
 @dataclass(frozen=True)
@@ -92,17 +102,20 @@ def verify(
     looks = looks or Looks(alpha=1 - campaign.requirements.confidence)
     judged, left = cases(case, campaign)
     verdicts = list(_by_formula(judged[0]))
-    count = sum(len(claims_of(condition.needs)) for condition in judged)
-    tails = looks.tails(count)
+    tails = looks.tails(number_of_claims(judged))
     for condition in judged:
         verdicts += _by_trials(condition, trials, seed, looks, tails, watch)
     return Verification(tuple(verdicts), looks, left)
 
 
 def _by_formula(condition: Judged) -> Iterator[Verdict]:
-    for name, margin in margins(condition.needs, condition.case).items():
+    needs, case = condition.needs, condition.case
+    needed = needed_magnitude(case, needs.min_stars, needs.sky_fraction)
+    for name, margin in margins(needs, case).items():
         answer = Answer.PASS if margin >= 0 else Answer.FAIL
-        yield Verdict(condition.name, name, FORMULA, math.nan, math.nan, None, 0, margin, answer)
+        shown = limited(needs, name, margin, needed)
+        nothing = math.nan, math.nan, None, 0
+        yield Verdict(condition.name, name, FORMULA, *nothing, margin, answer, shown=shown)
 
 
 def _by_trials(
@@ -145,6 +158,43 @@ def _by_trials(
         )
 
 
+def number_of_claims(judged: Iterable[Judged]) -> int:
+    """Number of requirements in all conditions that trials decide together."""
+    return sum(len(claims_of(condition.needs)) for condition in judged)
+
+
+def bounds_of_errors(
+    needs: Requirements, outcomes: Rows, boresight: Floats, claims: int = 1
+) -> list[tuple[Claim, Interval]]:
+    """Errors that are limited, with the bounds by which one look at trials judges them.
+
+    boresight  (n, 3) of the outcomes, ICRS
+    claims     number of all that are judged together
+    """
+    tails = tails_of_looks(1, 1 - needs.confidence, claims)
+    limits = [claim for claim in claims_of(needs) if claim.accuracy]
+    return [(claim, claim.bounds(outcomes, boresight, *tails)) for claim in limits]
+
+
+def with_bounds(
+    summary: Summary, needs: Requirements, bounds: Iterable[tuple[Claim, Interval]]
+) -> Summary:
+    """A summary whose rms errors have the bounds by which they are judged, where these hold 95 %.
+
+    They hold for skew squares, too, and so each number has one interval.
+    """
+    known: dict[str, Any] = {
+        claim.accuracy.name: interval
+        for claim, interval in bounds
+        if claim.accuracy
+        and claim.accuracy.objective.rms_per_axis
+        and claim.sky == "whole"
+        and needs.confidence == SHOWN
+        and math.isfinite(interval.high)
+    }
+    return replace(summary, **known)
+
+
 def _statistic(claim: Claim) -> str:
     if claim.accuracy is None:
         return "fraction of correct attitudes"
@@ -177,6 +227,10 @@ def verdict_table(verified: Verification) -> Table:
             return "none"
         return "open" if math.isinf(scaled) else f"{scaled:.4g}"
 
+    def limit_text(verdict: Verdict) -> str:
+        unit = "%" if verdict.name == "availability" else "arcsec"
+        return f"{in_text(verdict, verdict.limit)} {unit}"
+
     def if_tried(
         write: Callable[[Verdict, Interval], Any], without: Any
     ) -> Callable[[Verdict], Any]:
@@ -197,8 +251,11 @@ def verdict_table(verified: Verification) -> Table:
         Column("verdict", "", lambda row: row.answer.value),
         Column("trials_needed", "", lambda row: row.needed),
         Column("note", "", lambda row: row.note),
-        Column("", "limit", if_tried(lambda row, _: in_text(row, row.limit), "")),
-        Column("", "analysis", if_tried(lambda row, _: in_text(row, row.analysis), "")),
+        Column("shown", "", lambda row: list(row.shown)),
+        Column("", "limit", lambda row: limit_text(row) if row.trials else row.shown[1]),
+        Column(
+            "", "formula", lambda row: in_text(row, row.analysis) if row.trials else row.shown[0]
+        ),
         Column("", "trials", if_tried(lambda row, x: in_text(row, x.value), "")),
         Column(
             "",

@@ -138,3 +138,25 @@ def test_a_single_attitude_may_err_as_999_of_a_normal_law():
         (claim, _) = claims_of(needs)
         size = np.hypot(table["error_x"], table["error_y"])
         assert np.mean(size <= claim.limits.across) == pytest.approx(0.9973, abs=5e-4)
+
+
+@pytest.mark.parametrize("trials", [5, 10, 30])
+def test_more_trials_are_asked_for_than_did_not_show_it(trials):
+    """Ten trials of an error of half of its limit do not show it; two more are no answer. As many
+    as are said show it in about half of the cases."""
+    looks = Looks(100, 400)
+    tails = looks.tails(1)
+    shown = 0
+    for seed in range(20):
+        table = normal(np.random.default_rng(seed), 4000)
+        claim = Claim(Accuracy(Objective("across"), 1.7), 0.0, EVERYTHING)
+        few = table[:trials]
+        if claim.answer(claim.bounds(few, NOWHERE, *tails)) is not Answer.NOT_SHOWN:
+            shown += 1
+            continue
+        needed = claim.needed(few, NOWHERE, *tails)
+        assert needed is None or needed > trials
+        if needed is not None:
+            bounds = claim.bounds(table[:needed], NOWHERE, *tails)
+            shown += claim.answer(bounds) is not Answer.NOT_SHOWN
+    assert shown >= 7
