@@ -130,6 +130,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         try:
             if alone:
                 stopping.open_streams()
+                stopping.stop_with_input()
             # Imports what the command needs, which takes seconds that a signal may fall into.
             status, message = _run(_parsed(arguments)), ""
         except (Exception, KeyboardInterrupt) as error:

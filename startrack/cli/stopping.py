@@ -17,6 +17,7 @@ from startrack.cli.options import Exit, WrongUse
 PACKAGE = Path(__file__).parents[1]
 LONGEST = 600  # characters of a message
 AGAIN = 1.0  # second, after which a signal that nothing has handled is sent again
+STOPS_WITH_INPUT = "STARTRACK_STOPS_WITH_INPUT"  # in the environment, as `startrack.page` sets it
 ENDING = ("SIGINT", "SIGTERM", "SIGHUP")
 
 
@@ -87,6 +88,21 @@ def _is_handled(error: BaseException | None) -> bool:
     while error is not None and not isinstance(error, Stopped):
         error = error.__context__
     return error is not None
+
+
+def stop_with_input() -> None:
+    """End the command as by Ctrl-C when standard input ends, where the process that started it asks
+    for that: it holds the other end, which is closed when it ends, also by SIGKILL.
+    """
+    if not os.environ.pop(STOPS_WITH_INPUT, ""):
+        return
+
+    def watch() -> None:
+        while os.read(0, 1024):
+            pass
+        os.kill(os.getpid(), signal.SIGINT)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def ignore_signals() -> None:

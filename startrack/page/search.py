@@ -15,6 +15,7 @@ from typing import Any
 from startrack.core import Refused
 
 LOG, RESULT, MESSAGES = "search.jsonl", "result.json", "messages.txt"
+STOPS_WITH_INPUT = "STARTRACK_STOPS_WITH_INPUT"  # as `startrack.cli.stopping` reads it
 POLITE = 10  # steps of priority below the page's own, so that it stays quick
 PATIENCE = 20.0  # second, until a search that was asked to stop is ended
 
@@ -40,6 +41,7 @@ class SearchRun:
         """Begin, or continue what was begun with the same values."""
         if self.running:
             raise Refused("a search runs already: stop it before another begins")
+        self._release()
         self._folder.mkdir(parents=True, exist_ok=True)
         for name in (LOG, RESULT):
             (self._folder / name).unlink(missing_ok=True)
@@ -49,7 +51,8 @@ class SearchRun:
         with (self._folder / MESSAGES).open("wb") as messages:
             self._process = subprocess.Popen(
                 words,
-                stdin=subprocess.DEVNULL,
+                stdin=subprocess.PIPE,  # which ends with the page, however that ends
+                env={**os.environ, STOPS_WITH_INPUT: "1"},
                 stdout=subprocess.DEVNULL,
                 stderr=messages,
                 start_new_session=True,
@@ -61,6 +64,7 @@ class SearchRun:
     def stop(self) -> None:
         """Ask it to end as by Ctrl-C; what was computed stays in its ledger."""
         if self._process is None or not self.running:
+            self._release()
             return
         self._stopped = True
         self._process.send_signal(signal.SIGINT)
@@ -69,6 +73,12 @@ class SearchRun:
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
+        self._release()
+
+    def _release(self) -> None:
+        """Close the input of a search that has ended."""
+        if self._process and self._process.stdin:
+            self._process.stdin.close()
 
     def state(self, first: int) -> dict[str, Any]:
         """Lines of the log from number `first` on, and how the search ended where it has."""

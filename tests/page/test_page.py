@@ -2,9 +2,14 @@
 
 import http.client
 import json
+import os
+import select
+import signal
+import subprocess
+import sys
 import threading
 import time
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 
 import pytest
@@ -220,6 +225,41 @@ def test_a_search_is_started_watched_stopped_and_continued(page):
     assert any(line["by"] != "formula" for line in designs)
     assert "ending" in state["result"]
     assert (page.folder / "search" / "best.toml").is_file()
+
+
+HOLDER = """
+import sys, time
+from pathlib import Path
+from startrack.page.search import SearchRun
+
+run = SearchRun(Path(sys.argv[1]), Path(sys.argv[2]), 1, 1)
+run.start([])
+while not (Path(sys.argv[2]) / "search.jsonl").exists():
+    time.sleep(0.05)
+print(run._process.pid, flush=True)
+time.sleep(600)
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "pidfd_open"), reason="only Linux tells when another ends")
+def test_a_search_ends_when_the_page_is_killed(tmp_path):
+    holder = subprocess.Popen(
+        [sys.executable, "-c", HOLDER, DESIGN, tmp_path], stdout=subprocess.PIPE, text=True
+    )
+    with holder:
+        number = int(holder.stdout.readline())
+        search = os.pidfd_open(number)
+        try:
+            assert not select.select([search], [], [], 0)[0]
+            holder.kill()
+            assert select.select([search], [], [], 30)[0]
+        finally:
+            with suppress(ProcessLookupError):
+                signal.pidfd_send_signal(search, signal.SIGKILL)
+            os.close(search)
+    # It ended as by Ctrl-C, and can be continued.
+    assert "stopped" in (tmp_path / "messages.txt").read_text().lower()
+    assert (tmp_path / "ledger.sqlite").exists()
 
 
 def test_an_earth_camera_has_forecast_margins_and_sliders():
