@@ -163,6 +163,7 @@ def _psf(design: MovingDesign) -> Psf:
     )
 
 
+@lru_cache(maxsize=32)
 def object_image(design: MovingDesign, angle: float) -> Floats:
     """The image of an object that moves, in the sum of the frames, on a fine grid.
 
@@ -175,22 +176,29 @@ def object_image(design: MovingDesign, angle: float) -> Floats:
     angle    radian, of its motion from the columns
     Returns  (m, m) 1, fraction of the light in a pixel, with the samples of the PSF's table
     """
-    camera, own = camera_of(design), design.moving_object
-    table, step = camera.psf.table, camera.psf.oversampling
-    room = 3 * step
-    padded = np.pad(table, room)
-    side = len(padded)
-    samples = fft.next_fast_len(side, real=True)
+    step, own = camera_of(design).psf.oversampling, design.moving_object
+    side, still = _still_image(design)
+    samples = len(still)
     seconds = own.frames * design.instrument.detector.exposure
     trail = own.rate * seconds / design.pixel
+    x, y = fft.rfftfreq(samples, 1 / step), fft.fftfreq(samples, 1 / step)[:, None]
+    moved = still * np.sinc(trail * (math.cos(angle) * x + math.sin(angle) * y))
+    return np.asarray(fft.irfft2(moved, (samples, samples))[:side, :side])
+
+
+@lru_cache(maxsize=32)
+def _still_image(design: MovingDesign) -> tuple[int, NDArray[np.complex128]]:
+    """Samples along a side of the image of an object that is still, and its transform."""
+    camera = camera_of(design)
+    step = camera.psf.oversampling
+    padded = np.pad(camera.psf.table, 3 * step)
+    samples = fft.next_fast_len(len(padded), real=True)
     x, y = fft.rfftfreq(samples, 1 / step), fft.fftfreq(samples, 1 / step)[:, None]
     sigma = 2 * math.pi**2 * (camera.smear**2 + camera.registered**2)
     box = math.sqrt(12) * camera.rest
     columns = np.exp(-sigma[0] * x**2) * np.sinc(box[0] * x)
     rows = np.exp(-sigma[1] * y**2) * np.sinc(box[1] * y)
-    transfer = columns * rows * np.sinc(trail * (math.cos(angle) * x + math.sin(angle) * y))
-    spectrum = fft.rfft2(padded, (samples, samples)) * transfer
-    return np.asarray(fft.irfft2(spectrum, (samples, samples))[:side, :side])
+    return len(padded), fft.rfft2(padded, (samples, samples)) * columns * rows
 
 
 def sampled(fine: Floats, step: int, x: float, y: float) -> Floats:
