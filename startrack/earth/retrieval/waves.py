@@ -312,12 +312,14 @@ class _Transfer(NamedTuple):
     gain    1 / metre^2, mean square of the brightness over that of the elevation
     rest    1, mean square of the brightness that does not follow the elevation, noise included
     rms     watt / m^2 / sr / m, of the brightness by waves: one number
+    mean    likewise, of the glint
     noise   variance of a pixel, likewise squared
     """
 
     gain: Floats
     rest: Floats
     rms: float
+    mean: float
     noise: float
 
 
@@ -361,14 +363,18 @@ def _transfer(own: Waves, side: Side, mirror: Mirror, modes: _Modes, sea: Sea) -
     g = np.array([m[2] * z[0] - m[1] * z[1], m[0] * z[1] - m[1] * z[0]]) / own_det
     # What a pixel's grid is too coarse for is seen as longer waves.
     every = np.fft.fft2(square).real / size**2 * modes.fine**2
-    scatter = float(every.sum())
-    folded = every.reshape(rays, own.size, rays, own.size).sum((0, 2))[modes.places]
+    folded = every.reshape(rays, own.size, rays, own.size).sum((0, 2))
     mean = mirror.glint * _mean_gain(mirror, m)
-    noise = _noise(side, mirror.base + mean) + (side.channel.detector.prnu * mean) ** 2 * scatter
+    noise = _noise(side, mirror.base + mean)
     wave = (2 * math.pi * (g[0] * modes.down + g[1] * modes.right) * modes.seen) ** 2
-    rest = np.maximum(2 * folded - wave * modes.power(sea), 0.0)
-    camera = 2 * noise / mean**2 / own.size**2
-    return _Transfer(wave, rest + camera, math.sqrt(scatter) * mean, noise)
+    rest = np.maximum(2 * folded[modes.places] - wave * modes.power(sea), 0.0)
+    # Differences between columns, or pixels, change the contrast of waves.
+    detector = side.channel.detector
+    around = folded.mean(1, keepdims=True) if detector.scan else folded.mean(keepdims=True)
+    uneven = detector.prnu**2 * np.broadcast_to(around, folded.shape)[modes.places]
+    camera = 2 * (noise / mean**2 / own.size**2 + uneven)
+    scatter = float(folded.sum())
+    return _Transfer(wave, rest + camera, math.sqrt(scatter) * mean, mean, noise)
 
 
 def _quadratic(m: list[Any], z: Floats) -> Any:
@@ -496,9 +502,15 @@ def _start(own: Waves, mirror: Mirror, modes: _Modes, square: Floats) -> Sea:
         for direction in np.arange(DIRECTIONS) * math.pi / DIRECTIONS:
             sea = own.sea._replace(height=1.0, wavelength=wavelength, direction=direction)
             image = gain * modes.power(sea)
-            level = float((square - rest).sum().clip(0) / image.sum())
-            if (value := _cost(level * image + rest, square)) < least:
-                best, least = sea._replace(height=math.sqrt(max(level, 1e-12))), value
+            more = square - rest
+            # Of strong waves by their sum, of weak ones by the slope of the likelihood.
+            for level in (
+                float(more.sum() / image.sum()),
+                float((more * image / rest**2).sum() / ((image / rest) ** 2).sum()),
+            ):
+                strength = max(level, 1e-12)
+                if (value := _cost(strength * image + rest, square)) < least:
+                    best, least = sea._replace(height=math.sqrt(strength)), value
     return best
 
 
@@ -589,7 +601,11 @@ def forecast_waves(survey: Survey, own: Waves) -> WaveForecast:
     squares = np.einsum("ia,ij,ja->a", slopes, covariance, slopes)
     total = sea.height**2 / 16
     turned = np.sin(2 * (modes.turn() - sea.direction)) / (2 * total * _evenness(sea))
-    height = squares[0] + 4 * float(each.sum()) / total
+    detector = side.channel.detector
+    pixels = own.size if detector.scan else own.size**2
+    # The mean of the glint, by which brightness is divided, has differences of pixels.
+    level = detector.prnu * (mirror.base + transfer.mean) / transfer.mean / math.sqrt(pixels)
+    height = squares[0] + 4 * float(each.sum()) / total + (sea.height * level) ** 2
     direction = squares[1] + float((turned**2 * each).sum())
     if height > (WORST * sea.height) ** 2 or direction > WORST**2:
         raise Refused(
