@@ -95,7 +95,7 @@ def sensors(told: dict[str, Any], quick: bool) -> dict[str, Any]:
         seen = load_survey(shipped(f"scenes/{camera}.toml"))
         height = float(geodetic(fly(seen.carrier, np.zeros(1)).position)[2][0])
         for channel in seen.camera.channels:
-            band = band_of(channel, None, height, seen.sun_distance)
+            band = band_of(channel, None, height, seen.distance_to_sun)
             one = figures(channel, band, height, ground_rate(seen.carrier))
             values: dict[str, Any] = {
                 "snr": one.snr,

@@ -298,7 +298,7 @@ def height_error(images: int) -> float:
     design = problem.design
     (channel,) = (each for each in design.channels if each.name == "nadir")
     height = flight_height(design.carrier)
-    band = band_of(channel, design.air, height, design.sun_distance)
+    band = band_of(channel, design.air, height, design.distance_to_sun)
     line = imager.figures(channel, band, height, ground_rate(design.carrier)).sampling_along
     judged = problem.judge(problem.trials(1, range(images)))
     return judged.parts["nominal: height"].value / line

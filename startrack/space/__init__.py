@@ -20,6 +20,7 @@ from startrack.space.bodies import (
     barycentric,
     bodies_of,
     body_states,
+    distance_to_sun,
     seen_from,
     sun_direction,
     to_itrs,

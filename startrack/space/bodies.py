@@ -193,6 +193,18 @@ def to_itrs(frames: tuple[str, ...], epoch: str, second: Floats) -> list[Rotatio
         return [Rotation.from_matrix(rotation_matrices(name, "ITRS", date)) for name in frames]
 
 
+@lru_cache(maxsize=64)
+def distance_to_sun(epoch: str) -> float:
+    """Astronomical unit between the centres of the Earth and the Sun.
+
+    Accuracy  model: astropy's built-in ephemeris, 1e-6.
+    """
+    from astropy.coordinates import get_body
+
+    with installed_tables():
+        return float(get_body("sun", utc(epoch)).distance.au)
+
+
 @lru_cache(maxsize=64)  # all channels of a scene ask for the same
 def sun_direction(epoch: str, second: float = 0.0) -> Floats:
     """Unit vector (3,) towards the Sun in ITRS, seen from the Earth's centre; read-only.

@@ -155,7 +155,7 @@ def figures_of(survey: Survey) -> Iterator[tuple[Channel, float, Figures]]:
     rate = ground_rate(carrier)
     for channel in survey.camera.channels:
         air = None if channel.reference else survey.air
-        band = band_of(channel, air, height, survey.sun_distance)
+        band = band_of(channel, air, height, survey.distance_to_sun)
         yield channel, height, figures(channel, band, height, rate)
 
 

@@ -12,7 +12,7 @@ from typing import Annotated, Any, TypeVar
 
 import numpy as np
 
-from startrack import core
+from startrack import core, space
 from startrack.core import (
     FINITE,
     NON_NEGATIVE,
@@ -401,7 +401,11 @@ class Survey(Parameters):
         limit=Range(0, 1),
         default=None,
     )
-    sun_distance: float = parameter("astronomical unit", limit=POSITIVE, default=1.0)
+    sun_distance: float | None = parameter(
+        "astronomical unit; None: 1, or that of `orbit.day` where it is given",
+        limit=POSITIVE,
+        default=None,
+    )
     knowledge: Knowledge = parameter(
         "how well a product knows what it assumes", default_factory=Knowledge
     )
@@ -419,6 +423,15 @@ class Survey(Parameters):
     def carrier(self) -> geometry.Carrier:
         """Orbit, two-line elements or aircraft."""
         return geometry.choose_carrier(self.orbit, self.tle, self.aircraft)
+
+    @property
+    def distance_to_sun(self) -> float:
+        """Astronomical unit: `sun_distance`, or that of the day."""
+        if self.sun_distance is not None:
+            return self.sun_distance
+        if self.orbit is None or self.orbit.day is None:
+            return 1.0
+        return space.distance_to_sun(self.orbit.resolved().epoch)
 
     @property
     def channels(self) -> tuple[Channel, ...]:

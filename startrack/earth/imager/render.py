@@ -112,7 +112,7 @@ def prepare(survey: Survey, channel: Channel, folder: Path) -> Setting:
     start = geometry.fly(flight, np.zeros(1)).position
     ground = np.concatenate([seen.height for seen in glimpse])
     above = float(geodetic(start)[2][0]) - (float(ground.mean()) if len(ground) else 0.0)
-    band = band_of(channel, survey.air, max(above, 1.0), survey.sun_distance)
+    band = band_of(channel, survey.air, max(above, 1.0), survey.distance_to_sun)
     period = scene.sensor.dating(flight).period
     exposure = exposure_of(channel, period)
     field = lens.field_lens(
@@ -164,7 +164,7 @@ def setting_below(
         )
     carrier = survey.carrier
     above = geometry.flight_height(carrier) - height
-    band = band_of(channel, survey.air, above, survey.sun_distance)
+    band = band_of(channel, survey.air, above, survey.distance_to_sun)
     rate = geometry.ground_rate(carrier)
     sensor = channel.sensor(survey.rays, rate)
     period = sensor.dating(carrier).period
@@ -207,7 +207,7 @@ def _with_smile(survey: Survey, channel: Channel, setting: Setting, above: float
     nodes = np.unique(np.linspace(shift.min(), shift.max(), SMILES))
     share = core.lagrange_weights(nodes, np.asarray(shift, float)).T
     shifted = (channel.shifted(node) for node in nodes.tolist())
-    bands = [band_of(moved, survey.air, above, survey.sun_distance) for moved in shifted]
+    bands = [band_of(moved, survey.air, above, survey.distance_to_sun) for moved in shifted]
     answers = np.array([band.electrons for band in bands]) @ share / setting.band.electrons
     light = answers[None] if setting.light is None else setting.light * answers
     return setting._replace(light=light, smile=tuple(zip(bands, share, strict=True)))

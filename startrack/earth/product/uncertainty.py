@@ -57,7 +57,7 @@ def contributors(
     pixel = ground.distance * channel.detector.pitch / channel.optics.image_distance
     of_radiance = _of_radiance(radiance, numbers, calibration, knowledge, channel)
     shifted = band_of(
-        channel.shifted(knowledge.wavelength), survey.air, _above(ground), survey.sun_distance
+        channel.shifted(knowledge.wavelength), survey.air, _above(ground), survey.distance_to_sun
     )
     moved = setting._replace(band=shifted)
     ratio = shifted.irradiance / setting.band.irradiance
@@ -172,4 +172,4 @@ def _hazier(survey: Survey, channel: Channel, ground: Ground, setting: Setting) 
     if other < HAZIEST:
         other = min(air.visibility * (1 + survey.knowledge.visibility), CLEAREST)
     air = replace(air, visibility=other)
-    return setting._replace(band=band_of(channel, air, _above(ground), survey.sun_distance))
+    return setting._replace(band=band_of(channel, air, _above(ground), survey.distance_to_sun))

@@ -205,7 +205,7 @@ def side_of(survey: Survey, channel: Channel, spots: LevelGround) -> Side:
         _Curves(channel),
         survey.air,
         above,
-        survey.sun_distance,
+        survey.distance_to_sun,
         cover,
         survey.surroundings,
         spots.height,

@@ -103,7 +103,7 @@ class EarthProblem:
         margins, each = dict[str, Margin](), []
         for channel in channels:
             air = None if channel.reference else self.design.air
-            band = band_in(channel, air, height, self.design.sun_distance)
+            band = band_in(channel, air, height, self.design.distance_to_sun)
             own = figures(channel, band, height, rate)
             each.append(own)
             for name, margin in margins_of(channel, own).items():

@@ -83,7 +83,7 @@ def ground_spectrum(
     for part in np.array_split(np.arange(len(used)), math.ceil(len(used) / TOGETHER)):
         response = np.zeros((len(part), len(spectrum)))
         response[np.arange(len(part)), used[part]] = 1 / step[used[part]]
-        bands = table_in_bands(table, response, above, survey.sun_distance)
+        bands = table_in_bands(table, response, above, survey.distance_to_sun)
         for total, own in ((light, around[part][None]), (path, np.zeros((1, len(part))))):
             terms = atmosphere.at_sensor(ground, bands, own, around[part])
             total.append(terms.total[0].astype(np.float64))
@@ -101,7 +101,7 @@ def _rectangles(
         place = mean_wavelength(channel)
         if place > INFRARED or not wavelength[0] <= place <= wavelength[-1]:
             continue
-        band = band_of(channel, survey.air, above, survey.sun_distance)
+        band = band_of(channel, survey.air, above, survey.distance_to_sun)
         mean = float(band.weight @ band.wavelength)
         half = math.sqrt(3 * float(band.weight @ (band.wavelength - mean) ** 2))
         if wavelength[0] <= mean - half and mean + half <= wavelength[-1]:

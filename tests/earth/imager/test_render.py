@@ -315,7 +315,7 @@ def test_published_cameras_and_their_scenes_load(name):
     assert seen.camera == load_imager(name)
     for each in seen.channels:
         assert each.columns <= seen.columns if seen.columns else True
-        assert band_of(each, seen.air, 300e3, seen.sun_distance).electrons > 0
+        assert band_of(each, seen.air, 300e3, seen.distance_to_sun).electrons > 0
 
 
 def test_what_a_file_must_not_say(tmp_path, capsys):

@@ -68,3 +68,16 @@ def test_fires_by_night_are_those_of_the_ascending_pass():
         for way in ("descending", "ascending")
     )
     assert day < 60 * deg < np.pi / 2 < night
+
+
+def test_the_distance_of_the_sun_is_that_of_the_day():
+    """Perihelion and aphelion of 2026: 0.98330 and 1.01664 au (US Naval Observatory)."""
+    assert load_earth_design("fields").distance_to_sun == 1.0
+    for day, distance in ((3, 0.98330), (187, 1.01664)):
+        design = load_earth_design("fields", [f"orbit.day={day}"])
+        assert design.distance_to_sun == pytest.approx(distance, abs=2e-5)
+    assert load_earth_design("mertis").distance_to_sun == 0.387
+    problem = EarthProblem(load_earth_design("fields", ["orbit.day=3"]))
+    far = problem.replaced({"orbit.day": 187.0})
+    light = [own.studies["nominal"].design.distance_to_sun for own in (problem, far)]
+    assert (light[1] / light[0]) ** 2 == pytest.approx(1.069, abs=0.001)
