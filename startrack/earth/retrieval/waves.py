@@ -11,6 +11,7 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy import fft
 
 from startrack.core import (
     POSITIVE,
@@ -331,63 +332,87 @@ def _noise(side: Side, radiance: float) -> float:
 
 
 def _transfer(own: Waves, side: Side, mirror: Mirror, modes: _Modes, sea: Sea) -> _Transfer:
-    """Statistics of the glint over waves whose slopes are normal.
-
-        <B> ~ N(Z; M),   <B B'> ~ N((Z, Z); (M, R; R, M)),   b = g . z + rest,   g = Z / M
-
-    with the covariance M of all slopes and that of long waves R between two places; the rest does
-    not correlate with the waves.
-
-    Source: Bussgang (1952), MIT Research Laboratory of Electronics, report 216; g is the transfer
-    of Kudryavtsev et al. (2017), the relative change of the mean glint with Z.
-    """
-    rays, size = RAYS, own.size * RAYS
-    steps = side.along / rays, side.across / rays
-    down, right = np.fft.fftfreq(size, steps[0])[:, None], np.fft.rfftfreq(size, steps[1])[None]
-    frequency = np.stack(np.broadcast_arrays(down, right), -1)
-    power = elevation_power(sea, frequency, _shortest(side))
-    power[0, 0] = 0.0
-    density = power * ((2 * math.pi) ** 2 / math.prod(steps))
-    r = [
-        np.fft.irfft2(density * product, (size, size))
-        for product in (down**2, down * right, right**2)
-    ]
-    m = [r[0][0, 0] + mirror.rough / 2, r[1][0, 0], r[2][0, 0] + mirror.rough / 2]
-    z = mirror.towards
-    plus = [a + b for a, b in zip(m, r, strict=True)]
-    minus = [a - b for a, b in zip(m, r, strict=True)]
-    own_det = m[0] * m[2] - m[1] ** 2
-    det, other = (part[0] * part[2] - part[1] ** 2 for part in (plus, minus))
-    exponent = _quadratic(m, z) / own_det - _quadratic(plus, z) / det
-    square = own_det / np.sqrt(det * other) * np.exp(exponent) - 1
-    g = np.array([m[2] * z[0] - m[1] * z[1], m[0] * z[1] - m[1] * z[0]]) / own_det
+    """The waves of a sea in the images of a channel."""
+    steps = side.along / RAYS, side.across / RAYS
+    glint = _statistics(
+        mirror.rough, *mirror.towards.tolist(), sea, own.size * RAYS, steps, _shortest(side)
+    )
     # What a pixel's grid is too coarse for is seen as longer waves.
-    every = np.fft.fft2(square).real / size**2 * modes.fine**2
-    folded = every.reshape(rays, own.size, rays, own.size).sum((0, 2))
-    mean = mirror.glint * _mean_gain(mirror, m)
+    every = glint.spectrum * modes.fine**2
+    folded = every.reshape(RAYS, own.size, RAYS, own.size).sum((0, 2))
+    mean = mirror.glint * glint.mean
     noise = _noise(side, mirror.base + mean)
-    wave = (2 * math.pi * (g[0] * modes.down + g[1] * modes.right) * modes.seen) ** 2
-    rest = np.maximum(2 * folded[modes.places] - wave * modes.power(sea), 0.0)
+    wave = 2 * math.pi * (glint.gain[0] * modes.down + glint.gain[1] * modes.right) * modes.seen
+    rest = np.maximum(2 * folded[modes.places] - wave**2 * modes.power(sea), 0.0)
     # Differences between columns, or pixels, change the contrast of waves.
     detector = side.channel.detector
     around = folded.mean(1, keepdims=True) if detector.scan else folded.mean(keepdims=True)
     uneven = detector.prnu**2 * np.broadcast_to(around, folded.shape)[modes.places]
     camera = 2 * (noise / mean**2 / own.size**2 + uneven)
     scatter = float(folded.sum())
-    return _Transfer(wave, rest + camera, math.sqrt(scatter) * mean, mean, noise)
+    return _Transfer(wave**2, rest + camera, math.sqrt(scatter) * mean, mean, noise)
 
 
-def _quadratic(m: list[Any], z: Floats) -> Any:
+class _Glint(NamedTuple):
+    """Statistics of the glint over the waves of a sea.
+
+    spectrum  (n, n) mean square of each wave of a grid in the brightness over its mean
+    gain      (2,) g, of the brightness over its mean with the slopes
+    mean      1, over that of level long waves
+    """
+
+    spectrum: Floats
+    gain: tuple[float, float]
+    mean: float
+
+
+@lru_cache(maxsize=32)
+def _statistics(
+    rough: float,
+    along: float,
+    across: float,
+    sea: Sea,
+    size: int,
+    steps: tuple[float, float],
+    shortest: float,
+) -> _Glint:
+    """Statistics of the glint over waves whose slopes are normal; kept while a search goes on.
+
+    <B> ~ N(Z; M),   <B B'> ~ N((Z, Z); (M, R; R, M)),   b = g . z + rest,   g = Z / M
+
+    with the covariance M of all slopes and that of long waves R between two places; the rest does
+    not correlate with the waves.
+
+    Source: Bussgang (1952), MIT Research Laboratory of Electronics, report 216; g is the transfer
+    of Kudryavtsev et al. (2017), the relative change of the mean glint with Z.
+
+    rough, along, across  those of `Mirror`
+    size, steps, shortest  points of a side of a grid, metre between them, metre of the waves
+    """
+    down, right = fft.fftfreq(size, steps[0])[:, None], fft.rfftfreq(size, steps[1])[None]
+    power = elevation_power(sea, np.stack(np.broadcast_arrays(down, right), -1), shortest)
+    power[0, 0] = 0.0
+    density = power * ((2 * math.pi) ** 2 / math.prod(steps))
+    r = [
+        fft.irfft2(density * product, (size, size)) for product in (down**2, down * right, right**2)
+    ]
+    z = along, across
+    m = [r[0][0, 0] + rough / 2, r[1][0, 0], r[2][0, 0] + rough / 2]
+    plus = [a + b for a, b in zip(m, r, strict=True)]
+    minus = [a - b for a, b in zip(m, r, strict=True)]
+    own_det = m[0] * m[2] - m[1] ** 2
+    det, other = (part[0] * part[2] - part[1] ** 2 for part in (plus, minus))
+    exponent = _quadratic(m, z) / own_det - _quadratic(plus, z) / det
+    square = own_det / np.sqrt(det * other) * np.exp(exponent) - 1
+    g = (m[2] * along - m[1] * across) / own_det, (m[0] * across - m[1] * along) / own_det
+    level = (along**2 + across**2) / rough - _quadratic(m, z) / own_det / 2
+    mean = rough / 2 / math.sqrt(own_det) * math.exp(level)
+    return _Glint(fft.fft2(square).real / size**2, g, float(mean))
+
+
+def _quadratic(m: list[Any], z: tuple[float, float]) -> Any:
     """z . adjugate(m) z of a symmetric matrix (m_11, m_12, m_22)."""
     return m[2] * z[0] ** 2 - 2 * m[1] * z[0] * z[1] + m[0] * z[1] ** 2
-
-
-def _mean_gain(mirror: Mirror, m: list[Any]) -> float:
-    """Mean glint over that of level long waves."""
-    own_det = m[0] * m[2] - m[1] ** 2
-    level = float((mirror.towards**2).sum()) / mirror.rough
-    exponent = level - _quadratic(m, mirror.towards) / own_det / 2
-    return float(mirror.rough / 2 / math.sqrt(own_det) * math.exp(exponent))
 
 
 class _Fit(NamedTuple):
