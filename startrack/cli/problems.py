@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 
 from startrack import optimise, plots, verification
-from startrack.cli import pareto, sample, terminal, what_matters
+from startrack.cli import pareto, sample, solve_for, terminal, what_matters
 from startrack.cli.campaign import LEDGER, open_workers, stages
 from startrack.cli.optimize import LOG
 from startrack.cli.options import Exit, WrongUse, as_wrong_use
 from startrack.core import Rows
 from startrack.earth.retrieval import EarthProblem, load_earth_design
-from startrack.io import aligned, finite, save_json, save_text
+from startrack.io import aligned, finite, save_csv, save_json, save_text
 from startrack.metrics import Interval, markdown
 from startrack.moving import MovingProblem, load_moving_design
 from startrack.optimise import Evaluation, Foresight
@@ -35,9 +35,15 @@ REFUSED = {
     "verify": ("--fidelity", "--units"),
     "compare": ("--fidelity",),
     "what-matters": ("--units",),
+    "sweep": ("--fidelity",),
+    "solve-for": ("--fidelity",),
     "report": ("--stars", "--slews", "--budget", "--fidelity-trials", "--worst", "--conditions"),
 }
-FOLDERS = ("optimize", "montecarlo", "verify", "sample", "what-matters", "pareto")  # have a ledger
+# Commands whose folder has a ledger.
+FOLDERS = (
+    *("optimize", "montecarlo", "verify", "sample", "what-matters", "pareto", "sweep"),
+    "solve-for",
+)
 DESIGNS = 32  # that the sensitivities of a page are computed from
 APART = 1.5  # factor between trials and formula, from which on it is said
 Command = Callable[[argparse.Namespace], int]
@@ -72,9 +78,13 @@ def problem_of(path: Path, changes: list[str]) -> Problem:
     Raises  WrongUse where it is none, or a scene without a study.
     """
     with as_wrong_use(path=path):
-        if terminal.is_search(path):
-            return MovingProblem(load_moving_design(path, changes))
-        return EarthProblem(load_earth_design(path, changes))
+        return _load(path, changes)
+
+
+def _load(path: Path, changes: Sequence[str]) -> Problem:
+    if terminal.is_search(path):
+        return MovingProblem(load_moving_design(path, list(changes)))
+    return EarthProblem(load_earth_design(path, changes))
 
 
 @contextmanager
@@ -228,6 +238,51 @@ def trade_off(options: argparse.Namespace, problem: Problem) -> int:
     )
 
 
+def sweep_keys(options: argparse.Namespace, problem: Problem) -> int:
+    """Print the objective and the margins at each value of one or two keys, and write them."""
+    with as_wrong_use():
+        count = optimise.swept_designs(options.keys, options.points)
+    with opened(options, problem) as source, terminal.progress("designs", count) as advance:
+        swept = optimise.sweep_problem(
+            lambda changes: _load(options.design, [*options.set, *changes]),
+            options.keys,
+            source,
+            options.points,
+            options.log,
+            options.trials,
+            advance,
+        )
+    table = swept.columns
+    save_csv(options.out / "sweep.csv", *optimise.csv_of(table))
+    plots.draw_problem_sweep(options.out / "sweep.png", swept, options.design.stem)
+    result = {"design": str(options.design), "out": str(options.out), "answer": swept.answer}
+    result |= {"seed": options.seed, "by": swept.how, "rows": table.json()}
+    save_json(options.out / "result.json", finite(result))
+    refused = [f"{', '.join(row.values)}: {row.note}" for row in swept.rows if row.note]
+    text = [swept.answer, "", *table.text(), "", *refused, f"by {swept.how}"]
+    terminal.print_result(options, result, *text, f"results are in {options.out}")
+    return Exit.UNSOLVED if refused else Exit.DONE
+
+
+def solve_for_margin(options: argparse.Namespace, problem: Problem) -> int:
+    """Print the values of a key at which a margin is zero, and write them."""
+    with (
+        opened(options, problem) as source,
+        terminal.progress("designs", options.points) as advance,
+    ):
+        solution = optimise.solve_problem_for(
+            lambda changes: _load(options.design, [*options.set, *changes]),
+            options.key,
+            options.until,
+            source,
+            options.points,
+            options.log,
+            options.trials,
+            advance,
+        )
+    return solve_for.write_solution(options, solution, options.design)
+
+
 def compare(options: argparse.Namespace, first: Problem, second: Problem) -> int:
     """Print two problems side by side, on the same trials."""
     rows = []
@@ -284,6 +339,8 @@ STUDIES: dict[str, Callable[..., int]] = {
     "verify": verify,
     "sample": sample_around,
     "what-matters": forecast_what_matters,
+    "sweep": sweep_keys,
+    "solve-for": solve_for_margin,
     "pareto": trade_off,
     "compare": compare,
     "report": report,

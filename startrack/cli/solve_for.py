@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import Any
 
 from startrack.cli import options as shared
@@ -36,7 +37,7 @@ declare = Options(
         "--until LIMIT",
         "limit on an error, such as 'across=5 arcsec' for its rms or 'about-99.73=60 arcsec' for a "
         "level; on availability, mass, power, volume, data rate, cost, update rate or stars in the "
-        "sky; or the name of a margin of the design",
+        "sky; or the name of a margin of the design, as alone for an Earth camera",
         str,
         required=True,
     ),
@@ -53,6 +54,7 @@ declare = Options(
     *SHARED,
     shared.out("startrack-solve-for"),
     fidelity=None,
+    problems=True,
 )
 
 
@@ -71,6 +73,14 @@ def command(options: argparse.Namespace) -> int:
             runner=runner,
             progress=advance,
         )
+    return write_solution(options, solution, path)
+
+
+def write_solution(options: argparse.Namespace, solution: optimise.Solution, path: Path) -> int:
+    """Print a solution and write it.
+
+    path  of the design, by whose name the picture is called
+    """
     unit = solution.key.unit
     table = Table(
         [

@@ -19,7 +19,12 @@ if wanted(__name__):
     from startrack.io import finite, save_csv, save_json
     from startrack.optimise import Ledger, TrialRunner
 
-DESIGN_FILE = Option("design DESIGN.toml", "design file, or the name of a shipped one", Path)
+DESIGN_FILE = Option(
+    "design DESIGN.toml",
+    "design file, a scene of an Earth camera with [retrieval] and [campaign], or the name of a "
+    "shipped one",
+    Path,
+)
 SHARED = (
     Option("--log", "values of a range in equal ratios (default: in equal steps)"),
     shared.fidelity(
@@ -59,6 +64,7 @@ declare = Options(
     *SHARED,
     shared.out("startrack-sweep"),
     fidelity=None,
+    problems=True,
 )
 
 

@@ -89,8 +89,8 @@ def design_file(path: Path) -> Path:
     if is_scene(path):
         raise WrongUse(
             f"{path} is a scene of an Earth camera, which earth, requirements, montecarlo, "
-            "optimize, verify, sample, what-matters, pareto, compare and report take; this command "
-            "takes the design of a star tracker"
+            "optimize, verify, sample, what-matters, sweep, solve-for, pareto, compare and report "
+            "take; this command takes the design of a star tracker"
         )
     with as_wrong_use():
         return found_file(path)

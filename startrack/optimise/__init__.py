@@ -22,6 +22,7 @@ optimise           Campaign, TrialRunner -> the best design that was found, and 
 improve            Problem -> a better one: forecasts, trials that correct them, fresh trials that
                    decide.
 problem_source     Problem, ledger -> what engines ask of its designs: forecasts, trials, costs.
+problem_sweep      A problem, one or two of its keys -> objective and margins at each value; limits.
 pareto             Designs, two goals -> the designs that no other design beats in both.
 problem_front      Problem, two of its goals -> the designs that no other design beats in both.
 sensitivity        Designs around one -> how much the objective depends on each variable, alone and
@@ -69,6 +70,7 @@ from startrack.optimise.optimise import Optimum, optimize
 from startrack.optimise.pareto import FrontGoals, Point, front
 from startrack.optimise.problem_front import OBJECTIVE, ProblemGoals, problem_front
 from startrack.optimise.problem_source import ProblemSource
+from startrack.optimise.problem_sweep import ProblemSweep, solve_problem_for, sweep_problem
 from startrack.optimise.runner import FRESH, VERIFYING, VERIFYING_UNIT, TrialRunner
 from startrack.optimise.search import Algorithm, Search, SearchInput, least
 from startrack.optimise.search_log import SearchLog
@@ -83,7 +85,7 @@ from startrack.optimise.steps import (
     trials_of_tracker,
     unmet_costs,
 )
-from startrack.optimise.sweep import Sweep, SweptDesign, SweptKey, sweep, swept_designs
+from startrack.optimise.sweep import Sweep, SweptDesign, SweptKey, csv_of, sweep, swept_designs
 from startrack.optimise.tables import (
     chain_text,
     chain_values,

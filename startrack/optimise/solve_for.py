@@ -158,58 +158,56 @@ def scaled(name: str, margin: float) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class _Line:
+class KeyLine:
     """A design along a key.
 
-    load    the design with a value of the key
-    whole   whether the values of the key are whole numbers
-    known   numbers that were looked at, and the margin there as `scaled`, in order
+    key       with the values that are looked at
+    whole     whether the values of the key are whole numbers
+    expected  the margin by formula at a number, on the scale on which trials differ from it by a
+              shift. Raises Refused where the design refuses the number
+    tried     the same by trials, with its interval; None where none decide
+    known     numbers that were looked at, and the margin there on this scale, in order
     """
 
-    load: Callable[[str], Design]
     key: SweptKey
-    margin: str
-    runner: TrialRunner
     whole: bool
+    expected: Callable[[float], float]
+    tried: Callable[[float], Interval] | None
     known: list[tuple[float, float]]
 
-    @property
-    def tried(self) -> bool:
-        """Whether trials decide the margin."""
-        return self.margin.partition(" (")[0] in (*ERRORS, "availability")
+    def crossings(self) -> tuple[LimitCrossing, ...]:
+        """Where the margin is zero."""
+        return tuple(
+            self._crossing((low, high), after >= 0)
+            for (low, before), (high, after) in itertools.pairwise(self.known)
+            if (before >= 0) != (after >= 0)
+        )
 
-    def asked(self, number: float) -> tuple[Case, Campaign]:
-        """The design at a value. Raises Refused where it refuses the value."""
-        design = self.load(self.key.at(round(number) if self.whole else number))
-        return design.case, design.campaign or Campaign()
+    def _crossing(self, bracket: tuple[float, float], above: bool) -> LimitCrossing:
+        """A root in a bracket, corrected by trials."""
+        formula = number = self.root(bracket, above)
+        if self.tried is None:
+            return LimitCrossing(self._kept(number, above), formula, above, False)
+        shifts = [0.0] * 3
+        for _ in range(STEPS):
+            found = self.tried(number)
+            seen = [found.value, found.low, found.high]
+            expected = self.expected(number)
+            shifts = [end - expected for end in seen]
+            half = (seen[2] - seen[1]) / 2
+            if abs(seen[0]) <= max(SETTLED * half if math.isfinite(half) else 0.0, TOLERANCE):
+                break
+            number = self.root(bracket, above, shifts[0])
+            if not math.isfinite(number):
+                break
+        ends = sorted(self.root(bracket, above, shift) for shift in shifts[1:])
+        return LimitCrossing(Interval(self._kept(number, above), *ends), formula, above, True)
 
-    def formula(self, number: float) -> float:
-        """The margin by formula, as `scaled`. Raises Refused where the design refuses the value."""
-        return scaled(self.margin, self.formulas([self.asked(number)])[0])
-
-    def formulas(
-        self, asked: Sequence[tuple[Case, Campaign]], progress: Advance | None = None
-    ) -> list[float]:
-        """The margin of designs by formula.
-
-        Raises  Refused where a formula refuses one, or has no such margin.
-        """
-        for case, campaign in asked[:1]:
-            names = _margin_names(case, campaign)
-            if self.margin not in names:
-                raise Refused(
-                    f"a limit must be such as across=5arcsec, or a margin of the design "
-                    f"({', '.join(names)}), got {self.margin!r}"
-                )
-        if not self.tried:
-            every = (verification.margins(c.requirements, case) for case, c in asked)
-            return [margins[self.margin] for margins in every]
-        found = list[float]()
-        for figures in all_by_formula(list(asked), self.runner, progress):
-            if isinstance(figures, Refused):
-                raise figures
-            found.append(middle(figures.margins[self.margin]))
-        return found
+    def _kept(self, number: float, above: bool) -> float:
+        """Of a whole number, the last one that keeps the limit."""
+        if not self.whole or not math.isfinite(number):
+            return number
+        return float(math.ceil(number) if above else math.floor(number))
 
     def root(self, bracket: tuple[float, float], above: bool, shift: float = 0.0) -> float:
         """Where formula + shift is zero, in the bracket or beyond it; infinite where nowhere.
@@ -225,7 +223,7 @@ class _Line:
             if not 0 <= low < high < len(ends):
                 return math.inf if up else -math.inf
         found = scipy.optimize.brentq(
-            lambda number: self.formula(number) + shift,
+            lambda number: self.expected(number) + shift,
             ends[low],
             ends[high],
             xtol=TOLERANCE * max(abs(ends[low]), abs(ends[high])),
@@ -281,34 +279,75 @@ def solve_for(
     values = SweptKey.read(key, points, log, designed)
     if values.numbers is None:
         raise Refused(f"{values.name} must have numbers, got {', '.join(values.texts)}")
-    line = _Line(
-        lambda text: load_design(path, [*every, f"{values.name}={text}"]),
-        values,
-        margin,
-        runner,
-        designed is not None and is_whole(designed, values.name),
-        [],
-    )
+    whole = designed is not None and is_whole(designed, values.name)
+
+    def asked_at(number: float) -> tuple[Case, Campaign]:
+        text = values.at(round(number) if whole else number)
+        design = load_design(path, [*every, f"{values.name}={text}"])
+        return design.case, design.campaign or Campaign()
+
+    def tried_at(number: float) -> Interval:
+        case, campaign = asked_at(number)
+        kind = fidelity or campaign.fidelity
+        found = by_trials(case, campaign, runner, trials, kind).margins[margin]
+        assert isinstance(found, Interval)
+        return Interval(*(scaled(margin, end) for end in (found.value, found.low, found.high)))
+
     asked, reason = dict[float, tuple[Case, Campaign]](), Refused("")
     for number in sorted(values.numbers):
         try:
-            asked[number] = line.asked(number)
+            asked[number] = asked_at(number)
         except Refused as error:
             reason = error
     if not asked:
         raise reason
-    fidelity = fidelity or next(iter(asked.values()))[1].fidelity
-    margins = dict(zip(asked, line.formulas(list(asked.values()), progress), strict=True))
-    line.known.extend((number, scaled(margin, found)) for number, found in margins.items())
-    crossings = [
-        _crossing(line, (low, high), after >= 0, trials if line.tried else 0, fidelity)
-        for (low, before), (high, after) in itertools.pairwise(line.known)
-        if (before >= 0) != (after >= 0)
-    ]
+    found = _by_formula(list(asked.values()), margin, runner, progress)
+    margins = dict(zip(asked, found, strict=True))
+    by_trial = trials and _decided_by_trials(margin)
+    line = KeyLine(
+        values,
+        whole,
+        lambda number: scaled(margin, _by_formula([asked_at(number)], margin, runner)[0]),
+        tried_at if by_trial else None,
+        [(number, scaled(margin, value)) for number, value in margins.items()],
+    )
     how = "formula"
-    if line.tried and trials:
-        how += f", corrected by {trials} trials of fidelity {fidelity}, seed {runner.seed}"
-    return Solution(values, margin, until, margins, tuple(crossings), how)
+    if by_trial:
+        kind = fidelity or next(iter(asked.values()))[1].fidelity
+        how += f", corrected by {trials} trials of fidelity {kind}, seed {runner.seed}"
+    return Solution(values, margin, until, margins, line.crossings(), how)
+
+
+def _decided_by_trials(margin: str) -> bool:
+    return margin.partition(" (")[0] in (*ERRORS, "availability")
+
+
+def _by_formula(
+    asked: Sequence[tuple[Case, Campaign]],
+    margin: str,
+    runner: TrialRunner,
+    progress: Advance | None = None,
+) -> list[float]:
+    """A margin of designs by formula.
+
+    Raises  Refused where a formula refuses one, or has no such margin.
+    """
+    for case, campaign in asked[:1]:
+        names = _margin_names(case, campaign)
+        if margin not in names:
+            raise Refused(
+                f"a limit must be such as across=5arcsec, or a margin of the design "
+                f"({', '.join(names)}), got {margin!r}"
+            )
+    if not _decided_by_trials(margin):
+        every = (verification.margins(c.requirements, case) for case, c in asked)
+        return [margins[margin] for margins in every]
+    found = list[float]()
+    for figures in all_by_formula(list(asked), runner, progress):
+        if isinstance(figures, Refused):
+            raise figures
+        found.append(middle(figures.margins[margin]))
+    return found
 
 
 def _margin_names(case: Case, campaign: Campaign) -> list[str]:
@@ -330,35 +369,3 @@ def _around(design: Design, name: str) -> str:
     shown, word = (unit.of(value), unit.shown) if unit else (value, "")
     low, high = (f"{end:.6g}" for end in (shown / WIDEST, shown * WIDEST))
     return f"{name}={low}..{high} {word}".strip()
-
-
-def _crossing(
-    line: _Line, bracket: tuple[float, float], above: bool, trials: int, fidelity: Fidelity
-) -> LimitCrossing:
-    """A root in a bracket, corrected by trials."""
-    formula = number = line.root(bracket, above)
-    if not trials:
-        return LimitCrossing(_kept(line, number, above), formula, above, False)
-    shifts = [0.0] * 3
-    for _ in range(STEPS):
-        figures = by_trials(*line.asked(number), line.runner, trials, fidelity)
-        found = figures.margins[line.margin]
-        assert isinstance(found, Interval)
-        seen = [scaled(line.margin, end) for end in (found.value, found.low, found.high)]
-        expected = line.formula(number)
-        shifts = [end - expected for end in seen]
-        half = (seen[2] - seen[1]) / 2
-        if abs(seen[0]) <= max(SETTLED * half if math.isfinite(half) else 0.0, TOLERANCE):
-            break
-        number = line.root(bracket, above, shifts[0])
-        if not math.isfinite(number):
-            break
-    ends = sorted(line.root(bracket, above, shift) for shift in shifts[1:])
-    return LimitCrossing(Interval(_kept(line, number, above), *ends), formula, above, True)
-
-
-def _kept(line: _Line, number: float, above: bool) -> float:
-    """Of a whole number, the last one that keeps the limit."""
-    if not line.whole or not math.isfinite(number):
-        return number
-    return float(math.ceil(number) if above else math.floor(number))

@@ -288,19 +288,24 @@ class Sweep:
         return xarray.Dataset(variables, coordinates, {"how": self.how})
 
     def csv(self) -> tuple[list[str], list[list[Any]]]:
-        """Head and rows of CSV; an empty cell where there is no number."""
-        records = self.columns.json()
-        names = dict.fromkeys(name for record in records for name in record)
-        head = [
-            f"{name}_{end}" if name.endswith("_95") else name
-            for name in names
-            for end in (("low", "high") if name.endswith("_95") else ("",))
-        ]
-        rows = []
-        for record in records:
-            cells = [_cells(record.get(name), name) for name in names]
-            rows.append([cell for some in cells for cell in some])
-        return head, rows
+        """Head and rows of CSV, as `csv_of`."""
+        return csv_of(self.columns)
+
+
+def csv_of(table: Table) -> tuple[list[str], list[list[Any]]]:
+    """Head and rows of CSV; an empty cell where there is no number."""
+    records = table.json()
+    names = dict.fromkeys(name for record in records for name in record)
+    head = [
+        f"{name}_{end}" if name.endswith("_95") else name
+        for name in names
+        for end in (("low", "high") if name.endswith("_95") else ("",))
+    ]
+    rows = []
+    for record in records:
+        cells = [_cells(record.get(name), name) for name in names]
+        rows.append([cell for some in cells for cell in some])
+    return head, rows
 
 
 def _cells(value: Any, name: str) -> list[Any]:

@@ -57,4 +57,5 @@ from .style import say as say
 from .style import styled as styled
 from .style import with_unit as with_unit
 from .sweep import draw_crossings as draw_crossings
+from .sweep import draw_problem_sweep as draw_problem_sweep
 from .sweep import draw_sweep as draw_sweep

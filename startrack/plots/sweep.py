@@ -10,7 +10,7 @@ from matplotlib.colors import LogNorm, Normalize, TwoSlopeNorm
 
 from startrack.core import Floats, arcsec
 from startrack.metrics import Interval
-from startrack.optimise import Figure, Solution, Sweep, middle
+from startrack.optimise import Figure, ProblemSweep, Solution, Sweep, middle
 from startrack.plots import style
 
 MOST_MARGINS = len(style.CYCLE)  # the least ones are drawn; the table has all
@@ -38,6 +38,37 @@ def draw_sweep(path: Path, swept: Sweep, title: str) -> None:
             size = style.robust_limit(least)
             label = "least margin (below 0: not met)"
             _draw_map(panels[1], swept, least, label, TwoSlopeNorm(0, -size, size), "PuOr")
+    style.save_picture(path, figure)
+
+
+@style.styled
+def draw_problem_sweep(path: Path, swept: ProblemSweep, title: str) -> None:
+    """The objective of a problem and its margins at each value of one or two keys."""
+    figure = style.picture(8.0, f"{title}, by {swept.how}\n{swept.answer}")
+    label = style.with_unit(swept.words.value, swept.words.unit)
+    values = [row.value for row in swept.rows]
+    if len(swept.keys) == 2:
+        axes = figure.subplots()
+        numbers = _grid(swept, list(map(middle, values)))
+        _draw_map(
+            axes, swept, numbers, label, Normalize(*style.colour_limits(numbers)), "viridis_r"
+        )
+        style.save_picture(path, figure)
+        return
+    upper, lower = figure.subplots(2, 1)
+    _draw_line(upper, _places(swept, upper), values, 1.0, 0, swept.words.value)
+    upper.set_ylabel(label)
+    at = _places(swept, lower)
+    names = dict.fromkeys(name for row in swept.rows for name in row.margins)
+    for n, name in enumerate(list(names)[:MOST_MARGINS]):
+        margins = [row.margins.get(name, np.nan) for row in swept.rows]
+        _draw_line(lower, at, margins, 1.0, n, name)
+    lower.axhline(0, color=style.BLACK, lw=1.2)
+    low, high = lower.get_ylim()
+    lower.set_ylim(max(low, LEAST), min(high, MOST))
+    lower.set_ylabel("margin (fraction of limit)")
+    style.panel_title(lower, "below 0: not met")
+    style.legend_below(lower, 3)
     style.save_picture(path, figure)
 
 
@@ -75,7 +106,7 @@ def draw_crossings(path: Path, solution: Solution, title: str) -> None:
     style.save_picture(path, figure)
 
 
-def _places(swept: Sweep, axes: Axes) -> Floats:
+def _places(swept: Sweep | ProblemSweep, axes: Axes) -> Floats:
     """Places of the rows along the x axis, which gets its label and, for words, its ticks."""
     [key] = swept.keys
     axes.set_xlabel(key.label)
@@ -154,13 +185,18 @@ def _draw_margins(axes: Axes, swept: Sweep) -> None:
     style.legend_below(axes, 3)
 
 
-def _grid(swept: Sweep, values: Sequence[float]) -> Floats:
+def _grid(swept: Sweep | ProblemSweep, values: Sequence[float]) -> Floats:
     """Values of the rows (first key, last key)."""
     return np.array(values, float).reshape([len(key.texts) for key in swept.keys])
 
 
 def _draw_map(
-    axes: Axes, swept: Sweep, values: Floats, label: str, scale: Normalize, colours: str
+    axes: Axes,
+    swept: Sweep | ProblemSweep,
+    values: Floats,
+    label: str,
+    scale: Normalize,
+    colours: str,
 ) -> None:
     colour_map = matplotlib.colormaps[colours].copy()
     colour_map.set_bad(style.NO_VALUE)

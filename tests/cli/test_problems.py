@@ -97,3 +97,20 @@ def test_a_scene_has_sensitivities_a_tolerance_a_front_and_a_page(tmp_path, caps
     page = tmp_path / "page.html"
     assert main(["report", "mertis", "--trials", "64", "--out", str(page), *SHORT]) == 0
     assert "error of emissivity" in page.read_text()
+
+
+def test_a_key_of_a_scene_is_swept_and_solved_for(tmp_path, capsys):
+    """The swath of a scene grows with its height, and is kept above one height."""
+    swept = "channels.mir.detector.exposure=1..4 ms"
+    out = ["--out", str(tmp_path), "--workers", "1", "--json"]
+    assert main(["sweep", "hsrs", swept, "--points", "2", *out]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert [row["channels.mir.detector.exposure"] for row in told["rows"]] == ["1 ms", "4 ms"]
+    assert told["rows"][0]["value"] > told["rows"][1]["value"] > 0
+    assert (tmp_path / "sweep.csv").read_text().startswith("channels.mir.detector.exposure,value")
+    assert (tmp_path / "sweep.png").exists()
+    key = ["orbit.altitude=400..800 km", "--until", "swath", "--points", "3"]
+    assert main(["solve-for", "hsrs", *key, *out]) == 0
+    [crossing] = json.loads(capsys.readouterr().out)["values"]
+    assert 540 < crossing["value"] < 560
+    assert crossing["kept_above"]

@@ -70,7 +70,7 @@ def test_a_value_at_a_limit_is_the_first_line(design, tmp_path, capsys):
         (["sweep", "noise_only", "a=1..2"], "a is unknown"),
         (["sweep", "noise_only", "a=1", "b=1", "c=1"], "keys must be one or two, got 3"),
         (["sweep", "nanosatelite", "a=1"], "shipped are designs/nanosatellite.toml"),
-        (["sweep", "fields", "a=1..2"], "fields is a scene of an Earth camera"),
+        (["sweep", "hsrs", "a=1..2"], "a must be a parameter of the design"),
         (["solve-for", "noise_only", "a=1..2", "--until", "both=3"], "a limit must be of across"),
         (["solve-for", "noise_only", "a", "--until", "mass"], "must have a range, as KEY=A..B"),
     ],

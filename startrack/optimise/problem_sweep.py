@@ -1,0 +1,256 @@
+"""A problem, one or two of its keys -> objective, margins and costs at each value, and limits."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from startrack.core import Advance, Refused, printed
+from startrack.metrics import Column, DisplayUnit, Interval, Table, four_digits
+from startrack.optimise.figures import Figure, middle
+from startrack.optimise.problem_source import ProblemSource
+from startrack.optimise.solve_for import KeyLine, Solution
+from startrack.optimise.sweep import MOST_DESIGNS, POINTS, SweptKey
+from startrack.problem import Margin, Problem, Words
+
+LARGEST = 1 - 1e-12  # margin, of a value that may be zero
+Load = Callable[[Sequence[str]], Problem]  # the problem of a file with changes KEY=VALUE
+
+
+class SweptProblem(NamedTuple):
+    """The problem with one value of each key.
+
+    values   as a design file has them
+    value    the objective, in the unit of its words; NaN where there is none
+    parts    what the value is made of
+    margins  as fractions of the limits
+    note     why there is no value, or empty
+    """
+
+    values: tuple[str, ...]
+    value: Figure
+    parts: Mapping[str, Figure]
+    margins: Mapping[str, Figure]
+    note: str = ""
+
+    @property
+    def least(self) -> tuple[str, float]:
+        """The name of the least margin, and its value; NaN where there is none."""
+        name = min(self.margins, key=lambda one: middle(self.margins[one]), default="")
+        return name, middle(self.margins[name]) if name else math.nan
+
+    @property
+    def least_text(self) -> str:
+        """The least margin, with its name."""
+        name, value = self.least
+        return f"{value:+.3f} {name}" + " NOT MET" * (value < 0) if name else ""
+
+
+@printed
+@dataclass(frozen=True, eq=False)
+class ProblemSweep:
+    """A problem over the values of one or two keys.
+
+    rows   one for each pair of values, the last key changing fastest
+    words  names and units of the objective
+    how    what the values are by
+    """
+
+    keys: tuple[SweptKey, ...]
+    rows: tuple[SweptProblem, ...]
+    words: Words
+    how: str
+
+    @property
+    def answer(self) -> str:
+        """Where the objective is least, and how many values keep all limits."""
+        tried = [row for row in self.rows if math.isfinite(middle(row.value))]
+        if not tried:
+            return f"no value has a result: {self.rows[0].note}"
+        met = [row for row in tried if not row.least[1] < 0]
+        best = min(met or tried, key=lambda row: middle(row.value))
+        pairs = zip(self.keys, best.values, strict=True)
+        place = " and ".join(f"{key.name.rpartition('.')[2]} {value}" for key, value in pairs)
+        missed = dict.fromkeys(row.least[0] for row in tried if row.least[1] < 0)
+        others = f" (the others miss {', '.join(missed)})" if missed else ""
+        shown = f"{_shown(best.value)} {self.words.unit}".strip()
+        of_these = "of these " if met and missed else ""
+        return (
+            f"{len(met)} of {len(self.rows)} values meet the requirements{others}; "
+            f"{of_these}{self.words.value} is least at {place}, {shown}"
+        )
+
+    @property
+    def columns(self) -> Table:
+        """A row for each value: objective, parts, margins, why there is none."""
+        unit = DisplayUnit(self.words.unit, 1.0, 1.0)
+        margins = dict.fromkeys(name for row in self.rows for name in row.margins)
+        return Table(
+            [
+                *(
+                    Column(key.name, key.name.rpartition(".")[2], lambda row, at=at: row.values[at])
+                    for at, key in enumerate(self.keys)
+                ),
+                Column("value", self.words.value, lambda row: row.value, unit, ".4g"),
+                Column("", "least margin", lambda row: row.least_text),
+                *(
+                    Column(
+                        f"part: {name}",
+                        "",
+                        lambda row, name=name: row.parts.get(name, math.nan),
+                        DisplayUnit(word, 1.0, 1.0),
+                        ".4g",
+                    )
+                    for name, (_, word) in self.words.parts.items()
+                ),
+                *(
+                    Column(
+                        f"margin: {name}",
+                        "",
+                        lambda row, name=name: row.margins.get(name, math.nan),
+                        form="+.3f",
+                    )
+                    for name in margins
+                ),
+                Column("refused", "", lambda row: row.note),
+            ],
+            self.rows,
+        )
+
+
+def sweep_problem(
+    load: Load,
+    keys: Sequence[str],
+    source: ProblemSource,
+    points: int | None = None,
+    log: bool = False,
+    trials: int = 0,
+    progress: Advance | None = None,
+) -> ProblemSweep:
+    """The objective and the margins of a problem at each value of one or two keys, as `sweep`.
+
+    source  whose seed, workers and ledger compute and keep them
+    trials  of each design, the same numbers at every value; 0: by formula
+    Raises  Refused where a key is none, or every value is refused.
+    """
+    if not 1 <= len(keys) <= len(POINTS):
+        raise Refused(f"keys must be one or two, got {len(keys)}")
+    swept = tuple(SweptKey.read(key, points or POINTS[len(keys)], log) for key in keys)
+    every = list(itertools.product(*(key.texts for key in swept)))
+    if len(every) > MOST_DESIGNS:
+        raise Refused(f"keys must make at most {MOST_DESIGNS} designs, got {len(every)}")
+    rows, words, reason = list[SweptProblem](), None, Refused("")
+    for values in every:
+        changes = [f"{key.name}={value}" for key, value in zip(swept, values, strict=True)]
+        try:
+            problem = load(changes)
+            row = _figures(values, problem, source, trials)
+            words = words or problem.text()
+        except Refused as error:
+            reason, row = error, SweptProblem(values, math.nan, {}, {}, str(error))
+        rows.append(row)
+        if progress:
+            progress(1)
+    if words is None:
+        raise reason
+    how = f"{trials} trials, seed {source.seed}" if trials else "formula"
+    return ProblemSweep(swept, tuple(rows), words, how)
+
+
+def _figures(
+    values: tuple[str, ...], problem: Problem, source: ProblemSource, trials: int
+) -> SweptProblem:
+    margins: dict[str, Figure] = _relative(problem.costs())
+    if trials:
+        judged = problem.judge(source.rows(problem, trials))
+        margins |= {name: _interval(some) for name, some in judged.margins.items()}
+        return SweptProblem(values, judged.value, judged.parts, margins)
+    expected = problem.expect()
+    margins |= _relative(expected.margins)
+    return SweptProblem(values, expected.value, expected.parts, margins)
+
+
+def _relative(margins: Mapping[str, Margin]) -> dict[str, Figure]:
+    return {name: margin.relative for name, margin in margins.items()}
+
+
+def _interval(margins: Sequence[Margin]) -> Interval:
+    value, *ends = (margin.relative for margin in margins)
+    return Interval(value, min(ends), max(ends))
+
+
+def _shown(figure: Figure) -> str:
+    if isinstance(figure, Interval):
+        ends = ", ".join(map(four_digits, (figure.low, figure.high)))
+        return f"{four_digits(figure.value)} [{ends}]"
+    return four_digits(figure)
+
+
+def solve_problem_for(
+    load: Load,
+    key: str,
+    margin: str,
+    source: ProblemSource,
+    points: int = 25,
+    log: bool = False,
+    trials: int = 1000,
+    progress: Advance | None = None,
+) -> Solution:
+    """The values of a key at which a margin of a problem is zero, as `solve_for`.
+
+    The formula is corrected by trials as a factor of the part of the limit that is used.
+
+    key      "KEY=A..B"
+    margin   name of a margin
+    Raises   Refused where the key or the margin is none, or every value is refused.
+    """
+    values = SweptKey.read(key, points, log)
+    if values.numbers is None:
+        raise Refused(f"{values.name} must have numbers, got {', '.join(values.texts)}")
+
+    def at(number: float) -> Problem:
+        return load([f"{values.name}={values.at(number)}"])
+
+    def expected_at(number: float) -> float:
+        problem = at(number)
+        costs = problem.costs()
+        margins = costs if margin in costs else {**costs, **problem.expect().margins}
+        if margin not in margins:
+            names = ", ".join(margins)
+            raise Refused(f"a limit must be the name of a margin ({names}), got {margin!r}")
+        return margins[margin].relative
+
+    def tried_at(number: float) -> Interval:
+        problem = at(number)
+        judged = problem.judge(source.rows(problem, trials))
+        found = _interval(judged.margins[margin])
+        return Interval(*map(_scaled, (found.value, found.low, found.high)))
+
+    margins, reason = dict[float, float](), Refused("")
+    for number in sorted(values.numbers):
+        try:
+            margins[number] = expected_at(number)
+        except Refused as error:
+            reason = error
+        if progress:
+            progress(1)
+    if not margins:
+        raise reason
+    by_trials = trials and margin not in at(next(iter(margins))).costs()
+    line = KeyLine(
+        values,
+        False,
+        lambda number: _scaled(expected_at(number)),
+        tried_at if by_trials else None,
+        [(number, _scaled(value)) for number, value in margins.items()],
+    )
+    how = f"formula, corrected by {trials} trials, seed {source.seed}" if by_trials else "formula"
+    return Solution(values, margin, margin, margins, line.crossings(), how)
+
+
+def _scaled(margin: float) -> float:
+    """ln of the limit over its used part, of which trials and formula differ by a shift."""
+    return -math.log1p(-min(margin, LARGEST)) if math.isfinite(margin) else margin
