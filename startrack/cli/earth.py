@@ -142,6 +142,12 @@ declare = Parts(
                 "also write CHANNEL-uncertainty.tif: standard deviations of each "
                 "layer by contributors, from `[knowledge]` of the scene",
             ),
+            Option(
+                "--restore SNR",
+                "raise the modulation by a filter of Wiener for this signal-to-noise ratio; not "
+                "with --uncertainty",
+                float,
+            ),
             out("startrack-earth"),
         ),
     ),
@@ -362,7 +368,11 @@ def processed(options: argparse.Namespace) -> int:
     with as_wrong_use():
         survey = imager.load_survey(path)
         settings = product.ProductSettings(
-            options.projection, options.cell, options.resampling, options.uncertainty
+            options.projection,
+            options.cell,
+            options.resampling,
+            options.uncertainty,
+            options.restore,
         )
     products = []
     for channel in survey.channels:

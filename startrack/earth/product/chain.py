@@ -16,6 +16,7 @@ from startrack.core import (
     Floats,
     Parameters,
     Range,
+    Refused,
     Unit,
     parameter,
     printed,
@@ -24,6 +25,7 @@ from startrack.core import (
 from startrack.earth.geometry import observe_earth
 from startrack.earth.imager import Channel, Setting, Survey, open_sheets, prepare
 from startrack.earth.product import ortho, retrieval
+from startrack.earth.product.restore import restored
 from startrack.earth.product.uncertainty import contributors
 from startrack.earth.terrain import Ground, joined
 
@@ -49,6 +51,16 @@ class ProductSettings(Parameters):
     )
     resampling: str = parameter(limit=Range(choices=tuple(ortho.RESAMPLING)), default="bilinear")
     uncertainty: bool = parameter("whether each pixel has one, by contributors", default=False)
+    restore: float | None = parameter(
+        "signal-to-noise ratio for which a filter of Wiener raises the modulation; None: no filter",
+        limit=POSITIVE,
+        default=None,
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.uncertainty and self.restore is not None:
+            raise Refused("uncertainty must be left out where an image is restored")
 
 
 STANDARD = ProductSettings()
@@ -106,6 +118,8 @@ def make_product(
     survey = replace(survey, rays=1, surroundings=survey.surroundings or 0.0)
     setting = prepare(survey, channel, folder)
     radiance = retrieval.to_radiance(numbers, calibration)
+    if settings.restore is not None:
+        radiance = restored(radiance, channel, setting, settings.restore)
     saturated = numbers >= calibration.saturation
     scene = survey.scene(channel)
     grounds = []
