@@ -289,11 +289,13 @@ def rendered(options: argparse.Namespace) -> int:
 
 
 def _scene_path(options: argparse.Namespace) -> Path:
-    """Path of a scene file, or of the scene of a camera of the catalogue."""
-    scene, names = options.scene or "hsrs", imager.cameras()
-    if scene in names:
-        return shipped(f"scenes/{scene}.toml")
+    """Path of a scene file, or of a scene with a camera of the catalogue."""
+    scene = options.scene or "hsrs"
+    scenes = {path.stem: path for path in sorted(shipped("scenes").glob("*.toml"))}
+    if scene in scenes:
+        return scenes[scene]
     if not Path(scene).exists():
+        names = [name for name, path in scenes.items() if "camera" in read_table(path, "a scene")]
         raise shared.WrongUse(
             f"{scene} must be a scene file, or one of {', '.join(names)}, but there is none"
         )

@@ -183,7 +183,7 @@ def test_a_bad_image_does_not_stop_the_others(call, tmp_path):
         (["pareto", "--first", "speed"], "objective must be across, about or both"),
         (["report", "x.sqlite", "--budget", "1"], "--budget: must be a whole number from 2 on"),
         (["sequence", "--profile", "none.toml"], "none.toml must be a sequence file"),
-        (["earth", "render", "none"], "none must be a scene file, or one of ads40, hsrs, landsat8"),
+        (["earth", "render", "none"], "none must be a scene file, or one of ads40, clouds, fields"),
         (["earth", "terrain", "none.tif"], "none.tif must name files"),
         (["bench", "psff"], "must be one of psf, stamping"),
         (["montecarlo", "--trials", "0"], "--trials: must be a whole number from 1 on, got '0'"),
