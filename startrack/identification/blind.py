@@ -156,6 +156,8 @@ FLOOR = 0.05  # pixel, of a centroid: no lens is known better
 # cameras: pixel, and least fraction of the scatter of the residuals beyond their noise, whose cause
 # the model lacks (a tilted lens, the motion of a rolling shutter).
 AXIS, COMMON = 0.05, 0.5
+REFRACTION = 58.3 * core.arcsec  # of tan z, at sea level
+LOWEST = 0.05  # sine of the elevation, below which refraction is not that tangent
 OUTLIER = 2.0  # sigma, beyond which a residual counts less (soft L1)
 BLOCKS, LEAST_IN_BLOCK = (3, 2), 3  # of the jackknife: across, down; stars
 BY_CHANCE = 1.8  # chi-square of its 2 x 5 degrees of freedom over these, which 5 % exceed
@@ -229,8 +231,8 @@ def fit_frame(spots: Spots, matches: core.Matches) -> LensFit:
     Returns         the camera as calibrated, with this frame's scale and grid
     Raises          ValueError where the matches are not solved.
     Accuracy        model: the noise of a centroid is assumed to be the same without distortion;
-                    refraction beyond its first derivative is left, 0.1 pixel of 1280 in a field of
-                    27 degrees 19 degrees above the horizon.
+                    refraction beyond its first derivative is left, 0.3 pixel of 1280 in a field of
+                    27 degrees 20 degrees above the horizon, and stated as an error.
     """
     if matches.icrs_to_camera is None:
         raise Refused(f"matches must be solved, got {matches.status}: {matches.reason}")
@@ -248,7 +250,8 @@ def fit_frame(spots: Spots, matches: core.Matches) -> LensFit:
         better = _BlindFit(straight, best.matches, FRAME, CALIBRATED)
         if better.significant(()):
             best = better
-    lens = _stated(straight, best)
+    lens, left = _stated(straight, best), best.refraction_left()
+    lens = lens._replace(covariance=lens.covariance + np.outer(left, left))
     polynomial, grid = camera.polynomial, lens.matches.camera.polynomial
     if grid is not None:
         polynomial = grid.plus(polynomial) if polynomial else grid
@@ -440,14 +443,7 @@ class _BlindFit:
         # Few residuals do not tell their own scatter: the variance of Student's distribution.
         few = self._freedom / (self._freedom - 2) if self._freedom > 2 else 3.0
         covariance = np.linalg.pinv(information) * self._chi_square() * few
-        camera, turn = self.matches.camera, _centre(self.matches.camera)
-        middle = np.array([[(camera.columns - 1) / 2, (camera.rows - 1) / 2]])
-        _, slope = _project(camera, self.values, camera.unproject(middle))
-        # The direction of the middle moves so that its place stays; about it the camera turns.
-        rows = np.zeros((3, len(self.used)))
-        rows[:, :3] = np.eye(3)
-        rows[:, 3:] = np.linalg.lstsq(slope[0, :, :3], slope[0, :, 3:])[0]
-        rows = turn.inv().as_matrix() @ rows
+        rows = self._turns_of_axis()
         axis_covariance = rows @ covariance @ rows.T
         # What a residual shares with that of its neighbour is of the place, as the axis is.
         most = OUTLIER * np.sqrt(self.noise + self.excess)[:, None]
@@ -455,9 +451,47 @@ class _BlindFit:
         near = cKDTree(self.place).query(self.place, 2)[1][:, 1]
         shared = float(np.mean(bounded * bounded[near]))
         common = AXIS**2 + max(COMMON**2 * self.excess, shared)
-        axis_covariance[[0, 1], [0, 1]] += common / camera.focal_length_px**2
+        axis_covariance[[0, 1], [0, 1]] += common / self.camera.focal_length_px**2
         rms = float(np.sqrt(np.mean(residual**2)))
         return LensFit(self.matches, _axis(self.matches), axis_covariance, rms)
+
+    def _turns_of_axis(self) -> Floats:
+        """Turn (3, 3 + names) of the axis through the middle of the image, by the unknowns."""
+        camera, turn = self.matches.camera, _centre(self.matches.camera)
+        _, slope = _project(camera, self.values, camera.unproject(_middle(camera)))
+        # The direction of the middle moves so that its place stays; about it the camera turns.
+        rows = np.zeros((3, len(self.used)))
+        rows[:, :3] = np.eye(3)
+        rows[:, 3:] = np.linalg.lstsq(slope[0, :, :3], slope[0, :, 3:])[0]
+        return np.asarray(turn.inv().as_matrix() @ rows)
+
+    def refraction_left(self) -> Floats:
+        """Turn (3,), radian, by which refraction that is no scale and no squeeze moves the axis.
+
+        The squeeze of the grid tells the zenith's distance, R = 58.3" tan z, and its line in the
+        image, not at which of both ends it lies: the sign is not known.
+        """
+        _, oblong, shear = self.values[[0, -2, -1]].tolist()
+        squeeze = math.hypot(oblong, shear)
+        if squeeze == 0:
+            return np.zeros(3)
+        camera, place = self.matches.camera, np.vstack([self.place, _middle(self.matches.camera)])
+        seen = _centre(camera).inv().apply(camera.unproject(place))
+        line = (math.atan2(shear, oblong) + math.pi) / 2  # along which the image is shorter
+        distance = math.atan(math.sqrt(squeeze / REFRACTION))
+        zenith = math.sin(distance) * np.array([math.cos(line), math.sin(line), 0.0])
+        zenith[2] = math.cos(distance)
+        up = np.maximum(seen @ zenith, LOWEST)[:, None]
+        moved = seen + REFRACTION * (zenith / up - seen)  # by tan z towards the zenith
+        moved = _centre(camera).apply(moved)
+        shift = np.nan_to_num(camera.project(moved) - place)
+        residual, slopes = self._residual()
+        information, _ = self._normal(residual, slopes)
+        right = np.einsum("nci,nc,nc->i", slopes, self._weight(residual), shift[:-1])
+        step, used = np.zeros(len(self.used)), self.used
+        step[used] = np.linalg.lstsq(information[np.ix_(used, used)], right[used])[0]
+        x, y = shift[-1] / camera.focal_length_px
+        return np.asarray(self._turns_of_axis() @ step - np.array([-y, x, 0.0]))
 
 
 def _values_of(camera: core.Camera) -> Floats:
@@ -538,10 +572,14 @@ def _axis(matches: core.Matches) -> Rotation:
     return _centre(matches.camera).inv() * matches.icrs_to_camera
 
 
+def _middle(camera: core.Camera) -> Floats:
+    """Pixel (1, 2)."""
+    return np.array([[(camera.columns - 1) / 2, (camera.rows - 1) / 2]])
+
+
 def _centre(camera: core.Camera) -> Rotation:
     """The shortest turn from the camera's axis to the direction of the middle of its image."""
-    middle = np.array([[(camera.columns - 1) / 2, (camera.rows - 1) / 2]])
-    x, y, z = camera.unproject(middle)[0]
+    x, y, z = camera.unproject(_middle(camera))[0]
     apart = math.hypot(x, y)
     turn = np.array([-y, x, 0.0]) * (math.atan2(apart, z) / apart if apart else 0.0)
     return Rotation.from_rotvec(turn)
