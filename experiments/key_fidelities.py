@@ -2,8 +2,9 @@
 
 python experiments/key_fidelities.py [--json FILE] [--write] [--quick]
 
-Each key that trials depend on is set in a small design, with what it needs beside it. `frame` takes
-all keys. Another fidelity refuses a key where it refuses that design, and leaves it out where it
+Each key that trials depend on is set in a small design, with what it needs beside it; those of the
+sky by day in a daylight camera, as that sky fills the pixels of the small one. `frame` takes all
+keys. Another fidelity refuses a key where it refuses that design, and leaves it out where it
 computes trials without reading the key, which `frame` reads in the same trials. The error budget
 leaves out what it says itself, too. `--write` writes `catalogs/designs/fidelities.json`, from which
 `docs/list_keys.py` and `startrack keys` have their column; `--quick` compares the refusals of one
@@ -110,7 +111,7 @@ VALUES: Table = {
     "scene.sky.elevation": "45 deg",
     "scene.sky.sun_elevation": "40 deg",
     "scene.sky.sun_distance": "90 deg",
-    "scene.sky.latitude": "10 deg",  # below which the Sun is high on that date
+    "scene.sky.latitude": "50 deg",  # where the Sun is 40 degrees high at noon of that date
     "scene.sky.longitude": "0 deg",
     "scene.sky.azimuth": "60 deg",
     "instrument.tube.length": "150 mm",
@@ -241,8 +242,8 @@ def put(table: Table, name: str, value: Any) -> None:
 
 
 def design_with(name: str) -> Table:
-    """The small design with a key, and what it needs."""
-    table = copy.deepcopy(small())
+    """The design of `base` with a key, and what it needs."""
+    table = copy.deepcopy(base(name))
     parts = name.split(".")
     places = [".".join(parts[:depth]) for depth in range(1, len(parts) + 1)]
     needed = BESIDE.get(name) or [one for place in places for one in BESIDE.get(place, ())]
@@ -289,6 +290,19 @@ def small() -> Table:
     return table
 
 
+@cache
+def daylight() -> Table:
+    """A camera that sees stars by day, whose sky is left out."""
+    table = tomllib.loads(shipped("designs/daylight_balloon.toml").read_text(encoding="utf-8"))
+    del table["scene"], table["campaign"]
+    return table
+
+
+def base(name: str) -> Table:
+    """The design that a key is set in: the sky by day fills the pixels of the small one."""
+    return daylight() if name.startswith("scene.sky.") else small()
+
+
 def case_of(table: Table) -> Case:
     return from_table(Case, with_product(copy.deepcopy(table)))
 
@@ -311,8 +325,12 @@ def refused(name: str) -> list[str]:
 
 
 def said_left_out(name: str) -> bool:
-    """Whether the budget says that it leaves a key out."""
-    plain = of_the_case(case_of(small()))
+    """Whether the budget says that it leaves a key out.
+
+    Of the sky by day it says what no fidelity has, which is of no key alone.
+    """
+    sky = name.startswith("scene.sky.")
+    plain = of_the_case(case_of(design_with("scene.sky.height") if sky else small()))
     return not set(of_the_case(case_of(design_with(name)))) <= set(plain)
 
 
