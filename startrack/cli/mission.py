@@ -19,7 +19,7 @@ if wanted(__name__):
     from startrack.cli import terminal
     from startrack.cli.simulate import draw_record
     from startrack.cli.terminal import attitude_values, finite, print_result, progress
-    from startrack.core import DAY, YEAR, Floats, Refused, Rows, Streams, arcsec, deg, utc
+    from startrack.core import YEAR, Floats, Refused, Rows, Streams, arcsec, deg, utc, utc_text
     from startrack.io import save_json, save_text, shipped, write_fits
     from startrack.metrics import ARCSEC, Column, DisplayUnit
     from startrack.montecarlo import cluster, export, pool
@@ -32,8 +32,8 @@ STORE = "mission.sqlite"  # in the folder of the results
 declare = Options(
     "Moves a spacecraft along its orbit and attitude law, and prints when Sun, Moon and Earth "
     "blind each of its heads, how many heads are valid, and whether the mission's requirements "
-    "are met. Writes report.html, summary.json, mission.png, beta.png and timeline.csv. The "
-    "status is 3 if a requirement is not met.",
+    "are met. Writes report.html, summary.json, mission.png, beta.png, tracks.png and "
+    "timeline.csv. The status is 3 if a requirement is not met.",
     Option(
         "mission MISSION.toml",
         "mission file (default: the example, "
@@ -376,12 +376,15 @@ def _place(options: argparse.Namespace, path: Path, before: report.ReportedFligh
 
 
 def _draw(out: Path, flight: report.ReportedFlight, title: str, placed: Path | None = None) -> None:
-    """Write mission.png, beta.png, and report.html with them and the picture of a placement."""
+    """Write mission.png, beta.png, tracks.png, and report.html with them and a placement."""
     plan, _, flown, available = flight
     overview, beta = out / "mission.png", out / "beta.png"
     plots.draw_mission(overview, plan, flown, available, title)
     plots.draw_beta(beta, plan, flown, title)
+    tracks = out / "tracks.png"
+    plots.draw_tracks(tracks, plan, title)
     pictures = [
+        ("Heads, Sun and Moon on the sky", tracks),
         ("Blind time, valid heads and error over the mission", overview),
         ("Availability and error over the beta angle and the orbit", beta),
     ]
@@ -409,7 +412,7 @@ def _values(flight: report.ReportedFlight) -> dict[str, Any]:
             "times": len(none.length),
             "histogram_edges_s": list(mission.EDGES[:-1]),
             "histogram": none.histogram().tolist(),
-            "worst": report.spells_table(none).json(),
+            "worst": report.spells_table(none, time.begin).json(),
         },
         "heads": [_head_values(flight, h) for h in range(len(plan.heads))],
         "requirements": report.verdict_table(flight.verdicts).json(),
@@ -418,7 +421,8 @@ def _values(flight: report.ReportedFlight) -> dict[str, Any]:
         "radiation": _radiation(plan),
         "fused_rms_arcsec": (flown.rms / arcsec).tolist(),
         "worst_moments": [
-            {"second": second, "error_arcsec": error / arcsec} for second, error in flown.worst
+            {"second": second, "utc": utc_text(time.begin, second), "error_arcsec": error / arcsec}
+            for second, error in flown.worst
         ],
     }
 
@@ -626,7 +630,7 @@ def _text(flight: report.ReportedFlight) -> list[str]:
     none = available.none
     lines.append(
         f"without a valid head: {len(none.length)} times, the longest {none.longest:g} s"
-        + (f", {none.worst(1)[0][0] / DAY:.2f} d after the begin" if len(none.length) else "")
+        + (f", from {utc_text(time.begin, none.worst(1)[0][0])} UTC" if len(none.length) else "")
     )
     again = [
         mission.reacquisition_of(design.case, chances)
@@ -647,8 +651,8 @@ def _text(flight: report.ReportedFlight) -> list[str]:
     if flown.worst:
         second, error = flown.worst[0]
         lines.append(
-            f"largest error about an axis {error / arcsec:.1f} arcsec rms, {second / DAY:.2f} d "
-            "after the begin"
+            f"largest error about an axis {error / arcsec:.1f} arcsec rms, at "
+            f"{utc_text(time.begin, second)} UTC"
         )
     lines += [
         f"behind {row['shielding_mm']:g} mm of aluminium: {row['krad_per_year']:.3g} krad a year, "

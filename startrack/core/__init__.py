@@ -147,6 +147,7 @@ from startrack.core.units import (
     parse,
     um,
     utc,
+    utc_text,
     write,
 )
 from startrack.core.values import (

@@ -245,3 +245,11 @@ def utc(text: str) -> Any:
             return Time(text.removesuffix("Z"), scale="utc")
     except ValueError:
         raise Refused(f"epoch must be a time such as 2026-06-21T10:00:00, got {text!r}") from None
+
+
+def utc_text(begin: str, second: float) -> str:
+    """The time of whole seconds, UTC, that is SI seconds after another."""
+    from astropy.time import TimeDelta
+
+    with installed_tables():
+        return str((utc(begin) + TimeDelta(second, format="sec")).isot[:19])

@@ -18,6 +18,7 @@ from .improve import draw_improvement as draw_improvement
 from .mission import draw_beta as draw_beta
 from .mission import draw_mission as draw_mission
 from .mission import draw_placement as draw_placement
+from .mission import draw_tracks as draw_tracks
 from .optimise import draw_convergence as draw_convergence
 from .optimise import draw_corner as draw_corner
 from .optimise import draw_front as draw_front

@@ -7,10 +7,11 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 
-from startrack.core import DAY, Flags, Floats, arcsec, deg
+from startrack.core import DAY, Flags, Floats, arcsec, deg, utc_text
 from startrack.mission import EDGES, Availability, Flown, KeepClear, MissionPlan
 from startrack.plots import style
 
+SKY_INSTANTS = 1000  # of a mission, of the map of its heads
 ERROR = "error, worst axis\n(arcsec rms)"
 
 
@@ -30,7 +31,7 @@ def draw_mission(
     ):
         days = flown.blind.shape[1] * flown.step / DAY
         _image(axes, values.T, (0, days, 0, 360), label, limits)
-        axes.set(xlabel="day of the mission", ylabel="orbit from the node (deg)")
+        axes.set(xlabel=_days(plan), ylabel="orbit from the node (deg)")
         axes.set_yticks(range(0, 361, 90))
     _lengths(lengths, available)
     style.save_picture(path, figure)
@@ -63,6 +64,63 @@ def draw_beta(path: Path, plan: MissionPlan, flown: Flown, title: str) -> None:
     style.save_picture(path, figure)
 
 
+@style.styled
+def draw_tracks(path: Path, plan: MissionPlan, title: str) -> None:
+    """Boresight and field of each head on the sky, and the tracks of Sun and Moon."""
+    time = plan.loaded.mission.time
+    last = utc_text(time.begin, time.duration)
+    figure = style.picture(
+        4.5,
+        f"{title}: where heads look in {time.begin[:16]} to {last[:16]} UTC (ICRS, right "
+        "ascension grows to the left); rings: fields at the begin, through their corners",
+    )
+    axes = figure.add_subplot(projection="mollweide")
+    step = time.duration / SKY_INSTANTS
+    over = plan.motion.at(0.0, step, SKY_INSTANTS)
+    for n, head in enumerate(plan.heads):
+        colour = style.CYCLE[n % len(style.CYCLE)]
+        line = np.einsum("ijn,i->jn", over.body, head.boresight)
+        axes.plot(*_on_map(line), ".", ms=2, color=colour, alpha=0.35)
+        axes.plot(*_on_map(_circle(line[:, 0], head.field)), ".", ms=1.2, color=colour)
+        axes.plot([], [], "o", ms=5, color=colour, label=f"{head.name}, {SKY_INSTANTS} instants")
+    for body, name, colour, marker in (
+        (over.sun, "Sun", style.ORANGE, "o"),
+        (over.moon, "Moon", style.GREY, "D"),
+    ):
+        axes.plot(*_on_map(body), ".", ms=2.5, color=colour)
+        axes.plot(
+            *_on_map(body[:, :1]),
+            marker,
+            ms=8,
+            color=colour,
+            mec="k",
+            label=f"{name}, at the begin",
+        )
+    axes.set_xticks(np.radians([-120, -60, 0, 60, 120]), ["120°", "60°", "0°", "300°", "240°"])
+    axes.set_yticks(np.radians([-60, -30, 0, 30, 60]))
+    style.legend_below(axes, 3, labels=False)
+    style.save_picture(path, figure)
+
+
+def _on_map(line: Floats) -> tuple[Floats, Floats]:
+    """Places (n,) of unit vectors (3, n) on a map whose right ascension grows to the left."""
+    return -np.arctan2(line[1], line[0]), np.arcsin(np.clip(line[2], -1, 1))
+
+
+def _circle(middle: Floats, radius: float) -> Floats:
+    """Unit vectors (3, n) at an angle from one."""
+    turn = np.linspace(0, 2 * np.pi, 180)
+    aside = np.cross(middle, np.eye(3)[np.argmin(np.abs(middle))])
+    aside /= np.linalg.norm(aside)
+    other = np.cross(middle, aside)
+    ring = np.outer(aside, np.cos(turn)) + np.outer(other, np.sin(turn))
+    return np.asarray(np.cos(radius) * middle[:, None] + np.sin(radius) * ring)
+
+
+def _days(plan: MissionPlan) -> str:
+    return f"day after {plan.loaded.mission.time.begin[:16]} UTC"
+
+
 def _blind_over_time(axes: Axes, plan: MissionPlan, flown: Flown) -> None:
     seasons = np.array_split(np.arange(flown.blind.shape[1]), len(flown.count))
     seasons = [season for season in seasons if len(season)]
@@ -75,7 +133,7 @@ def _blind_over_time(axes: Axes, plan: MissionPlan, flown: Flown) -> None:
         colour, line = style.CYCLE[k % len(style.CYCLE)], style.LINES[k % len(style.LINES)]
         look: dict[str, Any] = {"color": "k", "ls": "-"} if last else {"color": colour, "ls": line}
         axes.plot(day, part, lw=2.0 if last else 1.2, label=name, **look)
-    axes.set(xlabel="day of the mission", ylabel="blind (% of the time)", xlim=(0, None))
+    axes.set(xlabel=_days(plan), ylabel="blind (% of the time)", xlim=(0, None))
     axes.set_ylim(0, None)
     style.legend_below(axes, 4)
 

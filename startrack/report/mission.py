@@ -9,7 +9,7 @@ import numpy as np
 import tomli_w
 
 from startrack import mission
-from startrack.core import DAY, arcsec, deg
+from startrack.core import arcsec, deg, utc_text
 from startrack.io import to_table
 from startrack.metrics import ARCSEC, PERCENT, SECOND, Column, DisplayUnit, Table
 from startrack.report.page import Section, code, embedded, page, paragraph, records, table
@@ -128,12 +128,16 @@ def beta_table(flown: mission.Flown) -> Table:
     )
 
 
-def spells_table(none: mission.Spells) -> Table:
-    """The longest times without a valid head."""
+def spells_table(none: mission.Spells, begin: str) -> Table:
+    """The longest times without a valid head.
+
+    begin  of the mission, UTC
+    """
+
     return Table(
         [
             Column("begin_s", "begin", lambda spell: spell[0], SECOND, ".0f"),
-            Column("", "begin (day)", lambda spell: spell[0] / DAY),
+            Column("begin_utc", "begin (UTC)", lambda spell: utc_text(begin, spell[0])),
             Column("length_s", "length", lambda spell: spell[1], SECOND, "g"),
         ],
         none.worst(MOST),
@@ -206,13 +210,15 @@ def _errors(flight: ReportedFlight) -> Section:
     body = table("Rms error of the fused attitude about the axes, arcsec", ["axis", "rms"], fused)
     unchecked = "By the error budget, which no trial checked (check.trials of the mission file)."
     body += records(CHECKED, checks_table(flight)) if flight.checks else paragraph(unchecked)
-    moments = [[f"{s:.0f}", f"{s / DAY:.3f}", f"{e / arcsec:.3g}"] for s, e in flown.worst[:MOST]]
+    begin = flight.plan.loaded.mission.time.begin
+    moments = [[f"{s:.0f}", utc_text(begin, s), f"{e / arcsec:.3g}"] for s, e in flown.worst[:MOST]]
     caption = "Worst moments: error about the worst axis, the largest of each part of the mission"
-    return Section("Errors", body + table(caption, ["second", "day", "arcsec rms"], moments))
+    return Section("Errors", body + table(caption, ["second", "UTC", "arcsec rms"], moments))
 
 
 def _blinded(flight: ReportedFlight) -> Section:
     none, names = flight.available.none, [head.name for head in flight.plan.heads]
+    begin = flight.plan.loaded.mission.time.begin
     every = {"no head valid": none, **dict(zip(names, flight.available.each, strict=True))}
     head = ["", *(f"to {high:g} s" for high in mission.EDGES[1:-1]), "longer", "longest (s)"]
     rows = [
@@ -221,7 +227,7 @@ def _blinded(flight: ReportedFlight) -> Section:
     ]
     longest = paragraph("A head is valid at all times.")
     if len(none.length):
-        longest = records("Longest times without a valid head", spells_table(none))
+        longest = records("Longest times without a valid head", spells_table(none, begin))
     shown = table("How often a head is blind for so long", head, rows)
     return Section("Blindings", shown + longest)
 

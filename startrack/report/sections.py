@@ -163,10 +163,13 @@ def lost(store: Store, outcomes: Rows) -> page.Section:
 TITLE = "Error budget"
 
 
-def budget(case: Case, seed: int, members: int, summary: Summary, advance: Advance) -> page.Section:
+def budget(
+    case: Case, seed: int, members: int, summary: Summary | None, advance: Advance
+) -> page.Section:
     """Each cause in the terms of ECSS-E-ST-60-20C, analytic and measured; or why there is none.
 
-    summary  of the campaign's trials, with which the formulas are compared
+    summary  of the campaign's trials, with which the formulas are compared; None: they are not, as
+             for trials of units that differ
 
     A detector that scans has no budget, nor has a design that finds no attitude.
     """
@@ -185,7 +188,8 @@ def budget(case: Case, seed: int, members: int, summary: Summary, advance: Advan
     rows.append(["root sum square", "", *_sum(expected), *_sum(by_trials)])
     rows.append(["end to end", "", *_cells(expected.whole), *_intervals(by_trials.whole)])
     head = ["cause", "term", "across", "about", "across, measured", "about, measured"]
-    differ = (f"formula and trials differ: {text}" for text in differences(expected, summary))
+    apart = differences(expected, summary) if summary else ()
+    differ = (f"formula and trials differ: {text}" for text in apart)
     return page.Section(
         TITLE,
         "".join(map(_sentence, refusal(case, expected.refused)))  # why errors are large comes first

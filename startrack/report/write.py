@@ -69,13 +69,15 @@ def write_report(
         raise ValueError(f"{store.path} must hold trials, but holds none")
     advance = progress or (lambda _: None)
     case, seed = store.case, store.seed
+    # Trials of units that differ are not those of the design as designed, which the formula is of.
+    alike = None if store.sampling.units else metrics.summarise(outcomes)
     shown = [
         sections.design(case),
         sections.verdict(store, outcomes, depth.conditions, advance),
         _summary(store, outcomes),
         *sections.units(store, outcomes),
         sections.lost(store, outcomes),
-        sections.budget(case, seed, depth.budget, metrics.summarise(outcomes), advance),
+        sections.budget(case, seed, depth.budget, alike, advance),
         _distributions(outcomes),
         _sky(outcomes, store.sampling, seed),
         *_closer(store, outcomes, depth, advance),

@@ -110,7 +110,8 @@ def test_a_mission_is_flown(flown):
     assert result["left_out"] == []
     assert sum(result["availability"]["exactly"]) == pytest.approx(1)
     assert not all(one["met"] for one in result["requirements"])
-    assert cv2.imread(str(out / "mission.png")) is not None
+    for name in ("mission", "beta", "tracks"):
+        assert cv2.imread(str(out / f"{name}.png")) is not None
     assert json.loads((out / "summary.json").read_text())["heads"] == result["heads"]
     with open(out / "timeline.csv") as file:
         rows = list(csv.DictReader(file))
@@ -118,7 +119,7 @@ def test_a_mission_is_flown(flown):
     both = result["availability"]["at_least"][3]
     page = (out / "report.html").read_text()
     assert "NOT MET" in page
-    assert page.count("data:image/png;base64") == 2
+    assert page.count("data:image/png;base64") == 3
     beta = result["by_beta"]
     assert sum(one["time"] for one in beta) == pytest.approx(1)
     one = sum(each["time"] * each["one"] for each in beta)

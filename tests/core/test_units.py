@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from startrack.core import Refused
-from startrack.core.units import fraction, parse, write
+from startrack.core.units import fraction, parse, utc_text, write
 
 
 @pytest.mark.parametrize(
@@ -127,3 +127,9 @@ def test_what_is_written_reads_back_to_the_last_bit(value, units):
 )
 def test_what_is_written_is_short(value, text):
     assert write(value, "m", "um") == text
+
+
+def test_a_moment_of_a_mission_is_a_time_of_utc_with_its_leap_seconds():
+    """That at the end of 2016 was one: a day of 86,400 SI seconds ends a second earlier."""
+    assert utc_text("2026-03-20T12:00:00", 86400 + 61.4) == "2026-03-21T12:01:01"
+    assert utc_text("2016-12-31T12:00:00", 86400) == "2017-01-01T11:59:59"
