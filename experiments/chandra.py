@@ -384,25 +384,45 @@ def acquisition(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
 
 
 def bench(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
-    """Probability of acquisition on a bench with the camera's electronics, year by the file."""
+    """Probability of acquisition on a bench with the camera's electronics, year by the file.
+
+    Predicted as in flight, nothing changed, and with limits that were chosen on these cells.
+    """
     rows, stars, columns = [], 9 if quick else 100, 256 if quick else None
     for path in data.get("bench", ()):
         year = float(re.findall(r"\d{4}", path.name)[0]) + 0.5
         cells = json.loads(path.read_text(encoding="utf-8"))["rows"]
         for magnitude, celsius, half, good, tried in cells[:: 100 if quick else 1]:
-            found, _, total = acquired(
-                year, celsius, magnitude, half, stars, columns, 0.0, BENCH_WITHIN, fainter=1.5
+            of_cell = year, celsius, magnitude, half, stars, columns
+            chosen, _, total = acquired(*of_cell, 0.0, BENCH_WITHIN, fainter=1.5)
+            flight, _, total_flight = acquired(*of_cell)
+            seen = good / tried
+            rows.append(
+                [magnitude, celsius, half, seen, chosen / total, flight / total_flight, tried]
             )
-            rows.append([magnitude, celsius, half, good / tried, found / total])
     if not rows:
         return None
-    off = np.array([row[4] - row[3] for row in rows])
-    return {
-        "bench_within_0_1": float(np.mean(np.abs(off) <= 0.1)),
-        "bench_mean": float(off.mean()),
-        "bench_rms": float(np.sqrt(np.mean(off**2))),
-        "bench_rows": rows,
+    seen, chosen, as_flown, tries = np.array(rows).T[3:]
+    figures = {"bench_rows": rows}
+    for name, predicted in (("bench", chosen), ("bench_as_flown", as_flown)):
+        off = predicted - seen
+        figures |= {
+            f"{name}_within_0_1": float(np.mean(np.abs(off) <= 0.1)),
+            f"{name}_within_0_05": float(np.mean(np.abs(off) <= 0.05)),
+            f"{name}_mean": float(off.mean()),
+            f"{name}_rms": float(np.sqrt(np.mean(off**2))),
+        }
+    return figures | {
+        "bench_counting_0_1": by_counting(chosen, tries, 0.1),
+        "bench_counting_0_05": by_counting(chosen, tries, 0.05),
     }
+
+
+def by_counting(probability: Floats, tries: Floats, within: float) -> float:
+    """Share of cells within a distance of their own probability, by chance of the tries alone."""
+    low = stats.binom.cdf(np.ceil(tries * (probability - within)) - 1, tries, probability)
+    high = stats.binom.cdf(np.floor(tries * (probability + within)), tries, probability)
+    return float(np.mean(high - low))
 
 
 def raw(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
