@@ -88,7 +88,7 @@ WAVES: dict[str, dict[str, float]] = {
     "waves towards the Sun": {SEA + "direction": -1.12},
     "waves across": {SEA + "direction": 0.45},
     "calm": {SEA + "wind": 4.0, SEA + "significant_height": 0.4},
-    "high Sun": {SEA + "sun_zenith": 0.2},
+    "high Sun": {SEA + "sun_zenith": 0.27},
     "low Sun": {SEA + "sun_zenith": 0.8},
     "small images": {SEA + "size": 64},
     "short waves": {SEA + "peak_wavelength": 30.0, SEA + "significant_height": 0.6},

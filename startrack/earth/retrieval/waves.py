@@ -50,6 +50,7 @@ ROUNDS = 5  # of a fit, each with the statistics of the last
 SCORINGS = 30  # of a round, at most
 CLOSE = 1e-4  # of its steps
 COARSE = 0.6  # steps of the converter, of waves and noise together, from which on steps are noise
+FOLLOWS = 0.75  # of the variance of brightness by waves, that must follow their slopes
 WORST = 0.1  # of the height, and radian: larger errors are not those of a linear theory
 
 
@@ -349,7 +350,7 @@ def _transfer(own: Waves, side: Side, mirror: Mirror, modes: _Modes, sea: Sea) -
     around = folded.mean(1, keepdims=True) if detector.scan else folded.mean(keepdims=True)
     uneven = detector.prnu**2 * np.broadcast_to(around, folded.shape)[modes.places]
     camera = 2 * (noise / mean**2 / own.size**2 + uneven)
-    scatter = float(folded.sum())
+    scatter = max(float(folded.sum()), 0.0)
     return _Transfer(wave**2, rest + camera, math.sqrt(scatter) * mean, mean, noise)
 
 
@@ -593,8 +594,8 @@ def forecast_waves(survey: Survey, own: Waves) -> WaveForecast:
     independent, as the first is the error of a mean that is given the image.
 
     Source    Kay (1993), Fundamentals of Statistical Signal Processing, 3.9 and 11.
-    Raises    ValueError as `channel_of`, `mirror_of` and `side_of`; where waves are hardly seen, or
-              steps of the converter are too coarse for them.
+    Raises    ValueError as `channel_of`, `mirror_of` and `side_of`; where waves are hardly seen,
+              brightness follows more than their slopes, or steps of the converter are too coarse.
     Accuracy  model: waves linear, slopes normal, the wind and the light of air and water known.
     """
     mirror, side, modes = _plan(survey, own)
@@ -608,6 +609,12 @@ def forecast_waves(survey: Survey, own: Waves) -> WaveForecast:
             f"W / (m2 sr m) or finer for a forecast of waves, got {step:.3g}"
         )
     fit = _fit(modes, transfer, sea)
+    follows = float((transfer.gain * fit.wave).sum()) * (transfer.mean / transfer.rms) ** 2
+    if follows < FOLLOWS:
+        raise Refused(
+            f"brightness must follow the slopes of waves for a forecast, {FOLLOWS:.0%} of its "
+            f"variance, got {follows:.0%}: a lower Sun, or fewer waves across its direction"
+        )
     kept = transfer.gain * fit.wave / fit.image
     left = (1 - kept) * fit.wave
     each = left**2 + 2 * left * kept * fit.wave

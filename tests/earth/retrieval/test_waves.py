@@ -132,6 +132,8 @@ def test_what_is_no_sea_is_refused():
         start.replaced({"channels.*.detector.bits": 7, "channels.*.detector.offset": 4}).expect()
     with pytest.raises(Refused, match="seen well enough"):
         start.replaced({"channels.*.detector.read_noise": 5000.0}).expect()
+    with pytest.raises(Refused, match="follow the slopes"):
+        forecast_waves(DESIGN, replace(OWN, sun_zenith=0.1))
     with pytest.raises(Refused, match="rays"):
         forecast_waves(replace(DESIGN, rays=2), OWN)
     with pytest.raises(Refused, match="channel"):
