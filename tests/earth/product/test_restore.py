@@ -65,6 +65,7 @@ def test_a_wave_has_the_modulation_of_the_filter_and_noise_that_of_its_formula(s
     assert restored(noise, channel, _boxed(setting), snr).std() == pytest.approx(gain, rel=0.03)
 
 
+@pytest.mark.slow
 def test_a_product_that_is_restored_is_nearer_to_its_scene(scene):
     survey, channel, setting = scene
     soft = replace(survey, camera=replace(survey.camera, channels=(_blurred(channel),)))
