@@ -261,13 +261,14 @@ def write_what_matters(
     }
     result["changes"] = steps.values
     texts, pictures = [answer, meaning, steps.text], {"Variables": picture}
+    together = ""
     if region is not None:
         result["region"] = optimise.tolerance_values(region)
-        texts.append(optimise.tolerance_table(region))
+        together = optimise.tolerance_table(region)
         if region.chains.converged:
             pictures["Variables that vary together"] = options.out / "corner.png"
             plots.draw_tolerance(options.out / "corner.png", region)
-    return _write(options, texts, shown, result, more, pictures)
+    return _write(options, texts, shown, result, more, pictures, together)
 
 
 def _answer(
@@ -404,19 +405,27 @@ def _write(
     result: dict[str, Any],
     more: list[Table],
     pictures: Mapping[str, Any] = {},
+    together: str = "",
 ) -> int:
-    """Write Markdown, page and JSON; print the answer, the table and what it means."""
+    """Write Markdown, page and JSON; print the answer, the table and what it means.
+
+    together  the region in which all variables may vary together, as Markdown
+    """
     answer, *meanings = [text for text in texts if text]
     tables = [shown, *more]
     parts = [answer, *("\n".join(table.markdown()) for table in tables), *meanings]
+    parts += [together] if together else []
     save_text(options.out / "what-matters.md", "\n\n".join(parts) + "\n")
     title = f"What matters in {(options.campaign or terminal.example()).stem}"
-    html = write_study_page(title, answer, tables, meanings, pictures)
+    named = {"The region in which all variables vary together": together} if together else {}
+    html = write_study_page(title, answer, tables, meanings, pictures, named)
     save_text(options.out / "what-matters.html", html)
     save_json(options.out / "result.json", finite(result))
     lines = [line for table in tables for line in ("", *table.text((0, 1, 2)))]
     where = f"results are in {options.out}, what-matters.html has all"
-    terminal.print_result(options, result, answer, *lines, "", *meanings, where)
+    terminal.print_result(
+        options, result, answer, *lines, "", *meanings, *filter(None, [together]), where
+    )
     return Exit.DONE
 
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from startrack.metrics import Table
-from startrack.report.page import Section, embedded, page, paragraph, records
+from startrack.report.page import Section, code, embedded, page, paragraph, records
 
 
 def write_study_page(
@@ -13,17 +13,20 @@ def write_study_page(
     tables: Sequence[Table],
     meanings: Sequence[str],
     pictures: Mapping[str, Path],
+    more: Mapping[str, str],
 ) -> str:
     """The page as HTML.
 
     answer    a sentence, which stands first
     meanings  paragraphs on what the tables say, and how it was computed
     pictures  files, by their captions
+    more      preformatted texts, by their titles
     """
-    shown = "".join(records("", table) for table in tables)
+    shown = "".join(records("By forecast", table) for table in tables)
     sections = [Section("Table", shown)]
     if pictures:
         drawn = "".join(embedded(caption, file) for caption, file in pictures.items())
         sections.append(Section("Pictures", drawn))
-    sections.append(Section("How it was computed", "".join(map(paragraph, meanings))))
+    texts = [*map(paragraph, meanings), *(code(name, text) for name, text in more.items())]
+    sections.append(Section("How it was computed", "".join(texts)))
     return page(title, answer, sections)
