@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from startrack.core import FINITE, Floats, Parameters, Range, Refused, parameter, printed
+from startrack.core import FINITE, Flags, Floats, Parameters, Range, Refused, parameter, printed
 from startrack.design.case import Case
 from startrack.design.parameter import (
     find,
@@ -84,7 +84,8 @@ def bounds_of(case: Any, variables: Sequence[Variable]) -> list[Bounds]:
         low, high = (quantity(case, name, end) for end in (variable.low, variable.high))
         unit = unit_at(case, name)
         shown, size = (unit.shown, 1 / unit.of(1.0)) if unit else ("", 1.0)
-        found.append(Bounds(name, low, high, start, variable.scale == "log", shown, size))
+        whole = type(find(case, name)) is int
+        found.append(Bounds(name, low, high, start, variable.scale == "log", shown, size, whole))
     return found
 
 
@@ -163,13 +164,29 @@ class DesignSpace:
 
     def coordinates(self, case: Case) -> Floats:
         """Unit-cube coordinates (n,) of a design."""
+        return self._coordinates([number(case, variable.name) for variable in self.variables])
+
+    def _coordinates(self, values: Sequence[float]) -> Floats:
+        """Unit-cube coordinates (n,) of values (SI) of the variables."""
         result = np.empty(len(self))
         for i, (variable, (low, high)) in enumerate(zip(self.variables, self._bounds, strict=True)):
-            value = number(case, variable.name)
+            value = values[i]
             if variable.scale == "log":
                 low, high, value = math.log(low), math.log(high), math.log(value)
             result[i] = (value - low) / (high - low)
         return result
+
+    @property
+    def whole(self) -> Flags:
+        """Variables (n,) that are whole numbers."""
+        return np.array([variable.name in self._whole for variable in self.variables])
+
+    def snapped(self, coordinates: Floats) -> Floats:
+        """Coordinates (n,) of the design at some, where whole numbers are as they are rounded."""
+        if not self._whole:
+            return coordinates
+        own = self._coordinates(list(self.values(coordinates).values()))
+        return np.where(self.whole, own, coordinates)
 
     def values(self, coordinates: Floats) -> dict[str, float]:
         """The values (SI) of the variables at unit-cube coordinates (n,), as a design has them."""

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from startrack.core import Floats, Refused
+from startrack.core import Flags, Floats, Refused
 from startrack.optimise.correction import Correction
 from startrack.optimise.evaluate import PENALTY, Foresight
 from startrack.optimise.explorer_settings import DEFAULTS, ExplorerSettings
@@ -50,6 +50,17 @@ class Scale(NamedTuple):
         return self.settings.margin_width * ratio
 
 
+class WholeNumbers(Protocol):
+    """Designs some of whose coordinates are those of whole numbers."""
+
+    @property
+    def whole(self) -> Flags:
+        """Coordinates (d,) that are those of whole numbers."""
+
+    def snapped(self, point: Floats) -> Floats:
+        """The point (d,) of the same design whose whole numbers are as they are rounded."""
+
+
 @dataclass(frozen=True, eq=False)
 class Emulators:
     """Expected values of any design, from all forecasts together.
@@ -84,14 +95,15 @@ class Emulators:
         sigmas: float = 0.0,
         correction: Correction | None = None,
         box: tuple[Floats, Floats] | None = None,
-        allowed: Callable[[Floats], bool] | None = None,
+        steps: WholeNumbers | None = None,
     ) -> tuple[Floats, float]:
         """The design of the least score, by nlopt's SLSQP (Kraft 1994) from some starts (m, d).
 
         correction  is added to the objective
         box         (d,) least and largest coordinates; None: the whole cube
-        allowed     whether a design may be the answer; None: each may
-        Returns     the design (d,) and its score, infinite where none is allowed
+        steps       whole numbers among the coordinates, which the starts respect; the others are
+                    searched again where these are rounded. None: there are none
+        Returns     the design (d,) and its score
         """
         low, high = box or (np.zeros(starts.shape[1]), np.ones(starts.shape[1]))
         starts = np.clip(starts, low, high)
@@ -113,9 +125,12 @@ class Emulators:
 
         limits = [partial(missing, margin=margin) for margin in self.margins.values()]
         for start in starts:
-            for end in (start, least_smooth(value, limits, start, (low, high))):
-                if allowed and not allowed(end):
-                    continue
+            found = least_smooth(value, limits, start, (low, high))
+            if steps and steps.whole.any():
+                found = steps.snapped(found)
+                held = (np.where(steps.whole, found, end) for end in (low, high))
+                found = least_smooth(value, limits, found, (next(held), next(held)))
+            for end in (start, found):
                 score = float(self.score(end[None], sigmas)[0])
                 score += correction(end) if correction else 0.0
                 if score < least:
@@ -134,17 +149,14 @@ def emulators(
     scales: Mapping[str, Scale],
     like: Emulators | None = None,
     settings: ExplorerSettings = DEFAULTS,
-    beyond: float | None = None,
 ) -> Emulators:
     """The emulators of some forecasts.
 
     scales   of the margins that are chances, by name
     like     of fewer forecasts of the same space
-    beyond   ln(error) above the least, from which on the objective need not go through a design;
-             None: that of the settings
     Raises   Refused where no design has a forecast.
     """
-    beyond = settings.inexact_objective if beyond is None else beyond
+    beyond = settings.inexact_objective
     expected = np.array([value.expected for value in values])
     finite = np.isfinite(expected)
     if not finite.any():

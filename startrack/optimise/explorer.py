@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import islice
 
 import numpy as np
@@ -17,6 +17,7 @@ from startrack.optimise.evaluate import Foresight, missed
 from startrack.optimise.explorer_settings import DEFAULTS, ExplorerSettings
 from startrack.optimise.forecast import name_by_condition
 from startrack.optimise.landscape import Landscape, Span, prices_of, spans_of
+from startrack.optimise.search import Search, search_within
 from startrack.optimise.source import DesignSource, affordable
 
 
@@ -49,7 +50,8 @@ class Explorer:
     settings: ExplorerSettings = DEFAULTS
     _emulators: tuple[int, Emulators] | None = None
     _spanned: float = np.inf  # a score below it is so much lower that its spans are others
-    _in_vain: int = 0  # batches of bold designs since the last gain
+    _polished: float = np.inf  # the same of the designs next to it
+    _in_vain: int = 0  # batches since the last gain
 
     @cached_property
     def scales(self) -> dict[str, Scale]:
@@ -62,7 +64,7 @@ class Explorer:
         self.complete()
 
     def _add(self, points: Sequence[Floats]) -> None:
-        new = [np.clip(point, 0, 1) for point in points]
+        new = [self.source.snapped(np.clip(point, 0, 1)) for point in points]
         enough = self.score + self.settings.bad_score if self._all_matter else -math.inf
         raw = self.source.foresee(new, enough)
         self.values += map(self._limited, new, raw)
@@ -163,17 +165,25 @@ class Explorer:
     def unlimited(self, point: Floats) -> Foresight:
         """The forecast of a design in all conditions, as no trial has corrected it."""
         self.forecast_of(point)
+        point = self.source.snapped(point)
         number = next(i for i, other in enumerate(self.points) if (other == point).all())
         self._complete(number)
         return self.raw[number]
 
     def forecast_of(self, point: Floats) -> Foresight:
         """The forecast of a design, which is added where it is not known."""
+        point = self.source.snapped(point)
+        value = self._known(point)
+        if value is None:
+            self.forecast([point])
+            return self.values[-1]
+        return value
+
+    def _known(self, point: Floats) -> Foresight | None:
         for other, value in zip(self.points, self.values, strict=True):
             if (other == point).all():
                 return value
-        self.forecast([point])
-        return self.values[-1]
+        return None
 
     @property
     def emulators(self) -> Emulators:
@@ -215,59 +225,81 @@ class Explorer:
 
         Where none is proposed, the ends of the spans are forecast, which the emulators expect to be
         as good: they show whether the emulators are right, and how far a variable may go. At last,
-        those that would be better if the emulators were wrong by far more than they say.
+        those next to the best: emulators do not know what is less than the roughness of forecasts.
+        Where proposals gain nothing for some batches, that roughness alone makes them.
         """
-        points = self._proposals()
+        worth = self.settings.worthwhile_gain * self.source.precision
+        stalled = self._in_vain >= self.settings.patience
+        points = [] if stalled else self._proposals()
         if not points and self.complete():
             return
         if not points and self.score < self._spanned and np.isfinite(self.score):
             self._spanned = self.score - self.source.precision
             ends = [end for span in self.spans(self.best) for end in (span.at_low, span.at_high)]
-            for end in ends:
+            for end in map(self.source.snapped, ends):
                 if self.is_new(end, points):
                     points.append(end)
-        if not points and self._in_vain < self.settings.bold_batches:
-            points, self._in_vain = self._proposals(bold=True), self._in_vain + 1
+        before = self.score
         if points:
-            before = self.score
             self._add(points[:most])
-            if self.score < before - self.settings.worthwhile_gain * self.source.precision:
-                self._in_vain = 0
+            gained = self.score < before - worth or not np.isfinite(before)
+            self._in_vain = 0 if gained else self._in_vain + 1
+        elif before < self._polished:
+            self._polish(most)
+            if not self.score < before - worth:
+                self._polished = self.score - worth
+        elif stalled:
+            self.ending = f"designs next to the best gain less than {100 * worth:g} %"
         else:
             gain = 100 * self.source.precision
             self.ending = f"a further gain is expected to be below {gain:g} %"
 
-    def _proposals(self, bold: bool = False) -> list[Floats]:
+    def _polish(self, most: int) -> None:
+        """Forecast designs next to the best where COBYLA asks for them, its margins as limits."""
+        free, best = ~self.source.whole, self.best
+        names = list(self.values[self._leader].margins)
+        evaluations = min(self.settings.polish_per_variable * int(free.sum()), most)
+        if not evaluations:
+            return
+
+        def at(place: Floats) -> Foresight:
+            point = best.copy()
+            point[free] = place
+            known = self._known(point)
+            if known is None:
+                self._add([point])
+                known = self.values[-1]
+            return known
+
+        def value(place: Floats) -> float:
+            expected, worst = at(place).expected, self.score + self.settings.clipped_objective
+            return min(expected, worst) if math.isfinite(expected) else worst
+
+        def missing(place: Floats, name: str) -> float:
+            margins = at(place).margins
+            if name not in margins:  # of a condition that does not matter there
+                return 0.0
+            scale = self.scales.get(name, Scale(settings=self.settings))
+            least = self.settings.safe_margin / self.settings.margin_width
+            return least - float(scale.of(np.array(margins[name])))
+
+        limits = [partial(missing, name=name) for name in names]
+        steps = self.settings.polish_step, self.settings.same_design
+        search = Search(evaluations=evaluations, first_step=steps[0], last_step=steps[1])
+        search_within(value, limits, best[free], search)
+        self.complete()
+
+    def _proposals(self) -> list[Floats]:
         """The next designs; none where no design can be expected to gain what is asked.
 
         First the one that the emulators expect to be the best, then those that may be the best, as
         if the emulators were right about those before.
-
-        bold  only near the best, where a design may be far better than expected
         """
         model, starts = self.emulators, self.starts()
         least, worth = self.score, self.settings.worthwhile_gain * self.source.precision
-        proposed = list[Floats]()
-        bound, box, bold_loss = self.settings.sigmas, None, self.settings.bold_loss
-        if bold:
-            model = emulators(
-                np.array(self.points),
-                self.values,
-                self.scales,
-                model,
-                self.settings,
-                self.settings.inexact_near_best,
-            )
-            reach = self.settings.bold_distance
-            box = np.maximum(self.best - reach, 0), np.minimum(self.best + reach, 1)
-            bound = self.settings.bold_sigmas
+        proposed, bound = list[Floats](), self.settings.sigmas
         for sigmas, gain in ((0.0, worth), *[(bound, 2.5 * worth)] * (self.settings.batch - 1)):
-
-            def may_be(point: Floats) -> bool:
-                expected, most = self.emulators.score(point[None])[0], self.score + bold_loss
-                return bool(expected < most) and self.is_new(point, proposed)
-
-            point, score = model.least(starts, sigmas, box=box, allowed=may_be if bold else None)
+            point, score = model.least(starts, sigmas, steps=self.source)
             if least - score > gain and self.is_new(point, proposed):
                 proposed.append(point)
                 model = model.with_point(point)
@@ -289,6 +321,8 @@ class Explorer:
         shift = settings.leader_spread * random.standard_normal((len(leaders), *pool.shape))
         near = leaders[:, None] + shift
         pool = np.vstack([pool, np.clip(near.reshape(-1, len(self.source.names)), 0, 1)])
+        if self.source.whole.any():
+            pool = np.array(list(map(self.source.snapped, pool)))
         good = np.argsort(self.emulators.score(pool, settings.sigmas), kind="stable")
         return np.vstack([leaders[:2], pool[good[: settings.leaders]]])
 
@@ -297,7 +331,10 @@ class Explorer:
 
     def lowest(self) -> float:
         """The score below which no design is with 98 % confidence, as the emulators see it."""
-        return min(self.score, self.emulators.least(self.starts(), self.settings.sigmas)[1])
+        return min(
+            self.score,
+            self.emulators.least(self.starts(), self.settings.sigmas, steps=self.source)[1],
+        )
 
     def spans(self, best: Floats) -> list[Span]:
         """The spans of all variables around a design, as `spans_of`."""

@@ -34,26 +34,20 @@ class ExplorerSettings(Parameters):
         limit=POSITIVE,
         default=2.0,
     )
-    bold_sigmas: float = parameter(
-        "the same of bold designs, which are tried where no other is left: near a cliff, emulators "
-        "are wrong by as much",
-        limit=POSITIVE,
-        default=6.0,
-    )
-    bold_distance: float = parameter(
-        "largest distance of bold designs from the best, in each coordinate",
-        limit=FRACTION,
-        default=0.1,
-    )
-    bold_loss: float = parameter(
-        "largest amount by which a bold design may be expected to be worse than the best",
-        limit=POSITIVE,
-        default=0.15,
-    )
-    bold_batches: int = parameter(
-        "batches of bold designs without a gain, after which the search ends",
+    patience: int = parameter(
+        "batches without a worthwhile gain, after which the emulators' proposals are not taken",
         limit=COUNT,
-        default=2,
+        default=4,
+    )
+    polish_per_variable: int = parameter(
+        "largest number of forecasts per variable next to the best, where no other design is left",
+        limit=Range(0, 10**6),
+        default=6,
+    )
+    polish_step: float = parameter(
+        "distance of the first of these from the best, in each coordinate",
+        limit=Range(1e-6, 0.5),
+        default=0.02,
     )
     bad_score: float = parameter(
         "above the least score, beyond which no condition without a weight is forecast",
@@ -106,11 +100,6 @@ class ExplorerSettings(Parameters):
         "less the worse it is: else the worst would decide its lengths",
         limit=POSITIVE,
         default=0.7,
-    )
-    inexact_near_best: float = parameter(
-        "the same where only the neighbourhood of the best is looked at",
-        limit=POSITIVE,
-        default=0.25,
     )
     inexact_margin: float = parameter(
         "the same of a margin that is missed, on its scale", limit=POSITIVE, default=0.4

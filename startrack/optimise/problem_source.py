@@ -11,7 +11,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from startrack.core import Advance, Floats, Refused, Rows, software
+from startrack.core import Advance, Flags, Floats, Refused, Rows, software
 from startrack.metrics import DisplayUnit
 from startrack.optimise.evaluate import (
     LOST,
@@ -132,6 +132,19 @@ class ProblemSource:
     def design(self, point: Floats) -> Problem:
         """The problem at a point. Raises Refused where there is none."""
         return self.problem.replaced(self.values(point))
+
+    @cached_property
+    def whole(self) -> Flags:
+        """Flags by the bounds of the variables."""
+        return np.array([variable.whole for variable in self.variables])
+
+    def snapped(self, point: Floats) -> Floats:
+        """The point of the values as the design there has them."""
+        if not self.whole.any():
+            return point
+        values = self.values(point)
+        places = [variable.place(values[variable.name]) for variable in self.variables]
+        return np.where(self.whole, places, point)
 
     def foresee(self, points: Sequence[Floats], enough: float) -> list[Foresight]:
         """Forecasts of designs that cost not far too much."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
@@ -225,6 +226,32 @@ def least_smooth(
         return np.clip(engine.optimize(start), *bounds)
     except (nlopt.RoundoffLimited, nlopt.runtime_error):
         return start
+
+
+def search_within(
+    value: Callable[[Floats], float],
+    limits: Sequence[Callable[[Floats], float]],
+    start: Floats,
+    search: Search,
+) -> None:
+    """Search the least of a function of the unit cube that is costly and no more than nearly
+    smooth, within limits, by nlopt's COBYLA (Powell 1994). The caller keeps the best point.
+
+    value   of a point (d,), finite
+    limits  of the same kind; met where they are not positive
+    search  its evaluations and steps
+    """
+    engine = nlopt.opt(nlopt.LN_COBYLA, len(start))
+    engine.set_lower_bounds(0.0)
+    engine.set_upper_bounds(1.0)
+    engine.set_min_objective(lambda point, _: value(point))
+    for limit in limits:
+        engine.add_inequality_constraint(lambda point, _, limit=limit: limit(point), SMOOTH_SHORT)
+    engine.set_initial_step(search.first_step)
+    engine.set_xtol_abs(np.full(len(start), search.last_step))
+    engine.set_maxeval(search.evaluations)
+    with suppress(nlopt.RoundoffLimited, nlopt.runtime_error):
+        engine.optimize(start)
 
 
 class _Enough(BaseException):

@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 import scipy
 
-from startrack.core import Advance, Floats, Refused
+from startrack.core import Advance, Flags, Floats, Refused
 from startrack.design import Campaign, Case, DesignSpace, Requirements, found_at
 from startrack.metrics import ARCSEC, DisplayUnit
 from startrack.optimise.evaluate import Evaluation, Foresight, evaluate, foresee_all, missed
@@ -47,6 +47,13 @@ class DesignSource(Protocol):
     @property
     def rooms(self) -> Mapping[str, float]:
         """Largest allowed probability of failure, of margins that are probabilities."""
+
+    @property
+    def whole(self) -> Flags:
+        """Coordinates (d,) that are those of whole numbers."""
+
+    def snapped(self, point: Floats) -> Floats:
+        """The point (d,) of the same design whose whole numbers are as they are rounded."""
 
     def foresee(self, points: Sequence[Floats], enough: float) -> list[Foresight]:
         """Forecasts of designs; those of a score above `enough` in conditions of weight alone."""
@@ -191,6 +198,15 @@ class TrackerSource:
             for name in name_by_condition(condition.name, {"availability": 0.0})
             if condition.needs.min_availability < 1
         }
+
+    @property
+    def whole(self) -> Flags:
+        """Flags by the design space."""
+        return self.space.whole
+
+    def snapped(self, point: Floats) -> Floats:
+        """Point by the design space."""
+        return self.space.snapped(point)
 
     def foresee(self, points: Sequence[Floats], enough: float) -> list[Foresight]:
         """Forecasts by `foresee_all`."""

@@ -347,7 +347,7 @@ def _next(
 
     for _ in range(POLISH):
         model = explorer.emulators
-        here, score = model.least(explorer.starts(), correction=correction)
+        here, score = model.least(explorer.starts(), correction=correction, steps=explorer.source)
         if not _is_new(here, tried):
             break
         explorer.forecast([here])

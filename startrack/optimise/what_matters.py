@@ -21,8 +21,8 @@ DESIGNS = 64  # over the space; chosen by hand: twice as many narrow the indices
 REFINING = 64
 HALVINGS = 4  # of a step of 1/24 of a range, where the range within the precision ends
 PER_CENT = 0.01
-# Those that search on where emulators may be wrong find little more, at half the time.
-SETTINGS = replace(DEFAULTS, bold_batches=1)
+# Ranges need no best design to less than the roughness of forecasts.
+SETTINGS = replace(DEFAULTS, polish_per_variable=0)
 
 
 @dataclass(frozen=True)

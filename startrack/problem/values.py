@@ -90,6 +90,7 @@ class Bounds(NamedTuple):
     log        whether the range is searched by its logarithm
     unit       in which it is written, as a text
     size       of this unit, SI
+    whole      whether the value is rounded to a whole number
     """
 
     name: str
@@ -99,6 +100,7 @@ class Bounds(NamedTuple):
     log: bool = False
     unit: str = ""
     size: float = 1.0
+    whole: bool = False
 
     def shown(self, value: float) -> str:
         """A value (SI) as a person reads it."""
@@ -107,8 +109,10 @@ class Bounds(NamedTuple):
     def value(self, place: float) -> float:
         """The value at a place of the unit interval."""
         if self.log:
-            return self.low * (self.high / self.low) ** place
-        return self.low + place * (self.high - self.low)
+            value = self.low * (self.high / self.low) ** place
+        else:
+            value = self.low + place * (self.high - self.low)
+        return round(value) if self.whole else value
 
     def place(self, value: float) -> float:
         """Inverse of `value`, within the unit interval."""

@@ -45,9 +45,10 @@ class Space:
 
     case = None
 
-    def __init__(self, count):
+    def __init__(self, count, levels=0):
         self.variables = [Variable(f"x{k}") for k in range(count)]
         self.start = np.full(count, 0.5)
+        self.whole, self.levels = np.arange(count) < bool(levels), levels
 
     def __len__(self):
         return len(self.variables)
@@ -55,8 +56,11 @@ class Space:
     def design(self, point):
         return point
 
+    def snapped(self, point):
+        return np.where(self.whole, np.round(point * self.levels) / (self.levels or 1), point)
 
-def explored(monkeypatch, function, count, most, seed=1):
+
+def explored(monkeypatch, function, count, most, seed=1, levels=0):
     """An explorer that has looked for the least of a function of points, a Foresight each."""
     monkeypatch.setattr(
         source,
@@ -64,7 +68,7 @@ def explored(monkeypatch, function, count, most, seed=1):
         lambda space, campaign, points, *_, **__: [function(one) for one in points],
     )
     monkeypatch.setattr(source, "cost_margins", lambda *_: {})
-    explorer = Explorer(TrackerSource(Space(count), Campaign(), own_seed=seed))
+    explorer = Explorer(TrackerSource(Space(count, levels), Campaign(), own_seed=seed))
     explorer.begin(explorer.source.space.start, most)
     while not explorer.ending and len(explorer.points) < most:
         explorer.step(most - len(explorer.points))
@@ -81,6 +85,24 @@ def leaping(point):
     """Four times as much below x = 0.5 than above, where it grows: least just above, 0."""
     x, y = point
     return Foresight(2 * (x - 0.5) + (y - 0.3) ** 2 + (1.4 if x < 0.5 else 0.0), {"mass": 1.0})
+
+
+def even_are_better(point):
+    """Least, 0, at level 6 of 9 with x = 0.7, y = 0.3 there; odd levels cost 8 %."""
+    level, (x, y) = round(9 * point[0]), point[1:]
+    assert point[0] * 9 == pytest.approx(level, abs=1e-12)
+    valley = (x - 0.7 + 0.6 * (y - 0.3)) ** 2 + 0.2 * (y - 0.3) ** 2
+    return Foresight(0.08 * (level % 2) + 0.01 * (level - 6) ** 2 + 3 * valley, {"mass": 1.0})
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_whole_numbers_are_forecast_as_they_are_rounded(monkeypatch, seed):
+    """Each design is forecast once, and the best is found to 1 % of the error."""
+    explorer = explored(monkeypatch, even_are_better, 3, 60, seed, levels=9)
+    assert explorer.ending
+    assert explorer.score < 0.01
+    assert round(9 * explorer.best[0]) == 6
+    assert len(np.unique(explorer.points, axis=0)) == len(explorer.points)
 
 
 def test_trials_begin_at_the_best_forecast_where_the_objective_leaps(monkeypatch):
