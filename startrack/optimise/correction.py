@@ -83,9 +83,12 @@ def fit_correction(tried: Sequence[Evaluation], middle: Floats, radius: float) -
 
 
 # Of ln(true load / forecast load) of a margin. All chosen by hand.
-PRIORS = {False: (0.3, 0.1), True: (0.5, 1.5)}  # of all designs together, and of each; of chances
+COMMON = {False: 0.3, True: 0.5}  # of all designs together; of chances
+# Of each, and the part of the cube over which it changes. Of chances also over less: where
+# attitudes begin to be lost, their number grows tenfold within a twentieth of a range, and the
+# forecast has that place a little off.
+OWN = {False: ((0.1, 0.3),), True: ((1.3, 0.3), (1.5, 0.05))}
 MODEL = {False: 0.02, True: 0.1}  # standard deviation that no number of trials removes
-LENGTH = 0.3  # of the cube, over which it changes
 BASE = 0.02  # of a chance that is allowed: this much more may be lost than any forecast says
 STEPS = 100  # of the fit at most
 POWER = 0.95  # probability with which a design that just reaches `Limit.shown` is shown to meet it
@@ -204,6 +207,6 @@ class Limit:
         return float(self._alike(point[None], self.points)[0] @ self.weight)
 
     def _alike(self, points: Floats, others: Floats) -> Floats:
-        common, own = PRIORS[self.chance]
         apart = np.linalg.norm(points[:, None] - others[None], axis=-1)
-        return np.asarray(common**2 + own**2 * matern(apart / LENGTH))
+        own = sum(size**2 * matern(apart / length) for size, length in OWN[self.chance])
+        return np.asarray(COMMON[self.chance] ** 2 + own)

@@ -176,6 +176,18 @@ def test_a_corrected_margin_is_what_many_trials_found():
         assert limit.room - forecast < apart < load
 
 
+def test_lost_attitudes_of_a_design_say_little_of_one_beyond_the_cliff():
+    """4 lost of 50 at one design, none of 250 at another, a twentieth of the range away: each
+    keeps what its own trials show.
+    """
+    limit = Limit(ROOM, 0.6 * ROOM, True)
+    bad, good = np.array([0.17, 0.3]), np.array([0.21, 0.33])
+    found = [Evidence(bad, 0.0098, -0.07, 50), Evidence(good, 0.0098, ROOM, 250)]
+    fitted = limit.fitted(found)
+    assert fitted.corrected(bad, 0.0098) < -0.04
+    assert fitted.corrected(good, 0.0098) > 0
+
+
 def test_few_trials_move_a_margin_as_far_as_they_bear():
     """5 lost of 50 where the formula expects 0.5: missed; none lost: hardly better."""
     limit, here = Limit(ROOM, ROOM, True), np.array([0.5])
