@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -16,14 +17,30 @@ if wanted(__name__):
 
     from startrack import plots
     from startrack.cli.terminal import print_result, progress
-    from startrack.core import Camera, FieldPsf, Floats, Streams, require_memory, um
+    from startrack.core import Camera, FieldPsf, Floats, Streams, deg, require_memory, um
     from startrack.earth import imager, product
     from startrack.earth.atmosphere import RunGeometry, import_tape7
-    from startrack.earth.geometry import EarthScene, Strip, find, observe_earth
+    from startrack.earth.geometry import (
+        EarthScene,
+        Orbit,
+        Strip,
+        aimed,
+        choose_carrier,
+        find,
+        observe_earth,
+    )
     from startrack.earth.product import UNITS as PRODUCT_UNITS
     from startrack.earth.retrieval import ground_spectrum, load_earth_design
     from startrack.earth.terrain import EQUATORIAL, Raster
-    from startrack.io import from_table, read_table, save_netcdf, save_text, shipped, whole
+    from startrack.io import (
+        from_table,
+        read_table,
+        save_netcdf,
+        save_text,
+        shipped,
+        to_table,
+        whole,
+    )
     from startrack.motion import Motion, realise_motion
     from startrack.report import write_earth_report
 
@@ -37,6 +54,7 @@ GeoTIFF files of any resolution, such as tiles of the Copernicus DEM or of SRTM,
   startrack earth render SCENE.toml           the image, in digital numbers
   startrack earth spectrum SCENE.toml         the spectrum at the sensor
   startrack earth process SCENE.toml          radiance and reflectance, on a map
+  startrack earth aim SCENE.toml --at 47 10   the orbit that looks at a place
   startrack earth air RUN1.tp7 RUN2.tp7       a table of the air from output of MODTRAN
 
 A scene to render also gives a camera (of the catalogue, or in the file), the land and the air;
@@ -188,6 +206,18 @@ declare = Parts(
             Option("--out FILE", "CSV file to write (default: air.csv)", Path, Path("air.csv")),
         ),
     ),
+    aim=(
+        "print the orbit from which a scene's camera looks at a place",
+        Options(
+            "Node and anomaly are moved; of an orbit with a local time, epoch and anomaly; of an "
+            "aircraft, its place. The optical axis is at the place at the epoch, in the middle of "
+            "the image.",
+            Option("scene SCENE", "scene file, or one of the catalogue (default: hsrs)", many="?"),
+            Option("--at LAT LON", "of the place, degree north and east", float),
+            Option("--height METRE", "of the place above the ellipsoid (default: 0)", float, 0.0),
+            Option("--ascending", "on a pass to the north (default: to the south)"),
+        ),
+    ),
     terrain=(
         "print area and heights of height files, and the table that a scene needs",
         Options(
@@ -205,6 +235,7 @@ def command(options: argparse.Namespace) -> int:
         "render": rendered,
         "process": processed,
         "spectrum": spectrum,
+        "aim": aim,
         "air": air,
         "terrain": terrain,
     }
@@ -557,6 +588,39 @@ def _product_text(result: dict[str, Any], mapped: product.Product) -> list[str]:
         ),
         f"wrote {result['map']}, {result['quality']} and {result['png']}",
     ]
+
+
+def aim(options: argparse.Namespace) -> int:
+    """Print the table of the carrier from which a scene's camera looks at a place."""
+    path = _scene_path(options)
+    if options.at is None:
+        raise shared.WrongUse("--at LAT LON must name the place")
+    with as_wrong_use():
+        table = read_table(path, "a scene")
+    with as_wrong_use():
+        scene = imager.load_survey(path) if "camera" in table else read_scene(path)[0]
+        latitude, longitude = options.at[0] * deg, options.at[1] * deg
+        carrier = aimed(
+            choose_carrier(scene.orbit, scene.tle, scene.aircraft)
+            if scene.orbit is None
+            else scene.orbit,
+            scene.pointing,
+            longitude,
+            latitude,
+            options.height,
+            options.ascending,
+        )
+    kind = "orbit" if isinstance(carrier, Orbit) else "aircraft"
+    values = to_table(carrier)
+    print_result(
+        options,
+        {"scene": str(path), kind: values},
+        f"the optical axis of {path.name} is at latitude {options.at[0]:g}, longitude "
+        f"{options.at[1]:g} deg at its epoch with this table:",
+        f"\n[{kind}]",
+        *(f"{name} = {json.dumps(value)}" for name, value in values.items()),
+    )
+    return Exit.DONE
 
 
 def terrain(options: argparse.Namespace) -> int:

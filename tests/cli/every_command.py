@@ -74,6 +74,7 @@ compare-flight trackers/chandra-aca.toml windows.npz --devices 2 --out flown
 earth geometry mountains.toml --out geometry
 earth render hsrs.toml --calibration 8 --geotiff --out render
 earth process hsrs.toml --raw render --out render
+earth aim hsrs.toml --at 47 10
 earth terrain dem.tif
 warm --json
 bench psf --out bench

@@ -2,10 +2,12 @@
 
 orbit  Position and velocity of a satellite or an aircraft over the rotating Earth.
 sight  Elements of a detector, the times of its lines, and the line of sight of each pixel.
+aim    Orbit, pointing, place -> the orbit whose camera looks at the place at its epoch.
 scene  EarthScene: a camera in flight over terrain, as a scene file gives it; the ground, line by
        line, that it sees.
 """
 
+from startrack.earth.geometry.aim import aimed, axis_place
 from startrack.earth.geometry.orbit import (
     Aircraft,
     Carrier,
