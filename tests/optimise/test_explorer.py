@@ -134,10 +134,12 @@ def of_limited():
     "seed", [3, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (0, 1, 2, 4))]
 )
 def test_the_best_at_a_limit_is_found(monkeypatch, seed):
-    """0.4 % of the error above the least at most; the limit is met to 3e-4; in 60 forecasts."""
-    found = explored(monkeypatch, limited, 3, 60, seed)
+    """0.4 % of the error above the least at most; the limit is met to 3e-4; in 60 forecasts, after
+    which the search ends soon.
+    """
+    found = explored(monkeypatch, limited, 3, 80, seed)
     assert found.ending
-    assert found.values[int(np.argmin([one.score for one in found.values]))].score < -0.71 + 4e-3
+    assert min(one.score for one in found.values[:60]) < -0.71 + 4e-3
     best = found.emulators.least(found.starts())[0]
     assert limited(best).margins["mass"] > -3e-4
     assert best[:2] == pytest.approx([0.55, 0.25], abs=0.03)
