@@ -20,15 +20,7 @@ if wanted(__name__):
     from startrack.core import Camera, FieldPsf, Floats, Streams, deg, require_memory, um
     from startrack.earth import imager, product
     from startrack.earth.atmosphere import RunGeometry, import_tape7
-    from startrack.earth.geometry import (
-        EarthScene,
-        Orbit,
-        Strip,
-        aimed,
-        choose_carrier,
-        find,
-        observe_earth,
-    )
+    from startrack.earth.geometry import EarthScene, Orbit, Strip, aimed, find, observe_earth
     from startrack.earth.product import UNITS as PRODUCT_UNITS
     from startrack.earth.retrieval import ground_spectrum, load_earth_design
     from startrack.earth.terrain import EQUATORIAL, Raster
@@ -601,9 +593,7 @@ def aim(options: argparse.Namespace) -> int:
         scene = imager.load_survey(path) if "camera" in table else read_scene(path)[0]
         latitude, longitude = options.at[0] * deg, options.at[1] * deg
         carrier = aimed(
-            choose_carrier(scene.orbit, scene.tle, scene.aircraft)
-            if scene.orbit is None
-            else scene.orbit,
+            scene.orbit or scene.carrier,  # an orbit as it is given, with its local time
             scene.pointing,
             longitude,
             latitude,

@@ -128,8 +128,8 @@ class Emulators:
             found = least_smooth(value, limits, start, (low, high))
             if steps and steps.whole.any():
                 found = steps.snapped(found)
-                held = (np.where(steps.whole, found, end) for end in (low, high))
-                found = least_smooth(value, limits, found, (next(held), next(held)))
+                held = np.where(steps.whole, found, low), np.where(steps.whole, found, high)
+                found = least_smooth(value, limits, found, held)
             for end in (start, found):
                 score = float(self.score(end[None], sigmas)[0])
                 score += correction(end) if correction else 0.0

@@ -14,6 +14,7 @@ import scipy
 from startrack.core import Advance, Flags, Floats, Refused
 from startrack.design import Campaign, Case, DesignSpace, Requirements, found_at
 from startrack.metrics import ARCSEC, DisplayUnit
+from startrack.optimise.emulators import WholeNumbers
 from startrack.optimise.evaluate import Evaluation, Foresight, evaluate, foresee_all, missed
 from startrack.optimise.forecast import name_by_condition
 from startrack.optimise.ledger import Ledger
@@ -21,7 +22,7 @@ from startrack.optimise.runner import TrialRunner
 from startrack.verification import cost_margins
 
 
-class DesignSource(Protocol):
+class DesignSource(WholeNumbers, Protocol):
     """Designs in the unit cube, and what is expected of each without a trial."""
 
     @property
@@ -47,13 +48,6 @@ class DesignSource(Protocol):
     @property
     def rooms(self) -> Mapping[str, float]:
         """Largest allowed probability of failure, of margins that are probabilities."""
-
-    @property
-    def whole(self) -> Flags:
-        """Coordinates (d,) that are those of whole numbers."""
-
-    def snapped(self, point: Floats) -> Floats:
-        """The point (d,) of the same design whose whole numbers are as they are rounded."""
 
     def foresee(self, points: Sequence[Floats], enough: float) -> list[Foresight]:
         """Forecasts of designs; those of a score above `enough` in conditions of weight alone."""
