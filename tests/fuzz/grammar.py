@@ -120,6 +120,9 @@ SMALL = (
     ("fresh_trials = 1000", "fresh_trials = 2"),
 )
 
+# Leaves the ledger that is damaged, and reads it.
+WHAT_MATTERS = ("what-matters", "design.toml", "--designs", "2", "--workers", "1", "--out", "out")
+
 
 def changed(text: str, changes: tuple[tuple[str, str], ...]) -> dict[str, Any]:
     for old, new in changes:
@@ -879,19 +882,9 @@ def stores() -> dict[str, bytes]:
             with Store(path, case, 1, Sampling(fidelity)) as store:
                 resume(store, Serial(), 1, 16, block=4)
             found[path.name] = path.read_bytes()
-        command = (
-            "what-matters",
-            "design.toml",
-            "--designs",
-            "2",
-            "--workers",
-            "1",
-            "--out",
-            "out",
-        )
         environment = os.environ | {"PYTHONPATH": python_path()}
         subprocess.run(
-            [sys.executable, "-m", "tests.fuzz.worker", "run", *command],
+            [sys.executable, "-m", "tests.fuzz.worker", "run", *WHAT_MATTERS],
             cwd=folder,
             env=environment,
             capture_output=True,
@@ -954,18 +947,8 @@ def store_case(draw: Draw) -> Case:
     files |= plain_design
     if name == "ledger.sqlite":
         files = {"out/ledger.sqlite": files[name], "design.toml": files["design.toml"]}
-        arguments = (
-            "what-matters",
-            "design.toml",
-            "--designs",
-            "2",
-            "--workers",
-            "1",
-            "--out",
-            "out",
-        )
         whole = files | {"out/ledger.sqlite": stores()["ledger.sqlite"]}
-        return Case("store", (*arguments, "--json"), files, whole)
+        return Case("store", (*WHAT_MATTERS, "--json"), files, whole)
     fidelity = Path(name).stem
     arguments = draw.one_of(
         (
