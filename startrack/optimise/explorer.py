@@ -209,6 +209,11 @@ class Explorer:
         """The score of the best design so far; infinite where none has one."""
         return self.values[self._leader].score if self.values else math.inf
 
+    def reopen(self) -> None:
+        """Let `step` search again, because trials have moved the limits since it ended."""
+        self.ending, self._in_vain = "", 0
+        self._spanned = self._polished = np.inf
+
     def begin(self, start: Floats, most: int) -> None:
         """Forecast the start, and designs over the whole space that do not cost too much."""
         per_variable, besides = self.settings.first_per_variable, self.settings.first_besides

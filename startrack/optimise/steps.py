@@ -66,7 +66,7 @@ def explore(
 
 def resume(explorer: Explorer) -> None:
     """Forecast further designs where trials have moved the limits."""
-    explorer.ending = ""
+    explorer.reopen()
     _run({explorer.label: explorer}, len(explorer.points) + RESUMED * len(explorer.source.names))
 
 
