@@ -22,7 +22,6 @@ if wanted(__name__):
     from startrack.prediction import (
         ACCURACY,
         DRAWS,
-        MIDDLE,
         UNITS,
         Draw,
         Learned,
@@ -63,7 +62,7 @@ def command(options: argparse.Namespace) -> int:
         age = None if options.age is None else parse(options.age, "s")
         with (
             pool(options.workers) as executor,
-            terminal.progress("draws of what is not known", draws + 1) as advance,
+            terminal.progress("draws of what is not known", draws) as advance,
         ):
             prediction = predict(
                 path,
@@ -74,7 +73,7 @@ def command(options: argparse.Namespace) -> int:
                 age,
                 executor,
                 advance,
-                lambda draw: _print_middle(draw) if draw.number == MIDDLE else None,
+                _print_middle,
             )
     result = {"design": str(path), "seed": options.seed, **prediction_values(prediction)}
     if options.out:

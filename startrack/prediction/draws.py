@@ -64,19 +64,24 @@ def draw_unknowns(
 
     units     of each draw
     age       second; None: that of the end of life
-    executor  whose workers compute the draws; None: this process
+    executor  whose workers compute the draws but that of the middle, which this process computes
+              before they start, so that it is known soon; None: this process computes all
     progress  called with 1 after each draw
     middle    whether the draw of the middle is among them
-    watch     called with each draw, in their order
+    watch     called with the draw of the middle
     Raises    what `load_design` raises of the file; a design as drawn that has no budget, because
               no field can be solved or a value is out of its limits, is a draw with `refused`.
     """
     whole(1, 10**4, count=count)
     whole(1, 10**4, units=units)
     load_design(path, changes)  # what is wrong with the file is no matter of a draw
-    numbers = [*([MIDDLE] if middle else []), *range(count)]
-    arguments = [(path, tuple(changes), seed, number, count, units, age) for number in numbers]
+    settings = path, tuple(changes), seed
     draws = list[Draw]()
+    if middle:
+        draws.append(_draw(*settings, MIDDLE, count, units, age))
+        if watch:
+            watch(draws[0])
+    arguments = [(*settings, number, count, units, age) for number in range(count)]
     if executor is None:
         results = (_draw(*one) for one in arguments)
     else:
@@ -84,8 +89,6 @@ def draw_unknowns(
         results = (future.result() for future in futures)
     for draw in results:
         draws.append(draw)
-        if watch:
-            watch(draw)
         if progress:
             progress(1)
     return draws

@@ -113,7 +113,7 @@ def predict(
     age       second; None: the end of life
     executor  whose workers compute the draws; None: this process
     progress  called with 1 after each draw
-    watch     called with each draw, that of the middle first
+    watch     called with the draw of the middle, before the others are computed
     Raises    Refused where nothing is unknown, or too few draws have an attitude.
     Accuracy  model: that of `unit_budgets` and `fit_surface`. numerical: of errors that are
               products of powers of 6 or 12 unknowns, with a scatter of 10 %, the ends of both

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from scipy.stats import qmc
 
 from startrack.budget.fields import (
     FieldResponse,
@@ -12,6 +13,7 @@ from startrack.budget.fields import (
     attitudes,
     fields,
     propagate,
+    sobol_points,
 )
 from startrack.budget.fixed import displaced
 from startrack.catalog import Sky
@@ -23,6 +25,12 @@ from startrack.metrics import attitude_bound
 
 FOCAL = 2000.0
 SIGMA = 0.1
+
+
+@pytest.mark.parametrize("count", [1, 4, 32, 64, 512, 4096])
+def test_sobol_points_are_those_of_scipy(count):
+    expected = qmc.Sobol(3, scramble=False).random(count)
+    assert np.array_equal(sobol_points(count), expected)
 
 
 def scattered(count: int, stars: int, fov: float, seed: int = 1) -> Fields:

@@ -149,6 +149,20 @@ def test_draws_do_not_depend_on_workers_or_other_unknowns(design):
     assert strata == [0, 1, 2, 3], "one in each quarter"
 
 
+def test_the_middle_is_known_before_workers_are_asked(design):
+    asked, watched = [], []
+
+    class Workers(ThreadPoolExecutor):
+        def submit(self, *arguments, **others):
+            asked.append(len(watched))
+            return super().submit(*arguments, **others)
+
+    with Workers(1) as executor:
+        draw_unknowns(design, 3, 2, 1, 0.0, executor=executor, watch=watched.append)
+    assert [draw.number for draw in watched] == [-1]
+    assert asked == [1, 1]
+
+
 def test_a_design_without_unknowns_is_refused():
     from startrack.io import shipped
 
