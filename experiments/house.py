@@ -6,7 +6,8 @@ Counts lines and files of the package, what a reader meets (`house_reader.py`), 
 names of other packages that begin with an underscore or stand in numba's inside, outside the one
 file that may use them (startrack/core/compiler.py). Then times the first and a later `startrack
 simulate`, compares trials on plain numba, counts the places that an addition takes by the tests
-that make it, and times the stages beside commit 975808b, all of which --quick leaves out. With
+that make it, and times the stages beside commit 975808b, all of which --quick leaves out. Results
+are compared with those that were recorded (`same_bytes.py`; a few of them under --quick). With
 --numba a few tests run on other versions of numba, which pip puts beside this one.
 """
 
@@ -27,6 +28,7 @@ from typing import Any
 
 import command
 import house_reader
+import same_bytes
 import speed_against
 
 import startrack
@@ -60,6 +62,7 @@ def main() -> None:
         "private_names": len(private),
         "private": sorted(private),
         **house_reader.measures(),
+        **same_bytes.compare(options.quick),
     }
     if not options.quick:
         with tempfile.TemporaryDirectory() as folder:

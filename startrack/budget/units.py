@@ -12,7 +12,7 @@ import numpy as np
 from startrack.attitude import Mounting
 from startrack.budget.analytic import of_fields
 from startrack.budget.blind import blind
-from startrack.budget.budget import BudgetLine, Cause, ErrorLaw, Term
+from startrack.budget.budget import Budget, BudgetLine, Cause, ErrorLaw, Term
 from startrack.budget.fields import attitudes, fields, lattice_nodes
 from startrack.budget.fixed import displacement, of_the_camera
 from startrack.core import Advance, Floats, Unit, printed, whole
@@ -68,6 +68,14 @@ class UnitBudgets:
     bias: Annotated[Floats, Unit("rad", "arcsec")]
     terms: Annotated[dict[Term, Floats], Unit("rad", "arcsec")]
     availability: Floats
+
+    @classmethod
+    def of_one(cls, budget: Budget[ErrorLaw]) -> UnitBudgets:
+        """The unit as designed, of age 0, by its budget; without classes of error."""
+        law = budget.whole.spread
+        available = np.array([budget.availability])
+        bias = np.zeros((1, 3))
+        return cls(0.0, law.mean[None], law.sigma[None], law.weight[None], bias, {}, available)
 
     def __len__(self) -> int:
         return len(self.mean)

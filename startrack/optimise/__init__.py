@@ -4,11 +4,16 @@ search             Function over the unit cube -> the point of its least value (
 ledger             One SQLite file with the outcomes of all trials, so that no trial is repeated.
 runner             TrialRunner: trials of any design; it keeps each outcome, so that no trial is
                    repeated.
-forecast           Case -> what the analytic budget expects of it, as designed or over its units.
+budgets            Case -> analytic budgets of a design and of its units, kept for a search.
+population         Judged condition -> the units that it is judged over: the unit as designed, or
+                   drawn units.
+forecast           Case -> what the analytic budget expects of it, over its units.
 evaluate           Point of a DesignSpace -> the score of its design.
 gaussian_process   Points and values -> a Gaussian process through them, and what it expects.
 explorer_settings  How an explorer chooses designs, and how their forecasts are emulated.
 emulators          Forecasts of designs -> emulators of the objective and of each margin.
+limit              A limit that trials decide -> the forecast margin that a design needs to meet
+                   it.
 correction         Trials of designs -> by how much forecasts of other designs are wrong.
 source             DesignSpace and campaign -> what an explorer asks of designs: forecasts, costs,
                    conditions.
@@ -40,6 +45,7 @@ tables             The results of studies as CSV, JSON lines and Markdown.
 """
 
 from startrack.optimise.allocation import LeverChange, allocation, halved, levers
+from startrack.optimise.budgets import budgets_of_units
 from startrack.optimise.correction import fit_correction
 from startrack.optimise.ensemble import Chains, Ensembles, draw, median_and_ends, thinned
 from startrack.optimise.evaluate import (
@@ -57,7 +63,6 @@ from startrack.optimise.explorer import Explorer
 from startrack.optimise.figures import DesignFigures, Figure, middle
 from startrack.optimise.forecast import (
     Forecast,
-    budgets_of_units,
     expect,
     expected_objective,
     forecasts,

@@ -12,13 +12,13 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from startrack.core import Advance, Floats, Refused, Rows, Unit, arcsec, printed
-from startrack.design import NOMINAL, Campaign, Case, DesignSpace, Fidelity, Judged, Objective
+from startrack.design import NOMINAL, Campaign, Case, DesignSpace, Judged, Objective
 from startrack.metrics import Summary, summarise
 from startrack.optimise import forecast
 from startrack.optimise.forecast import Forecast, forecasts, name_by_condition
 from startrack.optimise.ledger import FORECAST
+from startrack.optimise.population import population_of
 from startrack.optimise.runner import TrialRunner
-from startrack.population import Units
 from startrack.verification import boresights, cost_margins, counted, margin, measured_over
 from startrack.verification import margins as margins_of
 
@@ -121,7 +121,9 @@ def evaluate(
         count, tried = trials or campaign.trials, {}
         if not (spare and missed(margins)):
             tried = {
-                condition.name: try_out(condition, count, campaign.fidelity, runner)
+                condition.name: population_of(condition).first_trials(
+                    count, campaign.fidelity, runner
+                )
                 for condition in judged
                 if condition.weight or condition.name in close
             }
@@ -148,16 +150,6 @@ def evaluate(
     found = error, expected, score, margins, summary, "", by_budget
     paid = math.nan if cost is None else cost
     return Evaluation(tuple(coordinates), values, *found, cost=paid)
-
-
-def try_out(condition: Judged, trials: int, fidelity: Fidelity, runner: TrialRunner) -> Rows:
-    """The outcomes of the first trials of a case, over its units where it is judged over these."""
-    if condition.units is None:
-        return runner.run(condition.case, trials, fidelity)
-    per_unit = condition.units.trials
-    how = Units(per_unit, min(forecast.ENVIRONMENTS, per_unit), condition.units.age, exact=True)
-    count = min(math.ceil(trials / per_unit), condition.units.count)
-    return runner.run(condition.case, count * per_unit, fidelity, units=how)
 
 
 def combined(

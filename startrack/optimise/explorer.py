@@ -11,12 +11,12 @@ from itertools import islice
 import numpy as np
 
 from startrack.core import Floats, Streams
-from startrack.optimise.correction import Evidence, Limit
 from startrack.optimise.emulators import Emulators, Scale, emulators
 from startrack.optimise.evaluate import Foresight, missed
 from startrack.optimise.explorer_settings import DEFAULTS, ExplorerSettings
 from startrack.optimise.forecast import name_by_condition
 from startrack.optimise.landscape import Landscape, Span, prices_of, spans_of
+from startrack.optimise.limit import Evidence, Limit
 from startrack.optimise.search import Search, search_within
 from startrack.optimise.source import DesignSource, affordable
 

@@ -11,8 +11,8 @@ from startrack.core import Advance, Refused
 from startrack.design import COSTS, Campaign, Case, Fidelity, Judged
 from startrack.metrics import Interval, summarise
 from startrack.optimise import forecast
-from startrack.optimise.evaluate import try_out
 from startrack.optimise.forecast import blind, expect, forecasts, name_by_condition
+from startrack.optimise.population import population_of
 from startrack.optimise.runner import TrialRunner
 
 SWEPT = b"figures"  # kind of the notes of a ledger
@@ -120,7 +120,7 @@ def by_trials(
     needs, judged = campaign.requirements, campaign.judged(case)
     margins: dict[str, Figure] = dict(verification.margins(needs, case))
     for condition in judged:
-        rows = try_out(condition, trials, fidelity, runner)
+        rows = population_of(condition).first_trials(trials, fidelity, runner)
         counted = verification.counted(condition.needs, condition.case, runner.seed, rows)
         if condition is judged[0]:
             summary = summarise(counted, condition.needs.limits)

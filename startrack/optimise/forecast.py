@@ -1,25 +1,24 @@
-"""Case -> what the analytic budget expects of it in each condition, as designed or over units."""
+"""Case -> what the analytic budget expects of it in each condition, over its units."""
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from functools import lru_cache, partial
+from functools import partial
 from typing import NamedTuple, TypeVar
 
-from startrack import verification
-from startrack.budget import Budget, ErrorLaw, UnitBudgets, analytic, joined, unit_budgets
-from startrack.core import Refused, Rows
+import numpy as np
+
+from startrack.budget import Budget, ErrorLaw, UnitBudgets, joined
+from startrack.core import Rows
 from startrack.design import NOMINAL, Campaign, Case, Judged, Objective, Requirements
 from startrack.metrics import quantile_of_few
-from startrack.optics import COARSE
+from startrack.optimise.budgets import budget_of, budget_or_none, without_units
+from startrack.optimise.limit import MOST_MISSED
+from startrack.optimise.population import population_of
 from startrack.optimise.runner import TrialRunner
-from startrack.verification import margin
+from startrack.verification import expected_margins, expected_of, expected_over, margin
 from startrack.verification import margins as margins_of
 
 Value = TypeVar("Value")
-# Amount by which an error may miss its limit in a score; beyond, ln(error) alone drives the search.
-# Chosen by hand: an error of ten times the limit.
-MOST_MISSED = 9.0
 
 
 def name_by_condition(condition: str, margins: Mapping[str, Value]) -> dict[str, Value]:
@@ -40,43 +39,9 @@ def blind(needs: Requirements) -> dict[str, float]:
     return errors | {"availability": -needs.min_availability}
 
 
-def _coarse(case: Case) -> Case:
-    optics = case.instrument.optics
-    if not (optics.tabulated and optics.psf_tolerance < COARSE):
-        return case
-    instrument = replace(case.instrument, optics=replace(optics, psf_tolerance=COARSE))
-    return replace(case, instrument=instrument)
-
-
-@lru_cache(maxsize=16)
-def _budget(case: Case) -> Budget[ErrorLaw] | None:
-    """The analytic budget, None where it expects no attitude anywhere; of the 16 last cases.
-
-    Behind a lens table from images of few wavelengths, because each design needs its own.
-    """
-    try:
-        return analytic(_coarse(case))
-    except Refused:
-        return None
-
-
-def budget_of(case: Case) -> Budget[ErrorLaw]:
-    """The analytic budget, kept as those of a search are; Refused where it expects no attitude."""
-    return _budget(case) or analytic(case)  # which says why there is none
-
-
-ENVIRONMENTS = 2  # of each unit, in a search; chosen by hand: time against the rms of a unit
-
-
-@lru_cache(maxsize=16)
-def budgets_of_units(
-    case: Case, seed: int, age: float, first: int, count: int, environments: int = ENVIRONMENTS
-) -> UnitBudgets | None:
-    """The analytic budgets of some units, None where one has no attitude; of the 16 last cases."""
-    try:
-        return unit_budgets(_coarse(case), seed, count, age, environments, first=first, apart=False)
-    except Refused:
-        return None
+Task = tuple[
+    Judged, range
+]  # of a worker: a condition, and some of the units that it is judged over
 
 
 class Forecast(NamedTuple):
@@ -85,7 +50,7 @@ class Forecast(NamedTuple):
     error    radian, the objective; NaN where no attitude is expected
     margins  of the requirements that need trials
     over     of the objective and those that are limited: the level over all units over the error of
-             the first 1, 2, ... of them together; none where it is judged as designed
+             the first 1, 2, ... of them together; none where no attitude is expected
     """
 
     error: float
@@ -97,9 +62,9 @@ def over_units(
     condition: Judged, outcomes: Rows, objective: Objective, foreseen: Forecast | None
 ) -> float:
     """The level over units over the error of all those together that were tried, by the budgets."""
-    if condition.units is None or not (foreseen and foreseen.over):
+    if not (foreseen and foreseen.over):
         return 1.0
-    return foreseen.over[str(objective)][math.ceil(len(outcomes) / condition.units.trials) - 1]
+    return foreseen.over[str(objective)][population_of(condition).tried(outcomes) - 1]
 
 
 def forecast(condition: Judged, objective: Objective, seed: int = 1) -> Forecast:
@@ -107,64 +72,49 @@ def forecast(condition: Judged, objective: Objective, seed: int = 1) -> Forecast
 
     seed  of the units
     """
-    if condition.units is not None:
-        age, count = condition.units.age, condition.units.count
-        units = budgets_of_units(condition.case, seed, age, 0, count)
-        return _forecast_units(condition, objective, [units])
-    budget = _budget(condition.case)
-    if budget is None:
-        return Forecast(math.nan, blind(condition.needs))
-    margins = bounded(verification.expected_margins(condition.needs, budget))
-    # Errors have margins of their own here: the availability must not count them again.
-    margins["availability"] = budget.availability - condition.needs.min_availability
-    return Forecast(verification.expected_error(objective, budget), margins)
+    units = population_of(condition)
+    return _forecast(condition, objective, [units.budgets(seed, part) for part in units.parts(1)])
 
 
-def _forecast_units(
+def _forecast(
     condition: Judged, objective: Objective, parts: Sequence[UnitBudgets | None]
 ) -> Forecast:
     """`forecast` from the budgets of units, in parts."""
-    solved = [part for part in parts if part is not None]
-    if condition.units is None or len(solved) < len(parts):
-        return Forecast(math.nan, blind(condition.needs))
-    units, fraction = joined(solved), condition.units.fraction
-    limits = condition.needs.accuracy
-    every = {str(goal): goal for goal in (objective, *(limit.objective for limit in limits))}
+    solved, needs = [part for part in parts if part is not None], condition.needs
+    if len(solved) < len(parts):
+        return Forecast(math.nan, blind(needs))
+    units, fraction = joined(solved), population_of(condition).fraction
+
+    def level(goal: Objective, sky: str) -> float:
+        errors = [expected_over(goal, units.whole(k), sky) for k in range(len(units))]
+        return float(quantile_of_few(np.array(errors), fraction))
+
+    goals = {
+        str(goal): goal for goal in (objective, *(limit.objective for limit in needs.accuracy))
+    }
     # That a fraction of the units does not exceed, by their budgets.
-    level = {
-        name: float(quantile_of_few(verification.units_expected(goal, units), fraction))
-        for name, goal in every.items()
+    levels = {
+        sky: {name: level(goal, sky) for name, goal in goals.items()}
+        for sky in {"whole", needs.sky}
     }
-    errors = {limit.name: margin(limit.most, level[str(limit.objective)]) for limit in limits}
+    limited = levels[needs.sky]
+    errors = {
+        limit.name: margin(limit.most, limited[str(limit.objective)]) for limit in needs.accuracy
+    }
     margins = bounded(errors)
-    margins["availability"] = float(units.availability.mean()) - condition.needs.min_availability
-    first = [units.first(count) for count in range(1, len(units) + 1)]
+    # Errors have margins of their own here: the availability must not count them again.
+    margins["availability"] = float(units.availability.mean()) - needs.min_availability
+    first = [units.first(count).all() for count in range(1, len(units) + 1)]
     over = {
-        name: [float(level[name] / verification.expected_of(goal, some.all())) for some in first]
-        for name, goal in every.items()
+        name: [levels["whole"][name] / expected_of(goal, some) for some in first]
+        for name, goal in goals.items()
     }
-    return Forecast(level[str(objective)], margins, over)
+    return Forecast(levels["whole"][str(objective)], margins, over)
 
 
-# What a worker computes of a condition: its forecast, or the budgets of some of its units.
-Task = tuple[Judged, range | None]
-
-
-def _tasks(condition: Judged, workers: int) -> list[Task]:
-    if condition.units is None:
-        return [(condition, None)]
-    count = condition.units.count
-    # Behind a lens table all units share the images and the response of one, which take longest.
-    shared = condition.case.instrument.optics.tabulated
-    size = count if shared else math.ceil(count / workers)
-    return [(condition, range(at, min(at + size, count))) for at in range(0, count, size)]
-
-
-def _done(task: Task, objective: Objective, seed: int) -> Forecast | UnitBudgets | None:
-    condition, units = task
-    if condition.units is None or units is None:
-        return forecast(condition, objective)
-    return budgets_of_units(condition.case, seed, condition.units.age, units.start, len(units))
+def _budgets(task: Task, seed: int) -> UnitBudgets | None:
+    condition, part = task
+    return population_of(condition).budgets(seed, part)
 
 
 def forecasts(
@@ -181,30 +131,21 @@ def forecasts(
     known   what is expected of some conditions already
     """
     (seed, workers), given = (runner.seed, runner.workers) if runner else (seed, 1), known or {}
-    tasks = [[] if condition.name in given else _tasks(condition, workers) for condition in judged]
-    call = partial(_done, objective=objective, seed=seed)
-    every = iter((runner.map if runner else map)(call, [task for some in tasks for task in some]))
-    foreseen = list[Forecast]()
-    for condition, some in zip(judged, tasks, strict=True):
-        parts = [next(every) for _ in some]
-        if condition.name in given:
-            foreseen.append(given[condition.name])
-        elif isinstance(parts[0], Forecast):
-            foreseen.append(parts[0])
-        else:
-            of_units = [part if isinstance(part, UnitBudgets) else None for part in parts]
-            foreseen.append(_forecast_units(condition, objective, of_units))
-    pairs = list(zip(judged, foreseen, strict=True))
-    errors = [expected.error for condition, expected in pairs if condition.weight]
-    weights = [condition.weight for condition in judged if condition.weight]
-    by_name = {condition.name: expected for condition, expected in pairs}
-    return objective.over(errors, weights), by_name
-
-
-def without_units(case: Case) -> Case:
-    """The unit as designed, whose budget does not name as left out what units differ by."""
-    alone = case.without_units
-    return replace(alone, instrument=replace(alone.instrument, residual=None))
+    new = [condition for condition in judged if condition.name not in given]
+    tasks = [
+        (condition, part) for condition in new for part in population_of(condition).parts(workers)
+    ]
+    budgets = (runner.map if runner else map)(partial(_budgets, seed=seed), tasks)
+    parts = {condition.name: list[UnitBudgets | None]() for condition in new}
+    for (condition, _), part in zip(tasks, budgets, strict=True):
+        parts[condition.name].append(part)
+    made = {
+        condition.name: _forecast(condition, objective, parts[condition.name]) for condition in new
+    }
+    by_name = {condition.name: {**given, **made}[condition.name] for condition in judged}
+    weighted = [condition for condition in judged if condition.weight]
+    errors = [by_name[condition.name].error for condition in weighted]
+    return objective.over(errors, [condition.weight for condition in weighted]), by_name
 
 
 def expect(
@@ -219,20 +160,17 @@ def expect(
     alone = case if judged[0].units is None else without_units(case)
     budget = budget_of(alone)
     margins = margins_of(campaign.requirements, case)
-    if judged[0].units is None:
-        margins |= verification.expected_margins(campaign.requirements, budget)
-    else:
-        margins |= forecast(judged[0], Objective(), seed).margins
-    for condition in judged[1:]:
-        if condition.units is not None:
-            margins |= name_by_condition(
-                condition.name, forecast(condition, Objective(), seed).margins
-            )
-            continue
-        there, needs = _budget(condition.case), condition.needs
-        own = verification.expected_margins(needs, there) if there else blind(needs)
-        margins |= name_by_condition(condition.name, own)
+    for condition in judged:
+        margins |= name_by_condition(condition.name, _expected_margins(condition, seed))
     return budget, margins
+
+
+def _expected_margins(condition: Judged, seed: int) -> dict[str, float]:
+    """Margins of a condition; the availability of the unit as designed excludes large errors."""
+    if condition.units is not None:
+        return forecast(condition, Objective(), seed).margins
+    budget = budget_or_none(condition.case)
+    return expected_margins(condition.needs, budget) if budget else blind(condition.needs)
 
 
 def expected_objective(case: Case, campaign: Campaign, seed: int = 1) -> float:

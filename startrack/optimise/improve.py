@@ -12,11 +12,12 @@ import numpy as np
 from startrack.core import Floats, Refused, printed
 from startrack.metrics import Interval
 from startrack.optimise import steps
-from startrack.optimise.correction import Correction, Limit
+from startrack.optimise.correction import Correction
 from startrack.optimise.evaluate import Evaluation, Foresight, missed
 from startrack.optimise.explorer import Explorer
 from startrack.optimise.landscape import Landscape
 from startrack.optimise.ledger import Ledger
+from startrack.optimise.limit import Limit
 from startrack.optimise.problem_source import ProblemSource, relative
 from startrack.optimise.runner import FRESH
 from startrack.optimise.search import least_of_all

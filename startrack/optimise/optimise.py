@@ -15,14 +15,15 @@ from startrack.core import Advance, Refused, Rows, Unit, printed
 from startrack.design import Campaign
 from startrack.metrics import Interval, Summary, summarise
 from startrack.optimise import steps
-from startrack.optimise.evaluate import PENALTY, Evaluation, evaluate, missed, try_out
+from startrack.optimise.evaluate import PENALTY, Evaluation, evaluate, missed
 from startrack.optimise.explorer import Explorer
 from startrack.optimise.forecast import name_by_condition
 from startrack.optimise.landscape import Landscape
+from startrack.optimise.population import FIRST_ROUND, FreshTrials, population_of
 from startrack.optimise.runner import TrialRunner
 from startrack.optimise.source import TrackerSource
-from startrack.optimise.steps import FreshTrials, SearchStage
-from startrack.optimise.units import ComparedUnits, compare_units, fresh_units
+from startrack.optimise.steps import SearchStage
+from startrack.optimise.units import ComparedUnits, compare_units
 from startrack.trial import OUTCOMES
 from startrack.verification import margins as margins_of
 
@@ -191,7 +192,7 @@ def optimize(
     judge = _Judge(space, campaign, runner, progress.fresh)
     landscape, rounds, ending = None, 1, NO_DESIGN
     if explorer is None:
-        confirmed = judge.confirm(tried[-1], FreshTrials())
+        confirmed = judge.confirm(tried[-1], FIRST_ROUND)
     else:
         confirmed, ending, rounds = _rounds(
             explorer, space, campaign, runner, record, judge, len(tried)
@@ -206,7 +207,9 @@ def optimize(
     tuning = second
     if best.trials:
         tuning = {
-            condition.name: try_out(condition, best.trials, campaign.fidelity, runner)
+            condition.name: population_of(condition).first_trials(
+                best.trials, campaign.fidelity, runner
+            )
             for condition in counted
         }
     began = [condition for condition in campaign.judged(case) if condition.weight]
@@ -354,7 +357,7 @@ def _rounds(
         met = [result for result in results if not lacking(result.margins)]
         if new is None or (met and not _may_be_better(explorer, tried, met, new.coordinates)):
             break
-        results.append(judge.confirm(new, steps.FreshTrials.of_round(number, campaign)))
+        results.append(judge.confirm(new, FreshTrials.of_round(number, campaign)))
         shown.append(steps.Shown(new.coordinates, results[-1].found))
         explorer.learn(steps.evidence_of(explorer, tried, shown))
         steps.resume(explorer)
@@ -501,8 +504,6 @@ def _fresh(
 ) -> Rows:
     """Outcomes of trials that no tuning used, none where the design cannot be built."""
     try:
-        if judged.units is not None:
-            return fresh_units(judged, campaign, runner, first=fresh.unit, watch=watch)
-        return runner.run(judged.case, campaign.fresh_trials, fidelity, fresh.first, watch)
+        return population_of(judged).fresh(campaign, runner, fidelity, fresh, watch=watch)
     except Refused:
         return np.empty(0, OUTCOMES)

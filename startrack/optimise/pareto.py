@@ -14,10 +14,11 @@ from startrack.optimise.evaluate import Foresight, combined, foresee_all, missed
 from startrack.optimise.explorer import Explorer
 from startrack.optimise.forecast import Forecast
 from startrack.optimise.gaussian_process import emulator
-from startrack.optimise.runner import FRESH, TrialRunner
+from startrack.optimise.population import population_of
+from startrack.optimise.runner import TrialRunner
 from startrack.optimise.source import TrackerSource
 from startrack.optimise.steps import USUAL, SearchStage, explore, feasible_start
-from startrack.optimise.units import fresh_units, level_interval_of_units
+from startrack.optimise.units import level_interval_of_units
 from startrack.problem import SearchSettings
 
 METHODS = ("epsilon", "weighted")
@@ -296,9 +297,7 @@ def _measured(
 ) -> Point:
     judged = campaign.judged(space.design(coordinates))
     tried = {
-        condition.name: fresh_units(condition, campaign, runner, condition.units.count)
-        if condition.units is not None
-        else runner.run(condition.case, campaign.most_trials, campaign.fidelity, FRESH)
+        condition.name: population_of(condition).few_fresh(campaign, runner)
         for condition in judged
         if condition.weight
     }

@@ -12,14 +12,14 @@ from scipy.special import ndtr
 from startrack import verification
 from startrack.core import Floats, Refused, Rows
 from startrack.design import Campaign, Case, DesignSpace, Judged, Requirements
-from startrack.metrics import Interval
-from startrack.optimise.correction import Correction, Evidence, Limit, fit_correction
+from startrack.optimise.correction import Correction, fit_correction
 from startrack.optimise.evaluate import Evaluation, evaluate, missed
 from startrack.optimise.explorer import Explorer
 from startrack.optimise.forecast import name_by_condition
-from startrack.optimise.runner import FRESH, FRESH_UNIT, TrialRunner
+from startrack.optimise.limit import Evidence, Limit
+from startrack.optimise.population import FIRST_ROUND, Confirmed, FreshTrials, population_of
+from startrack.optimise.runner import TrialRunner
 from startrack.optimise.search import Search, algorithms, least, least_of_all
-from startrack.optimise.units import fresh_units, likely_units
 from startrack.problem import SearchSettings
 from startrack.verification import cost_margins, counted
 from startrack.verification import margins as margins_of
@@ -308,14 +308,12 @@ def limits_of(case: Case, campaign: Campaign) -> dict[str, Limit]:
     limits = dict[str, Limit]()
     for condition in campaign.judged(case):
         tail, _ = _tails(condition)
-        own = dict[str, Limit]()
-        if condition.units is None:
-            trials = campaign.fresh_trials * 2 ** (LOOKS - 1)
-            for accuracy in condition.needs.accuracy:
-                own[accuracy.name] = Limit.of_error(accuracy.objective.fraction, trials, tail)
-        else:  # whose yield decides: what that takes is not known before the units are tried
-            trials = campaign.fresh_units * campaign.trials_per_unit * 2 ** (UNIT_LOOKS - 1)
-            own |= {accuracy.name: Limit(1.0, 1.0, False) for accuracy in condition.needs.accuracy}
+        units = population_of(condition)
+        trials = units.most_fresh(campaign)
+        own = {
+            accuracy.name: units.limit(accuracy, trials, tail)
+            for accuracy in condition.needs.accuracy
+        }
         least = condition.needs.min_availability
         if least < 1:
             own["availability"] = Limit.of_chance(least, trials, tail)
@@ -398,38 +396,11 @@ def best_branch(
     return min(scores, key=scores.__getitem__)
 
 
-LOOKS = 4  # at 1, 2, 4 and 8 times the fresh trials; chosen by hand: trials against a decision
-UNIT_LOOKS = 2  # at 1 and 2 times the fresh units, each of which needs plans of its own
-
-
 ROUNDS = 5  # of fresh trials at most, until one shows that all limits are met; chosen by hand
 
 
-class FreshTrials(NamedTuple):
-    """Numbers of the trials that are fresh in a round of a search; no other round has them.
-
-    first  number of the first trial
-    unit   number of the first unit
-    part   of the probability of a wrong bound, that this round may use
-    """
-
-    first: int = FRESH
-    unit: int = FRESH_UNIT
-    part: float = 1.0
-
-    @classmethod
-    def of_round(cls, number: int, campaign: Campaign) -> FreshTrials:
-        """Those of a round, from 0: 1, 1/2, 1/4, ... of the probability, so that all have two."""
-        trials = campaign.fresh_trials * 2 ** (LOOKS - 1)
-        units = campaign.fresh_units * 2 ** (UNIT_LOOKS - 1)
-        return cls(FRESH + number * trials, FRESH_UNIT + number * units, 0.5**number)
-
-
-FIRST_ROUND = FreshTrials()
-
-
 def _tails(condition: Judged, part: float = 1.0) -> tuple[float, float]:
-    looks = LOOKS if condition.units is None else UNIT_LOOKS
+    looks = population_of(condition).looks
     return verification.tails(looks, part * (1 - condition.needs.confidence), 1)
 
 
@@ -454,60 +425,14 @@ def confirm_requirements(
     fresh     the round that they are of
     Returns   the value over all trials, its bounds and its margin by the bound that must hold
     """
-    units = condition.units
-    most = LOOKS if units is None else UNIT_LOOKS
-    tails = _tails(condition, fresh.part)
-    first, claims = fresh.first + len(outcomes), verification.claims_of(condition.needs)
-    confirmed = dict[str, Confirmed]()
-    for look in range(most if len(outcomes) else 0):
+    units, tails = population_of(condition), _tails(condition, fresh.part)
+    claims, confirmed = verification.claims_of(condition.needs), dict[str, Confirmed]()
+    for look in range(units.looks if len(outcomes) else 0):
         judged = counted(condition.needs, condition.case, runner.seed, outcomes)
-        boresight = verification.boresights(runner.seed, judged)
         for claim in claims:
-            if units is not None and claim.accuracy:
-                asked = verification.YieldClaim(units.fraction)
-                objective = claim.accuracy.objective
-                measured = likely_units(objective, condition, judged, campaign, runner)
-                errors, part = measured.likely, measured.part(claim.limit, runner.seed)
-                bounds = asked.bounds(errors <= claim.limit, *tails, part)
-                decided = asked.answer(bounds) is not verification.Answer.NOT_SHOWN
-                ordered = np.sort(errors)[::-1]
-                worst = float(ordered[asked.most_beyond(len(errors), tails[0])])
-                confirmed[claim.name] = Confirmed(
-                    bounds, asked.margin(bounds.low), decided, claim.margin(worst), len(judged)
-                )
-                continue
-            bounds = claim.bounds(judged, boresight, *tails)
-            shown = bounds.high if claim.accuracy else bounds.low
-            decided = claim.answer(bounds) is not verification.Answer.NOT_SHOWN
-            confirmed[claim.name] = Confirmed(
-                bounds, claim.margin(shown), decided, claim.margin(bounds.value), len(judged)
-            )
-        if all(result.decided for result in confirmed.values()) or look == most - 1:
+            confirmed[claim.name] = units.confirmed(claim, judged, campaign, runner, tails)
+        if all(result.decided for result in confirmed.values()) or look == units.looks - 1:
             break
-        if units is not None:
-            done = len(outcomes) // campaign.trials_per_unit
-            more = fresh_units(condition, campaign, runner, done, fresh.unit + done)
-            outcomes = np.concatenate([outcomes, more])
-            continue
-        # Repeated numbers would repeat the attitudes.
-        more = runner.run(condition.case, len(outcomes), campaign.fidelity, first)
-        first, outcomes = first + len(more), np.concatenate([outcomes, more])
+        more = units.fresh(campaign, runner, campaign.fidelity, fresh, len(outcomes))
+        outcomes = np.concatenate([outcomes, more])
     return confirmed
-
-
-class Confirmed(NamedTuple):
-    """A requirement on the best design, by fresh trials.
-
-    bounds   of its value
-    margin   by the bound that must hold
-    decided  whether the trials decide it
-    found    the margin without regard to the bounds; of the error over units, that of the unit
-             which decides
-    trials   number of them
-    """
-
-    bounds: Interval
-    margin: float
-    decided: bool
-    found: float
-    trials: int

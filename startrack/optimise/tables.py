@@ -13,9 +13,9 @@ from startrack.core import YEAR, Refused, arcsec
 from startrack.design import NOMINAL, Campaign, OverUnits
 from startrack.io import save_csv
 from startrack.metrics import Interval, Row, bracketed, markdown, summary_rows, to_json
+from startrack.optimise.budgets import budget_of, without_units
 from startrack.optimise.ensemble import Chains
 from startrack.optimise.evaluate import Evaluation
-from startrack.optimise.forecast import budget_of, without_units
 from startrack.optimise.optimise import Optimum, lacking
 from startrack.optimise.tolerance import Tolerance
 from startrack.optimise.units import ComparedUnits, units_for_interval

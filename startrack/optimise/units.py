@@ -12,7 +12,7 @@ from startrack.budget import UnitBudgets, joined
 from startrack.core import Advance, Floats, Ints, Rows, Unit, printed
 from startrack.design import Accuracy, Campaign, Case, Judged, Objective, OverUnits
 from startrack.metrics import Interval, quantile_of_few, resampled_interval
-from startrack.optimise.forecast import budgets_of_units
+from startrack.optimise.budgets import budgets_of_units
 from startrack.optimise.runner import FRESH_UNIT, TrialRunner
 from startrack.population import Units, middle_of, unit_errors
 from startrack.verification import units_expected, yield_of

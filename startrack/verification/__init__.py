@@ -23,6 +23,7 @@ from startrack.verification.accuracy import (
     expected_error,
     expected_margins,
     expected_of,
+    expected_over,
     limited,
     margin,
     margins,
@@ -32,7 +33,7 @@ from startrack.verification.accuracy import (
     yield_of,
 )
 from startrack.verification.cases import boresights, cases, counted
-from startrack.verification.decide import Answer, Looks, YieldClaim, claims_of, tails
+from startrack.verification.decide import Answer, Claim, Looks, YieldClaim, claims_of, tails
 from startrack.verification.figures import correlation, gain_in_flight
 from startrack.verification.flown import FlightComparison, compare_flown
 from startrack.verification.frame_figures import expected_in_frames, told_by_frames

@@ -73,14 +73,13 @@ def yield_of(accuracy: Accuracy, errors: Floats, part: float = 1.0) -> Interval:
     return fraction_interval(part * int((errors <= accuracy.most).sum()), part * len(errors))
 
 
-def expected_over(objective: Objective, budget: Budget[ErrorLaw], sky: str) -> float:
-    """`expected_error` over the whole sky, or in the worst of its regions.
+def expected_over(objective: Objective, law: ErrorLaw, sky: str) -> float:
+    """`expected_of` over the whole sky, or in the worst of its regions.
 
-    budget  of `analytic`
+    law     of `analytic`, end to end
     sky     "whole" or "worst"
     Returns  radian; infinite in the worst region where one expects no attitude
     """
-    law = budget.whole.spread
     if sky == "whole":
         return expected_of(objective, law)
     return max(expected_of(objective, part) if part else math.inf for part in _parts(law))
@@ -143,8 +142,9 @@ def margin(limit: float, value: float) -> float:
 
 def expected_margins(needs: Requirements, budget: Budget[ErrorLaw]) -> dict[str, float]:
     """The margins of accuracy and availability by a budget."""
+    law = budget.whole.spread
     by_name = {
-        accuracy.name: margin(accuracy.most, expected_over(accuracy.objective, budget, needs.sky))
+        accuracy.name: margin(accuracy.most, expected_over(accuracy.objective, law, needs.sky))
         for accuracy in needs.accuracy
     }
     available = expected_availability(needs, budget)

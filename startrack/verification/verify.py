@@ -209,7 +209,7 @@ def _analysis(condition: Judged) -> tuple[dict[str, float], str]:
     except Refused as error:
         return {}, f"no analytic budget: {error}"
     errors = {
-        accuracy.name: expected_over(accuracy.objective, budget, condition.needs.sky)
+        accuracy.name: expected_over(accuracy.objective, budget.whole.spread, condition.needs.sky)
         for accuracy in condition.needs.accuracy
     }
     return {**errors, "availability": expected_availability(condition.needs, budget)}, ""

@@ -17,7 +17,7 @@ class Coin:
         self.rng, self.fraction, self.asked = np.random.default_rng(seed), fraction, []
         self.seed = seed
 
-    def run(self, case, trials, fidelity=Fidelity.FRAME, first=0):
+    def run(self, case, trials, fidelity=Fidelity.FRAME, first=0, progress=None):
         self.asked.append(range(first, first + trials))
         table = np.zeros(trials, OUTCOMES)
         for axis in "xyz":

@@ -15,8 +15,8 @@ from startrack.design import NOMINAL, DesignSpace
 from startrack.design.conditions import REST
 from startrack.metrics import fraction_interval
 from startrack.optimise import evaluate, optimize
-from startrack.optimise.correction import Evidence, Limit
 from startrack.optimise.forecast import Forecast
+from startrack.optimise.limit import Evidence, Limit
 from startrack.optimise.runner import TrialRunner
 from startrack.optimise.tables import sharp_conditions
 from startrack.trial import OUTCOMES

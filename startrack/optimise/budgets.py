@@ -1,0 +1,51 @@
+"""Case -> analytic budgets of a design and of its units, kept for a search."""
+
+from dataclasses import replace
+from functools import lru_cache
+
+from startrack.budget import Budget, ErrorLaw, UnitBudgets, analytic, unit_budgets
+from startrack.core import Refused
+from startrack.design import Case
+from startrack.optics import COARSE
+
+ENVIRONMENTS = 2  # of each unit, in a search; chosen by hand: time against the rms of a unit
+
+
+def _coarse(case: Case) -> Case:
+    """The case whose images are of few wavelengths behind a lens table: each design has its own."""
+    optics = case.instrument.optics
+    if not (optics.tabulated and optics.psf_tolerance < COARSE):
+        return case
+    instrument = replace(case.instrument, optics=replace(optics, psf_tolerance=COARSE))
+    return replace(case, instrument=instrument)
+
+
+@lru_cache(maxsize=16)
+def budget_or_none(case: Case) -> Budget[ErrorLaw] | None:
+    """The analytic budget, None where it expects no attitude anywhere; of the 16 last cases."""
+    try:
+        return analytic(_coarse(case))
+    except Refused:
+        return None
+
+
+def budget_of(case: Case) -> Budget[ErrorLaw]:
+    """The analytic budget, kept as those of a search are; Refused where it expects no attitude."""
+    return budget_or_none(case) or analytic(case)  # which says why there is none
+
+
+@lru_cache(maxsize=16)
+def budgets_of_units(
+    case: Case, seed: int, age: float, first: int, count: int, environments: int = ENVIRONMENTS
+) -> UnitBudgets | None:
+    """The analytic budgets of some units, None where one has no attitude; of the 16 last cases."""
+    try:
+        return unit_budgets(_coarse(case), seed, count, age, environments, first=first, apart=False)
+    except Refused:
+        return None
+
+
+def without_units(case: Case) -> Case:
+    """The unit as designed, whose budget does not name as left out what units differ by."""
+    alone = case.without_units
+    return replace(alone, instrument=replace(alone.instrument, residual=None))

@@ -1,0 +1,293 @@
+"""Judged condition -> the units that it is judged over: the unit as designed, or drawn units.
+
+The unit as designed is a population of one. An engine asks both the same questions: their budgets,
+their trials, and what fresh trials show of a requirement.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from startrack import verification
+from startrack.budget import UnitBudgets
+from startrack.core import Advance, Rows
+from startrack.design import Accuracy, Campaign, Fidelity, Judged, OverUnits
+from startrack.metrics import Interval
+from startrack.optimise.budgets import ENVIRONMENTS, budget_or_none, budgets_of_units
+from startrack.optimise.limit import Limit
+from startrack.optimise.runner import FRESH, FRESH_UNIT, TrialRunner
+from startrack.optimise.units import fresh_units, likely_units
+from startrack.population import Units
+
+LOOKS = 4  # at 1, 2, 4 and 8 times the fresh trials; chosen by hand: trials against a decision
+UNIT_LOOKS = 2  # at 1 and 2 times the fresh units, each of which needs plans of its own
+
+
+class FreshTrials(NamedTuple):
+    """Numbers of the trials that are fresh in a round of a search; no other round has them.
+
+    first  number of the first trial
+    unit   number of the first unit
+    part   of the probability of a wrong bound, that this round may use
+    """
+
+    first: int = FRESH
+    unit: int = FRESH_UNIT
+    part: float = 1.0
+
+    @classmethod
+    def of_round(cls, number: int, campaign: Campaign) -> FreshTrials:
+        """Those of a round, from 0: 1, 1/2, 1/4, ... of the probability, so that all have two."""
+        trials = campaign.fresh_trials * 2 ** (LOOKS - 1)
+        units = campaign.fresh_units * 2 ** (UNIT_LOOKS - 1)
+        return cls(FRESH + number * trials, FRESH_UNIT + number * units, 0.5**number)
+
+
+FIRST_ROUND = FreshTrials()
+
+
+class Confirmed(NamedTuple):
+    """A requirement on the best design, by fresh trials.
+
+    bounds   of its value
+    margin   by the bound that must hold
+    decided  whether the trials decide it
+    found    the margin without regard to the bounds; of the error over units, that of the unit
+             which decides
+    trials   number of them
+    """
+
+    bounds: Interval
+    margin: float
+    decided: bool
+    found: float
+    trials: int
+
+
+class Population(Protocol):
+    """Units of a design in one condition."""
+
+    @property
+    def fraction(self) -> float:
+        """Fraction of the units whose error must not be larger; of one unit, any."""
+
+    @property
+    def looks(self) -> int:
+        """How often fresh trials are doubled, and one."""
+
+    def parts(self, workers: int) -> list[range]:
+        """Units in parts, of each of which a worker computes the budgets."""
+
+    def budgets(self, seed: int, part: range) -> UnitBudgets | None:
+        """Analytic budgets of some units; None where one has no attitude."""
+
+    def tried(self, outcomes: Rows) -> int:
+        """Number of units whose trials these are."""
+
+    def first_trials(self, trials: int, fidelity: Fidelity, runner: TrialRunner) -> Rows:
+        """The outcomes of about as many trials of the search, which all designs have in common."""
+
+    def few_fresh(self, campaign: Campaign, runner: TrialRunner) -> Rows:
+        """The outcomes of trials that no tuning used, as many as a design of a search has."""
+
+    def fresh(
+        self,
+        campaign: Campaign,
+        runner: TrialRunner,
+        fidelity: Fidelity,
+        fresh: FreshTrials = FIRST_ROUND,
+        done: int = 0,
+        watch: Advance | None = None,
+    ) -> Rows:
+        """The outcomes of trials that no tuning used: the campaign's first, or as many as done.
+
+        done   number of trials before these
+        watch  called with the number of trials that were just done
+        """
+
+    def most_fresh(self, campaign: Campaign) -> int:
+        """Number of fresh trials at the last look."""
+
+    def limit(self, accuracy: Accuracy, trials: int, tail: float) -> Limit:
+        """What fresh trials can show of a limit on an error."""
+
+    def confirmed(
+        self,
+        claim: verification.Claim,
+        outcomes: Rows,
+        campaign: Campaign,
+        runner: TrialRunner,
+        tails: tuple[float, float],
+    ) -> Confirmed:
+        """What fresh trials, of those that count, show of a requirement."""
+
+
+def population_of(condition: Judged) -> Population:
+    """The units that a condition is judged over."""
+    if condition.units is None:
+        return UnitAsDesigned(condition)
+    return DrawnUnits(condition, condition.units)
+
+
+@dataclass(frozen=True)
+class UnitAsDesigned:
+    """The unit as designed alone, whose trials go on one after the other."""
+
+    condition: Judged
+    fraction: float = 0.5
+    looks: int = LOOKS
+
+    def parts(self, workers: int) -> list[range]:
+        """See `Population`."""
+        return [range(1)]
+
+    def budgets(self, seed: int, part: range) -> UnitBudgets | None:
+        """See `Population`."""
+        budget = budget_or_none(self.condition.case)
+        return None if budget is None else UnitBudgets.of_one(budget)
+
+    def tried(self, outcomes: Rows) -> int:
+        """See `Population`."""
+        return 1
+
+    def first_trials(self, trials: int, fidelity: Fidelity, runner: TrialRunner) -> Rows:
+        """See `Population`."""
+        return runner.run(self.condition.case, trials, fidelity)
+
+    def few_fresh(self, campaign: Campaign, runner: TrialRunner) -> Rows:
+        """See `Population`."""
+        return runner.run(self.condition.case, campaign.most_trials, campaign.fidelity, FRESH)
+
+    def fresh(
+        self,
+        campaign: Campaign,
+        runner: TrialRunner,
+        fidelity: Fidelity,
+        fresh: FreshTrials = FIRST_ROUND,
+        done: int = 0,
+        watch: Advance | None = None,
+    ) -> Rows:
+        """See `Population`."""
+        # Repeated numbers would repeat the attitudes.
+        count, first = done or campaign.fresh_trials, fresh.first + done
+        return runner.run(self.condition.case, count, fidelity, first, watch)
+
+    def most_fresh(self, campaign: Campaign) -> int:
+        """See `Population`."""
+        return campaign.fresh_trials * 2 ** (LOOKS - 1)
+
+    def limit(self, accuracy: Accuracy, trials: int, tail: float) -> Limit:
+        """See `Population`."""
+        return Limit.of_error(accuracy.objective.fraction, trials, tail)
+
+    def confirmed(
+        self,
+        claim: verification.Claim,
+        outcomes: Rows,
+        campaign: Campaign,
+        runner: TrialRunner,
+        tails: tuple[float, float],
+    ) -> Confirmed:
+        """See `Population`."""
+        return _by_all_trials(claim, outcomes, runner.seed, tails)
+
+
+def _by_all_trials(
+    claim: verification.Claim, outcomes: Rows, seed: int, tails: tuple[float, float]
+) -> Confirmed:
+    """A requirement by trials, whatever their units."""
+    by_region = claim.sky == "worst"
+    boresight = verification.boresights(seed, outcomes) if by_region else np.empty((0, 3))
+    bounds = claim.bounds(outcomes, boresight, *tails)
+    shown = bounds.high if claim.accuracy else bounds.low
+    decided = claim.answer(bounds) is not verification.Answer.NOT_SHOWN
+    found = claim.margin(bounds.value)
+    return Confirmed(bounds, claim.margin(shown), decided, found, len(outcomes))
+
+
+@dataclass(frozen=True)
+class DrawnUnits:
+    """Units that are drawn, each of which has some trials."""
+
+    condition: Judged
+    over: OverUnits
+    looks: int = UNIT_LOOKS
+
+    @property
+    def fraction(self) -> float:
+        """See `Population`."""
+        return self.over.fraction
+
+    def parts(self, workers: int) -> list[range]:
+        """See `Population`."""
+        count = self.over.count
+        # Behind a lens table all units share the images and the response of one, which take
+        # longest.
+        shared = self.condition.case.instrument.optics.tabulated
+        size = count if shared else math.ceil(count / workers)
+        return [range(at, min(at + size, count)) for at in range(0, count, size)]
+
+    def budgets(self, seed: int, part: range) -> UnitBudgets | None:
+        """See `Population`."""
+        return budgets_of_units(self.condition.case, seed, self.over.age, part.start, len(part))
+
+    def tried(self, outcomes: Rows) -> int:
+        """See `Population`."""
+        return math.ceil(len(outcomes) / self.over.trials)
+
+    def first_trials(self, trials: int, fidelity: Fidelity, runner: TrialRunner) -> Rows:
+        """See `Population`."""
+        per_unit = self.over.trials
+        how = Units(per_unit, min(ENVIRONMENTS, per_unit), self.over.age, exact=True)
+        count = min(math.ceil(trials / per_unit), self.over.count)
+        return runner.run(self.condition.case, count * per_unit, fidelity, units=how)
+
+    def few_fresh(self, campaign: Campaign, runner: TrialRunner) -> Rows:
+        """See `Population`."""
+        return fresh_units(self.condition, campaign, runner, self.over.count)
+
+    def fresh(
+        self,
+        campaign: Campaign,
+        runner: TrialRunner,
+        fidelity: Fidelity,
+        fresh: FreshTrials = FIRST_ROUND,
+        done: int = 0,
+        watch: Advance | None = None,
+    ) -> Rows:
+        """See `Population`; always in the campaign's fidelity."""
+        units = done // campaign.trials_per_unit
+        count, first = units or campaign.fresh_units, fresh.unit + units
+        return fresh_units(self.condition, campaign, runner, count, first, watch)
+
+    def most_fresh(self, campaign: Campaign) -> int:
+        """See `Population`."""
+        return campaign.fresh_units * campaign.trials_per_unit * 2 ** (UNIT_LOOKS - 1)
+
+    def limit(self, accuracy: Accuracy, trials: int, tail: float) -> Limit:
+        """See `Population`; a yield decides, whose need is not known before the units are tried."""
+        return Limit(1.0, 1.0, False)
+
+    def confirmed(
+        self,
+        claim: verification.Claim,
+        outcomes: Rows,
+        campaign: Campaign,
+        runner: TrialRunner,
+        tails: tuple[float, float],
+    ) -> Confirmed:
+        """See `Population`; an error by the share of the units that keep its limit."""
+        if claim.accuracy is None:
+            return _by_all_trials(claim, outcomes, runner.seed, tails)
+        asked, objective = verification.YieldClaim(self.fraction), claim.accuracy.objective
+        measured = likely_units(objective, self.condition, outcomes, campaign, runner)
+        errors, part = measured.likely, measured.part(claim.limit, runner.seed)
+        bounds = asked.bounds(errors <= claim.limit, *tails, part)
+        decided = asked.answer(bounds) is not verification.Answer.NOT_SHOWN
+        worst = float(np.sort(errors)[::-1][asked.most_beyond(len(errors), tails[0])])
+        found = claim.margin(worst)
+        return Confirmed(bounds, asked.margin(bounds.low), decided, found, len(outcomes))
