@@ -17,6 +17,9 @@ unseen                    the same of further trackers, where they are there
 within_1_5, _2, _3, of    trackers both of whose figures are predicted within a factor, of how many
 residual_px, residual_factor  of a class: the residual after calibration that makes what is
                           published, its geometric mean and the factor that holds 68 %
+about_over_across         of a tracker: error about the boresight over that across, by the places of
+                          its stars alone (of its noise), and as published
+error_of_that_ratio       mean of |ln| of the first over the second
 posterior_68, _95         share of the unknowns that posterior intervals hold, over drawn designs
 predict_s                 of one prediction with two processes, second
 """
@@ -172,6 +175,22 @@ def residuals_of(trackers: Sequence[Tracker]) -> dict[str, Any]:
     return found
 
 
+def about_over_across(trackers: Sequence[Tracker]) -> dict[str, Any]:
+    """Ratio of both published errors beside that which the places of the stars alone make.
+
+    An error that is alike and independent in all stars is larger about the boresight than across by
+    the inverse of their root-mean-square angle from it, whatever its size; noise is such an error.
+    """
+    found = dict[str, list[float]]()
+    for tracker in trackers:
+        across, about = tracker.published
+        if across and about:
+            noise = tracker.draws[0].terms[Term.NOISE]
+            found[tracker.name] = [float(noise[1] / noise[0]), about / across]
+    off = [abs(math.log(places / published)) for places, published in found.values()]
+    return {"about_over_across": found, "error_of_that_ratio": float(np.mean(off))}
+
+
 def posterior(surface: PredictionSurface, designs: int) -> dict[str, Any]:
     """Share of the scores of drawn designs that the intervals of their posterior hold."""
     random = Streams(SEED, 0)("drawn designs")
@@ -235,6 +254,7 @@ def main() -> None:
             predict(shipped("trackers/astro-aps.toml"), executor=executor)
             figures["predict_s"] = time.monotonic() - began
     figures |= scores(seen, seen, one_out=True) | residuals_of([*seen, *more])
+    figures |= about_over_across([*seen, *more])
     if more:
         figures["unseen"] = scores(more, seen, one_out=False)
     drawn = next(one for one in seen if one.name == "rigel-l")

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from startrack.cli import options as shared
+from startrack.cli.not_known import DRAWS
 from startrack.cli.options import (
     DESIGN,
     Exit,
@@ -35,7 +36,7 @@ if wanted(__name__):
         analytic,
     )
     from startrack.cli import terminal
-    from startrack.cli.predict import prediction_answer, prediction_values
+    from startrack.cli.not_known import units_over_unknowns
     from startrack.cli.units import (
         AXES,
         budgets_of,
@@ -50,7 +51,6 @@ if wanted(__name__):
     from startrack.metrics import Interval
     from startrack.montecarlo import pool
     from startrack.optimise import halved, levers
-    from startrack.prediction import predict
     from startrack.response import TYPICAL, errors, lasting
     from startrack.sequence import Sequence as Profiled
     from startrack.trial import SingleStars
@@ -98,13 +98,7 @@ declare = Options(
         f"lifetime (default: {UNITS} where it has such tables)",
         whole(2),
     ),
-    Option(
-        "--draws N",
-        "draws of the values that a design does not know, which give its accuracy an interval as "
-        "`startrack predict` does, such as 32 (default: none)",
-        whole(0, 10**4),
-        0,
-    ),
+    DRAWS,
     Option(
         "--tolerances",
         "with --units: what halving the scale of each [[variation]] buys at the end of life "
@@ -185,21 +179,6 @@ def command(options: argparse.Namespace) -> int:
     show("\n".join(budgets.advice(expected)[: None if options.full else FEW_CAUSES]))
     if options.full:
         result |= _in_full(case, expected, show)
-    if design.unknowns and options.draws:
-        with (
-            pool(options.workers) as executor,
-            terminal.progress("draws of what is not known", options.draws + 1) as advance,
-        ):
-            sure = predict(
-                terminal.found_file(path),
-                options.set,
-                options.seed,
-                options.draws,
-                executor=executor,
-                progress=advance,
-            )
-        result["not_known"] = prediction_values(sure)
-        show(f"with all that is not known, {prediction_answer(sure)}")
     with terminal.stage("trials beside the formula"):
         checked = budgets.check(case, expected, options.seed)
     result |= {"not_counted": expected.left_out, "refused_as_hot_pixels": expected.refused}
@@ -218,6 +197,9 @@ def command(options: argparse.Namespace) -> int:
     if indices:
         result["indices"], lines = indices
         show(lines)
+    if design.unknowns and options.draws:
+        result["not_known"], sentences = units_over_unknowns(options, path)
+        show("\n".join(sentences))
     if options.out:
         save_json(options.out / "budget.json", finite(result))
         result["out"] = str(options.out)

@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from startrack.cli import options as shared
+from startrack.cli.not_known import AXES, DRAWS
 from startrack.cli.options import Exit, Option, Options, WrongUse, fidelity, wanted, whole
 
 if wanted(__name__):
     import numpy as np
 
+    from startrack.cli.not_known import draws_of, lost_text, over_unknowns, written
     from startrack.cli.terminal import found_file, print_result, progress, read_design
     from startrack.core import Rows
     from startrack.design import Campaign, Case, Fidelity
@@ -62,6 +64,7 @@ declare = Options(
         200,
     ),
     *shared.SET,
+    DRAWS,
     fidelity("of the trials of design files (default: frame); see montecarlo"),
     shared.SEED,
     shared.WORKERS,
@@ -92,7 +95,12 @@ def command(options: argparse.Namespace) -> int:
         "statistics": {difference.name: _row(difference).json()[0] for difference in statistics},
     }
     trials = len(tables[0]), len(tables[1])
-    print_result(options, result, *_text(options, changed, statistics, paired, trials))
+    text = _text(options, changed, statistics, paired, trials)
+    if of_designs:
+        more, lines = _over_unknowns(options, statistics)
+        result |= more
+        text += lines
+    print_result(options, result, *text)
     return Exit.DONE
 
 
@@ -133,6 +141,41 @@ def _trials(
                 )
             )
     return made[0], made[1]
+
+
+def _over_unknowns(
+    options: argparse.Namespace, statistics: list[Found]
+) -> tuple[dict[str, Any], list[str]]:
+    """The ratios of the errors over what the designs do not know: values for JSON, and lines.
+
+    Unknowns of the same name have the same quantiles in both.
+    """
+    paths = options.first, options.second
+    drawn = {str(path): draws for path in paths if (draws := draws_of(options, path))}
+    if not drawn:
+        return {}, []
+    factors = [
+        drawn[str(path)].factors if str(path) in drawn else np.ones((options.draws, 2))
+        for path in paths
+    ]
+    ratios = [difference.change.value for difference in statistics[:2]]
+    found = over_unknowns(ratios, factors[1] / factors[0])
+    values = {"draws": options.draws, "unknowns": {n: d.unknowns for n, d in drawn.items()}}
+    lines = [f"over what is not known, {CHANGE} of the rms:"]
+    for axis in AXES:
+        if not found:
+            continue
+        least, most = found[axis]["95"]
+        shown = least > 1 or most < 1
+        better = "" if shown else "; which is better is not shown"
+        lines.append(f"  {axis}: {written(found[axis])}{better}")
+        values[axis] = found[axis] | {"shown": shown}
+    lost = "".join(f"; of {name}{lost_text(one)}" for name, one in drawn.items() if one.lost)
+    lines.append(
+        f"  of {options.draws} draws, the same of both for values of the same name, by the ratio "
+        f"above and the formula{lost}"
+    )
+    return {"not_known": values}, lines
 
 
 def _common(first: ComparedSide, second: ComparedSide, paired: bool) -> tuple[Rows, Rows]:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from startrack.cli import options as shared
+from startrack.cli.not_known import DRAWS
 from startrack.cli.options import Exit, Option, Options, fidelity, positive, wanted, whole
 
 if wanted(__name__):
@@ -22,6 +23,7 @@ if wanted(__name__):
     from startrack.cli import terminal
     from startrack.cli.campaign import open_workers
     from startrack.cli.merge import sketch_rows
+    from startrack.cli.not_known import draws_of, errors_over_unknowns, units_over_unknowns
     from startrack.cli.units import require_units, trials_of
     from startrack.core import Floats, Rows, arcsec, parse
     from startrack.design import Case, Design, Fidelity, Requirements
@@ -94,6 +96,7 @@ declare = Options(
         whole(1, 10**6),
     ),
     Option("--age TIME", "age of the units, such as '5 yr' (default: the lifetime of the design)"),
+    DRAWS,
     Option("--out DIR", "folder for store, table and picture", Path),
     Option(
         "--table FILE",
@@ -196,6 +199,14 @@ def command(options: argparse.Namespace) -> int:
         text += lines
     else:
         text.append(noise_only(case))
+    if design.unknowns and options.draws:
+        lines = list[str]()
+        if sampling.units:
+            result["not_known"], lines = units_over_unknowns(options, path, sampling.units.age)
+        elif drawn := draws_of(options, path):
+            errors = summary.across.value, summary.about.value
+            result["not_known"], lines = errors_over_unknowns(drawn, errors)
+        text += lines
     result["noise_only"] = not sampling.units
     text.append(f"{rate:.1f} trials/s, seed {options.seed}")
     more, lines = _details(options, outcomes, ends, watched)

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from startrack.cli import options as shared
+from startrack.cli.not_known import DRAWS
 from startrack.cli.options import Exit, Option, Options, campaign, fidelity, wanted, whole
 
 if wanted(__name__):
@@ -13,6 +14,7 @@ if wanted(__name__):
     from startrack.budget import noise_only
     from startrack.cli import terminal
     from startrack.cli.campaign import LEDGER
+    from startrack.cli.not_known import draws_of, limits_text
     from startrack.cli.units import require_units
     from startrack.core import Rows
     from startrack.design import Case, Fidelity
@@ -48,6 +50,7 @@ declare = Options(
         "requirement, at the begin and the end of life; fidelity window by default",
         whole(2, 10**5),
     ),
+    DRAWS,
     Option("--out DIR", "folder for results", Path),
     fidelity=None,
     problems=True,
@@ -107,18 +110,23 @@ def command(options: argparse.Namespace) -> int:
             answer, values = verified.answer, verification.verdict_values(verified)
             table = f"{verification.verdict_text(verified)}\n{noise_only(case)}"
     unknowns = [unknown.name for unknown in design.unknowns]
-    if unknowns and answer is verification.Answer.PASS:
+    drawn = None if units else draws_of(options, path)
+    if unknowns and not (answer is verification.Answer.FAIL and not (drawn and drawn.all_met)):
         answer = verification.Answer.NOT_SHOWN
         values["verdict"] = answer.value
+        by_formula = f"; {limits_text(drawn)}" if drawn else ""
+        conditions = f" and {many} draws" if (many := campaign.unknown_draws) else ""
         _, _, rest = table.partition("\n")
         table = (
             f"verdict: NOT SHOWN: {len(unknowns)} values are not known ({', '.join(unknowns)}), "
-            "and what passes does so for the middle of their laws"
-            + (f" and {drawn} draws" if (drawn := campaign.unknown_draws) else "")
-            + f"; startrack predict gives the interval\n{rest}"
+            f"and what is answered below is so for the middle of their laws{conditions}"
+            f"{by_formula}; startrack predict gives the interval\n{rest}"
         )
     result = {"design": str(path), "seed": options.seed, "fidelity": fidelity.value}
     result |= {"unknowns": unknowns} if unknowns else {}
+    if drawn:
+        result["draws"] = {"number": len(drawn.draws), "met": drawn.count_met()}
+        result["draws"] |= {"all_met": drawn.all_met, "without_attitude": drawn.lost}
     result |= values | {"noise_only": not units}
     if options.out:
         save_text(options.out / "verdict.md", f"```\n{table}\n```\n")

@@ -1,11 +1,13 @@
 """How sure a prediction is: designs with values that are not known -> errors with intervals.
 
 draws    Design file -> draws of what it does not know, each with the classes of error of its units.
+as_designed  Design file -> errors of the unit as designed, by formula, in draws of its unknowns.
 surface  Draws -> the logarithm of each class of error, linear in the scores of the unknowns.
 learn    Surface and told figures -> what they say of each unknown, and its law from then on.
 predict  Design file -> Prediction: median and intervals of each figure, and what makes their width.
 """
 
+from startrack.prediction.as_designed import DesignedDraw, DesignedDraws, draw_as_designed
 from startrack.prediction.draws import MIDDLE, Draw, draw_unknowns
 from startrack.prediction.learn import TERMS, Learned, Lesson, learn, save_posterior, save_told
 from startrack.prediction.predict import (
@@ -23,12 +25,15 @@ from startrack.prediction.surface import PredictionSurface, fit_surface
 
 # Public; the other imports serve other rooms.
 __all__ = [
+    "DesignedDraw",
+    "DesignedDraws",
     "Draw",
     "Learned",
     "Lesson",
     "PredictedFigure",
     "Prediction",
     "PredictionSurface",
+    "draw_as_designed",
     "draw_unknowns",
     "fit_surface",
     "learn",

@@ -12,7 +12,7 @@ import numpy as np
 
 from startrack.budget import Term, unit_budgets
 from startrack.core import Advance, Floats, Refused, printed, whole
-from startrack.design import Case, Unknown, load_design, stratified
+from startrack.design import Case, Design, Unknown, load_design, stratified
 from startrack.verification import expected_in_frames
 
 # Of each unit, chosen by hand: what so few leave is in the scatter of the surface, and small beside
@@ -104,15 +104,8 @@ def _draw(
     age: float | None,
 ) -> Draw:
     quantiles = dict[str, float]()
-
-    def quantile(name: str) -> float | None:
-        if number == MIDDLE:
-            return None
-        quantiles[name] = float(stratified(seed, name, count)[number])
-        return quantiles[name]
-
     try:
-        design = load_design(path, changes, quantile=quantile)
+        design = drawn_design(path, changes, seed, number, count, quantiles)
     except Refused as error:
         return Draw(number, (), quantiles, {}, 0.0, str(error))
     try:
@@ -121,6 +114,28 @@ def _draw(
     except Refused as error:
         return Draw(number, design.unknowns, quantiles, {}, 0.0, str(error))
     return Draw(number, design.unknowns, quantiles, terms, available, "", frames)
+
+
+def drawn_design(
+    path: Path,
+    changes: Sequence[str],
+    seed: int,
+    number: int,
+    count: int,
+    quantiles: dict[str, float],
+) -> Design:
+    """The design with the values of one draw of many; its number is -1 for the middle.
+
+    quantiles  to which that of each unknown is added, by its name
+    """
+
+    def quantile(name: str) -> float | None:
+        if number == MIDDLE:
+            return None
+        quantiles[name] = float(stratified(seed, name, count)[number])
+        return quantiles[name]
+
+    return load_design(path, changes, quantile=quantile)
 
 
 def _terms(

@@ -1,0 +1,128 @@
+"""Figures of commands over what a design does not know: intervals, and limits that draws meet."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from startrack.cli.options import Option, wanted, whole
+
+if wanted(__name__):
+    import numpy as np
+
+    from startrack.cli.predict import prediction_answer, prediction_values
+    from startrack.cli.terminal import design_file, progress
+    from startrack.core import Refused, arcsec
+    from startrack.design import load_design
+    from startrack.montecarlo import pool
+    from startrack.prediction import DesignedDraws, draw_as_designed, predict
+
+if TYPE_CHECKING:
+    from startrack.core import Floats
+
+QUANTILES = (0.5, 0.16, 0.84, 0.025, 0.975)
+AXES = ("across", "about")
+DRAWS = Option(
+    "--draws N",
+    "draws of the values that the design does not know, which give figures for their middle an "
+    "interval (0: none)",
+    whole(0, 10**4),
+    32,
+)
+
+
+def draws_of(options: argparse.Namespace, path: Path) -> DesignedDraws | None:
+    """Draws of what a design does not know; None where it knows all, or none were asked for."""
+    path = design_file(path)
+    if not options.draws or not load_design(path, options.set).unknowns:
+        return None
+    with progress("draws of what is not known", options.draws + 1) as advance:
+        return draw_as_designed(path, options.seed, options.draws, options.set, advance)
+
+
+def over_unknowns(values: Sequence[float], factors: Floats) -> dict[str, Any]:
+    """Values of the middle over what is not known, for JSON: median and intervals, by axis.
+
+    values   (2,) with all unknowns at their middle, across and about
+    factors  (n, 2) of draws, over the middle; NaN where a draw has no attitude
+    """
+    seen = factors[~np.isnan(factors).any(axis=1)]
+    if not len(seen):
+        return {}
+    found = dict[str, Any]()
+    for axis, value, column in zip(AXES, values, seen.T, strict=True):
+        median, *ends = (float(end) for end in np.quantile(value * column, QUANTILES))
+        found[axis] = {"median": median, "68": ends[:2], "95": ends[2:]}
+    return found
+
+
+def errors_over_unknowns(
+    drawn: DesignedDraws, errors: Sequence[float]
+) -> tuple[dict[str, Any], list[str]]:
+    """Errors of trials over what is not known: values for JSON, arcsecond, and lines.
+
+    errors  (2,) radian with all unknowns at their middle, across and about
+    """
+    found = over_unknowns([error / arcsec for error in errors], drawn.factors)
+    values = {"unknowns": drawn.unknowns, "draws": len(drawn.draws), "without_attitude": drawn.lost}
+    values |= {f"{axis}_arcsec": levels for axis, levels in found.items()}
+    if not found:
+        return values, [f"not known: none of {len(drawn.draws)} draws has an attitude"]
+    across, about = (written(found[axis]) for axis in AXES)
+    text = (
+        f"over {drawn.unknowns} values that are not known: {across} arcsec across and {about} "
+        f"about, rms per axis; of {len(drawn.draws)} draws, each with the errors above times "
+        "what the formula gives for it over that for the middle"
+    )
+    return values, [text + lost_text(drawn)]
+
+
+def units_over_unknowns(
+    options: argparse.Namespace, path: Path, age: float | None = None
+) -> tuple[dict[str, Any], list[str]]:
+    """The accuracy of units over what is not known, as `startrack predict` has it.
+
+    age      second; None: the end of life
+    Returns  values for JSON, and lines; why there is none, where there is none
+    """
+    title = "draws of what is not known"
+    with pool(options.workers) as executor, progress(title, options.draws) as advance:
+        try:
+            sure = predict(
+                design_file(path),
+                options.set,
+                options.seed,
+                options.draws,
+                age=age,
+                executor=executor,
+                progress=advance,
+            )
+        except Refused as error:
+            return {"refused": str(error)}, [f"no interval over what is not known: {error}"]
+    return prediction_values(sure), [f"with all that is not known, {prediction_answer(sure)}"]
+
+
+def lost_text(drawn: DesignedDraws) -> str:
+    """How many draws are not in the figures, as the end of a sentence."""
+    return f"; {drawn.lost} draws have no attitude, and are not in it" if drawn.lost else ""
+
+
+def written(levels: dict[str, Any]) -> str:
+    """A median with the intervals that hold 68 and 95 %."""
+    (low, high), (least, most) = levels["68"], levels["95"]
+    return (
+        f"{levels['median']:.3g} [{low:.3g}, {high:.3g}] in 68 % and [{least:.3g}, {most:.3g}] "
+        "in 95 %"
+    )
+
+
+def limits_text(drawn: DesignedDraws) -> str:
+    """In how many draws requirements are met, in words; of what all meet, no more than that."""
+    open_ = {name: n for name, n in drawn.count_met().items() if n < len(drawn.draws)}
+    if not open_:
+        return f"by the formula all {len(drawn.draws)} draws meet all requirements"
+    parts = ", ".join(f"{name} in {number}" for name, number in open_.items())
+    others = "" if len(open_) == len(drawn.count_met()) else ", all else in all"
+    return f"by the formula of {len(drawn.draws)} draws meet their limits: {parts}{others}"

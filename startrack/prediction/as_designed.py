@@ -1,0 +1,99 @@
+"""Design file -> errors of the unit as designed, by formula, for draws of what is not known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from startrack.budget import analytic
+from startrack.core import Advance, Floats, Refused, printed, whole
+from startrack.design import load_design
+from startrack.prediction.draws import MIDDLE, drawn_design
+from startrack.verification import expected_margins, margins
+
+
+class DesignedDraw(NamedTuple):
+    """The unit as designed with one value of each unknown.
+
+    errors  radian rms per axis (2,), across the boresight and about it; NaN where it has none
+    met     whether the formula meets each requirement of its campaign, by name, in the design's
+            own condition; empty where it has no errors
+    """
+
+    errors: Floats
+    met: dict[str, bool]
+
+
+@printed
+@dataclass(frozen=True)
+class DesignedDraws:
+    """Draws of what is not known of a design.
+
+    unknowns  number of values that are not known
+    middle    with all of them at their middle
+    draws     with others, of equal weight
+    """
+
+    unknowns: int
+    middle: DesignedDraw
+    draws: tuple[DesignedDraw, ...]
+
+    @property
+    def factors(self) -> Floats:
+        """(n, 2) errors over those of the middle; NaN of draws without an attitude."""
+        return np.array([draw.errors / self.middle.errors for draw in self.draws])
+
+    @property
+    def lost(self) -> int:
+        """Number of draws without an attitude, or with a value out of its limits."""
+        return int(np.isnan([draw.errors[0] for draw in self.draws]).sum())
+
+    @property
+    def all_met(self) -> int:
+        """Number of draws that meet all requirements."""
+        return sum(bool(draw.met) and all(draw.met.values()) for draw in self.draws)
+
+    def count_met(self) -> dict[str, int]:
+        """Number of draws that meet each requirement, by its name."""
+        names = dict.fromkeys(name for draw in self.draws for name in draw.met)
+        return {name: sum(draw.met.get(name, False) for draw in self.draws) for name in names}
+
+
+def draw_as_designed(
+    path: Path, seed: int, count: int, changes: Sequence[str] = (), progress: Advance | None = None
+) -> DesignedDraws:
+    """Errors of the unit as designed, by its analytic budget, in draws of all unknowns.
+
+    The draws are those of `draw_unknowns`: two designs of one seed have the same quantiles of
+    unknowns of the same name, so that their ratio is known better than either error.
+
+    progress  called with 1 after each draw
+    Raises    what `load_design` raises of the file.
+    Accuracy  that of `analytic`; what varies from unit to unit is not in it.
+    """
+    whole(1, 10**4, count=count)
+    unknowns = load_design(path, changes).unknowns
+    found = list[DesignedDraw]()
+    for number in (MIDDLE, *range(count)):
+        found.append(_draw(path, changes, seed, number, count))
+        if progress:
+            progress(1)
+    return DesignedDraws(len(unknowns), found[0], tuple(found[1:]))
+
+
+def _draw(path: Path, changes: Sequence[str], seed: int, number: int, count: int) -> DesignedDraw:
+    try:
+        design = drawn_design(path, changes, seed, number, count, {})
+        budget = analytic(design.case)
+    except Refused:
+        return DesignedDraw(np.full(2, np.nan), {})
+    met = dict[str, bool]()
+    if design.campaign:
+        needs = design.campaign.requirements
+        by_name = margins(needs, design.case) | expected_margins(needs, budget)
+        met = {name: bool(value >= 0) for name, value in by_name.items()}
+    return DesignedDraw(np.array(budget.sum), met)
