@@ -8,6 +8,7 @@ terminal    Inputs by name, and outputs: results on standard output, messages on
 campaign    What the commands on campaigns share: the design, the workers, the runner of trials.
 problems    The commands on campaigns, of a problem that is no star tracker: an Earth camera.
 units       Units in `startrack budget` and `montecarlo`: classes of error, levels, yields.
+not_known   Figures over what a design does not know: intervals, and limits that draws meet.
 beside      At the first run, another process compiles while this one works.
 
 Of one frame or lens: simulate, psf, lens, detect, solve, calibrate. Of many trials: budget,

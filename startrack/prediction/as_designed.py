@@ -16,6 +16,7 @@ from startrack.prediction.draws import MIDDLE, drawn_design
 from startrack.verification import expected_margins, margins
 
 
+@printed
 class DesignedDraw(NamedTuple):
     """The unit as designed with one value of each unknown.
 
