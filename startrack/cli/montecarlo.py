@@ -30,7 +30,7 @@ if wanted(__name__):
     from startrack.io import finite, save_json
     from startrack.metrics import ARCSEC, ErrorLimits, Row
     from startrack.montecarlo import Endings, Precision, Sampling
-    from startrack.population import Units
+    from startrack.population import AS_DESIGNED, AsDesigned, Units
     from startrack.trial import OUTCOMES, require_fidelity
     from startrack.verification import (
         bounds_of_errors,
@@ -155,8 +155,7 @@ def command(options: argparse.Namespace) -> int:
     )
     sampling = _sampling(options, case)
     _refuse_parts(options)
-    if sampling.units:
-        options.trials *= options.units
+    options.trials *= options.units or 1
     with shared.as_wrong_use(path=path):
         require_fidelity(case, sampling.fidelity)
         conditions, refused = cases(case, campaign) if campaign else ((), ())
@@ -193,7 +192,7 @@ def command(options: argparse.Namespace) -> int:
     asked = f"{summary.doubt}; `startrack budget` names what the tracker does not know"
     text = [_answer(summary), *([asked] if summary.doubt else [])]
     text += [*metrics.to_lines(rows), *verdicts]
-    if sampling.units:
+    if options.units:
         required = needs.accuracy if needs else ()
         result["units"], lines = trials_of(case, options.seed, sampling, outcomes, required)
         text += lines
@@ -201,13 +200,13 @@ def command(options: argparse.Namespace) -> int:
         text.append(noise_only(case))
     if design.unknowns and options.draws:
         lines = list[str]()
-        if sampling.units:
+        if isinstance(sampling.units, Units):
             result["not_known"], lines = units_over_unknowns(options, path, sampling.units.age)
         elif drawn := draws_of(options, path):
             errors = summary.across.value, summary.about.value
             result["not_known"], lines = errors_over_unknowns(drawn, errors)
         text += lines
-    result["noise_only"] = not sampling.units
+    result["noise_only"] = not options.units
     text.append(f"{rate:.1f} trials/s, seed {options.seed}")
     more, lines = _details(options, outcomes, ends, watched)
     result |= more
@@ -400,7 +399,7 @@ def _required(
 def _sampling(options: argparse.Namespace, case: Case) -> Sampling:
     attitudes = "sobol" if options.sobol else "random"
     with shared.as_wrong_use():
-        units = None
+        units: AsDesigned | Units = AS_DESIGNED
         if options.units:
             require_units(case)
             age = case.end_of_life if options.age is None else parse(options.age, "s")
@@ -412,7 +411,7 @@ def _sampling(options: argparse.Namespace, case: Case) -> Sampling:
                 )
             units = Units(options.trials, environments, age)
         for name in ("age", "environments"):
-            if not units and getattr(options, name) is not None:
+            if not options.units and getattr(options, name) is not None:
                 raise shared.WrongUse(f"--{name} needs --units")
         return Sampling(Fidelity(options.fidelity), attitudes, options.control, units)
 

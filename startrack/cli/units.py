@@ -20,7 +20,7 @@ if wanted(__name__):
     from startrack.metrics import ARCSEC, LEVELS, Interpretation, Interval, bounds_json, bracketed
     from startrack.montecarlo import Sampling
     from startrack.optimise import LeverChange, allocation, costs_of
-    from startrack.population import explain, per_unit
+    from startrack.population import Units, explain, per_unit
     from startrack.verification import USUAL, units_expected, yield_of
 
 if TYPE_CHECKING:
@@ -166,7 +166,7 @@ def trials_of(
 ) -> tuple[dict[str, Any], list[str]]:
     """Results of trials of units: their errors, the yield of each accuracy, and the worst unit."""
     units = sampling.units
-    assert units
+    assert isinstance(units, Units)
     by_unit, years, lines = per_unit(outcomes), units.age / YEAR, list[str]()
     values: dict[str, Any] = {"count": len(by_unit.unit), "age_years": years}
     for name, rms in (("across", by_unit.across), ("about", by_unit.about)):

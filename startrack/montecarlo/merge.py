@@ -13,9 +13,10 @@ from startrack.io import Database
 from startrack.io import whole as whole_file
 from startrack.montecarlo import store as stores
 from startrack.montecarlo.run import require_whole, touching_runs
-from startrack.montecarlo.sampling import BLOCK
 from startrack.montecarlo.store import STORE, Store
+from startrack.population import AS_DESIGNED
 
+BLOCK = AS_DESIGNED.block  # trials
 WITHOUT_TRIALS = "campaign"  # the row of `about` that changes no trial
 
 

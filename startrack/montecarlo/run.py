@@ -12,7 +12,7 @@ from startrack.core import Advance, Refused, Rows, whole
 from startrack.design import Case, Fidelity
 from startrack.montecarlo.sampling import Sampling
 from startrack.montecarlo.workers import Serial
-from startrack.population import Units
+from startrack.population import AS_DESIGNED, AsDesigned, Units
 from startrack.trial import OUTCOMES
 
 BLOCKS_PER_WORKER = 4  # so that no worker waits long for the last one; chosen by hand
@@ -42,20 +42,19 @@ def run(
     workers: int = 1,
     progress: Advance | None = None,
     fidelity: Fidelity = Fidelity.FRAME,
-    units: Units | None = None,
+    units: AsDesigned | Units = AS_DESIGNED,
 ) -> Rows:
     """The outcomes of trials first ... first + trials - 1.
 
     progress  called with the number of trials that just ended
-    units     how the trials go over units; None: all are of the unit as designed
+    units     how the trials go over units; or all are of the unit as designed
     Returns   (trials,) structured array: `trial` and the fields of Outcome, in order of trial
     Accuracy  what a trial raises, which a sky that cannot be solved does not; BrokenExecutor where
               a block of trials kills its worker each time.
     """
     whole(1, 10**9, trials=trials)
     size = -(-trials // (workers * BLOCKS_PER_WORKER))
-    if units:  # a unit is made once
-        size = -(-size // units.trials) * units.trials
+    size = -(-size // units.trials) * units.trials  # a unit is made once
     end = first + trials
     plan = [range(at, min(at + size, end)) for at in range(first, end, size)]
     outcomes = np.empty(trials, OUTCOMES)
@@ -75,8 +74,8 @@ def warm(case: Case, sampling: Sampling = FRAMES) -> None:
     Raises  Refused, ImportError, MemoryError or OSError, where no trial of the case can be run;
             what else may be raised by this trial alone is left to the trials.
     """
-    if sampling.units:  # plans between which units lie take minutes, and each worker has its own
-        sampling = replace(sampling, units=replace(sampling.units, exact=True))
+    # Plans between which units lie take minutes, and each worker has its own.
+    sampling = replace(sampling, units=sampling.units.anew)
     try:
         sampling.trials(case, 0, range(1))
     except (Refused, ImportError, MemoryError, OSError) as error:

@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.core import YEAR, Floats, Parameters, Range, Refused, Rows, Streams, parameter
+from startrack.core import Floats, Parameters, Range, Refused, Rows, Streams, parameter
 from startrack.design import Case, Fidelity
 from startrack.montecarlo.attitudes import at_random, by_sobol
 from startrack.montecarlo.control import control
 from startrack.observation import expected_electrons
-from startrack.population import UNITS, Units, unit_trials
-from startrack.trial import OUTCOMES, observe, run_trials
+from startrack.population import AS_DESIGNED, AsDesigned, Units
+from startrack.trial import OUTCOMES, observe
 
 AXES = "xyz"
 CONTROLS = np.dtype(
@@ -65,8 +65,6 @@ def surplus(controls: Rows, about: bool = False) -> Floats:
     return total / len(axes)
 
 
-BLOCK = 64  # trials: a second of work, 83 bytes a trial on disk; chosen by hand
-UNIT_BLOCK = 2000  # of units, which share their plans; chosen by hand
 ATTITUDES = ("random", "sobol")
 SURPLUS = [("surplus_across", float), ("surplus_about", float)]
 
@@ -77,42 +75,35 @@ class Sampling(Parameters):
     fidelity   of each trial
     attitudes  "random": independent; "sobol": scrambled points that fill the sphere evenly
     control    whether each has a control variate, which needs whole frames
-    units      how the trials go over units that differ; None: all are of the unit as designed
+    units      how the trials go over units that differ; or all are of the unit as designed
     """
 
     fidelity: Fidelity = Fidelity.FRAME
     attitudes: str = parameter(limit=Range(choices=ATTITUDES), default="random")
     control: bool = False
-    units: Units | None = None
+    units: AsDesigned | Units = AS_DESIGNED
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.control and self.fidelity is not Fidelity.FRAME:
             raise Refused(f"control needs fidelity frame, got {self.fidelity}")
-        if self.control and self.units:
+        if self.control and self.units != AS_DESIGNED:
             raise Refused("control must be left out where units vary")
 
     def __str__(self) -> str:
         named = [f"fidelity {self.fidelity}"]
         named += ["Sobol attitudes"] * (self.attitudes == "sobol")
-        if self.units:
-            named.append(
-                f"{self.units.trials} trials a unit in {self.units.environments} environments at "
-                f"{self.units.age / YEAR:g} yr"
-            )
-        return ", ".join(named + ["control"] * self.control)
+        return ", ".join([*named, *self.units.words, *["control"] * self.control])
 
     @property
     def block(self) -> int:
         """Trials that go to a worker and to disk at a time, at most."""
-        return UNIT_BLOCK if self.units else BLOCK
+        return self.units.block
 
     @property
     def dtype(self) -> np.dtype[Any]:
         """`trial`, the fields of Outcome, and with a control its surplus (radian^2)."""
-        if self.units:
-            return UNITS
-        return np.dtype(OUTCOMES.descr + SURPLUS) if self.control else OUTCOMES
+        return np.dtype(OUTCOMES.descr + SURPLUS) if self.control else self.units.dtype
 
     def attitudes_of(self, seed: int, numbers: Sequence[int]) -> Rotation:
         """The attitudes icrs_to_camera of some trials."""
@@ -124,10 +115,8 @@ class Sampling(Parameters):
         Raises  as `startrack.run_trials` and `control`
         """
         attitudes = self.attitudes_of(seed, numbers)
-        if self.units:
-            return unit_trials(case, seed, numbers, self.units, self.fidelity, attitudes)
         if not self.control:
-            return run_trials(case, seed, numbers, self.fidelity, attitudes)
+            return self.units.run(case, seed, numbers, self.fidelity, attitudes)
         outcomes, controls = sample_controlled(case, seed, numbers, attitudes)
         table = np.empty(len(numbers), self.dtype)
         table[list(OUTCOMES.names or ())] = outcomes

@@ -9,7 +9,6 @@ import os
 import platform
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
 from datetime import UTC, datetime
 from functools import partial
 from importlib.metadata import version
@@ -25,7 +24,7 @@ from startrack.io import Database, Execute, FileKind, from_table, save_csv, to_t
 from startrack.io import whole as whole_file
 from startrack.montecarlo.run import FRAMES
 from startrack.montecarlo.sampling import Sampling
-from startrack.population import Units
+from startrack.population import stored_units
 from startrack.trial import OUTCOMES
 
 LARGEST_TRIAL = 1024  # byte
@@ -120,7 +119,7 @@ class Store:
                 Fidelity(about["fidelity"]),
                 about.get("attitudes", "random"),
                 about.get("control", "no") == "yes",
-                Units(**json.loads(about["units"])) if "units" in about else None,
+                stored_units(about),
             )
             self.dtype = np.dtype([(name, kind) for name, kind in json.loads(about["fields"])])
             self.startrack = about["startrack"]
@@ -373,8 +372,7 @@ def _begin(case: Case, seed: int, sampling: Sampling, execute: Execute) -> None:
     }
     if code := [origin_of(key, name) for key, _, name in code_in(case)]:
         about["code"] = json.dumps(code)
-    if sampling.units:
-        about["units"] = json.dumps(asdict(sampling.units))
+    about |= sampling.units.stored
     write_about(execute, about)
 
 

@@ -10,7 +10,7 @@ from startrack.core import Advance, Rows, inputs_of, software
 from startrack.design import Campaign, Case, Fidelity
 from startrack.montecarlo import Serial, run
 from startrack.optimise.ledger import Ledger
-from startrack.population import Units
+from startrack.population import AS_DESIGNED, AsDesigned, Units
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -64,11 +64,11 @@ class TrialRunner:
         fidelity: Fidelity = Fidelity.FRAME,
         first: int = 0,
         progress: Advance | None = None,
-        units: Units | None = None,
+        units: AsDesigned | Units = AS_DESIGNED,
     ) -> Rows:
         """The outcomes of trials first ... first + trials - 1 of a design.
 
-        units     how these go over its units; None: all are of the unit as designed
+        units     how these go over its units; or all are of the unit as designed
         progress  called with the number of trials that were just done
         Raises    Refused where the design cannot be built or rendered, also on each later call;
                   any other exception is a fault, of which the ledger knows nothing.
@@ -148,7 +148,9 @@ class TrialRunner:
         text += f"{described(judged)} {inputs}"
         return hashlib.blake2b(text.encode(), digest_size=16).digest()
 
-    def _key(self, case: Case, fidelity: Fidelity, first: int, units: Units | None = None) -> bytes:
+    def _key(
+        self, case: Case, fidelity: Fidelity, first: int, units: AsDesigned | Units = AS_DESIGNED
+    ) -> bytes:
         written, inputs = described(case), inputs_of(case)
         text = f"{software()} {self.seed} {fidelity} {first} {written} {inputs} {units}"
         return hashlib.blake2b(text.encode(), digest_size=16).digest()

@@ -11,11 +11,14 @@ from startrack.population.calibrate import calibrated, drawn, left_over
 from startrack.population.nodes import of_places
 from startrack.population.unit import middle_of, placed, unit_of
 from startrack.population.yields import (
+    AS_DESIGNED,
     UNITS,
+    AsDesigned,
     PerUnit,
     Units,
     explain,
     per_unit,
+    stored_units,
     unit_errors,
     unit_trials,
 )

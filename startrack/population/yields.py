@@ -1,14 +1,25 @@
 """Units -> outcomes of trials of many, error of each, yield, and what made one of them bad."""
 
-from collections.abc import Sequence
-from dataclasses import replace
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
 from itertools import groupby
-from typing import NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.core import NON_NEGATIVE, Floats, Ints, Parameters, Range, Rows, parameter, whole
+from startrack.core import (
+    NON_NEGATIVE,
+    YEAR,
+    Floats,
+    Ints,
+    Parameters,
+    Range,
+    Rows,
+    parameter,
+    whole,
+)
 from startrack.design import Case, Fidelity, Moment, Objective, Scope
 from startrack.metrics import Interval, fraction_interval
 from startrack.observation import random_attitudes
@@ -23,6 +34,39 @@ UNITS: np.dtype[np.void] = np.dtype(
 )
 
 
+class AsDesigned(Parameters):
+    """All trials are of the unit as designed: a population of one."""
+
+    dtype: ClassVar[np.dtype[Any]] = OUTCOMES
+    block: ClassVar[int] = 64  # trials: a second of work, 83 bytes a trial on disk; by hand
+    trials: ClassVar[int] = 1  # that are best done by one worker
+    words: ClassVar[tuple[str, ...]] = ()
+    stored: ClassVar[dict[str, str]] = {}
+
+    @property
+    def anew(self) -> "AsDesigned":
+        """See `Units`."""
+        return self
+
+    def case_of(self, case: Case, seed: int, number: int) -> Case:
+        """The case of a trial."""
+        return case
+
+    def run(
+        self,
+        case: Case,
+        seed: int,
+        numbers: Sequence[int],
+        fidelity: Fidelity,
+        icrs_to_camera: Rotation,
+    ) -> Rows:
+        """The outcomes of some trials, as `run_trials`."""
+        return run_trials(case, seed, numbers, fidelity, icrs_to_camera)
+
+
+AS_DESIGNED = AsDesigned()
+
+
 class Units(Parameters):
     """Order of a campaign's trials over units: those of each one after the other.
 
@@ -34,6 +78,9 @@ class Units(Parameters):
                   some hundred units on
     """
 
+    dtype: ClassVar[np.dtype[Any]] = UNITS
+    block: ClassVar[int] = 2000  # trials, of units that share their plans; chosen by hand
+
     trials: int = parameter(limit=Range(1, 10**6))
     environments: int = parameter(limit=Range(1), default=ENVIRONMENTS)
     age: float = parameter(limit=NON_NEGATIVE, default=0.0)
@@ -43,12 +90,48 @@ class Units(Parameters):
         super().__post_init__()
         whole(1, self.trials, environments=self.environments)
 
+    @property
+    def words(self) -> tuple[str, ...]:
+        """The order, as the text of a campaign names it."""
+        environments = f"{self.environments} environments at {self.age / YEAR:g} yr"
+        return (f"{self.trials} trials a unit in {environments}",)
+
+    @property
+    def stored(self) -> dict[str, str]:
+        """The order, as a file of trials has it; see `stored_units`."""
+        return {"units": json.dumps(asdict(self))}
+
+    @property
+    def anew(self) -> "Units":
+        """The same order, in which the stars of each unit are measured anew."""
+        return replace(self, exact=True)
+
+    def case_of(self, case: Case, seed: int, number: int) -> Case:
+        """The case of the unit of a trial."""
+        return unit_of(case, seed, self.moment(case, number))
+
+    def run(
+        self,
+        case: Case,
+        seed: int,
+        numbers: Sequence[int],
+        fidelity: Fidelity,
+        icrs_to_camera: Rotation,
+    ) -> Rows:
+        """The outcomes of some trials, as `unit_trials`."""
+        return unit_trials(case, seed, numbers, self, fidelity, icrs_to_camera)
+
     def moment(self, case: Case, number: int) -> Moment:
         """Unit, place and time of a trial."""
         unit, inside = divmod(number, self.trials)
         environment = inside * self.environments // self.trials
         by_frame = any(variation.per is Scope.FRAME for variation in case.varying)
         return Moment(unit, environment, inside if by_frame else -1, self.age)
+
+
+def stored_units(about: Mapping[str, str]) -> AsDesigned | Units:
+    """Inverse of `stored`, from all that a file says of its trials."""
+    return Units(**json.loads(about["units"])) if "units" in about else AS_DESIGNED
 
 
 def unit_trials(

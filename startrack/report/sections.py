@@ -28,7 +28,7 @@ from startrack.io import celestial
 from startrack.metrics import STATED_ALONE, Summary, bracketed, fraction_interval, rms_interval
 from startrack.montecarlo import Ending, Serial, Store, endings, run
 from startrack.plots import BLACK, BLUE, RED, draw_solution, legend_below, say, styled
-from startrack.population import PerUnit, explain, per_unit, unit_errors
+from startrack.population import PerUnit, Units, explain, per_unit, unit_errors
 from startrack.report import page
 from startrack.report.page import table
 from startrack.trial import observe, searched
@@ -234,7 +234,7 @@ SHOWN = 6  # numbers that changed the worst unit most
 def units(store: Store, outcomes: Rows) -> list[page.Section]:
     """The section on units; none where all trials are of the unit as designed."""
     how = store.sampling.units
-    if how is None:
+    if not isinstance(how, Units):
         return []
     by_unit, years = per_unit(outcomes), how.age / YEAR
     needs = store.campaign.requirements.accuracy if store.campaign else ()
@@ -303,7 +303,7 @@ def _spread(errors: Floats, name: str, limit: float | None) -> page.PagePicture:
 def _worst(store: Store, by_unit: PerUnit) -> str:
     """Causes of the worst unit's errors, number by number."""
     how, worst = store.sampling.units, by_unit.worst
-    if how is None or worst is None:
+    if not isinstance(how, Units) or worst is None:
         return ""
     rms = float(np.nanmax(by_unit.across)) / arcsec
     if store.sampling.fidelity is not Fidelity.COVARIANCE:

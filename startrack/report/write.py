@@ -10,7 +10,7 @@ from startrack.core import Advance, Parameters, Range, Rows, arcsec, deg, parame
 from startrack.design import Case, Fidelity
 from startrack.io import to_table
 from startrack.montecarlo import Sampling, Store, fidelity_comparison, origin
-from startrack.population import unit_of
+from startrack.population import AS_DESIGNED
 from startrack.report import pictures, sections
 from startrack.report.page import Section, code, page, panels, paragraph, table
 
@@ -70,7 +70,7 @@ def write_report(
     advance = progress or (lambda _: None)
     case, seed = store.case, store.seed
     # Trials of units that differ are not those of the design as designed, which the formula is of.
-    alike = None if store.sampling.units else metrics.summarise(outcomes)
+    alike = metrics.summarise(outcomes) if store.sampling.units == AS_DESIGNED else None
     shown = [
         sections.design(case),
         sections.verdict(store, outcomes, depth.conditions, advance),
@@ -114,7 +114,7 @@ def _summary(store: Store, outcomes: Rows) -> Section:
         f"On average {summary.stars:.1f} stars are matched. The mean squared error over the "
         f"variance that the tracker states is {summary.nees:.2f}; 3 if its covariance is right."
     )
-    alone = "" if store.sampling.units else f" {budget.noise_only(store.case)}."
+    alone = f" {budget.noise_only(store.case)}." if store.sampling.units == AS_DESIGNED else ""
     cells = metrics.to_cells(metrics.summary_rows(summary, limits))
     shown = table(f"Over {summary.trials} trials", ["", "value", "from", "to", "unit"], cells)
     return Section("Summary", shown + paragraph(text + alone) + _verdict(summary))
@@ -198,8 +198,7 @@ def _worst(store: Store, outcomes: Rows, depth: Depth, advance: Advance) -> Sect
     case, seed, units, shown = store.case, store.seed, store.sampling.units, list[str]()
     for number in sections.worst(outcomes, depth.worst).tolist():
         look_at = store.sampling.attitudes_of(seed, [number])[0]
-        own = unit_of(case, seed, units.moment(case, number)) if units else case
-        shown.append(sections.show(own, seed, number, look_at))
+        shown.append(sections.show(units.case_of(case, seed, number), seed, number, look_at))
         advance(1)
     return Section("Worst trials", "".join(shown) or paragraph("None was requested."))
 
