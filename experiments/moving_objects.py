@@ -90,7 +90,7 @@ def draw(path: Path) -> None:
     total = np.zeros(maps.signal.shape[1:])
     weight = np.zeros_like(total)
     for k, time in enumerate(design.moving_object.times):
-        shift = np.rint(2 * (field.speed * time + field.rest[k])).astype(int)
+        shift = np.rint(2 * (field.speed * time + field.rest[k].mean(0))).astype(int)
         total += np.roll(maps.signal[k], -shift[::-1], (0, 1))
         weight += np.roll(maps.weight[k], -shift[::-1], (0, 1))
     score = total / np.sqrt(weight)
@@ -104,7 +104,11 @@ def draw(path: Path) -> None:
     plots.panel_title(right, "all images along the motion (sigma)")
     centre = (images.shape[1] - 1) / 2
     for axes, scale, place in (
-        (left, 1.0, field.place + field.speed * design.moving_object.times[0] + field.rest[0]),
+        (
+            left,
+            1.0,
+            field.place + field.speed * design.moving_object.times[0] + field.rest[0].mean(0),
+        ),
         (right, 2.0, field.place),
     ):
         x, y = scale * (centre + place)

@@ -64,10 +64,13 @@ def digitise(
     return image
 
 
-def shot(electrons: Floats, streams: Streams, cause: str = SHOT) -> Floats:
+def shot(
+    electrons: Floats, streams: Streams, cause: str = SHOT, tables: Tables | None = None
+) -> Floats:
     """Poisson numbers of electrons (rows, columns) by a cause's stream; accuracy as `digitise`."""
     caught = np.empty(electrons.shape)
-    draws = draws_of(COUNT, tables_for(electrons, COUNT), streams)
+    tables = tables_for(electrons, COUNT) if tables is None else tables
+    draws = draws_of(COUNT, tables, streams)
     _digitise(caught, read_only(electrons), draws._replace(shot=streams.key(cause)))
     return caught
 

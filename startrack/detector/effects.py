@@ -7,7 +7,7 @@ those of whole frames, and the error budget says what it leaves out.
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +17,7 @@ from scipy import special
 from startrack.core import Floats, Ints, Refused, Streams, call_code, kernel, returned
 from startrack.detector.digitise import normals, shot
 from startrack.detector.imperfections import offsets, tracks
-from startrack.detector.law import nonlinear_signal
+from startrack.detector.law import EMPTY, nonlinear_signal
 from startrack.detector.maps import device_streams, read_noise
 from startrack.detector.parameters import Detector
 
@@ -71,10 +71,45 @@ def multiplied(charge: Floats, detector: Detector, streams: Streams) -> Floats:
         return charge
     scale = gain * (2 * gain ** (-1 / detector.em_stages) - 1) - 1
     shape = (gain - 1) / scale
-    more, some = np.zeros_like(charge), charge > 0
     fraction = streams("multiplication").random(charge.shape)
-    more[some] = scale * special.gammaincinv(shape * charge[some], fraction[some])
-    return charge + shot(more, streams, "multiplied electrons")
+    more, few = np.empty_like(charge), (charge <= FEW) & (charge == np.rint(charge))
+    more[few] = _gamma_quantile(shape, charge[few].astype(int), special.ndtri(fraction[few]))
+    more[~few] = special.gammaincinv(shape * charge[~few], fraction[~few])
+    # The means of pixels differ too much for tables.
+    return charge + shot(scale * more, streams, "multiplied electrons", EMPTY)
+
+
+FEW = 255  # whole electrons, up to which quantiles are interpolated
+NODES, FARTHEST = 1025, 8.25  # of standard normal numbers, between which they are
+
+
+def _gamma_quantile(shape: float, count: Ints, normal: Floats) -> Floats:
+    """Quantiles (n,) of Gamma(shape count, 1) at standard normal numbers; 0 of no electrons.
+
+    The cube root is interpolated, which is nearly straight in the normal number. Source: Wilson and
+    Hilferty (1931), PNAS 17, 684. Accuracy: numerical, 1e-9 of the standard deviation.
+    """
+    most = 2 ** int(count.max(initial=1)).bit_length() - 1
+    root, step = _gamma_roots(shape, most), 2 * FARTHEST / (NODES - 1)
+    place = (np.clip(normal, -FARTHEST, FARTHEST) + FARTHEST) / step
+    at = np.clip(place.astype(int), 1, NODES - 3)
+    u = place - at
+    weights = (
+        -u * (u - 1) * (u - 2) / 6,
+        (u + 1) * (u - 1) * (u - 2) / 2,
+        -(u + 1) * u * (u - 2) / 2,
+        (u + 1) * u * (u - 1) / 6,
+    )
+    return np.asarray(sum(w * root[count, at + k - 1] for k, w in enumerate(weights)) ** 3)
+
+
+@lru_cache(maxsize=8)
+def _gamma_roots(shape: float, most: int) -> Floats:
+    """Cube roots (most + 1, NODES) of the quantiles that `_gamma_quantile` interpolates."""
+    fraction = special.ndtr(np.linspace(-FARTHEST, FARTHEST, NODES))
+    root = np.zeros((most + 1, NODES))
+    root[1:] = np.cbrt(special.gammaincinv(shape * np.arange(1, most + 1)[:, None], fraction))
+    return root
 
 
 def settle(level: Floats, rest: float) -> Floats:

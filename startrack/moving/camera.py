@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft
+from scipy import fft, ndimage
 
 from startrack.core import Floats, Psf, Stars, Streams, printed
 from startrack.detector import electron_rate
@@ -23,7 +23,10 @@ COG = 3  # pixel, half a side of the window around a guide star
 PHASES = (0.0, 0.5)  # pixel, of the places that are searched
 FEWEST, PER_CYCLE, MOST = 3, 4, 48  # times within a frame, at least, for each cycle, at most
 SEEN = 0.01  # pixel, amplitude of a motion from which on its cycles count
-REPEATS = 16  # realisations of the motion, of which the rest after shifts is the mean
+BRIGHT = 0.5  # of the signal that saturates, at most in the brightest pixel of a guide star
+FLAT = 1e-3  # least slope of a centre of gravity with the place of a star
+PLACES = np.linspace(-1, 1, 81)  # pixel, of a star along an axis
+REPEATS = 16  # realisations of the motion, over which means are taken
 
 
 @printed
@@ -37,9 +40,11 @@ class MovingCamera(NamedTuple):
     variance    electron^2 of a pixel of a frame without stars, at the register's input
     excess      1, variance of detected light over its mean
     smear       (2,) pixel, rms of the motion within a frame
+    guide       electron of a guide star in a frame
     registered  pixel, rms per axis of a frame's place by its guide stars
-    rest        (2,) pixel, rms of the frames of an image about their mean, after shifts by whole
-                pixels
+    gravity     (2, n) pixel along columns and rows, mean centre of gravity of a star at `PLACES`
+    rest        (realisations, images, frames, 2) pixel, by which the field is still shifted in each
+                frame after shifts by whole pixels
     """
 
     psf: Psf
@@ -49,7 +54,9 @@ class MovingCamera(NamedTuple):
     variance: float
     excess: float
     smear: Floats
+    guide: float
     registered: float
+    gravity: Floats
     rest: Floats
 
     def electrons(self, flux: float, seconds: float) -> float:
@@ -76,7 +83,8 @@ def camera_of(design: MovingDesign) -> MovingCamera:
         sigma^2 = (F^2 N s^2 + v sum x^2) / (n N^2)
 
     with N electrons of each of n stars, the rms s of their image, the excess F^2, the variance v of
-    a pixel and its distances x in the window. Source: Newberry (1991), PASP 103, 122.
+    a pixel and its distances x in the window, times the mean square slope of a star's place with
+    its centre of gravity. Source: Newberry (1991), PASP 103, 122.
     """
     instrument, own = design.instrument, design.moving_object
     detector, optics = instrument.detector, instrument.optics
@@ -96,14 +104,25 @@ def camera_of(design: MovingDesign) -> MovingCamera:
     smear = blur(instrument.motion, detector.exposure)[[1, 0]] / design.pixel
     side = np.arange(-COG, COG + 1.0)
     square = float((side**2).sum()) * len(side)
-    guide = float(rates[1]) * detector.exposure
+    full = min(detector.full_well, (2**detector.bits - 1) * detector.electrons_per_dn)
+    guide = min(float(rates[1]) * detector.exposure, BRIGHT * full / float(psf.table.max()))
     offsets = (np.arange(len(psf.table)) - len(psf.table) // 2) / psf.oversampling
     spread = float(psf.table.sum(0) @ offsets**2 / psf.table.sum()) + float((smear**2).mean())
     places = (detector.excess_noise * guide * spread + variance * square) / guide**2
-    registered = math.sqrt(places / own.guides)
-    rate = float(rates[0])
+    gravity = _gravity(psf, smear)
+    steep = float(np.mean((np.diff(PLACES) / np.diff(gravity)) ** 2))
     return MovingCamera(
-        psf, rate, sky, dark, variance, detector.excess_noise, smear, registered, _rest(design)
+        psf,
+        float(rates[0]),
+        sky,
+        dark,
+        variance,
+        detector.excess_noise,
+        smear,
+        guide,
+        math.sqrt(places * steep / own.guides),
+        gravity,
+        _rest(design),
     )
 
 
@@ -140,13 +159,28 @@ def sight_of(design: MovingDesign, streams: Streams) -> Floats:
     return np.asarray(turned - turned.mean((1, 2), keepdims=True) + pointed)
 
 
+def _gravity(psf: Psf, smear: Floats) -> Floats:
+    """Mean centres of gravity (2, n) of a star at `PLACES` from the middle of a pixel.
+
+    Pixels do not sample a sharp image finely enough for a centre of gravity that is its place.
+    """
+    side, step = np.arange(-COG, COG + 1), psf.oversampling
+    grid = (np.arange(len(psf.table)) - len(psf.table) // 2) / step
+    seen = []
+    for axis, moved in enumerate(smear):
+        line = ndimage.gaussian_filter1d(psf.table.sum(axis), moved * step, mode="constant")
+        pixel = np.interp(side - PLACES[:, None], grid, line, 0.0, 0.0)
+        seen.append(pixel @ side / pixel.sum(1))
+    # A star far inside a pixel has the same centre of gravity wherever it is.
+    return np.maximum.accumulate(np.array(seen), axis=1) + FLAT * PLACES
+
+
 def _rest(design: MovingDesign) -> Floats:
-    """Error of place that shifts by whole pixels leave, (2,) pixel rms."""
-    squares, (_, weight) = [], frame_nodes(design)
-    for number in range(REPEATS):
-        frames = np.einsum("kfnx,n->kfx", sight_of(design, Streams(1, number)), weight)
-        squares.append((frames - np.rint(frames)).var(axis=1).mean(0))
-    return np.asarray(np.sqrt(np.mean(squares, axis=0)))
+    """What shifts by whole pixels leave of realisations of the motion, as `MovingCamera` has it."""
+    _, weight = frame_nodes(design)
+    sights = [sight_of(design, Streams(1, number)) for number in range(REPEATS)]
+    frames = np.einsum("rkfnx,n->rkfx", np.array(sights), weight)
+    return np.asarray(frames - np.rint(frames))
 
 
 def _psf(design: MovingDesign) -> Psf:
@@ -176,29 +210,56 @@ def object_image(design: MovingDesign, angle: float) -> Floats:
     angle    radian, of its motion from the columns
     Returns  (m, m) 1, fraction of the light in a pixel, with the samples of the PSF's table
     """
-    step, own = camera_of(design).psf.oversampling, design.moving_object
-    side, still = _still_image(design)
-    samples = len(still)
-    seconds = own.frames * design.instrument.detector.exposure
-    trail = own.rate * seconds / design.pixel
-    x, y = fft.rfftfreq(samples, 1 / step), fft.fftfreq(samples, 1 / step)[:, None]
-    moved = still * np.sinc(trail * (math.cos(angle) * x + math.sin(angle) * y))
-    return np.asarray(fft.irfft2(moved, (samples, samples))[:side, :side])
+    camera, frame = camera_of(design), _frame_image(design, angle)
+    sigma = 2 * (math.pi * camera.registered) ** 2
+    box = np.sqrt(12 * camera.rest.var(axis=2).mean((0, 1)))
+    columns = np.exp(-sigma * frame.x**2) * np.sinc(box[0] * frame.x)
+    rows = np.exp(-sigma * frame.y**2) * np.sinc(box[1] * frame.y)
+    return frame.image(columns * rows)
+
+
+def image_in_frames(design: MovingDesign, angle: float, rest: Floats) -> Floats:
+    """Like `object_image`, of an image whose frames are shifted by a known rest (n, 2), pixel."""
+    frame = _frame_image(design, angle)
+    rows, columns = (
+        np.exp(-2j * math.pi * frequency.ravel() * rest[:, axis : axis + 1])
+        for frequency, axis in ((frame.y, 1), (frame.x, 0))
+    )
+    return frame.image(rows.T @ columns / len(rest))
+
+
+class _FrameImage(NamedTuple):
+    """The image of a moving object in frames that are not shifted, by its transfer function.
+
+    x, y      (1, k), (m, 1) cycle / pixel
+    transfer  (m, k)
+    samples   along a side of the image
+    """
+
+    x: Floats
+    y: Floats
+    transfer: NDArray[np.complex128]
+    samples: int
+
+    def image(self, more: NDArray[Any]) -> Floats:
+        """The image after another transfer function."""
+        padded = (len(self.y), len(self.y))
+        return np.asarray(fft.irfft2(self.transfer * more, padded)[: self.samples, : self.samples])
 
 
 @lru_cache(maxsize=32)
-def _still_image(design: MovingDesign) -> tuple[int, NDArray[np.complex128]]:
-    """Samples along a side of the image of an object that is still, and its transform."""
-    camera = camera_of(design)
+def _frame_image(design: MovingDesign, angle: float) -> _FrameImage:
+    camera, own = camera_of(design), design.moving_object
     step = camera.psf.oversampling
     padded = np.pad(camera.psf.table, 3 * step)
     samples = fft.next_fast_len(len(padded), real=True)
-    x, y = fft.rfftfreq(samples, 1 / step), fft.fftfreq(samples, 1 / step)[:, None]
-    sigma = 2 * math.pi**2 * (camera.smear**2 + camera.registered**2)
-    box = math.sqrt(12) * camera.rest
-    columns = np.exp(-sigma[0] * x**2) * np.sinc(box[0] * x)
-    rows = np.exp(-sigma[1] * y**2) * np.sinc(box[1] * y)
-    return len(padded), fft.rfft2(padded, (samples, samples)) * columns * rows
+    x, y = fft.rfftfreq(samples, 1 / step)[None], fft.fftfreq(samples, 1 / step)[:, None]
+    smear = 2 * (math.pi * camera.smear) ** 2
+    trail = own.rate * own.frames * design.instrument.detector.exposure / design.pixel
+    moved = np.sinc(trail * (math.cos(angle) * x + math.sin(angle) * y))
+    transfer = fft.rfft2(padded, (samples, samples)) * moved
+    transfer *= np.exp(-smear[0] * x**2) * np.exp(-smear[1] * y**2)
+    return _FrameImage(x, y, transfer, len(padded))
 
 
 def sampled(fine: Floats, step: int, x: float, y: float) -> Floats:
@@ -219,3 +280,20 @@ def bilinear(fine: Floats, rows: NDArray[Any], columns: NDArray[Any]) -> Floats:
     upper = (1 - v) * fine[i, j] + v * fine[i, j + 1]
     lower = (1 - v) * fine[i + 1, j] + v * fine[i + 1, j + 1]
     return np.where(inside, (1 - u) * upper + u * lower, 0.0)
+
+
+def points(table: Floats, step: int, place: Floats, weights: Floats, size: int) -> Floats:
+    """Images (f, size, size) of a point at places (f, nodes, 2) from the middle, over nodes.
+
+    table     (m, m) image of a point, with `step` samples a pixel
+    Accuracy  numerical: the nearest sample, half a sample of of the table at most.
+    """
+    padded = np.pad(table, 1)
+    middle, last = len(padded) // 2, len(padded) - 1
+    side = np.arange(size) - size // 2
+    total = np.zeros((len(place), size, size))
+    for node, weight in enumerate(weights):
+        index = np.rint((side - place[:, node, :, None]) * step).astype(int) + middle
+        index = np.minimum(np.maximum(index, 0), last)
+        total += weight * padded[index[:, 1, :, None], index[:, 0, None, :]]
+    return total

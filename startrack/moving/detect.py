@@ -10,7 +10,14 @@ import numpy as np
 from scipy import stats
 
 from startrack.core import Floats, printed
-from startrack.moving.camera import PHASES, bilinear, camera_of, object_image, sampled
+from startrack.moving.camera import (
+    PHASES,
+    bilinear,
+    camera_of,
+    image_in_frames,
+    object_image,
+    sampled,
+)
 from startrack.moving.study import MovingDesign
 
 STEP = PHASES[1] - PHASES[0]  # pixel, between places and between the ends of motions
@@ -101,12 +108,12 @@ def stacked(scores: Scores, place: Floats, ends: Floats, times: Floats, rest: Fl
     place  (n, 2) pixel from the middle at the middle time, columns first
     ends   (n, 2) pixel, moved from the middle time to the last image
     times  (images,) of the images, in units of the last
-    rest   (images, 2) pixel, by which the field is shifted in each
+    rest   (images, frames, 2) pixel, by which the field is shifted in each frame
     """
     rows, columns = scores.signal.shape[1:]
     total, weight = np.zeros(len(place)), np.zeros(len(place))
-    for k, time in enumerate(times):
-        at = np.rint((place + ends * time + rest[k]) / STEP).astype(int)
+    for k, (time, shift) in enumerate(zip(times, rest.mean(1), strict=True)):
+        at = np.rint((place + ends * time + shift) / STEP).astype(int)
         x = np.clip(at[:, 0] + 2 * (columns // 4), 0, columns - 1)
         y = np.clip(at[:, 1] + 2 * (rows // 4), 0, rows - 1)
         total += scores.signal[k, y, x]
@@ -117,7 +124,10 @@ def stacked(scores: Scores, place: Floats, ends: Floats, times: Floats, rest: Fl
 def find(
     design: MovingDesign, scores: Scores, place: Floats, speed: Floats, rest: Floats
 ) -> tuple[float, Floats]:
-    """The largest score near a true place and motion, and where it is (4,): place, end; pixel."""
+    """The largest score near a true place and motion, and where it is (4,): place, end; pixel.
+
+    rest  (images, frames, 2) pixel, by which the field is shifted in each frame
+    """
     times = np.array(design.moving_object.times)
     ends = speed * times[-1]
     steps = [np.arange(-n, n + 1) * STEP for n in (NEAR, NEAR, TURNS, TURNS)]
@@ -131,25 +141,27 @@ def find(
 def refined(design: MovingDesign, scores: Scores, at: Floats, angle: float, rest: Floats) -> Floats:
     """Place (2,) of an object at the middle time, by least squares of flux, place and motion.
 
-    Gauss-Newton on the pixels around it in all images. Source: Press et al. (2007), Numerical
-    Recipes, 15.5; for moving objects Reed, Gagliardi and Stotts (1983).
+    Gauss-Newton on the pixels around it in all images, each with the image of an object in frames
+    whose places are those of the guide stars. Source: Press et al. (2007), Numerical Recipes, 15.5;
+    for moving objects Reed, Gagliardi and Stotts (1983).
 
     at    (4,) place and end, pixel from the middle, where the fit begins
-    rest  (images, 2) pixel, by which the field is shifted in each image
+    rest  (images, frames, 2) pixel, by which the field is shifted in each frame
     """
     camera, times = camera_of(design), np.array(design.moving_object.times)
-    fine, step = object_image(design, angle), camera.psf.oversampling
+    step = camera.psf.oversampling
+    fine = [image_in_frames(design, angle, frames) for frames in rest]
     clean, sigma = scores.clean, np.sqrt(scores.variance)
     rows, columns = clean.shape[1:]
     values, flux = at.copy(), 0.0
 
     def model(values: Floats) -> Floats:
         images = []
-        for time, shift in zip(times / times[-1], rest, strict=True):
-            x, y = values[:2] + values[2:] * time + shift
-            row = (np.arange(rows) - rows // 2 - y) * step + len(fine) // 2
-            column = (np.arange(columns) - columns // 2 - x) * step + len(fine) // 2
-            images.append(bilinear(fine, row, column))
+        for time, image in zip(times / times[-1], fine, strict=True):
+            x, y = values[:2] + values[2:] * time
+            row = (np.arange(rows) - rows // 2 - y) * step + len(image) // 2
+            column = (np.arange(columns) - columns // 2 - x) * step + len(image) // 2
+            images.append(bilinear(image, row, column))
         own = np.array(images)
         # The mean of the others, which was subtracted, has the object, too.
         return own - (own.sum(0) - own) / (len(own) - 1)

@@ -9,8 +9,17 @@ from typing import NamedTuple
 import numpy as np
 from scipy import optimize, special
 
-from startrack.core import Floats, printed
-from startrack.moving.camera import MovingCamera, camera_of, flux_of, object_image, sampled
+from startrack.core import Floats, Streams, printed
+from startrack.moving.camera import (
+    HALF,
+    MovingCamera,
+    camera_of,
+    flux_of,
+    image_in_frames,
+    object_image,
+    points,
+    sampled,
+)
 from startrack.moving.detect import threshold_of
 from startrack.moving.study import MovingDesign
 
@@ -49,16 +58,17 @@ def forecast_moving(design: MovingDesign) -> MovingForecast:
     the threshold t of `threshold_of`; chi^2_4, as the largest score over places and motions is
     taken. The sky and the stars are taken off by the mean of the other images: K / (K - 1).
 
-        1 / sigma_x^2 = K sum (f dT/dx)^2 / (v + F^2 f T)
+        C = A^-1 (J' V J) A^-1,   A = J' J / v,   V = (v + F^2 f T) / v^2
 
-    is the bound of the place at the middle time, at which it does not depend on the motion; the
-    median distance is sqrt(2 ln 2) times that.
+    is the covariance of flux, place and motion by the least squares of `refined`, with the slopes J
+    of the images and the variance of their pixels, each with its frames as the motion leaves them.
+    Images are far smaller than a pixel for many a camera, so that C is that of fields whose object
+    lies anywhere in a pixel; the median distance is sqrt(2 ln 2) times the mean error of an axis.
 
     Source: signal to noise of 3-D matched filters, Reed, Gagliardi and Stotts (1988), IEEE Trans.
     Aerospace and Electronic Systems 24, 327; the law of the largest score, Wilks (1938), Annals of
-    Mathematical Statistics 9, 60; the bound, Kay (1993), Fundamentals of Statistical Signal
-    Processing, 3.9; the excess noise, Robbins and Hadwen (2003), IEEE Trans. Electron Devices 50,
-    1227.
+    Mathematical Statistics 9, 60; least squares, Press et al. (2007), Numerical Recipes, 15.4; the
+    excess noise, Robbins and Hadwen (2003), IEEE Trans. Electron Devices 50, 1227.
 
     Accuracy  model: stars in the way, the mean of the other images where the object hardly moves,
               and differences of pixels are left out. Beside trials: tests/moving.
@@ -68,9 +78,9 @@ def forecast_moving(design: MovingDesign) -> MovingForecast:
     shapes = [_Shape(design, camera, object_image(design, angle)) for angle in ANGLES]
     limits = tuple(_limit(shapes, threshold, found) for found in (0.5, 0.9))
     flux = flux_of(own.magnitude)
-    places = [shape.place(flux) ** 2 for shape in shapes]
+    places = [place_error(design, k, flux) for k in range(len(ANGLES))]
     snr = float(np.mean([shape.score(flux) for shape in shapes]))
-    place = MEDIAN * math.sqrt(float(np.mean(places))) * design.pixel
+    place = MEDIAN * float(np.mean(places)) * design.pixel
     return MovingForecast((limits[0], limits[1]), place, snr, threshold)
 
 
@@ -89,11 +99,6 @@ class _Shape:
         square = (middle**2).sum()
         self.kept = np.array([(shape * middle).sum() for shape in self.shapes]) / square**0.5
         self.cube = np.array([(shape * middle**2).sum() for shape in self.shapes]) / square
-        half = 0.5 / step
-        self.slopes = [
-            (sampled(fine, step, x + half, y) - sampled(fine, step, x - half, y)) / (2 * half)
-            for x, y in places
-        ]
 
     def score(self, flux: float) -> float:
         """Mean over places."""
@@ -111,14 +116,35 @@ class _Shape:
         beyond = special.chdtrc(FREE, np.maximum(rest, 0))
         return float((beyond @ NOISE_WEIGHT).mean() / NOISE_WEIGHT.sum())
 
-    def place(self, flux: float) -> float:
-        """Pixel rms per axis."""
-        light = flux * self.electrons
-        information = [
-            float((((light * slope) ** 2) / (self.variance + self.excess * light * shape)).sum())
-            for shape, slope in zip(np.maximum(self.shapes, 0), self.slopes, strict=True)
-        ]
-        return 1 / math.sqrt(self.images * float(np.mean(information)))
+
+def place_error(design: MovingDesign, turn: int, flux: float) -> float:
+    """Error of an axis of the place at the middle time, pixel rms; mean over fields.
+
+    turn  of ANGLES; every other realisation of the motion, and so on, has this one
+    """
+    camera, own, angle = camera_of(design), design.moving_object, ANGLES[turn]
+    rest = camera.rest[turn :: len(ANGLES)]
+    light = camera.electrons(flux, own.frames * design.instrument.detector.exposure)
+    variance = own.frames * camera.variance * own.images / (own.images - 1)
+    speed = own.rate / design.pixel * np.array([math.cos(angle), math.sin(angle)])
+    time = np.array(own.times) / own.times[-1]
+    place = Streams(1, turn)("moving object").uniform(-0.5, 0.5, (len(rest), 1, 2))
+    path = place + speed * own.times[-1] * time[:, None]
+    path = (path - np.rint(path))[:, :, None] + rest
+    step, still = camera.psf.oversampling, image_in_frames(design, angle, np.zeros((1, 2)))
+    tables = still, -np.gradient(still, 1 / step, axis=1), -np.gradient(still, 1 / step, axis=0)
+    weights = np.full(own.frames, 1 / own.frames)
+    image, x, y = (
+        points(table, step, path.reshape(-1, own.frames, 2), weights, 2 * HALF + 1)
+        for table in tables
+    )
+    late = np.tile(time, len(rest))[:, None, None]
+    slopes = np.stack([image, light * x, light * y, light * x * late, light * y * late], -1)
+    slopes = slopes.reshape(len(rest), -1, slopes.shape[-1])
+    noise = 1 + camera.excess * light * image.reshape(len(rest), -1, 1) / variance
+    inverse = np.linalg.inv(slopes.mT @ slopes)
+    covariance = variance * inverse @ (slopes.mT @ (noise * slopes)) @ inverse
+    return float(np.sqrt((covariance[:, 1, 1] + covariance[:, 2, 2]) / 2).mean())
 
 
 def _limit(shapes: Sequence[_Shape], threshold: float, found: float) -> float:

@@ -52,7 +52,11 @@ class MovingObject(Parameters):
         "V, of the object whose place is measured", limit=Range(5, 25), default=18.0
     )
     guides: int = parameter("guide stars in the field", limit=Range(1, 50), default=4)
-    guide_g: float = parameter("magnitude of the guide stars", limit=Range(0, 18), default=9.5)
+    guide_g: float = parameter(
+        "magnitude of the guide stars; where these would saturate, fainter ones are taken",
+        limit=Range(0, 18),
+        default=9.5,
+    )
     stars: float = parameter(
         "other stars of G 18 and brighter, per square degree; assumed: at a galactic latitude of "
         "about 45 degrees",

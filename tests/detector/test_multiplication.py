@@ -1,13 +1,15 @@
 """The register of an EMCCD against a register that is simulated stage by stage."""
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
+from scipy import special
 
 from startrack.core import Streams
 from startrack.detector import Detector, frame_of
-from startrack.detector.effects import multiplied
+from startrack.detector.effects import _gamma_quantile, multiplied
 from startrack.response import star_response
 from tests.trial.designs import with_detector
 
@@ -68,3 +70,13 @@ def test_stated_noise_of_stars_follows_the_register():
 def unsaturated(case):
     detection = dataclasses.replace(case.tracker.detection, saturation=None)
     return dataclasses.replace(case, tracker=dataclasses.replace(case.tracker, detection=detection))
+
+
+def test_quantiles_of_few_electrons_are_those_of_the_gamma_law():
+    """Interpolated, beside scipy's inverse of the incomplete gamma function."""
+    fraction = np.random.default_rng(1).random(20_000)
+    for shape, count in (0.5, 1), (1.2, 1), (1.2, 17), (3.0, 255):
+        found = _gamma_quantile(shape, np.full(len(fraction), count), special.ndtri(fraction))
+        expected = special.gammaincinv(shape * count, fraction)
+        assert found == pytest.approx(expected, abs=1e-9 * math.sqrt(shape * count))
+    assert (_gamma_quantile(1.2, np.zeros(2, int), np.array([-9.0, 9.0])) == 0).all()
