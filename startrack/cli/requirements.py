@@ -22,7 +22,7 @@ if wanted(__name__):
     from startrack.core import arcsec, deg, um
     from startrack.earth import imager
     from startrack.io import aligned, from_table, read_table, shipped
-    from startrack.optimise import expect, expected_objective, units_text
+    from startrack.optimise import expect, expected_objective
     from startrack.verification import limited, needed_magnitude
 
 EARTH_TOO = (
@@ -61,8 +61,7 @@ def command(options: argparse.Namespace) -> int:
     show("\n".join(f"{name.replace('_', ' '):24} {value:.4g}" for name, value in costs.items()))
     with stage("error budget"):
         budget, margins = expect(design.case, campaign)
-    over = campaign.over_units(design.case)
-    objective = units_text(over, campaign) if over else str(campaign.goal)
+    objective = campaign.goal_of(design.case)
     error = expected_objective(design.case, campaign) / arcsec
     # No requirement is met by what is no number.
     met = all(math.isfinite(margin) and margin >= 0 for margin in margins.values())

@@ -128,8 +128,7 @@ def command(options: argparse.Namespace) -> int:
         found = forecast(options, source)
         if options.full:
             region = sampled_region(source)
-    over = campaign.over_units(case)
-    objective = optimise.units_text(over, campaign) if over else str(campaign.goal)
+    objective = campaign.goal_of(case)
     steps = _steps(options, case, campaign, found.tightest, source.names)
     return write_what_matters(options, source, found, objective, "_arcsec", steps, region)
 

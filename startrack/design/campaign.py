@@ -239,6 +239,14 @@ class Campaign(Parameters):
         per_unit = math.ceil(self.most_trials / self.unit_count)
         return OverUnits(self.units, age, self.unit_count, per_unit)
 
+    def goal_of(self, case: Case) -> str:
+        """The statistic of the error of a design, in words: over its units where these are asked.
+
+        Raises  as `over_units`
+        """
+        over = self.over_units(case)
+        return f"{self.goal} {over.words}" if over else str(self.goal)
+
     def judged(self, case: Case) -> tuple[Judged, ...]:
         """A design in all conditions in which it is judged; see `startrack.design.judged`.
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 from startrack.core import (
     NON_NEGATIVE,
     POSITIVE,
+    YEAR,
     Parameters,
     Range,
     Refused,
@@ -107,6 +108,12 @@ class OverUnits:
     age: float
     count: int
     trials: int
+
+    @property
+    def words(self) -> str:
+        """What an error over these units is, behind its name."""
+        units = f"{100 * self.fraction:g} % of units at {self.age / YEAR:g} yr"
+        return f"that {units} do not exceed"
 
 
 @printed

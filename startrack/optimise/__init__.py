@@ -99,7 +99,6 @@ from startrack.optimise.tables import (
     optimum_values,
     tolerance_table,
     tolerance_values,
-    units_text,
     units_values,
     write_evaluations,
     write_samples,

@@ -10,7 +10,7 @@ import numpy as np
 
 from startrack.budget import caveats, differences, refusal
 from startrack.core import YEAR, Refused, arcsec
-from startrack.design import NOMINAL, Campaign, OverUnits
+from startrack.design import NOMINAL, Campaign
 from startrack.io import save_csv
 from startrack.metrics import Interval, Row, bracketed, markdown, summary_rows, to_json
 from startrack.optimise.budgets import budget_of, without_units
@@ -135,7 +135,7 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
     what, later = f"{campaign.goal}", "fresh frames show"
     if optimum.units:
         fresh = f"{optimum.units.count} fresh units, the same of both designs"
-        what, later = units_text(optimum.units.over, campaign), "fresh units show"
+        what, later = f"{what} {optimum.units.over.words}", "fresh units show"
         tuned = "level that the search expected was"
     compared = (
         f"Better by a factor of {bracketed(factor, '.2f')} in the {what}, on {fresh}. The {tuned} "
@@ -206,20 +206,12 @@ def kept_start(optimum: Optimum, campaign: Campaign) -> str:
     )
 
 
-def units_text(over: OverUnits, campaign: Campaign) -> str:
-    """The figure over units that is minimised, in words."""
-    return (
-        f"{campaign.goal} that {100 * over.fraction:g} % of units at "
-        f"{over.age / YEAR:g} yr do not exceed"
-    )
-
-
 def _units_rows(optimum: Optimum, campaign: Campaign) -> list[list[str]]:
     """Rows of the level over fresh units, and of the yields; none where designs are judged."""
     units = optimum.units
     if units is None:
         return []
-    level = f"{units_text(units.over, campaign)} (arcsec)"
+    level = f"{campaign.goal} {units.over.words} (arcsec)"
     rows = [[level, _written(units.start), _written(units.best)]]
     for share in units.yields:
         most = share.accuracy.most / arcsec
@@ -257,14 +249,15 @@ def optimum_caveats(optimum: Optimum, campaign: Campaign) -> list[str]:
     formula leaves out.
     """
     best, summary = optimum.best, optimum.fresh[1]
-    if optimum.units:  # whose budgets count their residual
+    over = campaign.over_units(best)
+    if over:  # whose budgets count their residual
         best = without_units(best)
     try:
         budget = budget_of(best)
     except Refused as reason:
         return [f"there is no analytic budget of the best design: {reason}"]
     # The budget is that of the unit as designed.
-    apart = () if optimum.units else differences(budget, summary)
+    apart = () if over else differences(budget, summary)
     sentences = [f"formula and trials differ: {difference}" for difference in apart]
     if summary.availability.value < campaign.requirements.min_availability:
         sentences.append(
@@ -286,7 +279,7 @@ def optimum_caveats(optimum: Optimum, campaign: Campaign) -> list[str]:
         )
     sentences += refusal(optimum.best, budget.refused)
     sentences += caveats(optimum.best, budget.left_out)
-    if optimum.units or not best.differs:
+    if not best.differs:
         return sentences
     return [
         *sentences,

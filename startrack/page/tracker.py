@@ -88,10 +88,9 @@ class TrackerPage:
         if campaign is None:
             return {"requirements": []}
         _, margins = optimise.expect(case, campaign, self.seed)
-        over = campaign.over_units(case)
         return {
             "requirements": _requirements(case, campaign, margins),
-            "objective": optimise.units_text(over, campaign) if over else str(campaign.goal),
+            "objective": campaign.goal_of(case),
             "expected": optimise.expected_objective(case, campaign, self.seed) / arcsec,
         }
 

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from startrack.core import YEAR, Floats, Ints, arcsec
+from startrack.core import Floats, Ints, arcsec
 from startrack.design import Campaign
 from startrack.metrics import Interval
 from startrack.optimise import (
@@ -52,9 +52,7 @@ def draw_convergence(path: Path, optimum: Optimum, campaign: Campaign) -> None:
     error, *variables = variable_panels(figure, len(optimum.space.variables), (4.6,))
     words, unit = campaign.made_small
     if optimum.units and campaign.minimise == "error":
-        over = optimum.units.over
-        age = f"{over.age / YEAR:g} yr"
-        words += f"\nthat {100 * over.fraction:g} % of units at {age} do not exceed"
+        words += f"\n{optimum.units.over.words}"
     _tried(error, optimum, f"{words} ({unit})")
     draw_variables(variables, optimum)
     style.save_picture(path, figure)

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ from startrack.design import (
     unit_case,
 )
 from startrack.io import shipped
-from startrack.metrics import quantile_of_few
+from startrack.metrics import Interval, quantile_of_few
 from startrack.optimise import (
     TrialRunner,
     allocation,
@@ -30,8 +31,9 @@ from startrack.optimise import (
     expected_objective,
     halved,
     optimize,
+    optimum_caveats,
 )
-from startrack.optimise.forecast import without_units
+from startrack.optimise.budgets import without_units
 from startrack.optimise.units import compare_units, without_noise
 from startrack.trial import OUTCOMES, left_out
 
@@ -195,6 +197,14 @@ def test_a_tolerance_is_a_variable_with_a_price():
     assert space.labels() == {"variation.0.scale": "scale of mounting.x per unit"}
     with pytest.raises(ValueError, match=r"must be variation\.0\.scale"):
         DesignSpace(case, (Variable("variation.0.correlation", 0.1, 1.0),))
+
+
+def test_a_start_that_stays_is_judged_over_the_units_that_are_asked_for():
+    """It has no figures over fresh units of its own, and is not of noise alone for that."""
+    summary = SimpleNamespace(availability=Interval(1.0, 1.0, 1.0))
+    kept = SimpleNamespace(best=TURNED, fresh=(summary, summary), errors={}, units=None, rounds=1)
+    sentences = optimum_caveats(kept, CAMPAIGN)
+    assert not [sentence for sentence in sentences if sentence.startswith("noise only")]
 
 
 @pytest.mark.slow

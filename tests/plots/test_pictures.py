@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.budget import RateSurvey, analytic, curve_steps, curves, error_curves
 from startrack.core import YEAR, Camera, Frame, Psf, Spots, Stars, arcsec, deg
-from startrack.design import Accuracy, Campaign, Objective, replaced
+from startrack.design import Accuracy, Campaign, Objective, OverUnits, replaced
 from startrack.metrics import ErrorLimits, Interval, summarise
 from startrack.motion import Tone
 from startrack.optimise import Optimum, Point, Sensitivity
@@ -464,7 +464,7 @@ def test_a_search_over_units_says_so_and_explains_its_bars(drawn):
     landscape = SimpleNamespace(
         forecasts=((0.1, 0.2, 0.3),), expected=(1.6,), met=(True,), spans=spans
     )
-    over = SimpleNamespace(fraction=0.95, age=5 * YEAR)
+    over = OverUnits(fraction=0.95, age=5 * YEAR, count=2, trials=2)
     found = dataclasses.replace(optimum(40), landscape=landscape, units=SimpleNamespace(over=over))
     figure, _ = drawn(draw_convergence, found, Campaign())
     error, *variables = figure.axes
