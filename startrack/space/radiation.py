@@ -9,10 +9,10 @@ import numpy as np
 import scipy
 
 from startrack.core import GOLDEN_ANGLE, Floats, Ints, optional_package, positive, within
-from startrack.space import electrons
-from startrack.space.electrons import SILICON, Electrons, Matter
+from startrack.space.electrons import DENSITY, Electrons
 
-PROTON = 938.27209  # MeV, rest energy: CODATA 2018
+ELECTRON, PROTON = 0.51099895, 938.27209  # MeV, rest energies: CODATA 2018
+BETHE = 0.307075  # MeV cm2 / mol, 4 pi N r_e^2 m c^2: Particle Data Group (2022), section 34
 MEV_RAD = 1.602177e-8  # rad in a g of silicon
 EPOCH = 1964.0  # year of the magnetic field that AP-8 MIN and AE-8 were made with
 PLACES = 2000  # of an orbit and the Earth's longitudes
@@ -27,7 +27,18 @@ SILICON_DENSITY, PAIR = 2.33, 3.65  # g / cm3; eV, to make an electron in silico
 OPEN_L = 5.0  # Earth's radii, beyond which solar protons come: 63.4 degrees of latitude, King
 
 
-def stopping(energy: Floats, matter: Matter = electrons.ALUMINIUM) -> Floats:
+class Matter(NamedTuple):
+    """An element."""
+
+    z: int
+    mass: float  # g / mol
+    excitation: float  # MeV, mean
+
+
+ALUMINIUM, SILICON = Matter(13, 26.9815, 166e-6), Matter(14, 28.0855, 173e-6)
+
+
+def stopping(energy: Floats, matter: Matter = ALUMINIUM) -> Floats:
     """Energy that protons lose in matter, MeV cm2 / g, by the formula of Bethe.
 
         S = K Z / A (ln(2 m c^2 b^2 g^2 / I) - b^2) / b^2
@@ -40,8 +51,8 @@ def stopping(energy: Floats, matter: Matter = electrons.ALUMINIUM) -> Floats:
     """
     gamma = 1 + energy / PROTON
     square = 1 - 1 / gamma**2
-    light = np.log(2 * electrons.ELECTRON * square * gamma**2 / matter.excitation) - square
-    return np.asarray(electrons.BETHE * (matter.z / matter.mass) * light / square)
+    light = np.log(2 * ELECTRON * square * gamma**2 / matter.excitation) - square
+    return np.asarray(BETHE * (matter.z / matter.mass) * light / square)
 
 
 @lru_cache(maxsize=1)
@@ -54,7 +65,7 @@ def _ranges() -> tuple[Floats, Floats]:
 def left_behind(energy: Floats, shielding: float) -> Floats:
     """Energy (n,) MeV of protons behind a thickness of aluminium (metre); 0: stopped."""
     energies, ranges = _ranges()
-    rest = np.interp(energy, energies, ranges) - 100 * shielding * electrons.DENSITY
+    rest = np.interp(energy, energies, ranges) - 100 * shielding * DENSITY
     return np.where(rest > 0, np.interp(rest, ranges, energies), 0.0)
 
 

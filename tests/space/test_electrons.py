@@ -1,19 +1,15 @@
 """Electrons and their photons through aluminium, beside SHIELDOSE-2, published values and forms."""
 
+import hashlib
+
+import build_electrons as electrons
 import numpy as np
 import pytest
+from build_electrons import displacing, follow, path_length, photon_spectrum, radiated, stopping
 
 from startrack.core import YEAR
-from startrack.space import electrons
-from startrack.space.electrons import (
-    Electrons,
-    displacing,
-    follow,
-    path_length,
-    photon_spectrum,
-    radiated,
-    stopping,
-)
+from startrack.io import shipped
+from startrack.space.electrons import ARRAYS, Electrons, electron_table
 from startrack.space.radiation import MEV_RAD, Protons
 
 
@@ -101,6 +97,19 @@ def test_spectra_of_the_belts_have_the_dose_of_shieldose(oracle):
     missed = {key for key, ratio in ratios.items() if abs(np.log(ratio)) > np.log(1.3)}
     assert missed == {(20200, 10), (35786, 10)}
     assert all(0.55 < ratios[key] < 0.75 for key in missed)
+
+
+def test_the_shipped_table_is_the_one_that_was_built():
+    folder = shipped("radiation")
+    digest, name = (folder / "SHA256SUMS").read_text().split()
+    assert hashlib.sha256((folder / name).read_bytes()).hexdigest() == digest
+
+
+def test_the_script_builds_the_shipped_table():
+    shown = electron_table()
+    for name, values in electrons.table().items():
+        np.testing.assert_allclose(getattr(shown, name), values, rtol=1e-9, atol=1e-300)
+    assert set(electrons.table()) == set(ARRAYS)
 
 
 def test_nothing_comes_of_nothing():
