@@ -26,6 +26,7 @@ FRACTIONS = {"limit 50": 0.5, "limit 90": 0.9}
 CLOSE = 0.005  # relative, of the flux with which an object is found
 ROUNDS = 4
 BRIGHTEST = 1e9  # microjansky, of an object that is not found, where numbers must be finite
+APART = 3.0  # pixel from image to image, from which on the error of a place is as predicted
 LEFT_OUT = (
     "light of the Sun, Moon and Earth in the optics",
     "cosmic rays and hot pixels",
@@ -101,7 +102,14 @@ class MovingProblem:
         margins = {
             name: Margin(values[name], limit, True, unit) for name, limit, unit in self._limits()
         }
-        return Expectation(values[self.campaign.objective], margins, parts, LEFT_OUT)
+        own = self.design.moving_object
+        moved, left_out = own.rate * own.interval / self.design.pixel, LEFT_OUT
+        if moved < APART:
+            left_out += (
+                f"the object in the mean of the other images: it moves by {moved:.1f} pixels from "
+                "one to the next, which makes errors of its place larger by up to a fifth",
+            )
+        return Expectation(values[self.campaign.objective], margins, parts, left_out)
 
     def _limits(self) -> list[tuple[str, float, str]]:
         needs = self.campaign.requirements

@@ -383,8 +383,7 @@ def forecast_land(survey: Survey, own: LandCover) -> LandForecast:
         weight *= np.where(u < 0.5, 2 * near / half, 2 * (half - near) / half)
     weight /= weight.sum()
     cover = np.minimum((where[:, 2:6] * kinds).astype(int), kinds - 1)
-    level = survey.land.texture * normal[:, :2] @ _texture_root(survey, first).T
-    seen_texture, true_texture = np.maximum(1 + level, 0.0).T
+    seen_texture, true_texture = _brightness(survey, first, normal[:, :2])
     around = _surroundings(own.field, place) if survey.air else None
     truth, measured = np.empty((2, bands, len(draws)))
     for band, (side, air, covers) in enumerate(sides):
@@ -502,6 +501,21 @@ def _surroundings(field: float, place: Floats) -> _Surroundings:
 def _texture_seen(survey: Survey, side: Side) -> float:
     """Variance of a texture of variance one in the image."""
     return float(_texture_covariance(survey, side)[0, 0])
+
+
+def _brightness(survey: Survey, side: Side, normal: Floats) -> Floats:
+    """(2, n) mean of max(1 + texture, 0), in the image and over pixels, at normal deviates (n, 2).
+
+        E max(m + s z, 0) = m Phi(m / s) + s phi(m / s)
+
+    of the mean m of a pixel and the rest s of the texture, which lens and pixel do not show.
+    """
+    rms, covariance = survey.land.texture, _texture_covariance(survey, side)
+    mean = 1 + rms * (normal @ _texture_root(survey, side).T).T
+    rest = rms * np.sqrt(np.maximum(1 - np.diag(covariance), 1e-12))[:, None]
+    ratio = mean / np.maximum(rest, 1e-12)
+    density = np.exp(-(ratio**2) / 2) / math.sqrt(2 * math.pi)
+    return np.asarray(mean * special.ndtr(ratio) + rest * density, np.float64)
 
 
 def _texture_root(survey: Survey, side: Side) -> Floats:

@@ -86,9 +86,12 @@ def test_the_air_takes_contrast_from_large_fields():
     ],
 )
 def test_formulas_beside_trials(values: dict[str, float]):
-    """12 %, beside 1.5 half widths of 95 % of 12 images: exceeded in less than 1 % of seeds."""
-    problem = ALONE.replaced(values)
-    expected, judged = problem.expect(), problem.judge(problem.trials(1, range(12)))
+    """12 %, beside 1.5 half widths of 95 %: exceeded in less than 1 % of seeds.
+
+    12 images; 48 of rough fields, where a few dark pixels decide the error of the index.
+    """
+    problem, images = ALONE.replaced(values), 48 if "land.texture" in values else 12
+    expected, judged = problem.expect(), problem.judge(problem.trials(1, range(images)))
     for name, value in expected.parts.items():
         interval = judged.parts[name]
         spread = 0.75 * (min(interval.high, 2 * interval.value) - interval.low)
