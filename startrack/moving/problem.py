@@ -103,13 +103,13 @@ class MovingProblem:
             name: Margin(values[name], limit, True, unit) for name, limit, unit in self._limits()
         }
         own = self.design.moving_object
-        moved, left_out = own.rate * own.interval / self.design.pixel, LEFT_OUT
+        moved, left_out = own.rate * own.interval / self.design.pixel, list(LEFT_OUT)
         if moved < APART:
-            left_out += (
+            left_out.append(
                 f"the object in the mean of the other images: it moves by {moved:.1f} pixels from "
-                "one to the next, which makes errors of its place larger by up to a fifth",
+                "one to the next, which makes errors of its place larger by up to a fifth"
             )
-        return Expectation(values[self.campaign.objective], margins, parts, left_out)
+        return Expectation(values[self.campaign.objective], margins, parts, tuple(left_out))
 
     def _limits(self) -> list[tuple[str, float, str]]:
         needs = self.campaign.requirements

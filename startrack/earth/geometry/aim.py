@@ -1,10 +1,11 @@
 """Orbit, pointing, place -> the orbit whose camera looks at the place at its epoch."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import root
+from scipy.optimize import minimize_scalar, root
 
 from startrack import core
 from startrack.core import DAY, Floats, Refused
@@ -14,6 +15,7 @@ from startrack.earth.terrain import EQUATORIAL, ConstantHeight
 
 AXIS = core.Camera(1, 1, 1000.0)  # whose only pixel looks along the optical axis
 NEAR = 0.1  # metre, by which the place may be missed; chosen by hand
+ANOMALIES = 72  # of a turn, from the nearest of which the least distance is searched
 SOLAR_RATE = 2 * math.pi / DAY  # rad / s, of the mean Sun over the ground
 
 
@@ -47,14 +49,16 @@ def aimed(
     longitude, latitude  radian, geodetic, of the ground on the optical axis
     height               metre above the ellipsoid
     ascending            whether the satellite flies north there
-    Raises    Refused for two-line elements, whose passes are what they are, and where the orbit
-              does not reach the place.
+    Raises    Refused for two-line elements, whose passes are what they are, for an aircraft that
+              ascends, and where the orbit does not reach the place.
     Accuracy  numerical: 0.1 m on the ground, with the flight as `fly` has it.
     """
     if isinstance(carrier, TwoLines):
         raise Refused(
             "tle must be replaced by orbit: two-line elements fix where and when it flies"
         )
+    if ascending and isinstance(carrier, Aircraft):
+        raise Refused("ascending must be left out for an aircraft, which flies along its heading")
     core.finite(longitude=longitude, latitude=latitude, height=height)
     if not abs(latitude) <= math.pi / 2:
         raise Refused(f"latitude must lie within 90 deg, got {latitude / core.deg:g} deg")
@@ -78,11 +82,28 @@ def aimed(
     found = root(lambda place: missed(moved(place)), begin, tol=1e-12)
     result = moved(found.x)
     off = EQUATORIAL * float(np.hypot(*missed(result)))
-    if not off < NEAR:
-        raise Refused(
-            f"the orbit must pass the place, but its camera comes no nearer than {off / 1e3:.3g} km"
-        )
-    return result
+    if off < NEAR:
+        return result
+    least = EQUATORIAL * _least(lambda anomaly: float(missed(moved(np.array([0.0, anomaly])))[1]))
+    if least < NEAR:
+        raise Refused("the place must lie where the search for a pass ends, but it found none")
+    raise Refused(
+        "the orbit must pass the place, but wherever its node is, its camera comes no nearer than "
+        f"{least / 1e3:.3g} km"
+    )
+
+
+def _least(off: Callable[[float], float]) -> float:
+    """Least size of a function of an anomaly (radian)."""
+    step = 2 * math.pi / ANOMALIES
+    nearest = min(range(ANOMALIES), key=lambda n: abs(off(n * step))) * step
+    found = minimize_scalar(
+        lambda anomaly: abs(off(anomaly)),
+        bounds=(nearest - step, nearest + step),
+        method="bounded",
+        options={"xatol": 1e-9},
+    )
+    return float(found.fun)
 
 
 def _argument(orbit: Orbit, latitude: float, ascending: bool) -> float:

@@ -64,8 +64,8 @@ def test_a_local_time_is_kept():
 
 
 def test_what_no_orbit_can_reach_is_refused():
-    with pytest.raises(ValueError, match=r"comes no nearer than \d+ km"):
-        aimed(ORBIT, Pointing(), 10 * deg, 88 * deg)
+    with pytest.raises(ValueError, match="ascending must be left out for an aircraft"):
+        aimed(Aircraft("2026-06-21T10:00:00", 0.0, 0.0), Pointing(), *PLACE, ascending=True)
     with pytest.raises(ValueError, match="misses"):
         aimed(ORBIT, Pointing(roll=80 * deg), *PLACE)
     with pytest.raises(ValueError, match="latitude must lie within 90 deg"):
@@ -76,3 +76,18 @@ def test_what_no_orbit_can_reach_is_refused():
     )
     with pytest.raises(ValueError, match="two-line elements fix where and when"):
         aimed(TwoLines(*lines), Pointing(), *PLACE)
+
+
+def test_the_least_distance_is_that_of_the_highest_latitude():
+    """Below an inclination of 97.8 degrees the axis goes up to a geodetic latitude of 82.25 deg.
+
+    By hand: the point of the ellipsoid on the radius at a geocentric latitude of 82.2 deg has
+    tan(geodetic) = tan(82.2 deg) / (1 - f)^2; an axis that is normal to the ellipsoid meets it
+    within 3 km of there.
+    """
+    top = math.degrees(math.atan(math.tan(82.2 * deg) / (1 - 1 / 298.257223563) ** 2))
+    expected = (88 - top) * 111.7
+    with pytest.raises(ValueError, match=r"comes no nearer than \d+ km") as refused:
+        aimed(ORBIT, Pointing(), 10 * deg, 88 * deg)
+    found = float(str(refused.value).split("than ")[1].split(" km")[0])
+    assert found == pytest.approx(expected, abs=5)
