@@ -20,7 +20,15 @@ curves     Case -> its error over the sky and over slew rate, and that of its st
 """
 
 from startrack.budget.analytic import analytic, refuse_scans
-from startrack.budget.budget import Budget, BudgetLine, ErrorLaw, SkySample, Spread, answer
+from startrack.budget.budget import (
+    Budget,
+    BudgetLine,
+    ErrorLaw,
+    SkySample,
+    Spread,
+    answer,
+    errors_text,
+)
 from startrack.budget.curves import (
     LONGEST,
     SMEARS,

@@ -1,4 +1,4 @@
-"""Case -> its Budget in milliseconds, without a trial."""
+"""Case -> its error budget by formulas, in milliseconds and without a trial."""
 
 from collections.abc import Iterator
 from functools import lru_cache

@@ -245,17 +245,25 @@ class Budget(Generic[S]):
         return across**0.5, sum(line.about**2 for line in lines) ** 0.5
 
 
+def errors_text(across: float, about: float, required: Sequence[Accuracy], form: str) -> str:
+    """Rms errors (radian), each with the limit that is on it.
+
+    form  of the numbers, such as ".3f"
+    """
+    limits = {limit.name: limit.most for limit in required if limit.objective.rms_per_axis}
+    allowed = {name: f" ({most / arcsec:g} allowed)" for name, most in limits.items()}
+    errors = (
+        f"{value / arcsec:{form}} arcsec {name}{allowed.get(name, '')}"
+        for name, value in (("across", across), ("about", about))
+    )
+    return f"error {' and '.join(errors)} the boresight, rms per axis"
+
+
 def answer(expected: Budget[ErrorLaw], required: Sequence[Accuracy]) -> str:
     """The error with its limits, and the cause that makes most of it."""
-    limits = {limit.name: limit.most for limit in required if limit.objective.rms_per_axis}
-    values = {"across": expected.whole.across, "about": expected.whole.about}
-    errors = [
-        f"{value / arcsec:.3f} arcsec {name}"
-        + (f" ({limits[name] / arcsec:g} allowed)" if name in limits else "")
-        for name, value in values.items()
-    ]
+    errors = errors_text(expected.across, expected.about, required, ".3f")
     largest = max(expected.lines, key=lambda line: line.across)
     return (
-        f"error {' and '.join(errors)} the boresight, rms per axis, as designed; most of it across "
-        f"is {largest.name}; available in {100 * expected.availability:.2f} % of the sky"
+        f"{errors}, as designed; most of it across is {largest.name}; available in "
+        f"{100 * expected.availability:.2f} % of the sky"
     )

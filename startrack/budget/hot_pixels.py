@@ -81,8 +81,8 @@ def hot_stars(case: Case, even: Case, star: response.Errors) -> NearHot:
 def _near_hot(
     case: Case, even: Case
 ) -> tuple[response.StarSearch, Floats, response.HotPixels, Floats]:
-    """Search of a frame, magnitudes (k,) of stars, what hot pixels do to these, and the electrons
-    (f,) of the spots of an empty frame.
+    """Star search in a frame, magnitudes (k,) of stars, effect of hot pixels on these stars, and
+    electrons (f,) of the spots that hot pixels make in an empty frame.
     """
     magnitude, sky = response.errors(even).magnitude, observation.sky_electrons(case)
     empty = response.empty_frame(case, sky)
@@ -105,7 +105,7 @@ def _near_hot(
 
 
 def _quantiles(values: Floats, weight: Floats) -> Floats:
-    """Values that are as frequent as each other, of values (n,) that are not."""
+    """Quantiles EVEN of values (n,) with weights."""
     order = np.argsort(values)
     middle = np.cumsum(weight[order]) - weight[order] / 2
     return np.interp(EVEN, middle / weight.sum(), values[order])

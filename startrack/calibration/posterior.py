@@ -62,7 +62,7 @@ class CameraPosterior:
     """Samples of a camera.
 
     names          of the columns: fields of Camera, "floor" and "psf_sigma" in pixel
-    chains         of the camera; floor and width as their natural logarithms
+    chains         of these columns; "floor" and "psf_sigma" as natural logarithms
     correlation    (d, d) between the columns
     unconstrained  columns that the frames hardly constrain: at least 0.9 as wide as their prior
     """
@@ -74,7 +74,7 @@ class CameraPosterior:
 
     @property
     def samples(self) -> Floats:
-        """(n, d), floor and width in pixel."""
+        """(n, d) samples; "floor" and "psf_sigma" in pixel."""
         logarithm, values = [name in LOGARITHMS for name in self.names], self.chains.flat
         return np.where(logarithm, np.exp(np.where(logarithm, values, 0)), values)
 
@@ -93,15 +93,15 @@ def sample_camera(
     ledger: Ledger | None = None,
     images: Sequence[core.Frame] | None = None,
 ) -> CameraPosterior:
-    """Sample focal length, principal point, k1 and centroid floor, attitudes marginalised.
+    """Sample focal length, principal point, k1 and centroid floor, marginalised over attitudes.
 
-    With images, also the width of the PSF from the pixels of their stars.
+    With images, the width of the PSF is sampled too, from the pixels of the stars.
 
         ln L = -1/2 sum_frames (r^T W r + ln |W^-1| + ln |A^T W A|),   r the residuals at the best
         attitude of each frame, W^-1 = covariance + floor^2, A = d pixel / d attitude
 
-    which is Laplace's integral over each attitude with a uniform prior, exact where the pixels are
-    linear over the uncertainty of the attitude.
+    which is Laplace's approximation of the integral over each attitude with a uniform prior. It is
+    exact where pixel positions are linear over the uncertainty of the attitude.
 
     spots    of each frame
     matches  of each frame; those with fewer than 4 stars are left out
@@ -239,7 +239,7 @@ def _log_likelihood(
     values: Floats,
     floor: Floats,
 ) -> Floats:
-    """(w,) of one frame for many cameras, its attitude marginalised."""
+    """Log-likelihood (w,) of one frame for w cameras, marginalised over its attitude."""
     square = floor[:, None] ** 2
     # Cholesky's root of each star's covariance, whose inverse whitens its residuals.
     first = np.sqrt(covariance[:, 0, 0] + square)

@@ -169,7 +169,7 @@ declare = Parts(
             Option("scene SCENE", "scene file, or one of the catalogue (default: hsrs)", many="?"),
             Option("--low NM", "shortest wavelength (default: 400)", float, 400.0),
             Option("--high NM", "longest wavelength (default: 1000)", float, 1000.0),
-            Option("--height METRE", "of the ground above the sea (default: 0)", float, 0.0),
+            Option("--height METRE", "height of the ground above the sea (default: 0)", float, 0.0),
             Option("--sun DEGREE", "zenith angle of the Sun (default: 40)", float, 40.0),
             out("startrack-earth"),
         ),
@@ -180,33 +180,42 @@ declare = Parts(
             "Two runs of the same geometry over grounds of different albedo make one geometry of "
             'the table; [air] table = "air.csv" in a scene uses it. docs/own-air.md has the form.',
             Option("first RUN1", "tape7, tape7.scn or CSV", Path),
-            Option("second RUN2", "likewise", Path),
-            Option("--albedo A1 A2", "of the ground in each (default: 0.1 0.5)", float, (0.1, 0.5)),
+            Option("second RUN2", "tape7, tape7.scn or CSV", Path),
+            Option(
+                "--albedo A1 A2",
+                "albedo of the ground in each run (default: 0.1 0.5)",
+                float,
+                (0.1, 0.5),
+            ),
             Option(
                 "--unit",
-                "of the first column; with radiance in W / cm2 / sr / cm-1, uW / cm2 / sr / nm or "
-                "W / cm2 / sr / um (default: cm-1, that of tape7)",
+                "unit of the first column; radiance is then in W / cm2 / sr / cm-1, "
+                "uW / cm2 / sr / nm or W / cm2 / sr / um (default: cm-1, as in tape7)",
                 ("cm-1", "nm", "um"),
                 "cm-1",
             ),
-            Option("--height METRE", "of the ground above the sea (default: any)", float),
-            Option("--altitude METRE", "of the sensor above the ground (default: any)", float),
-            Option("--sensor-zenith DEGREE", "as the ground sees it (default: any)", float),
-            Option("--sun-zenith DEGREE", "likewise (default: any)", float),
-            Option("--azimuth DEGREE", "between Sun and sensor, likewise (default: any)", float),
-            Option("--add", "add a geometry to the file that is there"),
+            Option("--height METRE", "height of the ground above the sea (default: any)", float),
+            Option(
+                "--altitude METRE", "height of the sensor above the ground (default: any)", float
+            ),
+            Option("--sensor-zenith DEGREE", "zenith angle at the ground (default: any)", float),
+            Option("--sun-zenith DEGREE", "zenith angle at the ground (default: any)", float),
+            Option("--azimuth DEGREE", "angle between Sun and sensor (default: any)", float),
+            Option("--add", "add the geometry to an existing file"),
             Option("--out FILE", "CSV file to write (default: air.csv)", Path, Path("air.csv")),
         ),
     ),
     aim=(
         "print the orbit from which a scene's camera looks at a place",
         Options(
-            "Node and anomaly are moved; of an orbit with a local time, epoch and anomaly; of an "
-            "aircraft, its place. The optical axis is at the place at the epoch, in the middle of "
-            "the image.",
+            "Changes node and anomaly; of an orbit with a local time, epoch and anomaly; of an "
+            "aircraft, its place. At the epoch, in the middle of the image, the optical axis "
+            "points to the place.",
             Option("scene SCENE", "scene file, or one of the catalogue (default: hsrs)", many="?"),
-            Option("--at LAT LON", "of the place, degree north and east", float),
-            Option("--height METRE", "of the place above the ellipsoid (default: 0)", float, 0.0),
+            Option("--at LAT LON", "latitude and longitude of the place, degree", float),
+            Option(
+                "--height METRE", "height of the place above the ellipsoid (default: 0)", float, 0.0
+            ),
             Option("--ascending", "on a pass to the north (default: to the south)"),
         ),
     ),

@@ -12,7 +12,7 @@ if wanted(__name__):
     import numpy as np
 
     from startrack import design
-    from startrack.budget import PUBLISHED, Term, UnitBudgets, unit_budgets
+    from startrack.budget import PUBLISHED, Term, UnitBudgets, errors_text, unit_budgets
     from startrack.cli.terminal import progress
     from startrack.core import YEAR, Rows, arcsec
     from startrack.design import Accuracy, Campaign, Case
@@ -67,12 +67,7 @@ def budgets_of(
 def units_answer(units: UnitBudgets, required: tuple[Accuracy, ...]) -> str:
     """The error of the median unit with its limits, and the class of error that decides it."""
     limits = {limit.name: limit for limit in required if limit.objective.rms_per_axis}
-    medians = {"across": np.median(units.across()), "about": np.median(units.about())}
-    errors = [
-        f"{median / arcsec:.3g} arcsec {name}"
-        + (f" ({limits[name].most / arcsec:g} allowed)" if name in limits else "")
-        for name, median in medians.items()
-    ]
+    medians = float(np.median(units.across())), float(np.median(units.about()))
     classes = {term: _pair(values)["across"] for term, values in units.terms.items()}
     largest = max(classes, key=lambda term: classes[term])
     short = [
@@ -82,8 +77,8 @@ def units_answer(units: UnitBudgets, required: tuple[Accuracy, ...]) -> str:
     ]
     return "; ".join(
         [
-            f"error {' and '.join(errors)} the boresight, rms per axis of the median of "
-            f"{len(units)} units at {units.age / YEAR:g} yr, without its bias",
+            f"{errors_text(*medians, required, '.3g')} of the median of {len(units)} units at "
+            f"{units.age / YEAR:g} yr, without its bias",
             f"most of it across is {largest}: {classes[largest]:.3g} arcsec",
             *short,
             f"available in {100 * float(units.availability.mean()):.2f} % of the sky",

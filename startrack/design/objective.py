@@ -90,14 +90,14 @@ class Objective:
 
     @property
     def radial(self) -> bool:
-        """Whether it is of the length of the error over all its axes."""
+        """Whether the error is the length of the error vector over all its axes."""
         return self.kind == "radial" if self.kind else self.fraction is not None
 
     def squares(self, outcomes: Rows) -> Floats:
-        """Radian^2 of each trial, NaN where there is no attitude or a false one.
+        """Squared error (radian^2) of each trial, NaN where there is no attitude or a false one.
 
-        Returns  (n,), their mean over the axes; (n, axes) for a level per axis of several, and for
-                 a sum
+        Returns  (n,), mean over the axes; (n, axes) for a level per axis of several axes, and for a
+                 weighted sum
         """
         axes = np.stack([outcomes[f"error_{'xyz'[axis]}"] ** 2 for axis in AXES[self.axes]], -1)
         correct = outcomes["solved"] & ~outcomes["false"]
@@ -108,12 +108,12 @@ class Objective:
 
     @property
     def summed(self) -> list[int]:
-        """The axes about which its errors are."""
+        """Indices of the axes about which the errors are measured."""
         return AXES[self.axes]
 
     @property
     def per_axis_level(self) -> bool:
-        """Whether it is a level of the errors about several single axes."""
+        """Whether it is a level of errors about single axes, of more than one axis."""
         return self.fraction is not None and not self.radial and self.axes != "about"
 
     @property
@@ -123,7 +123,7 @@ class Objective:
         return self.fraction is None and not self.terms and alone
 
     def of(self, squares: Floats) -> Floats:
-        """Radian, over the last axis of squares (two where these have axes); NaN without any."""
+        """The statistic (radian) over trials, by their `squares`; NaN without trials."""
         axes = len(AXES[self.axes])
         if self.terms:
             parts = [

@@ -319,7 +319,7 @@ class Structure(Parameters):
 
     @property
     def made_of(self) -> Material:
-        """Its material, with the values that are given in place of those of the table."""
+        """Its material; values that the design gives replace those of the table."""
         given = {"expansion": self.expansion, "conductivity": self.conductivity}
         named = {name: value for name, value in given.items() if value is not None}
         return MATERIALS[self.material]._replace(**named)

@@ -84,7 +84,7 @@ def _kept(table, order, area, most):  # type: ignore[no-untyped-def]
 
 @kernel
 def _apart(table: Floats, order: Ints, most: int) -> Ints:
-    """Places in `order` to keep: those with a flux, one for each star, the first `most`."""
+    """Positions in `order` to keep: measured spots, one for each star, at most `most`."""
     kept = np.empty(min(len(order), most), np.int64)
     count = 0
     for k in range(len(order)):
@@ -110,8 +110,8 @@ def detect(frame: Frame, settings: Detection | DetectionPlan, psf: Psf | None = 
     into connected components; peaks that look like stars are measured in small windows.
 
     frame     image of any real type; what is not finite is a dead pixel
-    settings  thresholds and windows; or the plan of them and of the PSF (`plan_detection`), which
-              saves time where many frames share it
+    settings  thresholds and windows; or a plan made of settings and PSF by `plan_detection`, which
+              saves time for many frames
     psf       of the design at rest, where the settings use it; None: a Gaussian of their
               kernel_sigma
     Returns   Spots, brightest first; none where there is none

@@ -305,12 +305,12 @@ def weighted(sample: Sample, sigma: float) -> Floats:
         sum(w_i s_i (r_i - c)) = 0,   w_i = exp(-|r_i - c|^2 / (2 sigma^2))
         cov(c) = sum(var_i w_i^2 (r_i - c)(r_i - c)^T) / slope^2
 
-    Source: Bertin's windowed positions (SExtractor's manual, XWIN_IMAGE), with the true slope in
-    the place of his factor 2, which holds where the star is as wide as the weight.
+    Source: Bertin's windowed positions (SExtractor's manual, XWIN_IMAGE). His factor 2 holds where
+    the star is as wide as the weight; here it is replaced by the slope of the sum.
 
-    sigma    pixel, of the weight; best that of the stars
+    sigma    pixel, of the weight; best as wide as the stars
     Returns  as `gravity`, whose flux it keeps
-    Accuracy  model: pixels average the star, which moves c by at most what `gravity` has.
+    Accuracy  model: pixels average the star, which moves c by no more than the error of `gravity`.
     """
     return np.asarray(_weighted(sample, gravity(sample, True), sigma))
 

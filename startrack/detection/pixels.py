@@ -264,14 +264,15 @@ NEIGHBOURHOOD = 5  # pixel
 
 
 def subtract_dark(frame: core.Frame, dark: core.Frame) -> core.Frame:
-    """Take off a dark frame, and turn into NaN what it shows to be hot.
+    """Subtract a dark frame, and set the pixels to NaN that it shows to be hot.
 
     A pixel is hot where it exceeds the median of its neighbours in the dark frame by 5 sigma of
-    the difference image. The mean of its dark current could be taken off, its shot noise not.
-    `detect` takes NaN for dead pixels.
+    the difference image. Subtraction removes the mean of its dark current, not the shot noise,
+    therefore it becomes NaN, which `detect` treats as a dead pixel.
 
-    frame, dark  of the same shape, exposure and temperature; the dark frame best a median of many
-    Returns      Frame of float32, whose offset is 0, because the dark frame held it
+    frame, dark  of the same shape, exposure and temperature; the dark frame is best a median of
+                 many
+    Returns      Frame of float32; its offset is 0, because the dark frame contains the offset
     Raises       ValueError where the shapes differ.
     """
     if frame.image.shape != dark.image.shape:

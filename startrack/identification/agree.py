@@ -240,14 +240,16 @@ DECISIVE = 1.5  # times the matches: those without one of them are taken where t
 
 @kernel
 def release(seen: Seen, faint: SkyGrid, magnitude: Floats, held: Gathered, fewest: int) -> Gathered:
-    """The matches with any focal length, where one match alone holds the believed one.
+    """The matches with a free focal length, where one false match may have biased it.
 
-    One false match far from true ones can hold a wrong focal length, with which few other stars
-    are matched and their residuals exceed the noise. Without it all agree with the true one.
+    One false match far from the true ones can pull the fit to a wrong focal length. Few other stars
+    are then matched, and their residuals exceed the noise. Without that match all others agree with
+    the true focal length.
 
-    held     found with the tolerance of the focal length
+    held     matches that were found within the tolerance of the focal length
     fewest   matches, of `agree`
-    Returns  the same, unless many more are found; the scale of these has no bounds
+    Returns  `held`, or the matches with any focal length where these are DECISIVE times as many;
+             the scale of those is not limited
     """
     if seen.focal == 0 or len(held.spot) >= SPARSE * len(seen.plane):
         return held

@@ -556,8 +556,8 @@ def _in_orbit(design: Design, mission: Mission) -> Design:
 def save_mission(path: Path, mission: Mission, comment: str = "") -> None:
     """Write a mission file that `load_mission` reads back to an equal mission.
 
-    Files of the mission are named from the folder of `path`, shipped designs by their names, so
-    that the folder may move with them.
+    Paths of the mission's files are written relative to the folder of `path`, and shipped designs
+    by their names, so that the folder can be moved with the files in it.
 
     comment  lines at the top of the file
     """

@@ -77,25 +77,23 @@ class PlacementQuality:
     keep_out: float
 
     def score(self, needs: MissionRequirements, step: float) -> float:
-        """The less, the better: requirements that are missed first, then the error.
+        """Score, smaller is better: first the missed requirements, then the error.
 
-        sum over requirements of MISSED * excess + MET * ratio, with the ratio of what is asked to
-        what is allowed, plus the error in units of what is allowed, or of an arcsecond.
+        The sum over requirements of MISSED * excess + MET * ratio, with ratio = value / limit, plus
+        the error over its limit, or over one arcsecond where it has none.
         """
         size = self.error / (needs.max_error or arcsec)
         return self.missed(needs, step) + MET * sum(self._ratios(needs, step)) + size
 
     def missed(self, needs: MissionRequirements, step: float) -> float:
-        """The part of the score by requirements that are missed, and by keep-out cones."""
+        """The part of the score for missed requirements and violated keep-out cones."""
         excess = [max(ratio - 1, 0.0) for ratio in self._ratios(needs, step)]
         if needs.max_error:
             excess.append(max(self.error / needs.max_error - 1, 0.0))
         return MISSED * sum(excess) + FORBIDDEN * self.keep_out
 
     def _ratios(self, needs: MissionRequirements, step: float) -> list[float]:
-        """Blindness and unavailability over the largest that are allowed, a ratio for each
-        requirement.
-        """
+        """Ratio of value to limit of each requirement on blindness and availability."""
         ratios = []
         if needs.max_blind is not None:
             ratios.append(self.longest / max(needs.max_blind, step))

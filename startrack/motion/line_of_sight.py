@@ -213,7 +213,7 @@ def blur(motion: Motion, exposure: float) -> Floats:
 
 @lru_cache(maxsize=64)
 def jitter_rms(motion: Motion, exposure: float) -> Floats:
-    """Distance between the mean of an exposure and its middle by jitter: rms over all trials.
+    """Rms, over trials, of the mean line of sight of an exposure less that at its middle.
 
     `motion.jitter` is left out.
 
@@ -232,12 +232,13 @@ def jitter_rms(motion: Motion, exposure: float) -> Floats:
 def exposure_mean_rms(
     motion: Motion, exposure: float, passed: Callable[[Any], Any] = np.ones_like
 ) -> Floats:
-    """Rms of the mean of an exposure by jitter: over all times of exposures at rest.
+    """Rms, over exposures at rest, of the mean line of sight of an exposure under jitter.
 
         rms^2 = Int S(f) sinc(f T)^2 passed(f) df
 
     exposure  second, T
-    passed    1, function of hertz: power that is kept of what exposures show one after another
+    passed    1, function of hertz: fraction of the power that a filter over the sequence of
+              exposures keeps
     Returns   (3,) radian, about the camera's axes; `motion.jitter` is left out
     """
     return np.sqrt(

@@ -140,7 +140,7 @@ def _rim_area(ellipse: Floats, outline: Floats) -> Floats:
 def open_optics(optics: Optics, temperature: float = ROOM) -> Lens:
     """The lens of a design.
 
-    Raises  ValueError where there is no such table, or the design opens it farther than traced.
+    Raises  ValueError where there is no such table, or the design's aperture is wider than traced.
     """
     if optics.lens_family:
         table = family_table(optics.lens_family, optics.f_number, optics.family_field)
@@ -162,7 +162,7 @@ class _Star:
     wavelength  metre
     azimuth     radian, of the star's image on the detector
     power       (i, j) metre, coefficients of u^i v^(2 j) of the table's wavefront
-    amplitude   (i, j) 1, the same of the amplitude; no numbers where it is even
+    amplitude   (i, j) 1, likewise of the amplitude; empty where the amplitude is uniform
     defocus     metre, `Lens.defocus`
     """
 

@@ -12,7 +12,7 @@ ENVIRONMENTS = 2  # of each unit, in a search; chosen by hand: time against the 
 
 
 def _coarse(case: Case) -> Case:
-    """The case whose images are of few wavelengths behind a lens table: each design has its own."""
+    """The case with images of few wavelengths, as each design behind a lens table needs its own."""
     optics = case.instrument.optics
     if not (optics.tabulated and optics.psf_tolerance < COARSE):
         return case

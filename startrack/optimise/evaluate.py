@@ -175,11 +175,12 @@ def combined(
 class Foresight(NamedTuple):
     """Expected values of a design without a trial.
 
-    expected    ln of what is made small, the objective in arcsec or a cost; NaN where no attitude
-                is expected
+    expected    ln of the minimised quantity, the objective in arcsec or a cost; NaN where no
+                attitude is expected
     margins     of the requirements; none where the design cannot be built
-    conditions  what the budget expects in each of them that was computed
-    lasting     false where the machine refused it, as for `Refused`: no ledger keeps it
+    conditions  forecast of each condition that was computed, by its name
+    lasting     false where the machine refused the design, such as for lack of memory; no ledger
+                keeps such a forecast
     """
 
     expected: float

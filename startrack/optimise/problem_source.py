@@ -98,12 +98,12 @@ class ProblemSource:
 
     @property
     def start(self) -> Floats:
-        """Unit-cube coordinates of the problem as it is, or the nearest that are within bounds."""
+        """Unit-cube coordinates of the problem's present values, moved to the bounds if outside."""
         return np.array([variable.place(variable.start) for variable in self.variables])
 
     @property
     def start_values(self) -> dict[str, float]:
-        """Values of the variables in the problem as it is, SI."""
+        """Present values of the problem's variables, SI."""
         return {variable.name: variable.start for variable in self.variables}
 
     def values(self, point: Floats) -> dict[str, float]:
@@ -116,7 +116,7 @@ class ProblemSource:
         return {own.name: own.start for own in self.design(point).variables}[name]
 
     def shown(self, point: Floats | None = None) -> dict[str, str]:
-        """Values and units as texts; None: those of the problem as it is."""
+        """Values and units as texts, at a point; None: the present values of the problem."""
         values = self.start_values if point is None else self.values(point)
         return {variable.name: variable.shown(values[variable.name]) for variable in self.variables}
 
@@ -139,7 +139,7 @@ class ProblemSource:
         return np.array([variable.whole for variable in self.variables])
 
     def snapped(self, point: Floats) -> Floats:
-        """The point of the values as the design there has them."""
+        """The point whose whole numbers are rounded as the design at this point has them."""
         if not self.whole.any():
             return point
         values = self.values(point)
@@ -147,7 +147,7 @@ class ProblemSource:
         return np.where(self.whole, places, point)
 
     def foresee(self, points: Sequence[Floats], enough: float) -> list[Foresight]:
-        """Forecasts of designs that cost not far too much."""
+        """Forecasts of designs; none where costs miss their limits by more than MOST_EXCESS."""
         return self._foreseen(points, MOST_EXCESS)
 
     def foresee_any(
@@ -159,7 +159,7 @@ class ProblemSource:
     def _foreseen(
         self, points: Sequence[Floats], most_excess: float, progress: Advance | None = None
     ) -> list[Foresight]:
-        """Each by a worker, where the ledger has none."""
+        """Forecasts from the ledger; workers compute those that it lacks."""
         designs = [self._built(point) for point in points]
         keys = [
             self._key(design, f"forecast {most_excess}") if design else b"" for design in designs

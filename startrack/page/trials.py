@@ -21,7 +21,7 @@ MOST = 100_000
 
 
 class TrialsRun:
-    """Trials 0, 1, ... of one design at a time, as `startrack montecarlo` has them.
+    """Trials 0, 1, ... of one design at a time, the same trials that `startrack montecarlo` runs.
 
     A ledger in the folder keeps them, so that they continue.
     """

@@ -57,16 +57,18 @@ class TrackerKnowledge:
 
             variance = S-curve^2 + PRNU^2 + DSNU^2 + shift^2 / 2 + lens^2 + residual^2
 
-        the first three from the tracker's centroids of noise-free stars of that magnitude
-        (`errors`); the shift is that by the neighbours in its catalogue (`blending_shift`), along
-        one line and so half of its square on either axis; then what a lens table leaves to the
-        tracker, over the frame, for a star of that colour (`lens_variance`), and of a unit, the rms
-        of its `Residual` that its calibration leaves. `centroid_floor` replaces all of it where it
-        is given.
+        S-curve, PRNU, DSNU  from centroids of noise-free stars of that magnitude (`errors`)
+        shift     by neighbours in the believed catalogue (`blending_shift`); it is along one line,
+                  so that each axis has half of its square
+        lens      error of the lens model that the tracker does not correct, for a star of that
+                  colour, mean over the frame (`lens_variance`)
+        residual  of a unit, rms of its `Residual` after calibration
+
+        `centroid_floor`, where it is given, replaces the sum.
 
         Accuracy  those of `errors` and `blending_shift`. model: for a detector that scans, the
-                  tracker assumes UNKNOWN_FLOOR; what a residual changes by with temperature is not
-                  known to the tracker.
+                  tracker assumes UNKNOWN_FLOOR; the tracker does not know how a residual changes
+                  with temperature.
         """
         design, settings = self.design, self.design.tracker.attitude
         if settings.centroid_floor is not None:
@@ -92,13 +94,13 @@ class TrackerKnowledge:
     def hot(self) -> Floats:
         """Pixel^2 (n,) per axis, what hot pixels add to the variance of stars at this age.
 
-        No star is weighted by it or left out: it is of few stars, of which the tracker does not
-        know which, and `solve` states it where the residuals show nothing. Of shifts s in windows
-        with hot pixels, at a chance p, it is
+        It changes no weight and excludes no star, because it concerns few stars, and the tracker
+        does not know which. `solve` states it where the residuals show nothing.
 
             p <s^2 / 2 where s^2 < 2 g^2 (noise + lasting)>
 
-        with the gate g of the solver; zero with a floor.
+        with the probability p of a hot pixel in a window, the shifts s that hot pixels cause, and
+        the gate g of the solver; zero where `centroid_floor` is given.
 
         Accuracy  model: whether a star is left out depends on no other. The normalised error
                   squared, 3 expected, of 600 windows of the nanosatellite is 3.0 instead of 3.4; of

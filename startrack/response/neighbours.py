@@ -157,7 +157,7 @@ class _Pairs(NamedTuple):
     apart: Floats
 
     def within(self, angle: float) -> "_Pairs":
-        """The pairs that are nearer than an angle, radian."""
+        """The pairs whose stars are less than an angle (radian) apart."""
         many = int(np.searchsorted(self.angle, angle))
         return _Pairs(
             self.star[:many],
@@ -170,9 +170,9 @@ class _Pairs(NamedTuple):
 
 @kept(32)
 def _pairs(catalog: Selection, resolution: float, radius: float, faintest: float) -> _Pairs:
-    """All pairs of separable stars within a radius (radian) whose star is no fainter than asked.
+    """All pairs of separable stars within a radius (radian), of stars down to a magnitude.
 
-    Of merged stars, those whose brightest is no fainter.
+    A merged star counts where the brightest of its stars is not fainter than this magnitude.
     """
     several = separated(catalog, resolution)
     stars, place = several.sky.stars, several.places(len(open_sky(catalog)))

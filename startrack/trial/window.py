@@ -186,7 +186,7 @@ def whole_frame(
 
 @kernel
 def area(windows: Ints) -> int:
-    """Pixels of windows (w, 4), those that several share as often."""
+    """Total pixels of windows (w, 4); shared pixels count once for each window."""
     pixels = 0
     for left, top, right, bottom in windows:
         pixels += (right - left) * (bottom - top)

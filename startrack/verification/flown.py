@@ -94,10 +94,10 @@ def compare_flown(
 ) -> FlightComparison:
     """Measure images in flight and those that the design predicts, by the same code.
 
-    The predicted images have the light that is seen. So the brightness of a star tests transmission
-    and quantum efficiency only where its `magnitude_g` is known: what is predicted is then scaled
-    to the light of that magnitude. The background is not tested where the offset of the numbers is
-    not that of the design. Stars without steady light, as seen or as predicted, are left out.
+    Predicted images have the brightness of the flown images, so that it tests nothing, except for a
+    star with `magnitude_g`: its predicted brightness follows from this magnitude, and tests
+    transmission and quantum efficiency. The background is not tested where the images have another
+    offset than the design. Stars without steady light, as seen or as predicted, are left out.
 
     Raises    Refused where no star is left.
     Accuracy  model: of the light by a magnitude that of `photon_irradiance`, for a sunlike star.

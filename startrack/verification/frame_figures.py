@@ -104,7 +104,7 @@ def _passed(rate: float) -> Callable[[Floats], Floats]:
 
 
 def told_by_frames(case: Case, stars: Sequence[Windows], source: str = "") -> list[Told]:
-    """Figures of frames of a tracker at rest, each with its error, under which a design is learnt.
+    """Figures measured in frames of a tracker at rest, with errors, to learn a design from.
 
         read noise     digital number, by the darker pixels about the stars and the design's gain
         star signal    digital number of an exposure: light of a sunlike star of G = 0 in the box,
@@ -114,10 +114,10 @@ def told_by_frames(case: Case, stars: Sequence[Windows], source: str = "") -> li
                        between frames at the update rate, without the noise of the centroids
 
     stars   with images of 8 x 8 pixels
-    Returns  those that the frames bear: figures without an error that is known are left out
+    Returns  figures that the frames determine; those of unknown error are left out
     Raises    Refused where the images are smaller.
-    Accuracy  model: the error is that of a jackknife over eight blocks of time, without those of
-              magnitudes and of pixels that differ.
+    Accuracy  model: the error is from a jackknife over eight blocks of time; errors of magnitudes
+              and differences between pixels are not included.
     """
     for star in stars:
         if star.number.shape[1] != SIDE:
@@ -140,7 +140,7 @@ def told_by_frames(case: Case, stars: Sequence[Windows], source: str = "") -> li
 
 
 def _seen(case: Case, stars: Sequence[Windows]) -> dict[str, float]:
-    """The figures of some images, in the mean of the stars."""
+    """The figures of `told_by_frames`, each the mean over the stars."""
     figures = dict[str, float]()
     electrons = case.instrument.detector.electrons_per_dn
     variances = [_dark_variance(star, electrons) for star in stars]

@@ -30,13 +30,13 @@ def simulate(
 ) -> list[list[Windows]]:
     """Images that the design makes of the same stars on the same paths.
 
-    Light and path are those of the images that were seen: the median of their light, and their
-    places over some exposures. Pixels, noise and, where the design has it, flicker are drawn.
+    Brightness and path of each star are measured in its flown images: the median of its light, and
+    its centroids smoothed over SMOOTH exposures. Pixels, noise and flicker of the design are drawn.
 
-    devices  draws of the pixels;  progress  called with 1 after each star
-    Returns  [device][star], as `tracker.box` would take them, 8 x 8 pixels each
-    Accuracy  model: the mean image of the field, where the design has several; a star does not move
-              within an exposure; one path error of some hundredths of a pixel, by the centroids.
+    devices  number of draws of the pixels;  progress  called with 1 after each star
+    Returns  [device][star], in windows that `tracker.box` places, 8 x 8 pixels each
+    Accuracy  model: one mean image for the whole field; a star does not move within an exposure;
+              paths have the errors of the centroids, some hundredths of a pixel.
     """
     core.whole(1, 1000, devices=devices)
     box, psf, drawn = case.tracker.box, psf_of(case.instrument), []

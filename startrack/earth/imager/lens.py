@@ -180,9 +180,10 @@ def field_blur(
 ) -> FieldBlur:
     """Weights of rays by images that change over the field.
 
-    Those of each place of a lattice, as for `blur_weights`, are written as their mean and principal
-    components; as many are kept as the weights of every place need to within 2e-3, summed over
-    their sizes: no scene with radiance in [0, 1] then changes by more.
+    The weights of `blur_weights` at the places of a lattice are approximated by their mean and
+    their first principal components. Components are added until, at every place, the absolute
+    errors of the weights sum to less than 2e-3. The image of a scene with radiance in [0, 1] then
+    changes by less than 2e-3.
 
     columns, rows  (n,), (m,) pixel of the camera's grid at which the image has its columns and its
                    lines; one row for a scanner
@@ -250,7 +251,7 @@ def _sum(strip: Singles, weights: Floats) -> Singles:
 
 
 def _radius(psf: Psf) -> float:
-    """Pixel, of the box that holds all of the table's light except FAINT."""
+    """Half the side, pixel, of the box that holds all light of the table except FAINT."""
     middle, total = psf.table.shape[0] // 2, psf.table.sum()
     for radius in range(psf.oversampling, middle, psf.oversampling):
         part = slice(middle - radius, middle + radius + 1)
