@@ -5,8 +5,10 @@
 Each published tracker is predicted with the laws of its design file, the residual that its class
 leaves after calibration estimated without it (leave-one-out); further trackers of
 `STARTRACK_DATA/references/trackers-more` are predicted with the laws of all shipped ones. Then
-designs are drawn from the laws of one tracker, their errors told, and the intervals of what was
-told nothing but that are compared with the truth.
+designs are drawn from the laws of a prototype, their errors and figures of frames told, both by
+the whole budget of each, and the intervals of its unknowns are compared with the truth. Last, the
+loop of a test: of some drawn prototypes 200 frames are rendered, measured and told, and the
+prediction after them is compared with the truth.
 
 log_error_across, _about  mean of |ln(median / published)|, of the shipped trackers
 skill_across, _about      that over the same of a constant: the geometric mean of what is published
@@ -21,6 +23,8 @@ about_over_across         of a tracker: error about the boresight over that acro
                           its stars alone (of its noise), and as published
 error_of_that_ratio       mean of |ln| of the first over the second
 posterior_68, _95         share of the unknowns that posterior intervals hold, over drawn designs
+loop_within               share of the truth's figures that intervals of 95 % hold after the loop
+loop_narrows              factor of 68 % before, over that after, of noise across; geometric mean
 predict_s                 of one prediction with two processes, second
 """
 
@@ -32,6 +36,7 @@ import argparse
 import json
 import math
 import os
+import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -40,14 +45,16 @@ from typing import Any, NamedTuple
 import command
 import numpy as np
 import units
-from scipy.special import ndtr, ndtri
+from scipy.spatial.transform import Rotation
 
-from startrack import Streams, arcsec, shipped
+from startrack import Streams, arcsec, load_design, random_attitude, shipped
 from startrack.budget import PUBLISHED, Term
 from startrack.core import Floats
 from startrack.design import Told
 from startrack.montecarlo import pool
-from startrack.prediction import Draw, PredictionSurface, draw_unknowns, fit_surface, learn, predict
+from startrack.prediction import Draw, draw_unknowns, fit_surface, learn, predict, save_told
+from startrack.trial import observe
+from startrack.verification import told_by_frames, windows_of_frames, with_magnitudes
 
 SEED, UNITS, SAMPLES = 1, 3, 8192
 RESIDUAL = "instrument.residual.rms"
@@ -56,7 +63,33 @@ CLASSES |= {"thermo-elastic": Term.THERMO_ELASTIC}
 AXES = ("across", "about")
 LEAST_PART = 0.3  # of a published figure that the residual makes, at least, in `implied`
 TERMS = dict(zip(("NEA", "pixel", "FOV", "accuracy"), PUBLISHED.values(), strict=False))
-TOLD = (("accuracy", "across", 1.15), ("NEA", "across", 1.1))  # of synthetic designs
+# A prototype of which five values are not known. Figures that it is told, with the factor by which
+# each may be wrong: those of frames as 50 frames of it have them.
+PROTOTYPE = """
+base = "designs/noise_only.toml"
+[instrument.optics]
+blur = { median = "5 um", factor = 1.3 }
+[instrument.optics.transmission]
+factor = { median = 0.85, factor = 1.2 }
+[instrument.detector]
+read_noise = { median = "8 electron", factor = 1.5 }
+[instrument.residual]
+rms = { median = 0.07, factor = 2.0 }
+[instrument.motion]
+jitter_factor = { median = 1.0, factor = 1.5 }
+[[instrument.motion.broadband]]
+axis = "x"
+frequency = ["0.5 Hz", "4.5 Hz"]
+density = ["1 arcsec2 / Hz", "1 arcsec2 / Hz"]
+[[instrument.motion.broadband]]
+axis = "y"
+frequency = ["0.5 Hz", "4.5 Hz"]
+density = ["1 arcsec2 / Hz", "1 arcsec2 / Hz"]
+"""
+TOLD = (("accuracy", "across", 1.15), ("NEA", "across", 1.1))
+FRAMES_TOLD = {"read noise": 1.01, "star signal": 1.03, "image width": 1.02, "common motion": 1.1}
+LOOP_FRAMES, LOOPS = 200, 4
+STEP = 0.01  # pixel, by which the stars of a loop move from frame to frame
 
 
 class Tracker(NamedTuple):
@@ -191,25 +224,66 @@ def about_over_across(trackers: Sequence[Tracker]) -> dict[str, Any]:
     return {"about_over_across": found, "error_of_that_ratio": float(np.mean(off))}
 
 
-def posterior(surface: PredictionSurface, designs: int) -> dict[str, Any]:
-    """Share of the scores of drawn designs that the intervals of their posterior hold."""
-    random = Streams(SEED, 0)("drawn designs")
-    held = {68: 0, 95: 0}
-    count = len(surface.unknowns)
-    for number in range(designs):
-        truth = random.standard_normal((1, count))
-        errors = surface.errors(surface.scores(ndtr(truth)))
-        errors = errors * np.exp(surface.scatter * random.standard_normal(errors.shape))
-        told = []
+def posterior(path: Path, designs: int, draws: int, executor: Any) -> dict[str, Any]:
+    """Share of the unknowns of drawn designs that the intervals of their posterior hold.
+
+    The truth of each is its own budget of drawn units, and no surface.
+    """
+    known = draw_unknowns(path, SEED, draws, UNITS, 0.0, executor=executor, middle=False)
+    truths = draw_unknowns(path, SEED + 1, designs, UNITS, 0.0, executor=executor, middle=False)
+    surface, random = fit_surface(known), Streams(SEED, 0)("told figures")
+    held, count = {68: 0, 95: 0}, 0
+
+    def wrong(value: float, factor: float) -> float:
+        return value * math.exp(math.log(factor) * random.standard_normal())
+
+    for number, truth in enumerate(truths):
+        told = list[Told]()
         for figure, axis, factor in TOLD:
-            value = surface.figure(errors, TERMS[figure])[0, AXES.index(axis)]
-            wrong = math.exp(math.log(factor) * random.standard_normal())
-            told.append(Told(figure, axis, float(value) * wrong, factor=factor))
-        scores = ndtri(learn(surface, told, SEED + number).quantiles(2000))
+            errors = [truth.terms[term] for term in TERMS[figure] if term in truth.terms]
+            value = float(np.linalg.norm(errors, axis=0)[AXES.index(axis)])
+            told.append(Told(figure, axis, wrong(value, factor), factor=factor))
+        for figure, factor in FRAMES_TOLD.items():
+            seen = wrong(truth.frames[figure], factor)
+            told.append(Told(figure, number=seen, factor=factor))
+        scores = learn(surface, told, SEED + number).quantiles(2000)
+        quantile = np.array([truth.quantile[unknown.name] for unknown in surface.unknowns])
         for level in held:
-            ends = np.quantile(scores, (0.5 - level / 200, 0.5 + level / 200), axis=0)
-            held[level] += int(((ends[0] <= truth[0]) & (truth[0] <= ends[1])).sum())
-    return {f"posterior_{level}": share / (designs * count) for level, share in held.items()}
+            low, high = np.quantile(scores, (0.5 - level / 200, 0.5 + level / 200), axis=0)
+            held[level] += int(((low <= quantile) & (quantile <= high)).sum())
+        count += len(quantile)
+    return {f"posterior_{level}": share / count for level, share in held.items()}
+
+
+def loop(path: Path, loops: int, frames: int, draws: int, executor: Any) -> dict[str, Any]:
+    """The loop of a test, of some drawn prototypes: frames, what they tell, the prediction after.
+
+    Attitudes turn as one; of the jitter the frames have that within an exposure.
+    """
+    before = predict(path, seed=SEED, draws=draws, age=0.0, executor=executor)
+    believed, within, narrows = load_design(path).case, list[bool](), list[float]()
+    for truth in draw_unknowns(path, SEED + 2, loops, UNITS, 0.0, middle=False):
+        case = load_design(path, quantile=truth.quantile.__getitem__).case
+        first, pixel = random_attitude(Streams(SEED, 0)), 1 / case.instrument.camera.focal_length_px
+        turns = [Rotation.from_rotvec([STEP * pixel * k, 0, 0]) * first for k in range(frames)]
+        seen = [observe(case, turn, Streams(3, k)).frame for k, turn in enumerate(turns)]
+        stars = with_magnitudes(windows_of_frames(seen, believed), seen[0], believed)
+        after = path.with_name("told.toml")
+        save_told(after, path, told_by_frames(believed, stars, "frames of the prototype"))
+        found = predict(after, seed=SEED, draws=draws, age=0.0, executor=executor)
+        for figure in found.figures:
+            terms = [t for t in PUBLISHED[figure.figure] if t in truth.terms]
+            true = np.linalg.norm([truth.terms[t] for t in terms], axis=0)
+            value = float(true[AXES.index(figure.axis)])
+            within.append(figure.low_95 <= value <= figure.high_95)
+            print(
+                f"  loop: {figure.figure} {figure.axis}: {value / arcsec:.3g} arcsec, predicted "
+                f"[{figure.low_95 / arcsec:.3g}, {figure.high_95 / arcsec:.3g}]"
+            )
+        nea = [one.figure("NEA", "across").factor for one in (before, found)]
+        narrows.append(math.log(nea[0]) / math.log(nea[1]))
+    share = float(np.mean(within))
+    return {"loop_within": share, "loop_narrows": math.exp(float(np.mean(np.log(narrows))))}
 
 
 def further(draws: int, executor: Any) -> list[Tracker]:
@@ -257,9 +331,12 @@ def main() -> None:
     figures |= about_over_across([*seen, *more])
     if more:
         figures["unseen"] = scores(more, seen, one_out=False)
-    drawn = next(one for one in seen if one.name == "rigel-l")
-    surface = fit_surface([draw for draw in drawn.draws if draw.number >= 0])
-    figures |= posterior(surface, options.designs)
+    with pool(2) as executor, tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "prototype.toml"
+        path.write_text(PROTOTYPE, encoding="utf-8")
+        figures |= posterior(path, options.designs, options.draws, executor)
+        loops, frames = (1, 32) if options.quick else (LOOPS, LOOP_FRAMES)
+        figures |= loop(path, loops, frames, options.draws, executor)
     print(json.dumps(figures, indent=1))
     command.save(options, figures)
 
