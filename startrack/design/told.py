@@ -12,6 +12,8 @@ FRAME_FIGURES = {
     "star signal": "digital number",
     "image width": "pixel",
     "common motion": "pixel",
+    "limiting magnitude": "G",
+    "residual": "pixel",
 }
 
 
@@ -30,7 +32,9 @@ class Told(Parameters):
         'frames: "gain", electron / digital number; "read noise", digital number; "star signal", '
         "digital number of an exposure, of a sunlike star of G = 0 in the tracker's box; "
         '"image width", pixel, root of the second moment in the box; "common motion", pixel rms of '
-        "an axis, of third differences from frame to frame",
+        'an axis, of third differences from frame to frame; "limiting magnitude", Gaia\'s G of a '
+        'sunlike star at the detection threshold; "residual", pixel rms of an axis over the frame, '
+        "of the places of stars at the begin of life, as a table of stars has it (`calibrate`)",
         limit=Range(choices=(*ERROR_FIGURES, *FRAME_FIGURES)),
     )
     axis: str | None = parameter(

@@ -12,12 +12,14 @@ import numpy as np
 
 from startrack.budget import Term, unit_budgets
 from startrack.core import Advance, Floats, Refused, printed, whole
-from startrack.design import Case, Design, Unknown, load_design, stratified
+from startrack.design import Case, Design, Moment, Unknown, load_design, stratified
+from startrack.population import left_over, unit_of
 from startrack.verification import expected_in_frames
 
 # Of each unit, chosen by hand: what so few leave is in the scatter of the surface, and small beside
 # the width of most laws.
 ENVIRONMENTS, FIELDS = 1, 32
+RESIDUAL = "residual"  # a told figure; it takes time, and is computed where it is told alone
 MIDDLE = -1  # number of the draw of which all unknowns have their middle values
 
 
@@ -32,7 +34,8 @@ class Draw(NamedTuple):
                   and about it
     availability  1, mean of the units
     refused       why the design has no errors; empty where it has
-    frames        what its frames measure, by name, of `expected_in_frames`
+    frames        figures that frames measure, by name, of `expected_in_frames`; "residual" where
+                  the design is told one
     """
 
     number: int
@@ -111,6 +114,8 @@ def _draw(
     try:
         terms, available = _terms(design.case, seed, max(number, 0) * units, units, age)
         frames = expected_in_frames(design.case)
+        if any(told.figure == RESIDUAL for told in design.told):
+            frames[RESIDUAL] = _residual(design.case, seed, max(number, 0) * units, units)
     except Refused as error:
         return Draw(number, design.unknowns, quantiles, {}, 0.0, str(error))
     return Draw(number, design.unknowns, quantiles, terms, available, "", frames)
@@ -150,3 +155,15 @@ def _terms(
         term: np.sqrt([(values[0] + values[1]) / 2, values[2]]) for term, values in square.items()
     }
     return terms, float(budgets.availability.mean())
+
+
+def _residual(case: Case, seed: int, first: int, units: int) -> float:
+    """Pixel rms of an axis, over units and the frame: what calibration leaves of places of stars.
+
+    At the begin of life, in an environment of each unit; zero where all units are as believed.
+    """
+    if not case.differs:
+        return 0.0
+    drawn = [unit_of(case, seed, Moment(unit)) for unit in range(first, first + units)]
+    left = [left_over(unit.instrument.camera, unit.believed_camera) for unit in drawn]
+    return float(np.sqrt(np.mean(np.square(left))))

@@ -16,6 +16,7 @@ from startrack.core import Floats, Refused
 from startrack.design import Case, Told
 from startrack.motion import exposure_mean_rms
 from startrack.response import scale, star_images
+from startrack.verification.accuracy import limiting_magnitude
 from startrack.verification.figures import (
     ROUNDING,
     THIRD,
@@ -70,6 +71,8 @@ def reduced(images: Floats, size: int) -> Reduced:
 def expected_in_frames(case: Case) -> dict[str, float]:
     """Figures that frames measure, by the design, as `told_by_frames` defines them.
 
+    With the limiting magnitude of `limiting_magnitude`, which nothing here measures.
+
     Empty where lines scan. Raises  Refused where the design has no image.
     Accuracy  model: pixels alike; one image for the whole field; jitter by user code left out.
               numerical: of a star's light and width 1e-3, by 16 places in the pixel.
@@ -92,6 +95,7 @@ def expected_in_frames(case: Case) -> dict[str, float]:
         "star signal": scale(case).star * float(seen.total.mean()) / electrons,
         "image width": math.sqrt(float(seen.moment.mean())),
         "common motion": math.sqrt(float((motion[:2] ** 2).mean())) / pixel,
+        "limiting magnitude": limiting_magnitude(case),
     }
 
 

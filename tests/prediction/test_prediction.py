@@ -7,10 +7,19 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from startrack import Refused, arcsec
+from startrack import Refused, arcsec, load_design
 from startrack.budget import Term
 from startrack.design import Told, Unknown
-from startrack.prediction import ACCURACY, Draw, draw_unknowns, fit_surface, predict, prediction_of
+from startrack.prediction import (
+    ACCURACY,
+    Draw,
+    draw_unknowns,
+    fit_surface,
+    learn,
+    predict,
+    prediction_of,
+)
+from startrack.verification.accuracy import limiting_magnitude as limiting
 
 GRID = Unknown("grid", {"median": "1 um", "factor": 2.0})
 STARS = Unknown("stars", {"among": [10, 40]})
@@ -161,6 +170,24 @@ def test_the_middle_is_known_before_workers_are_asked(design):
         draw_unknowns(design, 3, 2, 1, 0.0, executor=executor, watch=watched.append)
     assert [draw.number for draw in watched] == [-1]
     assert asked == [1, 1]
+
+
+def test_a_star_table_and_a_limiting_magnitude_tell_of_what_they_depend_on(design):
+    """The residual on the table of its law; the exposure that makes the magnitude."""
+    exposure, residual = "instrument.detector.exposure", "instrument.residual.rms"
+    longer = load_design(design, [f"{exposure}=130 ms"]).case
+    text = "\n[[told]]\nfigure = {!r}\nnumber = {}\nfactor = {}\n".format
+    told = text("residual", 0.08, 1.05) + text("limiting magnitude", limiting(longer), 1.002)
+    design.write_text(design.read_text() + told)
+    draws = draw_unknowns(design, 1, 8, 2, 0.0, middle=False)
+    for draw in draws:
+        rms = next(u for u in draw.unknowns if u.name == residual).at(draw.quantile[residual])
+        assert 0.6 * rms < draw.frames["residual"] < 1.5 * rms, "of two units each"
+    lessons = learn(fit_surface(draws), load_design(design).told, 1).lessons
+    after = {lesson.unknown.name: lesson.unknown.law for lesson in lessons}
+    assert float(after[exposure]["median"].split()[0]) == pytest.approx(130, rel=0.04)
+    assert after[residual]["median"] == pytest.approx(0.08, rel=0.3)
+    assert after[residual]["factor"] < 1.5
 
 
 def test_a_design_without_unknowns_is_refused():
