@@ -113,10 +113,10 @@ def _measured(
 
 
 def in_boxes(case: Case) -> Measured:
-    """The same of stars that are drawn in the tracker's boxes, alike along both axes.
+    """Responses measured with stars that are drawn in the tracker's boxes, equal on both axes.
 
-    Noise is of the light by the share of a star's electrons in those of its image; what different
-    pixels add is that of hot pixels.
+    Noise is split into shot noise of the star and other noise by the star's fraction of the
+    electrons in its box. Errors by differences between pixels are attributed to hot pixels.
     """
     stars, size, box = trial.boxed_stars(case), response.scale(case), case.tracker.box
     finite = np.isfinite(stars.total)
@@ -187,19 +187,20 @@ def analytic(case: Case, count: int = FIELDS) -> Budget[ErrorLaw]:
 
         error of a field = sum of gains * errors of its stars (`propagate`), rms over fields
 
-    The errors of a star follow from noise-free images of stars over sub-pixel places: the method's
-    is their offset, the noise's what the tracker states of them, PRNU's and DSNU's what a fixed
-    pattern moves them by. Fixed errors (camera, catalogue) move each star of each field.
+    The errors of a star follow from noise-free images of stars over sub-pixel places. The error of
+    the centroid method is the offset of the centroid; the error by noise is the one that the
+    tracker states; PRNU and DSNU are fixed patterns that shift the centroid. Fixed errors (camera,
+    catalogue) shift each star of each field.
 
-    Behind a lens table, noise and detection are those of the star's zone of the frame and of colour
-    (`zone_errors`), and the star is displaced by what its image's place and shape differ from those
+    Behind a lens table, noise and detection depend on the zone of the frame and on the star's
+    colour (`zone_errors`). The star is displaced by the difference between its image and the one
     that the tracker assumes: of sunlike stars (PSF over the field), and by colour (lateral colour).
+
+    Pixels of outlying dark current move, hide and imitate stars (`hot_stars`), and raise the
+    detection threshold. All other pixels are taken as equal, with their spread as noise.
 
     count   fields over the sky, a power of two
     Raises    ValueError where the case contradicts itself, or no field can be solved.
-    Pixels of outlying dark current move, hide and imitate stars (`hot_stars`); the search then has
-    the threshold of a frame with them. All else is that of even pixels with the spread of the rest.
-
     Accuracy  model: to first order; cosmic rays, dead pixels, the smear of a roll, lag and
               aberrations that grow over the field without a lens table are left out; so is light
               that varies over the sky (`scene.lights`); a star near the threshold, or so sharp

@@ -134,7 +134,7 @@ def fit_field(
     """Robust least squares of a camera and its attitude.
 
     Residuals beyond two robust sigma, from their median, count linearly; those beyond OUTLIER are
-    left out. The table must be of one attitude.
+    left out. All stars of the table must be seen at one attitude.
 
     columns, rows  pixel, of the array
     first          pixel (x, y) of the table at the centre of the first pixel
@@ -343,7 +343,7 @@ def _names(order: Order) -> tuple[str, ...]:
 
 
 def _free(order: Order) -> Ints:
-    """Numbers of UNKNOWNS that a pinhole of this order has."""
+    """Indices of the UNKNOWNS that the pinhole model of this order fits."""
     if order.model == HELD:
         return np.empty(0, int)
     names = ("focal_length_px", *OPENCV[order.model])
@@ -351,7 +351,7 @@ def _free(order: Order) -> Ints:
 
 
 def _tables(order: Order) -> list[tuple[str, int]]:
-    """The tables of coefficients: the end of their names, and how many there are for an axis."""
+    """Tables of coefficients: suffix of their names, and number of coefficients per axis."""
     parts = [("", POLYNOMIAL_TERMS.get(order.model, 0))]
     return [part for part in [*parts, ("_per_kelvin", WARM_TERMS * order.warm)] if part[1]]
 

@@ -34,14 +34,18 @@ declare = shared.Parts(
             *shared.DESIGN,
             Option(
                 "--unit RANK",
-                "whose error: that of the middle unit, of the one that 95 %% do not "
-                "exceed, of the worst, or the unit as designed, without what differs between units "
-                "(default: 95, at the end of life)",
+                "unit whose error is exported: the middle unit; the unit whose error 95 %% of the "
+                "units do not exceed; the worst unit; or the unit as designed, without differences "
+                "between units (default: 95, at the end of life)",
                 ("middle", "95", "worst", "designed"),
                 "95",
             ),
-            Option("--units N", "units among which it is found", whole(1, 10000), 20),
-            Option("--age YEARS", "of the unit (default: the end of its life)", decimal(0, 100)),
+            Option(
+                "--units N", "number of units among which this unit is found", whole(1, 10000), 20
+            ),
+            Option(
+                "--age YEARS", "age of the unit (default: the end of its life)", decimal(0, 100)
+            ),
             shared.SEED,
             Option(
                 "--also FORM",
@@ -54,7 +58,7 @@ declare = shared.Parts(
             ),
             Option(
                 "--rate DEG/S",
-                "slew rate that --also basilisk and 42 are for (default: that of the design)",
+                "slew rate at which basilisk and 42 have the errors (default: that of the design)",
                 decimal(0, 360),
             ),
             out("startrack-export"),

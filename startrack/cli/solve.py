@@ -46,8 +46,8 @@ declare = Options(
     ),
     Option(
         "--aspect RATIO",
-        "width of a pixel over its height (default: 1, then those of images "
-        "that were squeezed from another shape)",
+        "width of a pixel over its height (default: 1, then the ratios of usual image shapes, "
+        "for images that were squeezed from one shape to another)",
         shared.decimal(0.1, 10),
     ),
     Option(

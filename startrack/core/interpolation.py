@@ -162,11 +162,11 @@ GAUSS_PLACES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(3)
 
 
 class Quadrature(NamedTuple):
-    """Places between edges, and their weights, for integrals over wavelength.
+    """Nodes and weights for integrals over wavelength between edges.
 
     place   (n,) metre
     weight  (n,) metre
-    cell    (n,) between which edges each place lies
+    cell    (n,) index of the edge below each node
     """
 
     place: Floats
@@ -175,11 +175,11 @@ class Quadrature(NamedTuple):
 
 
 def quadrature(edges: Floats, curves: Iterable[Curve]) -> Quadrature:
-    """Places at which a product of curves is taken for its integral between edges.
+    """Nodes and weights for the integral of a product of curves between edges.
 
     edges     (k + 1,) metre, rising
-    curves    whose nodes divide the integral
-    Accuracy  numerical: exact for products of up to five curves, straight lines or wavelengths.
+    curves    the curves, at whose nodes the integral is divided
+    Accuracy  numerical: exact for products of up to five factors that are linear between nodes.
     """
     nodes = np.array([node for curve in curves for node in curve.wavelength], float)
     ends = np.union1d(edges, nodes[(nodes > edges[0]) & (nodes < edges[-1])])
@@ -202,7 +202,7 @@ def means_around(nodes: Floats, curves: Sequence[Curve]) -> Floats:
 
     nodes     (k,) metre, evenly spaced
     Returns   (k,) 1
-    Accuracy  numerical: exact for up to four curves.
+    Accuracy  numerical: exact for products of up to four curves that are linear between nodes.
     """
     step = nodes[1] - nodes[0]
     edges = np.concatenate([[nodes[0] - step / 2], nodes, [nodes[-1] + step / 2]])

@@ -208,8 +208,9 @@ def kept(
 ) -> Callable[[Callable[P, T]], KeptFunction[P, T]]:
     """Like `functools.lru_cache`, for values of megabytes: they count against the memory limit.
 
-    reads  first argument -> the same, with all that the function does not read at fixed values. The
-           function is given this one, so that it cannot read what the key leaves out. None: all
+    reads  first argument -> the same, in which all that the function does not read has fixed
+           values. The function gets this one, so that it cannot read what the key leaves out.
+           None: the first argument as it is
     """
     return partial(KeptFunction, count=count, reads=reads)
 

@@ -276,22 +276,23 @@ class Structure(Parameters):
         default=None,
     )
     heater: float = parameter(
-        "mean power of heaters at the feet, or below the bracket, each controlled by itself: where "
-        "a foot swings by A, with the gradient, it takes power / (conductance A) off swing and "
-        "gradients",
+        "mean power of heaters at the feet, or below the bracket, each with a controller of its "
+        "own: where the temperature of a foot swings by A, gradients included, swing and "
+        "gradients fall by the fraction power / (conductance A)",
         unit=Unit("W"),
         limit=NON_NEGATIVE,
         default=0.0,
     )
     conductance: float = parameter(
-        "from the head to the platform, with its heat capacity: |G + i 2 pi C / orbit|, assumed",
+        "thermal conductance from head to platform, with the heat capacity of the head: "
+        "|G + i 2 pi C / orbit|; the default is assumed",
         unit=Unit("W / K"),
         limit=POSITIVE,
         default=0.5,
     )
     focus: bool = parameter(
-        "whether the defocus changes, too: images are then those of each environment, in several "
-        "times the time",
+        "whether the defocus changes, too; each environment then has its own images, which takes "
+        "several times as long",
         default=False,
     )
 

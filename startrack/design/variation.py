@@ -174,7 +174,7 @@ class Law:
         return self.mean + given.scale * float(np.interp(ndtr(z), place, self.values))
 
     def mean_square(self) -> float:
-        """Mean square of the difference, over the middles of equally likely parts."""
+        """Mean square of the difference, by the midpoint rule in QUANTILES parts."""
         u = (np.arange(QUANTILES) + 0.5) / QUANTILES
         return float(np.mean([self.difference(float(z)) ** 2 for z in ndtri(u)]))
 

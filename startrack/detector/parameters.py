@@ -283,16 +283,16 @@ class Detector(Parameters):
         default=(),
     )
     signal_effects: tuple[str, ...] = parameter(
-        "the same of the signal at the input of the converter",
+        "user code that changes the signal at the input of the converter",
         limit=Range(code="signal_effects"),
         default=(),
     )
     image_effects: tuple[str, ...] = parameter(
-        "the same of the digital numbers", limit=Range(code="image_effects"), default=()
+        "user code that changes the digital numbers", limit=Range(code="image_effects"), default=()
     )
     pixel_pitch_y: float | None = parameter(
-        "from row to row, where a datasheet has two: refused where it is not pixel_pitch, with "
-        "the square pixels that come closest",
+        "distance of rows, where a datasheet states two pitches; a value other than pixel_pitch "
+        "is refused, and the message names the nearest square pixels",
         unit=Unit("m", "um"),
         limit=POSITIVE,
         default=None,

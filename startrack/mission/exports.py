@@ -203,7 +203,14 @@ Classes = dict[str, tuple[float, float]]  # radian rms, across and about; "avail
 
 
 class _Unit(NamedTuple):
-    """A unit of a design: in words, drawn; its errors at a rate, at rest, on its first day."""
+    """A unit of a design, and its classes of error.
+
+    name     in words
+    case     of the unit
+    classes  of a case of this unit at some rate, background or angle
+    rest     at rest
+    begin    at rest on its first day
+    """
 
     name: str
     case: Case

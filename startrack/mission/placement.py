@@ -510,8 +510,11 @@ def _mounted_behind(plan: MissionPlan, angle: float) -> tuple[Mounted, ...]:
 
 
 def _behind(head: Head, case: Case, angle: float) -> tuple[Head, Case]:
-    """A head and its design, whose baffle keeps the Sun out from an angle on: with the length of
-    its tube, if it has one, and the exclusion angles of Moon and Earth that it then has."""
+    """A head and its design with a baffle that excludes the Sun from an angle on.
+
+    The tube, if there is one, gets the length that this angle needs, and Moon and Earth the
+    exclusion angles that follow from it.
+    """
     given = replace(head.exclusion, sun=angle)
     if case.instrument.tube is None:
         return replace(head, exclusion=given), case
@@ -519,7 +522,7 @@ def _behind(head: Head, case: Case, angle: float) -> tuple[Head, Case]:
     if not sun[-1] <= angle <= sun[0]:
         raise Refused(
             f"angle of a baffle with instrument.tube must lie in [{sun[-1] / deg:.3g}, "
-            f"{sun[0] / deg:.3g}] deg, those of a quarter to four times its length, got "
+            f"{sun[0] / deg:.3g}] deg, which need four times to a quarter of its length, got "
             f"{angle / deg:.3g} deg"
         )
     metre = float(np.exp(np.interp(-angle, -sun, np.log(length))))

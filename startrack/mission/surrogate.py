@@ -206,11 +206,12 @@ def surrogate_of(
 ) -> Surrogate:
     """A surrogate, fitted on the analytic budget over the sky at each rate, background and state.
 
-    state      age (None: as the design) and kelvin above the design -> the case; None: always the
-               same
-    advance    called with the part of the surveys that each is
-    Raises     ValueError where the budget refuses the case, or no field has an attitude at one of
-               the rates and states without stray light; with it, none is a probability of 0.
+    state      age (None: as the design) and kelvin above the design -> the case; None: the case
+               does not change
+    advance    called after each survey with its fraction of all surveys
+    Raises     ValueError where the budget refuses the case, or where no field has an attitude at
+               one of the rates and states without stray light. With stray light, no attitude is a
+               probability of 0.
     """
     slow, fast = ranges.rate
     close = fast - slow < CLOSE_RATES * fast or fast < 1e-6

@@ -76,7 +76,7 @@ class Residual(Parameters):
         "lens_family whose elements are off, where the optics have no lens table", default=""
     )
     seed: int = parameter(
-        "of what one unit has by chance; 0: of the unit as designed, which has none",
+        "seed of the random residual of one unit; 0: no residual, as in the unit as designed",
         limit=Range(0, 2**63 - 1),
         default=0,
     )
@@ -96,7 +96,7 @@ class Residual(Parameters):
 
         pitch     metre, of a pixel
         Raises    Refused where elements are off whose lens is not known.
-        Accuracy  numerical: between the nodes of a `Displacement`.
+        Accuracy  numerical: displacements are interpolated between the nodes of a `Displacement`.
         """
         if not self.seed:
             return None

@@ -25,9 +25,9 @@ OBJECTIVE = "objective"
 
 @dataclass(frozen=True)
 class ProblemGoals:
-    """Two goals that are traded off, the less of each the better.
+    """Two goals of a trade-off, both minimised.
 
-    first, second  "objective", a part of it or a limit from above, by their names
+    first, second  "objective", or the name of one of its parts or of an upper limit
     """
 
     problem: Problem

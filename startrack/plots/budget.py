@@ -60,8 +60,10 @@ def draw_budget(
 ) -> Figure:
     """A bar for each cause, from zero; measured values as points with their 95 % intervals.
 
-    required  limits on the error; those of other statistics than the rms per axis are named only
-    units     whose classes of error follow below the causes of the unit as designed
+    required  limits on the error; a limit on another statistic than the rms per axis has no line,
+              it is named in the title of its panel
+    units     budgets of drawn units; their classes of error follow below the causes of the unit as
+              designed
     """
     names: dict[str, BudgetLine[Any] | _OfUnits] = {line.name: line for line in expected.lines}
     beside = {line.name: line for line in by_trials.lines} if by_trials else {}

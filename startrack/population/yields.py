@@ -71,11 +71,11 @@ class Units(Parameters):
     """Order of a campaign's trials over units: those of each one after the other.
 
     trials        of each unit
-    environments  that each unit meets, its trials shared among them
+    environments  of each unit, over which its trials are divided evenly
     age           second, of all units
-    exact         whether each unit's stars are measured anew in fidelity covariance; false: their
-                  response is interpolated between nodes, see `UnitPlans`, which is quicker from
-                  some hundred units on
+    exact         whether fidelity covariance measures the stars of each unit anew; false: their
+                  response is interpolated between nodes (`UnitPlans`), which is faster for more
+                  than some hundred units
     """
 
     dtype: ClassVar[np.dtype[Any]] = UNITS

@@ -165,10 +165,11 @@ def _rounded(value: float) -> float:
 
 
 def save_posterior(path: Path, design: Path, learned: Learned) -> None:
-    """Write a design file over another one, with the laws that told figures leave.
+    """Write a design file that includes another one, with the laws that told figures leave.
 
-    The figures are in the laws, so that the file tells none; it may tell others. The weights of
-    files among which one is included are those of the design below, and stand in a comment.
+    The laws contain the information of these figures, so the file has none of them; others may be
+    added. Where a design includes one of several files, the probabilities of these files stay as in
+    `design`; the learned ones are written as a comment.
     """
     table = dict[str, Any](told=[])
     comments = [f"{one.name} was told" for one in learned.told]

@@ -118,8 +118,8 @@ def response_of(grid: ResponseGrid, faintest: float, brightest: float) -> SpotRe
 def response_of_zones(grid: ResponseGrid, faintest: float, brightest: float) -> SpotResponse:
     """`response_of` in each zone of a lens table.
 
-    The bias is without the part that `centroid_shift` has beside the shift of the image, which
-    changes from star to star. False spots have the flux of those of the mean image.
+    The difference between `centroid_shift` and the shift of the image is left out of the bias,
+    because it changes from star to star. False spots have the flux of those of the mean image.
     """
     case = grid.case
     images, shift = field_psf_of(case.instrument), centroid_shift(case)
@@ -142,7 +142,7 @@ def response_of_zones(grid: ResponseGrid, faintest: float, brightest: float) -> 
 
 
 def _mirrored(response: SpotResponse, mirror: Floats) -> SpotResponse:
-    """The response where displacements are those of a place times a mirror (2, 2)."""
+    """The response at the place that a mirror (2, 2) maps a measured place to."""
     swapped, signs = mirror[0, 0] == 0, mirror.sum(axis=1)
 
     def turned(table: Floats) -> Floats:

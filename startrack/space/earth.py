@@ -48,7 +48,7 @@ def times(matrix: Floats, a: Floats) -> Floats:
 
 
 def angle(cosine: Floats) -> Floats:
-    """(n,) radian of cosines that rounding may have moved beyond one."""
+    """Angles (n,) radian from cosines, clipped to [-1, 1] against rounding errors."""
     return np.arccos(np.clip(cosine, -1.0, 1.0))
 
 

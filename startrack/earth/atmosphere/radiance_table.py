@@ -260,7 +260,9 @@ def _in_si(path: Path, name: str, values: Any, given: str, unit: str) -> Floats:
         raise Refused(f"{path}, column {name}: values must be numbers") from None
     if not np.isfinite(numbers).all():
         row = int(np.argmin(np.isfinite(numbers))) + 1
-        raise Refused(f"{path}, column {name}: values must be finite, that of row {row} is not")
+        raise Refused(
+            f"{path}, column {name}: values must be finite, but row {row} has one that is not"
+        )
     if not unit:
         if given not in ("", "1"):
             raise Refused(f"{path}, column {name}: must have no unit, got {given!r}")

@@ -26,13 +26,13 @@ LEAST = 0.98  # of a band's response that a table must cover; chosen by hand
 class Band(NamedTuple):
     """One channel, and the air in its band.
 
-    wavelength, weight  (f,) metre; (f,) 1, response to an even spectrum of energy, of sum one, at
-                        places for integrals over the band, all where there is a response
-    electrons           electron / joule, their mean over the band times its width: electrons per
-                        second and etendue of an even spectral radiance of one, electron metre /
-                        joule
-    table               its one band is a mean spectral radiance, watt / m^2 / sr / m
-    heat                of a blackbody, likewise
+    wavelength, weight  (f,) metre; (f,) 1, nodes of integrals over the band and their weights, the
+                        normalised response to a constant spectral radiance
+    electrons           electron metre / joule, response integrated over the band: electrons per
+                        second and etendue at a spectral radiance of one
+    table               of the air, with this band alone: mean spectral radiances, watt / m^2 / sr
+                        / m
+    heat                mean spectral radiance of a blackbody in the band, in the same unit
     irradiance          watt / m^2 / m, mean spectral irradiance of the Sun above the air
     """
 

@@ -34,9 +34,9 @@ def pixels_around(window: int, guard: int) -> int:
 
 
 def threshold_of(false_alarms: float, window: int, guard: int) -> float:
-    """The score that even ground exceeds in this fraction of pixels: a quantile of Student's t.
+    """The score that uniform ground exceeds in this fraction of pixels: a quantile of Student's t.
 
-    Of n pixels around, three are spent on means and slope.
+    The n surrounding pixels leave n - 3 degrees of freedom: two means and a slope are estimated.
     """
     return float(stats.t.isf(false_alarms, pixels_around(window, guard) - 3))
 
@@ -48,12 +48,12 @@ def contrast_of(mid: Floats, thermal: Floats, window: int, guard: int) -> Contra
         s^2 = n / (n - 3) (<m' m'> - slope <m' t'>) (1 + 1 / n)
 
     with means over the n pixels of a square around without its middle, and deviations m', t' from
-    them. What temperature and emissivity change in both channels alike is no excess; a fire
-    exceeds in the mid infrared alone.
+    them. Changes of temperature and emissivity that affect both channels cause no excess; a fire
+    has an excess in the mid infrared alone.
 
     Source: contextual tests are those of Flasse and Ceccato (1996), Int. J. Remote Sensing 17,
-    419, and of BIRD (Zhukov et al. 2006, Remote Sensing of Environment 100, 29), which asks the
-    excess in the mid infrared and the ratio of both channels one after the other. The linear
+    419, and of BIRD (Zhukov et al. 2006, Remote Sensing of Environment 100, 29), which tests
+    the excess in the mid infrared and then the ratio of both channels. The linear
     prediction is that of Reed and Yu (1990), IEEE Trans. ASSP 38, 1760, for two channels.
 
     mid, thermal   (lines, columns) watt / m^2 / sr / m, of the same pixels

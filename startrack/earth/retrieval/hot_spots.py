@@ -64,10 +64,12 @@ class HotSpots(Parameters):
         default=math.radians(40),
     )
     temperatures: tuple[float, ...] = parameter(
-        "of the fires whose smallest area is found", unit=Unit("K"), default=(800.0, 1000.0)
+        "of fires, for each of which the smallest detectable area is computed",
+        unit=Unit("K"),
+        default=(800.0, 1000.0),
     )
     found: float = parameter(
-        "1, probability with which a fire of the smallest area is found",
+        "1, detection probability of a fire of the smallest area",
         limit=Range(0.5, 0.99),
         default=0.95,
     )
@@ -95,8 +97,8 @@ class HotSpots(Parameters):
             raise Refused(f"temperatures must lie in [400, 1900] K, got {self.temperatures}")
         if self.size < 2 * (self.window + ROOM) + 1:
             raise Refused(
-                f"size must be at least {2 * (self.window + ROOM) + 1}, the surroundings of a "
-                f"fire, got {self.size}"
+                f"size must be at least {2 * (self.window + ROOM) + 1}, so that an image holds the "
+                f"surroundings of a fire, got {self.size}"
             )
 
     @property

@@ -462,7 +462,8 @@ class WaveEstimate(NamedTuple):
     """What is retrieved of an image.
 
     height      metre, significant
-    direction   radian, from the direction of flight to the right; or the opposite one
+    direction   radian, from the direction of flight to the right; an image does not tell it from
+                the opposite direction
     wavelength  metre, of the peak
     """
 
@@ -476,11 +477,10 @@ def retrieve_waves(survey: Survey, own: Waves, radiance: Floats) -> WaveEstimate
 
         b = (L - base) / mean - 1,   |b_k|^2 = (g . k)^2 T^2 |z_k|^2 + rest
 
-    The spectrum of the largest likelihood says what waves are that are not seen; with it,
+    The spectrum S of maximum likelihood is the prior of waves that the image hardly shows. The
+    posterior mean square of each wave is that of a Wiener filter plus its remaining variance:
 
         |z_k|^2 = W^2 |b_k|^2 / gain + (1 - W) S,   W = gain S / (gain S + rest)
-
-    is the mean of each wave, given the image: the filter of Wiener, and what it leaves.
 
     Source: transfer of glint, Kudryavtsev et al. (2017); likelihood of a spectrum, Whittle (1953),
     Arkiv foer Matematik 2, 423.

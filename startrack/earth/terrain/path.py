@@ -52,7 +52,7 @@ class Path(NamedTuple):
 
 @kernel(forceinline=True)
 def reach(lines: Lattice, ray: Ray, s: float, longest: float) -> tuple[float, float]:
-    """Half the length of a path within its tolerance, at most `longest`; its margin.
+    """Half the length up to which a quadratic path keeps its tolerance, and its height margin.
 
     The third derivatives of the path, in metres, stay below 8 c / p^2, with c the horizontal
     part of the direction and p the distance from the axis: of the height 3 sin(e) cos^2(e) / r^2,

@@ -341,7 +341,7 @@ class Source(Protocol):
         ...
 
     def covers(self, longitude: Floats, latitude: Floats) -> Flags:
-        """Places (radian, of any shape) that lie within it; it may have a hole there."""
+        """Whether places (radian, of any shape) lie within the map, which may have holes."""
         ...
 
 
@@ -365,11 +365,14 @@ class Array:
 
     @cached_property
     def _levels(self) -> list[Singles]:
-        """Those levels of the pyramid that were read, from the finest on."""
+        """The levels of the pyramid that were computed so far, the finest first."""
         return [self.values.astype(np.float32)]
 
     def level(self, wanted: int) -> tuple[Singles, int]:
-        """A level, each at every second vertex of the one before, or the last; and its number."""
+        """The wanted level of the pyramid, or the last one if there are fewer, and its number.
+
+        Each level has every second vertex of the level before.
+        """
         levels = self._levels
         while len(levels) <= wanted and min(levels[-1].shape) > 2:
             levels.append(halve(levels[-1]))
