@@ -164,9 +164,9 @@ def numpy_frame() -> dict[str, Way]:
     return {"galsim + numpy": draw}
 
 
-def finder(name: str, snr: float) -> dict[str, Way]:
+def finder(name: str, snr: float, spacing: int = spots.SPACING) -> dict[str, Way]:
     found = finders(spots.SIGMA)
-    frame = spots.sown(snr)[0]
+    frame = spots.sown(snr, spacing)[0]
     # tetra3rs has two finders.
     ways: dict[str, Way] = {
         key: partial(find, frame) for key, find in found.items() if key.startswith(name)
@@ -228,6 +228,7 @@ PEERS: dict[str, dict[str, Maker]] = {
     },
     "frame": {"galsim": galsim_frame, "galsim ": numpy_frame},
     "detection": {name: partial(finder, name, spots.FAINT) for name in ("tetra3rs", "sep")},
+    "quick-detection": {"tetra3rs": partial(finder, "tetra3rs", spots.FEW_SNR, spots.FEW_SPACING)},
     "centroid": {name: partial(finder, name, spots.BRIGHT) for name in ("tetra3rs", "sep")},
     "identification": {name: partial(solver, name) for name in ("tetra3rs", "cedar-solve")},
     "attitude": {"scipy": aligner},

@@ -3,7 +3,7 @@
 stage      Stage, Row, their measurement in turns, and the table and picture of the results
 optics     psf and stamping
 frame      frame and noise
-detection  detection and centroid, on frames of stars that other stages use, too
+detection  detection, quick detection and centroid, on frames of stars that other stages use, too
 solving    identification and attitude
 earth      terrain and radiance
 studies    montecarlo and optimiser
@@ -33,6 +33,7 @@ STAGES: dict[str, Callable[[], BenchmarkStage]] = {
     "noise": frame.noise,
     "frame": frame.frame,
     "detection": detection.detection,
+    "quick-detection": detection.quick_detection,
     "centroid": detection.centroid,
     "identification": solving.identification,
     "attitude": solving.attitude,

@@ -19,9 +19,9 @@ declare = Options(
     "Writes bench.md, bench.json and bench.png.",
     Option(
         "stages STAGE",
-        "stages to measure: psf, stamping, noise, frame, detection, centroid, "
-        "identification, attitude, terrain, radiance, montecarlo, optimiser (default: all, "
-        "which takes some minutes)",
+        "stages to measure: psf, stamping, noise, frame, detection, quick-detection, "
+        "centroid, identification, attitude, terrain, radiance, montecarlo, optimiser (default: "
+        "all, which takes some minutes)",
         many="*",
     ),
     out("startrack-bench"),

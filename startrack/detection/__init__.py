@@ -18,9 +18,12 @@ fit          Windows and a model of a star enter; the most likely positions and 
              leave.
 methods      Sample and Psf -> a row per star, by each of the centroid methods that a design can
              name.
-detect       A Frame enters; Spots leave, brightest first: of the whole frame, or near given places.
+measure      Candidates of a frame -> Spots: each is measured once, by the centroid method of the
+             plan.
 within       Frame that is known in regions alone, and the Sky of such frames -> Spots of these
              regions.
+quick        Frame -> Spots, of the places alone that three rows of pixels at a time point out.
+detect       A Frame enters; Spots leave, brightest first: of the whole frame, or near given places.
 streaks      Pixels -> the smear that all stars of a frame share, from the streaks themselves.
 box          An image, and where stars are expected -> the brightest thing in a box about each
              place.
@@ -29,7 +32,7 @@ expectation  Image of expected numbers and its stars -> how the detection will s
 
 from startrack.detection.box import Box, Taken, box_reach, corner_level, follow, image_mask, take
 from startrack.detection.connect import Peaks
-from startrack.detection.detect import centroid, detect, detect_near, places
+from startrack.detection.detect import detect, detect_near
 from startrack.detection.expectation import (
     Response,
     SpotExpectation,
@@ -40,9 +43,10 @@ from startrack.detection.expectation import (
     response,
 )
 from startrack.detection.find import DetectionInput, FrameBackground, levels_at
-from startrack.detection.matched import filtered, highest_between
+from startrack.detection.matched import LOOKED, filtered, highest_between, quickly_filtered
+from startrack.detection.measure import centroid, places
 from startrack.detection.methods import CENTROIDS, CentroidInput
-from startrack.detection.parameters import LONGEST_STREAK, STREAK, Detection
+from startrack.detection.parameters import LONGEST_STREAK, QUICK, STREAK, Detection
 from startrack.detection.pixels import (
     DarkFrames,
     DarkMap,

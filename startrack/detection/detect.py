@@ -5,102 +5,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from startrack.core import Floats, Frame, Ints, Psf, Refused, Spots, kernel, positive
+from startrack.core import Floats, Frame, Ints, Psf, Refused, Spots, positive
 from startrack.detection.connect import Peaks
 from startrack.detection.find import find
-from startrack.detection.gravity import FLUX, FLUX_SIGMA, XX, XY, YY, Sample, X, Y
-from startrack.detection.parameters import Detection
+from startrack.detection.measure import centroid
+from startrack.detection.parameters import QUICK, Detection
 from startrack.detection.pixels import Pixels
 from startrack.detection.plan import DetectionPlan, calibrated, planned
-
-SAME = 1.0  # pixel; peaks whose centroids are closer than that are one star
-
-
-def centroid(frame: Frame, pixels: Pixels, candidates: Peaks, plan: DetectionPlan) -> Spots:
-    """Measure every candidate, and drop those that diverge or lead to the same star.
-
-    Returns  Spots, brightest first
-    Raises   those of the files of the four centroids.
-    """
-    table = measured(sample(frame, pixels, candidates, plan.settings), plan)
-    order = np.argsort(-table[:, FLUX], kind="stable")  # NaN goes last
-    return Spots(*_kept(table, order, candidates.area, plan.settings.max_spots))
-
-
-def places(
-    frame: Frame, pixels: Pixels, candidates: Peaks, plan: DetectionPlan
-) -> tuple[Floats, Floats]:
-    """Centroids of every candidate, which must be different stars, in their order.
-
-    Returns  (n, 2) pixel, (n, 2, 2) pixel^2 as stated; NaN where it diverges
-    """
-    table = measured(sample(frame, pixels, candidates, plan.settings), plan)
-    table[np.isnan(table[:, FLUX])] = np.nan
-    return table[:, [X, Y]], table[:, [XX, XY, XY, YY]].reshape(-1, 2, 2)
-
-
-def sample(frame: Frame, pixels: Pixels, candidates: Peaks, settings: Detection) -> Sample:
-    """Gather it from the frame, its pixels and the settings."""
-    saturation = math.inf if settings.saturation is None else settings.saturation
-    # Kernels are compiled anew for arrays of another layout.
-    x, y = (np.ascontiguousarray(place) for place in (candidates.x, candidates.y))
-    return Sample(
-        pixels.value,
-        pixels.marks,
-        x,
-        y,
-        settings.window // 2,
-        pixels.step / math.sqrt(12),
-        frame.noise_gain,
-        frame.offset - pixels.pivot,
-        frame.read_noise / frame.electrons_per_dn,
-        saturation - pixels.pivot,
-    )
-
-
-def measured(stars: Sample, plan: DetectionPlan, stated: bool = True) -> Floats:
-    """One row per candidate, as `gravity` describes it.
-
-    stated  whether the covariance and sigma of the flux are needed; else they may be missing
-    """
-    settings, method = plan.settings, plan.method
-    measure = method.measure if stated or not method.place else method.place
-    return measure(stars, plan.star, settings.kernel_sigma, settings.compensation)
-
-
-@kernel
-def _kept(table, order, area, most):  # type: ignore[no-untyped-def]
-    """The columns of Spots, of the rows that `_apart` keeps."""
-    chosen = order[_apart(table, order, most)]
-    x, y, flux, snr = np.empty((4, len(chosen)))
-    covariance = np.empty((len(chosen), 2, 2))
-    for k in range(len(chosen)):
-        row = table[chosen[k]]
-        x[k], y[k], flux[k], snr[k] = row[X], row[Y], row[FLUX], row[FLUX] / row[FLUX_SIGMA]
-        covariance[k, 0, 0], covariance[k, 1, 1] = row[XX], row[YY]
-        covariance[k, 0, 1] = covariance[k, 1, 0] = row[XY]
-    return x, y, flux, covariance, snr, area[chosen]
-
-
-@kernel
-def _apart(table: Floats, order: Ints, most: int) -> Ints:
-    """Positions in `order` to keep: measured spots, one for each star, at most `most`."""
-    kept = np.empty(min(len(order), most), np.int64)
-    count = 0
-    for k in range(len(order)):
-        x, y, flux = table[order[k], X], table[order[k], Y], table[order[k], FLUX]
-        if count == len(kept) or np.isnan(flux):
-            break
-        new = True
-        for other in kept[:count]:
-            dx, dy = table[order[other], X] - x, table[order[other], Y] - y
-            if dx * dx + dy * dy < SAME * SAME:
-                new = False
-                break
-        if new:
-            kept[count] = k
-            count += 1
-    return kept[:count]
+from startrack.detection.quick import can_be_quick, detect_quickly
 
 
 def detect(frame: Frame, settings: Detection | DetectionPlan, psf: Psf | None = None) -> Spots:
@@ -110,15 +22,19 @@ def detect(frame: Frame, settings: Detection | DetectionPlan, psf: Psf | None = 
     into connected components; peaks that look like stars are measured in small windows.
 
     frame     image of any real type; what is not finite is a dead pixel
-    settings  thresholds and windows; or a plan made of settings and PSF by `plan_detection`, which
-              saves time for many frames
+    settings  thresholds and windows; or the plan of them and of the PSF (`plan_detection`), which
+              saves time where many frames share it
     psf       of the design at rest, where the settings use it; None: a Gaussian of their
               kernel_sigma
     Returns   Spots, brightest first; none where there is none
+              The quick search is that of the filter for images that hold no unsigned numbers of 8
+              or 16 bits.
     Raises    TypeError or ValueError where the image is not a two-dimensional array of real numbers
               with at least one finite value. Those of `centroid` for the accuracy.
     """
     plan = planned(settings, psf)
+    if plan.settings.search == QUICK and can_be_quick(frame):
+        return detect_quickly(frame, plan)
     image = calibrated(frame, plan)
     return centroid(frame, image, find(image, plan), plan)
 

@@ -11,10 +11,10 @@ import numpy as np
 from startrack.core import Flags, Floats, Frame, Ints, Singles, kernel
 from startrack.detection import matched
 from startrack.detection.connect import Peaks
-from startrack.detection.detect import measured, sample
 from startrack.detection.examine import chance_to_pass, largest_fraction
 from startrack.detection.gravity import FLUX, FLUX_SIGMA, XX, XY, YY, X, Y
 from startrack.detection.matched import filtered, highest_between
+from startrack.detection.measure import measured, sample
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import PixelGain, Pixels, gain_of
 from startrack.detection.plan import DetectionPlan, calibrated

@@ -140,7 +140,12 @@ def ground_of(
     if pixels.gain.known:
         model = noise_from_gain(law.mean, pixels.gain, pixels.step, plan.kernel)
         law = with_gain_noise(law, model)
-    far = equivalent_sigmas(plan.threshold(image.size), law.skewness, law.kurtosis)
+    return background_of(law, image.size, plan)
+
+
+def background_of(law: SkyBackground, area: int, plan: DetectionPlan) -> FrameBackground:
+    """What the search of a frame of some pixels compares with, by the law of its filtered noise."""
+    far = equivalent_sigmas(plan.threshold(area), law.skewness, law.kurtosis)
     return FrameBackground(law, far, np.asarray(law.mean + EXAMINED * far * law.rms, np.float32))
 
 

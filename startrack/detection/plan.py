@@ -49,6 +49,11 @@ class DetectionPlan:
         return matched.gaussian_kernel(self.settings.kernel_sigma)
 
     @cached_property
+    def quick_filter(self) -> matched.QuickFilter:
+        """Filter of 3 x 3 pixels, by which the quick search finds where to look."""
+        return matched.quick_filter(self.kernel)
+
+    @cached_property
     def correction(self) -> PixelCorrection | None:
         """Correction of each pixel by the tracker's dark map; None without one.
 

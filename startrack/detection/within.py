@@ -2,13 +2,14 @@
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from startrack.core import Floats, Frame, Ints, Psf, Singles, Spots, assign, kernel
 from startrack.detection.background import between
 from startrack.detection.connect import any_above
-from startrack.detection.detect import centroid
 from startrack.detection.find import FrameBackground, choose, ground_of, ring_half
 from startrack.detection.matched import Kernel, filtered
+from startrack.detection.measure import centroid
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Pixels, corrected, gain_of
 from startrack.detection.plan import DetectionPlan, calibrated
@@ -27,7 +28,7 @@ def detect_within(
 ) -> Spots:
     """Find the stars whose peaks lie in some regions, as `detect` finds them in a whole frame.
 
-    frame     whose image, best float32, is right in the regions and `margin` pixel around each
+    frame     whose image is right in the regions and `margin` pixel around each
     regions   (w, 4) left, top, right, bottom, the last two not in it; they may overlap
     ground    background and noise, as from `measure_ground`
     Returns   Spots, brightest first
@@ -37,9 +38,13 @@ def detect_within(
     kernel, (rows, columns) = plan.kernel, frame.image.shape
     seen = grown_mask(regions, margin(plan) - kernel.half, columns, rows)
     image = plan.workspace.canvas("filtered", (rows, columns), frame.offset, seen)
-    value, dead = np.asarray(frame.image, np.float32), None
+    windows, dead = grown_mask(regions, margin(plan), columns, rows), None
+    if frame.image.dtype == np.float32:
+        value = np.asarray(frame.image, np.float32)
+    else:
+        value = plan.workspace.canvas("numbers", frame.image.shape, frame.offset, windows)
+        _copy(frame.image, windows, value)
     if plan.correction is not None:
-        windows = grown_mask(regions, margin(plan), columns, rows)
         out = plan.workspace.canvas("without dark signal", value.shape, frame.offset, windows)
         value = corrected(value, plan.correction, plan.settings.saturation, within=(windows, out))
         dead = plan.correction.marks
@@ -80,6 +85,15 @@ def star_profile(psf: Psf, kernel: Kernel) -> Floats:
     away = np.maximum.outer(away, away)
     fraction = np.array([image[away == k].max() for k in range(away.max() + 1)])
     return np.maximum.accumulate(fraction[::-1])[::-1].astype(float)
+
+
+@kernel
+def _copy(image: NDArray[np.number], windows: Ints, out: Singles) -> None:
+    """Write the pixels of an image that lie in windows."""
+    for left, top, right, bottom in windows:
+        for y in range(top, bottom):
+            for x in range(left, right):
+                out[y, x] = image[y, x]
 
 
 @kernel

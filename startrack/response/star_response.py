@@ -13,6 +13,8 @@ from scipy.special import ndtr
 from startrack.core import Floats, Frame, Ints, Psf, Refused, Streams, kept, require_memory
 from startrack.design import Case, Instrument
 from startrack.detection import (
+    LOOKED,
+    QUICK,
     Detection,
     Peaks,
     chance_kept,
@@ -20,6 +22,7 @@ from startrack.detection import (
     highest_between,
     pixels,
     places,
+    quickly_filtered,
 )
 from startrack.detector import (
     Detector,
@@ -316,6 +319,7 @@ def detection_probability(
 
         fraction = mean over positions of Phi(peak / noise - threshold)
 
+    With the quick search, the least of what its filter and the matched one find at each position.
     Zero where the background alone saturates the pixels.
 
     point     (p, side, side) fraction of a star's light in each pixel; None: `point_images`
@@ -329,11 +333,16 @@ def detection_probability(
     point = point_images(case) if point is None else point
     plan = detection_plan(case)
     kernel, peak = plan.kernel, np.zeros(len(point))
+    quick = case.tracker.detection.search == QUICK
+    narrow_peak = np.zeros(len(point))
     middle = point.shape[-1] // 2
     for k, image in enumerate(point.astype(np.float32)):
         light = filtered(image, kernel)
         near = light[middle - 1 : middle + 2, middle - 1 : middle + 2]
         peak[k] = near.max()
+        if quick:
+            light = quickly_filtered(image, plan.quick_filter)
+            narrow_peak[k] = light[middle - 1 : middle + 2, middle - 1 : middle + 2].max()
         if search is not None:  # faint stars are looked for between the pixels
             y, x = np.unravel_index(near.argmax(), near.shape)
             place = int(x) + middle - 1, int(y) + middle - 1
@@ -343,8 +352,13 @@ def detection_probability(
     threshold = np.array([plan.threshold(detector.columns * detector.rows)])
     if search is not None:
         noise, threshold = search.noise * detector.electrons_per_dn, search.threshold
-    snr = size.star * 10 ** (-0.4 * magnitude[:, None]) * peak / noise
-    return np.asarray(ndtr(snr[..., None] - threshold).mean(axis=(1, 2)))
+    star = size.star * 10 ** (-0.4 * magnitude[:, None])
+    above = (star * peak / noise)[..., None] - threshold
+    if quick:
+        narrow_noise = noise * plan.quick_filter.noise / kernel.noise
+        pointed_out = (star * narrow_peak / narrow_noise)[..., None] - LOOKED * threshold
+        above = np.minimum(above, pointed_out)
+    return np.asarray(ndtr(above).mean(axis=(1, 2)))
 
 
 def magnitudes(case: Case, faintest: float) -> Floats:

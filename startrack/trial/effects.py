@@ -223,12 +223,15 @@ EFFECTS = [
     ),
     Effect(
         "tracker.detection.search",
-        lambda case: is_code(case.tracker.detection.search),
+        lambda case: case.tracker.detection.search != "filter",
         drawn="the search by {case.tracker.detection.search}",
         window="the search by a matched filter, so that tracker.detection.search must not be "
         "{case.tracker.detection.search}",
-        left_out="the search by {case.tracker.detection.search}: that of a matched filter is "
-        "assumed (tracker.detection.search)",
+        left_out=lambda case: [
+            f"the search by {name}: that of a matched filter is assumed (tracker.detection.search)"
+            for name in [case.tracker.detection.search]
+            if is_code(name)
+        ],
     ),
     Effect(
         "tracker.rate",

@@ -1,0 +1,141 @@
+"""Frame -> Spots, of the places alone that a filter of 3 x 3 pixels points out."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from startrack.core import Frame, Ints, Singles, Spots, kernel
+from startrack.detection.background import between, sky, with_gain_noise
+from startrack.detection.connect import peaks
+from startrack.detection.find import FrameBackground, background_of
+from startrack.detection.matched import LOOKED, noise_from_gain
+from startrack.detection.pixels import gain_of, is_exact
+from startrack.detection.plan import DetectionPlan
+from startrack.detection.within import detect_within, peak_border
+
+Numbers = NDArray[np.uint16]
+COARSER = 2  # times the mesh, side of the tiles in which background and noise are measured
+STRIDE = 8  # pixel, between the rows and between the columns that are read for that
+ROUNDING = 1 / math.sqrt(12)  # digital number rms
+NEAR = 2  # pixel, by which noise may move the peak of the narrow filter from that of the kernel
+
+
+def can_be_quick(frame: Frame) -> bool:
+    """Whether its image holds unsigned numbers of 16 bits at most, none of which can be dead."""
+    image = frame.image
+    return is_exact(image) and image.dtype.kind == "u" and min(image.shape) > 2
+
+
+def detect_quickly(frame: Frame, plan: DetectionPlan) -> Spots:
+    """Find the stars of a frame near the pixels where a filter of 3 x 3 pixels shows light.
+
+    Near those that exceed `LOOKED` of the threshold, stars are found and measured as in the whole
+    frame, by `detect_within`. Background and noise are measured in every eighth row of what this
+    filter leaves, and taken for the other filter's as if the pixels' noise were white.
+
+    frame     that `can_be_quick`
+    Returns   Spots, brightest first
+    Accuracy  statistical: of the stars that the filter's search finds, 1 to 2 % are lost at a SNR
+              of 6, next to none from 8 on, where the kernel's sigma is at most 1.2 pixel.
+    """
+    frame = replace(frame, image=np.ascontiguousarray(frame.image, np.uint16))
+    image, settings, narrow = frame.image, plan.settings, plan.quick_filter
+    smooth = plan.workspace.array("quickly filtered frame", image.shape, np.float32)
+    waiting = plan.workspace.array("waiting pixels", image.shape, np.uint8)
+    ground = _ground(frame, smooth, plan)
+    law = ground.sky
+    height = ground.far * law.rms * np.float32(narrow.noise / plan.kernel.noise)
+    look = np.asarray(law.mean + np.float32(LOOKED) * height, np.float32)
+    bright = _lit(image, narrow.across, narrow.down, look, law.mesh, smooth)
+    found = peaks(smooth, bright, waiting, 1, settings.max_area, 1, peak_border(settings))
+    places = np.column_stack([found.x, found.y])
+    regions = np.column_stack([places - NEAR, places + NEAR + 1])
+    return detect_within(frame, regions, ground, plan)
+
+
+def _ground(frame: Frame, smooth: Singles, plan: DetectionPlan) -> FrameBackground:
+    """Background and noise of the frame as the plan's kernel filters it, from some rows.
+
+    smooth  (rows, columns) is written to in these rows
+    """
+    kernel, narrow = plan.kernel, plan.quick_filter
+    _filter_rows(frame.image, narrow.across, narrow.down, STRIDE, smooth)
+    law = sky(smooth, COARSER * plan.settings.mesh, ROUNDING * narrow.noise, STRIDE)
+    law = law._replace(rms=law.rms * np.float32(kernel.noise / narrow.noise))
+    gain = gain_of(frame, 0.0)
+    if gain.known:
+        law = with_gain_noise(law, noise_from_gain(law.mean, gain, 1.0, kernel))
+    return background_of(law, frame.image.size, plan)
+
+
+@kernel
+def _filter_rows(
+    image: Numbers, across: Singles, down: Singles, step: int, smooth: Singles
+) -> None:
+    """Filter rows of an image, a step apart, by columns and rows of three pixels."""
+    line = np.empty(image.shape[1], np.float32)
+    for y in range(0, len(image), step):
+        _filter_row(image, y, across, down, line, smooth[y], np.float32(np.inf))
+
+
+@kernel
+def _lit(
+    image: Numbers, across: Singles, down: Singles, level: Singles, mesh: int, smooth: Singles
+) -> Ints:
+    """Filter an image by columns and rows of three pixels; its pixels above a level, as `lit`.
+
+    Each row is compared while it is at hand.
+
+    smooth  (rows, columns) is written to
+    """
+    rows, columns = image.shape
+    line = np.empty(columns, np.float32)
+    bright = []
+    for y in range(rows):
+        lowest = level[y // mesh : y // mesh + 3].min()
+        out = smooth[y]
+        if not _filter_row(image, y, across, down, line, out, lowest):
+            continue
+        for x in range(columns):
+            if out[x] > lowest and out[x] > between(level, mesh, x, y):
+                bright.append(y * columns + x)
+    return np.array(bright, np.int64)
+
+
+@kernel
+def _filter_row(
+    image: Numbers,
+    y: int,
+    across: Singles,
+    down: Singles,
+    line: Singles,
+    out: Singles,
+    level: float,
+) -> bool:
+    """Filter one row, mirrored at the border; whether a pixel exceeds a level.
+
+    A kernel of its own, so that it is vectorised.
+
+    line  (columns,) for the work
+    """
+    last, end = len(image) - 1, len(line) - 1
+    above, at, below = image[abs(y - 1)], image[y], image[min(y + 1, 2 * last - y - 1)]
+    before, here, after = down[0], down[1], down[2]
+    left, middle, right = across[0], across[1], across[2]
+    for x in range(len(line)):
+        # Whole numbers become vectors of real ones by way of 32 bits.
+        line[x] = (
+            before * np.float32(np.int32(above[x]))
+            + here * np.float32(np.int32(at[x]))
+            + after * np.float32(np.int32(below[x]))
+        )
+    some = False
+    for x in range(1, end):
+        value = left * line[x - 1] + middle * line[x] + right * line[x + 1]
+        out[x] = value
+        some |= value > level
+    out[0] = middle * line[0] + (left + right) * line[1]
+    out[end] = middle * line[end] + (left + right) * line[end - 1]
+    return some or out[0] > level or out[end] > level
