@@ -9,10 +9,10 @@ from startrack.core import Floats, Frame, Ints, Psf, Refused, Spots, positive
 from startrack.detection.connect import Peaks
 from startrack.detection.find import find
 from startrack.detection.measure import centroid
-from startrack.detection.parameters import QUICK, Detection
+from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Pixels
 from startrack.detection.plan import DetectionPlan, calibrated, planned
-from startrack.detection.quick import can_be_quick, detect_quickly
+from startrack.detection.quick import detect_quickly
 
 
 def detect(frame: Frame, settings: Detection | DetectionPlan, psf: Psf | None = None) -> Spots:
@@ -23,20 +23,19 @@ def detect(frame: Frame, settings: Detection | DetectionPlan, psf: Psf | None = 
 
     frame     image of any real type; what is not finite is a dead pixel
     settings  thresholds and windows; or the plan of them and of the PSF (`plan_detection`), which
-              saves time where many frames share it
+              saves time where many frames share it. Where they name the quick search, images of
+              other numbers than unsigned ones of 8 or 16 bits are searched by the filter
     psf       of the design at rest, where the settings use it; None: a Gaussian of their
               kernel_sigma
     Returns   Spots, brightest first; none where there is none
-              The quick search is that of the filter for images that hold no unsigned numbers of 8
-              or 16 bits.
     Raises    TypeError or ValueError where the image is not a two-dimensional array of real numbers
               with at least one finite value. Those of `centroid` for the accuracy.
     """
     plan = planned(settings, psf)
-    if plan.settings.search == QUICK and can_be_quick(frame):
-        return detect_quickly(frame, plan)
-    image = calibrated(frame, plan)
-    return centroid(frame, image, find(image, plan), plan)
+    if not plan.searches_quickly(frame):
+        image = calibrated(frame, plan)
+        return centroid(frame, image, find(image, plan), plan)
+    return detect_quickly(frame, plan)
 
 
 MEDIAN_STRIDE = 7  # no divisor of a usual side, so that all columns count

@@ -219,7 +219,7 @@ def pixels(frame: core.Frame) -> Pixels:
         raise Refused(f"image must not be empty, got {image.shape}")
     value, pivot = _narrow(image)
     gain = gain_of(frame, pivot)
-    if is_exact(image):
+    if image.dtype.kind != "f" and image.dtype.itemsize <= 2:
         return Pixels(value, pivot, 1.0, None, gain)
     dead = ~(np.abs(value) < LARGEST)  # NaN too
     if dead.all():
@@ -230,12 +230,6 @@ def pixels(frame: core.Frame) -> Pixels:
     rounding = EPSILON * float(np.mean(np.abs(value), dtype=np.float64))
     step = rounding if image.dtype.kind == "f" else max(rounding, 1.0)
     return Pixels(value, pivot, step, marks, gain)
-
-
-def is_exact(image: NDArray[np.number]) -> bool:
-    """Whether it is a picture of whole numbers of 16 bits at most, none of which can be dead."""
-    kind = image.dtype
-    return image.ndim == 2 and image.size > 0 and kind.kind in "iu" and kind.itemsize <= 2
 
 
 def gain_of(frame: core.Frame, pivot: float) -> PixelGain:

@@ -3,10 +3,12 @@
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 
+import numpy as np
+
 from startrack.core import Floats, Frame, Psf, Refused, Workspace, is_code
 from startrack.detection import matched
 from startrack.detection.methods import CENTROIDS, CentroidMethod, method_of
-from startrack.detection.parameters import Detection
+from startrack.detection.parameters import QUICK, Detection
 from startrack.detection.pixels import (
     Calibration,
     PixelCorrection,
@@ -77,6 +79,14 @@ class DetectionPlan:
     def roughness(self) -> float:
         """Lambda^(1/2) of the filtered noise per pixel, see `false_alarms`."""
         return matched.roughness(self.filters, self.kernel)
+
+    def searches_quickly(self, frame: Frame) -> bool:
+        """Whether the search is quick; it takes unsigned numbers of 16 bits, none of them dead."""
+        if self.settings.search != QUICK:
+            return False
+        image = np.asarray(frame.image)
+        numbers = image.dtype.kind == "u" and image.dtype.itemsize <= 2
+        return numbers and image.ndim == 2 and min(image.shape) > 2
 
     def threshold(self, area: int) -> float:
         """Threshold in sigma of normal noise, for a search of a number of pixels."""

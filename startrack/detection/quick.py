@@ -11,7 +11,7 @@ from startrack.detection.background import between, sky, with_gain_noise
 from startrack.detection.connect import peaks
 from startrack.detection.find import FrameBackground, background_of
 from startrack.detection.matched import LOOKED, noise_from_gain
-from startrack.detection.pixels import gain_of, is_exact
+from startrack.detection.pixels import gain_of
 from startrack.detection.plan import DetectionPlan
 from startrack.detection.within import detect_within, peak_border
 
@@ -22,12 +22,6 @@ ROUNDING = 1 / math.sqrt(12)  # digital number rms
 NEAR = 2  # pixel, by which noise may move the peak of the narrow filter from that of the kernel
 
 
-def can_be_quick(frame: Frame) -> bool:
-    """Whether its image holds unsigned numbers of 16 bits at most, none of which can be dead."""
-    image = frame.image
-    return is_exact(image) and image.dtype.kind == "u" and min(image.shape) > 2
-
-
 def detect_quickly(frame: Frame, plan: DetectionPlan) -> Spots:
     """Find the stars of a frame near the pixels where a filter of 3 x 3 pixels shows light.
 
@@ -35,7 +29,7 @@ def detect_quickly(frame: Frame, plan: DetectionPlan) -> Spots:
     frame, by `detect_within`. Background and noise are measured in every eighth row of what this
     filter leaves, and taken for the other filter's as if the pixels' noise were white.
 
-    frame     that `can_be_quick`
+    frame     of unsigned numbers of 16 bits at most
     Returns   Spots, brightest first
     Accuracy  statistical: of the stars that the filter's search finds, 1 to 2 % are lost at a SNR
               of 6, next to none from 8 on, where the kernel's sigma is at most 1.2 pixel.
