@@ -22,9 +22,9 @@ def detect(frame: Frame, settings: Detection | DetectionPlan, psf: Psf | None = 
     into connected components; peaks that look like stars are measured in small windows.
 
     frame     image of any real type; what is not finite is a dead pixel
-    settings  thresholds and windows; or the plan of them and of the PSF (`plan_detection`), which
-              saves time where many frames share it. Where they name the quick search, images of
-              other numbers than unsigned ones of 8 or 16 bits are searched by the filter
+    settings  thresholds and windows; or a plan made of settings and PSF by `plan_detection`, which
+              saves time for many frames. The quick search takes unsigned numbers of 8 or 16 bits;
+              other images are searched by the filter
     psf       of the design at rest, where the settings use it; None: a Gaussian of their
               kernel_sigma
     Returns   Spots, brightest first; none where there is none
