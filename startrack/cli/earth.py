@@ -20,7 +20,15 @@ if wanted(__name__):
     from startrack.core import Camera, FieldPsf, Floats, Streams, deg, require_memory, um
     from startrack.earth import imager, product
     from startrack.earth.atmosphere import RunGeometry, import_tape7
-    from startrack.earth.geometry import EarthScene, Orbit, Strip, aimed, find, observe_earth
+    from startrack.earth.geometry import (
+        EarthScene,
+        Orbit,
+        Strip,
+        Terrain,
+        aimed,
+        find,
+        observe_earth,
+    )
     from startrack.earth.product import UNITS as PRODUCT_UNITS
     from startrack.earth.retrieval import ground_spectrum, load_earth_design
     from startrack.earth.terrain import EQUATORIAL, Raster
@@ -58,6 +66,7 @@ the drift and jitter of the camera, one motion for all channels of an image.
 
 
 LEVELS = 6  # of light of calibration frames, from none to too much
+DEEPEST, HIGHEST = -11_100.0, 9_100.0  # metre, of ground and sea floor, geoid and margin included
 PANEL = 1500  # lines and columns of a preview, at most
 
 # Unit and meaning of each map that is written.
@@ -266,6 +275,7 @@ def geometry(options: argparse.Namespace) -> int:
         "seen": float(maps["hit"].mean()),
         "shadow": _known(np.nanmean, maps["shadow"]),
         "height_m": [_known(np.nanmin, height), _known(np.nanmax, height)],
+        "beside_terrain": _beside(scene.terrain, path, maps["longitude"], maps["latitude"]),
         "levels": sorted({int(level) for level in maps["level"][maps["hit"] > 0]}),
         "png": str(options.out / "geometry.png"),
         "netcdf": str(options.out / "geometry.nc"),
@@ -310,6 +320,8 @@ def rendered(options: argparse.Namespace) -> int:
         small = dict(zip(picture.terms._fields, terms, strict=True))
         plots.draw_picture(png, numbers, small, f"{path.stem}: {channel.name}")
         result = _picture_values(channel, picture, setting) | {"fits": str(fits), "png": str(png)}
+        beside = _beside(survey.terrain, path, picture.longitude, picture.latitude)
+        result |= {"beside_terrain": beside}
         if survey.motion != Motion():
             result["misregistration_px"] = imager.misregistration(survey, channel, options.seed)
         first = first or (channel, setting.camera)
@@ -318,6 +330,30 @@ def rendered(options: argparse.Namespace) -> int:
         result |= frames
         print_result(options, result, *_picture_text(result))
     return Exit.DONE
+
+
+def _beside(terrain: Terrain, path: Path, longitude: Floats, latitude: Floats) -> float:
+    """Fraction of the ground that is seen, (lines, columns) degree, beside all heights of a scene.
+
+    Of at most PANEL lines and columns; 0 where no ground is seen.
+    """
+    seen = [imager.thinned(angle, PANEL).ravel() for angle in (longitude, latitude)]
+    ground = np.isfinite(seen[0])
+    if not ground.any():
+        return 0.0
+    covered = terrain.open(path.parent).terrain.covers(*(np.radians(x[ground]) for x in seen))
+    return float(1 - covered.mean())
+
+
+def _beside_text(result: dict[str, Any]) -> list[str]:
+    share = result["beside_terrain"]
+    if not share:
+        return []
+    return [
+        f"terrain   {100 * share:.3g} % of the ground that is seen lies beside the heights of the "
+        "scene, and has the height of `terrain.sea`; `startrack earth aim SCENE.toml --at LAT LON` "
+        "moves the camera"
+    ]
 
 
 def _scene_path(options: argparse.Namespace) -> Path:
@@ -379,6 +415,7 @@ def _picture_text(result: dict[str, Any]) -> list[str]:
         f"numbers   mean {result['number_mean']:.1f}, {100 * result['saturated']:.2f} % "
         f"saturated; {result['electrons_per_radiance']:.4g} electrons for 1 W / m^2 / sr / um",
         f"exposure  {1e3 * result['exposure_s']:.4g} ms, smear {result['smear_px']:.2f} pixel",
+        *_beside_text(result),
     ]
     off = "pixel {}across and {:.3g} along off the first channel"
     if "illumination" in result:
@@ -631,6 +668,7 @@ def terrain(options: argparse.Namespace) -> int:
         with as_wrong_use(ValueError, OSError), progress(path.name, grid.rows) as advance:
             lowest, highest, holes = raster.extremes(advance)
         east = grid.west + (grid.columns - 1) * grid.step_x
+        narrow = math.cos((grid.north + grid.south) / 2)
         result = {
             "file": str(path),
             "west_deg": math.degrees(grid.west),
@@ -638,6 +676,7 @@ def terrain(options: argparse.Namespace) -> int:
             "south_deg": math.degrees(grid.south),
             "north_deg": math.degrees(grid.north),
             "cell_m": grid.step_y * EQUATORIAL,
+            "cell_across_m": grid.step_x * EQUATORIAL * narrow,
             "columns": grid.columns,
             "rows": grid.rows,
             "height_m": [lowest, highest],
@@ -651,12 +690,21 @@ def terrain(options: argparse.Namespace) -> int:
         print_result(
             options,
             result,
-            f"{path}: {result['columns']} x {result['rows']} cells of {result['cell_m']:.1f} m, "
+            f"{path}: {result['columns']} x {result['rows']} cells of "
+            f"{result['cell_across_m']:.1f} x {result['cell_m']:.1f} m, "
             f"longitude {result['west_deg']:.4f} to {result['east_deg']:.4f}, "
             f"latitude {result['south_deg']:.4f} to {result['north_deg']:.4f}",
             f"  heights {lowest:.1f} to {highest:.1f} m ({unit}) above "
             f"{scaling.surface or 'a surface that the file does not name'}",
             *([f"  {100 * holes:.3g} % of the pixels have no height"] if holes else []),
+            *(
+                [
+                    f"  heights below {DEEPEST:g} m or above {HIGHEST:g} m are not of the Earth: "
+                    "does the file name the number that it has where it has no height (nodata)?"
+                ]
+                if lowest < DEEPEST or highest > HIGHEST
+                else []
+            ),
         )
     if not options.json:
         names = ", ".join(f'"{path}"' for path in files)
@@ -715,5 +763,6 @@ def _text(result: dict[str, Any]) -> list[str]:
         f"height    {low:.1f} to {high:.1f} m above the ellipsoid",
         f"shadow    {100 * result['shadow']:.1f} % of what is seen",
         f"levels    {', '.join(map(str, result['levels'])) or 'none'}",
+        *_beside_text(result),
         f"wrote {result['png']} and {result['netcdf']}",
     ]

@@ -29,6 +29,7 @@ GEOGRAPHIC = "EPSG:4326"  # longitude and latitude in degree on WGS84
 FRACTAL_BYTES = 40  # of a height while terrain is made; measured: 36
 # Of a step, to the south-east: a vertex on the edge that two tiles share lies in one of them.
 NUDGE = 1e-7
+NEAR_POLE = 0.1  # cosine of the latitude, below which a grid of degrees is GDAL's
 PIXELS = 2**22  # that are read at a time for the extremes of a file
 # GDAL's drivers whose data stand in one file; others, such as VRT and WMS, name more of them.
 DRIVERS = ("GTiff", "SRTMHGT", "DTED", "USGSDEM", "GTX")
@@ -105,7 +106,10 @@ class Raster:
 
     @cached_property
     def grid(self) -> Grid:
-        """Pixel centres, of the file itself where its axes are longitude and latitude."""
+        """Pixel centres, of the file itself where its axes are longitude and latitude.
+
+        Of a map projection, cells as large as its pixels in the middle, along both axes.
+        """
         rasterio = require_rasterio("to read terrain files")
         with _opened(self.path) as file:
             if file.crs is None or file.transform.is_identity:
@@ -115,6 +119,8 @@ class Raster:
             try:
                 with rasterio.vrt.WarpedVRT(file, crs=GEOGRAPHIC) as warped:
                     transform, columns, rows = warped.transform, warped.width, warped.height
+                if not file.crs.is_geographic:
+                    transform, columns, rows = _as_fine(file, transform, columns, rows)
             except Exception as error:
                 if not type(error).__module__.startswith("rasterio."):
                     raise  # GDAL's own errors are rasterio's, too, but have no public name
@@ -223,6 +229,26 @@ class Raster:
                     return np.asarray(warped.read(self.band), np.float32)
             except rasterio.errors.RasterioError as error:
                 raise OSError(f"{self.path} must be a whole raster file: {error}") from None
+
+
+def _as_fine(file: Any, warped: Any, columns: int, rows: int) -> tuple[Any, int, int]:
+    """A grid (transform in degree, columns, rows) of the pixel size of a projected file.
+
+    GDAL's own has steps of one size in degree, too coarse along the meridian.
+    """
+    rasterio = require_rasterio("to read terrain files")
+    own = file.transform
+    column, row = (size / 2 + np.eye(3)[k] for k, size in ((1, file.width), (2, file.height)))
+    x, y = own.a * column + own.b * row + own.c, own.d * column + own.e * row + own.f
+    longitude, latitude = rasterio.warp.transform(file.crs, GEOGRAPHIC, x, y)
+    narrow = math.cos(math.radians(latitude[0]))
+    east, north = (np.array(part[1:]) - part[0] for part in (longitude, latitude))
+    size = math.sqrt(abs(east[0] * north[1] - east[1] * north[0]) * narrow)
+    if narrow < NEAR_POLE or not size > 0:
+        return warped, columns, rows
+    across, down = size / narrow, size
+    transform = rasterio.Affine(across, 0, warped.c, 0, -down, warped.f)
+    return transform, math.ceil(columns * warped.a / across), math.ceil(-rows * warped.e / down)
 
 
 def _height_unit(path: Path, band: str | None, system: Any) -> tuple[str, str]:

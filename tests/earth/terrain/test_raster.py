@@ -233,6 +233,20 @@ def test_another_projection_is_warped(tmp_path):
     assert raster.read(grid)[0, 0] == pytest.approx(expected, abs=0.01)
 
 
+def test_another_projection_keeps_its_pixels(tmp_path):
+    """Of 30 m in UTM, which scales by 0.9996 to 1.0004 here, cells of 30 m in both directions."""
+    transform = rasterio.Affine(30, 0, 600000, 0, -30, 5240000)
+    heights = np.zeros((200, 200), np.float32)
+    heights[::2] = 100.0  # ridges of one pixel from west to east
+    raster = Raster(write(tmp_path / "utm.tif", heights, crs="EPSG:32632", transform=transform))
+    grid = raster.grid
+    middle = (grid.north + grid.south) / 2
+    # Radii of curvature of WGS84 at 47.3 degrees: 6 370 km and 6 390 km.
+    assert grid.step_y * 6.370e6 == pytest.approx(30, rel=0.002)
+    assert grid.step_x * 6.390e6 * np.cos(middle) == pytest.approx(30, rel=0.002)
+    assert np.nanstd(raster.read(grid)) > 15  # 0 on a grid of GDAL's choice would be half of it
+
+
 def test_files_that_cannot_serve(tmp_path):
     with pytest.raises(OSError, match=r"none.tif must be a raster file"):
         Raster(tmp_path / "none.tif")
