@@ -6,7 +6,8 @@ import cv2
 import numpy as np
 
 from startrack.core import Singles, bilinear, kernel
-from startrack.detection.matched import KURTOSIS_RATIO, MILD_SKEWNESS
+from startrack.detection.matched import KURTOSIS_RATIO, MILD_SKEWNESS, Kernel, noise_from_gain
+from startrack.detection.pixels import PixelGain
 from startrack.detection.robust import plane
 
 MOST_SKEWNESS = 1.5
@@ -72,9 +73,13 @@ def sky(filtered: Singles, mesh: int, floor: float, stride: int = STRIDE) -> Sky
 
 
 def with_gain_noise(
-    ground: SkyBackground, model: tuple[Singles, Singles, Singles]
+    ground: SkyBackground, gain: PixelGain, step: float, filter: Kernel
 ) -> SkyBackground:
-    """The law that the gain model tells, where the tiles show no more noise than that."""
+    """The background with the noise of the gain model, where the tiles show no more noise.
+
+    step  digital number between two neighbouring values
+    """
+    model = noise_from_gain(ground.mean, gain, step, filter)
     kept = ground.rms <= MORE_THAN_MODEL * model[0]
     rms, skewness, kurtosis = (
         np.where(kept, by_gain, seen) for by_gain, seen in zip(model, ground[1:4], strict=True)

@@ -20,7 +20,7 @@ from startrack.detection.examine import (
     levels_to_pass,
     stands_out,
 )
-from startrack.detection.matched import Kernel, equivalent_sigmas, filtered, noise_from_gain
+from startrack.detection.matched import Kernel, equivalent_sigmas, filtered
 from startrack.detection.parameters import Detection
 from startrack.detection.pixels import Pixels
 from startrack.detection.plan import DetectionPlan
@@ -136,10 +136,10 @@ def ground_of(
     pixels: Pixels, image: Singles, plan: DetectionPlan, mesh: int | None = None
 ) -> FrameBackground:
     """Background and noise of the filtered image; its noise by the gain model where that holds."""
-    law = sky(image, mesh or plan.settings.mesh, rounding(pixels, plan.kernel))
+    least = rounding(pixels, plan.kernel)
+    law = sky(image, mesh or plan.settings.mesh, least)
     if pixels.gain.known:
-        model = noise_from_gain(law.mean, pixels.gain, pixels.step, plan.kernel)
-        law = with_gain_noise(law, model)
+        law = with_gain_noise(law, pixels.gain, pixels.step, plan.kernel)
     return background_of(law, image.size, plan)
 
 

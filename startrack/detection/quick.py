@@ -10,7 +10,7 @@ from startrack.core import Frame, Ints, Singles, Spots, kernel
 from startrack.detection.background import between, sky, with_gain_noise
 from startrack.detection.connect import peaks
 from startrack.detection.find import FrameBackground, background_of
-from startrack.detection.matched import LOOKED, noise_from_gain
+from startrack.detection.matched import LOOKED
 from startrack.detection.pixels import gain_of
 from startrack.detection.plan import DetectionPlan
 from startrack.detection.within import detect_within, peak_border
@@ -60,7 +60,7 @@ def _ground(frame: Frame, smooth: Singles, plan: DetectionPlan) -> FrameBackgrou
     law = law._replace(rms=law.rms * np.float32(kernel.noise / narrow.noise))
     gain = gain_of(frame, 0.0)
     if gain.known:
-        law = with_gain_noise(law, noise_from_gain(law.mean, gain, 1.0, kernel))
+        law = with_gain_noise(law, gain, 1.0, kernel)
     return background_of(law, frame.image.size, plan)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from startrack.core import Floats, Streams, kept, require_memory
 from startrack.detector.ageing import Flickering, aged
-from startrack.detector.imperfections import Defects, dark_response, photo_response
+from startrack.detector.imperfections import Defects
 from startrack.detector.parameters import Detector
 
 BYTES = 40  # of a pixel of a map while it is drawn; measured
@@ -101,6 +101,36 @@ def _dark(device: Detector) -> Floats:
 def _spread(device: Detector) -> Floats:
     draw = device_streams(device)("read noise").standard_normal((device.rows, device.columns))
     return _frozen(np.exp(device.read_noise_spread * draw))
+
+
+def photo_response(
+    shape: tuple[int, int], prnu: float, defects: Defects | None, device: Streams
+) -> Floats:
+    """Response of each pixel over the mean: normal of rms `prnu`, at least 0; 0 for dead pixels."""
+    response = np.ones(shape)
+    if prnu:
+        response += prnu * device("photo response").standard_normal(shape)
+        np.maximum(response, 0.0, out=response)
+    if defects and defects.dead:
+        response[device("dead pixels").random(shape) < defects.dead] = 0.0
+    if defects and defects.dead_columns:
+        order = device("dead columns").permutation(shape[1])
+        response[:, order[: defects.dead_columns]] = 0.0
+    return response
+
+
+def dark_response(
+    shape: tuple[int, int], current: float, defects: Defects, device: Streams
+) -> Floats:
+    """Dark current of each pixel, electron / second at the reference temperature."""
+    dark = np.full(shape, current)
+    if defects.dsnu:
+        dark += defects.dsnu * device("dark current").standard_normal(shape)
+        np.maximum(dark, 0.0, out=dark)
+    if defects.hot:
+        choice, size = device("hot pixels").random((2, *shape))
+        dark -= np.where(choice < defects.hot, defects.hot_current * np.log1p(-size), 0.0)
+    return dark
 
 
 def _array(device: Detector) -> tuple[int, int]:

@@ -9,8 +9,7 @@ from startrack.core.streams import Streams
 from startrack.design.files import load_design
 from startrack.detection import DarkMap
 from startrack.detector import Age, Defects
-from startrack.detector.imperfections import dark_response
-from startrack.detector.maps import dark
+from startrack.detector.maps import dark, dark_response
 from startrack.io import shipped
 from startrack.observation.belief import detection_plan
 from startrack.response.dark_pattern import dark_currents, dark_electrons, dark_residual
