@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from startrack.cli import options as shared
-from startrack.cli.not_known import DRAWS
 from startrack.cli.options import (
     DESIGN,
     Exit,
@@ -98,7 +97,13 @@ declare = Options(
         f"lifetime (default: {UNITS} where it has such tables)",
         whole(2),
     ),
-    DRAWS,
+    Option(
+        "--draws N",
+        "draws of the values that the design does not know, which give its accuracy an interval; "
+        "each takes a budget of three units (default: none)",
+        whole(0, 10**4),
+        0,
+    ),
     Option(
         "--tolerances",
         "with --units: what halving the scale of each [[variation]] buys at the end of life "
