@@ -39,6 +39,7 @@ LONG = {
     "units",
     "variance",
     "budget_against_trials",
+    "camera_in_loop",
     "camera_posterior",
     "cameras",
     "campaign",

@@ -5,6 +5,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from startrack.attitude import Mounting
 from startrack.core import YEAR
@@ -135,6 +136,7 @@ def test_a_calibrated_camera_is_believed():
     assert knowledge_of(unit) is knowledge_of(replace(case, design=case))
 
 
+@pytest.mark.slow
 def test_covariances_hold_what_hot_pixels_do_at_the_age_of_a_unit():
     """The squared errors of 150 windows over those stated: nearer to 3, and of the same errors.
 
