@@ -313,6 +313,8 @@ class _Transfer(NamedTuple):
 
     gain    1 / metre^2, mean square of the brightness over that of the elevation
     rest    1, mean square of the brightness that does not follow the elevation, noise included
+    bent    1, of it, that of products of waves
+    alike   1, as that of `_Glint`
     rms     watt / m^2 / sr / m, of the brightness by waves: one number
     mean    likewise, of the glint
     noise   variance of a pixel, likewise squared
@@ -320,6 +322,8 @@ class _Transfer(NamedTuple):
 
     gain: Floats
     rest: Floats
+    bent: Floats
+    alike: float
     rms: float
     mean: float
     noise: float
@@ -344,14 +348,21 @@ def _transfer(own: Waves, side: Side, mirror: Mirror, modes: _Modes, sea: Sea) -
     mean = mirror.glint * glint.mean
     noise = _noise(side, mirror.base + mean)
     wave = 2 * math.pi * (glint.gain[0] * modes.down + glint.gain[1] * modes.right) * modes.seen
-    rest = np.maximum(2 * folded[modes.places] - wave**2 * modes.power(sea), 0.0)
+    linear = wave**2 * modes.power(sea)
+    rest = np.maximum(2 * folded[modes.places] - linear, 0.0)
+    unfolded = tuple(
+        np.where(place < own.size // 2, place, place + (RAYS - 1) * own.size)
+        for place in modes.places
+    )
+    bent = np.maximum(2 * every[unfolded] - linear, 0.0)
     # Differences between columns, or pixels, change the contrast of waves.
     detector = side.channel.detector
     around = folded.mean(1, keepdims=True) if detector.scan else folded.mean(keepdims=True)
     uneven = detector.prnu**2 * np.broadcast_to(around, folded.shape)[modes.places]
     camera = 2 * (noise / mean**2 / own.size**2 + uneven)
     scatter = max(float(folded.sum()), 0.0)
-    return _Transfer(wave**2, rest + camera, math.sqrt(scatter) * mean, mean, noise)
+    rms = math.sqrt(scatter) * mean
+    return _Transfer(wave**2, rest + camera, bent, glint.alike, rms, mean, noise)
 
 
 class _Glint(NamedTuple):
@@ -360,11 +371,14 @@ class _Glint(NamedTuple):
     spectrum  (n, n) mean square of each wave of a grid in the brightness over its mean
     gain      (2,) g, of the brightness over its mean with the slopes
     mean      1, over that of level long waves
+    alike     1, how products of slopes in the brightness are like its slope: 1 where they are its
+              square, 0 where they are those of other slopes
     """
 
     spectrum: Floats
     gain: tuple[float, float]
     mean: float
+    alike: float
 
 
 @lru_cache(maxsize=32)
@@ -408,7 +422,25 @@ def _statistics(
     g = (m[2] * along - m[1] * across) / own_det, (m[0] * across - m[1] * along) / own_det
     level = (along**2 + across**2) / rough - _quadratic(m, z) / own_det / 2
     mean = rough / 2 / math.sqrt(own_det) * math.exp(level)
-    return _Glint(fft.fft2(square).real / size**2, g, float(mean))
+    return _Glint(fft.fft2(square).real / size**2, g, float(mean), _alike(g, m, r))
+
+
+def _alike(g: tuple[float, float], m: list[Floats], r: list[Floats]) -> float:
+    """Int g R H R H R g / Int (g R g) tr(H R H R), of the second derivative H = g g - M^-1.
+
+    Of b = g z + z H z / 2 the product of both parts has the variance of independent ones, times
+    one and twice this number: the pairings of three normal numbers with three others.
+    """
+    covariance = np.array([[m[0], m[1]], [m[1], m[2]]])
+    slope = np.array(g)
+    bend = np.outer(slope, slope) - np.linalg.inv(covariance)
+    turned = [r[0] * g[0] + r[1] * g[1], r[1] * g[0] + r[2] * g[1]]
+    first, second = (row[0] * turned[0] + row[1] * turned[1] for row in bend)
+    crossed = r[0] * first**2 + 2 * r[1] * first * second + r[2] * second**2
+    product = [[row[0] * r[k] + row[1] * r[k + 1] for k in (0, 1)] for row in bend]
+    trace = product[0][0] ** 2 + 2 * product[0][1] * product[1][0] + product[1][1] ** 2
+    apart = (g[0] * turned[0] + g[1] * turned[1]) * trace
+    return float(crossed.sum() / apart.sum())
 
 
 def _quadratic(m: list[Any], z: tuple[float, float]) -> Any:
@@ -584,14 +616,20 @@ class WaveForecast(NamedTuple):
 def forecast_waves(survey: Survey, own: Waves) -> WaveForecast:
     """Errors of significant height and of direction.
 
-        Var(sum a |z|^2) = sum a^2 (v^2 + 2 v W S) + g C g,   v = (1 - W) S
+        Var(sum a |z|^2) = sum a^2 (v^2 + 2 v W S (1 + 2 q)) + g C g,   v = (1 - W) S
         C = (r e)^-1 (r r) (r e)^-1,   r = d(gain S) / E,   e = dE / E,   E = gain S + N
 
     of waves of the powers S, with a = 1 for height and the sine of twice the angle from the mean
     direction for that; g is the change of the result with the sea that the fit finds, and C the
     covariance of its height, wavelength and direction, each with its derivatives d. The rest N of
     the brightness is the camera's noise and what does not follow the waves. Both parts are
-    independent, as the first is the error of a mean that is given the image.
+    independent, as the first is the error of a mean that is given the image. Of N a part q is made
+    of products of the waves that are measured: where brightness has x + x^2 / 2, of x x^2 / 2
+
+        <x (x^2 - s^2) x' (x'^2 - s^2)> = 6 R^3 + ...,   where independent parts would have 2 R^3,
+
+    with the covariance R of two places. `_alike` has it for two slopes. Its pairs are of different
+    waves: what a and the filter of the one have in common with those of the other remains.
 
     Source    Kay (1993), Fundamentals of Statistical Signal Processing, 3.9 and 11.
     Raises    ValueError as `channel_of`, `mirror_of` and `side_of`; where waves are hardly seen,
@@ -617,7 +655,17 @@ def forecast_waves(survey: Survey, own: Waves) -> WaveForecast:
         )
     kept = transfer.gain * fit.wave / fit.image
     left = (1 - kept) * fit.wave
-    each = left**2 + 2 * left * kept * fit.wave
+    crossed = 2 * left * kept * fit.wave
+    each = left**2 + crossed
+    shared = 2 * transfer.alike * crossed * transfer.bent / transfer.rest
+    both = transfer.gain * fit.wave * transfer.bent
+
+    def squared(weight: Floats) -> float:
+        """Variance of the sum of squares with weights."""
+        filtered = weight * transfer.gain * (fit.wave / fit.image) ** 2
+        together = (both @ filtered) ** 2 / ((both @ filtered**2) * both.sum())
+        return float(weight**2 @ (each + together * shared))
+
     # By how much image and results change with the sea that the retrieval takes them for.
     growth, results = [], []
     for unit in np.eye(3):
@@ -637,8 +685,8 @@ def forecast_waves(survey: Survey, own: Waves) -> WaveForecast:
     pixels = own.size if detector.scan else own.size**2
     # The mean of the glint, by which brightness is divided, has differences of pixels.
     level = detector.prnu * (mirror.base + transfer.mean) / transfer.mean / math.sqrt(pixels)
-    height = squares[0] + 4 * float(each.sum()) / total + (sea.height * level) ** 2
-    direction = squares[1] + float((turned**2 * each).sum())
+    height = squares[0] + 4 * squared(np.ones(len(each))) / total + (sea.height * level) ** 2
+    direction = squares[1] + squared(turned)
     if height > (WORST * sea.height) ** 2 or direction > WORST**2:
         raise Refused(
             f"waves must be seen well enough for a forecast, errors within {WORST:.0%} of the "

@@ -20,6 +20,7 @@ from startrack.earth.retrieval import (
     observe_waves,
     retrieve_waves,
     slope_variance,
+    waves,
 )
 
 DESIGN = load_earth_design("waves")
@@ -142,3 +143,25 @@ def test_what_is_no_sea_is_refused():
         replace(DESIGN.retrieval, latitude=0.5)
     with pytest.raises(Refused, match="peakedness"):
         Waves(peakedness=0.5)
+
+
+def test_products_of_slopes_are_like_a_slope_by_their_third_moments():
+    """Beside random normal slopes of one place, of which what is linear in them is taken off.
+
+    The variance of g z (z H z) / 2 without it is that of independent factors, times 1 and twice
+    the number. A variance of 400,000 such products scatters by 1 %.
+    """
+    g, rough = (0.8, -0.3), 2.0
+    covariance = np.array([[0.5, 0.2], [0.2, 0.3]])
+    full = covariance + rough / 2 * np.eye(2)
+    m, r = ([part[0, 0], part[0, 1], part[1, 1]] for part in (full, covariance))
+    found = waves._alike(g, m, [np.full((1, 1), value) for value in r])
+    bend = np.outer(g, g) - np.linalg.inv(full)
+    random = np.random.default_rng(1)
+    z = random.multivariate_normal([0, 0], covariance, 400_000)
+    product = (z @ g) * (np.einsum("na,ab,nb->n", z, bend, z) / 2)
+    rest = product - z @ np.linalg.lstsq(z, product, rcond=None)[0]
+    turned = bend @ covariance
+    apart = (g @ covariance @ g) * np.trace(turned @ turned) / 2
+    assert rest.var() / apart == pytest.approx(1 + 2 * found, rel=0.05)
+    assert waves._alike((1.0, 0.0), [1e9, 0.0, 1e9], [np.ones((1, 1))] * 3) == pytest.approx(1)
