@@ -50,7 +50,8 @@ class PredictionSurface:
     terms     classes of error
     constant  (t, 2) ln radian, across and about
     slope     (t, 2, k)
-    scatter   (t, 2) of what is not linear, and of the few units of a draw
+    scatter   (t, 2) of what is not linear, of the few units of a draw, and of what all draws are
+              wrong by
     frames    what frames measure, with ln(figure) likewise
     """
 
@@ -93,9 +94,11 @@ class PredictionSurface:
         return np.asarray(errors * np.exp(self.scatter * normal))
 
 
-def fit_surface(draws: Sequence[Draw]) -> PredictionSurface:
+def fit_surface(draws: Sequence[Draw], common: float = 0.0) -> PredictionSurface:
     """The surface through draws that have errors, by least squares.
 
+    common    of the logarithm of an error, standard deviation of what all draws are wrong by alike,
+              which their scatter does not show; it is added to the scatter
     Raises    Refused where there are too few of them for as many unknowns.
     Accuracy  model: errors are products of powers of what is not known, as for most laws of noise
               and of displacements; what they are not is in the scatter. An unknown that only some
@@ -123,7 +126,7 @@ def fit_surface(draws: Sequence[Draw]) -> PredictionSurface:
         terms,
         constant.reshape(shape),
         slope.reshape(*shape, -1),
-        scatter.reshape(shape),
+        np.hypot(scatter, common).reshape(shape),
         _of_frames(some, scores),
     )
 

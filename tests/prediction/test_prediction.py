@@ -53,6 +53,13 @@ def test_the_surface_is_that_of_a_product_of_powers():
     assert surface.slope[0] == pytest.approx(np.array([slopes, slopes]))
 
 
+def test_what_all_draws_are_wrong_by_widens_each_interval():
+    draws = drawn(20, lambda quantile: 3 * arcsec, (GRID,))
+    wide = prediction_of(draws, 1, 3, 0.0, common=0.1).figure(ACCURACY, "across")
+    assert wide.factor == pytest.approx(math.exp(0.1), rel=0.01)
+    assert wide.median == pytest.approx(3 * arcsec, rel=0.01)
+
+
 def test_quantiles_and_causes_are_those_of_the_law():
     """Beside a million draws of the product itself, and the variances of its three logarithms."""
     found = prediction_of(drawn(40, product), seed=1, units=3, age=0.0)

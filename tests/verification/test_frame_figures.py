@@ -8,8 +8,16 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from startrack import Refused, Streams, load_design, random_attitude, shipped
+from startrack.budget import Term, analytic
 from startrack.motion import Broadband, Motion, Tone, exposure_mean_rms, realise_motion
-from startrack.prediction import draw_unknowns, fit_surface, learn, save_told
+from startrack.prediction import (
+    draw_unknowns,
+    fit_surface,
+    learn,
+    predict,
+    save_posterior,
+    save_told,
+)
 from startrack.trial import observe
 from startrack.verification import (
     expected_in_frames,
@@ -85,6 +93,23 @@ def test_told_figures_of_frames_are_a_design(loop, tmp_path):
     assert [one.figure for one in design.told] == [one.figure for one in told]
     assert design.told[0].number == pytest.approx(told[0].number)
     assert len(design.unknowns) == len(TRUTH)
+
+
+def test_the_next_prediction_holds_the_truth(loop, tmp_path):
+    """After the frames and after the posterior that is written; a light 28 % off is not kept."""
+    path, truth, told = loop
+    after, posterior = tmp_path / "told.toml", tmp_path / "posterior.toml"
+    save_told(after, path, told)
+    found = predict(after, draws=10, units=1, age=0.0)
+    save_posterior(posterior, after, found.learned)
+    later = predict(posterior, draws=10, units=1, age=0.0)
+    true = analytic(truth).term(Term.NOISE)
+    for prediction in (found, later):
+        for axis, value in zip(("across", "about"), true, strict=True):
+            nea = prediction.figure("NEA", axis)
+            assert nea.low_95 < value < nea.high_95
+    light = next(one for one in found.learned.lessons if one.unknown.name.endswith("n.factor"))
+    assert light.unknown.law["median"] == pytest.approx(0.9 * 1.25**-1.175, rel=0.1)
 
 
 def moving(common, noise, seed, names=("a", "b", "c"), rate=10.0):
