@@ -35,6 +35,7 @@ LONG = {
     "detection",
     "frame_picture",
     "house",
+    "same_bytes",
     "how_sure",
     "units",
     "variance",
