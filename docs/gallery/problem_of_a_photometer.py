@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from statistics import NormalDist
 
 import numpy as np
 
 from startrack import Streams
 from startrack.core import Rows
-from startrack.metrics import Interval
+from startrack.metrics import rms_interval
 from startrack.optimise import improve
 from startrack.problem import Bounds, Expectation, Judgement, Margin, Settings, Words
 
@@ -58,12 +57,9 @@ class Photometer:
         return rows
 
     def judge(self, rows: Rows, confidence: float = 0.95) -> Judgement:
-        error = rows["electrons"].std() / self.star
-        sigmas = NormalDist().inv_cdf((1 + confidence) / 2)
-        half = sigmas * error / (2 * len(rows)) ** 0.5
+        error = rms_interval((rows["electrons"] / self.star - 1) ** 2, confidence)
         full = Margin(0.2 * rows["electrons"].mean() / 30_000, 1.0)  # known to a part in 10,000
-        interval = Interval(error, error - half, error + half)
-        return Judgement(interval, {"full well": (full, full, full)})
+        return Judgement(error, {"full well": (full, full, full)})
 
     def described(self) -> str:
         return repr(self)
