@@ -112,17 +112,18 @@ def page(found: dict[str, Any], source: str) -> str:
         "The default power, 0.4 W and 20 nJ for each bit, is 1.41 W at 50 Mbit/s: a megapixel of "
         f"12 bits, four times a second. Published power is {power:.2f} of that in the median of "
         f"{counts['power_ratio']} trackers, from {least * power:.2f} to {most * power:.2f}. At "
-        "lower rates its 0.4 W are those of the smallest trackers, a quarter to a tenth of most "
-        "others: processor and cooler count more than pixels, and a design says its own in "
-        "`power_fixed`. No source that was read gives aperture, frame, rate, mass and power "
-        "together, so that the slopes of power and of mass with aperture are not tested.",
+        "lower rates the constant 0.4 W dominates. The smallest trackers need as much, most others "
+        "four to ten times as much, because processor and cooler need more than pixels do; a "
+        "design sets its own value in `power_fixed`. No source that was read gives aperture, "
+        "frame, rate, mass and power together, so that the slopes of power and of mass with "
+        "aperture are not tested.",
         "",
         f"Mass follows volume: {density:.0f} kg/m3 in the median of {counts['density']} trackers "
         f"whose size is published, {low:.2f} to {high:.2f} of it; without Clementine's camera, "
-        "whose size holds empty room, 0.65 or more. `density` in the requirements makes the "
-        "mass that of the volume, which grows with focal length, aperture, and the baffle of "
-        "`baffle_angle`; `shielding` adds a layer of aluminium. The default, a mass of the "
-        "aperture alone, stays for designs without it.",
+        "whose size holds empty room, 0.65 or more. With `density` in the requirements, the mass "
+        "is computed from the volume, which grows with focal length, aperture, and the baffle of "
+        "`baffle_angle`; `shielding` adds a layer of aluminium. Without `density`, the mass "
+        "follows from the aperture alone.",
         "",
         "| tracker | size mm | mass kg | kg/m3 | power W | | over the law |",
         "|---|---|---|---|---|---|---|",

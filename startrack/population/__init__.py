@@ -24,4 +24,4 @@ from startrack.population.yields import (
 )
 
 # Public; the other imports serve other rooms.
-__all__ = ["Units"]
+__all__ = ["AsDesigned", "Units"]
