@@ -232,6 +232,7 @@ def test_a_search_that_had_ended_finds_the_best_within_limits_that_trials_moved(
     assert -0.63 <= found.score < -0.62
 
 
+@pytest.mark.slow
 def test_the_end_of_a_valley_between_cliffs_is_found(monkeypatch):
     """Within 1 % of the least that meets its limits, in 130 forecasts of three variables.
 
