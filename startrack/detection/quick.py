@@ -31,8 +31,9 @@ def detect_quickly(frame: Frame, plan: DetectionPlan) -> Spots:
 
     frame     of unsigned numbers of 16 bits at most
     Returns   Spots, brightest first
-    Accuracy  statistical: of the stars that the filter's search finds, 1 to 2 % are lost at a SNR
-              of 6, next to none from 8 on, where the kernel's sigma is at most 1.2 pixel.
+    Accuracy  statistical: of stars of a SNR of 6, 0.2 to 1 % fewer are found than by the filter's
+              search where the kernel's sigma is at most 1.2 pixel, 8 % fewer where it is 2; from a
+              SNR of 8 on as many, to 0.1 %.
     """
     frame = replace(frame, image=np.ascontiguousarray(frame.image, np.uint16))
     image, settings, narrow = frame.image, plan.settings, plan.quick_filter
@@ -82,16 +83,22 @@ def _lit(
 
     Each row is compared while it is at hand.
 
-    smooth  (rows, columns) is written to
+    smooth  (rows, columns) is written to, in the rows of these pixels and those beside them
     """
     rows, columns = image.shape
-    line = np.empty(columns, np.float32)
-    bright = []
+    line, last = np.empty(columns, np.float32), np.empty((2, columns), np.float32)
+    bright, kept = [], -1
     for y in range(rows):
         lowest = level[y // mesh : y // mesh + 3].min()
-        out = smooth[y]
-        if not _filter_row(image, y, across, down, line, out, lowest):
+        out = last[y % 2]
+        some = _filter_row(image, y, across, down, line, out, lowest)
+        if some or kept == y:
+            smooth[y] = out
+        if not some:
             continue
+        if kept < y and y > 0:
+            smooth[y - 1] = last[(y - 1) % 2]
+        kept = y + 1
         for x in range(columns):
             if out[x] > lowest and out[x] > between(level, mesh, x, y):
                 bright.append(y * columns + x)
