@@ -132,17 +132,18 @@ SPACING = 57  # pixel between stars
 FEW_SNR, FEW_SPACING = 10.0, 180  # of a frame with as many stars as a tracker keeps
 
 
+def places_of(plan: DetectionPlan, frame: Frame) -> Floats:
+    """Places (n, 2) pixel, of the spots of a frame."""
+    return spot_positions(detect(frame, plan))
+
+
 def finders(sigma: float) -> dict[str, Finder]:
     """Frame -> positions (n, 2), by two centroid methods of startrack."""
     psf = gaussian_psf(sigma)
-
-    def find(plan: DetectionPlan, frame: Frame) -> Floats:
-        return spot_positions(detect(frame, plan))
-
     settings = partial(Detection, kernel_sigma=sigma, max_spots=1000, false_per_frame=FALSE)
     return {
-        "detect": partial(find, plan_detection(settings(centroid="gravity"), psf)),
-        "detect_ml": partial(find, plan_detection(settings(centroid="likelihood"), psf)),
+        "detect": partial(places_of, plan_detection(settings(centroid="gravity"), psf)),
+        "detect_ml": partial(places_of, plan_detection(settings(centroid="likelihood"), psf)),
     }
 
 
@@ -182,13 +183,9 @@ def quick_detection() -> BenchmarkStage:
         "quick-detection",
         f"a megapixel with {len(x)} stars of SNR {FEW_SNR:g}, background {BACKGROUND:g} e-",
         f"fraction of stars not found (ours at {FALSE} false spots a frame)",
-        {name: partial(detect, frame, plan) for name, plan in plans.items()},
-        lambda spots: 1 - float(paired(_places(spots), x, y)[0].mean()),
+        {name: partial(places_of, plan, frame) for name, plan in plans.items()},
+        lambda spots: 1 - float(paired(spots, x, y)[0].mean()),
     )
-
-
-def _places(spots: Spots | Floats) -> Floats:
-    return spot_positions(spots) if isinstance(spots, Spots) else spots
 
 
 def centroid() -> BenchmarkStage:

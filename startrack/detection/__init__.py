@@ -43,7 +43,7 @@ from startrack.detection.expectation import (
     response,
 )
 from startrack.detection.find import DetectionInput, FrameBackground, levels_at
-from startrack.detection.matched import LOOKED, filtered, highest_between, quickly_filtered
+from startrack.detection.matched import LOOKED, filtered, highest_between
 from startrack.detection.measure import centroid, places
 from startrack.detection.methods import CENTROIDS, CentroidInput
 from startrack.detection.parameters import LONGEST_STREAK, QUICK, STREAK, Detection

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import cv2
 import numpy as np
@@ -72,32 +72,15 @@ def filtered(image: Singles, kernel: Kernel, out: Singles | None = None) -> Sing
 LOOKED = 0.85  # of the threshold; chosen by hand: of noise, four pixels a million exceed it
 
 
-class QuickFilter(NamedTuple):
-    """Filter of 3 x 3 pixels that keeps a constant: a row times a column.
-
-    across, down  (3,) 1
-    noise         rms of the filtered image over that of the image, for white noise
-    """
-
-    across: Singles
-    down: Singles
-    noise: float
-
-
-def quick_filter(kernel: Kernel) -> QuickFilter:
-    """The middle of a kernel, as the sums of its columns and rows."""
+def middle_of(kernel: Kernel) -> Kernel:
+    """The middle 3 x 3 pixels of a kernel, as the sums of its columns times those of its rows."""
     y, x = (side // 2 for side in kernel.whole.shape)
     middle = kernel.whole[y - 1 : y + 2, x - 1 : x + 2].astype(float)
-    across, down = middle.sum(axis=0) / middle.sum(), middle.sum(axis=1) / middle.sum()
-    noise = float(np.linalg.norm(across) * np.linalg.norm(down))
-    return QuickFilter(across.astype(np.float32), down.astype(np.float32), noise)
-
-
-def quickly_filtered(image: Singles, narrow: QuickFilter) -> Singles:
-    """The image filtered by 3 x 3 pixels."""
-    border = cv2.BORDER_REFLECT
-    result = cv2.sepFilter2D(image, cv2.CV_32F, narrow.across, narrow.down, borderType=border)
-    return np.asarray(result, np.float32)
+    line, column = middle.sum(axis=0) / middle.sum(), middle.sum(axis=1) / middle.sum()
+    whole, *parts = (
+        part.astype(np.float32) for part in (np.outer(column, line), line[:, None], column[:, None])
+    )
+    return Kernel(whole, *parts)
 
 
 @lru_cache(maxsize=64)

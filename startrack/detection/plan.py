@@ -51,9 +51,9 @@ class DetectionPlan:
         return matched.gaussian_kernel(self.settings.kernel_sigma)
 
     @cached_property
-    def quick_filter(self) -> matched.QuickFilter:
+    def quick_filter(self) -> matched.Kernel:
         """Filter of 3 x 3 pixels, by which the quick search finds where to look."""
-        return matched.quick_filter(self.kernel)
+        return matched.middle_of(self.kernel)
 
     @cached_property
     def correction(self) -> PixelCorrection | None:

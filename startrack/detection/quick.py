@@ -10,7 +10,7 @@ from startrack.core import Frame, Ints, Singles, Spots, kernel
 from startrack.detection.background import between, sky, with_gain_noise
 from startrack.detection.connect import peaks
 from startrack.detection.find import FrameBackground, background_of
-from startrack.detection.matched import LOOKED
+from startrack.detection.matched import LOOKED, Kernel
 from startrack.detection.pixels import gain_of
 from startrack.detection.plan import DetectionPlan
 from startrack.detection.within import detect_within, peak_border
@@ -43,7 +43,7 @@ def detect_quickly(frame: Frame, plan: DetectionPlan) -> Spots:
     law = ground.sky
     height = ground.far * law.rms * np.float32(narrow.noise / plan.kernel.noise)
     look = np.asarray(law.mean + np.float32(LOOKED) * height, np.float32)
-    bright = _lit(image, narrow.across, narrow.down, look, law.mesh, smooth)
+    bright = _lit(image, *_parts(narrow), look, law.mesh, smooth)
     found = peaks(smooth, bright, waiting, 1, settings.max_area, 1, peak_border(settings))
     places = np.column_stack([found.x, found.y])
     regions = np.column_stack([places - NEAR, places + NEAR + 1])
@@ -56,13 +56,18 @@ def _ground(frame: Frame, smooth: Singles, plan: DetectionPlan) -> FrameBackgrou
     smooth  (rows, columns) is written to in these rows
     """
     kernel, narrow = plan.kernel, plan.quick_filter
-    _filter_rows(frame.image, narrow.across, narrow.down, STRIDE, smooth)
+    _filter_rows(frame.image, *_parts(narrow), STRIDE, smooth)
     law = sky(smooth, COARSER * plan.settings.mesh, ROUNDING * narrow.noise, STRIDE)
     law = law._replace(rms=law.rms * np.float32(kernel.noise / narrow.noise))
     gain = gain_of(frame, 0.0)
     if gain.known:
         law = with_gain_noise(law, gain, 1.0, kernel)
     return background_of(law, frame.image.size, plan)
+
+
+def _parts(narrow: Kernel) -> tuple[Singles, Singles]:
+    """Weights (3,) of columns and of rows, each of which sums to 1."""
+    return narrow.whole.sum(axis=0), narrow.whole.sum(axis=1)
 
 
 @kernel

@@ -39,9 +39,8 @@ def blind(needs: Requirements) -> dict[str, float]:
     return errors | {"availability": -needs.min_availability}
 
 
-Task = tuple[
-    Judged, range
-]  # of a worker: a condition, and some of the units that it is judged over
+# Of a worker: a condition, and some of the units that it is judged over.
+Task = tuple[Judged, range]
 
 
 class Forecast(NamedTuple):

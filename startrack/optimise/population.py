@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -68,31 +68,46 @@ class Confirmed(NamedTuple):
     trials: int
 
 
-class Population(Protocol):
-    """Units of a design in one condition."""
+def population_of(condition: Judged) -> UnitAsDesigned | DrawnUnits:
+    """The units that a condition is judged over."""
+    if condition.units is None:
+        return UnitAsDesigned(condition)
+    return DrawnUnits(condition, condition.units)
 
-    @property
-    def fraction(self) -> float:
-        """Fraction of the units whose error must not be larger; of one unit, any."""
 
-    @property
-    def looks(self) -> int:
-        """How often fresh trials are doubled, and one."""
+@dataclass(frozen=True)
+class UnitAsDesigned:
+    """The unit as designed alone, whose trials go on one after the other.
+
+    fraction  of the units whose error must not be larger; of one unit, any
+    looks     how often fresh trials are doubled, and one
+    """
+
+    fraction: ClassVar[float] = 0.5
+    looks: ClassVar[int] = LOOKS
+
+    condition: Judged
 
     def parts(self, workers: int) -> list[range]:
         """Units in parts, of each of which a worker computes the budgets."""
+        return [range(1)]
 
     def budgets(self, seed: int, part: range) -> UnitBudgets | None:
         """Analytic budgets of some units; None where one has no attitude."""
+        budget = budget_or_none(self.condition.case)
+        return None if budget is None else UnitBudgets.of_one(budget)
 
     def tried(self, outcomes: Rows) -> int:
         """Number of units whose trials these are."""
+        return 1
 
     def first_trials(self, trials: int, fidelity: Fidelity, runner: TrialRunner) -> Rows:
         """The outcomes of about as many trials of the search, which all designs have in common."""
+        return runner.run(self.condition.case, trials, fidelity)
 
     def few_fresh(self, campaign: Campaign, runner: TrialRunner) -> Rows:
         """The outcomes of trials that no tuning used, as many as a design of a search has."""
+        return runner.run(self.condition.case, campaign.most_trials, campaign.fidelity, FRESH)
 
     def fresh(
         self,
@@ -108,80 +123,16 @@ class Population(Protocol):
         done   number of trials before these
         watch  called with the number of trials that were just done
         """
-
-    def most_fresh(self, campaign: Campaign) -> int:
-        """Number of fresh trials at the last look."""
-
-    def limit(self, accuracy: Accuracy, trials: int, tail: float) -> Limit:
-        """What fresh trials can show of a limit on an error."""
-
-    def confirmed(
-        self,
-        claim: verification.Claim,
-        outcomes: Rows,
-        campaign: Campaign,
-        runner: TrialRunner,
-        tails: tuple[float, float],
-    ) -> Confirmed:
-        """What fresh trials, of those that count, show of a requirement."""
-
-
-def population_of(condition: Judged) -> Population:
-    """The units that a condition is judged over."""
-    if condition.units is None:
-        return UnitAsDesigned(condition)
-    return DrawnUnits(condition, condition.units)
-
-
-@dataclass(frozen=True)
-class UnitAsDesigned:
-    """The unit as designed alone, whose trials go on one after the other."""
-
-    condition: Judged
-    fraction: float = 0.5
-    looks: int = LOOKS
-
-    def parts(self, workers: int) -> list[range]:
-        """See `Population`."""
-        return [range(1)]
-
-    def budgets(self, seed: int, part: range) -> UnitBudgets | None:
-        """See `Population`."""
-        budget = budget_or_none(self.condition.case)
-        return None if budget is None else UnitBudgets.of_one(budget)
-
-    def tried(self, outcomes: Rows) -> int:
-        """See `Population`."""
-        return 1
-
-    def first_trials(self, trials: int, fidelity: Fidelity, runner: TrialRunner) -> Rows:
-        """See `Population`."""
-        return runner.run(self.condition.case, trials, fidelity)
-
-    def few_fresh(self, campaign: Campaign, runner: TrialRunner) -> Rows:
-        """See `Population`."""
-        return runner.run(self.condition.case, campaign.most_trials, campaign.fidelity, FRESH)
-
-    def fresh(
-        self,
-        campaign: Campaign,
-        runner: TrialRunner,
-        fidelity: Fidelity,
-        fresh: FreshTrials = FIRST_ROUND,
-        done: int = 0,
-        watch: Advance | None = None,
-    ) -> Rows:
-        """See `Population`."""
         # Repeated numbers would repeat the attitudes.
         count, first = done or campaign.fresh_trials, fresh.first + done
         return runner.run(self.condition.case, count, fidelity, first, watch)
 
     def most_fresh(self, campaign: Campaign) -> int:
-        """See `Population`."""
+        """Number of fresh trials at the last look."""
         return campaign.fresh_trials * 2 ** (LOOKS - 1)
 
     def limit(self, accuracy: Accuracy, trials: int, tail: float) -> Limit:
-        """See `Population`."""
+        """What fresh trials can show of a limit on an error."""
         return Limit.of_error(accuracy.objective.fraction, trials, tail)
 
     def confirmed(
@@ -192,7 +143,7 @@ class UnitAsDesigned:
         runner: TrialRunner,
         tails: tuple[float, float],
     ) -> Confirmed:
-        """See `Population`."""
+        """What fresh trials, of those that count, show of a requirement."""
         return _by_all_trials(claim, outcomes, runner.seed, tails)
 
 
@@ -211,19 +162,20 @@ def _by_all_trials(
 
 @dataclass(frozen=True)
 class DrawnUnits:
-    """Units that are drawn, each of which has some trials."""
+    """Units that are drawn, each of which has some trials; asked as `UnitAsDesigned`."""
+
+    looks: ClassVar[int] = UNIT_LOOKS
 
     condition: Judged
     over: OverUnits
-    looks: int = UNIT_LOOKS
 
     @property
     def fraction(self) -> float:
-        """See `Population`."""
+        """See `UnitAsDesigned`."""
         return self.over.fraction
 
     def parts(self, workers: int) -> list[range]:
-        """See `Population`."""
+        """See `UnitAsDesigned`."""
         count = self.over.count
         # Behind a lens table all units share the images and the response of one, which take
         # longest.
@@ -232,22 +184,22 @@ class DrawnUnits:
         return [range(at, min(at + size, count)) for at in range(0, count, size)]
 
     def budgets(self, seed: int, part: range) -> UnitBudgets | None:
-        """See `Population`."""
+        """See `UnitAsDesigned`."""
         return budgets_of_units(self.condition.case, seed, self.over.age, part.start, len(part))
 
     def tried(self, outcomes: Rows) -> int:
-        """See `Population`."""
+        """See `UnitAsDesigned`."""
         return math.ceil(len(outcomes) / self.over.trials)
 
     def first_trials(self, trials: int, fidelity: Fidelity, runner: TrialRunner) -> Rows:
-        """See `Population`."""
+        """See `UnitAsDesigned`."""
         per_unit = self.over.trials
         how = Units(per_unit, min(ENVIRONMENTS, per_unit), self.over.age, exact=True)
         count = min(math.ceil(trials / per_unit), self.over.count)
         return runner.run(self.condition.case, count * per_unit, fidelity, units=how)
 
     def few_fresh(self, campaign: Campaign, runner: TrialRunner) -> Rows:
-        """See `Population`."""
+        """See `UnitAsDesigned`."""
         return fresh_units(self.condition, campaign, runner, self.over.count)
 
     def fresh(
@@ -259,17 +211,17 @@ class DrawnUnits:
         done: int = 0,
         watch: Advance | None = None,
     ) -> Rows:
-        """See `Population`; always in the campaign's fidelity."""
+        """See `UnitAsDesigned`; always in the campaign's fidelity."""
         units = done // campaign.trials_per_unit
         count, first = units or campaign.fresh_units, fresh.unit + units
         return fresh_units(self.condition, campaign, runner, count, first, watch)
 
     def most_fresh(self, campaign: Campaign) -> int:
-        """See `Population`."""
+        """See `UnitAsDesigned`."""
         return campaign.fresh_units * campaign.trials_per_unit * 2 ** (UNIT_LOOKS - 1)
 
     def limit(self, accuracy: Accuracy, trials: int, tail: float) -> Limit:
-        """See `Population`; a yield decides, whose need is not known before the units are tried."""
+        """See `UnitAsDesigned`; a yield decides, whose need is known once the units are tried."""
         return Limit(1.0, 1.0, False)
 
     def confirmed(
@@ -280,7 +232,7 @@ class DrawnUnits:
         runner: TrialRunner,
         tails: tuple[float, float],
     ) -> Confirmed:
-        """See `Population`; an error by the share of the units that keep its limit."""
+        """See `UnitAsDesigned`; an error by the share of the units that keep its limit."""
         if claim.accuracy is None:
             return _by_all_trials(claim, outcomes, runner.seed, tails)
         asked, objective = verification.YieldClaim(self.fraction), claim.accuracy.objective

@@ -22,7 +22,6 @@ from startrack.detection import (
     highest_between,
     pixels,
     places,
-    quickly_filtered,
 )
 from startrack.detector import (
     Detector,
@@ -341,7 +340,7 @@ def detection_probability(
         near = light[middle - 1 : middle + 2, middle - 1 : middle + 2]
         peak[k] = near.max()
         if quick:
-            light = quickly_filtered(image, plan.quick_filter)
+            light = filtered(image, plan.quick_filter)
             narrow_peak[k] = light[middle - 1 : middle + 2, middle - 1 : middle + 2].max()
         if search is not None:  # faint stars are looked for between the pixels
             y, x = np.unravel_index(near.argmax(), near.shape)
