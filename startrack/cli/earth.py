@@ -163,8 +163,8 @@ declare = Parts(
             ),
             Option(
                 "--restore SNR",
-                "raise the modulation by a filter of Wiener for this signal-to-noise ratio; not "
-                "with --uncertainty",
+                "raise the modulation by a Wiener filter for this signal-to-noise ratio, in place "
+                "of the channel's `restore`",
                 float,
             ),
             out("startrack-earth"),

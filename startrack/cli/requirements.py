@@ -163,6 +163,9 @@ def _figures_text(
     edge = ""
     if figures.illumination is not None:
         edge = f", lowest over the field; light {100 * figures.illumination:.1f} % of the middle's"
+    if channel.restore is not None:
+        edge += f", after a Wiener filter for SNR {channel.restore:g}"
+    amplified = "" if figures.amplified == 1 else f", times {figures.amplified:.3g} by the filter"
     step = "" if figures.nedt is None else f", NEdT {1e3 * figures.nedt:.4g} mK{beside['nedt']}"
     return [
         f"{channel.name} from {height / 1e3:.4g} km",
@@ -175,7 +178,7 @@ def _figures_text(
         f"{beside['mtf']}{edge}",
         f"  SNR                  {figures.snr:.4g} at {figures.radiance * um:.4g} "
         f"W / m^2 / sr / um{beside['snr']}: {figures.electrons:.4g} electrons, "
-        f"noise {figures.noise:.4g}{step}",
+        f"noise {figures.noise:.4g}{amplified}{step}",
         f"  dynamic range        {figures.dynamics:.4g}, {bits:.1f} bit; saturates at "
         f"{figures.saturation * um:.4g} W / m^2 / sr / um{beside['saturation']}",
         f"  pixel rate           {figures.clock / 1e6:.4g} Mpixel / s, a line in "

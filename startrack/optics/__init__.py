@@ -6,7 +6,7 @@ diffraction   Diffraction of any pupil by fast transforms; closed forms of an id
               pixel.
 choose        Optics -> the complex pupil of each diffraction model; the cheapest within a
               tolerance.
-aperture_transfer  Optics -> MTF of an aperture of any shape and phase, also after a Wiener filter.
+aperture_transfer  Optics -> MTF of an aperture of any shape and phase; the Wiener filter.
 pixel_psf     Optics -> Psf: the fraction of the light in each pixel, for any sub-pixel position.
 lens_family   Family, focal length, f-number -> the LensTable of a lens of that family.
 measured_psf  Images of stars -> the oversampled Psf that they share.
@@ -30,7 +30,7 @@ baffle        Light -> Light: stray light of Sun, Moon and Earth past the baffle
               geometry of a baffle with vanes -> its point-source transmittance, mass and size.
 """
 
-from startrack.optics.aperture_transfer import aperture_transfer, restored_noise, restored_transfer
+from startrack.optics.aperture_transfer import aperture_transfer, wiener_filter
 from startrack.optics.baffle import Baffle, BaffleTube, stray_light, transmittance_of
 from startrack.optics.choose import PsfChoice, choose, path_defect
 from startrack.optics.diffraction import (
@@ -100,6 +100,5 @@ __all__ = [
     "choose",
     "over_field",
     "pixel_psf",
-    "restored_noise",
-    "restored_transfer",
+    "wiener_filter",
 ]

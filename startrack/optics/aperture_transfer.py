@@ -1,8 +1,9 @@
-"""Transfer function of an aperture of any shape and phase, and after a Wiener filter."""
+"""Transfer function of an aperture of any shape and phase, and the Wiener filter that undoes it."""
 
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from startrack.core import Floats, positive
 from startrack.optics.choose import wavefront
@@ -38,10 +39,15 @@ def aperture_transfer(optics: Optics, wavelength: float, frequency: Floats, alon
     return np.asarray(np.where(shift < 2 + 6 * cell, value, 0.0))
 
 
-def restored_transfer(transfer: Floats, signal_to_noise: float) -> Floats:
-    """MTF after a Wiener filter, which divides by the transfer function where noise allows it.
+def wiener_filter(
+    transfer: NDArray[np.complexfloating], signal_to_noise: float
+) -> NDArray[np.complexfloating]:
+    """A Wiener filter, which divides by the transfer function where noise allows it.
 
-        W = H* / (|H|^2 + 1 / SNR^2),  H W = |H|^2 / (|H|^2 + 1 / SNR^2)
+        W = (1 + 1 / SNR^2) H* / (|H|^2 + 1 / SNR^2)
+
+    Even light, whose H is 1, keeps its value. An image has the transfer function H W afterwards,
+    and white noise is larger by the rms of |W| over all frequencies.
 
     Source: Goodman, Introduction to Fourier Optics, 3rd ed., eq. (8-42).
 
@@ -49,12 +55,6 @@ def restored_transfer(transfer: Floats, signal_to_noise: float) -> Floats:
     signal_to_noise  1, rms of the signal over that of the noise, at each frequency
     """
     positive(signal_to_noise=signal_to_noise)
-    square = np.square(transfer)
-    return np.asarray(square / (square + signal_to_noise**-2))
-
-
-def restored_noise(transfer: Floats, signal_to_noise: float) -> float:
-    """Rms of white noise after the filter over that before, of frequencies that weigh the same."""
-    positive(signal_to_noise=signal_to_noise)
-    gain = np.abs(transfer) / (np.square(transfer) + signal_to_noise**-2)
-    return float(np.sqrt(np.mean(gain**2)))
+    noise = signal_to_noise**-2
+    filtered = np.conj(transfer) * (1 + noise) / (np.abs(transfer) ** 2 + noise)
+    return np.asarray(filtered, np.complex128)

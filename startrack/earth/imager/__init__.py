@@ -14,6 +14,7 @@ cloud_radiance  Radiance of ground and air under cloud layers, of the layers, an
 figures         Resolution, swath, MTF, SNR and data rate of a channel; first parameters from goals.
 render          An image from Survey and Channel: radiance at the sensor in five terms, and digital
                 numbers.
+restore         Restoration of images by a Wiener filter: what lens, pixel and smear blurred.
 files           FITS that is filled while an image is rendered; GeoTIFF with ground control points.
 """
 
@@ -103,6 +104,7 @@ from startrack.earth.imager.render import (
     render,
     setting_below,
 )
+from startrack.earth.imager.restore import Restoration
 
 # Public; the other imports serve other rooms.
 __all__ = [

@@ -13,8 +13,9 @@ from startrack.detector import Detector, read_out_transfer
 from startrack.earth.atmosphere import Reach, SlantPath, radiance, refine
 from startrack.earth.geometry import fly, ground_rate
 from startrack.earth.imager.band import INFRARED, Band, band_of
-from startrack.earth.imager.lens import field_lens, image_pixels
+from startrack.earth.imager.lens import field_lens, image_pixels, smeared
 from startrack.earth.imager.parameters import Channel, Performance, Survey, exposure_of, smear
+from startrack.earth.imager.restore import Restoration
 from startrack.earth.terrain import geodetic
 from startrack.optics import (
     aperture_transfer,
@@ -43,12 +44,14 @@ class Figures:
     mtf_across, mtf_along  1, at half a cycle per pixel, or per `average` pixels: lens, blur, pixel,
                       smear, and across the read-out channel. The Nyquist frequency of
                       staggered lines is twice that, where the MTF of a pixel is 0. With a lens
-                      table the lowest over the field
+                      table the lowest over the field; with `restore` after its filter, which may
+                      be above 1 where two waves are seen as one
     illumination      1, of the darkest pixel over that of the middle; None without a lens table.
                       SNR and saturation are those of the middle
     radiance          watt / m^2 / sr / m, of the SNR
     electrons, noise  electron, of this radiance
-    snr               1; of the mean of `average` columns, as all that follows
+    amplified         1, noise after the filter of `restore` over that before; 1 without
+    snr               1; of the mean of `average` columns, after the filter, as all that follows
     noise_radiance    watt / m^2 / sr / m, of the noise of this radiance
     nedt              kelvin, the same as a difference of temperature of a blackbody of the
                       reference temperature (300 K where there is none); None below 3 micrometre
@@ -70,6 +73,7 @@ class Figures:
     radiance: float
     electrons: float
     noise: float
+    amplified: float
     snr: float
     noise_radiance: float
     nedt: float | None
@@ -119,6 +123,13 @@ def figures(
         across = sharpness(channel, wavelength, "x", merged=channel.average)
         along, illumination = sharpness(channel, wavelength, "y", drift), None
     across *= _read_out(channel)
+    amplified = 1.0
+    if channel.restore is not None:
+        restoration = _restoration(channel, band, rate, drift, lines / footprint)
+        across *= restoration.gain(0.5, 0.0)
+        along *= restoration.gain(0.0, 0.5)
+        amplified = restoration.noise
+        mean_noise *= amplified
     numbers = 2**detector.bits - 1
     full = detector.full_well * min(1.0, (1 - detector.offset / numbers) / detector.gain)
     return Figures(
@@ -134,6 +145,7 @@ def figures(
         light,
         electrons,
         noise,
+        amplified,
         electrons / mean_noise,
         mean_noise / per_radiance,
         _temperature_step(channel, band, mean_noise / per_radiance),
@@ -232,6 +244,18 @@ def _lens_over_field(
     along *= abs(pixel_transfer(nyquist / channel.detector.pitch, drift)[0])
     middle = lens.light[len(rows) // 2, channel.columns // 2]
     return float(across * _merged(channel)), float(along), float(lens.light.min() / middle)
+
+
+def _restoration(
+    channel: Channel, band: Band, rate: float, drift: float, along: float
+) -> Restoration:
+    """The filter of a channel's images, which know no motion but the smear."""
+    optics, detector = channel.optics, channel.detector
+    field = field_lens(channel, channel.sensor(1, rate), optics, band.wavelength, band.weight)
+    assert isinstance(field.images, core.Psf)
+    assert channel.restore is not None
+    psf = smeared(field.images, drift / detector.pitch)
+    return Restoration(psf, detector.columns / channel.columns, along, channel.restore)
 
 
 def _merged(channel: Channel) -> float:

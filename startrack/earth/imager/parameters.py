@@ -161,6 +161,13 @@ class Channel(Parameters):
         limit=Range(1, 64),
         default=1,
     )
+    restore: float | None = parameter(
+        "signal-to-noise ratio for which the ground segment raises the modulation of its images "
+        "by a Wiener filter, in products and in the figures of the channel: MTF after it, SNR "
+        "with the noise that it amplifies; None: no filter",
+        limit=POSITIVE,
+        default=None,
+    )
     reference: Reference | None = parameter(COMPARED, default=None)
     required: Performance = parameter(COMPARED, default_factory=Performance)
     measured: Performance = parameter(COMPARED, default_factory=Performance)
@@ -176,6 +183,8 @@ class Channel(Parameters):
             raise core.Refused("band must be left out beside passband")
         if self.detector.scan and self.detector.scan.kind == "lines":
             raise ValueError("detector.scan.kind must be line, staggered or tdi, got lines")
+        if self.restore is not None:
+            self._refuse_what_is_not_restored()
         if not self.name or "/" in self.name:
             raise ValueError(f"name must be a name for a file, got {self.name!r}")
         if not self.optics.lens_colour:
@@ -189,6 +198,18 @@ class Channel(Parameters):
                         f"{part}.{name} must be left out: images of a channel know none, "
                         f"got {value}"
                     )
+
+    def _refuse_what_is_not_restored(self) -> None:
+        if self.optics.tabulated:
+            raise Refused(
+                f"channel {self.name}: lens_file, lens_family and psf_file must be left out where "
+                "an image is restored"
+            )
+        if self.average > 1:
+            raise Refused(
+                f"channel {self.name}: average must be 1 where an image is restored, got "
+                f"{self.average}"
+            )
 
     def photoelectrons(self, wavelength: Floats) -> Floats:
         """Electron per joule at the lens, (f,): the brackets of equation (4), tau and QE."""

@@ -2,7 +2,6 @@
 
 retrieval  Dark and flat frames of a channel; radiance of raw numbers, and from that reflectance or
            temperature of the ground.
-restore    What lens, pixel and smear blurred in an image, by a filter of Wiener.
 uncertainty  Uncertainty of each pixel by contributors, from what is known how well.
 ortho      Line and column at which a camera sees points of the ground; an image on a grid of a map
            projection, with the quality of each cell.

@@ -15,6 +15,7 @@ from startrack.core import (
     Flags,
     Floats,
     Parameters,
+    Psf,
     Range,
     Refused,
     Unit,
@@ -23,9 +24,17 @@ from startrack.core import (
     require_memory,
 )
 from startrack.earth.geometry import observe_earth
-from startrack.earth.imager import Channel, Setting, Survey, open_sheets, prepare
+from startrack.earth.imager import (
+    Channel,
+    Restoration,
+    Setting,
+    Survey,
+    lines_apart,
+    open_sheets,
+    prepare,
+    smeared,
+)
 from startrack.earth.product import ortho, retrieval
-from startrack.earth.product.restore import restored
 from startrack.earth.product.uncertainty import contributors
 from startrack.earth.terrain import Ground, joined
 
@@ -52,15 +61,11 @@ class ProductSettings(Parameters):
     resampling: str = parameter(limit=Range(choices=tuple(ortho.RESAMPLING)), default="bilinear")
     uncertainty: bool = parameter("whether each pixel has one, by contributors", default=False)
     restore: float | None = parameter(
-        "signal-to-noise ratio for which a filter of Wiener raises the modulation; None: no filter",
+        "signal-to-noise ratio for which a Wiener filter raises the modulation; None: that of the "
+        "channel",
         limit=POSITIVE,
         default=None,
     )
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.uncertainty and self.restore is not None:
-            raise Refused("uncertainty must be left out where an image is restored")
 
 
 STANDARD = ProductSettings()
@@ -118,8 +123,10 @@ def make_product(
     survey = replace(survey, rays=1, surroundings=survey.surroundings or 0.0)
     setting = prepare(survey, channel, folder)
     radiance = retrieval.to_radiance(numbers, calibration)
-    if settings.restore is not None:
-        radiance = restored(radiance, channel, setting, settings.restore)
+    amplified = 1.0
+    if wanted := settings.restore or channel.restore:
+        restoration = _restoration(channel, setting, wanted)
+        radiance, amplified = restoration.applied(radiance), restoration.noise
     saturated = numbers >= calibration.saturation
     scene = survey.scene(channel)
     grounds = []
@@ -135,7 +142,7 @@ def make_product(
     image, here = _layers(radiance, grounds, setting, size)
     causes: dict[str, dict[str, Floats]] = {}
     if settings.uncertainty:
-        causes = contributors(image, numbers, ground, calibration, here, survey, channel)
+        causes = contributors(image, numbers, ground, calibration, here, survey, channel, amplified)
     doubts = {
         f"{name}: {cause}": values for name, own in causes.items() for cause, values in own.items()
     }
@@ -157,6 +164,21 @@ def make_product(
     mapped, doubt = ({name: layers[name] for name in own} for own in (image, doubts))
     around = math.nan if retrieval.is_thermal(setting.band) else here.surroundings
     return Product(image, saturated, grid, mapped, quality, around, causes, doubt)
+
+
+def _restoration(channel: Channel, setting: Setting, signal_to_noise: float) -> Restoration:
+    """The filter of an image.
+
+    Raises  Refused with a lens whose images differ over the field.
+    """
+    if not isinstance(setting.psf, Psf):
+        raise Refused(
+            f"channel {channel.name}: lens_file, lens_family and psf_file must be left out where "
+            "an image is restored"
+        )
+    psf = smeared(setting.psf, setting.smear)
+    across = channel.detector.columns / channel.columns
+    return Restoration(psf, across, lines_apart(channel, setting), signal_to_noise)
 
 
 def _layers(

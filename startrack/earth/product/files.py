@@ -35,7 +35,9 @@ class RawImage(NamedTuple):
 
 def camera_id(channel: Channel) -> str:
     """A short name of a channel with all that makes its numbers; not the lines of a scanner."""
-    channel = replace(channel, reference=None, required=Performance(), measured=Performance())
+    channel = replace(
+        channel, restore=None, reference=None, required=Performance(), measured=Performance()
+    )
     if channel.detector.scan:
         channel = replace(channel, detector=replace(channel.detector, rows=1))
     text = json.dumps(to_table(channel), sort_keys=True)

@@ -36,6 +36,7 @@ def contributors(
     setting: Setting,
     survey: Survey,
     channel: Channel,
+    amplified: float = 1.0,
 ) -> dict[str, dict[str, Floats]]:
     """Standard uncertainty of each layer by causes, and of the place, in the layer's unit.
 
@@ -47,6 +48,7 @@ def contributors(
     layers   of the image, (lines, columns) each, radiance first
     ground   of the middles of all pixels
     setting  with what surrounds each pixel
+    amplified  1, noise after the filter of a restored image over that before
     Returns  of each layer CAUSES that it has and "total", (lines, columns) each; and `place`, metre
              along each axis on the ground
     Accuracy model: causes are independent, and first order; all but noise are common to many
@@ -55,7 +57,7 @@ def contributors(
     """
     knowledge, radiance = survey.knowledge, layers["radiance"]
     pixel = ground.distance * channel.detector.pitch / channel.optics.image_distance
-    of_radiance = _of_radiance(radiance, numbers, calibration, knowledge, channel)
+    of_radiance = _of_radiance(radiance, numbers, calibration, knowledge, channel, amplified)
     shifted = band_of(
         channel.shifted(knowledge.wavelength), survey.air, _above(ground), survey.distance_to_sun
     )
@@ -140,6 +142,7 @@ def _of_radiance(
     calibration: retrieval.RadiometricCalibration,
     knowledge: Knowledge,
     channel: Channel,
+    amplified: float = 1.0,
 ) -> dict[str, Floats]:
     """Uncertainty of the radiance; photon noise by the measured electrons of a digital number,
     which read noise hides where it is far above that of photons: it is as designed.
@@ -149,7 +152,7 @@ def _of_radiance(
     shot = signal / measured if measured > 0 else np.zeros(numbers.shape)
     designed = detector.full_well / (2**detector.bits - 1) / detector.gain
     variance = shot + (detector.read_noise / designed) ** 2 + 1 / 12
-    noise = np.sqrt(variance) / calibration.gain
+    noise = amplified * np.sqrt(variance) / calibration.gain
     return {
         "noise": noise,
         "calibration": np.hypot(knowledge.lamp * radiance, noise / calibration.exposures**0.5),

@@ -149,6 +149,12 @@ class EarthProblem:
                 for channel in self.design.camera.channels
                 if channel.detector.settling or channel.detector.impulse_response
             ),
+            *(
+                f"formulas and trials: the Wiener filter of {channel.name} (restore); the "
+                "retrieval takes images as they are recorded"
+                for channel in self.design.camera.channels
+                if channel.restore is not None
+            ),
         )
         return Expectation(self._mean(parts), margins, parts, left_out)
 

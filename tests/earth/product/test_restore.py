@@ -1,20 +1,36 @@
-"""Restored images: against a convolution by scipy, a transfer by hand, and the scene's truth."""
+"""Restored images: against waves by hand, the scene's truth, and the forecast of MTF and SNR."""
 
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy import signal
 
 from startrack import Refused
-from startrack.core import Curve, Psf
-from startrack.earth.imager import Cover, Land, Picture, prepare, render
+from startrack.core import Curve, Psf, nm
+from startrack.earth.geometry import flight_height, ground_rate
+from startrack.earth.imager import (
+    Cover,
+    Land,
+    Picture,
+    Restoration,
+    band_of,
+    figures,
+    prepare,
+    render,
+)
 from startrack.earth.product import ProductSettings, calibrate, make_product
-from startrack.earth.product.restore import restored
-from startrack.optics import restored_noise, restored_transfer
+from startrack.optics import Pupil, Segment, aperture_transfer, pixel_psf
 
-from .test_product import SCAN, flown
+from .test_product import flown
+
+SNR = 5.0
+GOLAY = Pupil(
+    segments=tuple(
+        Segment(0.62 * np.cos(turn), 0.62 * np.sin(turn), 0.38, "circle")
+        for turn in np.radians([90.0, 210.0, 330.0]).tolist()
+    )
+)
 
 
 @pytest.fixture(scope="module")
@@ -24,45 +40,43 @@ def scene():
     return survey, channel, prepare(survey, channel, Path())
 
 
-def _boxed(setting):
+def _boxed():
     """A pixel that sees a square of three pixels."""
-    table = np.zeros((15, 15))
-    table[3:12, 3:12] = 1 / 9
-    return setting._replace(psf=Psf(table, 3, 1.0), smear=0.0)
+    table = np.zeros((63, 63))
+    table[18:45, 18:45] = 1 / 9
+    return Restoration(Psf(table, 9, 1.0), 1.0, 1.0, SNR)
 
 
-def test_what_was_blurred_comes_back(scene):
-    """Half of the light in the pixel itself, the rest in the eight around it."""
-    _, channel, setting = scene
-    table = np.zeros((15, 15))
-    table[3:12, 3:12] = 1 / 16
-    table[6:9, 6:9] = 1 / 2
-    setting = setting._replace(psf=Psf(table, 3, 1.0), smear=0.0)
-    kernel = np.full((3, 3), 1 / 16)
-    kernel[1, 1] = 1 / 2
-    truth = np.random.default_rng(1).normal(10.0, 1.0, (64, 64))
-    blurred = signal.convolve2d(truth, kernel, "same", "symm")
-    inside = np.s_[8:-8, 8:-8]
-    before = (blurred - truth)[inside].std()
-    after = (restored(blurred, channel, setting, 1e3) - truth)[inside].std()
-    assert after < 0.01 * before
-
-
-def test_a_wave_has_the_modulation_of_the_filter_and_noise_that_of_its_formula(scene):
-    """By hand: a box of three pixels leaves (1 + 2 cos(2 pi f)) / 3 of a wave."""
-    _, channel, setting = scene
-    place, frequency, snr = np.arange(128), 1 / 8, 5.0
-    left = (1 + 2 * np.cos(2 * np.pi * frequency)) / 3
+def test_a_wave_has_the_modulation_of_the_filter_and_noise_that_of_its_formula():
+    """By hand: a box of three pixels leaves sin(3 pi f) / (3 pi f) of a wave."""
+    restoration, place, frequency = _boxed(), np.arange(128), 1 / 8
+    left = np.sinc(3 * frequency)
     wave = 10 + left * np.cos(2 * np.pi * frequency * (place + 0.5)) * np.ones((128, 1))
-    found = restored(wave, channel, _boxed(setting), snr)[32:96, 32:96]
-    expected = restored_transfer(np.array(left), snr) * (1 + snr**-2)
-    assert np.sqrt(2) * found.std() == pytest.approx(float(expected), rel=0.01)
+    found = restoration.applied(wave)[32:96, 32:96]
+    expected = left**2 * (1 + SNR**-2) / (left**2 + SNR**-2)
+    assert np.sqrt(2) * found.std() == pytest.approx(expected, rel=0.01)
     assert found.mean() == pytest.approx(10.0, rel=1e-6)
     noise = np.random.default_rng(2).normal(0.0, 1.0, (256, 256))
-    down = np.fft.fftfreq(256)[:, None]
-    both = [(1 + 2 * np.cos(2 * np.pi * part)) / 3 for part in (down, down.T)]
-    gain = restored_noise(both[0] * both[1], snr) * (1 + snr**-2)
-    assert restored(noise, channel, _boxed(setting), snr).std() == pytest.approx(gain, rel=0.03)
+    assert restoration.applied(noise).std() == pytest.approx(restoration.noise, rel=0.02)
+    assert restoration.gain(1.125, 0.0) == pytest.approx(restoration.gain(0.125, 0.0))
+
+
+def test_waves_of_a_sparse_aperture_come_back():
+    """Blurred by the overlap of its circles; the filter knows its image of a point alone."""
+    pitch, wave_at = 8e-6, np.array([600 * nm])
+    optics = flown().channels[0].optics
+    optics = replace(optics, f_number=16.0, pupil=GOLAY, psf="fraunhofer", blur=0.0)
+    restoration = Restoration(pixel_psf(optics, pitch, wave_at, np.ones(1)), 1.0, 1.0, 100.0)
+    place = np.arange(96)
+    for frequency in (0.1, 0.25, 0.4):
+        lens = aperture_transfer(optics, 600 * nm, np.array([frequency / pitch]), "x")[0]
+        left = lens * np.sinc(frequency)
+        image = 10 + left * np.cos(2 * np.pi * frequency * place) * np.ones((96, 1))
+        found = restoration.applied(image)[24:72]
+        back = 2 * ((found - 10) * np.cos(2 * np.pi * frequency * place))[:, 16:-16].mean()
+        assert left < 0.6
+        assert back == pytest.approx(1.0, abs=0.1)
+        assert back == pytest.approx(left * restoration.gain(frequency, 0.0), abs=0.02)
 
 
 @pytest.mark.slow
@@ -86,12 +100,40 @@ def _blurred(channel):
     return replace(channel, optics=replace(channel.optics, blur=25e-6))
 
 
+def test_noise_of_a_restored_product_is_that_of_the_figures(scene):
+    """By the difference of two images of one scene, restored as the channel says."""
+    survey, _, _ = scene
+    own = _blurred(survey.camera.channels[0])
+    soft = replace(survey, camera=replace(survey.camera, channels=(own,)))
+    pictures = [Picture.blank(own.detector.rows, own.columns) for _ in range(2)]
+    for seed, picture in enumerate(pictures):
+        setting = render(soft, own, Path(), seed, picture)
+    frames, height = calibrate(soft, own, setting, 1), flight_height(soft.carrier)
+    band, settings = band_of(own, soft.air, height, 1.0), ProductSettings(uncertainty=True)
+    noises, told, said = [], [], []
+    for restore in (None, 20.0):
+        channel = replace(own, restore=restore)
+        products = [
+            make_product(soft, channel, Path(), picture.numbers, frames, settings)
+            for picture in pictures
+        ]
+        radiance = [product.image["radiance"][4:-4, 4:-4] for product in products]
+        noises.append((radiance[1] - radiance[0]).std())
+        told.append(np.median(products[0].uncertainty["radiance"]["noise"]))
+        said.append(figures(channel, band, height, ground_rate(soft.carrier)))
+    assert said[1].amplified > 2
+    assert said[1].noise == said[0].noise
+    assert said[1].snr == pytest.approx(said[0].snr / said[1].amplified)
+    assert said[1].mtf_across > 2 * said[0].mtf_across
+    assert noises[1] / noises[0] == pytest.approx(said[1].amplified, rel=0.1)
+    assert told[1] / told[0] == pytest.approx(said[1].amplified, rel=0.1)
+
+
 def test_what_cannot_be_restored_is_refused(scene):
-    _, channel, setting = scene
-    with pytest.raises(Refused, match="uncertainty"):
-        ProductSettings(uncertainty=True, restore=10.0)
+    _, channel, _ = scene
     with pytest.raises(ValueError, match="restore"):
         ProductSettings(restore=-1.0)
-    with pytest.raises(Refused, match="lens_file"):
-        restored(np.ones((8, 8)), channel, setting._replace(psf=None), 10.0)
-    assert SCAN.columns == 40
+    with pytest.raises(ValueError, match="restore"):
+        replace(channel, restore=0.0)
+    with pytest.raises(Refused, match=r"average must be 1 where an image is restored, got 2"):
+        replace(channel, restore=10.0, average=2)

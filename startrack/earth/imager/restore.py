@@ -1,0 +1,77 @@
+"""Restoration of a channel's image by a Wiener filter: what lens, pixel and smear blurred."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+from startrack.core import Floats, Psf
+from startrack.optics import wiener_filter
+
+EDGE = 2  # widths of a point's image, by which an image is continued beyond its edges
+FREQUENCIES = 64  # along each axis, whose noise is averaged
+
+
+class Restoration(NamedTuple):
+    """A Wiener filter for the images of a channel.
+
+    psf              of the pixels, the pixel's square and the smear included
+    across, along    pixel between columns and between lines of the image
+    signal_to_noise  1, rms of the signal over that of the noise, at each frequency
+    """
+
+    psf: Psf
+    across: float
+    along: float
+    signal_to_noise: float
+
+    def filter(self, across: Floats, along: Floats) -> NDArray[np.complexfloating]:
+        """The filter at frequencies of waves along columns and lines.
+
+            H(u, v) = Int Int psf(x, y) exp(-2 pi i (u x + v y)) dx dy / Int Int psf dx dy
+
+        across, along  (n,), (m,) cycle / pixel of the detector
+        Returns        (m, n)
+        Accuracy       model: what lies above the Nyquist frequency of the image and is seen as a
+                       lower one is left as it is.
+        """
+        table = self.psf.table
+        at = (np.arange(len(table)) - len(table) // 2) / self.psf.oversampling
+        right = np.exp(-2j * np.pi * np.outer(at, across))
+        down = np.exp(-2j * np.pi * np.outer(along, at))
+        return wiener_filter(down @ table @ right / table.sum(), self.signal_to_noise)
+
+    def gain(self, across: float, along: float) -> float:
+        """Factor by which the filter changes the modulation of a wave, cycle / pixel."""
+        step = self.across, self.along
+        # The filter repeats above the Nyquist frequency of the image.
+        here = [f - round(f * size) / size for f, size in zip((across, along), step, strict=True)]
+        return float(abs(self.filter(*np.array(here)[:, None])[0, 0]))
+
+    @property
+    def noise(self) -> float:
+        """Rms of white noise after the filter over that before."""
+        frequency = fft.fftfreq(FREQUENCIES)
+        gains = self.filter(frequency / self.across, frequency / self.along)
+        return float(np.sqrt(np.mean(np.abs(gains) ** 2)))
+
+    def applied(self, image: Floats) -> Floats:
+        """An image whose modulation is raised where noise allows it.
+
+        Even ground keeps its radiance. Beyond its edges the image is mirrored.
+
+        image     (lines, columns)
+        Accuracy  model: of dark gaps and saturated pixels, rings remain around them.
+        """
+        width = len(self.psf.table) / self.psf.oversampling
+        room = [
+            min(int(EDGE * width / step) + 1, size - 1)
+            for size, step in zip(image.shape, (self.along, self.across), strict=True)
+        ]
+        padded = np.pad(image, [(part, part) for part in room], "reflect")
+        lines, columns = padded.shape
+        gains = self.filter(fft.rfftfreq(columns) / self.across, fft.fftfreq(lines) / self.along)
+        found = fft.irfft2(fft.rfft2(padded) * gains, padded.shape)
+        down, right = room
+        return np.asarray(found[down : lines - down, right : columns - right], np.float64)
