@@ -229,11 +229,14 @@ def command(options: argparse.Namespace) -> int:
 
 def _answer(summary: metrics.Summary) -> str:
     """The errors, and how often there is a correct attitude."""
-    across = metrics.bracketed(summary.across, ".3f", arcsec)
-    about = metrics.bracketed(summary.about, ".3f", arcsec)
+    errors = "no trial has a correct attitude, so that there is no error"
+    if math.isfinite(summary.across.value):
+        across = metrics.bracketed(summary.across, ".3f", arcsec)
+        about = metrics.bracketed(summary.about, ".3f", arcsec)
+        errors = f"error {across} arcsec across and {about} about the boresight, rms per axis"
     return (
-        f"error {across} arcsec across and {about} about the boresight, rms per axis; an attitude "
-        f"is correct in {100 * summary.availability.value:.2f} % of {summary.trials} trials"
+        f"{errors}; an attitude is correct in {100 * summary.availability.value:.2f} % of "
+        f"{summary.trials} trials"
     )
 
 

@@ -60,7 +60,7 @@ def command(options: argparse.Namespace) -> int:
     }
     show("\n".join(f"{name.replace('_', ' '):24} {value:.4g}" for name, value in costs.items()))
     with stage("error budget"):
-        budget, margins = expect(design.case, campaign)
+        budget, margins, _ = expect(design.case, campaign)
     objective = campaign.goal_of(design.case)
     error = expected_objective(design.case, campaign) / arcsec
     # No requirement is met by what is no number.

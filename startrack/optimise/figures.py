@@ -11,7 +11,7 @@ from startrack.core import Advance, Refused
 from startrack.design import COSTS, Campaign, Case, Fidelity, Judged
 from startrack.metrics import Interval, summarise
 from startrack.optimise import forecast
-from startrack.optimise.forecast import blind, expect, forecasts, name_by_condition
+from startrack.optimise.forecast import SHOWN, Forecast, blind, expect, forecasts, name_by_condition
 from startrack.optimise.population import population_of
 from startrack.optimise.runner import TrialRunner
 
@@ -23,8 +23,9 @@ Figure = float | Interval
 class DesignFigures(NamedTuple):
     """What is known of one design: intervals of 95 % by trials, numbers by formula.
 
-    across        radian, rms per axis of the error across the boresight
-    about         radian, rms of the error about the boresight
+    across        radian, rms per axis of the error across the boresight; that which a fraction of
+                  the units does not exceed, where the design is judged over units
+    about         radian, rms of the error about the boresight; likewise
     availability  1, fraction of trials with a correct attitude
     stars         mean number of matched stars
     margins       of the requirements, as fractions of the limits (stars: magnitude)
@@ -63,7 +64,7 @@ def by_formula(asked: tuple[Case, Campaign], seed: int) -> DesignFigures:
     """
     case, campaign = asked
     try:
-        budget, margins = expect(case, campaign, seed)
+        budget, margins, errors = expect(case, campaign, seed)
     except Refused as reason:
         margins = verification.margins(campaign.requirements, case)
         for condition in campaign.judged(case):
@@ -71,8 +72,8 @@ def by_formula(asked: tuple[Case, Campaign], seed: int) -> DesignFigures:
         nothing = math.nan, math.nan, 0.0, 0.0
         return DesignFigures(*nothing, margins, _costs(case, campaign), str(reason))
     return DesignFigures(
-        budget.whole.across,
-        budget.whole.about,
+        errors["across"],
+        errors["about"],
         budget.availability,
         budget.stars,
         margins,
@@ -113,7 +114,8 @@ def by_trials(
     """The figures of a design by the first trials of a seed, in all conditions of the campaign.
 
     The same skies and noise for each design. Errors and availability are those of the design's own
-    condition.
+    condition; those of a design that is judged over units are, as by formula, what a fraction of
+    the units does not exceed.
 
     Raises  Refused where the design cannot be built or rendered.
     """
@@ -122,13 +124,21 @@ def by_trials(
     for condition in judged:
         rows = population_of(condition).first_trials(trials, fidelity, runner)
         counted = verification.counted(condition.needs, condition.case, runner.seed, rows)
+        foreseen = None
+        if condition.units is not None:
+            _, every = forecasts([condition], campaign.goal, runner)
+            foreseen = every[condition.name]
         if condition is judged[0]:
             summary = summarise(counted, condition.needs.limits)
-        own = _measured(condition, campaign, rows, counted, runner)
+            across, about = (
+                _scaled(error, forecast.over_units(condition, rows, SHOWN[name], foreseen))
+                for name, error in (("across", summary.across), ("about", summary.about))
+            )
+        own = _measured(condition, rows, counted, runner, foreseen)
         margins |= name_by_condition(condition.name, own)
     return DesignFigures(
-        summary.across,
-        summary.about,
+        across,
+        about,
         summary.availability,
         summary.stars,
         margins,
@@ -137,14 +147,14 @@ def by_trials(
     )
 
 
+def _scaled(error: Interval, scale: float) -> Interval:
+    return Interval(*(scale * end for end in (error.value, error.low, error.high)))
+
+
 def _measured(
-    condition: Judged, campaign: Campaign, rows: Any, counted: Any, runner: TrialRunner
+    condition: Judged, rows: Any, counted: Any, runner: TrialRunner, foreseen: Forecast | None
 ) -> dict[str, Interval]:
     """Margins of errors and availability by trials, with their intervals."""
-    foreseen = None
-    if condition.units is not None:
-        _, every = forecasts([condition], campaign.goal, runner)
-        foreseen = every[condition.name]
     boresight, found = verification.boresights(runner.seed, counted), dict[str, Interval]()
     for claim in verification.claims_of(condition.needs):
         bounds = claim.bounds(counted, boresight, TAIL, TAIL)

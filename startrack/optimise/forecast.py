@@ -39,6 +39,8 @@ def blind(needs: Requirements) -> dict[str, float]:
     return errors | {"availability": -needs.min_availability}
 
 
+# The errors that tables show of each design, by their names.
+SHOWN = {"across": Objective("across"), "about": Objective("about")}
 # Of a worker: a condition, and some of the units that it is judged over.
 Task = tuple[Judged, range]
 
@@ -50,11 +52,14 @@ class Forecast(NamedTuple):
     margins  of the requirements that need trials
     over     of the objective and those that are limited: the level over all units over the error of
              the first 1, 2, ... of them together; none where no attitude is expected
+    shown    radian, of the errors that tables show, over the units; none where no attitude is
+             expected
     """
 
     error: float
     margins: dict[str, float]
     over: dict[str, list[float]] = {}  # noqa: RUF012, never changed
+    shown: dict[str, float] = {}  # noqa: RUF012, never changed
 
 
 def over_units(
@@ -89,7 +94,8 @@ def _forecast(
         return float(quantile_of_few(np.array(errors), fraction))
 
     goals = {
-        str(goal): goal for goal in (objective, *(limit.objective for limit in needs.accuracy))
+        str(goal): goal
+        for goal in (objective, *(limit.objective for limit in needs.accuracy), *SHOWN.values())
     }
     # That a fraction of the units does not exceed, by their budgets.
     levels = {
@@ -108,7 +114,8 @@ def _forecast(
         name: [levels["whole"][name] / expected_of(goal, some) for some in first]
         for name, goal in goals.items()
     }
-    return Forecast(levels["whole"][str(objective)], margins, over)
+    shown = {name: levels["whole"][str(goal)] for name, goal in SHOWN.items()}
+    return Forecast(levels["whole"][str(objective)], margins, over, shown)
 
 
 def _budgets(task: Task, seed: int) -> UnitBudgets | None:
@@ -147,9 +154,21 @@ def forecasts(
     return objective.over(errors, [condition.weight for condition in weighted]), by_name
 
 
-def expect(
-    case: Case, campaign: Campaign, seed: int = 1
-) -> tuple[Budget[ErrorLaw], dict[str, float]]:
+class ExpectedDesign(NamedTuple):
+    """What the formulas expect of a design in its own condition.
+
+    budget   of the unit as designed
+    margins  of all requirements, in all conditions
+    shown    radian, rms errors across and about the boresight: over units where the design is
+             judged over units, else those of the budget
+    """
+
+    budget: Budget[ErrorLaw]
+    margins: dict[str, float]
+    shown: dict[str, float]
+
+
+def expect(case: Case, campaign: Campaign, seed: int = 1) -> ExpectedDesign:
     """The analytic budget of a design in its own condition, and all its margins without a trial.
 
     seed    of the units, where it is judged over units; the budget is of the unit as designed
@@ -159,17 +178,22 @@ def expect(
     alone = case if judged[0].units is None else without_units(case)
     budget = budget_of(alone)
     margins = margins_of(campaign.requirements, case)
+    shown = {"across": budget.whole.across, "about": budget.whole.about}
     for condition in judged:
-        margins |= name_by_condition(condition.name, _expected_margins(condition, seed))
-    return budget, margins
+        expected = _expected(condition, seed)
+        margins |= name_by_condition(condition.name, expected.margins)
+        if condition is judged[0] and condition.units is not None:
+            shown = dict.fromkeys(SHOWN, math.nan) | expected.shown
+    return ExpectedDesign(budget, margins, shown)
 
 
-def _expected_margins(condition: Judged, seed: int) -> dict[str, float]:
-    """Margins of a condition; the availability of the unit as designed excludes large errors."""
+def _expected(condition: Judged, seed: int) -> Forecast:
+    """Of a condition; the availability of the unit as designed excludes large errors."""
     if condition.units is not None:
-        return forecast(condition, Objective(), seed).margins
+        return forecast(condition, Objective(), seed)
     budget = budget_or_none(condition.case)
-    return expected_margins(condition.needs, budget) if budget else blind(condition.needs)
+    needs = condition.needs
+    return Forecast(math.nan, expected_margins(needs, budget) if budget else blind(needs))
 
 
 def expected_objective(case: Case, campaign: Campaign, seed: int = 1) -> float:

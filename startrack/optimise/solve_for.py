@@ -73,6 +73,7 @@ class Solution:
     margin     name of the margin
     until      the limit as it was asked
     margins    by formula at these values, except those that the design refuses, in order
+    refused    why the design refuses the others, or empty
     crossings  in order of their values
     how        what decides, in words
     """
@@ -83,6 +84,7 @@ class Solution:
     margins: Mapping[float, float]
     crossings: tuple[LimitCrossing, ...]
     how: str
+    refused: str = ""
 
     @property
     def _rows(self) -> list[tuple[str, str]]:
@@ -94,13 +96,21 @@ class Solution:
         name = self.key.name
         if self.crossings:
             texts = [self._text(crossing.value) for crossing in self.crossings]
-            return f"{self.until}: {name} must be {' or '.join(self._spans(texts))}"
+            return f"{self.until}: {name} must be {' or '.join(self._spans(texts))}{self._left}"
         ends = " to ".join(self._text(end) for end in (min(self.margins), max(self.margins)))
         kept = min(self.margins.values()) >= 0
         far = (min if kept else max)(self.margins, key=self.margins.__getitem__)
         at = f"margin {self.margins[far]:+.3f} {'at least' if kept else 'at most'}, at "
         word = "at all" if kept else "nowhere"
-        return f"{self.until}: kept {word} from {name} {ends} ({at}{self._text(far)})"
+        return f"{self.until}: kept {word} from {name} {ends} ({at}{self._text(far)}){self._left}"
+
+    @property
+    def _left(self) -> str:
+        if not self.refused:
+            return ""
+        assert self.key.numbers is not None
+        count = len(self.key.numbers) - len(self.margins)
+        return f"; {count} of {len(self.key.numbers)} values are refused ({self.refused})"
 
     def _spans(self, texts: Sequence[str]) -> Iterator[str]:
         """The ranges in which the limit is kept."""
@@ -293,21 +303,32 @@ def solve_for(
         assert isinstance(found, Interval)
         return Interval(*(scaled(margin, end) for end in (found.value, found.low, found.high)))
 
+    def expected_at(number: float) -> float:
+        [value] = _by_formula([asked_at(number)], margin, runner)
+        if isinstance(value, Refused):
+            raise value
+        return scaled(margin, value)
+
     asked, reason = dict[float, tuple[Case, Campaign]](), Refused("")
     for number in sorted(values.numbers):
         try:
             asked[number] = asked_at(number)
         except Refused as error:
             reason = error
-    if not asked:
-        raise reason
     found = _by_formula(list(asked.values()), margin, runner, progress)
-    margins = dict(zip(asked, found, strict=True))
+    margins = dict[float, float]()
+    for number, value in zip(asked, found, strict=True):
+        if isinstance(value, Refused):
+            reason = value
+        else:
+            margins[number] = value
+    if not margins:
+        raise reason
     by_trial = trials and _decided_by_trials(margin)
     line = KeyLine(
         values,
         whole,
-        lambda number: scaled(margin, _by_formula([asked_at(number)], margin, runner)[0]),
+        expected_at,
         tried_at if by_trial else None,
         [(number, scaled(margin, value)) for number, value in margins.items()],
     )
@@ -315,7 +336,7 @@ def solve_for(
     if by_trial:
         kind = fidelity or next(iter(asked.values()))[1].fidelity
         how += f", corrected by {trials} trials of fidelity {kind}, seed {runner.seed}"
-    return Solution(values, margin, until, margins, line.crossings(), how)
+    return Solution(values, margin, until, margins, line.crossings(), how, str(reason))
 
 
 def _decided_by_trials(margin: str) -> bool:
@@ -327,34 +348,43 @@ def _by_formula(
     margin: str,
     runner: TrialRunner,
     progress: Advance | None = None,
-) -> list[float]:
-    """A margin of designs by formula.
+) -> list[float | Refused]:
+    """A margin of designs by formula, or why a formula refuses one.
 
-    Raises  Refused where a formula refuses one, or has no such margin.
+    Raises  Refused where the designs have no such margin.
     """
-    for case, campaign in asked[:1]:
-        names = _margin_names(case, campaign)
+    for names in _margin_names(asked):
         if margin not in names:
             raise Refused(
                 f"a limit must be such as across=5arcsec, or a margin of the design "
                 f"({', '.join(names)}), got {margin!r}"
             )
     if not _decided_by_trials(margin):
-        every = (verification.margins(c.requirements, case) for case, c in asked)
-        return [margins[margin] for margins in every]
-    found = list[float]()
-    for figures in all_by_formula(list(asked), runner, progress):
-        if isinstance(figures, Refused):
-            raise figures
-        found.append(middle(figures.margins[margin]))
-    return found
+        return [_cost_margin(case, campaign, margin) for case, campaign in asked]
+    return [
+        figures if isinstance(figures, Refused) else middle(figures.margins[margin])
+        for figures in all_by_formula(list(asked), runner, progress)
+    ]
 
 
-def _margin_names(case: Case, campaign: Campaign) -> list[str]:
-    names = list(verification.margins(campaign.requirements, case))
-    for condition in campaign.judged(case):
-        names += name_by_condition(condition.name, blind(condition.needs))
-    return names
+def _cost_margin(case: Case, campaign: Campaign, margin: str) -> float | Refused:
+    try:
+        return verification.margins(campaign.requirements, case)[margin]
+    except Refused as reason:
+        return reason
+
+
+def _margin_names(asked: Sequence[tuple[Case, Campaign]]) -> Iterator[list[str]]:
+    """Of the first design that is not refused."""
+    for case, campaign in asked:
+        try:
+            names = list(verification.margins(campaign.requirements, case))
+            for condition in campaign.judged(case):
+                names += name_by_condition(condition.name, blind(condition.needs))
+        except Refused:
+            continue
+        yield names
+        return
 
 
 def _around(design: Design, name: str) -> str:

@@ -408,6 +408,9 @@ def sweep(
     if all(row.refused for row in rows):
         raise Refused(rows[0].refused)
     how = f"{trials} trials of fidelity {fidelity}, seed {runner.seed}" if trials else "formula"
+    over = campaign.over_units(loaded[0].case) if campaign else None
+    if over:
+        how += f"; the errors are those {over.words}"
     limits = campaign.requirements.accuracy if campaign else ()
     return Sweep(swept, rows, limits, how, campaign is not None)
 

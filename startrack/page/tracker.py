@@ -87,7 +87,7 @@ class TrackerPage:
         case, campaign = design.case, design.campaign
         if campaign is None:
             return {"requirements": []}
-        _, margins = optimise.expect(case, campaign, self.seed)
+        margins = optimise.expect(case, campaign, self.seed).margins
         return {
             "requirements": _requirements(case, campaign, margins),
             "objective": campaign.goal_of(case),

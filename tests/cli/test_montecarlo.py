@@ -129,3 +129,13 @@ def test_a_region_without_trials_bounds_no_error():
         needs = Requirements(max_across=60 * arcsec, sky="worst", level=level)
         _, _, lines = _verdict(needs, np.full(5, 1e-5), np.ones(5, bool))
         assert lines[0].endswith(": not shown with 95 %")
+
+
+def test_without_a_correct_attitude_there_is_no_error(small, tmp_path, capsys):
+    path = tmp_path / "design.toml"
+    save_design(path, Design(small.case))
+    command = ["montecarlo", str(path), "--trials", "3", "--workers", "1", "--fidelity", "window"]
+    main([*command, "--set", "instrument.detector.exposure=1 us"])
+    told = capsys.readouterr().out
+    assert told.startswith("no trial has a correct attitude, so that there is no error")
+    assert "nan" not in told

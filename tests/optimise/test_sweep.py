@@ -9,9 +9,10 @@ import pytest
 
 import startrack
 from startrack import Fidelity, Refused, load_design, run_trials, save_design
+from startrack.design import Campaign, Requirements, Variation
 from startrack.metrics import Interval, summarise
 from startrack.optimise import Ledger, TrialRunner, expect
-from startrack.optimise.figures import DesignFigures
+from startrack.optimise.figures import DesignFigures, middle
 from startrack.optimise.solve_for import read_limit
 from startrack.optimise.sweep import SweptKey
 
@@ -85,7 +86,7 @@ def test_by_formula_each_row_is_that_of_the_single_design(path):
     swept = startrack.sweep(path, f"{F_NUMBER}=1.2..1.8", points=2)
     for row in swept.rows:
         design = load_design(path, [f"{F_NUMBER}={row.values[0]}"])
-        budget, margins = expect(design.case, design.campaign)
+        budget, margins, _ = expect(design.case, design.campaign)
         assert row.figures.across == budget.whole.across
         assert row.figures.about == budget.whole.about
         assert row.figures.margins == margins
@@ -301,3 +302,42 @@ def test_a_limit_on_a_whole_number_is_the_first_that_keeps_it():
     )
     before, after = (row.margin("across") for row in swept.rows)
     assert before < 0 <= after
+
+
+def test_values_that_a_lens_family_refuses_are_left_out():
+    """The mass at the solution is the limit; the range of ten times begins below the family's."""
+    design = startrack.shipped("designs/nanosatellite.toml")
+    found = startrack.solve_for(design, F_NUMBER, "mass=0.22 kg", points=9)
+    [crossing] = found.crossings
+    own = load_design(design, [f"{F_NUMBER}={crossing.value}"])
+    assert own.campaign.requirements.mass(own.case) == pytest.approx(0.22, rel=1e-4)
+    assert min(found.margins) >= 1.2
+    assert "values are refused (f_number must be at least 1.2" in found.answer
+
+
+@pytest.fixture(scope="module")
+def of_units(tmp_path_factory):
+    """A design that is judged over units, whose boresights are off by 60 arcsec about x."""
+    own = load_design(startrack.shipped("designs/noise_only.toml"))
+    case = dataclasses.replace(
+        own.case, variation=(Variation("instrument.mounting.x", sigma="60 arcsec"),)
+    )
+    needs = Requirements(max_across=50 * startrack.arcsec, max_about=100 * startrack.arcsec)
+    campaign = Campaign(
+        requirements=needs, units=0.9, unit_count=4, trials=8, fidelity=Fidelity.COVARIANCE
+    )
+    file = tmp_path_factory.mktemp("units") / "units.toml"
+    save_design(file, dataclasses.replace(own, case=case, campaign=campaign))
+    return file
+
+
+@pytest.mark.parametrize("trials", [0, 8])
+def test_errors_and_margins_of_a_sweep_are_of_the_same_units(of_units, trials):
+    """margin = 1 - error / limit, also where 90 % of the units are asked."""
+    swept = startrack.sweep(of_units, f"{F_NUMBER}=2.0,2.4", trials=trials)
+    for row in swept.rows:
+        for name, limit in (("across", 50), ("about", 100)):
+            error = middle(row.figure(name)) / startrack.arcsec
+            assert middle(row.margin(name)) == pytest.approx(1 - error / limit, rel=1e-9)
+        assert middle(row.figure("across")) > 30 * startrack.arcsec
+    assert "that 90 % of units at 0 yr do not exceed" in swept.how
