@@ -81,7 +81,9 @@ def as_wrong_use(*kinds: type[Exception], path: Path | None = None) -> Iterator[
     try:
         yield
     except caught as error:
-        raise WrongUse(f"{path}: {error}" if path else str(error)) from None
+        from startrack.core import of_file  # the help loads no package
+
+        raise WrongUse(of_file(str(error), path) if path else str(error)) from None
 
 
 LEAST_MEMORY = 2**29  # byte of one process

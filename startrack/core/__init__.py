@@ -46,6 +46,7 @@ from startrack.core.checks import (
     finite,
     moderate,
     non_negative,
+    of_file,
     one_of,
     optional_package,
     positive,

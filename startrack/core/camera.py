@@ -17,6 +17,7 @@ from startrack.core.kernel import kernel
 from startrack.core.units import ZERO_CELSIUS, Unit
 
 ORDER = 3
+SMALL_ANGLE = 1e-6  # radian, below which the cosine has fewer than four digits of the angle
 TERMS = 10  # monomials of two variables up to the third order
 ROOM = ZERO_CELSIUS + 20.0  # kelvin
 
@@ -175,7 +176,11 @@ class Camera(Parameters):
     def half_diagonal(self) -> float:
         """Radian, from the boresight to the farthest corner."""
         corners = [(x, y) for x in (-0.5, self.columns - 0.5) for y in (-0.5, self.rows - 0.5)]
-        return float(np.arccos(self.unproject(np.array(corners))[:, 2].min()))
+        directions = self.unproject(np.array(corners))
+        angle = float(np.arccos(directions[:, 2].min()))
+        if angle > SMALL_ANGLE:
+            return angle
+        return float(np.hypot(directions[:, 0], directions[:, 1]).max())  # it is its own sine
 
     def lattice(self, count: int) -> Floats:
         """Directions of places evenly spaced from the first pixel's centre to the last's.

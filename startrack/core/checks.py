@@ -43,6 +43,15 @@ class Refused(ValueError):
             lasting=self.lasting,
         )
 
+    def in_unit(self, unit: str) -> Refused:
+        """This refusal of a finite number, which is in a unit, with the unit behind the number."""
+        number = isinstance(self.value, int | float) and not isinstance(self.value, bool)
+        if not (unit and number and math.isfinite(self.value)):
+            return self
+        return Refused(
+            f"{self} {unit}", key=self.key, rule=self.rule, value=self.value, lasting=self.lasting
+        )
+
 
 class WrongType(Refused, TypeError):
     """A value of a kind that the parameter cannot have."""
@@ -67,6 +76,11 @@ def shown(value: object) -> str:
     except RecursionError:
         return "a deeply nested value"
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
+
+
+def of_file(message: str, file: object) -> str:
+    """A message with the name of its file before it, once."""
+    return message if message.startswith((f"{file} ", f"{file}:")) else f"{file}: {message}"
 
 
 def refusal(key: str, rule: str, value: object, kind: type[Refused] = Refused) -> Refused:

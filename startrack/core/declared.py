@@ -20,7 +20,16 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, NamedTuple, dataclass_transform
 
 from startrack.core import extension
-from startrack.core.checks import finite, non_negative, one_of, positive, refusal, whole, within
+from startrack.core.checks import (
+    Refused,
+    finite,
+    non_negative,
+    one_of,
+    positive,
+    refusal,
+    whole,
+    within,
+)
 from startrack.core.units import Unit
 
 NUMBER_OR_TEXT = float | str
@@ -181,10 +190,10 @@ def unit_of(kind: type, name: str) -> Unit | None:
 
 
 @cache
-def _rules(kind: type) -> tuple[tuple[str, Range, bool, bool], ...]:
-    """Rules of the fields: name, range, whether it is an integer, and whether a list."""
+def _rules(kind: type) -> tuple[tuple[str, Range, bool, bool, Unit | None], ...]:
+    """Rules of the fields: name, range, whether it is an integer, whether a list, unit."""
     return tuple(
-        (name, field.range, field.kind is int, typing.get_origin(field.kind) is tuple)
+        (name, field.range, field.kind is int, typing.get_origin(field.kind) is tuple, field.unit)
         for name, field in fields_of(kind).items()
         if field.range
     )
@@ -216,7 +225,7 @@ class Parameters:
         for name in _floats(kind):
             if type(value := getattr(self, name)) is int and abs(value) < 2**63:
                 object.__setattr__(self, name, float(value))
-        for name, limits, integer, several in _rules(kind):
+        for name, limits, integer, several, unit in _rules(kind):
             value = getattr(self, name)
             if value is None:
                 continue
@@ -225,7 +234,10 @@ class Parameters:
                 value = tuple(map(full, value)) if several else full(value)
                 object.__setattr__(self, name, value)
             for item in value if several else (value,):
-                limits.check(name, item, integer)
+                try:
+                    limits.check(name, item, integer)
+                except Refused as reason:
+                    raise reason.in_unit(unit.si if unit else "") from None
         if "_files" in kind.__dataclass_fields__:
             named = (getattr(self, name) for name, limits, *_ in _rules(kind) if limits.file)
             object.__setattr__(self, "_files", tuple(map(_state, named)))

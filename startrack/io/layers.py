@@ -165,7 +165,8 @@ class Layers:
         match = PLACE.match(message)
         place = match[0] if match else ""
         origins = {origin for name, origin in self.origin.items() if _within(name, place)}
-        return f"{origins.pop() if len(origins) == 1 else path}: {message}"
+        file = origins.pop() if len(origins) == 1 else path
+        return core.of_file(message, file)
 
 
 def _origin(origin: str | dict[str, str], place: str) -> str:

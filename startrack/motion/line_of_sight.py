@@ -26,6 +26,7 @@ POINTS_PER_PIXEL = 1.2
 POINTS_PER_CYCLE = 2.0
 GROWTH = 1.25
 MOST_POINTS = 2**15  # a smear of some 15 000 pixel
+WIDEST = 1.55  # radian, half of a field that a plane detector can have
 HALF_FIELD = math.pi / 4  # radian, larger than that of most star trackers
 
 
@@ -73,7 +74,9 @@ def trace(
     """The line of sight of one realisation of a motion; arguments and errors as `slew`."""
     core.positive(exposure=exposure, pixel_angle=pixel_angle)
     named = "half of the diagonal field of view (instrument.optics.focal_length, detector)"
-    core.within(0, 1.55, **{named: half_field})
+    if not 0 <= half_field <= WIDEST:
+        rule = f"must be at most {math.degrees(WIDEST):.1f} deg"
+        raise core.Refused(f"{named} {rule}, got {math.degrees(half_field):.4g} deg", key=named)
     if not motion.speed.any():
         return LineOfSight(np.zeros(1), np.ones(1), np.zeros((1, 3)))
     wave, damping = _probes(pixel_angle, half_field)

@@ -603,3 +603,24 @@ def test_long_work_says_so_without_a_terminal(capsys, monkeypatch):
     capsys.readouterr()
     time.sleep(0.05)
     assert not capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["instrument.optics.focal_length=1e9 km", "instrument.motion="], "too few stars are in"),
+        (["instrument.optics.focal_length=-35 mm"], "must be positive, got -0.035 m"),
+        (["instrument.detector.thermal.temperature=-300 degC"], "[0, 500], got -26.85 K"),
+        (["instrument.optics.focal_length=1e-9 mm"], "must be at most 88.8 deg, got 90 deg"),
+    ],
+)
+def test_a_refusal_names_its_unit(arguments, sentence, capsys):
+    main(["budget", "noise_only", *(word for one in arguments for word in ("--set", one))])
+    assert sentence in capsys.readouterr().err
+
+
+def test_a_refusal_names_its_file_once(tmp_path, capsys):
+    path = tmp_path / "broken.toml"
+    path.write_text("[instrument\n")
+    main(["budget", str(path)])
+    assert capsys.readouterr().err.count("broken.toml") == 1

@@ -81,3 +81,11 @@ def test_impossible_cameras_are_refused(kind):
 def test_impossible_field_of_view_is_refused():
     with pytest.raises(ValueError, match="fov_x"):
         Camera.from_field_of_view(10, 10, math.pi)
+
+
+def test_the_narrowest_field_is_not_zero():
+    """atan of half the diagonal over the focal length, where the cosine is 1 to all digits."""
+    for focal_length_px in (1e3, 1e6, 1e9, 1e12):  # pixel
+        camera = Camera(301, 401, focal_length_px)
+        expected = math.atan(math.hypot(301, 401) / 2 / focal_length_px)
+        assert camera.half_diagonal == pytest.approx(expected, rel=1e-3)

@@ -38,8 +38,8 @@ class Lens(Parameters):
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
-        ({"focal_length": 0.0}, "focal_length must be positive, got 0.0"),
-        ({"blur": -1.0}, "blur must not be negative, got -1.0"),
+        ({"focal_length": 0.0}, "focal_length must be positive, got 0.0 m$"),
+        ({"blur": -1.0}, "blur must not be negative, got -1.0$"),
         ({"loss": 0.0}, "loss must be positive, got 0.0"),
         ({"loss": 1.5}, r"loss must lie in \[0, 1\], got 1.5"),
         ({"loss": "high"}, "loss must be a number, got 'high'"),
