@@ -16,7 +16,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from enum import IntEnum
-from importlib import reload
+from importlib import import_module, reload
 from pathlib import Path
 from textwrap import fill
 from typing import Any
@@ -81,9 +81,8 @@ def as_wrong_use(*kinds: type[Exception], path: Path | None = None) -> Iterator[
     try:
         yield
     except caught as error:
-        from startrack.core import of_file  # the help loads no package
-
-        raise WrongUse(of_file(str(error), path) if path else str(error)) from None
+        core = import_module("startrack.core")  # not before, as the help loads no package
+        raise WrongUse(core.of_file(str(error), path) if path else str(error)) from None
 
 
 LEAST_MEMORY = 2**29  # byte of one process
