@@ -20,18 +20,10 @@ if wanted(__name__):
     from startrack.core import Camera, FieldPsf, Floats, Streams, deg, require_memory, um
     from startrack.earth import imager, product
     from startrack.earth.atmosphere import RunGeometry, import_tape7
-    from startrack.earth.geometry import (
-        EarthScene,
-        Orbit,
-        Strip,
-        Terrain,
-        aimed,
-        find,
-        observe_earth,
-    )
+    from startrack.earth.geometry import EarthScene, Orbit, Strip, aimed, find, observe_earth
     from startrack.earth.product import UNITS as PRODUCT_UNITS
     from startrack.earth.retrieval import ground_spectrum, load_earth_design
-    from startrack.earth.terrain import EQUATORIAL, Raster
+    from startrack.earth.terrain import EQUATORIAL, Pyramid, Raster
     from startrack.io import (
         from_table,
         read_table,
@@ -262,7 +254,8 @@ def geometry(options: argparse.Namespace) -> int:
     require_memory(size, f"maps of {columns} x {lines} pixels")
     maps: dict[str, Floats] = {}
     with progress("lines", lines) as advance:
-        for strip in observe_earth(scene, path.parent, turn):
+        terrain = scene.terrain.open(path.parent)
+        for strip in observe_earth(scene, path.parent, turn, None, terrain):
             for name, values in _values(strip).items():
                 full = maps.setdefault(name, np.full((lines, columns), math.nan))
                 full[strip.first : strip.first + strip.shape[0]] = values
@@ -275,7 +268,7 @@ def geometry(options: argparse.Namespace) -> int:
         "seen": float(maps["hit"].mean()),
         "shadow": _known(np.nanmean, maps["shadow"]),
         "height_m": [_known(np.nanmin, height), _known(np.nanmax, height)],
-        "beside_terrain": _beside(scene.terrain, path, maps["longitude"], maps["latitude"]),
+        "beside_terrain": _beside(terrain, maps["longitude"], maps["latitude"]),
         "levels": sorted({int(level) for level in maps["level"][maps["hit"] > 0]}),
         "png": str(options.out / "geometry.png"),
         "netcdf": str(options.out / "geometry.nc"),
@@ -320,7 +313,8 @@ def rendered(options: argparse.Namespace) -> int:
         small = dict(zip(picture.terms._fields, terms, strict=True))
         plots.draw_picture(png, numbers, small, f"{path.stem}: {channel.name}")
         result = _picture_values(channel, picture, setting) | {"fits": str(fits), "png": str(png)}
-        beside = _beside(survey.terrain, path, picture.longitude, picture.latitude)
+        terrain = setting.terrain or survey.terrain.open(path.parent)
+        beside = _beside(terrain, picture.longitude, picture.latitude)
         result |= {"beside_terrain": beside}
         if survey.motion != Motion():
             result["misregistration_px"] = imager.misregistration(survey, channel, options.seed)
@@ -332,7 +326,7 @@ def rendered(options: argparse.Namespace) -> int:
     return Exit.DONE
 
 
-def _beside(terrain: Terrain, path: Path, longitude: Floats, latitude: Floats) -> float:
+def _beside(pyramid: Pyramid, longitude: Floats, latitude: Floats) -> float:
     """Fraction of the ground that is seen, (lines, columns) degree, beside all heights of a scene.
 
     Of at most PANEL lines and columns; 0 where no ground is seen.
@@ -341,7 +335,7 @@ def _beside(terrain: Terrain, path: Path, longitude: Floats, latitude: Floats) -
     ground = np.isfinite(seen[0])
     if not ground.any():
         return 0.0
-    covered = terrain.open(path.parent).terrain.covers(*(np.radians(x[ground]) for x in seen))
+    covered = pyramid.terrain.covers(*(np.radians(x[ground]) for x in seen))
     return float(1 - covered.mean())
 
 

@@ -289,11 +289,11 @@ def points(table: Floats, step: int, place: Floats, weights: Floats, size: int) 
     Accuracy  numerical: the nearest sample, half a sample of of the table at most.
     """
     padded = np.pad(table, 1)
-    middle, last = len(padded) // 2, len(padded) - 1
+    middle, last, flat = len(padded) // 2, len(padded) - 1, padded.ravel()
     side = np.arange(size) - size // 2
     total = np.zeros((len(place), size, size))
     for node, weight in enumerate(weights):
         index = np.rint((side - place[:, node, :, None]) * step).astype(int) + middle
         index = np.minimum(np.maximum(index, 0), last)
-        total += weight * padded[index[:, 1, :, None], index[:, 0, None, :]]
+        total += weight * flat[index[:, 1, :, None] * len(padded) + index[:, 0, None, :]]
     return total

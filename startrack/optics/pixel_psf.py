@@ -276,10 +276,11 @@ def pixel_response(
     spectrum = scipy.interpolate.CubicSpline(line, transfer(line) - wings)(radius)
     pixel = pixel_transfer(fx, side)
     spectrum *= pixel * pixel[:, None]
-    spectrum = spectrum[along]
-    plane = fft.irfft2(spectrum, s=(samples, samples)) * (pitch / spacing) ** 2
     around = np.r_[-half : half + 1]
-    table = plane[np.ix_(around * fine, around * fine)]
+    # Rows beyond the table are not transformed; both transforms share the factor of irfft2.
+    rows = fft.ifft(spectrum[along] + 0j, axis=0, norm="forward")[around * fine]
+    plane = fft.irfft(rows, samples, norm="forward") * (1 / samples**2) * (pitch / spacing) ** 2
+    table = plane[:, around * fine]
     if cusp > 0:
         shape = _wings(around / oversampling, decay / (2 * math.pi * pitch), side / pitch)
         table = table + cusp / decay * shape

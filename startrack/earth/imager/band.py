@@ -1,5 +1,6 @@
 """BandTable and thermal radiance of one channel, weighted with its response."""
 
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
@@ -16,6 +17,7 @@ from startrack.io import shipped
 
 INFRARED = 3 * um  # a band beyond is infrared: thermal radiance exceeds scattered light there
 TABLES = "molecules", "rural-23km", "rural-5km"  # shipped
+SCATTERERS = "rural-23km"  # the aerosol of the table beyond 3 um
 OUTER = 0.2 * um, 60 * um  # between which a channel detects light
 TableOfAir = atmosphere.AirTable | atmosphere.RadianceTable | atmosphere.InfraredTable
 FEWEST = 3  # wavelengths of a user's table inside a band
@@ -168,8 +170,9 @@ def air_table(air: atmosphere.Air | None, infrared: bool) -> TableOfAir:
                 f"beyond 3 um, whose shipped table is of midlatitude summer, got {air}; "
                 "air.table may name another"
             )
-        return atmosphere.load_infrared(shipped("atmosphere/infrared.fits"))
-    tables = [atmosphere.load_table(shipped(f"atmosphere/{name}.fits")) for name in TABLES]
+        heat = atmosphere.load_infrared(shipped("atmosphere/infrared.fits"))
+        return replace(heat, particles=_shipped_air(SCATTERERS))
+    tables = [_shipped_air(name) for name in TABLES]
     particles = atmosphere.Air(air.aerosol, air.visibility)
     found = next((table for table in tables if table.air == particles), None)
     if found is None and (air.aerosol != "rural" or air.visibility < tables[-1].air.visibility):
@@ -180,3 +183,7 @@ def air_table(air: atmosphere.Air | None, infrared: bool) -> TableOfAir:
     if (water, ozone) == found.air.columns:
         return found
     return atmosphere.with_gases(found, water, ozone)
+
+
+def _shipped_air(name: str) -> atmosphere.AirTable:
+    return atmosphere.load_table(shipped(f"atmosphere/{name}.fits"))

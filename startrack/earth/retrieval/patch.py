@@ -36,6 +36,7 @@ from startrack.earth.imager import (
 from startrack.earth.terrain import Ground, cartesian
 
 FIRES = 37  # points of a fire as large as the ground between two pixels
+MOST_CHANNELS = 2**10  # of a camera, so that no two devices share a detector
 SMALL = 0.2  # of that ground's side, below which a fire is a point
 
 
@@ -163,7 +164,7 @@ def view_below(survey: Survey, channel: Channel, size: int, height: float, sun: 
     own = channel.cropped(size, size)
     names = [other.name for other in survey.camera.channels]
     # Each channel has a detector of its own, also where a file gives all of them one seed.
-    seed = own.detector.device_seed + names.index(own.name)
+    seed = own.detector.device_seed * MOST_CHANNELS + names.index(own.name)
     own = replace(own, detector=replace(own.detector, device_seed=seed))
     cover = cover_at(survey.land, height)
     setting, above = setting_below(survey, own, height, 0.0)

@@ -1,5 +1,7 @@
 """Heat of the air: MODTRAN's own sums, isothermal air over high ground, no air at all."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from air_files import save_infrared
@@ -12,11 +14,14 @@ from startrack.earth.atmosphere import (
     heat_of,
     infrared_bands,
     load_infrared,
+    load_table,
     planck,
     radiance,
     refine,
+    sun_spectrum,
     vacuum,
 )
+from startrack.earth.atmosphere.table import profile
 from startrack.io import shipped
 
 # MODTRAN 5.2.1 as pybsm 0.16 ships it: rural 23 km, sensor at 24.5 km, Sun at 50 degrees and at
@@ -62,6 +67,63 @@ def test_the_sums_are_those_of_modtran(zenith):
     theirs = np.array(MODTRAN[zenith])
     np.testing.assert_allclose(terms.emitted[0] * um, theirs[:, 1], rtol=0.03)
     np.testing.assert_allclose(terms.total[0] * um, theirs.sum(1), rtol=0.03)
+
+
+# The same, of 3.4 to 4.2 micrometre: sunlight that the air scatters, and that the ground reflects.
+SUNLIGHT = {0.0: (0.00273, 0.19403), 44.57: (0.00350, 0.18051)}
+
+
+def with_particles():
+    table = load_infrared(shipped("atmosphere/infrared.fits"))
+    return replace(table, particles=load_table(shipped("atmosphere/rural-23km.fits")))
+
+
+def sunlit(table, zenith):
+    """Direct, indirect and scattered, watt / m^2 / sr / um; of the scattered, with black ground."""
+    bands = infrared_bands(table, flat(table.spectrum, BANDS), 24.5e3, 1.0104)
+    fine, sight = looked_at(bands, zenith * deg)
+    grey = np.full(3, 0.15)
+    terms, alone = (radiance(fine, sight, grey, around) for around in (grey, np.zeros(3)))
+    light = (terms.direct, terms.indirect, terms.scattered, alone.scattered)
+    return [term[0] * um for term in light]
+
+
+@pytest.mark.parametrize("zenith", SUNLIGHT)
+def test_sunlight_of_the_mid_infrared_is_nearer_to_modtran_with_particles(zenith):
+    dark, found = (
+        sunlit(load_infrared(shipped("atmosphere/infrared.fits")), zenith),
+        sunlit(with_particles(), zenith),
+    )
+    wanted = sum(SUNLIGHT[zenith])
+    assert sum(term[0] for term in dark[:3]) < 0.88 * wanted
+    assert sum(term[0] for term in found[:3]) == pytest.approx(wanted, rel=0.1)
+    assert SUNLIGHT[zenith][0] / 2.2 < found[3][0] < found[2][0] < SUNLIGHT[zenith][0] * 2.2
+    np.testing.assert_array_equal(found[0], dark[0])
+    assert found[1][0] > 0.01 * found[0][0]
+    np.testing.assert_array_equal(found[2][1:], 0.0)  # beyond 5 micrometre
+
+
+def test_scattered_light_is_that_of_thin_air():
+    """E tau w P / (4 pi cos) of single scattering, with LOWTRAN 7's rural aerosol at 3.75 um.
+
+    Its extinction is 0.0996 of that at 550 nm, of which 0.0087 is absorbed; Henyey and Greenstein's
+    phase function with an asymmetry of 0.731. The optical depth at 550 nm follows from the profile
+    by hand; the two ways through the gases are those of the table.
+    """
+    table = with_particles()
+    response = flat(table.spectrum, [(3.7, 3.8)])
+    bands = infrared_bands(table, response, 50e3)
+    fine, sight = looked_at(bands, 0.0)
+    found = radiance(fine, sight, np.zeros(1), np.zeros(1)).scattered[0, 0] * um
+    height = np.arange(50.0, 60e3, 100.0)
+    scattering = (0.0996 - 0.0087) * profile(23e3, height).sum() * 100.0
+    cosine, asymmetry = -np.cos(50 * deg), 0.731
+    phase = (1 - asymmetry**2) / (1 + asymmetry**2 - 2 * asymmetry * cosine) ** 1.5
+    sun = response[0] * np.gradient(table.spectrum) @ sun_spectrum(table.spectrum) * um
+    direct = radiance(fine, sight, np.ones(1), np.zeros(1)).direct[0, 0] * um
+    both = direct * np.pi / sun / np.cos(50 * deg)  # transmittance of both ways
+    thin = sun * scattering * phase / (4 * np.pi) * both
+    assert found == pytest.approx(thin, rel=0.35)
 
 
 def grey(temperature: float) -> InfraredTable:
