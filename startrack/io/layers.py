@@ -6,7 +6,6 @@ Of each value it is known which file it is from, so that an error names that one
 import difflib
 import os
 import re
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,7 +15,7 @@ from startrack import core
 from startrack.core import Refused
 from startrack.io.reading import shipped
 from startrack.io.tables import LONGEST_NAME
-from startrack.io.toml_file import read_table
+from startrack.io.toml_file import parsed, read_table
 
 LAYERED = ("variations", "trackers", "designs")  # folders of what lies below a design
 MOST_FILES = 256  # that a file is made of, each as often as it is named; chosen by hand
@@ -284,7 +283,7 @@ def _changed(change: str) -> dict[str, Any]:
             f"{core.shown(change)}"
         )
     try:
-        read = tomllib.loads(f"value = {text}")
+        read = parsed(f"value = {text}")
     except (ValueError, RecursionError):
         read = {}
     *outer, last = key.split(".")

@@ -2,6 +2,7 @@
 
 import re
 import tomllib
+from datetime import date, time
 from pathlib import Path
 from typing import Any
 
@@ -33,11 +34,30 @@ def read_table(path: Path, what: str) -> dict[str, Any]:
             f"{key.count('.') + 1}"
         )
     try:
-        return tomllib.loads(text)
+        return parsed(text)
     except RecursionError:
         raise Refused(f"{path} must be a TOML file without deeply nested values") from None
     except ValueError as error:
         raise Refused(f"{path} must be a TOML file: {error}") from None
+
+
+def parsed(text: str) -> dict[str, Any]:
+    """The table of a TOML text, in which dates and times are texts, as those in quotes are.
+
+    Raises  RecursionError or ValueError where it is none.
+    """
+    table: dict[str, Any] = _dates_as_texts(tomllib.loads(text))
+    return table
+
+
+def _dates_as_texts(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _dates_as_texts(inner) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [_dates_as_texts(inner) for inner in value]
+    if isinstance(value, date | time):  # a datetime is a date, too
+        return value.isoformat().removesuffix("+00:00")
+    return value
 
 
 def _long_key(text: str) -> str:
