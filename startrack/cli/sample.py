@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from typing import Any
 
-from startrack.cli.options import Exit, Options, WrongUse, study, wanted
+from startrack.cli.options import Exit, Options, WrongUse, as_wrong_use, study, wanted
 
 if wanted(__name__):
     from startrack import optimise, plots
@@ -17,8 +18,9 @@ if wanted(__name__):
 
 declare = Options(
     "Samples the designs around this one whose error is larger by at most the fraction `margin` "
-    "of [campaign] and that meet its requirements. Writes tolerance.md, corner.png, samples.csv "
-    "and result.json. If the chains did not converge it writes nothing, and the status is 3.",
+    "of [campaign] and that meet its requirements. Numbers of the design that are laws are "
+    "sampled, too, with their laws as priors. Writes tolerance.md, corner.png, samples.csv and "
+    "result.json. If the chains did not converge it writes nothing, and the status is 3.",
     *study("sample"),
     problems=True,
 )
@@ -29,13 +31,19 @@ def command(options: argparse.Namespace) -> int:
     opened = read_study(options)
     if unmet := unmet_text(opened):
         raise WrongUse(unmet)
-    campaign = opened.campaign
+    case, campaign = opened.design.case, opened.campaign
+    with as_wrong_use(path=opened.path):
+        priors = optimise.priors_of(opened.design, campaign)
+    own = {variable.name for variable in campaign.variables}
+    more = [prior.variable for prior in priors if prior.variable.name not in own]
+    variables = (*campaign.variables, *more)
     with (
         open_runner(options, opened, "sampling around") as runner,
-        progress("designs", optimise.designs_needed(len(campaign.variables))) as advance,
+        progress("designs", optimise.designs_needed(len(variables))) as advance,
     ):
-        space = DesignSpace(opened.design.case, campaign.variables, campaign.links)
-        source = optimise.TrackerSource(space, campaign, runner)
+        campaign = replace(campaign, variables=variables)
+        space = DesignSpace(case, variables, campaign.links)
+        source = optimise.TrackerSource(space, campaign, runner, priors=priors)
         tolerance = optimise.sample(source, advance)
     return write_tolerance(options, tolerance, {"limit_arcsec": tolerance.limit / arcsec})
 

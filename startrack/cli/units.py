@@ -65,10 +65,14 @@ def budgets_of(
 
 
 def units_answer(units: UnitBudgets, required: tuple[Accuracy, ...]) -> str:
-    """The error of the median unit with its limits, and the class of error that decides it."""
+    """The error of the median unit with its limits, and the class of error that decides it.
+
+    Both are medians over the units: no class of error exceeds the error of its unit.
+    """
     limits = {limit.name: limit for limit in required if limit.objective.rms_per_axis}
     medians = float(np.median(units.across())), float(np.median(units.about()))
-    classes = {term: _pair(values)["across"] for term, values in units.terms.items()}
+    per_axis = {term: np.sqrt((v[:, :2] ** 2).mean(axis=1)) for term, v in units.terms.items()}
+    classes = {term: float(np.median(errors)) / arcsec for term, errors in per_axis.items()}
     largest = max(classes, key=lambda term: classes[term])
     short = [
         f"{_yield_share(_yield_values(limit, share))} of the units keep {name}"

@@ -4,6 +4,7 @@ epoch         Scene, Selection -> the catalogue's epoch and orbital velocity, wh
               contradict it.
 case          Case: what is true and what the tracker believes, kept apart; how faithful a trial is.
 products      Table of a design -> the same with the values of the detector product that it names.
+measured_tables  Tables of a photon transfer or of stars -> the figures of a design that they tell.
 spectrum      Table of a design -> the same with the power spectra of jitter that it names as files.
 parameter     Dotted name, case -> the value there, its unit, or a case with other values.
 variables     Variable, Link, DesignSpace, Choice: the parameters of a case that a campaign may

@@ -10,12 +10,14 @@ from startrack.core import allow_code as allowed
 from startrack.design.campaign import Campaign
 from startrack.design.case import Case, Instrument
 from startrack.design.conditions import Change, Condition
+from startrack.design.measured_tables import with_measured_tables
 from startrack.design.products import DETECTOR, KEPT, OPERATED, with_product, with_product_files
 from startrack.design.products import PLACE as PRODUCT
 from startrack.design.spectrum import PLACE as SPECTRA
 from startrack.design.spectrum import with_spectra
 from startrack.design.told import Told
 from startrack.design.unknown import Quantile, Unknown, UnknownReader, is_law, stratified, with_laws
+from startrack.design.variables import Link
 from startrack.design.variation import Scope
 from startrack.io import (
     LayerRules,
@@ -26,12 +28,14 @@ from startrack.io import (
     save_text,
     to_table,
 )
-from startrack.optics import with_blur_as_length
+from startrack.optics import with_plain_optics
 
 # Lists of tables that files of a design add to, and what two entries for the same thing share.
 JOINED = {"variation": {"name": None, "per": str(Scope.UNIT)}}
 # A product of the catalogue stands for a detector; how a mission operates it, is kept.
 RENEWED = {DETECTOR: Renewed("product", (*KEPT, *OPERATED))}
+OPTICS, APERTURE, F_NUMBER = "instrument.optics", "aperture", "f_number"
+INSTEAD = {OPTICS: (APERTURE, F_NUMBER)}
 
 
 @printed
@@ -125,6 +129,10 @@ def load_design(
     below, exposure, frame rate, binning, row delay and age hold, nothing else.
     `product = "mine.toml"` takes them from a file beside the design file, and `file = "psd.csv"`
     under `[[instrument.motion.broadband]]` a power spectrum of jitter.
+    `aperture = "25 mm"` under `[instrument.optics]` stands instead of `f_number`, and over that of
+    files below; a campaign that varies the focal length keeps it.
+    `file = "levels.csv"` under `[[told]]` is a table of a photon transfer or of stars, beside the
+    design file, which tells several figures: `reduced_transfer`, `reduced_stars`.
     `base = "other.toml"` and `include = ["a.toml"]` at the top of the file take the values of other
     files, see `read_layers`;
     `[[variation]]` tables of all of them count, except one below that another with the same
@@ -145,7 +153,7 @@ def load_design(
     """
     path = Path(path)
     reader = UnknownReader(quantile)
-    rules = LayerRules(JOINED, RENEWED, is_law, reader.file)
+    rules = LayerRules(JOINED, RENEWED, INSTEAD, is_law, reader.file)
     layers = read_layers(path, "a design file", changes, rules)
     table = layers.table
     try:
@@ -154,14 +162,19 @@ def load_design(
             with_product_files(campaign.get("choices"), layers.folder_of("campaign.choices", path))
         with_spectra(table, layers.folder_of(SPECTRA, path))
         table = with_product(reader.table(table), layers.folder_of(PRODUCT, path))
+        keeps_aperture = False
         if isinstance(instrument := table.get("instrument"), dict):
-            table["instrument"] = with_blur_as_length(instrument, Instrument, "instrument")
+            optics = instrument.get("optics")
+            keeps_aperture = isinstance(optics, dict) and APERTURE in optics
+            table["instrument"] = with_plain_optics(instrument, Instrument, "instrument")
         refuse_unknown((Case, table, ""), (Campaign, campaign, "campaign"))
         if not isinstance(told, list):
             raise Refused(f"told must be a list of tables, got {shown(told)}")
+        told = with_measured_tables(told, layers.folder_of("told", path))
+        asked = None if campaign is None else from_table(Campaign, campaign, "campaign")
         design = Design(
             from_table(Case, table),
-            None if campaign is None else from_table(Campaign, campaign, "campaign"),
+            with_aperture(asked) if asked and keeps_aperture else asked,
             tuple(reader.found),
             tuple(from_table(Told, entry, f"told[{n}]") for n, entry in enumerate(told)),
         )
@@ -173,6 +186,16 @@ def load_design(
         return design
     except ValueError as error:
         raise Refused(layers.blamed(str(error), path)) from None
+
+
+def with_aperture(campaign: Campaign) -> Campaign:
+    """A campaign that keeps the aperture of the design where it varies the focal length alone."""
+    names = {variable.name for variable in campaign.variables}
+    names |= {link.name for link in campaign.links}
+    length, others = f"{OPTICS}.focal_length", {f"{OPTICS}.{key}" for key in INSTEAD[OPTICS]}
+    if length not in names or names & others:
+        return campaign
+    return replace(campaign, links=(*campaign.links, Link(f"{OPTICS}.{F_NUMBER}", length)))
 
 
 def save_design(path: Path, design: Design, comment: str = "") -> None:

@@ -13,7 +13,11 @@ DATASHEET = {
         "instrument.detector.rows",
         "instrument.detector.pixel_pitch",
     ),
-    "aperture": ("instrument.optics.f_number", "instrument.optics.focal_length"),
+    "aperture": (
+        "instrument.optics.aperture",
+        "instrument.optics.f_number",
+        "instrument.optics.focal_length",
+    ),
     "update rate": (
         "instrument.detector.frame_rate",
         "instrument.detector.pixel_rate",

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 from startrack.core import LARGEST_NUMBER, Field, Range, Unit, bare, fields_of
 from startrack.design.campaign import Campaign
 from startrack.design.case import Case, Fidelity
+from startrack.design.measured_tables import TABLES
 from startrack.design.products import of_product
 from startrack.design.told import Told
 from startrack.design.unknown import FORMS
@@ -63,6 +64,15 @@ PRODUCT = Key(
     'detector of the catalogue, or a file beside the design file such as "mine.toml", whose values '
     "hold where the design has none",
 )
+APERTURE = Key(
+    "instrument.optics.aperture",
+    "number",
+    "mm",
+    "above 0",
+    "none",
+    "instead of f_number: diameter of the clear aperture, which a campaign keeps where it varies "
+    "the focal length",
+)
 SPECTRUM = Key(
     "instrument.motion.broadband.file",
     "text",
@@ -73,15 +83,30 @@ SPECTRUM = Key(
     '"frequency (Hz), density (urad2 / Hz)" names the units, else Hz and arcsec2 / Hz',
 )
 CAMPAIGN = Key("campaign", "table", "", "", "none", "The question that is put to a design.")
-TOLD = Key("told", "tables", "", "", "none", "Errors that were measured or published.")
+TOLD = Key("told", "tables", "", "", "none", "Figures that were measured or published.")
+TABLE = Key(
+    "told.file",
+    "text",
+    "",
+    "",
+    "none",
+    'with figure = "photon transfer": a table beside the design file with mean, variance and '
+    "spatial (digital numbers, squared) of levels of even light, of which the least is dark; with "
+    'figure = "star table": one with magnitude (G), electrons or signal, snr and centroid_noise '
+    "(pixel) of stars. It tells several figures, with factor as what all may be wrong by",
+)
 
 
 @cache
 def design_keys() -> tuple[Key, ...]:
     """All keys that a design file may have, in the order of their tables."""
     keys = [*OF_FILES, *keys_of(Case), CAMPAIGN]
-    keys += [*keys_of(Campaign, "campaign"), TOLD, *keys_of(Told, "told")]
-    for more, before in ((PRODUCT, "detector"), (SPECTRUM, "motion.broadband.density")):
+    keys += [*keys_of(Campaign, "campaign"), TOLD, *keys_of(Told, "told"), TABLE]
+    for more, before in (
+        (PRODUCT, "detector"),
+        (SPECTRUM, "motion.broadband.density"),
+        (APERTURE, "optics.f_number"),
+    ):
         at = next(n for n, key in enumerate(keys) if key.name == f"instrument.{before}") + 1
         keys.insert(at, more)
     others = json.loads(shipped("designs/fidelities.json").read_text(encoding="utf-8"))
@@ -305,11 +330,16 @@ def design_schema() -> Schema:
     design, required = table_schema(Case), _required(Case)
     required["properties"]["campaign"] = _required(Campaign)
     campaign = {"campaign": table_schema(Campaign, "campaign")}
-    told: Schema = {"told": {"type": "array", "items": table_schema(Told, "told")}}
+    figure = table_schema(Told, "told")
+    figure["properties"]["file"] = _plain(TABLE)
+    figure["properties"]["figure"]["enum"] += TABLES
+    told: Schema = {"told": {"type": "array", "items": figure}}
     either = {"anyOf": [{"required": [name]} for name in ("base", "include")]}
     design["properties"] |= campaign | {key.name: _plain(key) for key in OF_FILES}
     within = design["properties"]["instrument"]["properties"]["detector"]
     within["properties"]["product"] = _plain(PRODUCT)
+    optics = design["properties"]["instrument"]["properties"]["optics"]
+    optics["properties"]["aperture"] = _plain(APERTURE)
     broadband = design["properties"]["instrument"]["properties"]["motion"]["properties"][
         "broadband"
     ]
@@ -319,6 +349,8 @@ def design_schema() -> Schema:
     design["properties"]["include"]["items"] = {"anyOf": [{"type": "string"}, LAW]}
     parts = required["properties"]["instrument"]["properties"]
     parts["detector"] = {"anyOf": [{"required": ["product"]}, parts["detector"]]}
+    parts["optics"]["required"].remove("f_number")
+    parts["optics"]["oneOf"] = [{"required": [name]} for name in ("f_number", "aperture")]
     spectra = parts["motion"]["properties"]["broadband"]
     spectra["items"] = {"anyOf": [{"required": ["axis", "file"]}, spectra["items"]]}
     return {

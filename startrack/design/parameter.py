@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, TypeVar
 
-from startrack.core import Refused, Unit, parse, unit_of
+from startrack.core import Refused, Unit, parse, positive, unit_of
 from startrack.io import current_key
 
 T = TypeVar("T")
@@ -171,7 +171,8 @@ def unit_at(case: Any, name: str) -> Unit | None:
     while parts[-1].isdecimal():  # a tuple's numbers have the unit of the tuple
         parts.pop()
     owner = find(case, ".".join(parts[:-1])) if len(parts) > 1 else case
-    return unit_of(type(owner), parts[-1])
+    derived = getattr(type(owner), "DERIVED", {})
+    return derived[parts[-1]][0] if parts[-1] in derived else unit_of(type(owner), parts[-1])
 
 
 def quantity(case: Any, name: str, value: float | str) -> float:
@@ -233,7 +234,7 @@ def _changes(case: Any, values: Mapping[str, Any]) -> list[_Change]:
 
 
 def _with(owner: Any, changes: list[_Change], checked: bool) -> Any:
-    values = {}
+    values = dict[str, Any]()
     for head in dict.fromkeys(change.path[0] for change in changes):
         part = owner[int(head)] if isinstance(owner, tuple) else getattr(owner, head)
         own = (change for change in changes if change.path[0] == head)
@@ -241,12 +242,24 @@ def _with(owner: Any, changes: list[_Change], checked: bool) -> Any:
         values[head] = _with(part, inner, checked) if inner[0].path else inner[0].value
     if isinstance(owner, tuple):
         return tuple(values.get(str(at), part) for at, part in enumerate(owner))
-    if not checked:
-        return _unchecked(owner, values)
     try:
-        return dataclasses.replace(owner, **values)
+        values = _of_fields(owner, values)
+        return dataclasses.replace(owner, **values) if checked else _unchecked(owner, values)
     except Refused as error:
         raise error.within(", ".join(change.name for change in changes)) from None
+
+
+def _of_fields(owner: Any, values: Mapping[str, Any]) -> dict[str, Any]:
+    """New values of fields: those that follow from numbers of `DERIVED` of a class, and others."""
+    derived = getattr(type(owner), "DERIVED", {})
+    fields = {name: value for name, value in values.items() if name not in derived}
+    for name in values.keys() & derived.keys():
+        positive(**{name: values[name]})
+        follows = derived[name][1](_unchecked(owner, fields), values[name])
+        if taken := fields.keys() & follows.keys():
+            raise Refused(f"{name} must not be changed together with {', '.join(taken)}")
+        fields |= follows
+    return fields
 
 
 def _unchecked(owner: Any, values: Mapping[str, Any]) -> Any:

@@ -1,20 +1,32 @@
 """Told: a figure of a design that somebody measured or published."""
 
+import math
+
+import numpy as np
 from scipy.special import ndtri
 
-from startrack.core import POSITIVE, Parameters, Range, Refused, Unit, parameter
+from startrack.core import POSITIVE, Floats, Parameters, Range, Refused, Unit, parameter
 
+AXES = ("across", "about")
 ERROR_FIGURES = ("NEA", "pixel", "FOV", "accuracy", "with bias")
 # Of frames, and the unit of each.
 FRAME_FIGURES = {
     "gain": "electron / digital number",
     "read noise": "digital number",
+    "PRNU": "1",
+    "full well": "electron",
     "star signal": "digital number",
+    "star electrons": "electron",
+    "SNR": "1",
+    "centroid noise": "pixel",
     "image width": "pixel",
     "common motion": "pixel",
     "limiting magnitude": "G",
     "residual": "pixel",
 }
+
+
+OF_STARS = "SNR", "centroid noise"  # figures of a star of some magnitude
 
 
 class Told(Parameters):
@@ -30,7 +42,9 @@ class Told(Parameters):
         'errors that it holds: "NEA", temporal noise; "pixel", with pixel spatial errors; "FOV", '
         'with field-of-view errors, too; "accuracy", with thermo-elastic errors; "with bias". Of '
         'frames: "gain", electron / digital number; "read noise", digital number; "star signal", '
-        "digital number of an exposure, of a sunlike star of G = 0 in the tracker's box; "
+        "digital number of an exposure, of a sunlike star of G = 0 in the tracker's box, and "
+        '"star electrons", electron; "SNR", that light over its standard deviation, and "centroid '
+        'noise", pixel rms of an axis, of a star of `magnitude`; "PRNU", 1; "full well", electron; '
         '"image width", pixel, root of the second moment in the box; "common motion", pixel rms of '
         'an axis, of third differences from frame to frame; "limiting magnitude", Gaia\'s G of a '
         'sunlike star at the detection threshold; "residual", pixel rms of an axis over the frame, '
@@ -38,8 +52,9 @@ class Told(Parameters):
         limit=Range(choices=(*ERROR_FIGURES, *FRAME_FIGURES)),
     )
     axis: str | None = parameter(
-        "of an error: across the boresight, per axis, or about it",
-        limit=Range(choices=("across", "about")),
+        "of an error: across the boresight, per axis, or about it; of several heads the mean of "
+        "their boresights",
+        limit=Range(choices=AXES),
         default=None,
     )
     value: float | None = parameter(
@@ -47,6 +62,11 @@ class Told(Parameters):
     )
     number: float | None = parameter(
         "of a figure of frames, in its unit", limit=POSITIVE, default=None
+    )
+    magnitude: float | None = parameter(
+        "Gaia's G of a sunlike star, of an SNR or a centroid noise",
+        limit=Range(-30, 30),
+        default=None,
     )
     level: float = parameter(
         'fraction of errors about one axis that are no larger, such as "99.73 %", as of a normal '
@@ -59,6 +79,19 @@ class Told(Parameters):
         limit=Range(1, 100, above=True),
         default=1.2,
     )
+    heads: int = parameter(
+        "alike and independent, of which it is the error after they are fused, each axis weighted "
+        "by the inverse of its variance",
+        limit=Range(1, 12),
+        default=1,
+    )
+    angle: float | None = parameter(
+        "between the boresights of two heads, or of neighbours of more heads, evenly on a cone; "
+        "to be given for two heads or more",
+        unit=Unit("rad", "deg"),
+        limit=Range(0, math.pi),
+        default=None,
+    )
     source: str = parameter("where the value is from; it has no effect", default="")
 
     def __post_init__(self) -> None:
@@ -70,6 +103,20 @@ class Told(Parameters):
             if needed != (one is not None):
                 must = "must be given" if needed else "must be left out"
                 raise Refused(f"{name} {must} of the told figure {self.figure!r}")
+        if (self.magnitude is not None) != (self.figure in OF_STARS):
+            must = "given" if self.figure in OF_STARS else "left out"
+            raise Refused(f"magnitude must be {must} of the told figure {self.figure!r}")
+        if of_frames and self.heads > 1:
+            raise Refused(f"heads must be 1 of the told figure {self.figure!r}, got {self.heads}")
+        if (self.angle is None) != (self.heads == 1):
+            must = "must be left out of one head" if self.heads == 1 else "must be given"
+            raise Refused(f"angle {must}, got heads = {self.heads}")
+        widest = 2 * math.pi / self.heads
+        if self.angle is not None and self.angle > widest * (1 + 1e-9):
+            raise Refused(
+                f"angle must be at most {math.degrees(widest):g} deg between neighbours of "
+                f"{self.heads} heads, got {math.degrees(self.angle):g} deg"
+            )
 
     @property
     def of_frames(self) -> bool:
@@ -78,7 +125,9 @@ class Told(Parameters):
 
     @property
     def name(self) -> str:
-        """Name of the figure, with its axis."""
+        """Name of the figure, with its axis or the magnitude of its star."""
+        if self.magnitude is not None:
+            return f"{self.figure} at G {self.magnitude:g}"
         return self.figure if self.axis is None else f"{self.figure} {self.axis}"
 
     @property
@@ -86,3 +135,25 @@ class Told(Parameters):
         """Radian, one sigma per axis, of an error."""
         assert self.value is not None
         return self.value / float(ndtri((1 + self.level) / 2))
+
+    def of_heads(self, errors: Floats) -> tuple[Floats, Floats]:
+        """The error about its axis after all heads are fused, and what each error of one changes.
+
+            I = sum_h (1 - n n^T) / across^2 + n n^T / about^2,   error_k^2 = 1 / I_kk
+
+        with the boresights n, and axes along and across their mean.
+
+        errors   (n, 2) radian rms per axis of one head, across and about
+        Returns  (n,) radian rms per axis; (n, 2) 1, derivatives of its logarithm by those of errors
+        """
+        axis = AXES.index(str(self.axis))
+        if self.angle is None:
+            return errors[:, axis], np.broadcast_to(np.eye(2)[axis], errors.shape)
+        slope = min(math.sin(self.angle / 2) / math.sin(math.pi / self.heads), 1.0) ** 2
+        # Mean square of the boresights along the axes across their mean, and along it.
+        around = (slope, 0.0) if self.heads == 2 else (slope / 2, slope / 2)
+        along = np.array(around if axis == 0 else (1 - slope,))[:, None]
+        part = self.heads * np.stack([(1 - along) / errors[:, 0] ** 2, along / errors[:, 1] ** 2])
+        square = 1 / part.sum(axis=0)
+        weight = (part * square**2).sum(axis=1) / square.sum(axis=0)
+        return np.sqrt(square.mean(axis=0)), weight.T

@@ -24,6 +24,7 @@ FORMS = (("low", "high"), ("median", "factor"), ("among",), ("among", "weight"))
 NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*")
 MOST_CHOICES = 100  # of a law; chosen by hand
 INCLUDE = "include"
+APERTURE, F_NUMBER = "instrument.optics.aperture", "f_number"  # which stand for each other
 Quantile = Callable[[str], float | None]  # name of an unknown -> its quantile; None: its middle
 
 
@@ -224,7 +225,7 @@ def with_laws(table: dict[str, Any], unknowns: Sequence[Unknown]) -> dict[str, A
             at = at[int(part)] if isinstance(at, list) else at.get(part, {})
         if isinstance(at, list):
             at[int(last)] = dict(unknown.law)
-        elif last in at:
+        elif last in at or (unknown.name == APERTURE and at.pop(F_NUMBER, None)):
             at[last] = dict(unknown.law)
     return table
 

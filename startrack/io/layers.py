@@ -8,6 +8,7 @@ import os
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import permutations
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -41,6 +42,7 @@ class Renewed(NamedTuple):
 
 
 NOT_RENEWED: Mapping[str, Renewed] = {}
+NO_PAIRS: Mapping[str, tuple[str, str]] = {}
 
 
 def _named_file(entry: object) -> str:
@@ -56,12 +58,15 @@ class LayerRules(NamedTuple):
     joined    keys of the outermost table whose lists of tables are added to those of the files
               below; an entry replaces one below that is alike in some keys, given with defaults
     renewed   tables of which one key stands for the others, by their places
+    instead   two keys of a table that say the same, by its place: a file that has one of them
+              takes the other one of files below away
     is_value  whether a table is a value, which replaces another one and is not merged with it
     file_of   the name of the file that an entry of `include` means; raises Refused where it is none
     """
 
     joined: Joined = NOT_JOINED
     renewed: Mapping[str, Renewed] = NOT_RENEWED
+    instead: Mapping[str, tuple[str, str]] = NO_PAIRS
     is_value: Callable[[object], bool] = lambda table: False
     file_of: Callable[[object], str] = _named_file
 
@@ -93,6 +98,9 @@ class Layers:
         rule = self.rules.renewed.get(place)
         if rule and rule.key in above:
             self._renew(below, rule, place, _origin(origin, f"{place}.{rule.key}"))
+        for key, other in permutations(self.rules.instead.get(place, ()), 2):
+            if key in above and other in below:
+                self.drop(f"{place}.{other}")
         for key, value in above.items():
             inner = f"{place}.{key}" if place else key
             if is_table(value) and is_table(below.get(key)):

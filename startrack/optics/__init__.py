@@ -72,7 +72,7 @@ from startrack.optics.lens_table import (
     save_lens,
 )
 from startrack.optics.measured_psf import brightest, file_of, lone_stars, reconstruct
-from startrack.optics.parameters import Optics, with_blur_as_length
+from startrack.optics.parameters import Optics, with_plain_optics
 from startrack.optics.pixel_psf import PsfInput, over_field, pixel_psf
 from startrack.optics.prescription import parse_prescription, read_prescription
 from startrack.optics.psf_file import PsfFile, load_psf_file, open_psf_file, save_psf_file

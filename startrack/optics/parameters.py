@@ -1,9 +1,9 @@
 """Optics: focal length, aperture, aberrations, blur, transmission, choice of the PSF."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import field
-from typing import Any
+from typing import Any, ClassVar
 
 from startrack import core
 from startrack.core import (
@@ -30,10 +30,16 @@ MEAN_SLOPE = 30.0  # squared, per axis, of equal parts of three aberrations of r
 LENSES = ("aplanatic", "perfect", "parabolic")
 COEFFICIENT = "OpenCV's distortion coefficients"
 PRINCIPAL_POINT = "pixel from the centre of the detector to the principal point"
+DIAMETER = Unit("m", "mm")
 
 
 class Optics(Parameters):
     """A lens."""
+
+    # Numbers that are no fields but may be replaced: their unit, and the fields that follow.
+    DERIVED: ClassVar[Mapping[str, tuple[Unit, Callable[[Any, float], Mapping[str, float]]]]] = {
+        "aperture": (DIAMETER, lambda optics, size: {"f_number": optics.focal_length / size})
+    }
 
     focal_length: float = parameter(
         "effective, for an object at infinity", unit=Unit("m", "mm"), limit=POSITIVE
@@ -281,16 +287,56 @@ def _refuse_first(there: dict[str, bool], beside: str) -> None:
         raise Refused(f"{name} must be left out beside {beside}")
 
 
-def with_blur_as_length(table: Mapping[str, Any], kind: type, place: str) -> Mapping[str, Any]:
+def with_plain_optics(table: Mapping[str, Any], kind: type, place: str) -> Mapping[str, Any]:
+    """A table with `optics` and `detector` whose optics have an f-number and a blur in metre.
+
+    kind    that the table is read as, with `optics` and `detector`
+    Raises  Refused with the place of an aperture beside an f-number, or that is no length; or of a
+            blur that is neither a length, pixels nor an angle.
+    """
+    return _with_blur_as_length(_with_f_number(table, f"{place}.optics"), kind, place)
+
+
+def _with_f_number(table: Mapping[str, Any], place: str) -> Mapping[str, Any]:
+    """Replace the aperture of a table by the f-number: the focal length over it."""
+    match table:
+        case {"optics": {"aperture": aperture} as optics}:
+            pass
+        case _:
+            return table
+    if "f_number" in optics:
+        raise Refused(
+            f"{place}.aperture must be left out beside f_number, got {core.shown(aperture)} and "
+            f"{core.shown(optics['f_number'])}"
+        )
+    if "focal_length" not in optics:
+        raise Refused(f"{place}.focal_length is missing")
+    size = _length(aperture, f"{place}.aperture")
+    f_number = _length(optics["focal_length"], f"{place}.focal_length") / size
+    rest = {key: value for key, value in optics.items() if key != "aperture"}
+    return {**table, "optics": {**rest, "f_number": f_number}}
+
+
+def _length(value: object, name: str) -> float:
+    """Metre; Raises Refused where it is no length above zero."""
+    example = f"{name} must be a length, such as '25 mm'"
+    if not isinstance(value, str):
+        raise Refused(f"{example}, got {core.shown(value)}")
+    try:
+        length = core.parse(value, DIAMETER.si)
+    except Refused as error:
+        raise Refused(f"{example}: {error}") from None
+    core.positive(**{name: length})
+    return length
+
+
+def _with_blur_as_length(table: Mapping[str, Any], kind: type, place: str) -> Mapping[str, Any]:
     """Replace a blur in pixel or as an angle in a table with `optics` and `detector`.
 
         blur = pixels pitch,  blur = angle image_distance
 
     with the pitch and the image distance of this table. A campaign that changes these leaves the
     length as it is.
-
-    kind    that the table is read as, with `optics` and `detector`
-    Raises  ValueError with the place of a blur that is neither a length, pixels nor an angle.
     """
     match table:
         case {"optics": {"blur": str(blur)} as optics}:

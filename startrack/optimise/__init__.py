@@ -39,6 +39,7 @@ sweep              Values of one or two keys of a design file -> the figures of 
 solve_for          A key, a limit -> the values of the key at which the design just keeps it.
 allocation         Case, units -> what each tolerance and each lever of a design buys.
 ensemble           Log-probability -> samples and their convergence diagnostics (emcee).
+priors             Laws of what a design does not know -> variables of a sampling, with densities.
 tolerance          Designs around one -> how far each variable may vary, by emcee on a quadratic
                    surface.
 tables             The results of studies as CSV, JSON lines and Markdown.
@@ -73,6 +74,7 @@ from startrack.optimise.landscape import Landscape
 from startrack.optimise.ledger import Ledger
 from startrack.optimise.optimise import Optimum, optimize
 from startrack.optimise.pareto import FrontGoals, Point, front
+from startrack.optimise.priors import LawPrior, priors_of
 from startrack.optimise.problem_front import OBJECTIVE, ProblemGoals, problem_front
 from startrack.optimise.problem_source import ProblemSource
 from startrack.optimise.problem_sweep import ProblemSweep, solve_problem_for, sweep_problem
@@ -131,6 +133,7 @@ __all__ = [
     "Foresight",
     "FrontGoals",
     "Improved",
+    "LawPrior",
     "Ledger",
     "ProblemGoals",
     "ProblemSource",
@@ -147,6 +150,7 @@ __all__ = [
     "least",
     "levers",
     "optimize",
+    "priors_of",
     "problem_front",
     "sample",
     "sensitivities",

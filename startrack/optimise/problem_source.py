@@ -82,6 +82,15 @@ class ProblemSource:
         return self.problem.settings.span
 
     @property
+    def laws(self) -> Mapping[str, str]:
+        """None: all is known."""
+        return {}
+
+    def log_prior(self, points: Floats) -> Floats:
+        """Zero: variables are uniform on their scale."""
+        return np.zeros(len(points))
+
+    @property
     def unit(self) -> DisplayUnit:
         """Unit of the objective."""
         return DisplayUnit(self.problem.text().unit, 1.0, 1.0)

@@ -18,6 +18,7 @@ from startrack.optimise.emulators import WholeNumbers
 from startrack.optimise.evaluate import Evaluation, Foresight, evaluate, foresee_all, missed
 from startrack.optimise.forecast import name_by_condition
 from startrack.optimise.ledger import Ledger
+from startrack.optimise.priors import LawPrior
 from startrack.optimise.runner import TrialRunner
 from startrack.verification import cost_margins
 
@@ -75,8 +76,15 @@ class StudiedSource(DesignSource, Protocol):
         """Fraction by which the objective may grow in the tolerance region."""
 
     @property
-    def span(self) -> float:
+    def span(self) -> float | Floats:
         """Half the width of that region's box, as a fraction of each variable's range."""
+
+    @property
+    def laws(self) -> Mapping[str, str]:
+        """Laws of variables that are not known, in words, by names."""
+
+    def log_prior(self, points: Floats) -> Floats:
+        """Logarithm (n,) of the density of designs (n, d) before any requirement."""
 
     @property
     def unit(self) -> DisplayUnit:
@@ -120,12 +128,14 @@ class TrackerSource:
 
     runner  computes the forecasts and keeps them; None: this process
     seed    of units and proposals, where there is no runner
+    priors  variables of the space that have a law, in which tolerances are sampled
     """
 
     space: DesignSpace
     campaign: Campaign
     runner: TrialRunner | None = None
     own_seed: int = 1
+    priors: Sequence[LawPrior] = ()
 
     @property
     def names(self) -> Sequence[str]:
@@ -163,9 +173,26 @@ class TrackerSource:
         return self.campaign.margin
 
     @property
-    def span(self) -> float:
-        """The setting of the campaign."""
-        return self.campaign.span
+    def span(self) -> Floats:
+        """The setting of the campaign; of what has a law, all of its range."""
+        known = {prior.variable.name for prior in self.priors}
+        return np.array([1.0 if name in known else self.campaign.span for name in self.names])
+
+    @property
+    def laws(self) -> Mapping[str, str]:
+        """Those of the priors."""
+        return {prior.variable.name: str(prior.unknown) for prior in self.priors}
+
+    def log_prior(self, points: Floats) -> Floats:
+        """That of the laws; all other variables are uniform on their scale."""
+        density = np.zeros(len(points))
+        for prior in self.priors:
+            name = prior.variable.name
+            low, high = (self.space.values(np.full(len(self.names), u))[name] for u in (0.0, 1.0))
+            at, ratio = points[:, self.names.index(name)], prior.variable.scale == "log"
+            value = low * (high / low) ** at if ratio else low + (high - low) * at
+            density += prior.log_density(value)
+        return density
 
     @property
     def unit(self) -> DisplayUnit:

@@ -316,6 +316,7 @@ def tolerance_values(tolerance: Tolerance) -> dict[str, Any]:
     return {
         "quantiles": list(FRACTIONS),
         "values_si": {name: [row[name] for row in rows] for name in names},
+        "priors": dict(tolerance.source.laws),
         "surface_error": tolerance.surface_error,
         "check_error": tolerance.check_error,
         "checks": tolerance.checks,
@@ -370,6 +371,9 @@ def tolerance_table(tolerance: Tolerance) -> str:
         f"{tolerance.kept:.2f}. Forecasts are corrected by {tolerance.centre.trials} trials of the "
         "design.",
     ]
+    laws = [f"{shown_as[name]}, {law}" for name, law in source.laws.items()]
+    if laws:
+        lines[-1] += f" Not known, with the laws of the design as priors: {'; '.join(laws)}."
     return "\n".join(lines)
 
 

@@ -112,9 +112,10 @@ def sample(source: StudiedSource, watch: Advance | None = None) -> Tolerance:
     itself; a quadratic fit of ln(objective) and of each margin; emcee (Foreman-Mackey et al. 2013,
     PASP 125, 306) on
 
-        p(design) ~ P(ln objective <= ln limit) * prod_i P(margin_i >= 0)
+        p(design) ~ p_0(design) P(ln objective <= ln limit) * prod_i P(margin_i >= 0)
 
-    with normal distributions of the surfaces' errors. Some designs of the region are then forecast
+    with normal distributions of the surfaces' errors and the prior p_0: the laws of what the design
+    does not know, and uniform in all other variables. Some designs of the region are then forecast
     to check the surface.
 
     watch     called with the number of designs that were just forecast, or are known
@@ -143,7 +144,13 @@ def sample(source: StudiedSource, watch: Advance | None = None) -> Tolerance:
         raise Refused("the design misses a requirement that no variable changes")
     surface = fit_surface(at, results[:, moving])
     limit = math.log(centre.error) + math.log1p(source.margin)
-    log_probability = region_of(surface, limit)
+    region = region_of(surface, limit)
+
+    def to_cube(points: Floats) -> Floats:
+        return np.asarray(low + (high - low) * (points + 1) / 2)
+
+    def log_probability(points: Floats) -> Floats:
+        return region(points) + source.log_prior(to_cube(points))
 
     def middle(rng: np.random.Generator, n: int) -> Floats:
         return START_WIDTH * rng.uniform(-1, 1, (n, d))
@@ -155,11 +162,11 @@ def sample(source: StudiedSource, watch: Advance | None = None) -> Tolerance:
     kept = (truth[:, 0] <= limit) & (truth[:, 1:] >= 0).all(axis=1)
     return Tolerance(
         source,
-        replace(chains, samples=low + (high - low) * (chains.samples + 1) / 2),
+        replace(chains, samples=to_cube(chains.samples)),
         math.exp(limit),
         float(surface.error[0]),
         float(np.sqrt(np.mean(difference**2))),
-        float(np.exp(log_probability(picks)).mean()),
+        float(np.exp(region(picks)).mean()),
         float(kept.sum() / len(picks)),
         len(at),
         centre,

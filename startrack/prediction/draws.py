@@ -14,7 +14,7 @@ from startrack.budget import Term, unit_budgets
 from startrack.core import Advance, Floats, Refused, printed, whole
 from startrack.design import Case, Design, Moment, Unknown, load_design, stratified
 from startrack.population import left_over, unit_of
-from startrack.verification import expected_in_frames
+from startrack.verification import expected_in_frames, expected_of_star
 
 # Of each unit, chosen by hand: what so few leave is in the scatter of the surface, and small beside
 # the width of most laws.
@@ -34,8 +34,8 @@ class Draw(NamedTuple):
                   and about it
     availability  1, mean of the units
     refused       why the design has no errors; empty where it has
-    frames        figures that frames measure, by name, of `expected_in_frames`; "residual" where
-                  the design is told one
+    frames        figures that frames measure, by name, of `expected_in_frames`; "residual", and
+                  those of stars of a magnitude, where the design is told one
     """
 
     number: int
@@ -114,6 +114,9 @@ def _draw(
     try:
         terms, available = _terms(design.case, seed, max(number, 0) * units, units, age)
         frames = expected_in_frames(design.case)
+        for told in design.told:
+            if told.magnitude is not None:
+                frames[told.name] = expected_of_star(design.case, told.figure, told.magnitude)
         if any(told.figure == RESIDUAL for told in design.told):
             frames[RESIDUAL] = _residual(design.case, seed, max(number, 0) * units, units)
     except Refused as error:

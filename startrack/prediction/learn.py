@@ -88,8 +88,8 @@ def learn(surface: PredictionSurface, told: Sequence[Told], seed: int) -> Learne
     if not surface.unknowns:
         raise Refused("told figures need values that are not known, got none")
     for one in told:
-        if one.of_frames and one.figure not in surface.frames.names:
-            raise Refused(f"told: the design has no {one.figure} in its frames")
+        if one.of_frames and one.name not in surface.frames.names:
+            raise Refused(f"told: the design has no {one.name} in its frames")
         if not one.of_frames and not surface.counted(TERMS[one.figure]):
             raise Refused(f"told: the design has no error that {one.figure} counts")
 
@@ -101,13 +101,12 @@ def learn(surface: PredictionSurface, told: Sequence[Told], seed: int) -> Learne
             if one.of_frames:
                 value += _of_frames(surface.frames, one, scores)
                 continue
-            axis = 0 if one.axis == "across" else 1
             which = surface.counted(TERMS[one.figure])
-            square = errors[:, which, axis] ** 2
-            expected = np.sqrt(square.sum(axis=1))
+            square = errors[:, which] ** 2
+            expected, weight = one.of_heads(np.sqrt(square.sum(axis=1)))
             share = square / square.sum(axis=1, keepdims=True)
-            scatter = share**2 @ surface.scatter[which, axis] ** 2
-            variance = math.log(one.factor) ** 2 + scatter
+            scatter = (share**2 * surface.scatter[which] ** 2).sum(axis=1)
+            variance = math.log(one.factor) ** 2 + (weight**2 * scatter).sum(axis=1)
             value -= (np.log(one.rms / expected) ** 2 / variance + np.log(variance)) / 2
         return value
 
@@ -125,7 +124,7 @@ def learn(surface: PredictionSurface, told: Sequence[Told], seed: int) -> Learne
 def _of_frames(frames: FrameSurface, told: Told, scores: Floats) -> Floats:
     """Logarithm of the likelihood (n,) of a told figure of frames."""
     assert told.number is not None
-    place = frames.names.index(told.figure)
+    place = frames.names.index(told.name)
     off = math.log(told.number) - frames.constant[place] - scores @ frames.slope[place]
     variance = math.log(told.factor) ** 2 + frames.scatter[place] ** 2
     return np.asarray(-(off**2) / variance / 2)

@@ -36,7 +36,11 @@ from startrack.verification.cases import boresights, cases, counted
 from startrack.verification.decide import Answer, Claim, Looks, YieldClaim, claims_of, tails
 from startrack.verification.figures import correlation, gain_in_flight
 from startrack.verification.flown import FlightComparison, compare_flown
-from startrack.verification.frame_figures import expected_in_frames, told_by_frames
+from startrack.verification.frame_figures import (
+    expected_in_frames,
+    expected_of_star,
+    told_by_frames,
+)
 from startrack.verification.prediction import simulate
 from startrack.verification.problem import problem_verdict_table, verify_problem
 from startrack.verification.units import (

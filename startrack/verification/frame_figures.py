@@ -15,7 +15,7 @@ from startrack import detection
 from startrack.core import Floats, Refused
 from startrack.design import Case, Told
 from startrack.motion import exposure_mean_rms
-from startrack.response import scale, star_images
+from startrack.response import READ, SHOT, errors, scale, star_images
 from startrack.verification.accuracy import limiting_magnitude
 from startrack.verification.figures import (
     ROUNDING,
@@ -38,6 +38,7 @@ SIDE = 8  # pixel, of the images whose corners give the background
 SUBPIXELS = 4  # places of a star in a pixel, along each axis
 # Of the logarithm of a figure, what reduction and formula differ by; by frames of drawn designs.
 LEAST_SIGMA = {"star signal": 0.01, "image width": 0.01}
+LEAST_KEPT = 1e-3  # chance with which a tracker measures a star of a figure
 LEAST_MOTION = 1e-3  # pixel, of a common motion that is told
 FEWEST_STILL = 16  # third differences between images that stay
 OFF_RATE = 0.01  # of the time between frames, by which it may differ from that of the design
@@ -71,7 +72,8 @@ def reduced(images: Floats, size: int) -> Reduced:
 def expected_in_frames(case: Case) -> dict[str, float]:
     """Figures that frames measure, by the design, as `told_by_frames` defines them.
 
-    With the limiting magnitude of `limiting_magnitude`, which nothing here measures.
+    With those of other measurements: the limiting magnitude of `limiting_magnitude`, and PRNU and
+    full well of a photon transfer.
 
     Empty where lines scan. Raises  Refused where the design has no image.
     Accuracy  model: pixels alike; one image for the whole field; jitter by user code left out.
@@ -81,22 +83,61 @@ def expected_in_frames(case: Case) -> dict[str, float]:
     detector = instrument.detector
     if detector.scan:
         return {}
-    # The middle of the image lies between pixels, of a cell on one.
-    place = (np.arange(SUBPIXELS) + 0.5) / SUBPIXELS - 1
-    places = np.stack(np.meshgrid(place, place), axis=-1).reshape(-1, 2)
-    images = star_images(instrument, places, SIDE + 2 * BORDER)[:, BORDER:-BORDER, BORDER:-BORDER]
-    seen = reduced(images, case.tracker.box.size)
+    seen = _reduced_stars(case)
+    light = scale(case).star * float(seen.total.mean())
     electrons = detector.electrons_per_dn
     motion = exposure_mean_rms(instrument.motion, detector.exposure, _passed(detector.update_rate))
     pixel = 1 / instrument.camera.focal_length_px
     return {
         "gain": electrons,
         "read noise": detector.noise / electrons,
-        "star signal": scale(case).star * float(seen.total.mean()) / electrons,
+        "PRNU": detector.prnu / detector.binning,
+        "full well": scale(case).largest,
+        "star signal": light / electrons,
+        "star electrons": light,
         "image width": math.sqrt(float(seen.moment.mean())),
         "common motion": math.sqrt(float((motion[:2] ** 2).mean())) / pixel,
         "limiting magnitude": limiting_magnitude(case),
     }
+
+
+def _reduced_stars(case: Case) -> Reduced:
+    """Light, as a fraction of all, and width of stars in the tracker's box, over places in a pixel.
+
+    The middle of the image lies between pixels, of a cell on one.
+    """
+    place = (np.arange(SUBPIXELS) + 0.5) / SUBPIXELS - 1
+    places = np.stack(np.meshgrid(place, place), axis=-1).reshape(-1, 2)
+    images = star_images(case.instrument, places, SIDE + 2 * BORDER)
+    return reduced(images[:, BORDER:-BORDER, BORDER:-BORDER], case.tracker.box.size)
+
+
+def expected_of_star(case: Case, figure: str, magnitude: float) -> float:
+    """Figure of a sunlike star of Gaia's G, by the design.
+
+        SNR = N / sqrt(F^2 (N + n sky) + sum_i w_i^2 noise^2),  N its light in the tracker's box
+
+    with the weights w of the n pixels of the box; "centroid noise", pixel rms of an axis, is the
+    temporal noise of the tracker's centroids as budgets have it.
+
+    Raises    Refused where lines scan, or the tracker detects no star of the magnitude.
+    """
+    if case.instrument.detector.scan:
+        raise Refused(f"told: {figure} must be left out where lines scan")
+    if figure == "SNR":
+        size = scale(case)
+        light = size.star * 10 ** (-0.4 * magnitude) * float(_reduced_stars(case).total.mean())
+        weight = detection.image_mask(case.tracker.box.size)
+        dark = float((weight**2).sum()) * size.pixel**2
+        return light / math.sqrt(size.excess * light + dark)
+    star = errors(case)
+    random = star.random[SHOT] + star.random[READ]
+    sigma = np.sqrt(np.trace(random, axis1=1, axis2=2) / 2)
+    seen = star.kept > LEAST_KEPT
+    if not seen.any() or not star.magnitude[seen].min() <= magnitude <= star.magnitude[seen].max():
+        raise Refused(f"told: the tracker must detect a star of G {magnitude:g}")
+    logarithm = np.interp(magnitude, star.magnitude[seen], np.log(sigma[seen]))
+    return math.exp(float(logarithm))
 
 
 def _passed(rate: float) -> Callable[[Floats], Floats]:

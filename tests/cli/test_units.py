@@ -7,8 +7,10 @@ from importlib import import_module
 import numpy as np
 import pytest
 
+from startrack.budget import Term, UnitBudgets
 from startrack.cli.main import main
-from startrack.cli.units import ADVICE
+from startrack.cli.units import ADVICE, units_answer
+from startrack.core import arcsec
 from startrack.design import design_keys
 from startrack.montecarlo import Store
 
@@ -42,6 +44,19 @@ def design(tmp_path):
     path = tmp_path / "varied.toml"
     path.write_text(DESIGN)
     return path
+
+
+def test_the_largest_part_is_of_the_median_unit_as_the_error_beside_it_is():
+    """Three units of 1, 2 and 30 arcsec, of which nearly all is one class."""
+    error = np.array([1.0, 2.0, 30.0])[:, None] * np.ones(3) * arcsec
+    terms = {Term.FIELD: 0.9 * error, Term.NOISE: 0.19**0.5 * error}
+    mean = np.zeros((3, 1, 3))
+    units = UnitBudgets(
+        0.0, mean, error[:, None], np.ones((3, 1)), np.zeros((3, 3)), terms, np.ones(3)
+    )
+    answer = units_answer(units, ())
+    assert answer.startswith("error 2 arcsec across")
+    assert "most of it across is FOV spatial: 1.8 arcsec;" in answer
 
 
 def test_units_have_a_yield_and_the_worst_is_explained(design, tmp_path, capsys):

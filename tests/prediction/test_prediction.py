@@ -5,6 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
 from startrack import Refused, arcsec, load_design
@@ -125,6 +126,58 @@ def test_a_told_choice_has_the_odds_of_its_values():
     odds = 3 * math.exp(-((math.log(1.5) / math.log(1.2)) ** 2) / 2)
     first, second = lesson.unknown.law["weight"]
     assert first / second == pytest.approx(odds, rel=0.15)
+
+
+@pytest.mark.parametrize(("heads", "angle"), [(2, 40), (2, 90), (3, 90), (4, 60)])
+def test_a_figure_of_fused_heads_is_that_of_their_best_estimate(heads, angle):
+    """Beside 40,000 least-squares estimates from errors that are drawn head by head."""
+    rng, errors, count = np.random.default_rng(1), np.array([1.0, 6.0]), 40_000
+    slope = np.arcsin(np.sin(np.radians(angle) / 2) / np.sin(np.pi / heads))
+    turns = [
+        Rotation.from_euler("ZY", [2 * np.pi * k / heads, slope]).as_matrix() for k in range(heads)
+    ]
+    boresights = np.array([turn[:, 2] for turn in turns])
+    assert np.degrees(np.arccos(boresights[0] @ boresights[1])) == pytest.approx(angle)
+    sigma = np.array([errors[0], errors[0], errors[1]])
+    seen = [sigma * rng.standard_normal((count, 3)) for _ in turns]
+    # Each head says its own components of the error, each of which is weighted by its sigma.
+    rows = np.concatenate([turn.T / sigma[:, None] for turn in turns])
+    values = np.concatenate([(one / sigma).T for one in seen])
+    best = np.linalg.lstsq(rows, values)[0]
+    rms = np.sqrt((best**2).mean(axis=1))
+    for axis, expected in (("across", np.hypot(*rms[:2]) / 2**0.5), ("about", rms[2])):
+        figure = Told("NEA", axis, arcsec, heads=heads, angle=np.radians(angle))
+        found, weight = figure.of_heads(errors[None])
+        assert found[0] == pytest.approx(expected, rel=0.01)  # 4 sigma of its chance
+        assert weight.sum() == pytest.approx(1.0), "both errors twice as large make it so"
+        for n in range(2):
+            more = errors * np.where(np.arange(2) == n, 1 + 1e-6, 1)
+            step = np.log(figure.of_heads(more[None])[0][0] / found[0]) / 1e-6
+            assert weight[0, n] == pytest.approx(step, abs=1e-5)
+
+
+def test_a_told_figure_of_two_heads_says_what_one_of_one_head_does():
+    """Across both of two heads with one boresight the error is that of one over the root of 2."""
+    draws = drawn(20, lambda quantile: 3 * arcsec * 2 ** norm.ppf(quantile["grid"]), (GRID,))
+    alone = prediction_of(draws, 1, 3, 0.0, [told(6.0, 1.5)]).learned.lessons[0]
+    both = Told("accuracy", "across", 6 / 2**0.5 * arcsec, factor=1.5, heads=2, angle=0.0)
+    fused = prediction_of(draws, 1, 3, 0.0, [both]).learned.lessons[0]
+    median = [float(one.unknown.law["median"].split()[0]) for one in (alone, fused)]
+    assert median[0] == pytest.approx(median[1], rel=0.02)
+    assert alone.narrowing == pytest.approx(fused.narrowing, rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ({"heads": 2}, "angle must be given, got heads = 2"),
+        ({"angle": 1.0}, "angle must be left out of one head, got heads = 1"),
+        ({"heads": 3, "angle": 2.2}, "angle must be at most 120 deg between neighbours of 3 heads"),
+    ],
+)
+def test_heads_need_the_angle_between_them(more, words):
+    with pytest.raises(Refused, match=words):
+        Told("accuracy", "across", arcsec, **more)
 
 
 @pytest.fixture

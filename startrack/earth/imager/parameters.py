@@ -34,7 +34,7 @@ from startrack.earth.imager.clouds import CloudLayer
 from startrack.earth.imager.land import Land
 from startrack.io import Layers, content, from_table, read_table, regular_file, shipped, with_points
 from startrack.motion import Motion
-from startrack.optics import Optics, with_blur_as_length
+from startrack.optics import Optics, with_plain_optics
 
 UNKNOWN = {
     "optics": ("principal_x", "principal_y", "k1", "k2", "p1", "p2", "k3"),
@@ -629,6 +629,6 @@ def _unshared(table: dict[str, Any], place: str) -> dict[str, Any]:
         layers.lay(shared, "")
         if isinstance(channel, dict):
             layers.lay(channel, "")
-            channel = with_blur_as_length(layers.table, Channel, f"{place}channels[{n}]")
+            channel = with_plain_optics(layers.table, Channel, f"{place}channels[{n}]")
         own.append(channel)
     return {**{key: value for key, value in table.items() if key != "shared"}, "channels": own}
