@@ -317,9 +317,21 @@ class Instrument(Parameters):
     def response(self) -> Floats:
         """Transmission times quantum efficiency, electron / photon, its mean in each bin.
 
+        Behind a mosaic the mean of its pixels.
+
         Returns  (k,) in the bins of WAVELENGTH
         Raises   Refused where a part of the light that matters has no bin.
         """
+        mosaic = self.detector.mosaic
+        return self._passed() if mosaic is None else mosaic.mean(self.response_of_colours)
+
+    @property
+    def response_of_colours(self) -> Floats:
+        """`response` (3, k) of the red, green and blue pixels of a mosaic."""
+        assert self.detector.mosaic
+        return np.array([self._passed(one) for one in self.detector.mosaic.filters])
+
+    def _passed(self, *filters: core.Curve) -> Floats:
         curves = self.optics.transmission, self.detector.quantum_efficiency
         outside = outside_bins(*curves)
         if outside > MOST_OUTSIDE:
@@ -328,7 +340,7 @@ class Instrument(Parameters):
                 f"spectra of stars are modelled, got {100 * outside:.0f} % of a sunlike star's "
                 "light outside"
             )
-        return in_bins(*curves)
+        return in_bins(*curves, *filters)
 
 
 class Tracker(Parameters):

@@ -32,7 +32,8 @@ OF_TABLE = {
 ANY_SIGN = "mean", "variance", "spatial", "magnitude"  # columns that may be zero or below it
 QUANTISATION = 1 / 12  # digital number squared
 LEAST_DARK = 0.24  # digital number squared, below which quantisation hides it: EMVA 1288, 6.6
-LINEAR = 0.7  # of saturation, to which the line is fitted: EMVA 1288, release 4.0, 6.6
+SATURATED = 0.1  # of the largest variance, below which the brightest level is saturated; by hand
+LINEAR = 0.7  # of the light of the largest variance, to which the line is fitted: EMVA 1288, 6.6
 FEWEST = 3  # levels of light on the line
 FITS = 5  # of a line whose weights are by the line before
 LEAST = 0.003  # of the logarithm of a figure, by which formula and reduction differ; by hand
@@ -91,10 +92,11 @@ def reduced_transfer(path: Path) -> list[MeasuredFigure]:
         s^2 = read^2 + 1 / 12 + K (mean - dark mean),   s_spatial^2 = s_0^2 + (prnu signal)^2
 
     in digital numbers, with the system gain K, the inverse of `gain`; the full well is the signal
-    of the largest variance, where brighter levels have less. A dark variance below 0.24 says
+    of the brightest level, where hardly any variance is left of the largest: of the pixel or of the
+    converter, whichever ends first. A dark variance below 0.24 says
     nothing, for quantisation decides it.
 
-    Source: EMVA 1288, release 4.0, 6.6 (photon transfer, saturation) and 8.2 (PRNU).
+    Source: EMVA 1288, release 4.0, 6.6 (photon transfer) and 8.2 (PRNU).
 
     path    of a table with `mean` and `variance` in time and, where it has one, `spatial`: variance
             between pixels, of means over many frames. The level of the least mean is dark.
@@ -123,11 +125,8 @@ def reduced_transfer(path: Path) -> list[MeasuredFigure]:
         (_, square), errors = _line(signal[line] ** 2, spatial[line])
         if square > 3 * errors[1]:
             found.append(MeasuredFigure("PRNU", math.sqrt(square), errors[1] / 2 / square))
-    if top < len(mean) - 1:
-        # As even over the steps on either side.
-        step = math.log(signal[top + 1] / signal[top - 1]) / 2
-        electrons = float(signal[top]) / slope
-        found.append(MeasuredFigure("full well", electrons, step / math.sqrt(3)))
+    if variance[-1] < SATURATED * variance[top]:
+        found.append(MeasuredFigure("full well", float(signal[-1]) / slope, errors[1] / slope))
     return found
 
 

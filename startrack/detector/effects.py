@@ -285,8 +285,9 @@ class PixelEffect(NamedTuple):
     stage       whose values it changes
     present     whether a detector has it
     change      values (rows, columns) of the stage -> values after the effect, a new array; None:
-                it needs more than these, and is applied where that is known (`lag` and `scan` in
-                the exposure; `age` before the read-out; the spread of the read noise with it)
+                it needs more than these, and is applied where that is known (`lag`, `scan` and
+                `mosaic` in the exposure; `age` before the read-out; the spread of the read noise
+                with it)
     whole_frame whether pixels then depend on each other, on the frame before or on their place, so
                 that windows and drawn spots refuse the detector by its key
     noise       whether it adds noise that does not depend on the signal
@@ -308,6 +309,13 @@ CODE = "charge_effects", "signal_effects", "image_effects"  # keys of lists of u
 # A row of another effect is inserted where the physics has it.
 PIXEL_EFFECTS = [
     PixelEffect("scan", EXPECTED, lambda detector: detector.scan),
+    PixelEffect(
+        "mosaic",
+        EXPECTED,
+        lambda detector: detector.mosaic,
+        left_out="the colours of single pixels: each has the mean of a cell of four "
+        "(instrument.detector.mosaic)",
+    ),
     PixelEffect("lag", EXPECTED, lambda detector: detector.lag),
     PixelEffect(
         "age.transfer_loss", EXPECTED, lambda detector: detector.age and detector.age.transfer_loss

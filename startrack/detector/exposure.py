@@ -15,6 +15,7 @@ from startrack.detector.ageing import Flickering, trailed
 from startrack.detector.collect import carry, diffuse
 from startrack.detector.law import Tables, expected_signal, law_of, unrounded_numbers
 from startrack.detector.maps import device_streams, flickering, response
+from startrack.detector.mosaic import Mosaic
 from startrack.detector.parameters import Detector
 from startrack.detector.readout import read_out
 from startrack.detector.stamp import stamp, stamp_paths
@@ -98,6 +99,7 @@ class Exposure:
     motion_function  motion of the camera at any time; needed by a rolling shutter
     residual_charge  (rows, columns) electron, the expected electrons of the frame before, of which
                      the detector adds its fraction `lag`; None: none, as in a first frame
+    of_colours       (3, k) throughput of red, green and blue pixels; needed by a mosaic
     """
 
     light: Light
@@ -109,6 +111,7 @@ class Exposure:
     throughput: Floats
     motion_function: MotionFunction | None = None
     residual_charge: Floats | None = None
+    of_colours: Floats | None = None
 
 
 def expose(exposure: Exposure, streams: core.Streams) -> core.Frame:
@@ -117,7 +120,8 @@ def expose(exposure: Exposure, streams: core.Streams) -> core.Frame:
     _, sky = arriving(exposure.light, exposure.camera, detector, exposure.throughput)
     # Of a uniform background, the frame before leaves as much as this one keeps back.
     evened = detector if exposure.residual_charge is None else replace(detector, lag=0.0)
-    tables = None if exposure.light.diffuse else collect.background_tables(evened, sky)
+    varied = exposure.light.diffuse or exposure.of_colours is not None
+    tables = None if varied else collect.background_tables(evened, sky)
     return frame_of(electrons, detector, streams, tables)
 
 
@@ -159,10 +163,12 @@ def expected(exposure: Exposure) -> Floats:
 
     Returns   (rows, columns) electron
     Raises    ValueError where camera and detector differ in size, or for a line detector.
-              TypeError where a rolling shutter has no `motion_function`.
+              TypeError where a rolling shutter has no `motion_function`, a mosaic no `of_colours`.
     Accuracy  model: the solid angle of a pixel is that on the boresight.
     """
     light, camera, detector = exposure.light, exposure.camera, exposure.detector
+    if detector.mosaic:
+        return _behind_mosaic(exposure, detector.mosaic)
     if detector.scan:
         raise Refused("detector must be a matrix where a frame is exposed at once, got lines")
     if (camera.rows, camera.columns) != (detector.rows, detector.columns):
@@ -188,6 +194,19 @@ def expected(exposure: Exposure) -> Floats:
         colour = collect.mean_wavelength(light, detector, exposure.throughput)
     draw(electrons, exposure.psf, places, star, detector, colour)
     return carry(electrons, exposure.residual_charge, detector.lag) if detector.lag else electrons
+
+
+def _behind_mosaic(exposure: Exposure, mosaic: Mosaic) -> Floats:
+    """Expected electrons (rows, columns), each pixel by the throughput of its colour."""
+    if exposure.of_colours is None:
+        raise TypeError("of_colours must be given where the detector has a mosaic, got None")
+    detector = replace(exposure.detector, mosaic=None)
+    images = [
+        expected(replace(exposure, detector=detector, throughput=throughput))
+        for throughput in exposure.of_colours
+    ]
+    at = (detector.region.top, detector.region.left) if detector.region else (0, 0)
+    return np.asarray(np.choose(mosaic.colours(detector.rows, detector.columns, *at), images))
 
 
 def arriving(

@@ -19,6 +19,7 @@ from startrack.core import (
 )
 from startrack.detector.ageing import TAILS, Age, typical
 from startrack.detector.imperfections import Defects, Hits, Pattern, Thermal
+from startrack.detector.mosaic import Mosaic
 
 LONGEST = 1024  # values, and pixels, of an impulse response
 KINDS = ("line", "staggered", "tdi", "lines")
@@ -226,6 +227,10 @@ class Detector(Parameters):
     lag: float = parameter(
         "fraction of the charge that remains for the next frame", limit=Range(0, 0.99), default=0.0
     )
+    mosaic: Mosaic | None = parameter(
+        "colour filters before the pixels; formulas have the mean of a cell of four pixels in each",
+        default=None,
+    )
     hits: Hits | None = parameter("cosmic rays and protons", default=None)
     blooming: bool = parameter(
         "whether charge above the full well flows along the column, or is lost", default=False
@@ -317,6 +322,18 @@ class Detector(Parameters):
             self._check_rate(self.frame_rate)
         if self.scan:
             self._check_scan(self.scan)
+        if self.mosaic:
+            self._check_mosaic()
+
+    def _check_mosaic(self) -> None:
+        beside = {
+            "scan": (self.scan, None),
+            "crosstalk": (self.crosstalk, 0.0),
+            "binning": (self.binning, 1),
+        }
+        for name, (value, absent) in beside.items():
+            if value != absent:
+                raise Refused(f"{name} must be {absent} beside mosaic, got {value}")
 
     def _refuse_oblong(self, x: float, y: float) -> None:
         square = math.sqrt(x * y)

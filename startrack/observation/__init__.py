@@ -64,6 +64,7 @@ from startrack.observation.stars import (
     sorted_wavelengths,
     stars_in_field,
     throughput,
+    throughput_of_colours,
 )
 
 # Public; the other imports serve other rooms.

@@ -11,7 +11,7 @@ from startrack.detector import Detector, Exposure, Line, LineExposure, Scan, exp
 from startrack.motion import Motion, MotionRealisation, realise_motion
 from startrack.observation.images import images_of, psf_of
 from startrack.observation.pointing import motion_before, motion_function
-from startrack.observation.stars import light_of, throughput
+from startrack.observation.stars import light_of, throughput, throughput_of_colours
 
 
 def sweep(case: Case, light: Light, icrs_to_camera: Rotation, streams: Streams) -> Frame:
@@ -138,6 +138,7 @@ def exposure_of(
         instrument.detector,
         throughput(instrument),
         motion_function(instrument, streams, turn),
+        of_colours=throughput_of_colours(instrument),
     )
     if not instrument.detector.lag:
         return exposure

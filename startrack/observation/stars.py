@@ -79,6 +79,13 @@ def throughput(instrument: Instrument) -> Floats:
     return instrument.optics.area * instrument.response
 
 
+def throughput_of_colours(instrument: Instrument) -> Floats | None:
+    """`throughput` (3, k) of red, green and blue pixels; None without a mosaic."""
+    if instrument.detector.mosaic is None:
+        return None
+    return instrument.optics.area * instrument.response_of_colours
+
+
 def sky_electrons(case: Case) -> float:
     """Electron in a pixel of mean response, of the sky's uniform light in an exposure."""
     instrument = case.instrument

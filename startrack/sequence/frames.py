@@ -118,6 +118,7 @@ def _frames(
             observation.throughput(instrument),
             turn.over,
             before,
+            observation.throughput_of_colours(instrument),
         )
         electrons = expected(exposure)
         before = electrons if detector.lag else None

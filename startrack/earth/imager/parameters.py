@@ -181,6 +181,8 @@ class Channel(Parameters):
                 raise ValueError("response must have wavelengths, and values above 0")
         if self.passband and self.band != core.ALL:
             raise core.Refused("band must be left out beside passband")
+        if self.detector.mosaic:
+            raise core.Refused("detector.mosaic must be left out of a channel, which has one band")
         if self.detector.scan and self.detector.scan.kind == "lines":
             raise ValueError("detector.scan.kind must be line, staggered or tdi, got lines")
         if self.restore is not None:
