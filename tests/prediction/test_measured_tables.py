@@ -110,7 +110,7 @@ def stars(tmp_path_factory):
     }
     case, believed = load_design(path, quantile=truth.__getitem__).case, load_design(path).case
     rows = ["magnitude,electrons,snr,centroid_noise"]
-    for field in range(3):
+    for field in range(2):
         attitude = random_attitude(Streams(field, 0))
         frames = [observe(case, attitude, Streams(3, k)).frame for k in range(FRAMES)]
         seen = [detect(frame, case.tracker.detection) for frame in frames]
@@ -147,7 +147,7 @@ def test_a_table_of_stars_tells_the_optics_that_made_its_frames(stars, tmp_path)
     assert {"star electrons", "SNR", "centroid noise"} == set(figures)
     found = learned(above, truth, 0.75)
     light = next(one for one in found.lessons if one.unknown.name.endswith("n.factor"))
-    assert light.narrowing < 0.2
+    assert light.narrowing < 0.3
     save_posterior(tmp_path / "posterior.toml", above, found)
     assert not load_design(tmp_path / "posterior.toml").told, "its laws hold the figures"
 
