@@ -5,7 +5,7 @@ parameters           Detector: pixels, exposure, noise, converter, optional effe
 imperfections        Thermal, Hits, Defects, Pattern: what a real detector adds to an ideal one.
 ageing               Orbit, shielding, years and a family of detectors -> what radiation did to
                      their pixels.
-mosaic               Mosaic: filters of three colours before the pixels of an array.
+mosaic               ColourMosaic: filters of three colours before the pixels of an array.
 maps                 Maps of one device: response, dark current and read noise of each pixel.
 collect              Light and detector -> electrons of stars, of the background and of diffuse
                      light (equation 4).
@@ -61,7 +61,7 @@ from startrack.detector.exposure import (
 from startrack.detector.imperfections import Defects, Hits, Pattern, Thermal, offsets
 from startrack.detector.law import BITS, alternating_numbers, expected_signal, law_of, tables_for
 from startrack.detector.maps import dark, device_streams, flickering, read_noise, response
-from startrack.detector.mosaic import Mosaic
+from startrack.detector.mosaic import ColourMosaic
 from startrack.detector.parameters import Detector, Line, RegionOfInterest, Scan, staggered, tdi
 from startrack.detector.readout import read_out
 from startrack.detector.scan import LineExposure, scan
@@ -85,6 +85,7 @@ from startrack.detector.windows import (
 # Public; the other imports serve other rooms.
 __all__ = [
     "Age",
+    "ColourMosaic",
     "Defects",
     "Detector",
     "EffectInput",
@@ -93,7 +94,6 @@ __all__ = [
     "Hits",
     "Line",
     "LineExposure",
-    "Mosaic",
     "Pattern",
     "RegionOfInterest",
     "Scan",

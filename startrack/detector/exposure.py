@@ -15,7 +15,7 @@ from startrack.detector.ageing import Flickering, trailed
 from startrack.detector.collect import carry, diffuse
 from startrack.detector.law import Tables, expected_signal, law_of, unrounded_numbers
 from startrack.detector.maps import device_streams, flickering, response
-from startrack.detector.mosaic import Mosaic
+from startrack.detector.mosaic import ColourMosaic
 from startrack.detector.parameters import Detector
 from startrack.detector.readout import read_out
 from startrack.detector.stamp import stamp, stamp_paths
@@ -196,7 +196,7 @@ def expected(exposure: Exposure) -> Floats:
     return carry(electrons, exposure.residual_charge, detector.lag) if detector.lag else electrons
 
 
-def _behind_mosaic(exposure: Exposure, mosaic: Mosaic) -> Floats:
+def _behind_mosaic(exposure: Exposure, mosaic: ColourMosaic) -> Floats:
     """Expected electrons (rows, columns), each pixel by the throughput of its colour."""
     if exposure.of_colours is None:
         raise TypeError("of_colours must be given where the detector has a mosaic, got None")

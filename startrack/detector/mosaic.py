@@ -1,4 +1,4 @@
-"""Mosaic: filters of three colours before the pixels of an array, one before each (Bayer)."""
+"""ColourMosaic: filters of three colours before the pixels of an array, one before each (Bayer)."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ COLOURS = "RGB"
 PATTERNS = ("RGGB", "BGGR", "GRBG", "GBRG")
 
 
-class Mosaic(Parameters):
+class ColourMosaic(Parameters):
     """Filters in cells of 2 x 2 pixels of the array: one red, two green, one blue.
 
     Source: Bayer (1976), US patent 3,971,065.

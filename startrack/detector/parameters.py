@@ -19,7 +19,7 @@ from startrack.core import (
 )
 from startrack.detector.ageing import TAILS, Age, typical
 from startrack.detector.imperfections import Defects, Hits, Pattern, Thermal
-from startrack.detector.mosaic import Mosaic
+from startrack.detector.mosaic import ColourMosaic
 
 LONGEST = 1024  # values, and pixels, of an impulse response
 KINDS = ("line", "staggered", "tdi", "lines")
@@ -227,7 +227,7 @@ class Detector(Parameters):
     lag: float = parameter(
         "fraction of the charge that remains for the next frame", limit=Range(0, 0.99), default=0.0
     )
-    mosaic: Mosaic | None = parameter(
+    mosaic: ColourMosaic | None = parameter(
         "colour filters before the pixels; formulas have the mean of a cell of four pixels in each",
         default=None,
     )

@@ -11,7 +11,7 @@ from startrack import Refused, Streams, load_design, nm, random_attitude, shippe
 from startrack.budget import analytic
 from startrack.core import Camera, Curve, Light, LineOfSight, Psf
 from startrack.design import Fidelity
-from startrack.detector import Detector, Exposure, Mosaic, RegionOfInterest, expected
+from startrack.detector import ColourMosaic, Detector, Exposure, RegionOfInterest, expected
 from startrack.response import scale
 from startrack.trial import observe, require_fidelity
 
@@ -30,7 +30,12 @@ def gaussian(sigma):
 
 def exposed(light, psf, mosaic=None, **changes):
     detector = Detector(
-        columns=32, rows=24, pixel_pitch=5e-6, exposure=0.1, mosaic=mosaic or Mosaic(), **changes
+        columns=32,
+        rows=24,
+        pixel_pitch=5e-6,
+        exposure=0.1,
+        mosaic=mosaic or ColourMosaic(),
+        **changes,
     )
     rest = LineOfSight(np.zeros(1), np.ones(1), np.zeros((1, 3)))
     view = light, psf, rest, Rotation.identity(), CAMERA, detector, np.full(3, np.nan)
@@ -50,7 +55,7 @@ def star(pixel, spectrum):
 @pytest.mark.parametrize("pattern", ["RGGB", "BGGR", "GRBG", "GBRG"])
 def test_each_pixel_has_the_light_of_its_colour(pattern):
     """0.1 s of 1000 photons: red 0.1 (0.2 + 2.4), green (0.1 + 1.8 + 0.3), blue (0.7 + 0.4)."""
-    image = exposed(sky(1e6), gaussian(1.0), Mosaic(pattern))
+    image = exposed(sky(1e6), gaussian(1.0), ColourMosaic(pattern))
     level = {"R": 26.0, "G": 22.0, "B": 11.0}
     cell = np.array([level[colour] for colour in pattern]).reshape(2, 2)
     np.testing.assert_allclose(image, np.tile(cell, (12, 16)), rtol=1e-12)
@@ -104,7 +109,7 @@ def behind(case, mosaic=None, transmission=None):
 
 
 def test_formulas_have_the_mean_of_designs_with_one_filter_each(case):
-    found = scale(behind(case, Mosaic(**FILTERS)))
+    found = scale(behind(case, ColourMosaic(**FILTERS)))
     alone = {name: scale(behind(case, transmission=curve)) for name, curve in FILTERS.items()}
     weights = {"red": 0.25, "green": 0.5, "blue": 0.25}
     for name in ("star", "background"):
@@ -115,7 +120,7 @@ def test_formulas_have_the_mean_of_designs_with_one_filter_each(case):
 def test_a_frame_has_the_numbers_of_frames_behind_each_filter(case):
     """Pixel by pixel, of expected electrons: the same as a camera whose lens has the filter."""
     attitude = random_attitude(Streams(1, 0))
-    image = observe(behind(case, Mosaic(**FILTERS)), attitude, Streams(1, 0)).frame.image
+    image = observe(behind(case, ColourMosaic(**FILTERS)), attitude, Streams(1, 0)).frame.image
     colour = np.tile(CELL, (image.shape[0] // 2, image.shape[1] // 2))
     step = case.instrument.detector.electrons_per_dn
     for number, curve in enumerate(FILTERS.values()):
@@ -128,7 +133,7 @@ def test_a_frame_has_the_numbers_of_frames_behind_each_filter(case):
 
 
 def test_what_cannot_have_it_says_so(case):
-    coloured = behind(case, Mosaic(**FILTERS))
+    coloured = behind(case, ColourMosaic(**FILTERS))
     require_fidelity(coloured, Fidelity.FRAME)
     for fidelity in (Fidelity.WINDOW, Fidelity.SPOTS, Fidelity.COVARIANCE):
         with pytest.raises(Refused, match="mosaic"):
@@ -140,7 +145,7 @@ def test_what_cannot_have_it_says_so(case):
 
 
 def test_a_light_without_colours_of_its_pixels_is_refused():
-    detector = Detector(columns=32, rows=24, pixel_pitch=5e-6, exposure=0.1, mosaic=Mosaic())
+    detector = Detector(columns=32, rows=24, pixel_pitch=5e-6, exposure=0.1, mosaic=ColourMosaic())
     rest = LineOfSight(np.zeros(1), np.ones(1), np.zeros((1, 3)))
     view = sky(1.0), gaussian(1.0), rest, Rotation.identity(), CAMERA, detector, THROUGHPUT
     with pytest.raises(TypeError, match="of_colours"):
