@@ -62,6 +62,9 @@ class Design:
         replaced = {variable.name for variable in self.campaign.variables}
         replaced |= {link.name for link in self.campaign.links}
         replaced |= {choice.name for choice in self.campaign.choices}
+        for table, keys in INSTEAD.items():
+            pair = {f"{table}.{key}" for key in keys}
+            replaced |= pair if replaced & pair else set()
 
         def is_replaced(name: str) -> bool:
             # A chosen detector replaces all but some of its keys.

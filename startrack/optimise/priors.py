@@ -53,11 +53,10 @@ def priors_of(design: Design, campaign: Campaign) -> list[LawPrior]:
     where conditions of the campaign have draws of them.
     """
     by_name = {variable.name: variable for variable in campaign.variables}
-    drawn = {unknown.name for unknown in design.open_unknowns} if campaign.unknown_draws else set()
-    followers = {link.name for link in campaign.links}
+    others = () if campaign.unknown_draws else design.open_unknowns
     case, found = design.case, list[LawPrior]()
     for unknown in design.unknowns:
-        if unknown.choice or unknown.name in drawn | followers:
+        if unknown.choice or not (unknown.name in by_name or unknown in others):
             continue
         law, name = unknown.law, unknown.name
         first = _si(case, unknown, law["low"] if "low" in law else law["median"])

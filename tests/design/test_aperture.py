@@ -92,6 +92,13 @@ def test_an_aperture_that_is_not_known_keeps_its_law(written, tmp_path):
     assert optics_of(copy, quantile=lambda name: 0.9).aperture == pytest.approx(29 * mm)
 
 
+def test_an_f_number_that_a_campaign_varies_takes_the_place_of_an_unknown_aperture(written):
+    text = f'[[campaign.variables]]\nname = "{F_NUMBER}"\nlow = 1.0\nhigh = 4.0\n'
+    design = load_design(written(f'aperture = {{ low = "20 mm", high = "30 mm" }}\n{text}'))
+    assert [unknown.name for unknown in design.unknowns] == [APERTURE]
+    assert not design.open_unknowns
+
+
 def test_draws_of_a_campaign_have_apertures(written):
     text = '[campaign]\nunknown_draws = 4\n[campaign.requirements]\nmax_across = "9 arcsec"\n'
     path = written(f'aperture = {{ low = "20 mm", high = "30 mm" }}\n{text}')
