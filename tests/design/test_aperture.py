@@ -100,7 +100,8 @@ def test_an_f_number_that_a_campaign_varies_takes_the_place_of_an_unknown_apertu
 
 
 def test_draws_of_a_campaign_have_apertures(written):
-    text = '[campaign]\nunknown_draws = 4\n[campaign.requirements]\nmax_across = "9 arcsec"\n'
+    text = "[campaign]\nvariables = []\nunknown_draws = 4\n"
+    text += '[campaign.requirements]\nmax_across = "9 arcsec"\n'
     path = written(f'aperture = {{ low = "20 mm", high = "30 mm" }}\n{text}')
     design = load_design(path)
     found = [
