@@ -27,13 +27,24 @@ from startrack.core import (
 
 REFERENCE = 550 * nm  # of visibility and extinction
 MOMENTS = 200  # of the phase function, which also sets the quadrature over its angle
-# Dry particles, dust-like and water-soluble in the fractions 0.3 and 0.7; and soot in towns.
+# Dry particles, dust-like and water-soluble in the fractions 0.3 and 0.7; and soot in towns. Over
+# the sea the small ones, and sea salt in place of the large ones, both grown at a relative humidity
+# of 80 %.
 # Source: Shettle and Fenn (1979), AFGL-TR-79-0214, tables 1 and 2; indices of the components as
-# in WMO (1983), WCP-55.
-SIZES = {"rural": (0.027 * um, 0.43 * um), "urban": (0.025 * um, 0.40 * um)}  # median radii
+# in WMO (1983), WCP-55; of water, Hale and Querry (1973), Appl. Opt. 12, 555.
+SIZES = {  # median radii
+    "rural": (0.027 * um, 0.43 * um),
+    "urban": (0.025 * um, 0.40 * um),
+    "maritime": (0.03274 * um, 0.3180 * um),
+}
+DRY = {"maritime": (0.027 * um, 0.16 * um)}  # before they grew
 SPREADS = (0.35, 0.40)  # standard deviation of log10(radius)
-FRACTIONS = (0.999875, 0.000125)  # of the number of particles
-SOOT = {"rural": 0.0, "urban": 0.2}  # of the volume
+FRACTIONS = {  # of the number of particles
+    "rural": (0.999875, 0.000125),
+    "urban": (0.999875, 0.000125),
+    "maritime": (0.99, 0.01),
+}
+SOOT = {"rural": 0.0, "urban": 0.2, "maritime": 0.0}  # of the volume
 INDEX_AT: Floats = np.array([400, 488, 550, 633, 694, 860, 1060, 1300, 1536, 1800, 2000]) * nm
 REAL: Floats = np.array([1.53, 1.53, 1.53, 1.53, 1.53, 1.52, 1.52, 1.4785, 1.4445, 1.4048, 1.34])
 DUST: Floats = np.full(11, 8e-3)
@@ -41,6 +52,11 @@ SOLUBLE: Floats = (
     np.array([5.0, 5.0, 6.0, 6.0, 7.0, 12.0, 17.0, 20.0, 23.0, 17.0, 10.0], np.float64) * 1e-3
 )
 SOOT_INDEX = 1.75 - 0.44j
+SALT: Floats = np.array([1.50, 1.50, 1.50, 1.49, 1.49, 1.48, 1.47, 1.47, 1.46, 1.45, 1.45])
+SALT_ABSORBS: Floats = np.array([3e-8, 2e-8, 1e-8, 2e-8, 1e-7, 3e-6, 2e-4, 4e-4, 6e-4, 8e-4, 1e-3])
+WATER: Floats = np.array([
+    *(1.339, 1.335, 1.333, 1.332, 1.331, 1.329, 1.326, 1.321, 1.316, 1.312, 1.306),
+])  # fmt: skip
 
 
 def sasktran2(part: str = "") -> Any:
@@ -147,15 +163,22 @@ class Haze(Parameters):
         return Particles(extinction, self.albedo * ones, ones[:, None] * legendre_moments)
 
 
-def index(aerosol: str, wavelength: Floats) -> NDArray[np.complex128]:
-    """Refractive index of the mixture, mixed by volume; held beyond 0.4 and 2 micrometre.
+def index(aerosol: str, wavelength: Floats, mode: int = 0) -> NDArray[np.complex128]:
+    """Refractive index of a mode's particles, mixed by volume; held beyond 0.4 and 2 micrometre.
 
     wavelength  (k,) metre
+    mode        0 of the small particles, 1 of the large ones
     Returns     (k,) 1, negative imaginary part absorbs
     """
     at = [np.interp(wavelength, INDEX_AT, part) for part in (REAL, DUST, SOLUBLE)]
     natural = at[0] - 1j * (0.3 * at[1] + 0.7 * at[2])
     mixed = (1 - SOOT[aerosol]) * natural + SOOT[aerosol] * SOOT_INDEX
+    if aerosol in DRY:
+        if mode:
+            salt, absorbs = (np.interp(wavelength, INDEX_AT, part) for part in (SALT, SALT_ABSORBS))
+            mixed = salt - 1j * absorbs
+        dry = (DRY[aerosol][mode] / SIZES[aerosol][mode]) ** 3  # fraction of the volume
+        mixed = dry * mixed + (1 - dry) * np.interp(wavelength, INDEX_AT, WATER)
     return mixed.astype(np.complex128)
 
 
@@ -165,16 +188,18 @@ def particles(aerosol: str, wavelength: tuple[float, ...]) -> Particles:
 
     wavelength  metre
     Raises      ModuleNotFoundError where sasktran2 is missing.
-    Accuracy    model: spheres, dry. At 550 nm albedo and asymmetry of the rural type come out as
-                0.941 and 0.648, where Shettle and Fenn print 0.941 and 0.648.
+    Accuracy    model: spheres, dry but over the sea. At 550 nm albedo and asymmetry of the rural
+                type come out as 0.941 and 0.648, where Shettle and Fenn print 0.941 and 0.648.
     """
     from scipy.stats import lognorm
 
-    modes = [
-        lognorm(s=math.log(10) * spread, scale=radius / nm)
-        for radius, spread in zip(SIZES[aerosol], SPREADS, strict=True)
-    ]
     at = np.array([REFERENCE, *wavelength])
-    mixed = mie(modes, FRACTIONS, at, index(aerosol, at), MOMENTS)
-    extinction, scattering, moments = mixed
+    modes = []
+    for mode, (radius, spread) in enumerate(zip(SIZES[aerosol], SPREADS, strict=True)):
+        sizes = lognorm(s=math.log(10) * spread, scale=radius / nm)
+        modes.append(mie([sizes], (1.0,), at, index(aerosol, at, mode), MOMENTS))
+    extinction, scattering = (np.array(FRACTIONS[aerosol]) @ [m[n] for m in modes] for n in (0, 1))
+    parts = [part * m[1] for part, m in zip(FRACTIONS[aerosol], modes, strict=True)]
+    moments = sum(part[:, None] * m[2] for part, m in zip(parts, modes, strict=True))
+    moments = moments / scattering[:, None]
     return Particles(extinction[1:] / extinction[0], scattering[1:] / extinction[1:], moments[1:])

@@ -20,6 +20,7 @@ files           FITS that is filled while an image is rendered; GeoTIFF with gro
 
 from startrack.earth.imager.adjacency import Environment, Plane, leaving, surrounded
 from startrack.earth.imager.band import (
+    HAZIEST,
     INFRARED,
     Band,
     air_table,

@@ -1,5 +1,6 @@
 """BandTable and thermal radiance of one channel, weighted with its response."""
 
+import math
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -16,7 +17,14 @@ from startrack.earth.terrain import Ground
 from startrack.io import shipped
 
 INFRARED = 3 * um  # a band beyond is infrared: thermal radiance exceeds scattered light there
-TABLES = "molecules", "rural-23km", "rural-5km"  # shipped
+# Shipped, by the type of aerosol, clearest first.
+TABLES = {
+    "rural": ("molecules", "rural-23km", "rural-5km"),
+    "urban": ("molecules", "urban-23km"),
+    "maritime": ("molecules", "maritime-23km"),
+}
+CLEAR = ("molecules",)
+HAZIEST = {"rural": 5e3, "urban": 23e3, "maritime": 23e3}  # metre, least visibility of the tables
 SCATTERERS = "rural-23km"  # the aerosol of the table beyond 3 um
 OUTER = 0.2 * um, 60 * um  # between which a channel detects light
 TableOfAir = atmosphere.AirTable | atmosphere.RadianceTable | atmosphere.InfraredTable
@@ -172,12 +180,13 @@ def air_table(air: atmosphere.Air | None, infrared: bool) -> TableOfAir:
             )
         heat = atmosphere.load_infrared(shipped("atmosphere/infrared.fits"))
         return replace(heat, particles=_shipped_air(SCATTERERS))
-    tables = [_shipped_air(name) for name in TABLES]
+    tables = [_shipped_air(name) for name in TABLES.get(air.aerosol, CLEAR)]
     particles = atmosphere.Air(air.aerosol, air.visibility)
     found = next((table for table in tables if table.air == particles), None)
-    if found is None and (air.aerosol != "rural" or air.visibility < tables[-1].air.visibility):
+    if found is None and air.visibility < HAZIEST.get(air.aerosol, math.inf):
         raise Refused(
-            f"air must be none, or rural from 5 to 150 km, got {air}; air.table may name another"
+            "air must be none, rural from 5 to 150 km, or urban or maritime from 23 to 150 km, "
+            f"got {air}; air.table may name another"
         )
     found = found or atmosphere.mixed(particles, tables)
     if (water, ozone) == found.air.columns:

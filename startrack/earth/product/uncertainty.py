@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import Floats
-from startrack.earth.imager import Channel, Knowledge, Setting, Survey, band_of
+from startrack.earth.imager import HAZIEST, Channel, Knowledge, Setting, Survey, band_of
 from startrack.earth.product import retrieval
 from startrack.earth.terrain import Ground
 
@@ -25,7 +25,7 @@ CAUSES = (
     "surroundings",
 )
 WARM = np.array([290.0])  # kelvin, of ground whose heat changes with the wavelength
-CLEAREST, HAZIEST = 100e3, 5e3  # metre, visibility of the tables
+CLEAREST = 100e3  # metre, visibility of the tables
 
 
 def contributors(
@@ -172,7 +172,7 @@ def _hazier(survey: Survey, channel: Channel, ground: Ground, setting: Setting) 
     if air is None or air.table or air.aerosol == "none":
         return setting
     other = air.visibility / (1 + survey.knowledge.visibility)
-    if other < HAZIEST:
+    if other < HAZIEST[air.aerosol]:
         other = min(air.visibility * (1 + survey.knowledge.visibility), CLEAREST)
     air = replace(air, visibility=other)
     return setting._replace(band=band_of(channel, air, _above(ground), survey.distance_to_sun))

@@ -256,6 +256,54 @@ def test_shipped_tables_are_those_that_were_built():
         assert hashlib.sha256((folder / name).read_bytes()).hexdigest() == digest
 
 
+OTHERS = ["urban", "maritime"]
+
+
+def absorbed(table, green, sun):
+    """Fraction of the sunlight that neither the ground nor space receives, black ground below."""
+    cosine = np.cos(table.sun[sun])
+    ring = 2 * np.trapezoid(table.path[green, 0, -1, :, sun], table.azimuth, axis=1)
+    zenith = np.linspace(0, np.pi / 2, 181)
+    radiance_up = np.interp(zenith, table.sensor, ring)
+    up = np.trapezoid(radiance_up * np.cos(zenith) * np.sin(zenith), zenith)
+    return 1 - table.beam[green, 0, sun] - (table.skylight[green, 0, sun] + up) / cosine
+
+
+@pytest.mark.parametrize(
+    ("aerosol", "lost"), [("rural", 0.0593), ("urban", 0.3618), ("maritime", 0.0065)]
+)
+def test_aerosols_dim_alike_and_absorb_as_they_do(aerosol, lost):
+    """Visibility sets the extinction at 550 nm; of light that particles take, `lost` is absorbed.
+
+    By LOWTRAN 7; light that is scattered more than once adds up to a half.
+    """
+    clear, rural, table = (
+        load_table(shipped(f"atmosphere/{name}.fits"))
+        for name in ("molecules", "rural-23km", f"{aerosol}-23km")
+    )
+    green, sun = int(np.argmin(abs(table.wavelength - 550 * nm))), 3
+    np.testing.assert_allclose(table.seen[green], rural.seen[green], rtol=1e-6)
+    taken = 1 - table.beam[green, 0, sun] / clear.beam[green, 0, sun]
+    by_particles = absorbed(table, green, sun) - absorbed(clear, green, sun)
+    assert lost * taken * 0.95 < by_particles < lost * taken * 1.5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("aerosol", OTHERS)
+def test_other_aerosols_have_the_light_of_the_polarised_solver(aerosol):
+    pytest.importorskip("sasktran2")
+    from air_solver import solve_radiance as solved
+
+    table = load_table(shipped(f"atmosphere/{aerosol}-23km.fits"))
+    some = np.array([0, 4, 6, 9, 12])
+    for v, s, p in ((5, 4, 0), (5, 6, 9), (3, 2, 4)):
+        ray = float(np.cos(table.sensor[v])), float(np.pi - table.azimuth[p]), 100e3
+        black, _, _ = solved(
+            Air(aerosol), table.wavelength[some], 0.0, np.cos(table.sun[s]), [ray], (0.0,), 8, True
+        )
+        np.testing.assert_allclose(table.path[some, 0, -1, v, s, p], black[0, :, 0], rtol=0.006)
+
+
 def three_tables():
     names = ("molecules", "rural-23km", "rural-5km")
     return [load_table(shipped(f"atmosphere/{name}.fits")) for name in names]
