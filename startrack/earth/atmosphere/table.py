@@ -93,7 +93,8 @@ class Air(Parameters):
     """One state of the atmosphere; the defaults are a clear day in mid-latitude summer."""
 
     aerosol: str = parameter(
-        'type of Shettle and Fenn (1979) below 100 km, or "none" for molecules alone',
+        'type of Shettle and Fenn (1979) below 100 km, or "none" for molecules alone; bands beyond '
+        "3 um have rural aerosol with a visibility of 23 km, whatever is given here",
         limit=Range(choices=AEROSOLS),
         default="rural",
     )
