@@ -9,7 +9,7 @@ import numpy as np
 
 from startrack.earth.atmosphere import AirTable, InfraredTable, infrared
 from startrack.earth.atmosphere import table as air_tables
-from startrack.scene import air_above
+from startrack.scene import air_above, dusk
 from startrack.scene import limb as limbs
 
 
@@ -67,3 +67,9 @@ def save_sky(path: Path, table: air_above.SkyTable) -> None:
     """Write a table as FITS in single precision, with checksums; `path` is written by name."""
     cards = {"SKY": (air_above.FORMAT, "format of this table of the sky")}
     save_checked(path, cards, {name: getattr(table, name) for name in air_above.ARRAYS})
+
+
+def save_dusk(path: Path, table: dusk.DuskTable) -> None:
+    """Write a table as FITS in single precision, with checksums; `path` is written by name."""
+    cards = {"DUSK": (dusk.FORMAT, "format of this table of twilight")}
+    save_checked(path, cards, {name: getattr(table, name) for name in dusk.ARRAYS})

@@ -15,7 +15,7 @@ from air_photons import Column, spread
 from startrack.core import LIGHT_SPEED, PLANCK, Floats, Streams, deg, nm
 from startrack.earth.atmosphere.spectra import sun_spectrum
 from startrack.earth.atmosphere.table import SPREADS, Air, AirTable, profile
-from startrack.scene import WAVELENGTH, Limb, SkyTable
+from startrack.scene import OZONE_FROM, OZONE_TO, WAVELENGTH, DuskTable, Limb, SkyTable
 
 TOP = 100e3  # metre, of the air
 PHOTONS = 300_000  # of each place and wavelength of `spread`
@@ -480,6 +480,89 @@ def build_sky(progress: Callable[[float], None] | None = None) -> SkyTable:
         np.stack([np.broadcast_to(molecular, by_aerosol.shape), by_aerosol]),
         *_of_bins(hazy),
     )
+
+
+DUSK_SUN: Floats = np.arange(90.0, 106, 3) * deg  # beyond, the solver has no finite light
+DUSK_COLUMNS = 7  # places between Sun and camera at which light is scattered again; see below
+DUSK_DIRECTIONS = 194  # from which it comes there
+DUSK_ALBEDO = 0.5
+
+
+def dusk_radiance(
+    wavelength: Floats,
+    sun: float,
+    rays: Sequence[tuple[float, float, float]],
+    albedo: float,
+    multiple: bool = True,
+    columns: int = DUSK_COLUMNS,
+    directions: int = DUSK_DIRECTIONS,
+) -> Floats:
+    """As `sky_radiance` with the Sun at or below the horizon, in air with ozone, without aerosol.
+
+    columns, directions  of the solver by successive orders
+    Accuracy  numerical: beside 13 columns and 302 directions 3 % with the Sun 4 degrees below the
+              horizon, 10 % at 8 degrees, 30 % at 12 degrees, towards the zenith at the ground.
+    """
+    sk = sasktran2()
+    config = sk.Config()
+    source = sk.MultipleScatterSource
+    config.multiple_scatter_source = source.SuccessiveOrders if multiple else source.NoSource
+    config.single_scatter_source = sk.SingleScatterSource.Exact
+    config.num_streams = 2
+    config.num_sza = columns
+    config.num_successive_orders_incoming = directions
+    geometry = sk.Geometry1D(
+        sun,
+        0.0,
+        EARTH,
+        SKY_LEVEL,
+        sk.InterpolationMethod.LinearInterpolation,
+        sk.GeometryType.Spherical,
+    )
+    view = sk.ViewingGeometry()
+    for zenith, azimuth, height in rays:
+        view.add_ray(sk.SolarAnglesObserverLocation(sun, azimuth, math.cos(zenith), height))
+    state = _molecules(sk, geometry, config, wavelength)
+    state["ozone"] = _ozone(sk, wavelength, config)
+    state["surface"] = sk.constituent.LambertianSurface(albedo)
+    radiance = sk.Engine(config, geometry, view).calculate_radiance(state)
+    return radiance.radiance.to_numpy()[:, :, 0]
+
+
+def ozone_extinction(wavelength: Floats) -> Floats:
+    """(k,) 1 / metre, of ozone between OZONE_FROM and OZONE_TO, where it lies evenly."""
+    _, ozone = Air("rural", 23e3).columns
+    once = transmittance("ozone", wavelength, np.ones(1), 0.0, ozone)[:, 0]
+    return np.asarray(-np.log(once) / (OZONE_TO - OZONE_FROM))
+
+
+def _ozone(sk: Any, wavelength: Floats, config: Any) -> Any:
+    inside = (SKY_LEVEL >= OZONE_FROM) & (SKY_LEVEL <= OZONE_TO)
+    extinction = inside[:, None] * ozone_extinction(wavelength)
+    moments = np.zeros((config.num_singlescatter_moments, *extinction.shape))
+    moments[0] = 1.0
+    return sk.constituent.Manual(extinction, np.zeros_like(extinction), moments)
+
+
+def build_dusk(progress: Callable[[float], None] | None = None) -> DuskTable:
+    """Solve the radiative transfer for cameras that look up while the Sun is below the horizon.
+
+    progress  called with the fraction that is done
+    Raises    ModuleNotFoundError where sasktran2 or pvlib is missing.
+    """
+    of_rays = len(SKY_WAVELENGTH), len(SKY_HEIGHT), len(SKY_ZENITH), len(SKY_AZIMUTH)
+    more = np.empty((*of_rays[:-1], len(DUSK_SUN), of_rays[-1]))
+    ground = np.empty((*of_rays[:-1], len(DUSK_SUN)))
+    rays = [(z, p, h) for h in SKY_HEIGHT for z in SKY_ZENITH for p in SKY_AZIMUTH]
+    for s, sun in enumerate(DUSK_SUN):
+        solve = partial(dusk_radiance, SKY_WAVELENGTH, math.cos(sun), rays)
+        black = solve(0.0)
+        more[:, :, :, s] = (black - solve(0.0, multiple=False)).reshape(of_rays)
+        added = (solve(DUSK_ALBEDO) - black) / DUSK_ALBEDO
+        ground[:, :, :, s] = added.reshape(of_rays).mean(-1)
+        if progress:
+            progress((s + 1) / len(DUSK_SUN))
+    return DuskTable(DUSK_SUN, more, ground, ozone_extinction(SKY_WAVELENGTH))
 
 
 def _rayleigh(wavelength: Floats, heights: Floats) -> Floats:

@@ -13,8 +13,8 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from air_files import save_limb, save_sky, save_table
-from air_solver import build, build_limb, build_sky
+from air_files import save_dusk, save_limb, save_sky, save_table
+from air_solver import build, build_dusk, build_limb, build_sky
 
 from startrack.earth.atmosphere import Air, AirTable, load_table
 from startrack.io.saving import save_text, whole
@@ -27,7 +27,7 @@ TABLES = {
 }
 OTHERS = {"urban-23km.fits": "urban", "maritime-23km.fits": "maritime"}
 SCATTERED = "path", "beam", "skylight", "seen", "around", "backscatter"
-SKY = "sky.fits"
+SKY, DUSK = "sky.fits", "dusk.fits"
 LIMBS = {"limb.fits": None, "limb-rural.fits": Air("rural", 23e3)}
 
 
@@ -46,6 +46,8 @@ def main() -> None:
             save_limb(draft, build_limb(aerosol=aerosol, progress=partial(show, name)))
     with whole(HERE / SKY) as draft:
         save_sky(draft, build_sky(partial(show, SKY)))
+    with whole(HERE / DUSK) as draft:
+        save_dusk(draft, build_dusk(partial(show, DUSK)))
     sign()
 
 

@@ -217,8 +217,8 @@ HOURS = "h"  # the unit of right ascensions in hours
 def angle_texts(path: Path, name: str, texts: Iterable[str]) -> tuple[Floats, str] | None:
     """A column of angles such as 05:14:32.3, 5h14m32.3s, -8d12'06" or "05 14 32.3".
 
-    Returns  the numbers with minutes and seconds as fractions, NaN for an empty field, and the unit
-             that letters say: HOURS, "deg", or "" without letters; None where a field is none
+    Returns  the angles as decimal numbers, NaN for an empty field, and the unit that the letters
+             in them give: HOURS, "deg", or "" without letters; None where a field is no such angle
     Raises   Refused where minutes or seconds are 60 or more, or units differ from row to row.
     """
     values, units = [], set[str]()

@@ -256,7 +256,7 @@ class Options:
         self.about, self.options, self.defaults = about, options, defaults
 
     def __call__(self, parser: argparse.ArgumentParser) -> None:
-        """Declare them, between --json and the others that all commands have."""
+        """Add these options to a parser, between --json and the others that all commands have."""
         wrapped = "\n\n".join(
             part if part.startswith("  ") else fill(part, 80) for part in self.about.split("\n\n")
         )

@@ -262,10 +262,10 @@ def code_in(value: Any, place: str = "") -> Iterator[tuple[str, str, str]]:
 
 
 def inputs_of(value: Any) -> dict[str, str]:
-    """Key and name of the files and of the code that a parameter object names -> their digests.
+    """Digests of the files and of the user code that a parameter object names, by key and name.
 
-    What a result depends on beside the values of the object. What is shipped with startrack is
-    not among them.
+    A result depends on them as it does on the values of the object. Files that are shipped with
+    startrack are not among them.
     """
     digests = {}
     for key, rule, name in _named_in(value):
@@ -289,9 +289,9 @@ def _named_in(value: Any, place: str = "") -> Iterator[tuple[str, Range, str]]:
 
 
 class CarriesCode(Parameters):
-    """A parameter object that processes exchange, with what its code may do.
+    """A parameter object that processes exchange, with the list of user code that may run.
 
-    So that the process that gets it may run the code that is allowed in that which sends it.
+    The receiving process may then run what the sending process was allowed to run.
     """
 
     def __getstate__(self) -> dict[str, Any]:

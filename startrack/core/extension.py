@@ -301,8 +301,8 @@ def received(modules: Mapping[str, str]) -> None:
 def call_code(group: str, name: str, given: Any) -> Any:
     """Result of the user function of this name for its input.
 
-    Raises  Refused where it refuses the design by one; ValueError with the key, the name and the
-            error, where it raises any other.
+    Raises  Refused where the code raises it, to refuse the design; ValueError with the key, the
+            name and the error, where the code raises any other error.
     """
     function = function_of(group, name)
     try:

@@ -102,7 +102,10 @@ def _strong(code: CodeType) -> CodeType:
 
 
 def _as_argument(value: Any) -> Any:
-    """A number as numba takes it: of a type that does not give way to an array's."""
+    """A Python number as a NumPy scalar, which keeps its precision in arithmetic with arrays.
+
+    numba does the same; NumPy gives a Python number the precision of the array.
+    """
     if type(value) is float:
         return np.float64(value)
     if type(value) is tuple:

@@ -55,8 +55,8 @@ def seen_from(scene: Scene, catalog: Selection) -> Selection:
 def believed_from(scene: Scene, true: Selection, believed: Selection) -> Selection:
     """The tracker's catalogue with its epoch and orbital velocity given.
 
-    What it leaves out is that of the true one where the scene has a date, or an orbit. What it
-    gives may differ from the truth.
+    An epoch that it leaves out is the true one where the scene has a date, and a velocity where it
+    has an orbit. Values that it gives may differ from the truth.
     """
     epoch, velocity = believed.year, believed.orbital_velocity
     if believed.epoch is None and scene.date is not None:

@@ -144,7 +144,10 @@ def ground_of(
 
 
 def background_of(law: SkyBackground, area: int, plan: DetectionPlan) -> FrameBackground:
-    """What the search of a frame of some pixels compares with, by the law of its filtered noise."""
+    """Thresholds of the search of a frame, from the law of its filtered noise.
+
+    area  pixel, of the frame
+    """
     far = equivalent_sigmas(plan.threshold(area), law.skewness, law.kurtosis)
     return FrameBackground(law, far, np.asarray(law.mean + EXAMINED * far * law.rms, np.float32))
 

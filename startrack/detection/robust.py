@@ -122,7 +122,8 @@ def plane(
 ) -> tuple[float, float, float, float]:
     """Level, slopes and noise of pixels on a gradient; `values` lose the slopes in place.
 
-    A slope counts only where it is no chance, so even sky is not made more uneven.
+    A slope is removed only where noise alone is unlikely to make it, so that an even background is
+    not made uneven.
 
     values   (n,) in any unit;  dx, dy  (n,) pixel, where they lie
     floor    least noise, in the unit of the values

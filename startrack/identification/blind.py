@@ -32,7 +32,8 @@ WIDEST_PINHOLE = 2.5  # radian
 def fields(first: float = USUAL) -> list[float]:
     """Fields of view to try, radian, the nearest to the first one first.
 
-    Their tolerances, of the focal length, by which the tangent of half a field goes, leave no gap.
+    Each is tried with a tolerance of the focal length. The steps are so small that the ranges of
+    neighbouring fields touch.
     """
     steps = [NARROWEST]
     covered = math.tan(NARROWEST / 2) * (1 + tolerance_of(NARROWEST))

@@ -147,7 +147,7 @@ COUNT = re.compile(rb"(%b)\s*=\s*(\d+)" % b"|".join(COUNTED))
 def require_fits(path: Path, data: bytes) -> None:
     """Refuse what astropy would read for hours: more axes or columns than the standard's 999.
 
-    Raises  ValueError where the bytes are no FITS file, too.
+    Raises  ValueError, also where the bytes are no FITS file.
     """
     if not data.startswith(b"SIMPLE"):  # nor what astropy would unpack by itself, without a limit
         raise Refused(f"{path} must be a whole FITS file, which begins with SIMPLE")

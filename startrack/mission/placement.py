@@ -510,7 +510,7 @@ def _mounted_behind(plan: MissionPlan, angle: float) -> tuple[Mounted, ...]:
 
 
 def _behind(head: Head, case: Case, angle: float) -> tuple[Head, Case]:
-    """A head and its design with a baffle that excludes the Sun from an angle on.
+    """A head, and its design behind a baffle with a given exclusion angle to the Sun.
 
     The tube, if there is one, gets the length that this angle needs, and Moon and Earth the
     exclusion angles that follow from it.

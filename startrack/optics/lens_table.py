@@ -50,7 +50,7 @@ class LensPoints(NamedTuple):
 class LensTable:
     """A lens of revolution for stars, at nodes of temperature, wavelength and field angle.
 
-    For a star whose image lies on the positive x axis. Its light is known on a sphere through the
+    The star's image lies on the positive x axis. Its light is known on a sphere through the
     exit pupil, about the place where the chief ray meets the detector. From a point of that sphere,
     (p, q) are the direction cosines towards its centre, and W is the optical path up to it:
 

@@ -41,7 +41,11 @@ class FreshTrials(NamedTuple):
 
     @classmethod
     def of_round(cls, number: int, campaign: Campaign) -> FreshTrials:
-        """Those of a round, from 0: 1, 1/2, 1/4, ... of the probability, so that all have two."""
+        """The fresh trials of a round, counted from 0.
+
+        Round k has 1 / 2^k of the probability of error, so that all rounds together have twice
+        that of the first.
+        """
         trials = campaign.fresh_trials * 2 ** (LOOKS - 1)
         units = campaign.fresh_units * 2 ** (UNIT_LOOKS - 1)
         return cls(FRESH + number * trials, FRESH_UNIT + number * units, 0.5**number)

@@ -416,7 +416,7 @@ def sweep(
 
 
 def swept_designs(keys: Sequence[str], points: int | None = None) -> int:
-    """The number of designs of a sweep; of whole numbers, at most.
+    """The number of designs of a sweep; where a key takes whole numbers, the largest possible one.
 
     Raises  Refused where a key is none.
     """

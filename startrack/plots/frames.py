@@ -206,7 +206,7 @@ def _scale_label(shown: Stretch, pixels: int) -> str:
 def _predicted(
     camera: Camera, icrs_to_camera: Rotation, stars: Stars, most: int
 ) -> tuple[Floats, Stars]:
-    """Pixels (n, 2) of the brightest stars in the frame, and these."""
+    """The brightest stars in the frame, at most `most`: their pixels (n, 2), and the stars."""
     direction = icrs_to_camera.apply(stars.direction)
     near = np.flatnonzero(direction[:, 2] > math.cos(camera.half_diagonal))
     pixel = camera.project(direction[near])

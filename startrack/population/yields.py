@@ -180,7 +180,7 @@ class PerUnit(NamedTuple):
 
     @property
     def worst(self) -> int | None:
-        """Number of the unit of the largest rms across; None where no unit has one."""
+        """Number of the unit whose rms across is largest; None where no unit has an rms."""
         if not np.isfinite(self.across).any():
             return None
         return int(self.unit[np.nanargmax(self.across)])

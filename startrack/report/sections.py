@@ -46,7 +46,7 @@ def design(case: Case) -> page.Section:
     scene, motion, identification = case.scene, instrument.motion, tracker.identification
     sky = "none" if scene.background_g is None else f"G {scene.background_g:g} per arcsec^2"
     if scene.sky is not None:
-        sky = f"of the day at {scene.sky.height / 1e3:g} km"
+        sky = f"of the air at {scene.sky.height / 1e3:g} km"
     jitter = " with jitter" if motion.jitters else ""
     rows = [
         [

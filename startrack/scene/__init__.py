@@ -11,15 +11,21 @@ limb        Light of the Earth's air: the bright limb as a table over tangent he
             airglow as thin shells.
 cities      The Earth at a date -> the lights of its large cities by night, as points.
 day_sky     DaySky: where a camera within or below the air looks, and where the Sun stands to it.
-air_above   DaySky -> photons of the sky above a camera, and transmittance of the air to stars.
+air_above   DaySky -> light that the air scatters by day, and its transmittance to stars.
+dusk        DaySky with the Sun below the horizontal -> what the air scatters of its light.
+night       DaySky at night -> the glow of the air, zodiacal light and faint stars above it.
+moonlight   DaySky and date -> where the Moon stands, and how bright it is.
+sky_light   DaySky -> photons of the sky above a camera at any hour, and what the air takes of
+            stars.
 background  Directions -> zodiacal light, and the light of stars below the catalogue's limit.
 illuminate  Stars -> Light: photons at the entrance pupil; diffuse light by user code.
 """
 
-from startrack.scene.air_above import SkyTable, load_sky, scattered_light, sky_light
+from startrack.scene.air_above import OZONE_FROM, OZONE_TO, SkyTable, load_sky, scattered_light
 from startrack.scene.background import zodiacal
 from startrack.scene.bodies import EARTH_ALBEDO, SUN_G, SUN_RADIUS, Disc, Earth, sunlight
 from startrack.scene.day_sky import DaySky
+from startrack.scene.dusk import DuskTable, load_dusk
 from startrack.scene.ephemeris import (
     BODIES,
     SkyObserver,
@@ -39,6 +45,7 @@ from startrack.scene.photometry import (
     in_bins,
     outside_bins,
 )
+from startrack.scene.sky_light import sky_light
 
 # Public; the other imports serve other rooms.
 __all__ = ["DaySky", "LightInput", "ObserverOrbit", "Scene", "Sight", "illuminate"]

@@ -82,45 +82,28 @@ def load_sky(path: Path) -> SkyTable:
         return SkyTable(*(parts[name].data.astype(np.float64) for name in ARRAYS))
 
 
-class SkyLight(NamedTuple):
-    """What the air gives and takes.
+def day_light(table: SkyTable, sky: DaySky, sun: SunPlace) -> Floats:
+    """(bins,) 1 / sr, light that the air scatters, over the irradiance of a Sun above the horizon.
 
-    background  (bins,) photon / s / m^2 / sr
-    through     (bins,) 1, of the light of stars in the line of sight
+    Accuracy  as `sky_light`
     """
-
-    background: Floats
-    through: Floats
-
-
-@lru_cache(maxsize=64)
-def sky_light(sky: DaySky, date: str | None = None) -> SkyLight:
-    """Light of the sky in the line of sight, and transmittance of the air above the camera.
-
-    Source: sasktran2 (Zawada et al.), by catalogs/atmosphere; the Sun and gases as for Earth
-    cameras.
-
-    date      UTC, where the sky is `dated`
-    Accuracy  model: clear air without clouds, no polarisation (up to 10 % at 400 nm, 3 % from 600
-              nm on), no twilight; where the Sun is below the horizontal, light that is scattered
-              more than once is that of a Sun at the horizontal, an upper limit. The aerosol of a
-              real stratosphere differs by a factor of two and more. Lines of gases are averaged
-              over bins of 10 nm. numerical: 2 % of the solver from 5 degrees of distance from the
-              Sun on.
-    """
-    table, sun = _table(), sky.sun(date)
     once = scattered_once(table, sky, sun)
-    black, lit = _scattered_more(table, sky, sun)
-    above = _above(sky.height)
-    slant, low = _air_mass(math.pi / 2 - sky.elevation), _air_mass(math.pi / 2 - sun.elevation)
+    black, lit = scattered_more(table, sky, sun)
+    above = above_of(sky.height)
+    slant, low = air_mass(math.pi / 2 - sky.elevation), air_mass(math.pi / 2 - sun.elevation)
     at_once = ABOVE_SCATTERING * above * (slant + low)
     from_ground = low + DIFFUSE_MASS * (1 - above) + ABOVE_SCATTERING * above * slant
-    direct = _to_bins(table, once + black) * _gases(table, at_once)
-    upward = _to_bins(table, lit) * _gases(table, from_ground)
-    background = (direct + upward) * table.irradiance / sun.far**2
+    direct = to_bins(table, once + black) * gas_transmittance(table, at_once)
+    upward = to_bins(table, lit) * gas_transmittance(table, from_ground)
+    return np.asarray(direct + upward)
+
+
+def starlight_through(table: SkyTable, sky: DaySky) -> Floats:
+    """(bins,) 1, transmittance of the air above the camera in the line of sight."""
     depth = _column(table, sky) @ _path(table, sky)
     through = np.exp(-np.interp(WAVELENGTH, table.wavelength, depth))
-    return SkyLight(background, through * _gases(table, above * slant))
+    slant = air_mass(math.pi / 2 - sky.elevation)
+    return np.asarray(through * gas_transmittance(table, above_of(sky.height) * slant))
 
 
 def scattered_light(sky: DaySky, date: str | None = None) -> tuple[Floats, Floats]:
@@ -128,9 +111,28 @@ def scattered_light(sky: DaySky, date: str | None = None) -> tuple[Floats, Float
 
     Returns  (k,) metre; (k,) 1 / sr, over the Sun's irradiance
     """
-    table, sun = _table(), sky.sun(date)
-    black, lit = _scattered_more(table, sky, sun)
+    table, sun = sky_table(), sky.sun(date)
+    black, lit = scattered_more(table, sky, sun)
     return table.wavelength, scattered_once(table, sky, sun) + black + lit
+
+
+class LitRay(NamedTuple):
+    """The line of sight in steps, and the light of a lamp that each of them scatters.
+
+    step    (n,) metre
+    radius  (n,) metre, from the Earth's centre
+    cosine  (n,) of the zenith angle of the Sun
+    light   (k, n) 4 pi / sr, light that is scattered once, over the Sun's irradiance
+    """
+
+    step: Floats
+    radius: Floats
+    cosine: Floats
+    light: Floats
+
+    def to_sun(self, table: SkyTable, layer: Floats) -> Floats:
+        """(k, n) optical depth of layers (k, l - 1) 1 / metre between each step and the Sun."""
+        return _depth_to_sun(table, layer, self.radius, self.cosine)
 
 
 def scattered_once(table: SkyTable, sky: DaySky, sun: SunPlace) -> Floats:
@@ -140,6 +142,16 @@ def scattered_once(table: SkyTable, sky: DaySky, sun: SunPlace) -> Floats:
 
     m, a are the extinctions of molecules and aerosol, s the aerosol's albedo, P phase functions at
     the Sun's distance. Straight rays through spherical layers; the ground hides the Sun.
+    """
+    return np.asarray(sources_of_ray(table, sky, sun).light.sum(1) / (4 * math.pi))
+
+
+def sources_of_ray(
+    table: SkyTable, sky: DaySky, sun: SunPlace, absorber: Floats | None = None
+) -> LitRay:
+    """The terms of the integral of `scattered_once`.
+
+    absorber  (k, l) 1 / metre, extinction by what absorbs and does not scatter
     """
     zenith = math.pi / 2 - sky.elevation
     start = EARTH + sky.height
@@ -152,16 +164,19 @@ def scattered_once(table: SkyTable, sky: DaySky, sun: SunPlace) -> Floats:
         np.array([np.interp(radius - EARTH, table.level, row) for row in rows])
         for rows in (table.molecules, sky.aerosol * table.aerosol)
     )
-    extinction = molecules + aerosol
+    extinction, layer = molecules + aerosol, _column(table, sky)
+    if absorber is not None:
+        extinction += np.array([np.interp(radius - EARTH, table.level, row) for row in absorber])
+        layer = layer + (absorber[:, 1:] + absorber[:, :-1]) / 2
     # To the middle of each step.
     depth = np.cumsum(extinction * step, 1) - extinction * step / 2
-    sunlight = _depth_to_sun(table, _column(table, sky), radius, cosine)
+    sunlight = _depth_to_sun(table, layer, radius, cosine)
     phase = [
         np.array([np.interp(sun.distance, table.angle, row) for row in rows])
         for rows in table.phase
     ]
     source = molecules * phase[0][:, None] + (table.single * phase[1])[:, None] * aerosol
-    return np.asarray((source * np.exp(-depth - sunlight) * step).sum(1) / (4 * math.pi))
+    return LitRay(step, radius, cosine, source * np.exp(-depth - sunlight) * step)
 
 
 def _reach(start: float, zenith: float, top: float) -> float:
@@ -198,16 +213,16 @@ def _depth_to_sun(table: SkyTable, layer: Floats, radius: Floats, cosine: Floats
     return np.where(hidden, np.inf, layer @ path.T)
 
 
-def _scattered_more(table: SkyTable, sky: DaySky, sun: SunPlace) -> tuple[Floats, Floats]:
-    """(k,) 1 / sr each: light that is scattered more than once, and light of the ground."""
-    zenith = min(max(math.pi / 2 - sun.elevation, 0.0), float(table.sun[-1]))
-    mass = 1 / math.sin(sky.elevation)
-    at = [sky.height, math.log(mass), zenith, _azimuth(sky, sun)]
-    axes = table.height, np.log(table.mass), table.sun, table.azimuth
+def scattered_more(table: SkyTable, sky: DaySky, sun: SunPlace) -> tuple[Floats, Floats]:
+    """(k,) 1 / sr each: light that is scattered more than once, and light of the ground.
+
+    Below the horizontal the Sun counts as at the horizontal.
+    """
+    axes, at = place_in(table, table.sun, sky, sun)
     black, lit = [], []
     for more, ground, returned in zip(table.multiple, table.ground, table.returned, strict=True):
-        black.append(_between(axes, more, at))
-        of_ground = _between(axes[:3], ground, at[:3])
+        black.append(between(axes, more, at))
+        of_ground = between(axes[:3], ground, at[:3])
         lit.append(sky.albedo * of_ground / (1 - sky.albedo * returned))
     clear, hazy = 1 - sky.aerosol, sky.aerosol
     mixed = (clear * part[0] + hazy * part[1] for part in (black, lit))
@@ -215,7 +230,17 @@ def _scattered_more(table: SkyTable, sky: DaySky, sun: SunPlace) -> tuple[Floats
     return first, second
 
 
-def _between(axes: Sequence[Floats], values: Floats, at: Sequence[float]) -> Floats:
+def place_in(
+    table: SkyTable, zenith: Floats, sky: DaySky, sun: SunPlace
+) -> tuple[tuple[Floats, ...], list[float]]:
+    """Axes of a table whose Sun is at zenith angles (s,), and the place of a sky in it."""
+    lowest = min(max(math.pi / 2 - sun.elevation, 0.0), float(zenith[-1]))
+    axes = table.height, np.log(table.mass), zenith, table.azimuth
+    mass = 1 / math.sin(sky.elevation)
+    return axes, [sky.height, math.log(mass), lowest, _azimuth(sky, sun)]
+
+
+def between(axes: Sequence[Floats], values: Floats, at: Sequence[float]) -> Floats:
     """(k,) values (k, ...) between nodes, by monotone cubic curves through their logarithms."""
     from scipy.interpolate import PchipInterpolator  # 0.1 s; few scenes are below the air
 
@@ -237,19 +262,19 @@ def _azimuth(sky: DaySky, sun: SunPlace) -> float:
     return math.acos(min(max(along / level, -1.0), 1.0))
 
 
-def _to_bins(table: SkyTable, values: Floats) -> Floats:
+def to_bins(table: SkyTable, values: Floats) -> Floats:
     """(bins,) from (k,), straight lines in the logarithms of wavelength and value."""
     logs = np.log(np.maximum(values, FAINT))
     return np.asarray(np.exp(np.interp(np.log(WAVELENGTH), np.log(table.wavelength), logs)))
 
 
-def _above(height: float) -> Floats:
+def above_of(height: float) -> Floats:
     """(3,) 1, fractions of water, mixed gases and ozone above a height."""
     ozone = min(max((OZONE_TO - height) / (OZONE_TO - OZONE_FROM), 0.0), 1.0)
     return np.array([math.exp(-height / WATER_SCALE), math.exp(-height / AIR_SCALE), ozone])
 
 
-def _gases(table: SkyTable, mass: Floats) -> Floats:
+def gas_transmittance(table: SkyTable, mass: Floats) -> Floats:
     """(bins,) 1, transmittance of (3,) air masses of water, mixed gases and ozone."""
     through = np.ones(len(WAVELENGTH))
     for rows, own in zip(table.gas, mass, strict=True):
@@ -257,12 +282,13 @@ def _gases(table: SkyTable, mass: Floats) -> Floats:
     return through
 
 
-def _air_mass(zenith: float) -> float:
+def air_mass(zenith: float) -> float:
     """Air masses at sea level; Kasten and Young (1989), Appl. Opt. 28, 4735."""
     angle = min(zenith / deg, 90.0)
     return 1 / (math.cos(angle * deg) + 0.50572 * (96.07995 - angle) ** -1.6364)
 
 
 @lru_cache(maxsize=1)
-def _table() -> SkyTable:
+def sky_table() -> SkyTable:
+    """The shipped table."""
     return load_sky(shipped("atmosphere/sky.fits"))

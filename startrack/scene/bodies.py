@@ -84,18 +84,27 @@ def sunlight(distance: float) -> Floats:
 def moon_of(observer: SkyObserver) -> Disc:
     """The Moon, by its phase.
 
+    Accuracy  as `moon_irradiance`
+    """
+    body = observer.see("moon")
+    radius = math.asin(MOON_RADIUS / body.distance)
+    light = moon_irradiance(body.phase_angle, body.distance, body.sun_distance)
+    return Disc(body.direction, radius, light, body.sun / body.sun_distance)
+
+
+def moon_irradiance(phase_angle: float, distance: float, sun_distance: float) -> Floats:
+    """(k,) photon / s / m^2 of the Moon; angle in radian, its distances in metre.
+
         V = -12.73 + 0.026 a + 4e-9 a^4,   a the phase angle in degrees, at the mean distance
 
     Source: Krisciunas and Schaefer (1991), PASP 103, 1033, eq. (9).
     Accuracy  model: 0.1 mag below 7 degrees of phase, where it is brighter still; the colour is the
               Sun's; no earthlight.
     """
-    body = observer.see("moon")
-    phase, radius = body.phase_angle / deg, math.asin(MOON_RADIUS / body.distance)
+    phase = phase_angle / deg
     full = -12.73 + 0.026 * phase + 4e-9 * phase**4
-    v = full + 5 * math.log10(body.distance / MOON_DISTANCE * body.sun_distance / AU)
-    light = photon_irradiance(np.array([v + SUN_G_MINUS_V]), np.array([SUN]))[0]
-    return Disc(body.direction, radius, light, body.sun / body.sun_distance)
+    v = full + 5 * math.log10(distance / MOON_DISTANCE * sun_distance / AU)
+    return photon_irradiance(np.array([v + SUN_G_MINUS_V]), np.array([SUN]))[0]
 
 
 @dataclass(frozen=True, eq=False)

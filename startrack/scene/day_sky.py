@@ -9,11 +9,12 @@ from typing import NamedTuple
 import numpy as np
 
 from startrack.core import Floats, Parameters, Range, Refused, Unit, deg, parameter
-from startrack.space import EARTH_RADIUS, sun_direction
+from startrack.space import sun_direction
 
 HIGHEST_SITE = 40e3  # metre
 LOWEST_LINE = 10 * deg  # of a line of sight above the horizontal
 MOST_AEROSOL = 2.0
+DARKEST_CITY, DARKEST = 12.0, 26.0  # V magnitude per square arcsecond
 ROUNDING = 1e-9  # radian
 # Refraction at 45 degrees and sea level, radian, Saemundsson's formula as Meeus (1998) has it,
 # Astronomical Algorithms, 2nd ed., eq. (16.4); the air thins out with the scale of its density.
@@ -30,10 +31,11 @@ class SunPlace(NamedTuple):
 
 
 class DaySky(Parameters):
-    """The sky by day for a camera within or below the air, whose line of sight stays to the Sun.
+    """The sky for a camera within or below the air, whose line of sight stays to the Sun.
 
-    The Sun's place is given by its elevation and distance from the line of sight, or follows from
-    the scene's date, the place on the Earth and the azimuth of the line of sight.
+    By day, in twilight and at night. The Sun's place is given by its elevation and distance from
+    the line of sight, or follows from the scene's date, the place on the Earth and the azimuth of
+    the line of sight; the Moon is there where it follows from them, too.
     """
 
     height: float = parameter(
@@ -47,8 +49,8 @@ class DaySky(Parameters):
         limit=Range(LOWEST_LINE, math.pi / 2),
     )
     sun_elevation: float | None = parameter(
-        "of the Sun's centre, above the horizon that the camera sees: at 38 km down to -6 deg. "
-        "Twilight and night are not modelled. None: from date and place",
+        "of the Sun's centre above the horizontal; negative in twilight and at night. None: from "
+        "date and place",
         unit=Unit("rad", "deg"),
         limit=Range(-math.pi / 2, math.pi / 2),
         default=None,
@@ -88,6 +90,12 @@ class DaySky(Parameters):
         limit=Range(0, 1),
         default=0.3,
     )
+    night_v: float | None = parameter(
+        "V magnitude per square arcsecond of the night sky overhead without Moon and twilight, as "
+        "a sky quality meter shows it: 21.6 far from cities, 18 in one. None: the natural sky",
+        limit=Range(DARKEST_CITY, DARKEST),
+        default=None,
+    )
     stray_g: float | None = field(default=None, metadata={"computed": True})
 
     def __post_init__(self) -> None:
@@ -111,33 +119,22 @@ class DaySky(Parameters):
         """The Sun's place.
 
         date      UTC, where the sky is `dated`
-        Raises    Refused where the Sun is below the horizon that the camera sees.
         Accuracy  model: 10 arcsec, and the distance in AU is the mean one without a date.
         """
         if self.latitude is None or self.longitude is None or self.azimuth is None:
             return SunPlace(self.sun_elevation or 0.0, self.sun_distance or 0.0)
-        towards = sun_direction(str(date)) @ _horizon(self.latitude, self.longitude)
-        level = math.cos(self.elevation)
+        towards = sun_direction(str(date)) @ horizon_axes(self.latitude, self.longitude)
+        return SunPlace(math.asin(float(towards[2])), self.distance_of(towards))
+
+    def distance_of(self, towards: Floats) -> float:
+        """Radian between the line of sight and a direction (3,) to east, north and up."""
+        level, azimuth = math.cos(self.elevation), self.azimuth or 0.0
         line = np.array(
-            [
-                level * math.sin(self.azimuth),
-                level * math.cos(self.azimuth),
-                math.sin(self.elevation),
-            ]
+            [level * math.sin(azimuth), level * math.cos(azimuth), math.sin(self.elevation)]
         )
-        apart = 2 * math.asin(min(float(np.linalg.norm(line - towards)) / 2, 1.0))
-        place = SunPlace(math.asin(float(towards[2])), apart)
-        self._check(place)
-        return place
+        return 2 * math.asin(min(float(np.linalg.norm(line - towards)) / 2, 1.0))
 
     def _check(self, sun: SunPlace) -> None:
-        dip = math.acos(EARTH_RADIUS / (EARTH_RADIUS + self.height))
-        if sun.elevation < -dip - ROUNDING:
-            raise Refused(
-                f"sun_elevation must be at least {-dip / deg:.2f} deg, the horizon from "
-                f"{self.height / 1e3:g} km, as twilight and night are not modelled, got "
-                f"{sun.elevation / deg:.4g} deg"
-            )
         least = abs(sun.elevation - self.elevation)
         most = math.pi - abs(sun.elevation + self.elevation)
         if not least - ROUNDING <= sun.distance <= most + ROUNDING:
@@ -161,7 +158,7 @@ class DaySky(Parameters):
         return max(REFRACTION / math.tan(angle), 0.0) * math.exp(-self.height / DENSITY_SCALE)
 
 
-def _horizon(latitude: float, longitude: float) -> Floats:
+def horizon_axes(latitude: float, longitude: float) -> Floats:
     """Columns east, north and up (3, 3) in the Earth's axes."""
     (s, c), (sl, cl) = ((math.sin(x), math.cos(x)) for x in (latitude, longitude))
     return np.array([[-sl, -s * cl, c * cl], [cl, -s * sl, c * sl], [0.0, c, s]])

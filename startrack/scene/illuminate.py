@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 from startrack import core
 from startrack.core import Floats, Light, Stars
 from startrack.scene import photometry
-from startrack.scene.air_above import sky_light
 from startrack.scene.background import starlight, starlight_spectrum, zodiacal, zodiacal_spectrum
 from startrack.scene.bodies import Disc, Earth, disc_points, earth_of, moon_of, sun_of
 from startrack.scene.cities import cities
@@ -20,6 +19,7 @@ from startrack.scene.limb import HIGHEST, airglow, limb_light
 from startrack.scene.parameters import LIGHTS, Scene
 from startrack.scene.photometry import SUN, SUN_G_MINUS_V, WAVELENGTH, photon_irradiance
 from startrack.scene.planets import PLANETS, magnitude_v
+from startrack.scene.sky_light import sky_light
 from startrack.space import AU, EARTH_RADIUS
 
 GROUP = "lights"
@@ -58,10 +58,10 @@ class LightInput:
 def light_by_code(name: str, given: Callable[[int], LightInput]) -> Iterator[core.DiffuseLight]:
     """The light of a function that a design names, as sums of a spectrum times a map.
 
-    The function is asked at OWN_NODES along each side of the frame, and at twice as many until
-    straight lines between every second point are within twice TOLERANCE of the brightest light at
-    the points between, in each bin, so that the light is within TOLERANCE between all points; the
-    coarsest map within TOLERANCE is kept.
+    The function is asked at OWN_NODES points along each side of the frame. The number is doubled
+    until linear interpolation between every second point is wrong by at most twice TOLERANCE of
+    the brightest light, in each bin: interpolation between all points is then within TOLERANCE.
+    The coarsest map within TOLERANCE is kept.
 
     given     makes the input for a number of points along a side, with the same random numbers
     Raises    ValueError where the function raises an error, or returns what it must not. Refused
@@ -153,10 +153,10 @@ def illuminate(scene: Scene, stars: Stars, sight: Sight | None = None) -> Light:
     Raises    ValueError where a disc in the field has too many pixels. TypeError where the scene
               draws a date or an orbit and `sight` has no streams.
     Accuracy  model: those of `photon_irradiance`, `zodiacal`, `starlight`, `magnitude_v`,
-              `sky_light` and `bodies`; by day the sky of the line of sight is that of the whole
-              field; a body hides a star completely or not at all; discs do not move during the
-              exposure. numerical: 1 % between the nodes of the maps of diffuse light; the Earth's
-              limb within 1/128 of the frame.
+              `sky_light` and `bodies`; within the air the sky of the line of sight is that of
+              the whole field; a body hides a star completely or not at all; discs do not move
+              during the exposure. numerical: 1 % between the nodes of the maps of diffuse light;
+              the Earth's limb within 1/128 of the frame.
     """
     rate = photon_irradiance(stars.magnitude_g, photometry.colour_temperature(stars.colour))
     background = _uniform_background(scene.background_g)

@@ -125,7 +125,7 @@ class Scene(Parameters):
         default="molecules",
     )
     sky: DaySky | None = parameter(
-        "The sky by day above a camera within or below the air, in place of `background_g`; "
+        "The sky above a camera within or below the air, in place of `background_g`; "
         "without it the camera is above the air.",
         default=None,
     )

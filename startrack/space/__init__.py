@@ -21,6 +21,7 @@ from startrack.space.bodies import (
     bodies_of,
     body_states,
     distance_to_sun,
+    moon_position,
     seen_from,
     sun_direction,
     to_itrs,

@@ -218,3 +218,18 @@ def sun_direction(epoch: str, second: float = 0.0) -> Floats:
         date = utc(epoch) + second * units.s
         there = get_body("sun", date).transform_to(ITRS(obstime=date)).cartesian.xyz.value
     return read_only(there / np.linalg.norm(there))
+
+
+@lru_cache(maxsize=64)
+def moon_position(epoch: str) -> Floats:
+    """Metre (3,) from the Earth's centre to the Moon in ITRS; read-only.
+
+    Accuracy  model: astropy's built-in ephemeris, 20 arcsec.
+    """
+    from astropy import units
+    from astropy.coordinates import ITRS, get_body
+
+    with installed_tables():
+        date = utc(epoch)
+        there = get_body("moon", date).transform_to(ITRS(obstime=date)).cartesian.xyz
+    return read_only(there.to_value(units.m))

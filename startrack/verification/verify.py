@@ -179,10 +179,10 @@ def bounds_of_errors(
 def with_bounds(
     summary: Summary, needs: Requirements, bounds: Iterable[tuple[Claim, Interval]]
 ) -> Summary:
-    """A summary whose rms errors have the bounds by which they are judged, where these are of 95 %.
+    """A summary whose rms errors have the intervals by which requirements are judged.
 
-    An error then has the same interval in the summary and in its requirement. These bounds hold for
-    skewed distributions of the squares, too.
+    An error then has the same 95 % interval in the summary and in its requirement. The intervals
+    hold for skewed distributions of the squares, too.
     """
     known: dict[str, Any] = {
         claim.accuracy.name: interval

@@ -131,7 +131,8 @@ def path_at(lines: Lattice, ray: Ray, s: float) -> Path:
 def crossing(q0: float, q1: float, q2: float, sign: int, target: float) -> float:
     """Point at which a quadratic reaches `target` on its branch that rises (sign 1) or falls (-1).
 
-    Nearly straight ones by the reverted series, to 1e-16; infinity where it does not reach it.
+    Where the quadratic is nearly straight, by its reverted series, to 1e-16. Infinity where the
+    quadratic does not reach the target.
     """
     rest = target - q0
     slow = q1 * q1

@@ -1,0 +1,73 @@
+"""DaySky at night -> the glow of the air, zodiacal light and faint stars above it."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+
+from startrack.core import GOLDEN_ANGLE, Floats, deg, nm
+from startrack.scene.background import starlight, starlight_spectrum, zodiacal, zodiacal_spectrum
+from startrack.scene.day_sky import DaySky
+from startrack.scene.limb import SHELLS, Shell, spectrum
+from startrack.scene.photometry import SUN, SUN_G_MINUS_V, WAVELENGTH, photon_irradiance
+from startrack.space import EARTH_RADIUS
+
+FAINTEST = 8.0  # G of the stars that have spots of their own, as of the shipped catalogue
+AWAY = 60 * deg  # from the Sun, of the zodiacal light that a night's sky has
+DIRECTIONS = 4000  # over the sphere, of which the mean is taken: 0.2 %
+# Of Johnson's V: a bell of the width of Bessell (1990), PASP 102, 1181, about its mean.
+V_MIDDLE, V_WIDTH = 551 * nm, 88 * nm
+
+
+def night_light(sky: DaySky) -> Floats:
+    """(bins,) photon / s / m^2 / sr of a clear night sky without the Moon in the line of sight.
+
+        shells of airglow * path through them + zodiacal light + stars fainter than G 8
+
+    The two last are the means over the sphere, the zodiacal light beyond 60 degrees from the Sun.
+    Where `night_v` is given, all are scaled to it.
+
+    Source    of the shells Leinert et al. (1998) and Patat (2003), see `limb.SHELLS`
+    Accuracy  model: 0.3 mag: the glow changes by that from night to night and with the Sun's
+              activity, the zodiacal light over the sky by as much, the Milky Way by more. What air
+              scatters out of diffuse light it also scatters in, so that no extinction is taken:
+              15 % at the zenith, more near the horizon.
+    """
+    glow = sum(spectrum(shell) * _path(shell, sky.height, sky.elevation) for shell in SHELLS)
+    light = np.asarray(glow + _beyond_the_air())
+    if sky.night_v is not None:
+        zenith = sum(spectrum(shell) * _path(shell, sky.height, math.pi / 2) for shell in SHELLS)
+        natural = surface_v(np.asarray(zenith + _beyond_the_air()))
+        light = light * 10 ** (0.4 * (natural - sky.night_v))
+    return light
+
+
+def surface_v(light: Floats) -> float:
+    """V magnitude per square arcsecond of light (bins,), photon / s / m^2 / sr."""
+    bell = np.exp(-4 * math.log(2) * ((WAVELENGTH - V_MIDDLE) / V_WIDTH) ** 2)
+    star = photon_irradiance(np.array([SUN_G_MINUS_V]), np.array([SUN]))[0]  # of V = 0
+    return -2.5 * math.log10(float(light @ bell) * deg**2 / 3600**2 / float(star @ bell))
+
+
+def _path(shell: Shell, height: float, elevation: float) -> float:
+    """Path through a shell over that towards the zenith (van Rhijn 1921)."""
+    middle = (shell.low + shell.high) / 2
+    level = (EARTH_RADIUS + height) / (EARTH_RADIUS + middle) * math.cos(elevation)
+    return 1 / math.sqrt(1 - level**2)
+
+
+@lru_cache(maxsize=1)
+def _beyond_the_air() -> Floats:
+    """Zodiacal light and light of faint stars, photon / s / m^2 / sr in each bin."""
+    k = np.arange(DIRECTIONS) + 0.5
+    z, turn = 1 - 2 * k / DIRECTIONS, GOLDEN_ANGLE * k
+    level = np.sqrt(1 - z**2)
+    direction = np.column_stack([level * np.cos(turn), level * np.sin(turn), z])
+    sun = np.array([1.0, 0.0, 0.0])  # at the equinox
+    far = direction[direction @ sun < math.cos(AWAY)]
+    dust = float(zodiacal(far, sun).mean())
+    return dust * zodiacal_spectrum() + float(starlight(direction, FAINTEST).mean()) * (
+        starlight_spectrum()
+    )
