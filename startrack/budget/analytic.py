@@ -32,7 +32,7 @@ from startrack.budget.fields import (
 )
 from startrack.budget.fixed import OF_STARS, displaced, moved, of_the_camera, through_lens, visible
 from startrack.budget.hot_pixels import hot_stars
-from startrack.budget.left_out import of_false_spots, of_the_case, of_the_sky
+from startrack.budget.left_out import of_false_spots, of_the_case, of_the_catalog, of_the_sky
 from startrack.budget.tracked import Tracked, tracked, within_stated
 from startrack.core import Floats, Ints, Refused
 from startrack.design import Case
@@ -318,6 +318,7 @@ def _of_fields(
     left_out = (
         *of_the_case(case),
         *of_the_sky(case, errors.stars, refused, moved_rms),
+        *of_the_catalog(case, _likely_at_the_limit(case, star, above), fraction),
         *of_false_spots(case, _false_among(star, above, table)),
     )
     stars = float(weight @ errors.stars)
@@ -383,6 +384,11 @@ def _false_among(star: response.Errors, above: Floats, table: FieldResponse) -> 
     """Number of false spots that are brighter than the faintest star that is likely to count."""
     faintest = star.magnitude[above > 0.5].max(initial=star.magnitude[0])
     return float(table.false[int((faintest - table.start) / table.step)])
+
+
+def _likely_at_the_limit(case: Case, star: response.Errors, above: Floats) -> float:
+    """Probability that the tracker detects a star at the limit of its catalogue."""
+    return float(np.interp(case.believed_catalog.limit_g, star.magnitude, above))
 
 
 def _refused(star: response.Errors, above: Floats, magnitude: Floats) -> float:

@@ -189,6 +189,19 @@ def of_the_sky(case: Case, stars: Floats, refused: float, moved: float) -> Itera
         )
 
 
+def of_the_catalog(case: Case, likely: float, available: float) -> Iterator[str]:
+    """What is left out where the catalogue ends before the camera does.
+
+    likely     1, probability that a star at the catalogue's limit is detected
+    available  1, of the sky
+    """
+    if likely > 0.5 and available < 1 - PART:
+        yield (
+            f"stars beyond G {case.believed_catalog.limit_g:g}, at which the tracker's catalogue "
+            "ends though the camera sees fainter ones (catalog.source, catalog.limit_g)"
+        )
+
+
 def of_false_spots(case: Case, brighter: float) -> Iterator[str]:
     """Effects left out where hot pixels make many spots that are brighter than stars."""
     most = case.tracker.detection.max_spots
@@ -256,8 +269,8 @@ class TrialCheck:
 def check(case: Case, budget: Budget[ErrorLaw], seed: int) -> TrialCheck:
     """Compare a budget with some trials, with windows of frames where these suffice.
 
-    Large detectors are compared by drawn spots, and where these cannot hold the design by a few
-    frames.
+    Large detectors are compared by drawn spots; by windows where the motion has effects that
+    formula and drawn spots leave out alike; and by a few frames where neither can hold the design.
 
     Raises    ValueError where no fidelity can hold the design.
     Accuracy  statistical: 60 trials know an rms to 9 %, and find a loss of 5 % of the trials with a
@@ -266,7 +279,8 @@ def check(case: Case, budget: Budget[ErrorLaw], seed: int) -> TrialCheck:
     detector = case.instrument.detector
     pixels = detector.columns * detector.rows
     small = pixels <= LARGEST
-    plan = (Fidelity.WINDOW, WINDOWS) if small else (Fidelity.SPOTS, DRAWN)
+    windows = small or any(_of_the_motion(case))
+    plan = (Fidelity.WINDOW, WINDOWS) if windows else (Fidelity.SPOTS, DRAWN)
     try:
         outcomes = trial.run_trials(case, seed, range(plan[1]), plan[0])
     except Refused:
@@ -280,6 +294,12 @@ def check(case: Case, budget: Budget[ErrorLaw], seed: int) -> TrialCheck:
 def differences(budget: Budget[Any], summary: Summary) -> Iterator[str]:
     """Errors of a budget that lie outside the trials: by more than 15 % and the interval."""
     trials = summary.trials
+    if not summary.availability.value > 0:
+        yield (
+            f"the availability is {100 * budget.availability:.1f} % by formula, and none of "
+            f"{trials} trials has a correct attitude"
+        )
+        return
     for name in ("across", "about"):
         formula, shown = getattr(budget, name), getattr(summary, name)
         if formula < shown.low / APART or formula > shown.high * APART or not shown.value > 0:

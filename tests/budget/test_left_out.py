@@ -5,11 +5,12 @@ from dataclasses import replace
 
 import pytest
 
-from startrack.budget import ADVICE, advice, analytic, caveats, check, unseen
+from startrack.budget import ADVICE, advice, analytic, caveats, check, left_out, unseen
 from startrack.core import Refused
 from startrack.core.units import deg
-from startrack.design import Fidelity, design_keys, replaced
+from startrack.design import Fidelity, design_keys, replaced, replaced_all
 from startrack.detector import Hits
+from startrack.metrics import summarise
 from startrack.scene import Scene
 from startrack.trial import run_trials
 
@@ -116,3 +117,31 @@ def test_little_noise_is_cut_off_two_sigma_above_zero(case):
     budget = analytic(near)
     assert budget.left_out == ()
     assert check(near, budget, 1).differs == ()
+
+
+def test_a_long_streak_on_a_large_detector_is_compared_by_windows(case, monkeypatch):
+    """Drawn spots leave out what the formula does, and would agree with it."""
+    monkeypatch.setattr(left_out, "LARGEST", 0)
+    monkeypatch.setattr(left_out, "WINDOWS", 4)
+    monkeypatch.setattr(left_out, "DRAWN", 4)
+    budget = analytic(case, 64)
+    assert check(case, budget, 1).fidelity is Fidelity.SPOTS
+    fast = replaced(case, "instrument.motion.rate_x", 7 * deg)
+    assert any("streak" in phrase for phrase in analytic(fast, 64).left_out)
+    assert check(fast, analytic(fast, 64), 1).fidelity is Fidelity.WINDOW
+
+
+def test_trials_without_an_attitude_have_no_error(case):
+    dark = replaced(case, "instrument.detector.exposure", 1e-4)
+    lost = summarise(run_trials(dark, 1, range(4), Fidelity.SPOTS))
+    [said] = left_out.differences(analytic(case, 64), lost)
+    assert said.endswith("none of 4 trials has a correct attitude")
+
+
+def test_the_end_of_the_catalogue_is_named_where_the_sky_is_not_covered(case):
+    """A field of 5 degrees with the same lens, which sees stars beyond the catalogue's."""
+    narrow = replaced_all(
+        case, {"instrument.optics.focal_length": 0.15, "instrument.optics.f_number": 2.0}
+    )
+    assert any("at which the tracker's catalogue ends" in one for one in analytic(narrow).left_out)
+    assert not any("catalogue ends" in one for one in analytic(case).left_out)
