@@ -129,6 +129,8 @@ class MovingDesign(Parameters):
             raise Refused("optics.lens_file must be left out where moving objects are searched")
         if detector.scan is not None:
             raise Refused("detector.scan must be left out where moving objects are searched")
+        if detector.mosaic is not None:
+            raise Refused("detector.mosaic must be left out where moving objects are searched")
         if self.scene.background_g is None:
             raise Refused("scene.background_g must be given where moving objects are searched")
         own = self.moving_object

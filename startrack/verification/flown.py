@@ -99,9 +99,11 @@ def compare_flown(
     transmission and quantum efficiency. The background is not tested where the images have another
     offset than the design. Stars without steady light, as seen or as predicted, are left out.
 
-    Raises    Refused where no star is left.
+    Raises    Refused where no star is left, and behind a mosaic of colour filters.
     Accuracy  model: of the light by a magnitude that of `photon_irradiance`, for a sunlike star.
     """
+    if case.instrument.detector.mosaic is not None:
+        raise Refused("instrument.detector.mosaic must be left out: predicted images have none")
     box, psf = case.tracker.box, psf_of(case.instrument)
     steady = [star for star in stars if is_steady(star, box)] or list(stars)
     made = simulate(case, steady, devices, seed, progress)

@@ -10,6 +10,7 @@ from scipy import stats
 
 from startrack.cli.main import main
 from startrack.core import Refused, Streams, deg
+from startrack.detector import ColourMosaic
 from startrack.moving import (
     MovingProblem,
     added_images,
@@ -185,6 +186,12 @@ def test_limits_are_those_of_the_campaign():
     with pytest.raises(Refused, match="must take at most interval"):
         PROBLEM.replaced({"moving_object.frames": 1600.0})
     assert isinstance(PROBLEM.settings, Settings)
+
+
+def test_colour_filters_are_refused():
+    detector = replace(DESIGN.instrument.detector, mosaic=ColourMosaic(), em_gain=1.0)
+    with pytest.raises(Refused, match="mosaic must be left out"):
+        replace(DESIGN, instrument=replace(DESIGN.instrument, detector=detector))
 
 
 def test_the_prediction_is_that_of_the_page():

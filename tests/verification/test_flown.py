@@ -12,7 +12,9 @@ from scipy.spatial.transform import Rotation
 from startrack import Streams, load_design, random_attitude, shipped
 from startrack.catalog import open_sky
 from startrack.cli.main import main
-from startrack.detector import dark_frames
+from startrack.core import Refused
+from startrack.design import replaced
+from startrack.detector import ColourMosaic, dark_frames
 from startrack.io import FrameFiles, Layout, read_frames
 from startrack.observation import colour_correction
 from startrack.trial import observe
@@ -225,6 +227,13 @@ def test_stars_of_other_time_spans_have_the_scatter_of_their_noise():
         assert np.sqrt((off[known] ** 2).mean()) == pytest.approx(0.01, rel=0.12)
     assert np.isnan(residual[4]).all()
     assert not np.isnan(residual[0][:3]).any()
+
+
+def test_colour_filters_are_refused():
+    case = load_design(shipped("designs/noise_only.toml")).case
+    coloured = replaced(case, "instrument.detector.mosaic", ColourMosaic())
+    with pytest.raises(Refused, match="mosaic must be left out"):
+        compare_flown(coloured, [still()])
 
 
 @pytest.mark.slow
