@@ -3,9 +3,9 @@
 python experiments/key_fidelities.py [--json FILE] [--write] [--quick]
 
 Each key that trials depend on is set in a small design, with what it needs beside it; those of the
-sky by day in a daylight camera, as that sky fills the pixels of the small one. `frame` takes all
-keys. Another fidelity refuses a key where it refuses that design, and leaves it out where it
-computes trials without reading the key, which `frame` reads in the same trials. The error budget
+sky within the air in a daylight camera, as that sky fills the pixels of the small one. `frame`
+takes all keys. Another fidelity refuses a key where it refuses that design, and leaves it out where
+it computes trials without reading the key, which `frame` reads in the same trials. The error budget
 leaves out what it says itself, too. `--write` writes `catalogs/designs/fidelities.json`, from which
 `docs/list_keys.py` and `startrack keys` have their column; `--quick` compares the refusals of one
 key of each table with that file.
@@ -135,6 +135,11 @@ for _place in ("catalog", "tracker.catalog"):
         f"{_place}.columns": [],
         f"{_place}.limit_g": 6.5,
     }
+for _colour in ("red", "green", "blue"):
+    VALUES |= {
+        f"instrument.detector.mosaic.{_colour}.wavelength": ["500 nm", "600 nm"],
+        f"instrument.detector.mosaic.{_colour}.value": [0.3, 0.4],
+    }
 # What a key, or the keys of a table, need beside it.
 LENS = ("instrument.optics.lens_file",)
 DATE, AGED = ("scene.date",), ("instrument.detector.age.time",)
@@ -177,6 +182,12 @@ BESIDE: dict[str, tuple[str, ...]] = {
     "tracker.focal_length_by_colour": LENS,
     "tracker.detection.dark_map_age": ("tracker.detection.dark_map.frames", *AGED),
 }
+for _colour in ("red", "green", "blue"):
+    _curve = f"instrument.detector.mosaic.{_colour}"
+    BESIDE |= {
+        f"{_curve}.wavelength": (f"{_curve}.value",),
+        f"{_curve}.value": (f"{_curve}.wavelength",),
+    }
 
 
 @cache

@@ -121,14 +121,19 @@ def test_little_noise_is_cut_off_two_sigma_above_zero(case):
 
 def test_a_long_streak_on_a_large_detector_is_compared_by_windows(case, monkeypatch):
     """Drawn spots leave out what the formula does, and would agree with it."""
+    chosen = []
+
+    def few(_, seed, numbers, fidelity):
+        chosen.append(fidelity)
+        return run_trials(case, seed, numbers[:2], Fidelity.SPOTS)
+
     monkeypatch.setattr(left_out, "LARGEST", 0)
-    monkeypatch.setattr(left_out, "WINDOWS", 4)
-    monkeypatch.setattr(left_out, "DRAWN", 4)
-    budget = analytic(case, 64)
-    assert check(case, budget, 1).fidelity is Fidelity.SPOTS
-    fast = replaced(case, "instrument.motion.rate_x", 7 * deg)
+    monkeypatch.setattr(left_out.trial, "run_trials", few)
+    budget, fast = analytic(case, 64), replaced(case, "instrument.motion.rate_x", 7 * deg)
     assert any("streak" in phrase for phrase in analytic(fast, 64).left_out)
-    assert check(fast, analytic(fast, 64), 1).fidelity is Fidelity.WINDOW
+    check(case, budget, 1)
+    check(fast, budget, 1)
+    assert chosen == [Fidelity.SPOTS, Fidelity.WINDOW]
 
 
 def test_trials_without_an_attitude_have_no_error(case):
