@@ -500,8 +500,10 @@ def dusk_radiance(
     """As `sky_radiance` with the Sun at or below the horizon, in air with ozone, without aerosol.
 
     columns, directions  of the solver by successive orders
-    Accuracy  numerical: beside 13 columns and 302 directions 3 % with the Sun 4 degrees below the
-              horizon, 10 % at 8 degrees, 30 % at 12 degrees, towards the zenith at the ground.
+    Accuracy  numerical: 7 columns for all rays are within 10 % of 13 for one ray, with the Sun 4 to
+              7.5 degrees below the horizon. Directions, at the zenith of the ground: 110 in place
+              of 590 make the light 8 % brighter with the Sun 6 degrees below, 37 % at 9 degrees;
+              302 make it 1 and 8 % darker.
     """
     sk = sasktran2()
     config = sk.Config()

@@ -130,7 +130,7 @@ def test_a_long_streak_on_a_large_detector_is_compared_by_windows(case, monkeypa
     monkeypatch.setattr(left_out, "LARGEST", 0)
     monkeypatch.setattr(left_out.trial, "run_trials", few)
     budget, fast = analytic(case, 64), replaced(case, "instrument.motion.rate_x", 7 * deg)
-    assert any("streak" in phrase for phrase in analytic(fast, 64).left_out)
+    assert any("streak" in phrase for phrase in left_out.of_the_case(fast))
     check(case, budget, 1)
     check(fast, budget, 1)
     assert chosen == [Fidelity.SPOTS, Fidelity.WINDOW]

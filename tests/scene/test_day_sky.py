@@ -138,7 +138,7 @@ def test_the_sun_follows_from_date_and_place():
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("height", "elevation", "below", "azimuth", "limit"),
-    [(0.0, 90.0, 4.0, 0.0, 0.1), (0.0, 45.0, 7.5, 60.0, 0.3), (12e3, 30.0, 6.0, 120.0, 0.3)],
+    [(0.0, 90.0, 4.0, 0.0, 0.1), (0.0, 45.0, 7.5, 60.0, 0.1), (12e3, 30.0, 6.0, 120.0, 0.1)],
 )
 def test_twilight_is_that_of_the_solver(height, elevation, below, azimuth, limit):
     """One line of sight alone, with more columns of air, at places between the table's nodes."""
@@ -151,9 +151,9 @@ def test_twilight_is_that_of_the_solver(height, elevation, below, azimuth, limit
         math.sin(up) * math.sin(down) + math.cos(up) * math.cos(down) * math.cos(azimuth * deg)
     )
     above, table = DaySky(height, up, down, apart, aerosol=0.0, albedo=0.3), sky_table()
-    few = np.array([3, 5, 7])
+    few = np.array([3, 5])  # 450 and 550 nm, where no gas but ozone absorbs
     ray = (math.pi / 2 - up, azimuth * deg, height)
-    solved = dusk_radiance(None, table.wavelength[few], math.sin(down), [ray], 0.3, columns=13)
+    solved = dusk_radiance(table.wavelength[few], math.sin(down), [ray], 0.3, columns=13)
     found = np.interp(table.wavelength[few], WAVELENGTH, dusk_light(table, above, above.sun()))
     np.testing.assert_allclose(found, solved[:, 0], rtol=limit)
 
