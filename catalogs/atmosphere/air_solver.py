@@ -142,16 +142,36 @@ def _spherical(
     multiple: bool,
     streams: int,
 ) -> Floats:
-    """Radiance (k, r) 1 / sr of lines of sight of sasktran2 through spherical layers of air."""
+    """Radiance (k, r) 1 / sr of lines of sight of sasktran2, by discrete ordinates."""
     sk = sasktran2()
     config = sk.Config()
     config.num_streams = streams
     source = sk.MultipleScatterSource
     config.multiple_scatter_source = source.DiscreteOrdinates if multiple else source.NoSource
-    config.single_scatter_source = sk.SingleScatterSource.Exact
+    beside = {}
     if aerosol is not None:
         config.num_singlescatter_moments = SINGLE_MOMENTS
         config.delta_m_scaling = multiple
+        beside["aerosol"] = _aerosol(sk, aerosol, heights, wavelength, config.num_stokes)
+    return _through_shells(config, lines, heights, wavelength, sun, albedo, beside)
+
+
+def _through_shells(
+    config: Any,
+    lines: Sequence[Any],
+    heights: Floats,
+    wavelength: Floats,
+    sun: float,
+    albedo: float,
+    beside: dict[str, Any],
+) -> Floats:
+    """Radiance (k, r) 1 / sr of lines of sight of sasktran2 through spherical layers of air.
+
+    config  how light is scattered more than once
+    beside  constituents of the air besides molecules, by name
+    """
+    sk = sasktran2()
+    config.single_scatter_source = sk.SingleScatterSource.Exact
     geometry = sk.Geometry1D(
         sun,
         0.0,
@@ -164,8 +184,8 @@ def _spherical(
     for line in lines:
         view.add_ray(line)
     state = _molecules(sk, geometry, config, wavelength)
-    if aerosol is not None:
-        state["aerosol"] = _aerosol(sk, aerosol, heights, wavelength, config.num_stokes)
+    for name, constituent in beside.items():
+        state[name] = constituent
     state["surface"] = sk.constituent.LambertianSurface(albedo)
     radiance = sk.Engine(config, geometry, view).calculate_radiance(state)
     return radiance.radiance.to_numpy()[:, :, 0]
@@ -423,12 +443,17 @@ def sky_radiance(
     Raises      ModuleNotFoundError where sasktran2 is missing.
     Accuracy    model: as `limb_radiance`
     """
+    lines = _upwards(sun, rays)
+    return _spherical(lines, SKY_LEVEL, wavelength, sun, albedo, aerosol, multiple, streams)
+
+
+def _upwards(sun: float, rays: Sequence[tuple[float, float, float]]) -> list[Any]:
+    """Lines of sight of sasktran2; arguments as for `sky_radiance`."""
     sk = sasktran2()
-    lines = [
+    return [
         sk.SolarAnglesObserverLocation(sun, azimuth, math.cos(zenith), height)
         for zenith, azimuth, height in rays
     ]
-    return _spherical(lines, SKY_LEVEL, wavelength, sun, albedo, aerosol, multiple, streams)
 
 
 def build_sky(progress: Callable[[float], None] | None = None) -> SkyTable:
@@ -509,26 +534,11 @@ def dusk_radiance(
     config = sk.Config()
     source = sk.MultipleScatterSource
     config.multiple_scatter_source = source.SuccessiveOrders if multiple else source.NoSource
-    config.single_scatter_source = sk.SingleScatterSource.Exact
     config.num_streams = 2
     config.num_sza = columns
     config.num_successive_orders_incoming = directions
-    geometry = sk.Geometry1D(
-        sun,
-        0.0,
-        EARTH,
-        SKY_LEVEL,
-        sk.InterpolationMethod.LinearInterpolation,
-        sk.GeometryType.Spherical,
-    )
-    view = sk.ViewingGeometry()
-    for zenith, azimuth, height in rays:
-        view.add_ray(sk.SolarAnglesObserverLocation(sun, azimuth, math.cos(zenith), height))
-    state = _molecules(sk, geometry, config, wavelength)
-    state["ozone"] = _ozone(sk, wavelength, config)
-    state["surface"] = sk.constituent.LambertianSurface(albedo)
-    radiance = sk.Engine(config, geometry, view).calculate_radiance(state)
-    return radiance.radiance.to_numpy()[:, :, 0]
+    beside = {"ozone": _ozone(sk, wavelength, config)}
+    return _through_shells(config, _upwards(sun, rays), SKY_LEVEL, wavelength, sun, albedo, beside)
 
 
 def ozone_extinction(wavelength: Floats) -> Floats:

@@ -29,6 +29,7 @@ from startrack.io.images import field_hint, read_frames, read_image, rows_upward
 from startrack.io.interchange import aligned, to_pandas, to_qtable, to_xarray
 from startrack.io.layers import LayerRules, Layers, Renewed, read_layers
 from startrack.io.reading import (
+    checked_arrays,
     name_from,
     open_checked,
     path_from,

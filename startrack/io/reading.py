@@ -11,12 +11,14 @@ import re
 import stat
 import warnings
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from startrack.core import SHIPPED, Refused, require_memory
+import numpy as np
+
+from startrack.core import SHIPPED, Floats, Refused, require_memory
 
 
 def shipped(name: str) -> Path:
@@ -167,6 +169,14 @@ def _counts(data: bytes) -> Iterator[int]:
         while at >= 0:
             yield at
             at = data.find(keyword, at + 1)
+
+
+def checked_arrays(
+    path: Path, keyword: str, form: int, what: str, names: Iterable[str]
+) -> tuple[Floats, ...]:
+    """Arrays of a file, by the names of its parts; arguments and errors as `open_checked`."""
+    with open_checked(path, keyword, form, what) as parts:
+        return tuple(parts[name].data.astype(np.float64) for name in names)
 
 
 @contextmanager

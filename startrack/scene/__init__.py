@@ -25,7 +25,7 @@ from startrack.scene.air_above import OZONE_FROM, OZONE_TO, SkyTable, load_sky, 
 from startrack.scene.background import zodiacal
 from startrack.scene.bodies import EARTH_ALBEDO, SUN_G, SUN_RADIUS, Disc, Earth, sunlight
 from startrack.scene.day_sky import DaySky
-from startrack.scene.dusk import DuskTable, load_dusk
+from startrack.scene.dusk import DuskTable
 from startrack.scene.ephemeris import (
     BODIES,
     SkyObserver,

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from startrack.core import Floats, deg
-from startrack.io import open_checked, shipped
+from startrack.io import checked_arrays, shipped
 from startrack.scene.day_sky import DaySky, SunPlace
 from startrack.scene.photometry import WAVELENGTH
 
@@ -78,8 +78,7 @@ def load_sky(path: Path) -> SkyTable:
 
     Raises  FileNotFoundError; ValueError where the file is no table of the sky or damaged.
     """
-    with open_checked(path, "SKY", FORMAT, "a table of the sky") as parts:
-        return SkyTable(*(parts[name].data.astype(np.float64) for name in ARRAYS))
+    return SkyTable(*checked_arrays(path, "SKY", FORMAT, "a table of the sky", ARRAYS))
 
 
 def day_light(table: SkyTable, sky: DaySky, sun: SunPlace) -> Floats:

@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 
 from startrack.core import Floats
-from startrack.io import open_checked, shipped
+from startrack.io import checked_arrays, shipped
 from startrack.scene.air_above import (
     AIR_SCALE,
     EARTH,
@@ -51,15 +50,6 @@ class DuskTable:
 
 
 ARRAYS = tuple(part.name for part in fields(DuskTable))
-
-
-def load_dusk(path: Path) -> DuskTable:
-    """Read it.
-
-    Raises  FileNotFoundError; ValueError where the file is no table of twilight or damaged.
-    """
-    with open_checked(path, "DUSK", FORMAT, "a table of twilight") as parts:
-        return DuskTable(*(parts[name].data.astype(np.float64) for name in ARRAYS))
 
 
 def dusk_light(table: SkyTable, sky: DaySky, sun: SunPlace) -> Floats:
@@ -121,4 +111,5 @@ def _masses(table: SkyTable, ray: LitRay) -> tuple[float, float]:
 
 @lru_cache(maxsize=1)
 def _table() -> DuskTable:
-    return load_dusk(shipped("atmosphere/dusk.fits"))
+    path = shipped("atmosphere/dusk.fits")
+    return DuskTable(*checked_arrays(path, "DUSK", FORMAT, "a table of twilight", ARRAYS))

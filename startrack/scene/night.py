@@ -35,13 +35,17 @@ def night_light(sky: DaySky) -> Floats:
               scatters out of diffuse light it also scatters in, so that no extinction is taken:
               15 % at the zenith, more near the horizon.
     """
-    glow = sum(spectrum(shell) * _path(shell, sky.height, sky.elevation) for shell in SHELLS)
-    light = np.asarray(glow + _beyond_the_air())
+    light = _natural(sky.height, sky.elevation)
     if sky.night_v is not None:
-        zenith = sum(spectrum(shell) * _path(shell, sky.height, math.pi / 2) for shell in SHELLS)
-        natural = surface_v(np.asarray(zenith + _beyond_the_air()))
-        light = light * 10 ** (0.4 * (natural - sky.night_v))
+        overhead = surface_v(_natural(sky.height, math.pi / 2))
+        light = light * 10 ** (0.4 * (overhead - sky.night_v))
     return light
+
+
+def _natural(height: float, elevation: float) -> Floats:
+    """The night's light (bins,) far from cities, in a line of sight from a height."""
+    glow = sum(spectrum(shell) * _path(shell, height, elevation) for shell in SHELLS)
+    return np.asarray(glow + _beyond_the_air())
 
 
 def surface_v(light: Floats) -> float:

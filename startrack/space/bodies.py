@@ -211,12 +211,7 @@ def sun_direction(epoch: str, second: float = 0.0) -> Floats:
 
     Accuracy  model: astropy's built-in ephemeris, 3 arcsec; 9 arcsec of parallax are neglected.
     """
-    from astropy import units
-    from astropy.coordinates import ITRS, get_body
-
-    with installed_tables():
-        date = utc(epoch) + second * units.s
-        there = get_body("sun", date).transform_to(ITRS(obstime=date)).cartesian.xyz.value
+    there = _in_earth_axes("sun", epoch, second).value
     return read_only(there / np.linalg.norm(there))
 
 
@@ -226,10 +221,14 @@ def moon_position(epoch: str) -> Floats:
 
     Accuracy  model: astropy's built-in ephemeris, 20 arcsec.
     """
+    return read_only(_in_earth_axes("moon", epoch).to_value("m"))
+
+
+def _in_earth_axes(name: str, epoch: str, second: float = 0.0) -> Any:
+    """Place (3,) of a body in ITRS from the Earth's centre, a length of astropy."""
     from astropy import units
     from astropy.coordinates import ITRS, get_body
 
     with installed_tables():
-        date = utc(epoch)
-        there = get_body("moon", date).transform_to(ITRS(obstime=date)).cartesian.xyz
-    return read_only(there.to_value(units.m))
+        date = utc(epoch) + second * units.s
+        return get_body(name, date).transform_to(ITRS(obstime=date)).cartesian.xyz

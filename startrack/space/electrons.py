@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from startrack.core import Floats
-from startrack.io import open_checked, shipped
+from startrack.io import checked_arrays, shipped
 
 FORMAT = 1  # of the file
 DENSITY = 2.70  # g / cm3, of aluminium
@@ -47,10 +47,10 @@ ARRAYS = tuple(field.name for field in fields(ElectronTable))
 
 @lru_cache(maxsize=1)
 def electron_table() -> ElectronTable:
-    """The shipped table. Raises as `startrack.io.open_checked`."""
+    """The shipped table. Raises as `startrack.io.checked_arrays`."""
     path = shipped("radiation/electrons.fits")
-    with open_checked(path, "ELECTRON", FORMAT, "a table of electrons in aluminium") as parts:
-        return ElectronTable(*(parts[name].data.astype(np.float64) for name in ARRAYS))
+    what = "a table of electrons in aluminium"
+    return ElectronTable(*checked_arrays(path, "ELECTRON", FORMAT, what, ARRAYS))
 
 
 @lru_cache(maxsize=32)

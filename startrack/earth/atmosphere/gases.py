@@ -9,7 +9,7 @@ from scipy.interpolate import RegularGridInterpolator
 
 from startrack.core import Floats
 from startrack.earth.atmosphere.table import AirTable
-from startrack.io import open_checked, shipped
+from startrack.io import checked_arrays, shipped
 
 POWER = 0.9426  # of the column of water: lines overlap
 FORMAT = 1  # of the table of water
@@ -84,6 +84,5 @@ def water_depth(wavelength: Floats, mass: Floats, water: float) -> Floats:
 def _water_table() -> tuple[Floats, ...]:
     """Wavelengths, air masses, columns, and (c, f, m) optical depth over (column mass)^POWER."""
     path = shipped("atmosphere/water.fits")
-    with open_checked(path, "WATER", FORMAT, "a table of water vapour") as parts:
-        names = ("WAVELENGTH", "MASS", "COLUMN", "DEPTH")
-        return tuple(parts[name].data.astype(np.float64) for name in names)
+    names = ("WAVELENGTH", "MASS", "COLUMN", "DEPTH")
+    return checked_arrays(path, "WATER", FORMAT, "a table of water vapour", names)

@@ -6,7 +6,7 @@ import numpy as np
 import scipy
 
 from startrack.core import Floats
-from startrack.io import open_checked, shipped
+from startrack.io import checked_arrays, shipped
 
 FORMAT = 1  # of the file
 PARTS = 4  # between two wavelengths of the table: linear interpolation of their integral
@@ -47,8 +47,8 @@ def edges_of(wavelength: Floats) -> Floats:
 @lru_cache(maxsize=1)
 def _integral() -> tuple[Floats, Floats]:
     """Wavelengths, finely, and the irradiance below each, watt / m^2."""
-    with open_checked(shipped("atmosphere/sun.fits"), "SUN", FORMAT, "a spectrum") as parts:
-        nodes, values = (parts[name].data.astype(np.float64) for name in ("WAVELENGTH", "VALUE"))
+    path = shipped("atmosphere/sun.fits")
+    nodes, values = checked_arrays(path, "SUN", FORMAT, "a spectrum", ("WAVELENGTH", "VALUE"))
     parts_of_each = np.linspace(nodes[:-1], nodes[1:], PARTS, endpoint=False).T.ravel()
     fine = np.append(parts_of_each, nodes[-1])
     return fine, scipy.integrate.cumulative_trapezoid(

@@ -105,7 +105,7 @@ from startrack.earth.imager.render import (
     render,
     setting_below,
 )
-from startrack.earth.imager.restore import Restoration
+from startrack.earth.imager.restore import Restoration, restoration_of
 
 # Public; the other imports serve other rooms.
 __all__ = [

@@ -13,9 +13,9 @@ from startrack.detector import Detector, read_out_transfer
 from startrack.earth.atmosphere import Reach, SlantPath, radiance, refine
 from startrack.earth.geometry import fly, ground_rate
 from startrack.earth.imager.band import INFRARED, Band, band_of
-from startrack.earth.imager.lens import field_lens, image_pixels, smeared
+from startrack.earth.imager.lens import field_lens, image_pixels
 from startrack.earth.imager.parameters import Channel, Performance, Survey, exposure_of, smear
-from startrack.earth.imager.restore import Restoration
+from startrack.earth.imager.restore import restoration_of
 from startrack.earth.terrain import geodetic
 from startrack.optics import (
     aperture_transfer,
@@ -125,7 +125,10 @@ def figures(
     across *= _read_out(channel)
     amplified = 1.0
     if channel.restore is not None:
-        restoration = _restoration(channel, band, rate, drift, lines / footprint)
+        lens = field_lens(channel, channel.sensor(1, rate), optics, band.wavelength, band.weight)
+        restoration = restoration_of(
+            channel, lens.images, drift / detector.pitch, lines / footprint, channel.restore
+        )
         across *= restoration.gain(0.5, 0.0)
         along *= restoration.gain(0.0, 0.5)
         amplified = restoration.noise
@@ -244,18 +247,6 @@ def _lens_over_field(
     along *= abs(pixel_transfer(nyquist / channel.detector.pitch, drift)[0])
     middle = lens.light[len(rows) // 2, channel.columns // 2]
     return float(across * _merged(channel)), float(along), float(lens.light.min() / middle)
-
-
-def _restoration(
-    channel: Channel, band: Band, rate: float, drift: float, along: float
-) -> Restoration:
-    """The filter of a channel's images, which know no motion but the smear."""
-    optics, detector = channel.optics, channel.detector
-    field = field_lens(channel, channel.sensor(1, rate), optics, band.wavelength, band.weight)
-    assert isinstance(field.images, core.Psf)
-    assert channel.restore is not None
-    psf = smeared(field.images, drift / detector.pitch)
-    return Restoration(psf, detector.columns / channel.columns, along, channel.restore)
 
 
 def _merged(channel: Channel) -> float:

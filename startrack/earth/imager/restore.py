@@ -6,7 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from startrack.core import Floats, Psf
+from startrack.core import Floats, Psf, Refused
+from startrack.earth.imager.lens import smeared
+from startrack.earth.imager.parameters import Channel
 from startrack.optics import wiener_filter
 
 EDGE = 2  # widths of a point's image, by which an image is continued beyond its edges
@@ -75,3 +77,22 @@ class Restoration(NamedTuple):
         found = fft.irfft2(fft.rfft2(padded) * gains, padded.shape)
         down, right = room
         return np.asarray(found[down : lines - down, right : columns - right], np.float64)
+
+
+def restoration_of(
+    channel: Channel, images: object, smear: float, along: float, signal_to_noise: float
+) -> Restoration:
+    """The filter of a channel's images.
+
+    images  Psf of the pixels without the smear
+    smear   pixel, along the lines in an exposure
+    along   pixel of the detector between lines of the image
+    Raises  Refused with a lens whose images differ over the field.
+    """
+    if not isinstance(images, Psf):
+        raise Refused(
+            f"channel {channel.name}: lens_file, lens_family and psf_file must be left out where "
+            "an image is restored"
+        )
+    across = channel.detector.columns / channel.columns
+    return Restoration(smeared(images, smear), across, along, signal_to_noise)

@@ -15,9 +15,7 @@ from startrack.core import (
     Flags,
     Floats,
     Parameters,
-    Psf,
     Range,
-    Refused,
     Unit,
     parameter,
     printed,
@@ -26,13 +24,12 @@ from startrack.core import (
 from startrack.earth.geometry import observe_earth
 from startrack.earth.imager import (
     Channel,
-    Restoration,
     Setting,
     Survey,
     lines_apart,
     open_sheets,
     prepare,
-    smeared,
+    restoration_of,
 )
 from startrack.earth.product import ortho, retrieval
 from startrack.earth.product.uncertainty import contributors
@@ -125,7 +122,8 @@ def make_product(
     radiance = retrieval.to_radiance(numbers, calibration)
     amplified = 1.0
     if wanted := settings.restore or channel.restore:
-        restoration = _restoration(channel, setting, wanted)
+        between = lines_apart(channel, setting)
+        restoration = restoration_of(channel, setting.psf, setting.smear, between, wanted)
         radiance, amplified = restoration.applied(radiance), restoration.noise
     saturated = numbers >= calibration.saturation
     scene = survey.scene(channel)
@@ -164,21 +162,6 @@ def make_product(
     mapped, doubt = ({name: layers[name] for name in own} for own in (image, doubts))
     around = math.nan if retrieval.is_thermal(setting.band) else here.surroundings
     return Product(image, saturated, grid, mapped, quality, around, causes, doubt)
-
-
-def _restoration(channel: Channel, setting: Setting, signal_to_noise: float) -> Restoration:
-    """The filter of an image.
-
-    Raises  Refused with a lens whose images differ over the field.
-    """
-    if not isinstance(setting.psf, Psf):
-        raise Refused(
-            f"channel {channel.name}: lens_file, lens_family and psf_file must be left out where "
-            "an image is restored"
-        )
-    psf = smeared(setting.psf, setting.smear)
-    across = channel.detector.columns / channel.columns
-    return Restoration(psf, across, lines_apart(channel, setting), signal_to_noise)
 
 
 def _layers(
