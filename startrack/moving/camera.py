@@ -12,13 +12,14 @@ from scipy import fft, ndimage
 
 from startrack.core import Floats, Psf, Stars, Streams, printed
 from startrack.detector import electron_rate
-from startrack.motion import blur, realise_motion
-from startrack.moving.study import MovingDesign
+from startrack.motion import Motion, blur, realise_motion
+from startrack.moving.study import MovingDesign, MovingObject
 from startrack.optics import pixel_psf
 from startrack.scene import SUN, SUN_G_MINUS_V, WAVELENGTH, illuminate
 
 JANSKY_V = 3636.0  # jansky of V = 0: Bessell (1979), PASP 91, 589
 HALF = 4  # pixel, of the image of an object
+MARGIN = 3  # pixel beyond the table of a PSF, for smear and trail
 COG = 3  # pixel, half a side of the window around a guide star
 PHASES = (0.0, 0.5)  # pixel, of the places that are searched
 FEWEST, PER_CYCLE, MOST = 3, 4, 48  # times within a frame, at least, for each cycle, at most
@@ -122,39 +123,56 @@ def camera_of(design: MovingDesign) -> MovingCamera:
         guide,
         math.sqrt(places * steep / own.guides),
         gravity,
-        _rest(design),
+        _rest(ImageMotion.of(design)),
     )
 
 
+class ImageMotion(NamedTuple):
+    """What the motion of a field over the pixels depends on, which an f-number does not change.
+
+    pixel  radian, a side
+    """
+
+    motion: Motion
+    exposure: float
+    pixel: float
+    moving_object: MovingObject
+
+    @classmethod
+    def of(cls, design: MovingDesign) -> ImageMotion:
+        """That of a design."""
+        instrument = design.instrument
+        exposure = instrument.detector.exposure
+        return cls(instrument.motion, exposure, design.pixel, design.moving_object)
+
+
 @lru_cache(maxsize=32)
-def frame_nodes(design: MovingDesign) -> tuple[Floats, Floats]:
+def frame_nodes(moved: ImageMotion) -> tuple[Floats, Floats]:
     """Times (n,) within a frame in halves of its exposure, and their weights, of sum 1."""
-    motion, exposure = design.instrument.motion, design.instrument.detector.exposure
-    lines = realise_motion(motion, exposure, Streams(1, 0))
-    size = np.hypot(lines.cosine, lines.sine).max(axis=1, initial=0.0) / design.pixel
-    cycles = exposure * lines.frequency.max(where=size > SEEN, initial=0.0)
+    lines = realise_motion(moved.motion, moved.exposure, Streams(1, 0))
+    size = np.hypot(lines.cosine, lines.sine).max(axis=1, initial=0.0) / moved.pixel
+    cycles = moved.exposure * lines.frequency.max(where=size > SEEN, initial=0.0)
     count = min(FEWEST + math.ceil(PER_CYCLE * cycles), MOST)
     node, weight = np.polynomial.legendre.leggauss(count)
     return node, weight / 2
 
 
 @lru_cache(maxsize=32)
-def frame_times(design: MovingDesign) -> Floats:
+def frame_times(moved: ImageMotion) -> Floats:
     """Second (images, frames, nodes) within all exposures, from the middle of all."""
-    own, exposure = design.moving_object, design.instrument.detector.exposure
+    own, exposure = moved.moving_object, moved.exposure
     frames = (np.arange(own.frames) - (own.frames - 1) / 2) * exposure
     middles = np.add.outer(np.array(own.times), frames)
-    return np.asarray(np.add.outer(middles, frame_nodes(design)[0] * exposure / 2))
+    return np.asarray(np.add.outer(middles, frame_nodes(moved)[0] * exposure / 2))
 
 
-def sight_of(design: MovingDesign, streams: Streams) -> Floats:
+def sight_of(moved: ImageMotion, streams: Streams) -> Floats:
     """Pixel (images, frames, nodes, 2) by which the field is shifted in each frame.
 
     Each image has another place of the field in the pixels.
     """
-    motion = realise_motion(design.instrument.motion, design.instrument.detector.exposure, streams)
-    time = frame_times(design)
-    turned = motion.at(time.ravel()).reshape(*time.shape, 3)[..., [1, 0]] / design.pixel
+    motion, time = realise_motion(moved.motion, moved.exposure, streams), frame_times(moved)
+    turned = motion.at(time.ravel()).reshape(*time.shape, 3)[..., [1, 0]] / moved.pixel
     pointed = streams("pointing of images").uniform(-0.5, 0.5, (len(time), 1, 1, 2))
     return np.asarray(turned - turned.mean((1, 2), keepdims=True) + pointed)
 
@@ -175,10 +193,11 @@ def _gravity(psf: Psf, smear: Floats) -> Floats:
     return np.maximum.accumulate(np.array(seen), axis=1) + FLAT * PLACES
 
 
-def _rest(design: MovingDesign) -> Floats:
+@lru_cache(maxsize=32)
+def _rest(moved: ImageMotion) -> Floats:
     """What shifts by whole pixels leave of realisations of the motion, as `MovingCamera` has it."""
-    _, weight = frame_nodes(design)
-    sights = [sight_of(design, Streams(1, number)) for number in range(REPEATS)]
+    _, weight = frame_nodes(moved)
+    sights = [sight_of(moved, Streams(1, number)) for number in range(REPEATS)]
     frames = np.einsum("rkfnx,n->rkfx", np.array(sights), weight)
     return np.asarray(frames - np.rint(frames))
 
@@ -248,18 +267,26 @@ class _FrameImage(NamedTuple):
 
 
 @lru_cache(maxsize=32)
+def _spectrum(design: MovingDesign) -> NDArray[np.complex128]:
+    """The transform of the PSF's table within its margins."""
+    psf = camera_of(design).psf
+    padded = np.pad(psf.table, MARGIN * psf.oversampling)
+    samples = fft.next_fast_len(len(padded), real=True)
+    return np.asarray(fft.rfft2(padded, (samples, samples)))
+
+
+@lru_cache(maxsize=32)
 def _frame_image(design: MovingDesign, angle: float) -> _FrameImage:
     camera, own = camera_of(design), design.moving_object
-    step = camera.psf.oversampling
-    padded = np.pad(camera.psf.table, 3 * step)
-    samples = fft.next_fast_len(len(padded), real=True)
+    spectrum, step = _spectrum(design), camera.psf.oversampling
+    samples = len(spectrum)
     x, y = fft.rfftfreq(samples, 1 / step)[None], fft.fftfreq(samples, 1 / step)[:, None]
     smear = 2 * (math.pi * camera.smear) ** 2
     trail = own.rate * own.frames * design.instrument.detector.exposure / design.pixel
     moved = np.sinc(trail * (math.cos(angle) * x + math.sin(angle) * y))
-    transfer = fft.rfft2(padded, (samples, samples)) * moved
+    transfer = spectrum * moved
     transfer *= np.exp(-smear[0] * x**2) * np.exp(-smear[1] * y**2)
-    return _FrameImage(x, y, transfer, len(padded))
+    return _FrameImage(x, y, transfer, len(camera.psf.table) + 2 * MARGIN * step)
 
 
 def sampled(fine: Floats, step: int, x: float, y: float) -> Floats:
@@ -283,17 +310,19 @@ def bilinear(fine: Floats, rows: NDArray[Any], columns: NDArray[Any]) -> Floats:
 
 
 def points(table: Floats, step: int, place: Floats, weights: Floats, size: int) -> Floats:
-    """Images (f, size, size) of a point at places (f, nodes, 2) from the middle, over nodes.
+    """Images (..., f, size, size) of a point at places (f, nodes, 2) from the middle, over nodes.
 
-    table     (m, m) image of a point, with `step` samples a pixel
-    Accuracy  numerical: the nearest sample, half a sample of of the table at most.
+    table     (..., m, m) image of a point, with `step` samples a pixel; or several
+    Accuracy  numerical: the nearest sample, half a sample of the table at most.
     """
-    padded = np.pad(table, 1)
-    middle, last, flat = len(padded) // 2, len(padded) - 1, padded.ravel()
+    edge = [(0, 0)] * (table.ndim - 2) + [(1, 1)] * 2
+    padded = np.pad(table, edge)
+    samples = padded.shape[-1]
+    flat = padded.reshape(*table.shape[:-2], samples**2)
     side = np.arange(size) - size // 2
-    total = np.zeros((len(place), size, size))
+    total = np.zeros((*table.shape[:-2], len(place), size, size))
     for node, weight in enumerate(weights):
-        index = np.rint((side - place[:, node, :, None]) * step).astype(int) + middle
-        index = np.minimum(np.maximum(index, 0), last)
-        total += weight * flat[index[:, 1, :, None] * len(padded) + index[:, 0, None, :]]
+        index = np.rint((side - place[:, node, :, None]) * step).astype(int) + samples // 2
+        index = np.minimum(np.maximum(index, 0), samples - 1)
+        total += weight * flat.take(index[:, 1, :, None] * samples + index[:, 0, None, :], axis=-1)
     return total

@@ -131,11 +131,10 @@ def place_error(design: MovingDesign, flux: float) -> float:
     path = place + speed * own.times[-1] * time[:, None]
     path = (path - np.rint(path))[:, :, None] + rest
     step, still = camera.psf.oversampling, image_in_frames(design, angle, np.zeros((1, 2)))
-    tables = still, -np.gradient(still, 1 / step, axis=1), -np.gradient(still, 1 / step, axis=0)
+    steep = [-np.gradient(still, 1 / step, axis=axis) for axis in (1, 0)]
     weights = np.full(own.frames, 1 / own.frames)
-    image, x, y = (
-        points(table, step, path.reshape(-1, own.frames, 2), weights, 2 * HALF + 1)
-        for table in tables
+    image, x, y = points(
+        np.stack([still, *steep]), step, path.reshape(-1, own.frames, 2), weights, 2 * HALF + 1
     )
     late = np.tile(time, len(rest))[:, None, None]
     slopes = np.stack([image, light * x, light * y, light * x * late, light * y * late], -1)

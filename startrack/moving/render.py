@@ -14,6 +14,7 @@ from startrack.moving.camera import (
     COG,
     HALF,
     PLACES,
+    ImageMotion,
     MovingCamera,
     camera_of,
     frame_nodes,
@@ -74,10 +75,10 @@ def field_of(design: MovingDesign, seed: int, number: int) -> SearchedField:
     bright = FAINTEST_STAR + np.log10(random.uniform(1e-9, 1.0, count)) / GROWTH
     bright = np.maximum(bright, BRIGHTEST_STAR)
     rate = camera.rate * 10 ** (-0.4 * bright)
-    sight = sight_of(design, streams)
+    sight = sight_of(ImageMotion.of(design), streams)
     seen = _guide_places(design, camera, sight, guided)
     shifts = np.clip(np.rint(seen), -SHIFT, SHIFT).astype(int)
-    _, weights = frame_nodes(design)
+    _, weights = frame_nodes(ImageMotion.of(design))
     flat = sight.reshape(-1, *sight.shape[2:])
     light = np.full((len(flat), size, size), camera.sky)
     for star, electrons in zip(where, rate * design.instrument.detector.exposure, strict=True):
@@ -102,7 +103,7 @@ def _guide_places(
     Source: Stone (1989), Astronomical Journal 97, 1227, on centroids of undersampled stars.
     """
     own = design.moving_object
-    random, (_, weights) = streams("guide stars"), frame_nodes(design)
+    random, (_, weights) = streams("guide stars"), frame_nodes(ImageMotion.of(design))
     inside = random.uniform(-0.5, 0.5, (own.guides, 2))
     side = 2 * (COG + SHIFT) + 1
     flat = sight.reshape(-1, *sight.shape[2:])
@@ -158,13 +159,13 @@ def added_images(design: MovingDesign, field: SearchedField, flux: float) -> Flo
     """
     camera, own, detector = camera_of(design), design.moving_object, design.instrument.detector
     size, half = field.size, field.size // 2
-    path = field.place + frame_times(design)[..., None] * field.speed + field.sight
+    path = field.place + frame_times(ImageMotion.of(design))[..., None] * field.speed + field.sight
     path = path.reshape(-1, *path.shape[2:])
     middle = (path.max(1) + path.min(1)) / 2
     spread = float(np.ptp(path, axis=1).max()) + len(camera.psf.table) / camera.psf.oversampling
     reach = min(math.ceil((spread + 1) / 2) + 1, half)
     middle = np.clip(np.rint(middle), reach - half, half - reach).astype(int)
-    _, weights = frame_nodes(design)
+    _, weights = frame_nodes(ImageMotion.of(design))
     light = points(
         camera.psf.table, camera.psf.oversampling, path - middle[:, None], weights, 2 * reach + 1
     )

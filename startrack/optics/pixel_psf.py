@@ -268,17 +268,21 @@ def pixel_response(
     order = np.arange(samples)
     along = np.minimum(order, samples - order)
     fx = fft.rfftfreq(samples, spacing)
-    radius = np.hypot(fx, fx[:, None])
-    # A transfer function of one variable costs less on a line than on the plane.
+    # A transfer function of one variable costs less on a line than on half of a symmetric plane.
+    half_plane = np.tri(len(fx), dtype=bool)
+    radius = np.hypot(fx, fx[:, None])[half_plane]
     line = np.linspace(0, radius.max(), 4 * samples)
     decay = max(cusp, 2 * math.pi * finest * pitch)
     wings = cusp / decay * np.exp(-decay * line)
-    spectrum = scipy.interpolate.CubicSpline(line, transfer(line) - wings)(radius)
+    spectrum = np.empty((len(fx), len(fx)))
+    spectrum[half_plane] = spectrum.T[half_plane] = scipy.interpolate.CubicSpline(
+        line, transfer(line) - wings
+    )(radius)
     pixel = pixel_transfer(fx, side)
     spectrum *= pixel * pixel[:, None]
     around = np.r_[-half : half + 1]
     # Rows beyond the table are not transformed; both transforms share the factor of irfft2.
-    rows = fft.ifft(spectrum[along] + 0j, axis=0, norm="forward")[around * fine]
+    rows = fft.ifft(spectrum[along] + 0j, axis=0, norm="forward", overwrite_x=True)[around * fine]
     plane = fft.irfft(rows, samples, norm="forward") * (1 / samples**2) * (pitch / spacing) ** 2
     table = plane[:, around * fine]
     if cusp > 0:

@@ -21,7 +21,7 @@ from startrack.moving import (
     load_moving_design,
     score_maps,
 )
-from startrack.moving.camera import flux_of, frame_nodes, image_in_frames, magnitude_of
+from startrack.moving.camera import ImageMotion, flux_of, frame_nodes, image_in_frames, magnitude_of
 from startrack.moving.detect import STEP, motions_of, stacked, threshold_of
 from startrack.problem import Settings
 
@@ -69,7 +69,7 @@ def test_the_light_of_an_object_arrives():
 def test_frames_are_registered_by_their_guide_stars():
     """To a small part of a pixel; what is left of whole shifts is measured."""
     field = field_of(FEW.design, 1, 3)
-    true = np.einsum("kfnx,n->kfx", field.sight, frame_nodes(FEW.design)[1])
+    true = np.einsum("kfnx,n->kfx", field.sight, frame_nodes(ImageMotion.of(FEW.design))[1])
     assert np.abs(field.shifts - true).max() < 0.55
     assert (field.rest + field.shifts - true).std() < 0.03
 
