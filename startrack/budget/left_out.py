@@ -118,14 +118,21 @@ def of_the_case(case: Case) -> Iterator[str]:
             f"that the converter cuts noise off at zero, {level / size.pixel:.1f} sigma below an "
             "empty pixel, so that errors are smaller (instrument.detector.offset)"
         )
+    plan = observation.detection_plan(case)
+    inside = 1.0 if plan.method.skips_dead else _held(plan.star.psf, plan.settings.window)
+    if inside < HELD:
+        yield (
+            f"noise that moves a window which holds {100 * inside:.0f} % of a star's light "
+            "(tracker.detection.window)"
+        )
     yield from _of_the_motion(case)
 
 
 def _of_the_motion(case: Case) -> Iterator[str]:
-    instrument, plan = case.instrument, observation.detection_plan(case)
+    instrument = case.instrument
     motion, focal = instrument.motion, instrument.camera.focal_length_px
     true = np.array(observation.smear_of(case, motion.rate_x, motion.rate_y))
-    believed = np.array(plan.settings.smear)
+    believed = np.array(observation.detection_plan(case).settings.smear)
     # The two directions of a motion make the same streak.
     unknown = min(float(np.hypot(*(true - believed))), float(np.hypot(*(true + believed))))
     if unknown > UNKNOWN_SMEAR:
@@ -136,12 +143,6 @@ def _of_the_motion(case: Case) -> Iterator[str]:
     longest = float(np.hypot(*believed))
     if longest > LONGEST:
         yield f"the ends of a streak of {longest:.0f} pixel, beyond the window of its fit"
-    inside = 1.0 if plan.method.skips_dead else _held(plan.star.psf, plan.settings.window)
-    if inside < HELD:
-        yield (
-            f"noise that moves a window which holds {100 * inside:.0f} % of a star's light "
-            "(tracker.detection.window)"
-        )
     corner = math.tan(instrument.camera.half_diagonal) * focal
     rolled = abs(motion.rate_z) * instrument.detector.exposure * corner
     if rolled > ROLLED:
