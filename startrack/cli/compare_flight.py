@@ -17,14 +17,15 @@ if wanted(__name__):
     from startrack.design import FRAME_FIGURES, Case, Told
     from startrack.io import finite, save_arrays, save_json, to_table
     from startrack.metrics import Column, Table
-    from startrack.prediction import save_told
+    from startrack.prediction import drawn_cases, save_told
 
 TABLES = (".npz", ".fits", ".fit", ".fts")  # of images of stars, where there is one file
 
 
 declare = Options(
     "Measures images of stars over time, and images of the same stars on the same paths that the "
-    "design predicts, by the same code, and prints both with 95 % intervals: background, light, "
+    "design predicts, by the same code, and prints both with 95 % intervals, of what is predicted "
+    "those that hold a further detector: background, light, "
     "gain and read noise by photon transfer, the image by the phase of the pixel, the scatter of "
     "centroids from exposure to exposure and in all, steps of the image, and the centroid over "
     "the pixel. A difference is marked, with the keys of the design that it points to; the design "
@@ -55,7 +56,12 @@ declare = Options(
     Option(
         "--stars NAMES", "stars of the file, such as s4,s5 (default: all with 32 images or more)"
     ),
-    Option("--devices N", "detectors that are drawn", whole(2, 1000), 8),
+    Option(
+        "--devices N",
+        "detectors that are drawn, each with other values of what the design does not know",
+        whole(2, 1000),
+        8,
+    ),
     Option("--keep", "write the predicted images of the first detector to predicted.npz"),
     *SET,
     SEED,
@@ -67,18 +73,20 @@ def command(options: argparse.Namespace) -> int:
     """Print what is predicted and seen; write flight.json and flight.png."""
     with shared.as_wrong_use():
         path = terminal.found_file(options.design)
-    case = terminal.read_design(path, options.set).case
+    design = terminal.read_design(path, options.set, "each detector that is drawn has others")
+    case, count = design.case, options.devices
     with shared.as_wrong_use(ValueError, OSError):
         stars = _stars(options, case)
+        unknown = drawn_cases(path, options.seed, count, options.set) if design.unknowns else []
         with terminal.progress("stars", len(stars)) as advance:
-            flown = verification.compare_flown(case, stars, options.devices, options.seed, advance)
+            flown = verification.compare_flown(case, stars, count, options.seed, advance, unknown)
         if flown.left:
             terminal.print_message(
                 f"startrack: {', '.join(flown.left)} left out: no steady light, seen or predicted"
             )
         told = _told(case, stars, options.images[0].name)
         if options.keep:
-            made = verification.simulate(case, stars, 1, options.seed)[0]
+            made = verification.simulate(case, stars, 1, options.seed, unknown=unknown[:1])[0]
             save_arrays(options.out / "predicted.npz", {star.name: star.columns for star in made})
     if told:
         save_told(options.out / "told.toml", path, told)

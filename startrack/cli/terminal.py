@@ -70,17 +70,19 @@ def is_search(path: Path) -> bool:
 MOST_NAMES = 3  # of values that are not known, in a message
 
 
-def read_design(path: Path, changes: Iterable[str] = ()) -> Design:
+def read_design(path: Path, changes: Iterable[str] = (), unknown: str = "") -> Design:
     """The design of a file with the changes of --set; raises WrongUse where it cannot be used.
 
     A file that is not there is looked for among those that are shipped, by its path or name alone.
+
+    unknown  which values figures are for, where a command does not take the middle of each law
     """
     path = design_file(path)
     with as_wrong_use():
         design = load_design(path, list(changes))
     for code in used_code():
         print_message(f"startrack: {code}")
-    print_unknown(design)
+    print_unknown(design, values=unknown)
     return design
 
 
@@ -96,18 +98,23 @@ def design_file(path: Path) -> Path:
         return found_file(path)
 
 
-def print_unknown(design: Design, owner: str = "the design") -> None:
-    """Say that figures are for the middle of what is not known of a design."""
+def print_unknown(design: Design, owner: str = "the design", values: str = "") -> None:
+    """Say which values of what is not known of a design figures are for: the middle of each law, or
+    other `values`.
+    """
     if not design.unknowns:
         return
     names = [unknown.name for unknown in design.unknowns]
     drawn = design.campaign.unknown_draws if design.campaign else 0
     more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
-    print_message(
-        f"startrack: {len(names)} values of {owner} are not known "
-        f"({', '.join(names[:MOST_NAMES])}{more}); figures are for the middle of their laws"
+    values = values or (
+        "figures are for the middle of their laws"
         + (f", conditions for {drawn} draws" if drawn else "")
         + ", `startrack predict` gives intervals"
+    )
+    print_message(
+        f"startrack: {len(names)} values of {owner} are not known "
+        f"({', '.join(names[:MOST_NAMES])}{more}); {values}"
     )
 
 

@@ -34,6 +34,7 @@ CORNERS = tuple((row, column) for row in (-4, 3) for column in (-4, -3, 2, 3))
 MIDDLE = slice(2, 6)  # of eight sorted pixels, whose mean is the background: outliers do not count
 ROUNDS = 4  # of moving the image until the star is in its middle
 IMAGE = 8  # pixel, of the largest image, about which the search needs pixels
+CORNER_ROWS, CORNER_COLUMNS = np.transpose(CORNERS) + IMAGE // 2  # of the largest image
 
 
 APPARENT = "magnitudes by which a star may seem fainter or brighter than its catalogue says"
@@ -221,11 +222,9 @@ def star_image(psf: core.Psf, box: Box) -> StarImage:
     )
 
 
-def corner_level(pixel: NDArray[Any]) -> float:
-    """The dynamic background of 8 x 8 pixels."""
-    half = IMAGE // 2
-    corner = np.sort([pixel[half + row, half + column] for row, column in CORNERS])
-    return float(corner[MIDDLE].mean())
+def corner_level(pixel: NDArray[Any]) -> Any:
+    """The dynamic background (...) of images (..., 8, 8)."""
+    return np.sort(pixel[..., CORNER_ROWS, CORNER_COLUMNS])[..., MIDDLE].mean(axis=-1)
 
 
 def _table(psf: core.Psf, x: float, y: float, half: int) -> Floats:
@@ -330,7 +329,7 @@ def _measure(
     raw = window[half - side : half + side, half - side : half + side].astype(float)
     level = gain.offset if math.isfinite(gain.offset) else 0.0
     if box.background == "dynamic":
-        level = corner_level(window)
+        level = float(corner_level(window))
     light = (raw - level) * mask
     total = float(light.sum())
     moment = _moment(light) if total > 0 else np.full(2, np.inf)

@@ -177,7 +177,7 @@ class Detector(Parameters):
         limit=Range(1, 24),
         default=12,
     )
-    offset: int = parameter("digital number of an empty pixel", limit=Range(0), default=0)
+    offset: float = parameter("mean digital number of an empty pixel", limit=Range(0), default=0.0)
     pixel_rate: float = parameter(
         "pixel / second of the read-out, which sets the update rate",
         unit=Unit("pix / s", "Mpix / s"),
@@ -307,7 +307,7 @@ class Detector(Parameters):
         super().__post_init__()
         if self.pixel_pitch_y not in (None, self.pixel_pitch):
             self._refuse_oblong(self.pixel_pitch, self.pixel_pitch_y)
-        core.whole(0, 2**self.bits - 1, offset=self.offset)
+        core.within(0, 2**self.bits - 1, offset=self.offset)
         if 4 * abs(self.adc_inl) >= 2**self.bits - 1:
             raise Refused(
                 f"adc_inl must stay under a quarter of the converter's range, got {self.adc_inl}"

@@ -8,7 +8,7 @@ predict  Design file -> Prediction: median and intervals of each figure, and wha
 """
 
 from startrack.prediction.as_designed import DesignedDraw, DesignedDraws, draw_as_designed
-from startrack.prediction.draws import MIDDLE, Draw, draw_unknowns
+from startrack.prediction.draws import MIDDLE, Draw, draw_unknowns, drawn_cases
 from startrack.prediction.learn import TERMS, Learned, Lesson, learn, save_posterior, save_told
 from startrack.prediction.predict import (
     ACCURACY,
@@ -35,6 +35,7 @@ __all__ = [
     "PredictionSurface",
     "draw_as_designed",
     "draw_unknowns",
+    "drawn_cases",
     "fit_surface",
     "learn",
     "predict",

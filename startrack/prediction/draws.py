@@ -146,6 +146,15 @@ def drawn_design(
     return load_design(path, changes, quantile=quantile)
 
 
+def drawn_cases(path: Path, seed: int, count: int, changes: Sequence[str] = ()) -> list[Case]:
+    """The design with other values of what is not known, for each draw of `draw_unknowns`.
+
+    Raises  Refused where a value that is drawn is out of its limits; as `load_design`.
+    """
+    whole(1, 10**4, count=count)
+    return [drawn_design(path, changes, seed, number, count, {}).case for number in range(count)]
+
+
 def _terms(
     case: Case, seed: int, first: int, units: int, age: float | None
 ) -> tuple[dict[Term, Floats], float]:

@@ -13,7 +13,7 @@ from scipy import optimize
 from startrack import core, detection
 from startrack.core import Flags, Floats, Ints, Refused
 from startrack.detector import stamp
-from startrack.verification.windows_of_flight import BORDER, FEWEST_IMAGES, Windows, blocks_of
+from startrack.verification.windows_of_flight import BORDER, FEWEST_IMAGES, Windows, without_blocks
 
 PHASES = 10  # of a pixel, of the curve of the centroid
 CELLS = 4  # of a pixel along each side, of the mean images
@@ -51,7 +51,7 @@ def centroids(windows: Windows, box: detection.Box) -> Centroids:
     step = np.arange(light.shape[1]) - (light.shape[1] - 1) / 2
     with np.errstate(invalid="ignore", divide="ignore"):
         moment = np.stack([light.sum(axis=1) @ step, light.sum(axis=2) @ step], 1) / total[:, None]
-    seen = np.abs(total / np.median(total) - 1) < CLEAR
+    seen = _is_clear(total)
     if seen.sum() < FEWEST_IMAGES:
         raise Refused(f"{windows.name} must have a star of steady light in most of its images")
     place = corner + (light.shape[1] - 1) / 2 + moment
@@ -60,12 +60,16 @@ def centroids(windows: Windows, box: detection.Box) -> Centroids:
 
 def is_steady(windows: Windows, box: detection.Box) -> bool:
     """Whether its centroids can be taken, with and without each block of time."""
-    try:
-        for part in ([windows], *blocks_of([windows])):
-            centroids(part[0], box)
-    except Refused:
-        return False
-    return True
+    total = _light(windows, box)[0].sum(axis=(1, 2))
+    parts = [total, *(total[left] for (left,) in without_blocks([windows.time]))]
+    return all(
+        len(part) >= FEWEST_IMAGES and _is_clear(part).sum() >= FEWEST_IMAGES for part in parts
+    )
+
+
+def _is_clear(total: Floats) -> Flags:
+    """Whether the light of exposures (n,) is near its median."""
+    return np.asarray(np.abs(total / np.median(total) - 1) < CLEAR)
 
 
 def _light(windows: Windows, box: detection.Box) -> tuple[Floats, Ints]:
@@ -85,9 +89,7 @@ def level_of(windows: Windows, box: detection.Box) -> Floats:
     if box.background == "none" or windows.number.shape[1] < 8:
         return np.zeros(len(windows.time))
     cut = windows.number.shape[1] // 2 - 4
-    return np.array(
-        [detection.corner_level(image[cut : cut + 8, cut : cut + 8]) for image in windows.number]
-    )
+    return np.asarray(detection.corner_level(windows.number[:, cut : cut + 8, cut : cut + 8]))
 
 
 class MeasuredWindows(NamedTuple):

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import stdtrit
 
 from startrack.core import Advance, Floats, Refused, printed
 from startrack.design import Case
@@ -47,7 +48,7 @@ class FlightDifference(NamedTuple):
     """One figure of one star: as seen and as predicted, and what it points to in the design.
 
     seen       95 % by a jackknife over eight blocks of time
-    predicted  median and 95 % of the devices drawn
+    predicted  median of the devices drawn, and the interval that holds a further one with 95 %
     untested   why the two cannot differ by the design; empty: they can
     """
 
@@ -91,6 +92,7 @@ def compare_flown(
     devices: int = 16,
     seed: int = 0,
     progress: Advance | None = None,
+    unknown: Sequence[Case] = (),
 ) -> FlightComparison:
     """Measure images in flight and those that the design predicts, by the same code.
 
@@ -99,42 +101,43 @@ def compare_flown(
     transmission and quantum efficiency. The background is not tested where the images have another
     offset than the design. Stars without steady light, as seen or as predicted, are left out.
 
-    Raises    Refused where no star is left, and behind a mosaic of colour filters.
-    Accuracy  model: of the light by a magnitude that of `photon_irradiance`, for a sunlike star.
+    unknown   the design with other values of what is not known, one for each device, so that the
+              predicted intervals hold them; none: all devices are of `case`
+    Raises    Refused where no star is left, and behind a mosaic of colour filters; as `simulate`.
+    Accuracy  model: of the light by a magnitude that of `photon_irradiance`, for a sunlike star;
+              flown images are compared with the image of a star of `case` alone.
     """
     if case.instrument.detector.mosaic is not None:
         raise Refused("instrument.detector.mosaic must be left out: predicted images have none")
     box, psf = case.tracker.box, psf_of(case.instrument)
     steady = [star for star in stars if is_steady(star, box)] or list(stars)
-    made = simulate(case, steady, devices, seed, progress)
+    made = simulate(case, steady, devices, seed, progress, unknown)
     kept = [n for n, images in enumerate(zip(*made, strict=True)) if _all_steady(images, box)]
     left = tuple(star.name for star in stars if star not in [steady[n] for n in kept])
     if not kept:
         raise Refused("stars must have a steady light, as seen and as predicted")
     stars = [steady[n] for n in kept]
     drawn = [measure([unit[n] for n in kept], box, None) for unit in made]
-    electrons = case.instrument.detector.electrons_per_dn
-    noise = case.instrument.detector.noise / electrons
+    detector = case.instrument.detector
+    noise = detector.noise / detector.electrons_per_dn
     measured = measure(stars, box, psf, noise)
     parts = [measure(block, box, None, noise) for block in blocks_of(stars)]
+    cases = unknown or [case] * devices
+    by_design = _by_design(case, cases)
     differences, curves = [], {}
-    stated = {"image": 0.0, "gain": electrons, "read_noise": noise, "offset": 0.0}
     for n, star in enumerate(stars):
         for name, value in measured[n].scalar.items():
             seen = _jackknifed(value, [part[n].scalar[name] for part in parts])
-            predicted = _middle([unit[n].scalar[name] for unit in drawn])
             if name == "image":
                 seen = Interval(value, value, value)
-            if name in stated:
-                predicted = Interval(*[stated[name]] * 3)
+            made_of = np.array([unit[n].scalar[name] for unit in drawn])
             untested = ""
             if name == "brightness":
-                untested = "" if math.isfinite(star.magnitude_g) else SCALED
-                if not untested:
-                    bright = _light_by_magnitude(case, star)
-                    predicted = Interval(
-                        bright * predicted.value, bright * predicted.low, bright * predicted.high
-                    )
+                if math.isfinite(star.magnitude_g):
+                    made_of *= [_light_by_magnitude(one, star) for one in cases]
+                else:
+                    untested = SCALED
+            predicted = _of_devices(by_design.get(name, made_of))
             if math.isfinite(seen.value):
                 row = FlightDifference(star.name, name, seen, predicted, KEYS[name], untested)
                 differences.append(row)
@@ -147,6 +150,19 @@ def compare_flown(
 
 def _all_steady(images: Sequence[Windows], box: Box) -> bool:
     return all(is_steady(one, box) for one in images)
+
+
+def _by_design(case: Case, cases: Sequence[Case]) -> dict[str, Floats]:
+    """Figures (n,) that follow from each of the cases without an image; offset is over `case`'s."""
+    detectors = [one.instrument.detector for one in cases]
+    gain = np.array([detector.electrons_per_dn for detector in detectors])
+    return {
+        "image": np.zeros(len(cases)),
+        "gain": gain,
+        "read_noise": np.array([detector.noise for detector in detectors]) / gain,
+        "offset": np.array([detector.offset for detector in detectors])
+        - case.instrument.detector.offset,
+    }
 
 
 def _light_by_magnitude(case: Case, star: Windows) -> float:
@@ -162,7 +178,8 @@ def _of_known_offset(differences: list[FlightDifference]) -> list[FlightDifferen
     off = {
         row.star: row
         for row in differences
-        if row.name == "offset" and abs(row.seen.value) > OFF * (row.seen.high - row.seen.value)
+        if row.name == "offset"
+        and _distance(row.seen.value, row.predicted) > OFF * (row.seen.high - row.seen.value)
     }
     return [
         row._replace(
@@ -176,14 +193,33 @@ def _of_known_offset(differences: list[FlightDifference]) -> list[FlightDifferen
     ]
 
 
+def _distance(value: float, interval: Interval) -> float:
+    """How far a value lies outside an interval."""
+    return max(interval.low - value, value - interval.high, 0.0)
+
+
 def _jackknifed(value: float, parts: list[float]) -> Interval:
     """95 % by leaving out each block of time in turn."""
     sigma = jackknife_sigma(parts)
     return Interval(value, value - 1.96 * sigma, value + 1.96 * sigma)
 
 
-def _middle(values: list[float]) -> Interval:
-    """Median and 95 % of the devices."""
-    finite = [value for value in values if math.isfinite(value)] or [math.nan]
-    low, middle, high = np.percentile(finite, [2.5, 50, 97.5])
-    return Interval(float(middle), float(low), float(high))
+def _of_devices(values: Floats) -> Interval:
+    """Median of the devices (n,), and the interval that holds a further one with 95 %.
+
+    By Student's law, of positive values that of their logarithms; open where there is one device.
+    """
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return Interval(math.nan, math.nan, math.nan)
+    value, positive = float(np.median(known)), bool((known > 0).all())
+    if len(known) < 2:
+        return Interval(value, 0.0 if positive else -math.inf, math.inf)
+    normal = np.log(known) if positive else known
+    half = (
+        float(stdtrit(len(known) - 1, 0.975)) * math.sqrt(1 + 1 / len(known)) * normal.std(ddof=1)
+    )
+    ends = normal.mean() + np.array([-half, half])
+    low, high = np.exp(ends) if positive else ends
+    # Devices that are alike differ by rounding.
+    return Interval(value, min(float(low), value), max(float(high), value))

@@ -57,7 +57,7 @@ class Reduced(NamedTuple):
 
 def reduced(images: Floats, size: int) -> Reduced:
     """Light and width of images (n, 8, 8) in their `size` inner pixels, as `tracker.box` counts."""
-    level = np.array([detection.corner_level(image) for image in images])
+    level = detection.corner_level(images)
     cut = (SIDE - size) // 2
     inner = images[:, cut : cut + size, cut : cut + size] - level[:, None, None]
     light = inner * detection.image_mask(size)

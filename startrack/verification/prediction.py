@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import chain
 
 import numpy as np
 
 from startrack import core, detection
-from startrack.core import Advance, Floats
+from startrack.core import Advance, Floats, Refused
 from startrack.design import Case
 from startrack.detector import dark, flickering, frame_of, response, stamp
 from startrack.observation import frames_of_map, psf_of, sky_electrons
-from startrack.verification.figures import centroids
+from startrack.verification.figures import Centroids, centroids
 from startrack.verification.windows_of_flight import (
     BORDER,
     Windows,
@@ -26,29 +27,51 @@ SMOOTH = 15  # exposures, over which a path is smoothed
 
 
 def simulate(
-    case: Case, stars: Sequence[Windows], devices: int, seed: int, progress: Advance | None = None
+    case: Case,
+    stars: Sequence[Windows],
+    devices: int,
+    seed: int,
+    progress: Advance | None = None,
+    unknown: Sequence[Case] = (),
 ) -> list[list[Windows]]:
     """Images that the design makes of the same stars on the same paths.
 
     Brightness and path of each star are measured in its flown images: the median of its light, and
     its centroids smoothed over SMOOTH exposures. Pixels, noise and flicker of the design are drawn.
+    The offset of `case` is taken off all images, as it was off the flown ones.
 
     devices  number of draws of the pixels;  progress  called with 1 after each star
+    unknown  the design with other values of what is not known, one for each device; none: all
+             devices are of `case`
     Returns  [device][star], in windows that `tracker.box` places, 8 x 8 pixels each
+    Raises   Refused for another number of `unknown` than of devices
     Accuracy  model: one mean image for the whole field; a star does not move within an exposure;
               paths have the errors of the centroids, some hundredths of a pixel.
     """
     core.whole(1, 1000, devices=devices)
-    box, psf, drawn = case.tracker.box, psf_of(case.instrument), []
+    if unknown and len(unknown) != devices:
+        raise Refused(f"unknown must be one case for each device, got {len(unknown)}")
+    box, offset, drawn = case.tracker.box, case.instrument.detector.offset, []
     for number, star in enumerate(stars):
-        seen = centroids(star, box)
+        seen, streams = centroids(star, box), core.Streams(seed, number)
         path = _smoothed(seen.place)
-        share = fraction_in_box(psf, box)
-        flux = float(np.median(seen.total)) / share * case.instrument.detector.electrons_per_dn
-        drawn.append(_drawn(case, seen.windows, path, flux, devices, core.Streams(seed, number)))
+        if unknown:
+            parts = [
+                _drawn(one, seen, path, offset, 1, _of_device(streams, device))
+                for device, one in enumerate(unknown)
+            ]
+        else:
+            parts = [_drawn(case, seen, path, offset, devices, streams)]
+        drawn.append(list(chain.from_iterable(parts)))
         if progress:
             progress(1)
     return [list(device) for device in zip(*drawn, strict=True)]
+
+
+def _of_device(streams: core.Streams, device: int) -> core.Streams:
+    """Streams of one of several detectors that see a star apart."""
+    seed = int(streams(f"device {device}").integers(2**31))
+    return core.Streams(seed, streams.trial)
 
 
 def _smoothed(place: Floats) -> Floats:
@@ -67,9 +90,14 @@ def fraction_in_box(psf: core.Psf, box: detection.Box) -> float:
 
 
 def _drawn(
-    case: Case, seen: Windows, path: Floats, flux: float, devices: int, streams: core.Streams
+    case: Case, star: Centroids, path: Floats, offset: float, devices: int, streams: core.Streams
 ) -> list[Windows]:
-    """One star on detectors side by side, each a tile of one frame."""
+    """One star on detectors side by side, each a tile of one frame.
+
+    path    (n, 2) pixel;  offset  digital number, that is taken off the images
+    """
+    seen, share = star.windows, fraction_in_box(psf_of(case.instrument), case.tracker.box)
+    flux = float(np.median(star.total)) / share * case.instrument.detector.electrons_per_dn
     low = np.floor(path.min(axis=0)).astype(int) - 2 * BORDER
     side = np.ceil(path.max(axis=0)).astype(int) + 2 * BORDER - low
     device = replace(
@@ -101,7 +129,7 @@ def _drawn(
             state=state,
         )
         corners.append(corner - 4)
-        numbers.append(cut_out(frame.image, corner, device))
+        numbers.append(cut_out(frame.image, corner, offset))
         if seen.acquired is not None:
             acquired.append(acquired_in(frame, corner, plan))
         corner = followed_stars(frame, corner, box, plan)

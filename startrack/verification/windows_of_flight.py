@@ -194,7 +194,7 @@ def windows_of_frames(
         stamps.append(frame.time)
         inside = np.clip(corner, 4, np.array(size[::-1]) - 4)
         corners.append(corner - 4)
-        numbers.append(cut_out(frame.image, inside, detector))
+        numbers.append(cut_out(frame.image, inside, detector.offset))
         acquired.append(acquired_in(frame, inside, plan))
         corner = followed_stars(frame, corner, box, plan)
         if progress:
@@ -216,10 +216,16 @@ def windows_of_frames(
 
 def blocks_of(stars: Sequence[Windows]) -> Iterable[list[Windows]]:
     """The stars without each of eight blocks of time."""
-    begin, end = min(s.time[0] for s in stars), max(s.time[-1] for s in stars)
+    for parts in without_blocks([star.time for star in stars]):
+        yield [star.of(part) for star, part in zip(stars, parts, strict=True)]
+
+
+def without_blocks(times: Sequence[Floats]) -> Iterable[list[Flags]]:
+    """Which times (n,) of each star are left without each of eight blocks of time."""
+    begin, end = min(time[0] for time in times), max(time[-1] for time in times)
     edges = np.linspace(begin, end, BLOCKS + 1)
     for low, high in pairwise(edges):
-        yield [star.of((star.time < low) | (star.time >= high)) for star in stars]
+        yield [(time < low) | (time >= high) for time in times]
 
 
 def jackknife_sigma(parts: Sequence[float] | Floats) -> float:
@@ -307,7 +313,7 @@ def followed_stars(
     return np.where(after < 0, corner, after)
 
 
-def cut_out(image: Any, corner: Ints, device: Detector) -> Floats:
-    """Windows (m, 8, 8) of a frame about corners, less the offset."""
+def cut_out(image: Any, corner: Ints, offset: float) -> Floats:
+    """Windows (m, 8, 8) of a frame about corners (m, 2), less an offset, digital number."""
     parts = [image[y - 4 : y + 4, x - 4 : x + 4] for x, y in corner]
-    return np.asarray(parts, float) - device.offset
+    return np.asarray(parts, float) - offset

@@ -19,7 +19,7 @@ from startrack.io import FrameFiles, Layout, read_frames
 from startrack.observation import colour_correction
 from startrack.trial import observe
 from startrack.verification.figures import Centroids, _about_common, correlation, gain_in_flight
-from startrack.verification.flown import compare_flown
+from startrack.verification.flown import _of_devices, compare_flown
 from startrack.verification.windows_of_flight import Windows, read_windows, windows_of_frames
 
 GAIN, NOISE, COUNT, SIDE = 4.0, 12.0, 2000, 8
@@ -278,3 +278,34 @@ def test_brightness_tests_throughput_only_by_a_magnitude():
         assert not row.untested
     assert row.differs
     assert "transmission" in row.key
+
+
+def test_an_offset_that_is_not_known_is_in_the_interval_of_the_background():
+    """Of images with 20 numbers more than the design has where there is no light."""
+    case = load_design(shipped("designs/noise_only.toml"), ["instrument.detector.offset=50"]).case
+    image = replace(still().of(slice(160)), background=None)
+    star = replace(image, number=image.number + 20)
+    others = [replaced(case, "instrument.detector.offset", value) for value in (25, 45, 60, 80)]
+    rows = {
+        name: {row.name: row for row in compare_flown(case, [star], 4, unknown=unknown).differences}
+        for name, unknown in (("known", ()), ("unknown", others))
+    }
+    known, unknown = rows["known"]["background"], rows["unknown"]["background"]
+    assert known.differs or known.untested
+    assert not unknown.differs
+    assert not unknown.untested
+    width = [row.predicted.high - row.predicted.low for row in (known, unknown)]
+    assert width[1] > 40 > width[0]
+    with pytest.raises(Refused, match="unknown must be one case for each device, got 4"):
+        compare_flown(case, [star], 5, unknown=others)
+
+
+@pytest.mark.parametrize("law", ["normal", "lognormal"])
+def test_the_interval_of_devices_holds_a_further_one(law):
+    """Of 4,000 times eight devices; false alarms once in 10,000 (four standard deviations)."""
+    drawn = getattr(np.random.default_rng(1), law)(size=(4000, 9))
+    held = 0
+    for values in drawn:
+        interval = _of_devices(values[:8])
+        held += interval.low <= values[8] <= interval.high
+    assert held / 4000 == pytest.approx(0.95, abs=4 * np.sqrt(0.95 * 0.05 / 4000))
