@@ -12,7 +12,6 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-import tomli_w
 from scipy.spatial.transform import Rotation
 
 from startrack import io
@@ -170,7 +169,7 @@ def read_camera(path: Path) -> Camera:
 
 def save_camera(path: Path, camera: Camera) -> None:
     """Write a camera that `read_camera` reads back to an equal one."""
-    io.save_text(path, tomli_w.dumps({"tracker": {"camera": io.to_table(camera)}}))
+    io.save_toml(path, {"tracker": {"camera": io.to_table(camera)}})
 
 
 def image_reader(options: argparse.Namespace) -> Callable[[Path], Frame]:

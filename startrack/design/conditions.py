@@ -124,7 +124,7 @@ class Judged(NamedTuple):
     case    the design in it
     needs   what it must meet there
     weight  1, of its error in the objective
-    units   over which its errors are judged; None: they are those of the unit as designed
+    units   over which its errors are judged; None: those of the unit as designed are
     """
 
     name: str
@@ -142,8 +142,8 @@ def turning(case: Case, rate: float) -> Case:
         x, y, z = scale * motion.rate_x, scale * motion.rate_y, scale * motion.rate_z
     else:
         x, y, z = rate / math.sqrt(2), rate / math.sqrt(2), 0.0
-    moved: Motion = replace(motion, rate_x=x, rate_y=y, rate_z=z)
-    return replace(case, instrument=replace(case.instrument, motion=moved))
+    turned: Motion = replace(motion, rate_x=x, rate_y=y, rate_z=z)
+    return replace(case, instrument=replace(case.instrument, motion=turned))
 
 
 def judged(
@@ -151,8 +151,7 @@ def judged(
 ) -> tuple[Judged, ...]:
     """All conditions of a design: its own first, those that are given, rest, the largest rate.
 
-    Rest is always among them, and so is the largest rate that is required; with the weight 0, where
-    they are not given.
+    Rest and the largest required rate are added with the weight 0 where no condition has them.
 
     Raises  ValueError where a condition does not fit the case.
     """

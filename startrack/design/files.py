@@ -1,12 +1,12 @@
 """Design files: a case, and optionally a campaign on it, as TOML with units in strings."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from startrack.core import Refused, code_in, printed, require_code, shown
-from startrack.core import allow_code as allowed
+from startrack.core import allow_code as allow_code_of
 from startrack.design.campaign import Campaign
 from startrack.design.case import Case, Instrument
 from startrack.design.conditions import Change, Condition
@@ -16,7 +16,18 @@ from startrack.design.products import PLACE as PRODUCT
 from startrack.design.spectrum import PLACE as SPECTRA
 from startrack.design.spectrum import with_spectra
 from startrack.design.told import Told
-from startrack.design.unknown import Quantile, Unknown, UnknownReader, is_law, stratified, with_laws
+from startrack.design.unknown import (
+    APERTURE,
+    F_NUMBER,
+    INSTEAD,
+    OPTICS,
+    Quantile,
+    Unknown,
+    UnknownReader,
+    is_law,
+    stratified,
+    with_laws,
+)
 from startrack.design.variables import Link
 from startrack.design.variation import Scope
 from startrack.io import (
@@ -25,7 +36,7 @@ from startrack.io import (
     from_table,
     read_layers,
     refuse_unknown,
-    save_text,
+    save_toml,
     to_table,
 )
 from startrack.optics import with_plain_optics
@@ -34,8 +45,6 @@ from startrack.optics import with_plain_optics
 JOINED = {"variation": {"name": None, "per": str(Scope.UNIT)}}
 # A product of the catalogue stands for a detector; how a mission operates it, is kept.
 RENEWED = {DETECTOR: Renewed("product", (*KEPT, *OPERATED))}
-OPTICS, APERTURE, F_NUMBER = "instrument.optics", "aperture", "f_number"
-INSTEAD = {OPTICS: (APERTURE, F_NUMBER)}
 
 
 @printed
@@ -46,7 +55,7 @@ class Design:
     case      the instrument, the tracker, the scene and the sky
     campaign  the question put to it, None if the file asks none
     unknowns  values that the file does not know, each with its law; the case has one value of each
-    told      errors of the design that somebody measured or published
+    told      figures of the design that somebody measured or published
     """
 
     case: Case
@@ -76,17 +85,20 @@ class Design:
     @property
     def undrawn(self) -> tuple[Unknown, ...]:
         """Unknown values that stay at their middle in all conditions of `asked`."""
-        drawn = self.campaign is not None and self.campaign.unknown_draws > 0
+        draws = self.campaign is not None and self.campaign.unknown_draws > 0
         return tuple(
-            unknown for unknown in self.open_unknowns if not (drawn and unknown.of_one_key)
+            unknown for unknown in self.open_unknowns if not (draws and unknown.of_one_key)
         )
 
     @property
     def asked(self) -> Campaign | None:
-        """The campaign, with draws of what is not known among the conditions.
+        """The campaign, with draws of the unknown values among the conditions.
 
-        Each draw has one value of each unknown, of its equal part of the probability (Latin
-        hypercube); the draws are the same for all seeds, so that designs are compared on them.
+        The draws are a Latin hypercube: of each unknown, each draw has a value from another one of
+        equally probable intervals. They are the same for all seeds, so that designs are compared on
+        the same draws.
+
+        Raises  Refused where draws are asked for, but no unknown can be drawn.
         """
         campaign = self.campaign
         if campaign is None or not campaign.unknown_draws:
@@ -98,18 +110,18 @@ class Design:
                 f"are what the campaign varies or files among several, got {campaign.unknown_draws}"
             )
         count = campaign.unknown_draws
-        quantile = {unknown.name: stratified(1, unknown.name, count) for unknown in unknowns}
-        drawn = tuple(
+        quantiles = {unknown.name: stratified(1, unknown.name, count) for unknown in unknowns}
+        draws = tuple(
             Condition(
                 name=f"draw {number + 1}",
                 change=tuple(
-                    Change(unknown.name, unknown.at(float(quantile[unknown.name][number])))
+                    Change(unknown.name, unknown.at(float(quantiles[unknown.name][number])))
                     for unknown in unknowns
                 ),
             )
             for number in range(count)
         )
-        return replace(campaign, conditions=(*campaign.conditions, *drawn))
+        return replace(campaign, conditions=(*campaign.conditions, *draws))
 
     @property
     def _rows(self) -> list[tuple[str, str]]:
@@ -165,30 +177,41 @@ def load_design(
             with_product_files(campaign.get("choices"), layers.folder_of("campaign.choices", path))
         with_spectra(table, layers.folder_of(SPECTRA, path))
         table = with_product(reader.table(table), layers.folder_of(PRODUCT, path))
-        keeps_aperture = False
+        keeps_aperture = _has_aperture(table)
         if isinstance(instrument := table.get("instrument"), dict):
-            optics = instrument.get("optics")
-            keeps_aperture = isinstance(optics, dict) and APERTURE in optics
             table["instrument"] = with_plain_optics(instrument, Instrument, "instrument")
         refuse_unknown((Case, table, ""), (Campaign, campaign, "campaign"))
         if not isinstance(told, list):
             raise Refused(f"told must be a list of tables, got {shown(told)}")
         told = with_measured_tables(told, layers.folder_of("told", path))
-        asked = None if campaign is None else from_table(Campaign, campaign, "campaign")
+        study = None if campaign is None else from_table(Campaign, campaign, "campaign")
         design = Design(
             from_table(Case, table),
-            with_aperture(asked) if asked and keeps_aperture else asked,
+            with_aperture(study) if study and keeps_aperture else study,
             tuple(reader.found),
             tuple(from_table(Told, entry, f"told[{n}]") for n, entry in enumerate(told)),
         )
-        named = list(code_in(design.case))
-        named += code_in(design.campaign, "campaign") if design.campaign else ()
-        if allow_code:
-            allowed(*(name.partition(":")[0] for _, _, name in named))
-        require_code(named)
+        _require_code(design, allow_code)
         return design
     except ValueError as error:
         raise Refused(layers.blamed(str(error), path)) from None
+
+
+def _has_aperture(table: Mapping[str, Any]) -> bool:
+    """Whether the table of a design gives an aperture instead of an f-number."""
+    match table:
+        case {"instrument": {"optics": dict() as optics}}:
+            return APERTURE in optics
+    return False
+
+
+def _require_code(design: Design, allow: bool) -> None:
+    """Refuse a design that names code which may not run; `allow` allows it first."""
+    named = list(code_in(design.case))
+    named += code_in(design.campaign, "campaign") if design.campaign else ()
+    if allow:
+        allow_code_of(*(name.partition(":")[0] for _, _, name in named))
+    require_code(named)
 
 
 def with_aperture(campaign: Campaign) -> Campaign:
@@ -208,12 +231,13 @@ def save_design(path: Path, design: Design, comment: str = "") -> None:
     What is not known keeps its law, except which of several files was included: the values of the
     one that was taken are written.
     """
-    import tomli_w
-
-    table: dict[str, Any] = with_laws(to_table(design.case), design.unknowns)
-    if design.campaign is not None:
-        table["campaign"] = to_table(design.campaign)
+    table = table_of(design)
     if design.told:
         table["told"] = [to_table(told) for told in design.told]
-    head = "".join(f"# {line}\n" for line in comment.splitlines())
-    save_text(path, head + tomli_w.dumps(table))
+    save_toml(path, table, comment)
+
+
+def table_of(design: Design) -> dict[str, Any]:
+    """The case and the campaign as a table, with the laws of unknown values."""
+    table = with_laws(to_table(design.case), design.unknowns)
+    return table if design.campaign is None else table | {"campaign": to_table(design.campaign)}

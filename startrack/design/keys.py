@@ -82,6 +82,12 @@ SPECTRUM = Key(
     "instead of frequency and density: a table of both beside the design file; a head such as "
     '"frequency (Hz), density (urad2 / Hz)" names the units, else Hz and arcsec2 / Hz',
 )
+# Keys that `load_design` replaces before the classes see them, after the keys that they stand for.
+REPLACED = (
+    (PRODUCT, "instrument.detector"),
+    (SPECTRUM, "instrument.motion.broadband.density"),
+    (APERTURE, "instrument.optics.f_number"),
+)
 CAMPAIGN = Key("campaign", "table", "", "", "none", "The question that is put to a design.")
 TOLD = Key("told", "tables", "", "", "none", "Figures that were measured or published.")
 TABLE = Key(
@@ -102,16 +108,12 @@ def design_keys() -> tuple[Key, ...]:
     """All keys that a design file may have, in the order of their tables."""
     keys = [*OF_FILES, *keys_of(Case), CAMPAIGN]
     keys += [*keys_of(Campaign, "campaign"), TOLD, *keys_of(Told, "told"), TABLE]
-    for more, before in (
-        (PRODUCT, "detector"),
-        (SPECTRUM, "motion.broadband.density"),
-        (APERTURE, "optics.f_number"),
-    ):
-        at = next(n for n, key in enumerate(keys) if key.name == f"instrument.{before}") + 1
-        keys.insert(at, more)
-    others = json.loads(shipped("designs/fidelities.json").read_text(encoding="utf-8"))
+    for replaced, before in REPLACED:
+        position = next(n for n, key in enumerate(keys) if key.name == before) + 1
+        keys.insert(position, replaced)
+    not_all = json.loads(shipped("designs/fidelities.json").read_text(encoding="utf-8"))
     return tuple(
-        key._replace(taken_by=_taken_by(**others.get(key.name, {})))
+        key._replace(taken_by=_taken_by(**not_all.get(key.name, {})))
         if key.name.partition(".")[0] in OF_TRIALS and "table" not in key.kind
         else key
         for key in keys
@@ -313,11 +315,8 @@ def _by_name() -> dict[str, Key]:
 
 
 LAW = {"$ref": "#/definitions/law"}
-ABOUT = (
-    "description",
-    "markdownDescription",
-    "examples",
-)  # keywords of a schema that check nothing
+# Keywords of a schema that check nothing.
+ABOUT = ("description", "markdownDescription", "examples")
 
 
 def design_schema() -> Schema:
@@ -336,14 +335,9 @@ def design_schema() -> Schema:
     told: Schema = {"told": {"type": "array", "items": figure}}
     either = {"anyOf": [{"required": [name]} for name in ("base", "include")]}
     design["properties"] |= campaign | {key.name: _plain(key) for key in OF_FILES}
-    within = design["properties"]["instrument"]["properties"]["detector"]
-    within["properties"]["product"] = _plain(PRODUCT)
-    optics = design["properties"]["instrument"]["properties"]["optics"]
-    optics["properties"]["aperture"] = _plain(APERTURE)
-    broadband = design["properties"]["instrument"]["properties"]["motion"]["properties"][
-        "broadband"
-    ]
-    broadband["items"]["properties"]["file"] = _plain(SPECTRUM)
+    for key, _ in REPLACED:
+        place, _, name = key.name.rpartition(".")
+        _table_at(design, place)["properties"][name] = _plain(key)
     _allow_laws(design)
     design["properties"] |= told
     design["properties"]["include"]["items"] = {"anyOf": [{"type": "string"}, LAW]}
@@ -364,6 +358,14 @@ def design_schema() -> Schema:
     }
 
 
+def _table_at(schema: Schema, place: str) -> Schema:
+    """Schema of the table at a place; of a list of tables, that of each of them."""
+    for name in place.split("."):
+        schema = schema["properties"][name]
+        schema = schema.get("items", schema)
+    return schema
+
+
 def _law_schema(form: Collection[str]) -> Schema:
     """Schema of the law of a value that is not known; its values are checked as they are drawn."""
     some = {"type": "array", "minItems": 2}
@@ -374,7 +376,7 @@ def _law_schema(form: Collection[str]) -> Schema:
 
 
 def _allow_laws(schema: Schema) -> None:
-    """Let a law stand for each value of a table and of those within it, but for its campaign."""
+    """Let a law stand for each value of a table and of those within it, except the campaign."""
     for name, value in schema.get("properties", {}).items():
         if name == "campaign":
             continue

@@ -1,9 +1,9 @@
-"""Tables of a detector or of stars that somebody measured -> the figures of a design they tell."""
+"""Measured tables of a detector's photon transfer or of stars -> figures of the design."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -31,18 +31,31 @@ OF_TABLE = {
 }
 ANY_SIGN = "mean", "variance", "spatial", "magnitude"  # columns that may be zero or below it
 QUANTISATION = 1 / 12  # digital number squared
-LEAST_DARK = 0.24  # digital number squared, below which quantisation hides it: EMVA 1288, 6.6
-SATURATED = 0.1  # of the largest variance, below which the brightest level is saturated; by hand
-LINEAR = 0.7  # of the light of the largest variance, to which the line is fitted: EMVA 1288, 6.6
-FEWEST = 3  # levels of light on the line
-FITS = 5  # of a line whose weights are by the line before
-LEAST = 0.003  # of the logarithm of a figure, by which formula and reduction differ; by hand
-GROUPS, OF_GROUP = 4, 3  # of stars by magnitude, and how many each has at least
-SINGLE = 0.1  # of the logarithm of a figure of one star; by hand
+# Dark variance, digital number squared, below which quantisation hides the read noise: EMVA 1288,
+# 6.6.
+LEAST_DARK = 0.24
+# Fraction of the largest variance below which the brightest level is saturated. Chosen by hand: a
+# saturated level has hardly any variance, and one below saturation hardly less than the largest.
+SATURATED = 0.1
+# Fraction of the signal of the largest variance up to which the line is fitted: EMVA 1288, 6.6.
+LINEAR = 0.7
+FEWEST_LEVELS = 3  # of light on the line, besides the dark one
+REWEIGHTINGS = 5  # of the fit of a line, each by the variances of the fit before
+# Sigma of the logarithm that each figure has at least, for formula and reduction differ by about as
+# much. Chosen by hand.
+LEAST_SIGMA = 0.003
+GROUPS, FEWEST_STARS = 4, 3  # groups of stars by magnitude, and the least number of stars of each
+SINGLE_SIGMA = 0.1  # sigma of the logarithm of a figure of one star; chosen by hand
 
 
 class MeasuredFigure(NamedTuple):
-    """A figure of a table: its number, the sigma of its logarithm, the magnitude of the star."""
+    """A figure that a table tells.
+
+    figure     its name, one of `FRAME_FIGURES`
+    number     in its unit
+    sigma      1, standard deviation of its logarithm
+    magnitude  Gaia's G of its star; None where it is not that of a star of one magnitude
+    """
 
     figure: str
     number: float
@@ -51,39 +64,48 @@ class MeasuredFigure(NamedTuple):
 
 
 def with_measured_tables(told: list[Any], folder: Path) -> list[Any]:
-    """Entries of `[[told]]`, with the figures of a table for each that names one as `file`.
+    """Entries of `[[told]]`; an entry that names a measured table is replaced by its figures.
 
-    A factor of the entry is that by which all of them may be wrong, beside what the table says.
+    The `factor` of such an entry is a common error of all its figures, in addition to the scatter
+    within the table.
 
     folder  in which the files are
     Raises  Refused, with the file, where there is no such table.
     """
-    found = list[Any]()
+    entries = list[Any]()
     for number, entry in enumerate(told):
-        named = isinstance(entry, dict) and entry.get("figure") in TABLES
-        if not named and not (isinstance(entry, dict) and "file" in entry):
-            found.append(entry)
-            continue
-        place = f"told[{number}]"
-        if not named:
-            raise Refused(f"{place}.file must be left out but of the figures {', '.join(TABLES)}")
-        if not isinstance(name := entry.get("file"), str):
-            raise Refused(
-                f"{place}.file must be the name of a table of {entry['figure']}, got {shown(name)}"
-            )
-        if more := entry.keys() - {"figure", "file", "factor", "source"}:
-            raise Refused(f"{place}.{min(more)} must be left out of a {entry['figure']}")
-        common = entry.get("factor", 1.0)
-        if isinstance(common, bool) or not isinstance(common, int | float) or not common >= 1:
-            raise Refused(f"{place}.factor must be a number of 1 or more, got {shown(common)}")
-        path = folder / name
-        reduce = reduced_transfer if entry["figure"] == TRANSFER else reduced_stars
-        for one in reduce(path):
-            sigma = math.hypot(one.sigma, LEAST, math.log(common))
-            table = {"figure": one.figure, "number": one.number, "factor": math.exp(sigma)}
-            table |= {} if one.magnitude is None else {"magnitude": one.magnitude}
-            found.append(table | {"source": entry.get("source", path.name)})
-    return found
+        names_table = isinstance(entry, dict) and (entry.get("figure") in TABLES or "file" in entry)
+        if names_table:
+            entries += _figures_of_table(entry, f"told[{number}]", folder)
+        else:
+            entries.append(entry)
+    return entries
+
+
+def _figures_of_table(
+    entry: Mapping[str, Any], place: str, folder: Path
+) -> Iterator[dict[str, Any]]:
+    """Entries of `[[told]]` for the figures of the table that an entry names.
+
+    place  of the entry, for messages
+    """
+    if (kind := entry.get("figure")) not in TABLES:
+        raise Refused(f"{place}.file must be left out except of the figures {', '.join(TABLES)}")
+    if not isinstance(name := entry.get("file"), str):
+        raise Refused(f"{place}.file must be the name of a table of {kind}, got {shown(name)}")
+    if more := entry.keys() - {"figure", "file", "factor", "source"}:
+        raise Refused(f"{place}.{min(more)} must be left out of a {kind}")
+    common = entry.get("factor", 1.0)
+    if isinstance(common, bool) or not isinstance(common, int | float) or not common >= 1:
+        raise Refused(f"{place}.factor must be a number of 1 or more, got {shown(common)}")
+    path = folder / name
+    reduce = reduced_transfer if kind == TRANSFER else reduced_stars
+    for measured in reduce(path):
+        sigma = math.hypot(measured.sigma, LEAST_SIGMA, math.log(common))
+        table = {"figure": measured.figure, "number": measured.number, "factor": math.exp(sigma)}
+        if measured.magnitude is not None:
+            table["magnitude"] = measured.magnitude
+        yield table | {"source": entry.get("source", path.name)}
 
 
 def reduced_transfer(path: Path) -> list[MeasuredFigure]:
@@ -91,10 +113,9 @@ def reduced_transfer(path: Path) -> list[MeasuredFigure]:
 
         s^2 = read^2 + 1 / 12 + K (mean - dark mean),   s_spatial^2 = s_0^2 + (prnu signal)^2
 
-    in digital numbers, with the system gain K, the inverse of `gain`; the full well is the signal
-    of the brightest level, where hardly any variance is left of the largest: of the pixel or of the
-    converter, whichever ends first. A dark variance below 0.24 says
-    nothing, for quantisation decides it.
+    in digital numbers, with the system gain K, the inverse of `gain`. The full well, that of the
+    pixel or of the converter, is the signal of the brightest level, if its variance has collapsed.
+    A dark variance below 0.24 gives no read noise, for quantisation decides it.
 
     Source: EMVA 1288, release 4.0, 6.6 (photon transfer) and 8.2 (PRNU).
 
@@ -108,99 +129,108 @@ def reduced_transfer(path: Path) -> list[MeasuredFigure]:
     signal = mean - mean[0]
     top = int(np.argmax(variance))
     line = (signal <= LINEAR * signal[top]) & (np.arange(len(mean)) < max(top, 1))
-    if line.sum() < FEWEST + 1:
+    if line.sum() < FEWEST_LEVELS + 1:
         raise Refused(
-            f"{path} must have a dark level and {FEWEST} of light, below {LINEAR:.0%} of the light "
-            f"of the largest variance, got {int(line.sum())} levels there"
+            f"{path} must have a dark level and {FEWEST_LEVELS} of light, below {LINEAR:.0%} of "
+            f"the light of the largest variance, got {int(line.sum())} levels there"
         )
     (dark, slope), errors = _line(signal[line], variance[line])
     if not slope > 0:
         raise Refused(f"{path} must have a variance that grows with the mean, got {slope:.3g}")
-    found = [MeasuredFigure("gain", 1 / slope, errors[1] / slope)]
+    figures = [MeasuredFigure("gain", 1 / slope, errors[1] / slope)]
     if dark >= LEAST_DARK:
         read = math.sqrt(dark - QUANTISATION)
-        found.append(MeasuredFigure("read noise", read, errors[0] / 2 / read**2))
+        figures.append(MeasuredFigure("read noise", read, errors[0] / 2 / read**2))
     if "spatial" in table:
         spatial = table["spatial"][order]
         (_, square), errors = _line(signal[line] ** 2, spatial[line])
         if square > 3 * errors[1]:
-            found.append(MeasuredFigure("PRNU", math.sqrt(square), errors[1] / 2 / square))
+            figures.append(MeasuredFigure("PRNU", math.sqrt(square), errors[1] / 2 / square))
     if variance[-1] < SATURATED * variance[top]:
-        found.append(MeasuredFigure("full well", float(signal[-1]) / slope, errors[1] / slope))
-    return found
+        figures.append(MeasuredFigure("full well", float(signal[-1]) / slope, errors[1] / slope))
+    return figures
 
 
 def reduced_stars(path: Path) -> list[MeasuredFigure]:
     """Light, SNR and centroid noise of a table of stars.
 
-    path    of a table with `magnitude`, Gaia's G, and some of `electrons` or `signal` (digital
-            number) of an exposure in the tracker's box, `snr`, the former over its standard
-            deviation, and `centroid_noise`, pixel rms of an axis
+    path     of a table with `magnitude`, Gaia's G, and some of these columns: `electrons` or
+             `signal` (digital number) of an exposure in the tracker's box; `snr`, that light over
+             its standard deviation; `centroid_noise`, pixel rms of an axis
     Returns  light of a star of G = 0, the mean over all; SNR and centroid noise of up to four
              groups of stars of like magnitude, each the mean of its logarithms
     Raises   Refused where the file is no such table, or has none of these.
     """
     table = _columns(path, STARS, ("magnitude",))
     magnitude = table["magnitude"]
-    found = list[MeasuredFigure]()
+    figures = list[MeasuredFigure]()
     for column, figure in (("electrons", "star electrons"), ("signal", "star signal")):
         if column in table:
             light = np.log(table[column]) + 0.4 * math.log(10) * magnitude
-            found.append(_mean(figure, light, magnitude)._replace(magnitude=None))
+            figures.append(_mean(figure, light, magnitude)._replace(magnitude=None))
     order = np.argsort(magnitude, kind="stable")
-    groups = np.array_split(order, max(min(GROUPS, len(order) // OF_GROUP), 1))
+    groups = np.array_split(order, max(min(GROUPS, len(order) // FEWEST_STARS), 1))
     for column, figure in (("snr", "SNR"), ("noise", "centroid noise")):
         if column in table:
             logarithm = np.log(table[column])
-            found += [_mean(figure, logarithm[group], magnitude[group]) for group in groups]
-    if not found:
+            figures += [_mean(figure, logarithm[group], magnitude[group]) for group in groups]
+    if not figures:
         names = ", ".join(COLUMNS[name][0] for name in ("electrons", "signal", "snr", "noise"))
         raise Refused(f"{path} must have one of the columns {names}")
-    return found
+    return figures
 
 
 def _columns(path: Path, what: str, needed: tuple[str, ...]) -> dict[str, Floats]:
-    """Columns of a table by their meaning, positive but where zero means something."""
+    """Columns (n,) of a table by their meaning; all are finite, and positive but for ANY_SIGN.
+
+    what    kind of table, one of TABLES
+    needed  meanings that it must have
+    """
     table = csv_table(path, ended=False, what=f"a {what}")
-    found = dict[str, Floats]()
-    for name in OF_TABLE[what]:
-        there = next((one for one in COLUMNS[name] if one in table.colnames), None)
-        if there is None:
-            if name in needed:
+    columns = dict[str, Floats]()
+    for meaning in OF_TABLE[what]:
+        head = next((head for head in COLUMNS[meaning] if head in table.colnames), None)
+        if head is None:
+            if meaning in needed:
                 got = shown(", ".join(table.colnames))
-                raise Refused(f"{path} must have a column {COLUMNS[name][0]}, got {got}")
+                raise Refused(f"{path} must have a column {COLUMNS[meaning][0]}, got {got}")
             continue
-        values = np.asarray(table_numbers(path, table, there), float)
-        good = np.isfinite(values) & (name in ANY_SIGN or values > 0)
+        values = np.asarray(table_numbers(path, table, head), float)
+        good = np.isfinite(values) & (meaning in ANY_SIGN or values > 0)
         if not good.all():
-            row, must = int(np.argmin(good)), "finite" if name in ANY_SIGN else "positive"
+            row, must = int(np.argmin(good)), "finite" if meaning in ANY_SIGN else "positive"
             raise Refused(
-                f"{path}: {there} must be {must} in each row, got {values[row]:g} in row {row + 1}"
+                f"{path}: {head} must be {must} in each row, got {values[row]:g} in row {row + 1}"
             )
-        found[name] = values
-    return found
+        columns[meaning] = values
+    return columns
 
 
 def _line(x: Floats, y: Floats) -> tuple[Floats, Floats]:
-    """Offset and slope of a line through points of equal relative error, and their sigmas."""
-    model, found = np.column_stack([np.ones(len(x)), x]), np.array([y.min(), 0.0])
+    """Offset and slope (2,) of a line through points of equal relative error, and their sigmas."""
+    model, line = np.column_stack([np.ones(len(x)), x]), np.array([y.min(), 0.0])
     weight = 1 / np.maximum(y, 1e-12)
-    for _ in range(FITS):
-        found = np.linalg.lstsq(model * weight[:, None], y * weight)[0]
-        weight = 1 / np.maximum(model @ found, 1e-3 * y.mean())
-    off = (y - model @ found) * weight
-    scaled = model * weight[:, None]
-    square = float(off @ off) / max(len(x) - 2, 1)
-    return found, np.sqrt(square * np.linalg.inv(scaled.T @ scaled).diagonal())
+    for _ in range(REWEIGHTINGS):
+        line = np.linalg.lstsq(model * weight[:, None], y * weight)[0]
+        weight = 1 / np.maximum(model @ line, 1e-3 * y.mean())
+    residual = (y - model @ line) * weight
+    weighted = model * weight[:, None]
+    variance = float(residual @ residual) / max(len(x) - 2, 1)
+    return line, np.sqrt(variance * np.linalg.inv(weighted.T @ weighted).diagonal())
 
 
 def _mean(figure: str, logarithm: Floats, magnitude: Floats) -> MeasuredFigure:
-    """A figure of stars, by the mean of its logarithm; its error by their scatter about a line."""
-    at = float(magnitude.mean())
-    if len(logarithm) < OF_GROUP or np.ptp(magnitude) == 0:
-        spread = float(logarithm.std(ddof=1)) if len(logarithm) > 1 else 0.0
-        sigma = max(spread, SINGLE) / math.sqrt(len(logarithm))
+    """A figure of stars, by the mean of its logarithm, at the mean of their magnitudes.
+
+    Its sigma follows from the scatter of the logarithms about a line over the magnitude; of fewer
+    than FEWEST_STARS, or of stars of one magnitude, from their scatter about the mean.
+    """
+    count = len(logarithm)
+    if count < FEWEST_STARS or np.ptp(magnitude) == 0:
+        spread = float(logarithm.std(ddof=1)) if count > 1 else 0.0
+        sigma = max(spread, SINGLE_SIGMA) / math.sqrt(count)
     else:
-        left = logarithm - np.polyval(np.polyfit(magnitude, logarithm, 1), magnitude)
-        sigma = float(np.sqrt(left @ left / (len(left) - 2) / len(left)))
-    return MeasuredFigure(figure, math.exp(float(logarithm.mean())), sigma, round(at, 4))
+        residual = logarithm - np.polyval(np.polyfit(magnitude, logarithm, 1), magnitude)
+        sigma = float(np.sqrt(residual @ residual / (count - 2) / count))
+    mean_magnitude = round(float(magnitude.mean()), 4)
+    return MeasuredFigure(figure, math.exp(float(logarithm.mean())), sigma, mean_magnitude)

@@ -9,7 +9,7 @@ from startrack.core import POSITIVE, Floats, Parameters, Range, Refused, Unit, p
 
 AXES = ("across", "about")
 ERROR_FIGURES = ("NEA", "pixel", "FOV", "accuracy", "with bias")
-# Of frames, and the unit of each.
+# Figures of frames, and their units.
 FRAME_FIGURES = {
     "gain": "electron / digital number",
     "read noise": "digital number",
@@ -24,8 +24,6 @@ FRAME_FIGURES = {
     "limiting magnitude": "G",
     "residual": "pixel",
 }
-
-
 OF_STARS = "SNR", "centroid noise"  # figures of a star of some magnitude
 
 
@@ -98,9 +96,9 @@ class Told(Parameters):
         super().__post_init__()
         of_frames = self.figure in FRAME_FIGURES
         given = {"axis": self.axis, "value": self.value, "number": self.number}
-        for name, one in given.items():
+        for name, value in given.items():
             needed = (name == "number") == of_frames
-            if needed != (one is not None):
+            if needed != (value is not None):
                 must = "must be given" if needed else "must be left out"
                 raise Refused(f"{name} {must} of the told figure {self.figure!r}")
         if (self.magnitude is not None) != (self.figure in OF_STARS):
@@ -137,23 +135,26 @@ class Told(Parameters):
         return self.value / float(ndtri((1 + self.level) / 2))
 
     def of_heads(self, errors: Floats) -> tuple[Floats, Floats]:
-        """The error about its axis after all heads are fused, and what each error of one changes.
+        """The error of all heads fused, and its derivatives by the errors of one head.
 
             I = sum_h (1 - n n^T) / across^2 + n n^T / about^2,   error_k^2 = 1 / I_kk
 
-        with the boresights n, and axes along and across their mean.
+        with the boresights n, and axes along and across their mean; k is the axis of this figure.
 
         errors   (n, 2) radian rms per axis of one head, across and about
-        Returns  (n,) radian rms per axis; (n, 2) 1, derivatives of its logarithm by those of errors
+        Returns  (n,) radian rms per axis; (n, 2) 1, derivatives of the logarithm of this error by
+                 the logarithms of `errors`
         """
         axis = AXES.index(str(self.axis))
         if self.angle is None:
             return errors[:, axis], np.broadcast_to(np.eye(2)[axis], errors.shape)
         slope = min(math.sin(self.angle / 2) / math.sin(math.pi / self.heads), 1.0) ** 2
         # Mean square of the boresights along the axes across their mean, and along it.
-        around = (slope, 0.0) if self.heads == 2 else (slope / 2, slope / 2)
-        along = np.array(around if axis == 0 else (1 - slope,))[:, None]
-        part = self.heads * np.stack([(1 - along) / errors[:, 0] ** 2, along / errors[:, 1] ** 2])
-        square = 1 / part.sum(axis=0)
-        weight = (part * square**2).sum(axis=1) / square.sum(axis=0)
-        return np.sqrt(square.mean(axis=0)), weight.T
+        across = (slope, 0.0) if self.heads == 2 else (slope / 2, slope / 2)
+        along = np.array(across if axis == 0 else (1 - slope,))[:, None]
+        information = self.heads * np.stack(
+            [(1 - along) / errors[:, 0] ** 2, along / errors[:, 1] ** 2]
+        )
+        variance = 1 / information.sum(axis=0)
+        weight = (information * variance**2).sum(axis=1) / variance.sum(axis=0)
+        return np.sqrt(variance.mean(axis=0)), weight.T

@@ -1,4 +1,4 @@
-"""Tables of a design file -> values that are not known, each with its law, and what is drawn.
+"""Tables of a design file -> unknown values, each with its law, and the value that is drawn of it.
 
 Unknown is one value that nobody has told: a law of ignorance. It neither varies from unit to unit
 (`Variation`) nor from frame to frame.
@@ -24,7 +24,9 @@ FORMS = (("low", "high"), ("median", "factor"), ("among",), ("among", "weight"))
 NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*")
 MOST_CHOICES = 100  # of a law; chosen by hand
 INCLUDE = "include"
-APERTURE, F_NUMBER = "instrument.optics.aperture", "f_number"  # which stand for each other
+# Two keys of a table that say the same, of which a file has one and a case the second.
+OPTICS, APERTURE, F_NUMBER = "instrument.optics", "aperture", "f_number"
+INSTEAD = {OPTICS: (APERTURE, F_NUMBER)}
 Quantile = Callable[[str], float | None]  # name of an unknown -> its quantile; None: its middle
 
 
@@ -36,12 +38,11 @@ def is_law(value: object) -> bool:
 class Unknown(NamedTuple):
     """A value of a design that is not known.
 
-    name    its place in the file: "instrument.optics.f_number"; of a file among several,
-            "include" and what their names begin with: "include lens"
-    law     as the file has it: {low, high}, uniform between two values; {median, factor}, normal in
-            the logarithm, 68 % within a factor of the median; {among, weight}, one of several, with
-            relative weights, equal where none are given
-    choice  whether it is one of several
+    name  its place in the file: "instrument.optics.f_number"; of a file among several,
+          "include" and what their names begin with: "include lens"
+    law   as the file has it: {low, high}, uniform between two values; {median, factor}, normal in
+          the logarithm, 68 % within a factor of the median; {among, weight}, one of several, with
+          relative weights, equal where none are given
     """
 
     name: str
@@ -67,18 +68,19 @@ class Unknown(NamedTuple):
         return [weight / sum(weights) for weight in weights]
 
     def at(self, quantile: float | None) -> Any:
-        """The value, as a file has it, below which it lies with a probability.
+        """The value at a quantile, as a file has it.
 
         quantile  in (0, 1); of a choice, in the order of its values. None: the middle, and of a
                   choice the likeliest value, the first of several
-        Raises    Refused where the law is none.
+        Raises    Refused where the law is malformed.
         """
         self._check()
         if self.choice:
-            weights = self.weights
-            likeliest = weights.index(max(weights))
-            place = likeliest if quantile is None else self.positions(np.array([quantile]))[0]
-            return self.law["among"][int(place)]
+            if quantile is None:
+                position = self.weights.index(max(self.weights))
+            else:
+                position = int(self.positions(np.array([quantile]))[0])
+            return self.law["among"][position]
         return self.written(self.numbers(np.array([0.5 if quantile is None else quantile]))[0])
 
     def written(self, number: float) -> str | float:
@@ -87,13 +89,13 @@ class Unknown(NamedTuple):
         return f"{float(number)!r} {unit}" if unit else float(number)
 
     def positions(self, quantile: Floats) -> Ints:
-        """Values of a choice that belong to quantiles (n,)."""
+        """Indices (n,) of the values of a choice that belong to quantiles (n,)."""
         return np.searchsorted(np.cumsum(self.weights)[:-1], quantile, side="right")
 
     def numbers(self, quantile: Floats) -> Floats:
-        """Numbers (n,) of quantiles (n,), in the unit that the file has.
+        """Numbers (n,) at quantiles (n,), in the unit that the file has.
 
-        Of a choice whose values are not all positive numbers, their positions.
+        Of a choice whose values are not all positive numbers, their indices.
         """
         if self.choice:
             values = self.law["among"] if self.in_order else range(len(self.law["among"]))
@@ -112,21 +114,10 @@ class Unknown(NamedTuple):
         return all(_is_number(value) and value > 0 for value in self.law.get("among", [""]))
 
     def _check(self) -> None:
-        """Raises Refused where the law has no value."""
+        """Raises Refused where the law is malformed."""
         law, name = self.law, self.name
         if self.choice:
-            values, weights = law["among"], law.get("weight")
-            if not isinstance(values, list) or not 2 <= len(values) <= MOST_CHOICES:
-                raise Refused(f"{name}.among must be a list of two values or more, got {values!r}")
-            if weights is not None and not (
-                isinstance(weights, list)
-                and len(weights) == len(values)
-                and all(_is_number(weight) and weight > 0 for weight in weights)
-            ):
-                raise Refused(
-                    f"{name}.weight must be a list of {len(values)} positive numbers, one for each "
-                    f"value, got {weights!r}"
-                )
+            self._check_choice()
         elif "median" in law:
             number, _ = _quantity(law["median"], f"{name}.median")
             if not number > 0:
@@ -143,6 +134,22 @@ class Unknown(NamedTuple):
                     f"{name}.low must be below high, got {law['low']!r} and {law['high']!r}"
                 )
 
+    def _check_choice(self) -> None:
+        name, values, weights = self.name, self.law["among"], self.law.get("weight")
+        if not isinstance(values, list) or not 2 <= len(values) <= MOST_CHOICES:
+            raise Refused(
+                f"{name}.among must be a list of 2 to {MOST_CHOICES} values, got {shown(values)}"
+            )
+        if weights is not None and not (
+            isinstance(weights, list)
+            and len(weights) == len(values)
+            and all(_is_number(weight) and weight > 0 for weight in weights)
+        ):
+            raise Refused(
+                f"{name}.weight must be a list of {len(values)} positive numbers, one for each "
+                f"value, got {weights!r}"
+            )
+
     def __str__(self) -> str:
         law = self.law
         if self.choice:
@@ -154,16 +161,16 @@ class Unknown(NamedTuple):
 
 @lru_cache(maxsize=256)
 def stratified(seed: int, name: str, count: int) -> Floats:
-    """Numbers (count,) in (0, 1), one in each of as many equal parts, in random order.
+    """Numbers (count,) in (0, 1), one in each of `count` equal intervals, in random order.
 
-    Of all names together, a Latin hypercube (McKay et al. 1979, Technometrics 21, 239).
+    Those of several names are a Latin hypercube (McKay et al. 1979, Technometrics 21, 239).
     """
     random = Streams(seed, 0)(f"unknown {name}")
     return (random.permutation(count) + random.uniform(1e-9, 1 - 1e-9, count)) / count
 
 
 class UnknownReader:
-    """Replaces laws in the tables of a file by values, and remembers them.
+    """Replaces laws in the tables of a file by values, and keeps the unknowns in `found`.
 
     quantile  of each unknown, by its name; None: all are at their middle
     """
@@ -173,7 +180,7 @@ class UnknownReader:
         self.found: list[Unknown] = []
 
     def value(self, name: str, law: Mapping[str, Any]) -> Any:
-        """The value that a law has here."""
+        """The value of a law, which is added to `found`."""
         unknown = Unknown(name, law)
         value = unknown.at(self._quantile(name))
         if all(unknown.name != other.name for other in self.found):
@@ -213,20 +220,26 @@ class UnknownReader:
 
 
 def with_laws(table: dict[str, Any], unknowns: Sequence[Unknown]) -> dict[str, Any]:
-    """A table of a design with the laws of what is not known in place of their values.
+    """A table of a design with the laws of unknown values in place of their values.
 
-    Those of files that were included, and of a detector's product, have no place among the values
-    of one file, and are left out.
+    Laws of included files and of a detector's product have no place among the values of one file:
+    they are left out.
+
+    table  changed here, and returned
     """
     for unknown in unknowns:
-        *outer, last = unknown.name.split(".")
-        at: Any = table
+        *outer, key = unknown.name.split(".")
+        inner: Any = table
         for part in outer:
-            at = at[int(part)] if isinstance(at, list) else at.get(part, {})
-        if isinstance(at, list):
-            at[int(last)] = dict(unknown.law)
-        elif last in at or (unknown.name == APERTURE and at.pop(F_NUMBER, None)):
-            at[last] = dict(unknown.law)
+            inner = inner[int(part)] if isinstance(inner, list) else inner.get(part, {})
+        pair = INSTEAD.get(".".join(outer), ())
+        if isinstance(inner, list):
+            inner[int(key)] = dict(unknown.law)
+        elif key in inner:
+            inner[key] = dict(unknown.law)
+        elif key in pair and (written := next((name for name in pair if name in inner), None)):
+            del inner[written]
+            inner[key] = dict(unknown.law)
     return table
 
 

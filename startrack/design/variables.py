@@ -89,9 +89,10 @@ def bounds_of(case: Any, variables: Sequence[Variable]) -> list[Bounds]:
     return found
 
 
-AT_BOUND = 0.01  # of a variable's range: as near a bound counts as on it; chosen by hand
+# Fraction of a variable's range from a bound, within which it counts as on it; chosen by hand.
+AT_BOUND = 0.01
 
-# Of which images in a file do not follow.
+# Variables that the images of a file do not follow.
 OF_IMAGES = "instrument.optics.focal_length", "instrument.optics.f_number"
 
 
@@ -182,11 +183,11 @@ class DesignSpace:
         return np.array([variable.name in self._whole for variable in self.variables])
 
     def snapped(self, coordinates: Floats) -> Floats:
-        """Coordinates (n,) of the design at some, where whole numbers are as they are rounded."""
+        """Coordinates (n,) in which those of whole numbers are those of the rounded values."""
         if not self._whole:
             return coordinates
-        own = self._coordinates(list(self.values(coordinates).values()))
-        return np.where(self.whole, own, coordinates)
+        rounded = self._coordinates(list(self.values(coordinates).values()))
+        return np.where(self.whole, rounded, coordinates)
 
     def values(self, coordinates: Floats) -> dict[str, float]:
         """The values (SI) of the variables at unit-cube coordinates (n,), as a design has them."""
@@ -215,9 +216,11 @@ class DesignSpace:
 
         There the bound decides, and not the model: a wider range could give another design.
         """
-        at = zip(self.variables, self.coordinates(case).tolist(), strict=True)
-        ends = {variable.name: ("low" if u < 0.5 else "high", min(u, 1 - u)) for variable, u in at}
-        return {name: end for name, (end, away) in ends.items() if away <= AT_BOUND}
+        return {
+            variable.name: "low" if u < 0.5 else "high"
+            for variable, u in zip(self.variables, self.coordinates(case).tolist(), strict=True)
+            if min(u, 1 - u) <= AT_BOUND
+        }
 
     def labels(self) -> dict[str, str]:
         """The names of the variables, and how tables show them."""

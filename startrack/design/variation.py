@@ -215,7 +215,7 @@ def law_of(case: Any, variation: Variation) -> Law:
         si(key, getattr(variation, key)) for key in ("sigma", "low", "high", "mean", "amplitude")
     )
     values = tuple(si("values", entry) for entry in variation.values)
-    if sigma < 0 or (variation.law in ("truncated",) and not sigma > 0):
+    if sigma < 0 or (variation.law == "truncated" and not sigma > 0):
         raise Refused(f"{variation.name}: sigma must be positive, got {variation.sigma}")
     if variation.law in ("uniform", "truncated") and not low < high:
         raise Refused(
@@ -225,7 +225,7 @@ def law_of(case: Any, variation: Variation) -> Law:
 
 
 def check_variations(case: Any, variations: tuple[Variation, ...]) -> None:
-    """Refuse what cannot be drawn, or would be drawn twice.
+    """Refuse variations that cannot be drawn, or are given twice.
 
     Raises  ValueError that names the variation.
     """
@@ -258,19 +258,21 @@ class Moment:
 def differences(case: Any, seed: int, moment: Moment) -> list[tuple[Variation, float]]:
     """The difference of each variation of a case from the design, SI units.
 
-    Each is drawn from streams that (seed, unit, name) alone decide.
+    Each is drawn from random streams that depend on seed, unit and names alone.
     """
     drawn = []
     for variation, law in zip(case.varying, case.laws, strict=True):
-        at = _instance(variation.per, moment)
-        if at is None:
+        instance = _instance(variation.per, moment)
+        if instance is None:
             continue
-        z = _normal(seed, moment.unit, variation.group_stream + at)
+        z = _normal(seed, moment.unit, variation.group_stream + instance)
         if variation.group and variation.correlation != 1 and variation.law != "sinusoid":
-            own = _normal(seed, moment.unit, variation.stream + at)
-            z = variation.correlation * z + math.sqrt(1 - variation.correlation**2) * own
-        by = law.difference(z)
-        drawn.append((variation, by * moment.age / YEAR if variation.per is Scope.LIFE else by))
+            independent = _normal(seed, moment.unit, variation.stream + instance)
+            z = variation.correlation * z + math.sqrt(1 - variation.correlation**2) * independent
+        difference = law.difference(z)
+        if variation.per is Scope.LIFE:  # per year
+            difference = difference * moment.age / YEAR
+        drawn.append((variation, difference))
     return drawn
 
 
@@ -334,10 +336,10 @@ def _residual_seed(seed: int, unit: int) -> int:
 
 
 def middle_case(case: Any, age: float, names: Collection[str]) -> Any:
-    """The unit for which some numbers are those of the middle unit, and all others as designed.
+    """A unit in which some numbers are those of the middle unit, and all others as designed.
 
     age    second
-    names  of the numbers: as for z = 0, as built and with age
+    names  of the numbers that differ as for z = 0, as built and with age
     """
     drawn = [
         (variation, law.difference(0.0) * (age / YEAR if variation.per is Scope.LIFE else 1.0))
@@ -350,31 +352,31 @@ def middle_case(case: Any, age: float, names: Collection[str]) -> Any:
 
 def _values(case: Any, drawn: list[tuple[Variation, float]]) -> dict[str, Any]:
     """The numbers of a design with their differences, by name."""
-    factor, shift = dict[str, float](), dict[str, float]()
-    for variation, by in drawn:
-        where = factor if variation.vary == RELATIVE else shift
-        where[variation.name] = where.get(variation.name, 0.0) + by
+    relative, absolute = dict[str, float](), dict[str, float]()
+    for variation, difference in drawn:
+        sums = relative if variation.vary == RELATIVE else absolute
+        sums[variation.name] = sums.get(variation.name, 0.0) + difference
     values = dict[str, Any]()
-    for name in factor.keys() | shift.keys():
-        now = find(case, name)
-        if isinstance(now, core.Curve):
-            values[name] = now.scaled(1 + factor[name])
+    for name in relative.keys() | absolute.keys():
+        designed = find(case, name)
+        if isinstance(designed, core.Curve):
+            values[name] = designed.scaled(1 + relative[name])
         else:
-            values[name] = now * (1 + factor.get(name, 0.0)) + shift.get(name, 0.0)
+            values[name] = designed * (1 + relative.get(name, 0.0)) + absolute.get(name, 0.0)
     return values
 
 
 def aged(case: Any, age: float) -> Any:
     """A case whose detector, if it has an ageing law, is `age` seconds in orbit.
 
-    A dark map that is not made yet is one of the same day.
+    A dark map that would be made later, or whose age is left out, is taken at this age.
     """
     detector, detection = case.instrument.detector, case.tracker.detection
     if not detector.age:
         return case
     older = replace(detector, age=replace(detector.age, time=age, year=None, launch=None))
     if detection.dark_map is not None:
-        then = detection.dark_map_age
-        detection = replace(detection, dark_map_age=age if then is None else min(then, age))
+        map_age = detection.dark_map_age
+        detection = replace(detection, dark_map_age=age if map_age is None else min(map_age, age))
     instrument = replace(case.instrument, detector=older)
     return replace(case, instrument=instrument, tracker=replace(case.tracker, detection=detection))

@@ -49,6 +49,7 @@ from startrack.io.saving import (
     save_json,
     save_netcdf,
     save_text,
+    save_toml,
     whole,
 )
 from startrack.io.sqlite import Database, Execute, FileKind

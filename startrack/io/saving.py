@@ -112,6 +112,17 @@ def save_json(path: Path, value: Any) -> None:
     save_text(path, json.dumps(value, indent=1) + "\n")
 
 
+def save_toml(path: Path, table: Mapping[str, Any], comment: str = "") -> None:
+    """Write a TOML file whole.
+
+    comment  lines at its top
+    """
+    import tomli_w
+
+    head = "".join(f"# {line}\n" for line in comment.splitlines())
+    save_text(path, head + tomli_w.dumps(table))
+
+
 def save_arrays(path: Path, tables: Mapping[str, Mapping[str, Any]]) -> None:
     """Write the arrays of several tables whole, as an npz file without pickles.
 

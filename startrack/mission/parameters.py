@@ -26,7 +26,7 @@ from startrack.core import (
     within,
 )
 from startrack.design import Design, Fidelity, KeepOut, load_design, replaced_all
-from startrack.io import from_table, name_from, path_from, read_layers, save_text, shipped, to_table
+from startrack.io import from_table, name_from, path_from, read_layers, save_toml, shipped, to_table
 
 LAWS = ("nadir", "inertial", "sun", "target", "aem")
 YAWS = ("velocity", "ground", "sun")
@@ -561,12 +561,9 @@ def save_mission(path: Path, mission: Mission, comment: str = "") -> None:
 
     comment  lines at the top of the file
     """
-    import tomli_w
-
-    head = "".join(f"# {line}\n" for line in comment.splitlines())
     folder = Path(path).parent
     named = with_files(mission, partial(path_from, folder), partial(name_from, folder))
-    save_text(path, head + tomli_w.dumps(to_table(named)))
+    save_toml(path, to_table(named), comment)
 
 
 def with_files(

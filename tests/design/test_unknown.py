@@ -117,7 +117,7 @@ def test_a_told_figure_is_one_sigma_of_its_level(written):
         ("{ low = true, high = 1 }", "low must be a number, or a number with a unit"),
         ("{ median = -1, factor = 2 }", "median must be positive, got -1"),
         ("{ median = 1, factor = 1 }", r"factor must lie in \(1, 1000\], got 1"),
-        ("{ among = [1] }", "among must be a list of two values or more"),
+        ("{ among = [1] }", "among must be a list of 2 to 100 values"),
         ("{ among = [1, 2], weight = [1] }", "weight must be a list of 2 positive numbers"),
         ("{ among = [1, 2], weight = [1, -1] }", "weight must be a list of 2 positive numbers"),
         ("{ low = 1 }", "f_number must be a number"),

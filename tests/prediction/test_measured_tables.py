@@ -183,7 +183,11 @@ def test_a_dark_variance_below_a_quarter_says_nothing(tmp_path):
 @pytest.mark.parametrize(
     ("entry", "text", "words"),
     [
-        ('file = "x.csv"\nfigure = "gain"\nnumber = 3.0', "", "told[0].file must be left out but"),
+        (
+            'file = "x.csv"\nfigure = "gain"\nnumber = 3.0',
+            "",
+            "told[0].file must be left out except",
+        ),
         ('figure = "photon transfer"', "", "told[0].file must be the name of a table of photon"),
         ('figure = "photon transfer"\nfile = "x.csv"', "mean\n1\n", "must have a column variance"),
         (
