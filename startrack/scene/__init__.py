@@ -13,8 +13,8 @@ cities      The Earth at a date -> the lights of its large cities by night, as p
 day_sky     DaySky: where a camera within or below the air looks, and where the Sun stands to it.
 air_above   DaySky -> light that the air scatters by day, and its transmittance to stars.
 dusk        DaySky with the Sun below the horizontal -> what the air scatters of its light.
-night       DaySky at night -> the glow of the air, zodiacal light and faint stars above it.
-moonlight   DaySky and date -> where the Moon stands, and how bright it is.
+night       DaySky at night -> airglow, zodiacal light and light of faint stars.
+moonlight   DaySky and date -> the place of the Moon, and its irradiance.
 sky_light   DaySky -> photons of the sky above a camera at any hour, and what the air takes of
             stars.
 background  Directions -> zodiacal light, and the light of stars below the catalogue's limit.

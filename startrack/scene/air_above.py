@@ -23,7 +23,9 @@ FAINT = 1e-12  # 1 / sr: a logarithm must be finite
 # Fraction of a gas above a height, as for Earth cameras: scale heights of water and of mixed gases,
 # and the heights between which ozone lies evenly; metre.
 WATER_SCALE, AIR_SCALE, OZONE_FROM, OZONE_TO = 2e3, 8e3, 12e3, 35e3
-ABOVE_SCATTERING = 0.5  # of the gas above the camera, on both ways of light that scatters there
+# Fraction of the gas above the camera that light crosses before and after it is scattered there: it
+# is scattered in the middle.
+ABOVE_SCATTERING = 0.5
 DIFFUSE_MASS = 1.66  # air masses that diffuse light crosses upwards
 
 
@@ -74,7 +76,7 @@ ARRAYS = tuple(part.name for part in fields(SkyTable))
 
 
 def load_sky(path: Path) -> SkyTable:
-    """Read it.
+    """Read a table of the sky.
 
     Raises  FileNotFoundError; ValueError where the file is no table of the sky or damaged.
     """
@@ -87,13 +89,14 @@ def day_light(table: SkyTable, sky: DaySky, sun: SunPlace) -> Floats:
     Accuracy  as `sky_light`
     """
     once = scattered_once(table, sky, sun)
-    black, lit = scattered_more(table, sky, sun)
+    multiple, of_ground = scattered_more(table, sky, sun)
     above = above_of(sky.height)
-    slant, low = air_mass(math.pi / 2 - sky.elevation), air_mass(math.pi / 2 - sun.elevation)
-    at_once = ABOVE_SCATTERING * above * (slant + low)
-    from_ground = low + DIFFUSE_MASS * (1 - above) + ABOVE_SCATTERING * above * slant
-    direct = to_bins(table, once + black) * gas_transmittance(table, at_once)
-    upward = to_bins(table, lit) * gas_transmittance(table, from_ground)
+    to_camera = air_mass(math.pi / 2 - sky.elevation)
+    from_sun = air_mass(math.pi / 2 - sun.elevation)
+    mass = ABOVE_SCATTERING * above * (to_camera + from_sun)
+    ground_mass = from_sun + DIFFUSE_MASS * (1 - above) + ABOVE_SCATTERING * above * to_camera
+    direct = to_bins(table, once + multiple) * gas_transmittance(table, mass)
+    upward = to_bins(table, of_ground) * gas_transmittance(table, ground_mass)
     return np.asarray(direct + upward)
 
 
@@ -111,8 +114,8 @@ def scattered_light(sky: DaySky, date: str | None = None) -> tuple[Floats, Float
     Returns  (k,) metre; (k,) 1 / sr, over the Sun's irradiance
     """
     table, sun = sky_table(), sky.sun(date)
-    black, lit = scattered_more(table, sky, sun)
-    return table.wavelength, scattered_once(table, sky, sun) + black + lit
+    multiple, of_ground = scattered_more(table, sky, sun)
+    return table.wavelength, scattered_once(table, sky, sun) + multiple + of_ground
 
 
 class LitRay(NamedTuple):
@@ -159,27 +162,29 @@ def sources_of_ray(
     step, place = np.diff(edges), (edges[1:] + edges[:-1]) / 2
     radius = np.sqrt(start**2 + place**2 + 2 * start * place * math.cos(zenith))
     cosine = (start * math.sin(sun.elevation) + place * math.cos(sun.distance)) / radius
-    molecules, aerosol = (
-        np.array([np.interp(radius - EARTH, table.level, row) for row in rows])
-        for rows in (table.molecules, sky.aerosol * table.aerosol)
-    )
+    molecules = _each_row(table.molecules, table.level, radius - EARTH)
+    aerosol = _each_row(sky.aerosol * table.aerosol, table.level, radius - EARTH)
     extinction, layer = molecules + aerosol, _column(table, sky)
     if absorber is not None:
-        extinction += np.array([np.interp(radius - EARTH, table.level, row) for row in absorber])
+        extinction += _each_row(absorber, table.level, radius - EARTH)
         layer = layer + (absorber[:, 1:] + absorber[:, :-1]) / 2
     # To the middle of each step.
     depth = np.cumsum(extinction * step, 1) - extinction * step / 2
     sunlight = _depth_to_sun(table, layer, radius, cosine)
-    phase = [
-        np.array([np.interp(sun.distance, table.angle, row) for row in rows])
-        for rows in table.phase
-    ]
-    source = molecules * phase[0][:, None] + (table.single * phase[1])[:, None] * aerosol
+    of_molecules, of_aerosol = (
+        _each_row(phase, table.angle, sun.distance) for phase in table.phase
+    )
+    source = molecules * of_molecules[:, None] + (table.single * of_aerosol)[:, None] * aerosol
     return LitRay(step, radius, cosine, source * np.exp(-depth - sunlight) * step)
 
 
+def _each_row(rows: Floats, nodes: Floats, place: Floats | float) -> Floats:
+    """Each of some rows (k, m) of values at nodes (m,), interpolated linearly at places."""
+    return np.array([np.interp(place, nodes, row) for row in rows])
+
+
 def _reach(start: float, zenith: float, top: float) -> float:
-    """Metre from a radius to a larger one along a line of some zenith angle."""
+    """Metre along a line, at a zenith angle, from a radius to a larger one."""
     return math.sqrt(top**2 - (start * math.sin(zenith)) ** 2) - start * math.cos(zenith)
 
 
@@ -217,26 +222,30 @@ def scattered_more(table: SkyTable, sky: DaySky, sun: SunPlace) -> tuple[Floats,
 
     Below the horizontal the Sun counts as at the horizontal.
     """
-    axes, at = place_in(table, table.sun, sky, sun)
-    black, lit = [], []
-    for more, ground, returned in zip(table.multiple, table.ground, table.returned, strict=True):
-        black.append(between(axes, more, at))
-        of_ground = between(axes[:3], ground, at[:3])
-        lit.append(sky.albedo * of_ground / (1 - sky.albedo * returned))
-    clear, hazy = 1 - sky.aerosol, sky.aerosol
-    mixed = (clear * part[0] + hazy * part[1] for part in (black, lit))
-    first, second = (np.maximum(part, 0) for part in mixed)
-    return first, second
+    axes, place = place_in(table, table.sun, sky, sun)
+    multiple, of_ground = [], []  # of molecules alone, and with the aerosol
+    for black, ground, returned in zip(table.multiple, table.ground, table.returned, strict=True):
+        multiple.append(between(axes, black, place))
+        once = between(axes[:3], ground, place[:3])
+        of_ground.append(sky.albedo * once / (1 - sky.albedo * returned))
+
+    def mixed(light: list[Floats]) -> Floats:
+        return np.maximum((1 - sky.aerosol) * light[0] + sky.aerosol * light[1], 0)
+
+    return mixed(multiple), mixed(of_ground)
 
 
 def place_in(
     table: SkyTable, zenith: Floats, sky: DaySky, sun: SunPlace
 ) -> tuple[tuple[Floats, ...], list[float]]:
-    """Axes of a table whose Sun is at zenith angles (s,), and the place of a sky in it."""
-    lowest = min(max(math.pi / 2 - sun.elevation, 0.0), float(zenith[-1]))
+    """Axes of a table whose Sun is at zenith angles (s,), and the coordinates of a sky in it.
+
+    A Sun below the last one of the table counts as at that one.
+    """
+    angle = min(max(math.pi / 2 - sun.elevation, 0.0), float(zenith[-1]))
     axes = table.height, np.log(table.mass), zenith, table.azimuth
     mass = 1 / math.sin(sky.elevation)
-    return axes, [sky.height, math.log(mass), lowest, _azimuth(sky, sun)]
+    return axes, [sky.height, math.log(mass), angle, _azimuth(sky, sun)]
 
 
 def between(axes: Sequence[Floats], values: Floats, at: Sequence[float]) -> Floats:
@@ -276,8 +285,8 @@ def above_of(height: float) -> Floats:
 def gas_transmittance(table: SkyTable, mass: Floats) -> Floats:
     """(bins,) 1, transmittance of (3,) air masses of water, mixed gases and ozone."""
     through = np.ones(len(WAVELENGTH))
-    for rows, own in zip(table.gas, mass, strict=True):
-        through *= np.array([np.interp(own, table.air, row) for row in rows])
+    for rows, of_gas in zip(table.gas, mass, strict=True):
+        through *= _each_row(rows, table.air, of_gas)
     return through
 
 

@@ -46,21 +46,22 @@ class Disc:
     def hides(self, other: Disc) -> float:
         """Fraction of another disc, behind it, that it covers.
 
-        The lens between two circles R and r at a distance d, over the circle r: the sectors of both
-        less their triangles.
+        The area that two circles of radii R and r at a distance d share, over that of the circle r:
+        the sectors of both less their triangles.
 
         Accuracy  model: circles in a plane, which is valid if one of them is small.
         """
         outer, inner = self.radius, other.radius
-        apart = 2 * math.asin(min(float(np.linalg.norm(self.direction - other.direction)) / 2, 1.0))
-        if apart >= outer + inner:
+        chord = float(np.linalg.norm(self.direction - other.direction))
+        d = 2 * math.asin(min(chord / 2, 1.0))
+        if d >= outer + inner:
             return 0.0
-        if apart <= abs(outer - inner):
+        if d <= abs(outer - inner):
             return min(outer / inner, 1.0) ** 2
-        along = (apart**2 + inner**2 - outer**2) / (2 * apart)  # of the common chord, from r
+        along = (d**2 + inner**2 - outer**2) / (2 * d)  # of the common chord, from the centre of r
         half = math.sqrt(max(inner**2 - along**2, 0.0))  # rounding, where they touch
-        lens = inner**2 * math.atan2(half, along) + outer**2 * math.atan2(half, apart - along)
-        return min(max((lens - apart * half) / (math.pi * inner**2), 0.0), 1.0)
+        lens = inner**2 * math.atan2(half, along) + outer**2 * math.atan2(half, d - along)
+        return min(max((lens - d * half) / (math.pi * inner**2), 0.0), 1.0)
 
     def stray_source(self, fraction: float = 1.0) -> StrayLightSource:
         """A fraction of its light, from the direction of its centre."""

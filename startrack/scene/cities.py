@@ -51,12 +51,12 @@ def cities(earth: Earth, observer: SkyObserver) -> tuple[Floats, Floats]:
               nutation since 2000 are left out.
     """
     point, heads = _city_points()
-    turned = point @ _earth_to_icrs(observer.day).T
-    away = EARTH_RADIUS * turned + earth.centre
-    distance = np.linalg.norm(away, axis=1)
-    direction = away / distance[:, None]
-    cosine = -np.einsum("ij,ij->i", direction, turned)
-    lit = (cosine > 0) & (turned @ earth.sun < math.sin(DUSK))
+    zenith = point @ _earth_to_icrs(observer.day).T
+    line = EARTH_RADIUS * zenith + earth.centre
+    distance = np.linalg.norm(line, axis=1)
+    direction = line / distance[:, None]
+    cosine = -np.einsum("ij,ij->i", direction, zenith)
+    lit = (cosine > 0) & (zenith @ earth.sun < math.sin(DUSK))
     lux = heads * UPWARDS / math.pi * np.maximum(cosine, 0) / distance**2
     lamp = blackbody_photons(WAVELENGTH, np.array([LAMP]))[0]
     at_550 = blackbody_photons(np.array([550 * nm]), np.array([LAMP]))[0, 0]

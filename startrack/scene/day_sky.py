@@ -23,11 +23,14 @@ DENSITY_SCALE = 7.0e3  # metre, from the ground to 40 km; 10 % at heights betwee
 
 
 class SunPlace(NamedTuple):
-    """Where the Sun stands: elevation and distance from the line of sight, radian; and in AU."""
+    """Where the Sun, or the Moon, stands.
+
+    elevation  radian, above the horizontal
+    distance   radian, from the line of sight
+    """
 
     elevation: float
     distance: float
-    far: float = 1.0
 
 
 class DaySky(Parameters):
@@ -35,7 +38,7 @@ class DaySky(Parameters):
 
     By day, in twilight and at night. The Sun's place is given by its elevation and distance from
     the line of sight, or follows from the scene's date, the place on the Earth and the azimuth of
-    the line of sight; the Moon is there where it follows from them, too.
+    the line of sight; only in the second case there is a Moon.
     """
 
     height: float = parameter(
@@ -119,7 +122,7 @@ class DaySky(Parameters):
         """The Sun's place.
 
         date      UTC, where the sky is `dated`
-        Accuracy  model: 10 arcsec, and the distance in AU is the mean one without a date.
+        Accuracy  model: 10 arcsec
         """
         if self.latitude is None or self.longitude is None or self.azimuth is None:
             return SunPlace(self.sun_elevation or 0.0, self.sun_distance or 0.0)

@@ -55,9 +55,9 @@ ARRAYS = tuple(part.name for part in fields(DuskTable))
 def dusk_light(table: SkyTable, sky: DaySky, sun: SunPlace) -> Floats:
     """(bins,) 1 / sr, light that the air scatters, over the irradiance of a Sun below the horizon.
 
-    Light that is scattered once is summed along the line of sight, in the Earth's shadow; other
-    light is interpolated in a table. Below its last Sun this light goes on to fall as between its
-    two last.
+    Light that is scattered once is summed along the line of sight, with the Earth's shadow; light
+    that is scattered more than once is interpolated in a table, and for a Sun below the table
+    extrapolated from its two last Suns, in the logarithm.
 
     Source    sasktran2 (Zawada et al.), by successive orders; catalogs/atmosphere
     Accuracy  model: straight rays, without the refraction that lifts the Sun by half a degree at
@@ -70,7 +70,7 @@ def dusk_light(table: SkyTable, sky: DaySky, sun: SunPlace) -> Floats:
     inside = (table.level >= OZONE_FROM) & (table.level <= OZONE_TO)
     ray = sources_of_ray(table, sky, sun, dusk.ozone[:, None] * inside)
     light = ray.light.sum(1) / (4 * math.pi) + _scattered_more(table, dusk, sky, sun)
-    water, mixed = _masses(table, ray)
+    water, mixed = (_air_mass(table, ray, scale) for scale in (WATER_SCALE, AIR_SCALE))
     return to_bins(table, light) * gas_transmittance(table, np.array([water, mixed, 0.0]))
 
 
@@ -79,34 +79,37 @@ def _scattered_more(table: SkyTable, dusk: DuskTable, sky: DaySky, sun: SunPlace
 
     The aerosol changes it as where the Sun is at the horizontal.
     """
-    axes, at = place_in(table, dusk.sun, sky, sun)
-    before = [*at[:2], float(dusk.sun[-2]), at[3]]
+    axes, place = place_in(table, dusk.sun, sky, sun)
+    second_last, last = float(dusk.sun[-2]), float(dusk.sun[-1])
 
-    def light(place: list[float]) -> Floats:
-        lit = between(axes[:3], dusk.ground, place[:3])
-        return between(axes, dusk.multiple, place) + sky.albedo * lit
+    def light(zenith: float) -> Floats:
+        at = [*place[:2], zenith, place[3]]
+        ground = between(axes[:3], dusk.ground, at[:3])
+        return between(axes, dusk.multiple, at) + sky.albedo * ground
 
     clear = replace(sky, aerosol=0.0)
     haze = sum(scattered_more(table, sky, sun)) / sum(scattered_more(table, clear, sun))
-    last, below = light(at), math.pi / 2 - sun.elevation - float(dusk.sun[-1])
-    if below <= 0:
-        return haze * last
-    return haze * last * (last / light(before)) ** (below / float(dusk.sun[-1] - dusk.sun[-2]))
+    in_table, beyond = light(place[2]), math.pi / 2 - sun.elevation - last
+    if beyond <= 0:
+        return haze * in_table
+    return haze * in_table * (in_table / light(second_last)) ** (beyond / (last - second_last))
 
 
-def _masses(table: SkyTable, ray: LitRay) -> tuple[float, float]:
-    """Air masses of water and mixed gases that light has crossed, the mean over the ray."""
-    weight, masses = ray.light.sum(0), []
-    for scale in (WATER_SCALE, AIR_SCALE):
-        height = (table.level[1:] + table.level[:-1]) / 2
-        towards = ray.to_sun(table, np.exp(-height / scale)[None] / scale)[0]
-        density = np.exp(-(ray.radius - EARTH) / scale) / scale
-        crossed = np.cumsum(density * ray.step) + np.where(weight > 0, towards, 0)
-        last = (
-            float(crossed[-1]) if not weight.any() else float(np.average(crossed, weights=weight))
-        )
-        masses.append(last)
-    return masses[0], masses[1]
+def _air_mass(table: SkyTable, ray: LitRay, scale: float) -> float:
+    """Air masses of a gas that light crosses from the Sun to a step of the ray and to the camera.
+
+    The mean over the steps, weighted by the light that they scatter.
+
+    scale  metre, scale height of the gas
+    """
+    height = (table.level[1:] + table.level[:-1]) / 2
+    to_sun = ray.to_sun(table, np.exp(-height / scale)[None] / scale)[0]
+    density = np.exp(-(ray.radius - EARTH) / scale) / scale
+    weight = ray.light.sum(0)
+    crossed = np.cumsum(density * ray.step) + np.where(weight > 0, to_sun, 0)
+    if not weight.any():
+        return float(crossed[-1])
+    return float(np.average(crossed, weights=weight))
 
 
 @lru_cache(maxsize=1)

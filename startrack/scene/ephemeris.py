@@ -114,18 +114,19 @@ def body_angles(scene: Scene, seed: int, trials: Sequence[int], boresight: Float
     angles = np.full((len(trials), len(BODIES)), math.nan)
     if scene.date is None:
         return angles
-    drawn = scene.days > 0 or (scene.orbit is not None and scene.orbit.phase is None)
-    parts = [slice(n, n + 1) for n in range(len(trials))] if drawn else [slice(None)]
-    for part in parts if len(trials) else []:
-        observer = observer_of(scene, Streams(seed, trials[part.start or 0]))
+    each_draws = scene.days > 0 or (scene.orbit is not None and scene.orbit.phase is None)
+    groups = [slice(n, n + 1) for n in range(len(trials))] if each_draws else [slice(None)]
+    for group in groups if len(trials) else []:
+        observer = observer_of(scene, Streams(seed, trials[group.start or 0]))
         for k, name in enumerate(("sun", "moon")):
-            angles[part, k] = _between(boresight[part], observer.see(name).direction)
+            angles[group, k] = _angles(boresight[group], observer.see(name).direction)
         if scene.orbit is not None:
             distance = float(np.linalg.norm(observer.earth))
             limb = math.asin(min(EARTH_RADIUS / distance, 1.0))
-            angles[part, 2] = _between(boresight[part], observer.earth / distance) - limb
+            angles[group, 2] = _angles(boresight[group], observer.earth / distance) - limb
     return angles
 
 
-def _between(lines: Floats, direction: Floats) -> Floats:
+def _angles(lines: Floats, direction: Floats) -> Floats:
+    """Radian (n,) between unit vectors (n, 3) and another one."""
     return 2 * np.arcsin(np.minimum(np.linalg.norm(lines - direction, axis=1) / 2, 1.0))

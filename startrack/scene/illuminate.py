@@ -72,16 +72,16 @@ def light_by_code(name: str, given: Callable[[int], LightInput]) -> Iterator[cor
     """
     nodes = OWN_NODES
     light = _asked(name, given(nodes), nodes)
-    while _curved(light, 2 * TOLERANCE) and nodes < MOST_NODES:
+    while _too_coarse(light, 2 * TOLERANCE) and nodes < MOST_NODES:
         nodes = 2 * nodes - 1
         light = _asked(name, given(nodes), nodes)
-    if _curved(light, 2 * TOLERANCE) and _missed(light) > 2 * TOLERANCE:
+    if _too_coarse(light, 2 * TOLERANCE) and _mean_error(light) > 2 * TOLERANCE:
         raise core.Refused(
-            f"{core.POINTS[GROUP]} {name} must vary by straight lines between points 1/"
-            f"{MOST_NODES - 1} of the frame apart, within {100 * TOLERANCE:g} % in the mean, got "
-            f"{50 * _missed(light):.0f} %"
+            f"{core.POINTS[GROUP]} {name} must vary linearly between points 1/{MOST_NODES - 1} of "
+            f"the frame apart, within {100 * TOLERANCE:g} % in the mean, got "
+            f"{100 * _mean_error(light) / 2:.0f} %"
         )
-    while len(light) > LEAST_NODES and not _curved(light, TOLERANCE):
+    while len(light) > LEAST_NODES and not _too_coarse(light, TOLERANCE):
         light = light[::2, ::2]
     side = len(light)
     places, sizes, spectra = np.linalg.svd(light.reshape(side * side, -1), full_matrices=False)
@@ -101,23 +101,24 @@ def _asked(name: str, given: LightInput, nodes: int) -> Floats:
     return light.reshape(nodes, nodes, -1)
 
 
-def _off(light: Floats) -> Floats:
-    """Error of straight lines between every second point, at all points."""
+def _interpolation_error(light: Floats) -> Floats:
+    """Absolute error, at all points, of linear interpolation between every second point."""
     lines = light.copy()
     lines[1::2] = (light[:-1:2] + light[2::2]) / 2
     lines[:, 1::2] = (lines[:, :-1:2] + lines[:, 2::2]) / 2
     return np.abs(lines - light)
 
 
-def _curved(light: Floats, limit: float) -> bool:
-    """Whether every second point is too few for a limit of the brightest light."""
-    return bool((_off(light).max(axis=(0, 1)) > limit * light.max(axis=(0, 1))).any())
+def _too_coarse(light: Floats, limit: float) -> bool:
+    """Whether that error exceeds a fraction of the brightest light, in any bin."""
+    error = _interpolation_error(light).max(axis=(0, 1))
+    return bool((error > limit * light.max(axis=(0, 1))).any())
 
 
-def _missed(light: Floats) -> float:
-    """Largest part of the light of a bin by which every second point is off, in the mean."""
-    off, mean = _off(light).mean(axis=(0, 1)), light.mean(axis=(0, 1))
-    return float((off[mean > 0] / mean[mean > 0]).max(initial=0.0))
+def _mean_error(light: Floats) -> float:
+    """Mean error over the frame, relative to the mean light; the largest of all bins."""
+    error, mean = _interpolation_error(light).mean(axis=(0, 1)), light.mean(axis=(0, 1))
+    return float((error[mean > 0] / mean[mean > 0]).max(initial=0.0))
 
 
 @dataclass(frozen=True, eq=False)

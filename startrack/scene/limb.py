@@ -66,10 +66,10 @@ class Limb:
             raise Refused(f"tangent must be at least {self.tangent[0]:g} m, got {np.min(tangent)}")
         axes = np.log(self.wavelength), self.tangent, self.sun, self.azimuth
         logarithm = RegularGridInterpolator(axes, np.log(np.maximum(self.radiance, DARK)))
-        turned = np.arccos(np.cos(azimuth))
+        half_turn = np.arccos(np.cos(azimuth))  # in [0, pi], as the table
         nodes = [
             np.clip(place, axis[0], axis[-1])
-            for place, axis in zip((tangent, sun, turned), axes[1:], strict=True)
+            for place, axis in zip((tangent, sun, half_turn), axes[1:], strict=True)
         ]
         radiance = np.empty((len(tangent), len(wavelength)))
         for k, at in enumerate(np.log(wavelength)):
@@ -79,7 +79,7 @@ class Limb:
 
 
 def load_limb(path: Path) -> Limb:
-    """Read it.
+    """Read a table of the limb.
 
     Raises  FileNotFoundError; ValueError where the file is no table of the limb or damaged.
     """

@@ -1,4 +1,4 @@
-"""DaySky at night -> the glow of the air, zodiacal light and faint stars above it."""
+"""DaySky at night -> airglow, zodiacal light and light of faint stars."""
 
 from __future__ import annotations
 
@@ -15,25 +15,26 @@ from startrack.scene.photometry import SUN, SUN_G_MINUS_V, WAVELENGTH, photon_ir
 from startrack.space import EARTH_RADIUS
 
 FAINTEST = 8.0  # G of the stars that have spots of their own, as of the shipped catalogue
-AWAY = 60 * deg  # from the Sun, of the zodiacal light that a night's sky has
+FROM_SUN = 60 * deg  # least distance from the Sun at which a night sky has zodiacal light
 DIRECTIONS = 4000  # over the sphere, of which the mean is taken: 0.2 %
-# Of Johnson's V: a bell of the width of Bessell (1990), PASP 102, 1181, about its mean.
+# Johnson's V as a Gaussian, with mean and full width at half maximum of Bessell (1990), PASP 102,
+# 1181.
 V_MIDDLE, V_WIDTH = 551 * nm, 88 * nm
 
 
 def night_light(sky: DaySky) -> Floats:
-    """(bins,) photon / s / m^2 / sr of a clear night sky without the Moon in the line of sight.
+    """(bins,) photon / s / m^2 / sr of a clear and moonless night sky in the line of sight.
 
         shells of airglow * path through them + zodiacal light + stars fainter than G 8
 
     The two last are the means over the sphere, the zodiacal light beyond 60 degrees from the Sun.
-    Where `night_v` is given, all are scaled to it.
+    Where `night_v` is given, their sum is scaled to it.
 
-    Source    of the shells Leinert et al. (1998) and Patat (2003), see `limb.SHELLS`
-    Accuracy  model: 0.3 mag: the glow changes by that from night to night and with the Sun's
-              activity, the zodiacal light over the sky by as much, the Milky Way by more. What air
-              scatters out of diffuse light it also scatters in, so that no extinction is taken:
-              15 % at the zenith, more near the horizon.
+    Source    of the shells: Leinert et al. (1998) and Patat (2003), see `limb.SHELLS`
+    Accuracy  model: 0.3 mag. Airglow changes by that from night to night and with the Sun's
+              activity, the zodiacal light over the sky by as much, the Milky Way by more. There is
+              no extinction, because the air scatters about as much diffuse light into the line of
+              sight as out of it: 15 % at the zenith, more near the horizon.
     """
     light = _natural(sky.height, sky.elevation)
     if sky.night_v is not None:
@@ -43,20 +44,24 @@ def night_light(sky: DaySky) -> Floats:
 
 
 def _natural(height: float, elevation: float) -> Floats:
-    """The night's light (bins,) far from cities, in a line of sight from a height."""
+    """Light (bins,) of a night far from cities, photon / s / m^2 / sr.
+
+    height     metre, of the camera
+    elevation  radian, of the line of sight
+    """
     glow = sum(spectrum(shell) * _path(shell, height, elevation) for shell in SHELLS)
     return np.asarray(glow + _beyond_the_air())
 
 
 def surface_v(light: Floats) -> float:
     """V magnitude per square arcsecond of light (bins,), photon / s / m^2 / sr."""
-    bell = np.exp(-4 * math.log(2) * ((WAVELENGTH - V_MIDDLE) / V_WIDTH) ** 2)
+    passband = np.exp(-4 * math.log(2) * ((WAVELENGTH - V_MIDDLE) / V_WIDTH) ** 2)
     star = photon_irradiance(np.array([SUN_G_MINUS_V]), np.array([SUN]))[0]  # of V = 0
-    return -2.5 * math.log10(float(light @ bell) * deg**2 / 3600**2 / float(star @ bell))
+    return -2.5 * math.log10(float(light @ passband) * deg**2 / 3600**2 / float(star @ passband))
 
 
 def _path(shell: Shell, height: float, elevation: float) -> float:
-    """Path through a shell over that towards the zenith (van Rhijn 1921)."""
+    """Path through a shell, relative to that towards the zenith (van Rhijn 1921)."""
     middle = (shell.low + shell.high) / 2
     level = (EARTH_RADIUS + height) / (EARTH_RADIUS + middle) * math.cos(elevation)
     return 1 / math.sqrt(1 - level**2)
@@ -70,8 +75,6 @@ def _beyond_the_air() -> Floats:
     level = np.sqrt(1 - z**2)
     direction = np.column_stack([level * np.cos(turn), level * np.sin(turn), z])
     sun = np.array([1.0, 0.0, 0.0])  # at the equinox
-    far = direction[direction @ sun < math.cos(AWAY)]
-    dust = float(zodiacal(far, sun).mean())
-    return dust * zodiacal_spectrum() + float(starlight(direction, FAINTEST).mean()) * (
-        starlight_spectrum()
-    )
+    far = direction[direction @ sun < math.cos(FROM_SUN)]
+    dust, stars = float(zodiacal(far, sun).mean()), float(starlight(direction, FAINTEST).mean())
+    return dust * zodiacal_spectrum() + stars * starlight_spectrum()

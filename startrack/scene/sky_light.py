@@ -14,10 +14,10 @@ from startrack.scene.night import night_light
 
 
 class SkyLight(NamedTuple):
-    """What the air gives and takes.
+    """Light that the air adds, and what it lets through.
 
     background  (bins,) photon / s / m^2 / sr
-    through     (bins,) 1, of the light of stars in the line of sight
+    through     (bins,) 1, transmittance for stars in the line of sight
     """
 
     background: Floats
@@ -36,12 +36,13 @@ def sky_light(sky: DaySky, date: str | None = None) -> SkyLight:
     date      UTC, where the sky is `dated`; without one there is no Moon
     Accuracy  model: clear air without clouds, no polarisation (up to 10 % at 400 nm, 3 % from 600
               nm on). The aerosol of a real stratosphere differs by a factor of two and more. Lines
-              of gases are averaged over bins of 10 nm. numerical: 2 % of the solver from 5 degrees
+              of gases are averaged over bins of 10 nm. The Sun is one astronomical unit away
+              (3 %). numerical: 2 % of the solver from 5 degrees
               of distance from the Sun on; in twilight that of `dusk_light`, at night that of
               `night_light`.
     """
     table, sun = sky_table(), sky.sun(date)
-    light = scattered(table, sky, sun) * table.irradiance / sun.far**2
+    light = scattered(table, sky, sun) * table.irradiance
     light = light + night_light(sky) if sun.elevation < 0 else light
     if date is not None and sky.dated:
         moon, irradiance = moonlight(sky, date)

@@ -77,5 +77,5 @@ def test_an_edge_is_within_a_point_of_its_place(light_of):
 
 
 def test_light_without_neighbours_is_refused(light_of):
-    with pytest.raises(Refused, match="must vary by straight lines between points 1/512"):
+    with pytest.raises(Refused, match="must vary linearly between points 1/512"):
         light_of(uneven)
