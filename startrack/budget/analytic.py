@@ -83,16 +83,16 @@ def measured_response(case: Case) -> Measured:
         lost = hot.lost
         size = response.scale(even)
         # Of what the read-out adds, the spread of the dark signal is constant in time.
-        part = (pattern.spread / size.noise) ** 2
+        constant = (pattern.spread / size.noise) ** 2
         read = random[response.READ]
-        random = random | {response.READ: (1 - part) * read, "DSNU": part * read}
+        random = random | {response.READ: (1 - constant) * read, "DSNU": constant * read}
         random |= {HOT: np.broadcast_to(hot.moment, stated.shape)}
         kept = kept * hot.kept
         light = size.star * 10 ** (-0.4 * grid)
         false = (hot.false > light[:, None]).sum(axis=1).astype(float)
     above = response.detection_probability(even, star.magnitude, search=search)
     fraction = fraction * _between(star.magnitude, kept, grid)
-    return _measured(star, above, grid, fraction, stated, random, false, lost)
+    return _measured(star, above, grid, fraction, stated, random, false=false, lost=lost)
 
 
 def _measured(
@@ -105,7 +105,13 @@ def _measured(
     false: Floats,
     lost: Floats,
 ) -> Measured:
-    """Covariances `stated` and `random`, (z, m, 2, 2) of stars, over the magnitudes of a grid."""
+    """`Measured`, with covariances interpolated between magnitudes.
+
+    grid            (k,) magnitudes of its table
+    fraction        (z, k) 1, detected
+    stated, random  (z, m, 2, 2) pixel^2, at the magnitudes of `star`
+    false           (k,) number of brighter false spots
+    """
     causes = [_fine(star.magnitude, covariance, grid) for covariance in random.values()]
     fine = _fine(star.magnitude, stated, grid)
     table = FieldResponse(float(grid[0]), FINE, fraction, fine, np.stack(causes, axis=1), false)
@@ -146,7 +152,9 @@ def in_boxes(case: Case) -> Measured:
     )
     by_zone = {name: np.repeat(table[None], zones, axis=0) for name, table in random.items()}
     no_spots = np.zeros(len(grid))
-    return _measured(star, measured, grid, fraction, stated, by_zone, no_spots, np.ones(2))
+    return _measured(
+        star, measured, grid, fraction, stated, by_zone, false=no_spots, lost=np.ones(2)
+    )
 
 
 def has_hot_pixels(case: Case) -> bool:
@@ -156,14 +164,17 @@ def has_hot_pixels(case: Case) -> bool:
 
 
 def _between(magnitude: Floats, table: Floats, grid: Floats) -> Floats:
-    """Tables (z, m) between magnitudes, (z, k), by straight lines."""
+    """Tables (z, m) over magnitudes (m,), interpolated linearly at those of a grid: (z, k)."""
     before = np.clip(np.searchsorted(magnitude, grid, side="right") - 1, 0, len(magnitude) - 2)
     t = np.clip((grid - magnitude[before]) / np.diff(magnitude)[before], 0.0, 1.0)
     return np.asarray(table[:, before] + t * (table[:, before + 1] - table[:, before]))
 
 
 def _fine(magnitude: Floats, table: Floats, grid: Floats) -> Floats:
-    """Covariances (z, m, 2, 2) between magnitudes, straight lines in the logarithm; pixel^2."""
+    """Covariances (z, m, 2, 2) pixel^2 over magnitudes (m,) at those of a grid: (z, k, 2, 2).
+
+    The logarithms of standard deviations, and the correlation, are interpolated linearly.
+    """
     xx, yy = (np.maximum(table[..., a, a], 1e-16) for a in (0, 1))
     ratio = np.clip(table[..., 0, 1] / np.sqrt(xx * yy), -1, 1)
     correlation = _between(magnitude, ratio, grid)
@@ -178,8 +189,8 @@ def _fine(magnitude: Floats, table: Floats, grid: Floats) -> Floats:
 BEYOND = 0.01  # of the stars, beyond the match radius
 UNCOVERED = 0.01  # of the attitudes, farther off than the tracker states
 SIFTED = 4  # stars, of which the solver leaves out one that does not agree
-DISPLACED = 0.1  # mean square of displacements over the noise, below which they are nothing to it
-LEAST = 1e-3  # probability from which on a star counts; chosen by hand, far below the 1 % of fields
+DISPLACED = 0.1  # mean square of displacements over that of noise, below which noise hides them
+LEAST_CHANCE = 1e-3  # that the gate keeps a star, from which on it counts; far below 1 % of fields
 
 
 def analytic(case: Case, count: int = FIELDS) -> Budget[ErrorLaw]:
@@ -220,7 +231,7 @@ def budget_if_solved(case: Case, count: int = FIELDS) -> Budget[ErrorLaw] | None
 
 
 class FieldBudget(NamedTuple):
-    """A budget over some fields, the errors in each of them, and the stars that make these."""
+    """A budget over some fields, the errors in each of them, and the stars that cause these."""
 
     budget: Budget[ErrorLaw]
     attitudes: Attitudes
@@ -244,30 +255,89 @@ def _of_fields(
 ) -> FieldBudget | None:
     """`of_fields`; `decided` by the tracker itself, None: by the probabilities of single stars."""
     refuse_scans(case)
+    _refuse_few_boxes(case)
+    same = like or case
+    measured = measured_response(same)
+    if not measured.table.fraction.any():
+        return None
+    counting = _counting_stars(case, view, same, measured)
+    stars = counting.stars
+    if decided:
+        stars = stars._replace(kept=np.where(decided.dropped, 0.0, stars.kept))
+    errors = propagate(stars, measured.table, _solver(case, measured.lost))
+    if decided:
+        errors = errors._replace(solved=errors.solved * decided.solved)
+    total = float(errors.solved.sum())
+    if not total > 0:
+        return None
+    lines = tuple(_lines(case, errors, errors.solved / total, measured.random, counting.fixed))
+    law = _sum_of(lines)
+    covered = decided.covered.astype(float) if decided else None
+    if not decided and HOT not in measured.random:  # the tracker knows of these beside
+        covered = _covered(case, law, errors, stars)
+    unsure = covered is not None and law.weight @ covered.prod(axis=1) < 1 - UNCOVERED
+    if not (decided or trial.boxed(case)) and _astray(case, counting, bool(unsure)):
+        return _of_fields(case, view, like, tracked(case, view, counting.inside))
+    solved = total / len(law.weight)
+    available = solved
+    if covered is not None:
+        available *= float(law.weight @ covered.prod(axis=1))
+    budget = Budget(
+        lines,
+        BudgetLine("end to end", None, law),
+        available,
+        float(law.weight @ errors.stars),
+        _left_out(case, measured, counting, errors.stars, solved),
+        _refused(measured, stars.magnitude),
+        covered,
+        solved,
+    )
+    return FieldBudget(budget, errors, stars)
+
+
+def _refuse_few_boxes(case: Case) -> None:
     if trial.boxed(case) and case.tracker.box.stars < SIFTED:
         raise Refused(
             f"tracker.box.stars must be at least {SIFTED} for a budget by formula, got "
             f"{case.tracker.box.stars}: of fewer, the tracker cannot tell a wrong star, or one "
             "that a hot pixel moved, so that errors are not normal; trials show them (montecarlo)"
         )
-    same = like or case
-    star, above, table, random, lost = measured_response(same)
-    gate = case.tracker.attitude.gate
-    if not table.fraction.any():
-        return None
+
+
+class _CountingStars(NamedTuple):
+    """The n stars of the fields that may count, and what displaces them.
+
+    stars   of `propagate`
+    inside  (n,) indices into the stars of the fields
+    sigma   (n,) pixel per axis, by noise and what the tracker assumes beside it
+    fixed   causes that displace single stars
+    apart   (n, 2) pixel, displacements by these less their mean in each field
+    """
+
+    stars: FieldStars
+    inside: Ints
+    sigma: Floats
+    fixed: list[Cause]
+    apart: Floats
+
+
+def _counting_stars(case: Case, view: Fields, same: Case, measured: Measured) -> _CountingStars:
+    """The stars that the gate is likely to keep: a star displaced by more is left out.
+
+    same  a case that differs in the places of its stars alone, whose response is `measured`
+    """
+    star = measured.star
     inside, magnitude = visible(case, view, float(star.magnitude[-1]), same)
     knowledge = response.knowledge_of(same)
     systematic = knowledge.systematic[knowledge.places(view.sky.stars[view.star[inside]])]
     near = displaced(same, view, inside)
     lens = through_lens(same, case.instrument.camera, view, inside)
     magnitude = magnitude + lens.fainter
-    # A star that its neighbours or the lens move by more than the gate is left out, with the
-    # probability of that.
-    spread = np.sqrt(np.interp(magnitude, star.magnitude, _variance(star.stated)) + systematic)
-    chance = ndtr(gate - np.hypot(*(near + sum(lens.shift.values())).T) / spread)
-    kept = chance > LEAST
+    sigma = np.sqrt(np.interp(magnitude, star.magnitude, _variance(star.stated)) + systematic)
+    offset = np.hypot(*(near + sum(lens.shift.values())).T)
+    chance = ndtr(case.tracker.attitude.gate - offset / sigma)
+    kept = chance > LEAST_CHANCE
     inside, magnitude, near = inside[kept], magnitude[kept], near[kept]
-    systematic = systematic[kept]
     fixed = [cause for cause in causes(case) if cause.name in OF_STARS]
     mean = np.stack([np.interp(magnitude, star.magnitude, axis) for axis in star.mean.T], axis=-1)
     displacement = [mean, near]
@@ -275,73 +345,64 @@ def _of_fields(
         of_lens = lens.shift.get(cause.name)
         displacement.append(moved(case, cause, view, inside) if of_lens is None else of_lens[kept])
     first = np.searchsorted(view.field[inside], np.arange(len(view.attitude) + 1))
-    wrong = np.stack(displacement[2:]).sum(axis=0) if fixed else near
-    apart = _apart(wrong, first) if fixed else np.zeros_like(near)
-    counts = chance[kept]
-    if decided:
-        counts = np.where(decided.dropped, 0.0, counts)
-    most = case.tracker.box.stars if trial.boxed(case) else case.tracker.detection.max_spots
-    tolerance = case.tracker.identification.focal_tolerance
-    solver = Solver(case.believed_camera.focal_length_px, tolerance, lost, most)
-    counted = FieldStars(
+    apart = np.zeros_like(near)
+    if fixed:
+        apart = _apart(np.stack(displacement[2:]).sum(axis=0), first)
+    stars = FieldStars(
         first,
         view.x[inside],
         view.y[inside],
         magnitude,
         lens.zone[kept],
-        counts,
-        systematic,
+        chance[kept],
+        systematic[kept],
         np.stack(displacement),
     )
-    errors = propagate(counted, table, solver)
-    if decided:
-        errors = errors._replace(solved=errors.solved * decided.solved)
-    total = float(errors.solved.sum())
-    if not total > 0:
-        return None
-    weight = errors.solved / total
-    lines = tuple(_lines(case, errors, weight, random, fixed))
+    return _CountingStars(stars, inside, sigma[kept], fixed, apart)
+
+
+def _solver(case: Case, lost: Floats) -> Solver:
+    """Settings of a case's solver; `lost` as in `Measured`."""
+    most = case.tracker.box.stars if trial.boxed(case) else case.tracker.detection.max_spots
+    tolerance = case.tracker.identification.focal_tolerance
+    return Solver(case.believed_camera.focal_length_px, tolerance, lost, most)
+
+
+def _sum_of(lines: tuple[BudgetLine[ErrorLaw], ...]) -> ErrorLaw:
+    """The error of all causes together, which are independent."""
+    mean = np.sum([line.spread.mean for line in lines], axis=0)
     sigma = np.sqrt(np.sum([line.spread.sigma**2 for line in lines], axis=0))
-    law = ErrorLaw(np.sum([line.spread.mean for line in lines], axis=0), sigma, weight)
-    covered = decided.covered.astype(float) if decided else None
-    if not decided and HOT not in random:  # the tracker knows of these beside
-        covered = _covered(case, law, errors, counted)
-    unsure = covered is not None and law.weight @ covered.prod(axis=1) < 1 - UNCOVERED
-    variance = np.maximum(spread[kept], 1e-9) ** 2
-    if not (decided or trial.boxed(case)) and _astray(case, apart, variance, counts, bool(unsure)):
-        answer = tracked(case, view, inside)
-        return _of_fields(case, view, like, answer)
-    whole_line = BudgetLine("end to end", None, law)
-    fraction = total / len(weight)
-    refused = _refused(star, above, magnitude)
-    moved_rms = float(np.sqrt((apart**2).mean())) if fixed else 0.0
-    left_out = (
+    return ErrorLaw(mean, sigma, lines[0].spread.weight)
+
+
+def _left_out(
+    case: Case, measured: Measured, counting: _CountingStars, stars: Floats, solved: float
+) -> tuple[str, ...]:
+    """Phrases on the effects that the budget leaves out.
+
+    stars   (m,) expected number of each field
+    solved  1, fraction of the fields with an attitude
+    """
+    moved_rms = float(np.sqrt((counting.apart**2).mean())) if counting.fixed else 0.0
+    return (
         *of_the_case(case),
-        *of_the_sky(case, errors.stars, refused, moved_rms),
-        *of_the_catalog(case, _likely_at_the_limit(case, star, above), fraction),
-        *of_false_spots(case, _false_among(star, above, table)),
+        *of_the_sky(case, stars, _refused(measured, counting.stars.magnitude), moved_rms),
+        *of_the_catalog(case, _likely_at_the_limit(case, measured), solved),
+        *of_false_spots(case, _false_among(measured)),
     )
-    stars = float(weight @ errors.stars)
-    correct = fraction
-    if covered is not None:
-        correct *= float(weight @ covered.prod(axis=1))
-    budget = Budget(lines, whole_line, correct, stars, left_out, refused, covered, fraction)
-    return FieldBudget(budget, errors, counted)
 
 
-def _astray(case: Case, apart: Floats, variance: Floats, counts: Floats, unsure: bool) -> bool:
+def _astray(case: Case, counting: _CountingStars, unsure: bool) -> bool:
     """Whether displaced stars are lost, or make errors that the tracker does not state.
 
-    apart     (n, 2) pixel, displacements that a turn does not bring back
-    variance  (n,) pixel^2 per axis, of noise
-    counts    (n,) 1, probability that a star counts
-    unsure    whether errors exceed what is stated
+    unsure  whether errors exceed what is stated
     """
-    square, total = (apart**2).sum(axis=1), max(float(counts.sum()), 1e-9)
+    counts, variance = counting.stars.kept, np.maximum(counting.sigma, 1e-9) ** 2
+    square, total = (counting.apart**2).sum(axis=1), max(float(counts.sum()), 1e-9)
     # The probabilities that noise leaves a star within a circle, displaced or not.
     radius = case.tracker.identification.match_radius**2 / variance
-    moved = special.chndtr(radius, 2.0, np.minimum(square / variance, 1e5))
-    lost = -np.expm1(-radius / 2) - moved
+    displaced_within = special.chndtr(radius, 2.0, np.minimum(square / variance, 1e5))
+    lost = -np.expm1(-radius / 2) - displaced_within
     if counts @ lost > BEYOND * total:
         return True
     return unsure and float(counts @ (square / variance)) > 2 * DISPLACED * total
@@ -380,20 +441,23 @@ def _apart(moved: Floats, first: Ints) -> Floats:
     return np.asarray(moved - (mean / np.maximum(count, 1)[:, None])[field])
 
 
-def _false_among(star: response.Errors, above: Floats, table: FieldResponse) -> float:
+def _false_among(measured: Measured) -> float:
     """Number of false spots that are brighter than the faintest star that is likely to count."""
-    faintest = star.magnitude[above > 0.5].max(initial=star.magnitude[0])
+    star, table = measured.star, measured.table
+    faintest = star.magnitude[measured.above > 0.5].max(initial=star.magnitude[0])
     return float(table.false[int((faintest - table.start) / table.step)])
 
 
-def _likely_at_the_limit(case: Case, star: response.Errors, above: Floats) -> float:
+def _likely_at_the_limit(case: Case, measured: Measured) -> float:
     """Probability that the tracker detects a star at the limit of its catalogue."""
-    return float(np.interp(case.believed_catalog.limit_g, star.magnitude, above))
+    limit = case.believed_catalog.limit_g
+    return float(np.interp(limit, measured.star.magnitude, measured.above))
 
 
-def _refused(star: response.Errors, above: Floats, magnitude: Floats) -> float:
-    """Fraction of the stars above the threshold (n,) that are taken for hot pixels."""
-    above = np.interp(magnitude, star.magnitude, above)
+def _refused(measured: Measured, magnitude: Floats) -> float:
+    """Fraction of the stars (n,) above the threshold that are taken for hot pixels."""
+    star = measured.star
+    above = np.interp(magnitude, star.magnitude, measured.above)
     lost = above * (1 - np.interp(magnitude, star.magnitude, star.kept))
     return float(lost.sum() / max(above.sum(), 1e-9))
 

@@ -87,8 +87,9 @@ class ErrorLaw:
         return np.sqrt(self.weight @ (self.mean**2 + self.sigma**2))
 
     def level(self, axes: Sequence[int], fraction: float, interpretation: Interpretation) -> float:
-        """Level of the mixture of all fields; only the mixed interpretation applies, as time and
-        field are not separate.
+        """Level of the mixture of all fields.
+
+        Only the mixed interpretation applies, as time and field are not separate.
 
         Raises  ValueError for another interpretation.
         """
@@ -130,8 +131,10 @@ class SkySample:
         return rms_interval((self.error[..., list(axes)] ** 2).mean(axis=(1, 2)))
 
     def level_interval(self, axes: Sequence[int], fraction: float) -> Interval:
-        """Mixed level, radian, with its 95 % interval; without an upper bound where the members are
-        too few."""
+        """Mixed level, radian, with its 95 % interval.
+
+        Without an upper bound where the members are too few.
+        """
         squares = self.error[..., list(axes)].reshape(len(self.error), -1) ** 2
         low, high = level_bounds(squares, fraction, 0.025, 0.025)
         value = self.level(axes, fraction, Interpretation.MIXED)

@@ -95,7 +95,10 @@ def slew_rates(case: Case, longest: float = math.inf) -> Floats:
 def analytic_curve(
     case: Case, rates: Floats, advance: Callable[[float], None] | None = None
 ) -> BudgetCurve:
-    """The analytic budget at some slew rates, of which `advance` is called after each."""
+    """The analytic budget at some slew rates (n,), radian / second.
+
+    advance  called with 1 after each rate
+    """
     budgets = []
     for rate in rates:
         budgets.append(_budget(case, float(rate)))
@@ -185,13 +188,14 @@ def error_curves(
 
 
 def curve_steps(case: Case) -> int:
-    """Steps of `error_curves`: rates of the formula, those of the trials, and all frames of stars,
-    which take as long as a rate."""
+    """Steps of `error_curves`: rates of the formula, rates of the trials, and one for all frames
+    of stars, which take as long as a rate.
+    """
     rates = slew_rates(case, LONGEST)
     return len(between(rates)) + len(rates) + 1
 
 
-DIRECTIONS = 3072
+DIRECTIONS = 3072  # of a survey: one in 13 square degrees
 
 
 @printed

@@ -65,11 +65,11 @@ def exclusions(case: Case, angle: Floats, altitude: float = 600e3) -> dict[str, 
     faintest = max(float(level.max()) for level in levels.values())
     skies = np.arange(BRIGHTEST, min(faintest, case.scene.sky_g) + 2 * STEP, STEP)
     bare = replace(case, instrument=replace(case.instrument, baffle=None, tube=None))
-    across, fraction = _budgets(bare, (*skies.tolist(), DARK))
+    across, availability = _budgets(bare, (*skies.tolist(), DARK))
     of_body = {}
     for name, level in levels.items():
         at = np.interp(level, np.append(skies, DARK), np.arange(len(skies) + 1))
-        of_body[name] = Exclusion(angle, level, _straight(across, at), _straight(fraction, at))
+        of_body[name] = Exclusion(angle, level, _at_index(across, at), _at_index(availability, at))
     return of_body
 
 
@@ -107,8 +107,8 @@ def _of_the_earth(case: Case, angle: Floats, altitude: float) -> Floats:
     lit = np.empty(len(angle))
     for i, tilt in enumerate(horizon + angle):
         boresight = np.array([math.sin(tilt), 0.0, -math.cos(tilt)])
-        apart = np.arccos(np.clip(source.direction @ boresight, -1, 1))
-        lit[i] = case.instrument.stray(apart) @ source.fraction * EARTH_ALBEDO / math.pi
+        off_axis = np.arccos(np.clip(source.direction @ boresight, -1, 1))
+        lit[i] = case.instrument.stray(off_axis) @ source.fraction * EARTH_ALBEDO / math.pi
     optics = case.instrument.optics
     return SUN_G - 2.5 * np.log10(lit * optics.focal_length**2 / optics.area * arcsec**2)
 
@@ -116,16 +116,17 @@ def _of_the_earth(case: Case, angle: Floats, altitude: float) -> Floats:
 @lru_cache(maxsize=4)  # of the baffles of one design
 def _budgets(case: Case, skies: tuple[float, ...]) -> tuple[Floats, Floats]:
     """(n,) errors across and availabilities with stray light of some brightness."""
-    across, fraction = np.full(len(skies), math.nan), np.zeros(len(skies))
+    across, availability = np.full(len(skies), math.nan), np.zeros(len(skies))
     for i, sky in enumerate(skies):
         lit = replace(case, scene=case.scene.with_stray_light(sky))
         budget = budget_if_solved(lit)
         if budget is not None:
-            across[i], fraction[i] = budget.across, budget.availability
-    return across, fraction
+            across[i], availability[i] = budget.across, budget.availability
+    return across, availability
 
 
-def _straight(values: Floats, at: Floats) -> Floats:
+def _at_index(values: Floats, at: Floats) -> Floats:
+    """Values at fractional indices, by linear interpolation; NaN beside a NaN."""
     low = np.minimum(at.astype(np.int64), len(values) - 2)
     part = at - low
     return np.where(part > 0, (1 - part) * values[low] + part * values[low + 1], values[low])

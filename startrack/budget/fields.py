@@ -83,8 +83,8 @@ def attitudes(count: int) -> Rotation:
 def sobol_points(count: int) -> Floats:
     """The first points (n, 3) of the Sobol sequence in [0, 1), without a scramble.
 
-    As of scipy.stats.qmc.Sobol, to the last bit; that room of scipy takes half a second to import,
-    before the first error of every command.
+    The same as those of scipy.stats.qmc.Sobol, to the last bit; importing that part of scipy would
+    delay each command by half a second.
 
     Source: Joe and Kuo (2008), SIAM Journal on Scientific Computing 30, 2635, direction numbers
     of the first three dimensions; Antonov and Saleev (1979), the order by Gray's code.
@@ -172,12 +172,12 @@ class Attitudes(NamedTuple):
         rows, size = np.arange(len(pixel) + 1) * 16, (len(pixel), LATTICE**2)
         between = csr_array((weight.ravel(), place.ravel(), rows), size)
         gain = (self.gain[:, :3] * self.gain[:, 3:, :1]).transpose(1, 2, 0)
-        index, many = np.arange(len(pixel)), (len(first) - 1, len(pixel))
-        answer = np.empty((3, len(first) - 1, 2, LATTICE**2))
-        for axis, way in np.ndindex(3, 2):
-            of_fields = csr_array((gain[axis, way], index, first), many)
-            answer[axis, :, way] = (of_fields @ between).toarray()
-        return answer
+        index, shape = np.arange(len(pixel)), (len(first) - 1, len(pixel))
+        response = np.empty((3, len(first) - 1, 2, LATTICE**2))
+        for axis, xy in np.ndindex(3, 2):
+            of_fields = csr_array((gain[axis, xy], index, first), shape)
+            response[axis, :, xy] = (of_fields @ between).toarray()
+        return response
 
 
 def lattice_nodes(camera: Camera) -> tuple[Floats, Floats]:
@@ -265,12 +265,12 @@ def _propagate(
             errors.solved[f] = 0.0
             continue
         inverse = np.linalg.inv(info)
-        moved = inverse @ full[:3, 3].copy()
+        by_scale = inverse @ full[:3, 3].copy()
         row = np.zeros(4)
         if solver.tolerance > 0:
             full[3, 3] += solver.tolerance**-2
             row = np.linalg.inv(full)[3].copy()
-        _gains(seen.first[f], end, seen, response, solver, inverse, moved, row, errors.gain)
+        _gains(seen.first[f], end, seen, response, solver, inverse, by_scale, row, errors.gain)
         _errors(f, end, seen, response, errors)
 
 
@@ -332,16 +332,16 @@ def _gains(
     response: FieldResponse,
     solver: Solver,
     inverse: Floats,
-    moved: Floats,
+    by_scale: Floats,
     row: Floats,
     gain: Floats,
 ) -> None:
     """Gains of the stars of a field, each with the probability that it counts.
 
-    inverse  (3, 3) radian^2, of the information
-    moved    (3,) radian, by an error of the scale of one
-    row      (4,) of the inverse of the information about turn and scale: that of the scale
-    gain     (n, 4, 2) radian / pixel and, last, the probability twice; is written to
+    inverse   (3, 3) radian^2, of the information
+    by_scale  (3,) radian, change of the attitude by an error of the scale of one
+    row       (4,) of the inverse of the information about turn and scale: that of the scale
+    gain      (n, 4, 2) radian / pixel and, last, the probability twice; is written to
     """
     design, weight = np.empty((2, 4)), np.empty((2, 2))
     room = float(solver.most)
@@ -359,7 +359,7 @@ def _gains(
             for a in range(4):
                 fitted += row[a] * (design[0, a] * weight[0, b] + design[1, a] * weight[1, b])
             for a in range(3):
-                gain[i, a, b] = -moved[a] * fitted
+                gain[i, a, b] = -by_scale[a] * fitted
                 for c in range(3):
                     gain[i, a, b] += inverse[a, c] * (
                         design[0, c] * weight[0, b] + design[1, c] * weight[1, b]

@@ -80,15 +80,15 @@ class ThroughLens(NamedTuple):
 
 
 def through_lens(case: Case, camera: Camera, view: Fields, inside: Ints) -> ThroughLens:
-    """Effect of a case's lens table on stars of the fields; None where there is no table.
+    """Effect of a case's lens table on stars of the fields; without a table there is none.
 
     camera  that the stars are seen with; of a unit it may differ from that of the case
     """
-    many = len(inside)
+    count = len(inside)
     if not case.instrument.optics.tabulated:
-        return ThroughLens(np.zeros(many, np.int64), np.zeros(many), {})
+        return ThroughLens(np.zeros(count, np.int64), np.zeros(count), {})
     colour = observation.mean_colour(case, view.sky.stars.colour[view.star[inside]])
-    x, y = camera.project(np.column_stack([view.x[inside], view.y[inside], np.ones(many)])).T
+    x, y = camera.project(np.column_stack([view.x[inside], view.y[inside], np.ones(count)])).T
     sunlike, rest = response.residual_shift(case)
     field, other = sunlike.at(x, y, colour), rest.at(x, y, colour)
     return ThroughLens(
@@ -110,11 +110,11 @@ def moved(case: Case, cause: Cause, view: Fields, inside: Ints) -> Floats:
         plane = _plane(camera.unproject(pixel))
         return camera.focal_length_px * (plane - np.column_stack([x, y]))
     attitude, star = view.attitude[view.field[inside]], view.name[view.star[inside]]
-    wrong, true = (
+    wrong, right = (
         _plane(attitude.apply(_directions(case.catalog, variant.believed_catalog, star)))
         for variant in (case, correct)
     )
-    return camera.focal_length_px * (true - wrong)
+    return camera.focal_length_px * (right - wrong)
 
 
 def displacement(

@@ -9,7 +9,7 @@ from startrack import observation, response
 from startrack.attitude import FEWEST
 from startrack.budget.fields import attitudes, design_row, fields
 from startrack.budget.fixed import visible
-from startrack.core import Floats, Ints, Streams, is_code, kept, kernel, median
+from startrack.core import Floats, Ints, Stars, Streams, is_code, kept, kernel, median
 from startrack.design import Case
 from startrack.identification import LEAST_SIGMA, LOG_ATTITUDES, NARROWEST, REACH, log_evidence
 
@@ -58,32 +58,43 @@ def hot_stars(case: Case, even: Case, star: response.Errors) -> NearHot:
               1.7 and 4.4 % are, 1.15 where 5.6 % are; attitudes are up to 5 % too few.
     """
     magnitude, fewest = star.magnitude, case.tracker.identification.min_matches
-    search, place, hot, false = _near_hot(*map(response.star_inputs, (case, even)))
-    if not hot.chance:
+    hot = _hot_effect(*map(response.star_inputs, (case, even)))
+    if not hot.windows.chance:
         none = np.zeros_like(star.stated)
-        return NearHot(search, false, np.ones(len(magnitude)), none, np.ones(fewest))
-    detected = response.detection_probability(even, magnitude, search=search) * star.kept
-    drawn, rules = _frames(case, even, star, detected, place, hot, false)
-    seen, used, solved, square = np.zeros((4, len(place)))
-    tried, accepted = np.zeros((2, max(MOST, fewest)))
-    _use(drawn, rules, seen, used, solved, square, tried, accepted)
-    kept = np.where(seen > 0, used / np.maximum(seen, 1), 1.0)
-    square = np.where(solved > 0, square / np.maximum(solved, 1) / 2, 0.0)
-    lost = np.where(tried > 0, 1 - accepted / np.maximum(tried, 1), 0.0)
+        return NearHot(hot.search, hot.false, np.ones(len(magnitude)), none, np.ones(fewest))
+    detected = response.detection_probability(even, magnitude, search=hot.search) * star.kept
+    drawn = _frames(case, even, star, detected, hot)
+    counts = _Counts(*np.zeros((4, len(hot.magnitude))), *np.zeros((2, max(MOST, fewest))))
+    _count(drawn, _rules(case, len(hot.false)), counts)
+    kept = np.where(counts.seen > 0, counts.used / np.maximum(counts.seen, 1), 1.0)
+    square = counts.square / np.maximum(counts.solved, 1) / 2
+    square = np.where(counts.solved > 0, square, 0.0)
+    lost = np.where(counts.tried > 0, 1 - counts.accepted / np.maximum(counts.tried, 1), 0.0)
     lost[:fewest] = 1.0
-    index = np.abs(magnitude[:, None] - place).argmin(axis=1)
-    fainter = 10 ** (0.8 * (magnitude - place[index]))
+    index = np.abs(magnitude[:, None] - hot.magnitude).argmin(axis=1)
+    fainter = 10 ** (0.8 * (magnitude - hot.magnitude[index]))
     moment = (fainter * square[index])[:, None, None] * np.eye(2)
-    return NearHot(search, false, kept[index], moment, lost)
+    return NearHot(hot.search, hot.false, kept[index], moment, lost)
+
+
+class _HotEffect(NamedTuple):
+    """Effect of hot pixels on the search, and on stars of k magnitudes.
+
+    search     of a frame with them
+    magnitude  (k,) G of these stars
+    windows    shifts of these stars
+    false      (f,) electron, of the spots that hot pixels make in an empty frame
+    """
+
+    search: response.StarSearch
+    magnitude: Floats
+    windows: response.HotPixels
+    false: Floats
 
 
 @kept(4)
-def _near_hot(
-    case: Case, even: Case
-) -> tuple[response.StarSearch, Floats, response.HotPixels, Floats]:
-    """Star search in a frame, magnitudes (k,) of stars, effect of hot pixels on these stars, and
-    electrons (f,) of the spots that hot pixels make in an empty frame.
-    """
+def _hot_effect(case: Case, even: Case) -> _HotEffect:
+    """The effect by windows with hot pixels; kept for the 4 last cases."""
     magnitude, sky = response.errors(even).magnitude, observation.sky_electrons(case)
     empty = response.empty_frame(case, sky)
     assert empty is not None
@@ -101,7 +112,7 @@ def _near_hot(
     weight[: len(EVEN)] /= len(EVEN)
     weight[len(EVEN) :] /= len(near)
     search = response.StarSearch(empty.noise, _quantiles(np.append(search.threshold, near), weight))
-    return search, place, hot, empty.flux
+    return _HotEffect(search, place, hot, empty.flux)
 
 
 def _quantiles(values: Floats, weight: Floats) -> Floats:
@@ -114,11 +125,14 @@ def _quantiles(values: Floats, weight: Floats) -> Floats:
 class _Rules(NamedTuple):
     """Conditions that the tracker sets for a star.
 
-    focal_length_px  pixel;  tolerance, radius (pixel), gate  keys of identification and solver
-    area      1, of the image, in units of the focal length
-    evidence  ln of that which is asked for
-    fewest, most  stars that an attitude needs, and spots that are kept
-    false     spots that hot pixels make;  verified  spots that are asked for evidence
+    focal_length_px          pixel
+    tolerance, radius, gate  keys of identification and solver: 1, pixel, sigma
+    area                     1, of the image, in units of the focal length
+    evidence                 logarithm of the required evidence
+    fewest                   stars that an attitude needs
+    most                     spots that are kept
+    false                    spots that hot pixels make
+    verified                 spots by which the evidence is computed
     """
 
     focal_length_px: float
@@ -159,27 +173,61 @@ class _Drawn(NamedTuple):
     shift: Floats
 
 
-def _frames(
-    case: Case,
-    even: Case,
-    star: response.Errors,
-    detected: Floats,
-    place: Floats,
-    hot: response.HotPixels,
-    false: Floats,
-) -> tuple[_Drawn, _Rules]:
-    """Frames of the case, and what its tracker asks of them.
+def _rules(case: Case, false: int) -> _Rules:
+    """Conditions of a case's tracker, with a number of spots that hot pixels make."""
+    settings, detector = case.tracker.identification, case.instrument.detector
+    focal = case.believed_camera.focal_length_px
+    evidence = -math.log(settings.max_false_probability)
+    return _Rules(
+        focal_length_px=focal,
+        tolerance=settings.focal_tolerance,
+        radius=settings.match_radius,
+        gate=case.tracker.attitude.gate,
+        area=detector.columns * detector.rows / focal**2,
+        evidence=-math.inf if is_code(settings.method) else evidence,
+        fewest=settings.min_matches,
+        most=case.tracker.detection.max_spots,
+        false=false,
+        verified=settings.verify_spots,
+    )
 
-    detected  (m,) 1, probability that the search finds a star of each magnitude
-    place     (k,) magnitude
-    false     (f,) electron, of the spots of an empty frame
+
+def _frames(
+    case: Case, even: Case, star: response.Errors, detected: Floats, hot: _HotEffect
+) -> _Drawn:
+    """Frames of the case.
+
+    detected  (m,) 1, probability that the search finds a star of each magnitude of `star`
     """
     view = fields(case.catalog, case.instrument.camera, attitudes, FIELDS)
     inside, magnitude = visible(case, view, float(star.magnitude[-1]), case)
     likely = np.interp(magnitude, star.magnitude, detected)
     counts = likely > 1e-3
     inside, magnitude, likely = inside[counts], magnitude[counts], likely[counts]
-    stars = view.sky.stars[view.star[inside]]
+    closest = np.abs(magnitude[:, None] - hot.magnitude).argmin(axis=1)
+    shifts, chance = hot.windows.shift, hot.windows.chance
+    random, shape = Streams(0, 0)("stars near hot pixels in frames"), (DRAWS, len(magnitude))
+    shift = shifts[closest, random.integers(shifts.shape[1], size=shape)]
+    shift *= 10 ** (0.4 * (magnitude - hot.magnitude[closest]))[:, None]
+    shift[random.random(shape) >= chance] = 0.0
+    light = response.scale(even).star * 10 ** (-0.4 * magnitude)
+    brighter = len(hot.false) - np.searchsorted(np.sort(hot.false), light, side="right")
+    return _Drawn(
+        first=np.searchsorted(view.field[inside], np.arange(FIELDS + 1)),
+        x=view.x[inside],
+        y=view.y[inside],
+        detected=likely,
+        false=brighter,
+        sigma=_sigmas(case, star, view.sky.stars[view.star[inside]], magnitude),
+        place=closest,
+        chance=random.random(shape),
+        noise=random.standard_normal((*shape, 2)),
+        shift=shift,
+    )
+
+
+def _sigmas(case: Case, star: response.Errors, stars: Stars, magnitude: Floats) -> Floats:
+    """`_Drawn.sigma` of stars, whose magnitudes (n,) are those of sunlike stars as bright."""
     stated = np.trace(star.stated, axis1=1, axis2=2) / 2
     noise = np.interp(magnitude, star.magnitude, stated)
     knowledge = response.knowledge_of(case)
@@ -187,64 +235,30 @@ def _frames(
     lasting = assumed = knowledge.systematic[known]
     if (of_pixels := knowledge.of_pixels[known]).any():  # with hot ones
         lasting = assumed - of_pixels + response.lasting(star, magnitude) ** 2
-    sigma = np.sqrt([noise + lasting, np.maximum(noise, LEAST_SIGMA**2), noise + assumed])
-    closest = np.abs(magnitude[:, None] - place).argmin(axis=1)
-    random, many = Streams(0, 0)("stars near hot pixels in frames"), (DRAWS, len(magnitude))
-    shift = hot.shift[closest, random.integers(hot.shift.shape[1], size=many)]
-    shift *= 10 ** (0.4 * (magnitude - place[closest]))[:, None]
-    shift[random.random(many) >= hot.chance] = 0.0
-    settings, detector, focal = (
-        case.tracker.identification,
-        case.instrument.detector,
-        case.believed_camera.focal_length_px,
-    )
-    asked = -math.inf if is_code(settings.method) else -math.log(settings.max_false_probability)
-    rules = _Rules(
-        focal,
-        settings.focal_tolerance,
-        settings.match_radius,
-        case.tracker.attitude.gate,
-        detector.columns * detector.rows / focal**2,
-        asked,
-        settings.min_matches,
-        case.tracker.detection.max_spots,
-        len(false),
-        settings.verify_spots,
-    )
-    light = response.scale(even).star * 10 ** (-0.4 * magnitude)
-    brighter = len(false) - np.searchsorted(np.sort(false), light, side="right")
-    drawn = _Drawn(
-        np.searchsorted(view.field[inside], np.arange(FIELDS + 1)),
-        view.x[inside],
-        view.y[inside],
-        likely,
-        brighter,
-        sigma,
-        closest,
-        random.random(many),
-        random.standard_normal((*many, 2)),
-        shift,
-    )
-    return drawn, rules
+    return np.sqrt([noise + lasting, np.maximum(noise, LEAST_SIGMA**2), noise + assumed])
+
+
+class _Counts(NamedTuple):
+    """Numbers of stars and frames, which `_count` adds to.
+
+    seen, used       (k,) over the magnitudes of shifts: stars that the search finds, and those of
+                     them that the tracker uses
+    solved, square   (k,) of frames with an attitude alone: stars that are used, and their squared
+                     shifts
+    tried, accepted  (j,) frames with 0, 1, ... matches, and those of them with an attitude
+    """
+
+    seen: Floats
+    used: Floats
+    solved: Floats
+    square: Floats
+    tried: Floats
+    accepted: Floats
 
 
 @kernel
-def _use(
-    drawn: _Drawn,
-    rules: _Rules,
-    seen: Floats,
-    used: Floats,
-    solved: Floats,
-    square: Floats,
-    tried: Floats,
-    accepted: Floats,
-) -> None:
-    """Add the stars of all frames that the search finds, and those that the tracker uses.
-
-    seen, used      (k,) over the magnitudes of shifts
-    solved, square  (k,) of frames with an attitude alone: stars that are used, and squared shifts
-    tried, accepted (k,) frames with 0, 1, ... matches, and those of them with an attitude
-    """
+def _count(drawn: _Drawn, rules: _Rules, counts: _Counts) -> None:
+    """Add the stars of all frames that the search finds, and those that the tracker uses."""
     for d in range(len(drawn.chance)):
         for f in range(len(drawn.first) - 1):
             first, end = drawn.first[f], drawn.first[f + 1]
@@ -252,25 +266,25 @@ def _use(
             for i in range(first, end):
                 room = count + drawn.false[i] < rules.most
                 if room and drawn.chance[d, i] < drawn.detected[i]:
-                    seen[drawn.place[i]] += 1
+                    counts.seen[drawn.place[i]] += 1
                     if not np.isnan(drawn.shift[d, i, 0]):
                         star[count] = i
                         count += 1
             matched, excess = _matched(d, star[:count], drawn, rules)
             good = len(matched) >= rules.fewest
-            if good and len(matched) < len(tried):
+            if good and len(matched) < len(counts.tried):
                 spots = min(count + rules.false, rules.verified, rules.most)
                 good = _evidence(d, matched, drawn, rules, first, end, spots, excess)
-                tried[len(matched)] += 1
-                accepted[len(matched)] += good
+                counts.tried[len(matched)] += 1
+                counts.accepted[len(matched)] += good
             if good:
                 matched = _solved(d, matched, drawn, rules)
             for i in matched:
-                used[drawn.place[i]] += 1
+                counts.used[drawn.place[i]] += 1
                 if good:
-                    solved[drawn.place[i]] += 1
+                    counts.solved[drawn.place[i]] += 1
                     moved = drawn.shift[d, i, 0] ** 2 + drawn.shift[d, i, 1] ** 2
-                    square[drawn.place[i]] += moved
+                    counts.square[drawn.place[i]] += moved
 
 
 @kernel
@@ -302,7 +316,7 @@ def _matched(d: int, star: Ints, drawn: _Drawn, rules: _Rules) -> tuple[Ints, fl
 
 
 @kernel
-def _left(
+def _residuals(
     d: int, star: Ints, drawn: _Drawn, rules: _Rules, variance: Floats, rows: Floats
 ) -> Floats:
     """Squared residuals (k,) pixel^2 of stars from the attitude and scale that fit them.
@@ -346,16 +360,13 @@ def _evidence(
 ) -> bool:
     """Whether the places of matched stars are evidence enough among all spots."""
     focal, unknowns = rules.focal_length_px, 4 if rules.tolerance > 0 else 3
-    rows, prior, log_prior = (
-        np.empty((len(star), 2, 4)),
-        np.zeros((unknowns, unknowns)),
-        -LOG_ATTITUDES,
-    )
+    rows, prior = np.empty((len(star), 2, 4)), np.zeros((unknowns, unknowns))
+    log_prior = -LOG_ATTITUDES
     if rules.tolerance > 0:
         prior[3, 3] = rules.tolerance**-2
         log_prior -= math.log(rules.tolerance * math.sqrt(2 * math.pi))
     variance = drawn.sigma[1][star] ** 2
-    square = _left(d, star, drawn, rules, variance + excess, rows)
+    square = _residuals(d, star, drawn, rules, variance + excess, rows)
     places = np.ascontiguousarray(rows[:, :, :unknowns]) / focal
     evidence = log_evidence(
         square / focal**2,
@@ -378,7 +389,7 @@ def _solved(d: int, star: Ints, drawn: _Drawn, rules: _Rules) -> Ints:
     allowed, rows = len(star), np.empty((len(star), 2, 4))
     while len(star) > FEWEST:
         variance = drawn.sigma[2][star] ** 2
-        square = _left(d, star, drawn, rules, variance, rows) / variance
+        square = _residuals(d, star, drawn, rules, variance, rows) / variance
         worst = int(np.argmax(square))
         limit = rules.gate**2 * max(1.0, median(square) / MEDIAN_SQUARE)
         if square[worst] <= limit or len(star) <= allowed / 2:

@@ -18,7 +18,7 @@ from startrack.trial import left_out
 # a percent. Chosen by hand from the designs of experiments/budget_against_trials.py.
 UNKNOWN_SMEAR = 2.5  # pixel
 LONGEST = 27.0  # pixel; the half sides of the window of a fit end at 15 pixel
-HELD = 0.65  # of a star's light, in the window of its centre of gravity
+IN_WINDOW = 0.65  # of a star's light, in the window of its centre of gravity
 ROLLED = 1.5  # pixel of smear in the corner, by rotation about the boresight
 SHAKEN = 1.0  # pixel rms of jitter
 FEW = 10.0  # stars in a field, below which its identification is uncertain
@@ -119,8 +119,8 @@ def of_the_case(case: Case) -> Iterator[str]:
             "empty pixel, so that errors are smaller (instrument.detector.offset)"
         )
     plan = observation.detection_plan(case)
-    inside = 1.0 if plan.method.skips_dead else _held(plan.star.psf, plan.settings.window)
-    if inside < HELD:
+    inside = 1.0 if plan.method.skips_dead else _in_window(plan.star.psf, plan.settings.window)
+    if inside < IN_WINDOW:
         yield (
             f"noise that moves a window which holds {100 * inside:.0f} % of a star's light "
             "(tracker.detection.window)"
@@ -153,7 +153,7 @@ def _of_the_motion(case: Case) -> Iterator[str]:
         yield f"that {rms:.1f} pixel of jitter are no blur (motion.tones)"
 
 
-def _held(psf: Psf, window: int) -> float:
+def _in_window(psf: Psf, window: int) -> float:
     """Fraction of a star's light in a window about its middle."""
     # The table holds the light of a pixel about each of its points.
     middle, half = len(psf.table) // 2, (window // 2) * psf.oversampling
@@ -244,11 +244,11 @@ def refusal(case: Case, refused: float) -> list[str]:
     ]
 
 
-# Chosen by hand: a second or two on one core.
-WINDOWS, FRAMES, DRAWN = 60, 24, 200  # trials of each fidelity
+# Trials of windows, frames and drawn spots. Chosen by hand: a second or two on one core.
+WINDOWS, FRAMES, DRAWN = 60, 24, 200
 LARGEST = 2**20  # pixel, of the largest frame that is rendered more than a few times
 FEWEST = 6  # frames of detectors however large
-APART = 1.15  # ratio of formula and trials up to which they agree, beside the interval
+AGREEING = 1.15  # ratio of formula and trials up to which they agree, beside the interval
 SURE = 0.99  # confidence of the interval of the availability
 
 
@@ -281,15 +281,15 @@ def check(case: Case, budget: Budget[ErrorLaw], seed: int) -> TrialCheck:
     pixels = detector.columns * detector.rows
     small = pixels <= LARGEST
     windows = small or any(_of_the_motion(case))
-    plan = (Fidelity.WINDOW, WINDOWS) if windows else (Fidelity.SPOTS, DRAWN)
+    fidelity, count = (Fidelity.WINDOW, WINDOWS) if windows else (Fidelity.SPOTS, DRAWN)
     try:
-        outcomes = trial.run_trials(case, seed, range(plan[1]), plan[0])
+        outcomes = trial.run_trials(case, seed, range(count), fidelity)
     except Refused:
-        frames = FRAMES if small else max(FEWEST, FRAMES * LARGEST // pixels)
-        plan = Fidelity.FRAME, frames
-        outcomes = trial.run_trials(case, seed, range(frames), Fidelity.FRAME)
+        fidelity = Fidelity.FRAME
+        count = FRAMES if small else max(FEWEST, FRAMES * LARGEST // pixels)
+        outcomes = trial.run_trials(case, seed, range(count), fidelity)
     summary = summarise(outcomes)
-    return TrialCheck(plan[0], summary, tuple(differences(budget, summary)))
+    return TrialCheck(fidelity, summary, tuple(differences(budget, summary)))
 
 
 def differences(budget: Budget[Any], summary: Summary) -> Iterator[str]:
@@ -302,16 +302,17 @@ def differences(budget: Budget[Any], summary: Summary) -> Iterator[str]:
         )
         return
     for name in ("across", "about"):
-        formula, shown = getattr(budget, name), getattr(summary, name)
-        if formula < shown.low / APART or formula > shown.high * APART or not shown.value > 0:
+        formula, error = getattr(budget, name), getattr(summary, name)
+        low, high = error.low / AGREEING, error.high * AGREEING
+        if formula < low or formula > high or not error.value > 0:
             yield (
                 f"the error {name} the boresight is {formula / arcsec:.3g} arcsec by formula and "
-                f"{bracketed(shown, '.3g', arcsec)} arcsec by {trials} trials"
+                f"{bracketed(error, '.3g', arcsec)} arcsec by {trials} trials"
             )
     correct = round(trials * summary.availability.value)
-    shown = fraction_interval(correct, trials, SURE)
-    if not shown.low <= budget.availability <= shown.high:
+    available = fraction_interval(correct, trials, SURE)
+    if not available.low <= budget.availability <= available.high:
         yield (
             f"the availability is {100 * budget.availability:.1f} % by formula and "
-            f"{bracketed(shown, '.3g', 0.01)} % by {trials} trials"
+            f"{bracketed(available, '.3g', 0.01)} % by {trials} trials"
         )

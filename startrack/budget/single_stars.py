@@ -17,8 +17,7 @@ STEP = 10  # rows of the table of the formula, between two magnitudes
 
 
 def single_stars(case: Case, seed: int = 0) -> trial.SingleStars:
-    """Errors of single stars: of a tracker with boxes by stars that are drawn in them, else by the
-    formula of the budget.
+    """Errors of single stars, by the formula of the budget; in boxes, by stars drawn in them.
 
     The formula's errors are means over zones of the frame and colours; its usual error is that
     without hot pixels. What moves all stars of a frame alike, and neighbours, are left out.

@@ -19,12 +19,10 @@ from startrack.design import Case
 from startrack.metrics import STATED
 
 HOPELESS = 32  # fields over the sky without an attitude, after which no other is tried
-GOLDEN = (5**0.5 - 1) / 2
+GOLDEN = (5**0.5 - 1) / 2  # steps by it, modulo 1, spread evenly
 NEAR = 2.0  # pixel, from a star to its spot
 SEED = 0  # of the drawn spots, the same in all designs
-LEVELS = ndtri((np.arange(32) + 0.5) / 32)  # of a normal law, all as probable
-
-
+LEVELS = ndtri((np.arange(32) + 0.5) / 32)  # of a normal law, equally probable
 LOST = (
     "the camera and the catalogue that the tracker believes must place stars where it finds them, "
     "but it identifies none of {} drawn fields; calibrate it (tracker.camera, "
@@ -73,8 +71,8 @@ def tracked(case: Case, view: Fields, inside: Ints) -> Tracked:
         covered[f] = np.hypot(x, y) <= STATED, abs(outcome.error_z) <= STATED * outcome.sigma_z
         part = slice(first[f], first[f + 1])
         used = matches.star if estimate.used is None else matches.star[estimate.used]
-        apart, _ = KDTree(np.column_stack([spots.x, spots.y])).query(pixel[part])
-        dropped[part] = (apart < NEAR) & ~np.isin(believed[part], used)
+        distance, _ = KDTree(np.column_stack([spots.x, spots.y])).query(pixel[part])
+        dropped[part] = (distance < NEAR) & ~np.isin(believed[part], used)
     return Tracked(solved, covered, dropped)
 
 
@@ -90,8 +88,9 @@ def within_stated(mean: Floats, sigma: Floats, stated: Floats) -> Floats:
     sigma, stated = np.maximum(sigma, 1e-30), np.maximum(stated, 1e-30)
     low, high = ((sign * STATED * stated - mean) / sigma for sign in (-1, 1))
     x = mean[:, :1] + sigma[:, :1] * LEVELS
-    left = STATED**2 - (x / stated[:, :1]) ** 2
-    y = np.sqrt(np.maximum(left, 0.0)) * stated[:, 1:2]
+    # Of the circle, the half chord at each x.
+    square = STATED**2 - (x / stated[:, :1]) ** 2
+    y = np.sqrt(np.maximum(square, 0.0)) * stated[:, 1:2]
     inside = ndtr((y - mean[:, 1:2]) / sigma[:, 1:2]) - ndtr((-y - mean[:, 1:2]) / sigma[:, 1:2])
     about = ndtr(high[:, 2]) - ndtr(low[:, 2])
-    return np.stack([np.where(left > 0, inside, 0.0).mean(axis=1), about], axis=-1)
+    return np.stack([np.where(square > 0, inside, 0.0).mean(axis=1), about], axis=-1)

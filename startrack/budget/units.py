@@ -50,8 +50,8 @@ ARRAYS = ("mean", "sigma", "weight", "bias", "availability")  # of `UnitBudgets`
 class UnitBudgets:
     """Error budgets of n units, each in m fields of the sky and environments.
 
-    The bias of a unit is apart: the mean of its error over fields, without what its environment and
-    its frames change.
+    The bias of a unit is separate: the mean of its error over fields, without what its environment
+    and its frames change.
 
     age           second
     mean, sigma   (n, m, 3) radian, of a normal error, without the bias of the unit
@@ -158,7 +158,7 @@ def unit_budgets(
     environments  of each unit
     progress      called with 1 for each unit
     first         number of the first unit
-    apart         whether biases are apart; False: they are in the means, in a third less time
+    apart         whether biases are separate; False: they are in the means, in a third less time
     Raises    as `analytic`; ValueError where a unit cannot be solved in any field.
     Accuracy  that of `analytic`; 10 % of a unit's rms for 64 fields in 3 environments. Behind a
               lens table all units have the noise of the middle one, see `middle_of`.
@@ -168,20 +168,20 @@ def unit_budgets(
     numbers = range(-1 if apart else 0, environments)
     middle = _middle(case, seed, age, count_fields)
     settings = _Settings(age, numbers, count_fields, _alike(case), middle)
-    parts = []
+    units = []
     for unit in range(first, first + count):
-        parts.append(_of_unit(case, seed, unit, settings))
+        units.append(_of_unit(case, seed, unit, settings))
         if progress:
             progress(1)
-    mean, sigma, weight, bias, available = (
-        np.stack(column) for column in list(zip(*parts, strict=True))[:5]
-    )
-    terms = {
-        term: np.stack([part[5].get(term, np.zeros(3)) for part in parts])
-        for term in Term
-        if any(term in part[5] for part in parts)
+    arrays: dict[str, Any] = {
+        name: np.stack([getattr(unit, name) for unit in units]) for name in ARRAYS
     }
-    return UnitBudgets(age, mean, sigma, weight, bias, terms, available)
+    terms = {
+        term: np.stack([unit.terms.get(term, np.zeros(3)) for unit in units])
+        for term in Term
+        if any(term in unit.terms for unit in units)
+    }
+    return UnitBudgets(age=age, terms=terms, **arrays)
 
 
 def joined(parts: Sequence[UnitBudgets]) -> UnitBudgets:
@@ -200,7 +200,7 @@ def joined(parts: Sequence[UnitBudgets]) -> UnitBudgets:
 class _Settings(NamedTuple):
     """Settings of the budget of each unit.
 
-    environments  numbers; with -1 first, that of its calibration, its bias is apart
+    environments  numbers; with -1 first, that of its calibration, its bias is separate
     alike         whether stars are measured alike in all environments of a unit
     middle        what all units share; None: the stars of each are measured
     """
@@ -227,13 +227,16 @@ class _Lines(NamedTuple):
 
 
 class _Middle(NamedTuple):
-    """The middle unit: what displacements do to its attitudes, and errors that all units share.
+    """The middle unit: the effect of displacements on its attitudes, and errors all units share.
 
-    Units differ by small displacements of stars at the same places of the frame, to whose sum an
-    attitude answers linearly.
+    Units differ by small displacements of stars at the same places of the frame, on whose sum the
+    error of an attitude depends linearly.
 
+    unit    the middle unit
     still   the design and its middle unit at rest
+    seed    of the units
     answer  of `Attitudes.by_lattice`
+    shared  lines that all units share
     """
 
     unit: Case
@@ -265,8 +268,8 @@ def _displaced(case: Case, like: Case, seed: int, moment: Moment) -> tuple[Case,
     Kept for the 128 last, because the conditions of a design differ in motion alone.
     """
     unit = placed(case, like, seed, moment)
-    # What the calibration of the mounting takes off is taken off first: a shift of the principal
-    # point is hundreds of arcseconds, of which a thousandth would count.
+    # The turn that the calibration of the mounting corrects is taken off first: a shift of the
+    # principal point is hundreds of arcseconds, of which a thousandth would count.
     turn = unit.believed_mounting.camera_to_body().inv()
     turn *= unit.instrument.mounting.camera_to_body()
     true = unit.instrument.camera
@@ -299,47 +302,57 @@ def _middle(case: Case, seed: int, age: float, count: int) -> _Middle | None:
     return _Middle(unit, still, seed, answer, shared)
 
 
-def _of_unit(
-    case: Case, seed: int, unit: int, settings: _Settings
-) -> tuple[Floats, Floats, Floats, Floats, Floats, dict[Term, Floats]]:
-    """Mean, sigma (m, 3), weight (m,), bias (3,), availability, classes of one unit."""
+class _UnitBudget(NamedTuple):
+    """The values of `UnitBudgets` of one unit: (m, 3), (m, 3), (m,), (3,), (3,) and a number."""
+
+    mean: Floats
+    sigma: Floats
+    weight: Floats
+    bias: Floats
+    terms: dict[Term, Floats]
+    availability: float
+
+
+def _of_unit(case: Case, seed: int, unit: int, settings: _Settings) -> _UnitBudget:
+    """The budget of one unit over its environments."""
     means, sigmas, weights = (list[Floats]() for _ in range(3))
     squares, available, bias = dict[Term, list[Floats]](), list[float](), np.zeros(3)
     like: Case | None = None
     for environment in settings.environments:
         moment = Moment(unit, environment, environment, settings.age)
         if settings.middle:
-            drawn = settings.middle.of(moment)
+            budget = settings.middle.of(moment)
         else:
-            drawn, like = _measured(case, seed, moment, settings, like)
-        spreads = [line.spread for line in drawn.lines]
+            budget, like = _measured(case, seed, moment, settings, like)
+        spreads = [line.spread for line in budget.lines]
         none = np.zeros_like(spreads[0].mean)
-        camera = sum((line.spread.mean for line in drawn.lines if line.name in OF_THE_CAMERA), none)
-        middle = drawn.weight @ camera
+        of_camera = (line.spread.mean for line in budget.lines if line.name in OF_THE_CAMERA)
+        camera = sum(of_camera, none)
+        camera_mean = budget.weight @ camera
         if environment < 0:
-            bias = middle
+            bias = camera_mean
             continue
-        square = {Term.FIELD: drawn.weight @ (camera - middle) ** 2}
-        for line in drawn.lines:
+        square = {Term.FIELD: budget.weight @ (camera - camera_mean) ** 2}
+        for line in budget.lines:
             if line.term and line.name not in OF_THE_CAMERA:
                 before = square.get(line.term, np.zeros(3))
                 square[line.term] = before + line.spread.rms() ** 2
         before = square.get(Term.THERMO_ELASTIC, np.zeros(3))
-        square[Term.THERMO_ELASTIC] = before + (middle - bias) ** 2
+        square[Term.THERMO_ELASTIC] = before + (camera_mean - bias) ** 2
         for term, value in square.items():
             squares.setdefault(term, []).append(value)
-        available.append(drawn.availability)
+        available.append(budget.availability)
         means.append(np.sum([spread.mean for spread in spreads], axis=0))
         sigmas.append(np.sqrt(np.sum([spread.sigma**2 for spread in spreads], axis=0)))
-        weights.append(drawn.weight / settings.environments.stop)
+        weights.append(budget.weight / settings.environments.stop)
     terms = {term: np.sqrt(np.mean(values, axis=0)) for term, values in squares.items()}
-    return (
+    return _UnitBudget(
         np.concatenate(means) - bias,
         np.concatenate(sigmas),
         np.concatenate(weights),
         bias,
-        np.array(float(np.mean(available))),
         terms,
+        float(np.mean(available)),
     )
 
 
