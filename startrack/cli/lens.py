@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import argparse
 import math
+import sys
 import warnings
-from contextlib import suppress
+from contextlib import redirect_stdout, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -239,7 +240,8 @@ def _trace(options: argparse.Namespace) -> int:
     out = options.out or path.with_suffix(".fits").name
     with shared.as_wrong_use(ValueError):
         lens = optics.read_prescription(path)
-    with warnings.catch_warnings():
+    # The tracer prints on standard output what it has no data of, the extinction of a glass.
+    with warnings.catch_warnings(), redirect_stdout(sys.stderr):
         # Numba says of the tracer's functions that its own check is pedantic; they compile.
         warnings.filterwarnings("ignore", r"variable '.*' is not in scope")
         with (

@@ -2,6 +2,7 @@
 
 import io
 import math
+import warnings
 from collections.abc import Iterator
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -235,6 +236,11 @@ def _read_cube(path: Path, data: bytes, layout: Layout) -> Frame:
         if (layout.plane or 0) >= planes:
             raise Refused(f"{path}: plane must lie in [0, {planes - 1}], got {layout.plane}")
         if layout.plane is None:
+            warnings.warn(  # without the path: once for all files of a series
+                f"cube of {planes} planes: each pixel has the largest value of all; --plane N "
+                "reads one",
+                stacklevel=4,
+            )
             image, pattern = image.max(axis=0), None  # planes of colours are no mosaic
         else:
             image = image[layout.plane]

@@ -7,6 +7,7 @@ Source: Heiko Wilkens and Grischa Hahn, SER format description, version 3 (2014)
 import math
 import os
 import struct
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import datetime
@@ -70,6 +71,9 @@ class Layout(Parameters):
     def one_image(self, path: Path, image: NDArray[Any], said: str | None) -> NDArray[Any]:
         """The image of a mosaic, or of an image that is none.
 
+        Warns where the header alone says that it is a mosaic: places then count pixels of twice
+        the size.
+
         said  pattern in the header of the file, None where it has none
         """
         pattern = said if self.bayer is None else self.bayer
@@ -78,6 +82,13 @@ class Layout(Parameters):
         if pattern not in PATTERNS:
             raise Refused(
                 f"{path}: Bayer pattern must be one of {', '.join(PATTERNS)}, got {pattern!r}"
+            )
+        if self.bayer is None and self.colour == "superpixel":
+            # Without the path: once for all files of a series.
+            warnings.warn(
+                f"mosaic of colours ({pattern}): each two by two pixels become one, which places "
+                f"and sizes count; --bayer none reads all pixels",
+                stacklevel=3,
             )
         return debayer(image, pattern, self.colour)
 

@@ -37,6 +37,24 @@ def test_import_without_the_ray_tracer_says_how_to_install_it(tmp_path, capsys):
     assert not (tmp_path / "x.fits").exists()
 
 
+@pytest.mark.skipif(
+    importlib.util.find_spec("optiland") is None, reason="needs the ray tracer optiland"
+)
+def test_what_the_ray_tracer_prints_is_no_part_of_the_json(tmp_path, capsys):
+    """Of fused silica it has no extinction, and says so on standard output."""
+    from tests.optics.test_prescription import zemax  # which needs the ray tracer
+
+    lens = tmp_path / "lens.zmx"
+    lens.write_text(zemax("F_SILICA 0 0 1.5 40"))
+    few = "--fields", "2", "--wavelengths", "1", "--terms", "11"
+    out = str(tmp_path / "x.fits")
+    assert main(["lens", "import", str(lens), "--field", "1", *few, "--out", out, "--json"]) == 0
+    printed = capsys.readouterr()
+    (line,) = printed.out.splitlines()
+    assert json.loads(line)["f_number"] > 1
+    assert "extinction" in printed.err
+
+
 @pytest.mark.skipif(not os.environ.get("STARTRACK_DATA"), reason="needs real images")
 def test_measure_makes_a_psf_of_real_stars(tmp_path, capsys):
     """99 stars of four images of the sky, and the same from two of them."""

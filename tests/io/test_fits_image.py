@@ -86,7 +86,7 @@ def test_the_gain_of_a_mosaic_counts_the_pixels_that_are_averaged(tmp_path):
     cards = {"EGAIN": TRUE_GAIN, "RDNOISE": READ_NOISE, "BAYERPAT": "RGGB"}
     path = with_cards(tmp_path / "a.fits", cards)
     for colour, count in (("superpixel", 4), ("green", 2), ("red", 1)):
-        frame = read_image(path, Layout(colour=colour))
+        frame = read_image(path, Layout(bayer="RGGB", colour=colour))
         assert frame.electrons_per_dn == pytest.approx(count * TRUE_GAIN)
         variance = LEVEL / frame.electrons_per_dn
         variance += (frame.read_noise / frame.electrons_per_dn) ** 2 + 1 / 12 / count

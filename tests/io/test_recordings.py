@@ -83,7 +83,8 @@ def test_big_endian_and_colour_sers_are_read(files, tmp_path):
     np.testing.assert_array_equal(read_image(other).image, IMAGES[0].byteswap())
     data[18:22] = (9).to_bytes(4, "little")  # GRBG
     other.write_bytes(data)
-    assert read_image(other).image.shape == (2, 3)
+    with pytest.warns(UserWarning, match=r"mosaic of colours \(GRBG\): each two by two pixels"):
+        assert read_image(other).image.shape == (2, 3)
     data[18:22] = (100).to_bytes(4, "little")  # RGB: three times the pixels
     other.write_bytes(data)
     with pytest.raises(ValueError, match="it is cut"):
@@ -121,7 +122,8 @@ def test_a_plane_of_a_cube_is_chosen(tmp_path):
     path = tmp_path / "cube.fits"
     fits.PrimaryHDU(np.stack(IMAGES)).writeto(path)
     np.testing.assert_array_equal(read_image(path, Layout(plane=1)).image, IMAGES[1])
-    np.testing.assert_array_equal(read_image(path).image, IMAGES[2])
+    with pytest.warns(UserWarning, match="cube of 3 planes: each pixel has the largest value"):
+        np.testing.assert_array_equal(read_image(path).image, IMAGES[2])
     with pytest.raises(ValueError, match=r"plane must lie in \[0, 2\], got 3"):
         read_image(path, Layout(plane=3))
 
