@@ -58,7 +58,6 @@ the drift and jitter of the camera, one motion for all channels of an image.
 
 
 LEVELS = 6  # of light of calibration frames, from none to too much
-DEEPEST, HIGHEST = -11_100.0, 9_100.0  # metre, of ground and sea floor, geoid and margin included
 PANEL = 1500  # lines and columns of a preview, at most
 
 # Unit and meaning of each map that is written.
@@ -660,7 +659,8 @@ def terrain(options: argparse.Namespace) -> int:
     for path, raster in files.items():
         grid, scaling = raster.grid, raster.scaling
         with as_wrong_use(ValueError, OSError), progress(path.name, grid.rows) as advance:
-            lowest, highest, holes = raster.extremes(advance)
+            extremes = raster.extremes(advance)
+        lowest, highest, holes = extremes
         east = grid.west + (grid.columns - 1) * grid.step_x
         narrow = math.cos((grid.north + grid.south) / 2)
         result = {
@@ -693,10 +693,10 @@ def terrain(options: argparse.Namespace) -> int:
             *([f"  {100 * holes:.3g} % of the pixels have no height"] if holes else []),
             *(
                 [
-                    f"  heights below {DEEPEST:g} m or above {HIGHEST:g} m are not of the Earth: "
-                    "does the file name the number that it has where it has no height (nodata)?"
+                    "  these may not all be heights of the Earth: does the file name the number "
+                    "that it has where it has no height (nodata)?"
                 ]
-                if lowest < DEEPEST or highest > HIGHEST
+                if not extremes.of_the_earth
                 else []
             ),
         )

@@ -2,6 +2,7 @@
 
 import math
 import os
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -43,6 +44,8 @@ ALONE = {
 GRIDS = "PROJ_NETWORK"  # variable by which PROJ would fetch grids of datums
 ELSEWHERE = ("OVERVIEWS", "xml:VRT")  # domains of metadata by which GDAL opens other files
 SURVEY_FOOT = 1200 / 3937  # metre
+DEEPEST, HIGHEST = -11_100.0, 9_100.0  # metre, of ground and sea floor, geoid and margin included
+VOID = -9999.0  # what many programs write where there is no height; the sea is as deep in trenches
 # Metre in each unit of height, as GDAL, EPSG and the makers of elevation models name them.
 METRES = {
     **dict.fromkeys(("m", "metre", "meter", "metres", "meters"), 1.0),
@@ -76,6 +79,11 @@ class Extremes(NamedTuple):
     lowest: float
     highest: float
     holes: float
+
+    @property
+    def of_the_earth(self) -> bool:
+        """Whether all may be heights of the Earth; false where the lowest is -9999 exactly."""
+        return not (self.lowest < DEEPEST or self.highest > HIGHEST or self.lowest == VOID)
 
 
 @dataclass(frozen=True)
@@ -149,7 +157,10 @@ class Raster:
         return Scaling(scale * metre, offset * metre, unit, surface)
 
     def read(self, grid: Grid) -> Singles:
-        """Bilinear (nearest where exact), with GDAL's smoothing where the steps are coarser."""
+        """Bilinear (nearest where exact), with GDAL's smoothing where the steps are coarser.
+
+        Raises  Refused for heights that are not of the Earth; warns of heights of -9999 m.
+        """
         out = np.full((grid.rows, grid.columns), np.nan, np.float32)
         for turn in (-FULL_TURN, 0.0, FULL_TURN):
             west, mine = grid.west + turn, self.grid
@@ -157,7 +168,11 @@ class Raster:
             if west <= mine.west + mine.columns * mine.step_x and east >= mine.west - mine.step_x:
                 np.copyto(out, self._warp(grid, west), where=np.isnan(out))
         scale, offset = self.scaling[:2]
-        return out if (scale, offset) == (1.0, 0.0) else (scale * out + offset).astype(np.float32)
+        if (scale, offset) != (1.0, 0.0):
+            out = (scale * out + offset).astype(np.float32)
+        if self.heights:
+            _require_of_the_earth(self.path, out)
+        return out
 
     def covers(self, longitude: Floats, latitude: Floats) -> Flags:
         """Places that lie within the file, by at least a pixel; it may have a hole there."""
@@ -229,6 +244,21 @@ class Raster:
                     return np.asarray(warped.read(self.band), np.float32)
             except rasterio.errors.RasterioError as error:
                 raise OSError(f"{self.path} must be a whole raster file: {error}") from None
+
+
+def _require_of_the_earth(path: Path, heights: Singles) -> None:
+    strange = heights[(heights < DEEPEST) | (heights > HIGHEST)]
+    if strange.size:
+        raise Refused(
+            f"heights of {path} must lie in [{DEEPEST:g}, {HIGHEST:g}] m, got {strange[0]:g} m: a "
+            "file names the number that it has where it has no height (nodata)"
+        )
+    if (heights == VOID).any():
+        warnings.warn(
+            f"{path} has heights of {VOID:g} m, and names no number for places without a height "
+            "(nodata): they are taken as heights",
+            stacklevel=3,
+        )
 
 
 def _as_fine(file: Any, warped: Any, columns: int, rows: int) -> tuple[Any, int, int]:

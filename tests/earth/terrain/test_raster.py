@@ -134,6 +134,23 @@ def test_heights_that_can_be_read_two_ways_are_refused(tmp_path):
         Raster(deep, heights=True)
 
 
+def test_numbers_that_stand_for_no_height_are_not_taken_for_heights(tmp_path):
+    """Of files that do not name them."""
+    heights = np.full(HEIGHTS.shape, 700, np.int16)
+    heights[80:120, 80:120] = -32768
+    void = Raster(write(tmp_path / "void.tif", heights), heights=True)
+    assert not void.extremes().of_the_earth
+    with pytest.raises(
+        ValueError, match=r"must lie in \[-11100, 9100\] m, got -32768 m: a file names"
+    ):
+        void.read(GRID)
+    heights[80:120, 80:120] = -9999
+    deep = Raster(write(tmp_path / "deep.tif", heights), heights=True)
+    assert not deep.extremes().of_the_earth
+    with pytest.warns(UserWarning, match="has heights of -9999 m, and names no number"):
+        deep.read(GRID)
+
+
 def test_a_hole_is_no_sea(tmp_path):
     """Refused, or of the height that is given; what is beside the file is the sea."""
     heights = np.full(HEIGHTS.shape, 700, np.int16)
