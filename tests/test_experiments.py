@@ -78,6 +78,11 @@ LONG = {
     "scenes",
     "speed_vs_error",
     "meant",
+    "earth_surfaces",
+    "flown",
+    "psf_models",
+    "smallest_fires",
+    "solvers",
 }
 EXPECTED = {
     name: command.expectations(name)

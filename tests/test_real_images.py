@@ -113,6 +113,7 @@ def blind_wide(request, outside):
     return status, found, [truth[name] for name in names]
 
 
+@pytest.mark.slow
 def test_wide_images_of_a_distorted_lens_are_solved_without_a_field(blind_wide):
     """The reference is good to about 5 arcmin, as it says; ours agree far better."""
     status, found, truth = blind_wide
@@ -128,6 +129,7 @@ def test_wide_images_of_a_distorted_lens_are_solved_without_a_field(blind_wide):
     assert ours > 0.95 * theirs  # of another catalogue, within another distance
 
 
+@pytest.mark.slow
 def test_each_wide_image_shows_the_same_lens(blind_wide):
     """Made by one camera: focal length, axis and distortion agree from image to image."""
     cameras = [one["lens"]["camera"] for one in blind_wide[1]]

@@ -227,14 +227,14 @@ def hot(name: str, *changes: str) -> Case:
 
 
 def test_hot_pixels_move_stars_as_in_windows():
-    """50 windows; the interval holds the rms with 99 %. Without hot pixels it is 0.54 arcsec."""
+    """25 windows; the interval holds the rms with 99 %. Without hot pixels it is 0.54 arcsec."""
     case = hot(
         "noise_only.toml",
         "instrument.detector.defects.hot=0.01",
         "instrument.detector.defects.hot_current=4000 electron / s",
     )
     budget, plain = analytic(case), analytic(hot("noise_only.toml"))
-    shown = summarise(run_trials(case, 1, range(50), Fidelity.WINDOW))
+    shown = summarise(run_trials(case, 1, range(25), Fidelity.WINDOW))
     assert budget.across > 1.2 * plain.across
     assert budget.stars < plain.stars
     assert not list(differences(budget, shown))

@@ -106,6 +106,7 @@ def test_the_dark_map_of_a_unit_is_of_its_own_pixels():
     assert found.across() == pytest.approx(alone.across, rel=0.02)
 
 
+@pytest.mark.slow
 def test_what_turns_the_camera_is_bias_or_thermo_elastic():
     """A misalignment as built is bias; one over orbits is thermo-elastic, A / sqrt(2) of A sin."""
     name = "instrument.mounting.x"

@@ -54,7 +54,7 @@ def short(tmp_path):
         ('pixel_pitch = "11 um"', 'pixel_pitch = "22 um"'),
         ('blur = "5 um"', 'blur = "10 um"'),
         ("\ntrials = 50\nmost_trials = 200", "\ntrials = 6\nmost_trials = 6\nsample_trials = 6"),
-        ("evaluations = 120", "evaluations = 5\nanalytic_evaluations = 4"),
+        ("evaluations = 120", "evaluations = 3\nanalytic_evaluations = 2"),
         ("fresh_trials = 1000", "fresh_trials = 20"),
         ("min_availability = 0.99", "min_availability = 0.8"),  # what 20 trials can show
     ):
@@ -123,8 +123,10 @@ def noise(kind: str) -> np.ndarray:
     "kind",
     [
         "blank",
-        "hot pixels",
-        *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("sky", "random", "false stars")),
+        *(
+            pytest.param(kind, marks=pytest.mark.slow)
+            for kind in ("sky", "hot pixels", "random", "false stars")
+        ),
     ],
 )
 def test_noise_gives_a_status_and_a_reason(call, tmp_path, kind):
@@ -155,6 +157,8 @@ def test_a_bad_image_does_not_stop_the_others(call, tmp_path):
     [
         (["solve"], "IMAGE"),
         (["solve", "x.png", "--fov", "-3"], "fov must be positive"),
+        (["solve", "x.png", "--fov", "12deg", "--camera", "c.toml"], "must not both be given"),
+        (["calibrate", "x.png", "--fov", "12 m"], "an angle in degree, such as 12 or 12deg, got"),
         (["solve", "x.png", "--fov", "12", "--fov-tolerance", "2"], "must lie in"),
         (["solve", "x.png", "--fov", "12", "--catalog", "nothing.csv"], "nothing.csv"),
         (["solve", "x.png", "--fov", "12", "--dark", "none.png"], "none.png must be a file"),
@@ -205,7 +209,7 @@ def test_a_file_that_cannot_be_made_is_named(call, tmp_path):
     (tmp_path / "taken").touch()
     status, _, err = call("psf", "--out", tmp_path / "taken")
     assert status == 1
-    assert f"{tmp_path / 'taken'}: File exists" in err
+    assert f"{tmp_path / 'taken'} must be a folder or a new name, but it is a file" in err
 
 
 @pytest.mark.parametrize("command", [*(name for name in COMMANDS if name != "earth"), *PARTS])
@@ -476,12 +480,12 @@ def test_optimize_writes_a_design_that_other_commands_accept(call, short, tmp_pa
     )
     assert status in (0, 3)
     assert "Traceback" not in err
-    assert result["evaluations"] == 5
+    assert 2 <= result["evaluations"] <= 3
     assert result["start"]["trials"] == result["best"]["trials"] == 20
     low, high = result["factor_95"]
     assert low <= result["factor"] <= high
     assert (out / "ledger.sqlite").is_file()
-    assert len((out / "evaluations.csv").read_text().splitlines()) == 6
+    assert len((out / "evaluations.csv").read_text().splitlines()) == result["evaluations"] + 1
     assert "| start | best |" in (out / "comparison.md").read_text()
     assert cv2.imread(str(out / "convergence.png")) is not None
     best = load_design(out / "best.toml")

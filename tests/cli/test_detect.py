@@ -32,6 +32,23 @@ def test_table_json_and_overlay(image, tmp_path, capsys, monkeypatch):
     assert cv2.imread(found["overlay"]).shape[1] > 500
 
 
+def test_an_image_that_is_saturated_says_so(tmp_path, capsys):
+    """All of it, a tenth of it, and none of it."""
+    noise = np.random.default_rng(1).integers(90, 110, (100, 100)).astype(np.uint8)
+    for rows, words in (
+        (100, "all pixels have the number 255"),
+        (10, "10% of the pixels"),
+        (0, ""),
+    ):
+        picture = noise.copy()
+        picture[:rows] = 255
+        cv2.imwrite(str(tmp_path / "sky.png"), picture)
+        assert main(["detect", str(tmp_path / "sky.png")]) == 0
+        out = capsys.readouterr().out
+        assert ("saturated" in out) == (rows > 0)
+        assert words in out
+
+
 def test_settings_of_a_design(image, capsys):
     from startrack.cli.terminal import example
 

@@ -64,9 +64,10 @@ def test_two_designs_with_the_same_unknowns_are_compared_draw_by_draw(run, tmp_p
 @pytest.mark.parametrize(
     ("limit", "verdict", "met"),
     [
-        ("9 arcsec", "not shown", 6),  # the middle passes, as all draws do
+        # The middle passes, as all draws do.
+        pytest.param("9 arcsec", "not shown", 6, marks=pytest.mark.slow),
         ("0.38 arcsec", "not shown", None),  # the middle fails, but some draws do not
-        ("0.05 arcsec", "fail", 0),
+        pytest.param("0.05 arcsec", "fail", 0, marks=pytest.mark.slow),
     ],
 )
 def test_a_verdict_for_the_middle_alone_is_none(run, limit, verdict, met):

@@ -9,12 +9,12 @@ from pathlib import Path
 import list_keys
 import pytest
 
+from startrack.cli.main import main
 from startrack.design.files import load_design
 from startrack.design.keys import design_keys
 from startrack.design.unknown import is_law
 from startrack.io import shipped
 
-PLAIN = "from startrack.cli.main import main; raise SystemExit(main())"
 WITHOUT_SOURCES = "import inspect; inspect.getsource = inspect.getsourcelines = None\n"
 KEYS = {key.name: key for key in design_keys()}
 DESIGNS = sorted(
@@ -91,18 +91,24 @@ def test_a_default_may_be_written_into_a_file():
         pytest.param(["init", "all.toml", "--all"], marks=pytest.mark.slow),
     ],
 )
-def test_without_docstrings_and_sources_all_stays(command, tmp_path):
+def test_without_docstrings_and_sources_all_stays(command, tmp_path, monkeypatch, capsys):
     """As `python -OO` compiles it, where nothing can read a source."""
-    outputs = []
-    for options in (["-c", PLAIN], ["-OO", "-c", WITHOUT_SOURCES + PLAIN]):
-        folder = tmp_path / str(len(outputs))
-        folder.mkdir()
-        made = subprocess.run(
-            [sys.executable, *options, *command], capture_output=True, check=True, cwd=folder
-        )
-        outputs.append([made.stdout, *(path.read_bytes() for path in folder.iterdir())])
-    assert max(map(len, outputs[0])) > 10000
-    assert outputs[0] == outputs[1]
+    here, there = tmp_path / "here", tmp_path / "there"
+    here.mkdir()
+    there.mkdir()
+    monkeypatch.chdir(here)
+    assert main(command) == 0
+    expected = [capsys.readouterr().out, *(path.read_text("utf-8") for path in here.iterdir())]
+    code = f"{WITHOUT_SOURCES}from startrack.cli.main import main; raise SystemExit(main())"
+    made = subprocess.run(
+        [sys.executable, "-OO", "-c", code, *command],
+        capture_output=True,
+        check=True,
+        cwd=there,
+        encoding="utf-8",
+    )
+    assert max(map(len, expected)) > 10000
+    assert [made.stdout, *(path.read_text("utf-8") for path in there.iterdir())] == expected
 
 
 def test_the_page_is_that_of_the_code():

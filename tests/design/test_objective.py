@@ -98,8 +98,15 @@ def test_means_over_conditions_are_those_of_their_names():
         assert objective.over([3.0], [2.0]) == 3.0
 
 
-@pytest.mark.parametrize("trials", [20, 200])
-@pytest.mark.parametrize("paired", [True, False])
+@pytest.mark.parametrize(
+    ("paired", "trials"),
+    [
+        (True, 20),
+        (False, 200),
+        pytest.param(True, 200, marks=pytest.mark.slow),
+        pytest.param(False, 20, marks=pytest.mark.slow),
+    ],
+)
 @pytest.mark.parametrize(
     ("text", "mean"),
     [("across + 0.3 about", "geometric"), ("across", "arithmetic"), ("across", "quadratic")],

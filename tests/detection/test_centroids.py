@@ -64,7 +64,10 @@ EVERY = [(case, name) for case in ORACLE["scatter"] for name in ("likelihood", "
 
 @pytest.mark.parametrize(
     ("case", "centroid"),
-    [pytest.param(*one, marks=SLOW if k in (3, 7, 9, 11) else ()) for k, one in enumerate(EVERY)],
+    [
+        pytest.param(*one, marks=SLOW if k in (1, 3, 4, 7, 9, 10, 11, 13) else ())
+        for k, one in enumerate(EVERY)
+    ],
 )
 def test_fits_are_at_the_bound(sky, case, centroid):
     # 8100 errors know their rms to 0.8 %: all fourteen pass for 99 % of the seeds.

@@ -39,7 +39,10 @@ def test_variance_over_mean_is_the_published_one(gain):
     assert frame.excess_noise == detector.excess_noise
 
 
-@pytest.mark.parametrize(("gain", "stages"), [(1.5, 536), (10.0, 536), (300.0, 604), (40.0, 100)])
+@pytest.mark.parametrize(
+    ("gain", "stages"),
+    [(1.5, 536), pytest.param(10.0, 536, marks=pytest.mark.slow), (300.0, 604), (40.0, 100)],
+)
 def test_the_law_is_that_of_a_register_of_stages(gain, stages):
     charge = np.full((200, 200), 3.0)
     detector = dataclasses.replace(EMCCD, em_gain=gain, em_stages=stages)

@@ -117,6 +117,8 @@ def worst():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(exports, "SMEARS", exports.SMEARS[:1])  # two rates are enough here
         patch.setattr(exports, "ENVIRONMENTS", 4)  # the bias decides which unit is the worst
+        patch.setattr(exports, "AT_REST", 100)
+        patch.setattr(exports, "SWING_KNOWN", 200**-0.5)
         return case, head_model(case, "worst", UnitChoice("worst", 12))
 
 
@@ -151,11 +153,11 @@ def test_a_model_of_units_has_their_bias_and_swing(worst):
     per_axis = SIGMA * arcsec / math.sqrt(2)
     # The largest of twelve normal draws, within its 99 %.
     assert 1.1 < model.bias[0] / per_axis < 3.5
-    # Of 400 draws: 3.5 % (1 sigma); of 24, of which the worst unit is sought, it was 14 %.
-    assert model.swing[0] / per_axis * 8 == pytest.approx(1, abs=0.11)
+    # Of 100 draws: 7 % (1 sigma); of 24, of which the worst unit is sought, it was 14 %.
+    assert model.swing[0] / per_axis * 8 == pytest.approx(1, abs=0.21)
     assert model.bias[1] == pytest.approx(0, abs=1e-9)
     assert model.begin["bias"] == pytest.approx(model.bias)
-    assert "known to 4 % (1 sigma)" in " ".join(model.left_out)
+    assert "known to 7 % (1 sigma)" in " ".join(model.left_out)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(exports, "SMEARS", exports.SMEARS[:1])
         designed = head_model(case, "designed", UnitChoice("designed"))

@@ -39,7 +39,7 @@ def test_stopping_keeps_the_coverage(outcomes, statistic, most):
     precision = Precision(0.05, statistic, 0.95)
     truth = 1e-5 * (1 if statistic == "across" else stats.rayleigh.ppf(0.9973))
     hits, sizes = 0, []
-    for seed in range(200):
+    for seed in range(80):
         table = outcomes(most, seed)
         n = FIRST_TEST
         while not precision.reached(table[:n]):
@@ -48,7 +48,7 @@ def test_stopping_keeps_the_coverage(outcomes, statistic, most):
         sizes.append(n)
         assert half_width(interval) <= precision.relative
         hits += interval.low <= truth <= interval.high
-    assert hits >= stats.binom.ppf(1e-4, 200, 0.95)
+    assert hits >= stats.binom.ppf(1e-4, 80, 0.95)
     if statistic == "across":
         # Each trial has two squares of a normal law: half-width z / (2 sqrt(n)).
         assert np.median(sizes) == pytest.approx((1.96 / (2 * 0.05)) ** 2, rel=0.3)

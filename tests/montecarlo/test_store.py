@@ -7,7 +7,7 @@ import shutil
 import sqlite3
 import subprocess
 import sys
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
@@ -164,16 +164,19 @@ def test_two_processes_on_one_store_are_refused(path, case):
         "except OSError as error:\n    print(error, flush=True)\n"
         "input()\nStore(path)\n"
     )
+    before = datetime.now(UTC)
     with Store(path, case, 3):
         other = subprocess.Popen(
             [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
         )
         words = other.stdout.readline()
-    assert f"is in use by another process, {os.getpid()} on " in words
-    assert datetime.now(UTC).strftime("since %Y-%m-%dT%H") in words
-    assert not path.with_name(f"{path.name}-process").exists()
+    held = path.with_name(f"{path.name}-process").exists()
     other.communicate("now\n")
     assert other.returncode == 0
+    assert f"is in use by another process, {os.getpid()} on " in words
+    since = datetime.fromisoformat(words.split(" since ")[1].strip())
+    assert timedelta(0) <= since - before.replace(microsecond=0) < timedelta(hours=1)
+    assert not held
 
 
 def test_a_full_disk_ends_clearly_and_loses_nothing(path, case, outcomes):

@@ -36,7 +36,7 @@ def test_a_gaussian_has_its_moments():
 
 
 def test_a_banana_has_its_moments():
-    chains = draw(banana, wide, seed=2)
+    chains = draw(banana, wide, seed=2, settings=FEW)
     assert chains.converged, chains.reason_unconverged
     x, y = chains.flat.T
     error = np.sqrt(1 / chains.effective.min())

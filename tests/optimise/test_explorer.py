@@ -95,7 +95,9 @@ def even_are_better(point):
     return Foresight(0.08 * (level % 2) + 0.01 * (level - 6) ** 2 + 3 * valley, {"mass": 1.0})
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize(
+    "seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3))]
+)
 def test_whole_numbers_are_forecast_as_they_are_rounded(monkeypatch, seed):
     """Each design is forecast once, and the best is found to 1 % of the error."""
     explorer = explored(monkeypatch, even_are_better, 3, 60, seed, levels=9)

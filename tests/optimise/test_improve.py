@@ -1,6 +1,7 @@
 """Problems without stars: the best is found, limits hold on fresh trials, the start may stay."""
 
 import math
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from statistics import NormalDist
 
@@ -9,7 +10,6 @@ import pytest
 
 from startrack.core import Refused, Streams
 from startrack.metrics import Interval
-from startrack.montecarlo import pool
 from startrack.optimise import improve, verdicts
 from startrack.problem import Bounds, Expectation, Judgement, Margin, Settings, Words, run_problem
 
@@ -147,7 +147,7 @@ def test_limits_on_costs_that_no_design_meets_are_named():
 
 def test_rows_are_the_same_for_any_number_of_workers():
     alone = run_problem(Valley(), 7, range(5, 300))
-    with pool(2) as executor:
+    with ThreadPoolExecutor(2) as executor:  # tests/cli/test_problems.py has processes
         done = []
         shared = run_problem(Valley(), 7, range(5, 300), executor, done.append)
     assert alone.tobytes() == shared.tobytes()

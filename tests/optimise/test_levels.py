@@ -27,7 +27,9 @@ def units(rng, count, common):
     return np.exp(SPREAD * (0.7 * common + math.sqrt(1 - 0.49) * own))
 
 
-@pytest.mark.parametrize("count", [20, 75, 200])
+@pytest.mark.parametrize(
+    "count", [20, *(pytest.param(count, marks=pytest.mark.slow) for count in (75, 200))]
+)
 def test_levels_and_factors_lie_in_their_intervals(count):
     """The level of the law is exp(1.645 SPREAD), the true factor 1.
 

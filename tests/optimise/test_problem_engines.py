@@ -70,6 +70,7 @@ def test_sensitivities_are_those_of_the_formula(photometer):
     assert studied[1].total.value > studied[0].total.value > 0.1
 
 
+@pytest.mark.slow
 def test_the_tolerance_region_keeps_the_objective(photometer):
     problem = photometer(aperture=0.1, exposure=3.0)
     tolerance = sample(ProblemSource(problem, 2))
@@ -108,6 +109,7 @@ def test_two_problems_are_compared_on_the_same_trials(photometer):
     assert same.ratio.low == same.ratio.value == same.ratio.high == 1
 
 
+@pytest.mark.slow
 def test_an_interrupted_search_continues_from_its_ledger(photometer, tmp_path, monkeypatch):
     whole = improve(photometer(), seed=3)
     calls, cls = [], photometer

@@ -111,10 +111,10 @@ def test_of_a_product_the_total_indices_are_larger(small, monkeypatch):
 
 
 def test_indices_are_those_of_salib():
-    """Of the least error of a centroid over flux, width and noise, 128 designs beside 1,280.
+    """Of the least error of a centroid over flux, width and noise, 128 designs beside 320.
 
     Largest difference found: 0.002 to 0.012 for 64 to 1,024 base designs of SALib, whose own error
     is 0.01 for 256; allowed: 0.03.
     """
     pytest.importorskip("SALib", reason="SALib is not installed: indices stand beside no other")
-    assert sobol_error(256) < 0.03
+    assert sobol_error(64) < 0.03

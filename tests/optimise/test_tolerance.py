@@ -23,7 +23,7 @@ def test_the_sampled_region_is_that_of_a_grid():
     Chains end with 400 independent samples and more: 0.05 of a deviation is one standard error of a
     mean, and 0.2 four of them, so that one of four figures is farther off with 3e-4.
     """
-    assert posterior_error(500) < 0.2
+    assert posterior_error(150) < 0.2
 
 
 @pytest.mark.slow

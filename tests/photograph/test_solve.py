@@ -73,7 +73,9 @@ def apart_from(found, turn=TURN):
     return 60 * math.degrees(np.arccos(min(found.axis.as_matrix()[2] @ turn.as_matrix()[2], 1)))
 
 
-@pytest.mark.parametrize("view", ["as it is", "mirrored", "squeezed"])
+@pytest.mark.parametrize(
+    "view", ["as it is", "mirrored", pytest.param("squeezed", marks=pytest.mark.slow)]
+)
 def test_views_are_found_and_said(view):
     image = draw(PINHOLE.project, COLUMNS, ROWS)
     expected = PhotographView()

@@ -329,6 +329,7 @@ def test_effects_that_a_formula_leaves_out_are_named(drawn, small, monkeypatch):
     assert "residual charge" in shaded
 
 
+@pytest.mark.slow
 def test_what_moves_stars_beyond_the_causes_that_are_drawn_is_named(drawn, small, monkeypatch):
     """Jitter moves all stars of a frame alike; the names of small causes have room, too."""
     monkeypatch.setattr(curves, "SMEARS", (0.0, 1.0))

@@ -140,6 +140,7 @@ def at(spots, place):
     return np.array([spots.x[apart.argmin()], spots.y[apart.argmin()]])
 
 
+@pytest.mark.slow
 def test_a_table_of_stars_tells_the_optics_that_made_its_frames(stars, tmp_path):
     path, truth, _ = stars
     above = told(path, "stars.csv", "star table")

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 
 from startrack import Refused, arcsec, load_design
-from startrack.budget import Term
+from startrack.budget import Term, analytic
 from startrack.design import Told, Unknown
 from startrack.prediction import (
     ACCURACY,
@@ -216,6 +216,20 @@ def test_draws_do_not_depend_on_workers_or_other_unknowns(design):
     assert [one.quantile[name] for one in told] == [one.quantile[name] for one in alone]
     strata = sorted(int(4 * one.quantile[name]) for one in alone)
     assert strata == [0, 1, 2, 3], "one in each quarter"
+
+
+def test_few_fields_are_corrected_to_those_of_the_budget(tmp_path):
+    """The noise of 32 fields is 11 % off: the middle is the budget, and each draw near its own."""
+    path = tmp_path / "design.toml"
+    law = 'read_noise = { median = "8 electron", factor = 1.3 }'
+    path.write_text(f'base = "designs/noise_only.toml"\n[instrument.detector]\n{law}\n')
+    middle, *draws = draw_unknowns(path, 1, 2, 1, 0.0)
+    assert middle.terms[Term.NOISE] == pytest.approx(
+        analytic(load_design(path).case).term(Term.NOISE), rel=1e-6
+    )
+    for draw in draws:
+        own = analytic(load_design(path, quantile=draw.quantile.__getitem__).case)
+        assert draw.terms[Term.NOISE] == pytest.approx(own.term(Term.NOISE), rel=0.03)
 
 
 def test_the_middle_is_known_before_workers_are_asked(design):

@@ -228,7 +228,7 @@ def test_a_frame_alone_has_the_law_of_a_trial(small):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs processes that fork")
-@pytest.mark.parametrize("rate", [0.0, 2.0])
+@pytest.mark.parametrize("rate", [pytest.param(0.0, marks=pytest.mark.slow), 2.0])
 def test_windows_of_a_sequence_are_those_of_its_frames(small, rate):
     """The same noise of the same stars; the background beside them is measured in other frames."""
     leg = Leg(6.0, rate_x=rate * deg, rate_z=0.1 * deg)

@@ -143,7 +143,7 @@ def test_a_sky_without_stars_is_unsolved():
     assert np.isnan(outcomes["error_x"]).all()
 
 
-@pytest.mark.parametrize("rate", [0.5, 2.0])
+@pytest.mark.parametrize("rate", [pytest.param(0.5, marks=pytest.mark.slow), 2.0])
 def test_errors_in_slews_are_those_of_spots(rate):
     """Each star has its own covariance along and across its streak, about the boresight too.
 

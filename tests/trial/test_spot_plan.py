@@ -105,7 +105,9 @@ def test_a_camera_of_120_degrees_is_solved(fidelity):
         assert np.hypot(outcome.error_x, outcome.error_y) < 0.2 * deg
 
 
-@pytest.mark.parametrize("fidelity", [Fidelity.SPOTS, Fidelity.COVARIANCE])
+@pytest.mark.parametrize(
+    "fidelity", [Fidelity.SPOTS, pytest.param(Fidelity.COVARIANCE, marks=pytest.mark.slow)]
+)
 def test_stars_that_overlap_over_half_the_sky_are_refused_before_pairs_are_made(fidelity):
     with pytest.raises(Refused, match="so long that stars do not overlap: within 57") as refusal:
         run_random_trial(short(1e-4), 1, 0, fidelity)

@@ -45,17 +45,15 @@ def both(case, number, seed=5):
     "changes",
     [
         {},
-        {"row_delay": 20e-6},
         {"hits": Hits(5e4)},
         {"defects": Defects(dsnu=20.0, hot=1e-4, hot_current=5e3, dead=5e-5)},
-        {"bits": 14, "adc_inl": 3.0, "nonlinearity": 0.02},
-        {"crosstalk": 0.03, "columns": 200},
+        {"bits": 14, "adc_inl": 3.0, "nonlinearity": 0.02, "crosstalk": 0.03, "columns": 200},
         {"lag": 0.05},
         pytest.param(
             {"lag": 0.05, "row_delay": 20e-6, "defects": Defects(hot=1e-4, hot_current=5e3)},
             marks=pytest.mark.slow,
         ),
-        {"columns": 100, "rows": 300},
+        {"row_delay": 20e-6, "columns": 100, "rows": 300},
     ],
     ids=lambda changes: "-".join(changes) or "plain",
 )
@@ -92,10 +90,9 @@ def test_spots_less_the_dark_map_are_those_of_the_frame(changes, settings):
     noise = plan_windows(case).noise
     assert noise
     assert len(noise.outliers) < 20
-    for number in range(2):
-        whole, parts = (spots[spots[:, 2] > MARGINAL] for spots in both(case, number))
-        assert len(whole) == len(parts) > 0
-        np.testing.assert_allclose(parts, whole, rtol=1e-5, atol=1e-4)
+    whole, parts = (spots[spots[:, 2] > MARGINAL] for spots in both(case, 0))
+    assert len(whole) == len(parts) > 0
+    np.testing.assert_allclose(parts, whole, rtol=1e-5, atol=1e-4)
 
 
 def test_hot_pixels_make_spots_that_a_dark_map_removes():

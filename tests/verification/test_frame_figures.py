@@ -72,6 +72,7 @@ def test_frames_tell_what_made_them_and_not_what_was_thought(loop):
         assert abs(math.log(one.number / thought[one.figure])) > 3 * math.log(one.factor), one.name
 
 
+@pytest.mark.slow
 def test_unknowns_are_learnt_from_frames(loop):
     """Each within three sigma, and far better known; the light, too."""
     path, _, told = loop
@@ -95,6 +96,7 @@ def test_told_figures_of_frames_are_a_design(loop, tmp_path):
     assert len(design.unknowns) == len(TRUTH)
 
 
+@pytest.mark.slow
 def test_the_next_prediction_holds_the_truth(loop, tmp_path):
     """After the frames and after the posterior that is written; a light 28 % off is not kept."""
     path, truth, told = loop

@@ -85,8 +85,8 @@ def test_any_albedo_follows_from_three(air):
 
 def test_the_spherical_albedo_does_not_know_sun_or_sensor():
     seen = []
-    for sun in (0.2123, 0.5371, 0.9531):
-        found = solve_radiance(Air(), np.array(SHETTLE), 0.0, sun, RAYS, (0.0, 0.25, 0.75))[0]
+    for sun in (0.2123, 0.9531):
+        found = solve_radiance(Air(), np.array(SHETTLE[:1]), 0.0, sun, RAYS, (0.0, 0.25, 0.75))[0]
         seen.append(unit_cells(found, (0.0, 0.25, 0.75))[1])
     mean = np.mean(seen, axis=(0, 2), keepdims=True)  # over Suns and rays, at each wavelength
     np.testing.assert_allclose(seen, np.broadcast_to(mean, np.shape(seen)), rtol=1e-6)

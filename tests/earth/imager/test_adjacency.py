@@ -16,7 +16,9 @@ ORACLE = json.loads((Path(__file__).parents[2] / "oracle" / "adjacency.json").re
 
 @pytest.mark.parametrize("column", ORACLE["columns"], ids=["470 nm", "865 nm", "865 nm, 12 km"])
 @pytest.mark.parametrize("case", ["coast", "patch"])
-@pytest.mark.parametrize("spacing", [12.0, 15.0, 20.0])
+@pytest.mark.parametrize(
+    "spacing", [15.0, *(pytest.param(cell, marks=pytest.mark.slow) for cell in (12.0, 20.0))]
+)
 def test_a_coast_and_a_patch_shine_as_photons_say(column, case, spacing):
     """Radiance at the satellite within 1 %, wherever cells lie; by the mean alone it is not."""
     from earth_images import shining

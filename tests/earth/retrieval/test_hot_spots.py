@@ -218,7 +218,11 @@ def test_a_fire_at_night_is_found_with_its_power():
 
 @pytest.mark.parametrize(
     ("values", "images"),
-    [({}, 3), ({"optics__f_number": 6.0}, 3), ({"detector__bits": 8, "detector__offset": 10}, 3)],
+    [
+        ({"detector__bits": 8, "detector__offset": 10}, 3),
+        pytest.param({}, 3, marks=pytest.mark.slow),
+        pytest.param({"optics__f_number": 6.0}, 3, marks=pytest.mark.slow),
+    ],
 )
 def test_formulas_beside_trials(values, images: int):  # type: ignore[no-untyped-def]
     """75 fires: their 95th percentile scatters by 8 %; 25 % is exceeded in 0.2 % of all seeds."""
@@ -255,6 +259,7 @@ def test_fires_that_cannot_be_seen_are_refused_or_infinite():
         HotSpots(window=4, guard=4)
 
 
+@pytest.mark.slow
 def test_formula_and_trials_agree_that_warm_ground_saturates():
     """At 0.56 ms and f/1.6 the warmest ground fills the thermal channel; at 0.54 ms it does not."""
     problem = EarthProblem(load_earth_design("hsrs"))

@@ -48,6 +48,7 @@ def test_noise_alone_is_that_of_photons_and_read_out():
     assert forecast_land(one, OWN).reflectance_error == pytest.approx(trials, rel=0.04)
 
 
+@pytest.mark.slow
 def test_the_air_takes_contrast_from_large_fields():
     """Dark fields have darker surroundings than the mean that is assumed, bright ones brighter."""
     fields = replace(OWN, field=400.0)
@@ -71,10 +72,10 @@ def test_the_air_takes_contrast_from_large_fields():
     "values",
     [
         {},
-        {BOTH + "bits": 8, BOTH + "offset": 10, "retrieval.land_cover.sun_zenith": 1.22},
         *(
             pytest.param(values, marks=pytest.mark.slow)
             for values in (
+                {BOTH + "bits": 8, BOTH + "offset": 10, "retrieval.land_cover.sun_zenith": 1.22},
                 {"channels.*.optics.f_number": 8.0, "channels.*.optics.blur": 6e-6},
                 {BOTH + "read_noise": 1500.0},
                 {"retrieval.land_cover.field": 30.0},

@@ -27,6 +27,7 @@ def test_local_time_and_season_move_the_sun():
     assert zenith(problem, orbit_local_time=24 * HOUR - 60) == pytest.approx(24.5, abs=0.5)
 
 
+@pytest.mark.slow
 def test_height_and_season_change_forecast_and_trials_alike():
     design = load_earth_design("fields", NORTH)
     assert design.campaign

@@ -126,7 +126,7 @@ def bilinear(west, north, heights, longitude, latitude, wide: int = 1) -> np.nda
         pytest.param(srtm, False, id="srtm where it is"),
         pytest.param(srtm, True, id="srtm over four tiles", marks=pytest.mark.slow),
         pytest.param(copernicus, False, id="copernicus where it is", marks=pytest.mark.slow),
-        pytest.param(copernicus, True, id="copernicus over four tiles"),
+        pytest.param(copernicus, True, id="copernicus over four tiles", marks=pytest.mark.slow),
     ],
 )
 def test_tiles_are_the_terrain_that_they_were_cut_from(tmp_path, write, corner):
