@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from startrack.cli import options as shared
-from startrack.cli.options import Exit, Option, Options, WrongUse, images, wanted, whole
+from startrack.cli.options import Exit, Option, Options, WrongUse, degrees, images, wanted, whole
 
 if wanted(__name__):
     import numpy as np
@@ -58,7 +58,7 @@ declare = Options(
         "--fov DEG",
         "images: approximate field of view across the columns, degree (default: "
         "as `solve` finds it)",
-        float,
+        degrees,
     ),
     *shared.FIELD_AND_SKY,
     Option(

@@ -10,12 +10,16 @@ from typing import Any
 from startrack.cli.options import SET, Exit, Option, Options, WrongUse, as_wrong_use, images, wanted
 
 if wanted(__name__):
+    import numpy as np
+
     from startrack import detection, plots
     from startrack.cli.terminal import image_reader, print_failed_image, print_result, read_design
-    from startrack.core import Psf, Spots
+    from startrack.core import Frame, Psf, Spots
     from startrack.metrics import Column, Table
     from startrack.observation import psf_of
 
+MANY = 0.01  # fraction of the pixels; stars that saturate cover far less
+LEAST_RANGE = 255  # digital number, the end of the range of 8 bits
 
 declare = Options(
     "Prints a row per spot, brightest first: position (the centre of the first pixel is 0, 0) and "
@@ -62,13 +66,25 @@ def command(options: argparse.Namespace) -> int:
         chance = detection.false_alarms(plan, columns, rows)
         result: dict[str, Any] = {"image": str(path), "status": "done", "expected_false": chance}
         result["spots"] = (table := _table(spots)).json()
+        result["at_the_largest_number"] = float(np.mean(frame.image == frame.image.max()))
         text = f"{path}: {len(spots)} spots; noise alone makes {chance:.1g} per frame"
+        text += _saturation(frame, result["at_the_largest_number"])
         if options.overlay:
             picture = options.overlay / f"{path.stem}.spots.png"
             plots.draw_spots(picture, frame, spots, f"{path.name}: {len(spots)} spots")
             result["overlay"] = str(picture)
         print_result(options, result, text, *(table.text(()) if len(spots) else []))
     return status
+
+
+def _saturation(frame: Frame, part: float) -> str:
+    """Words where more pixels have the largest number of an image than stars that saturate."""
+    largest = frame.image.max()
+    if part == 1:
+        return f"; all pixels have the number {largest:g}: saturated or without light"
+    if part > MANY and largest >= LEAST_RANGE:
+        return f"; {part:.0%} of the pixels have the largest number, {largest:g}: saturated"
+    return ""
 
 
 def _settings(options: argparse.Namespace) -> tuple[detection.Detection, Psf | None]:

@@ -619,13 +619,14 @@ def _text(flight: report.ReportedFlight) -> list[str]:
     plan, _, flown, available = flight
     time = plan.loaded.mission.time
     lines = [
-        f"{time.steps} steps of {time.step:g} s from {time.begin} UTC, {len(plan.heads)} heads, "
+        f"{time.steps} steps of {time.step:g} s from {time.begin} UTC, "
+        f"{report.number_of_heads(len(plan.heads))}, "
         f"{100 * flown.eclipse.mean():.1f} % in eclipse",
         "blind, % of the time; rms error while valid:",
         *report.heads_table(flight).text(),
     ]
     for count in range(len(plan.heads), 0, -1):
-        words = f"at least {count} head{'s' if count > 1 else ''}"
+        words = f"at least {report.number_of_heads(count)}"
         lines.append(f"{words:24s}{100 * available.at_least(count):10.4f} % of the time")
     none = available.none
     lines.append(

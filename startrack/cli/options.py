@@ -164,6 +164,16 @@ def positive(text: str) -> float:
     return number
 
 
+def degrees(text: str) -> float:
+    """Read an angle in degree, after which `deg` may stand."""
+    try:
+        return float(text.strip().removesuffix("deg"))
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"must be an angle in degree, such as 12 or 12deg, got {text!r}"
+        ) from None
+
+
 def address(text: str) -> str:
     """Read the address of a scheduler."""
     if text != "mpi" and "://" not in text:

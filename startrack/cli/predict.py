@@ -142,11 +142,12 @@ def prediction_values(prediction: Prediction) -> dict[str, Any]:
 def prediction_answer(prediction: Prediction) -> str:
     """The accuracy with its intervals, and the unknown that makes most of their width."""
     across, about = (prediction.figure(ACCURACY, axis) for axis in ("across", "about"))
+    number = len(prediction.unknowns)
     return (
         f"accuracy, rms per axis (1 sigma): {across.median / arcsec:.3g} arcsec across "
         f"{_interval(across.low_68, across.high_68)} and {about.median / arcsec:.3g} about "
         f"{_interval(about.low_68, about.high_68)} in 68 %, at {prediction.age / YEAR:g} yr; "
-        f"of {len(prediction.unknowns)} unknown values {across.causes[0][0]} makes the largest "
+        f"of {number} unknown value{'s' * (number > 1)} {across.causes[0][0]} makes the largest "
         f"part of the width across, {across.causes[0][1]:.0%}"
     )
 

@@ -12,7 +12,16 @@ from pathlib import Path
 from typing import Any
 
 from startrack.cli import options as shared
-from startrack.cli.options import Exit, Option, Options, as_wrong_use, images, wanted, whole
+from startrack.cli.options import (
+    Exit,
+    Option,
+    Options,
+    as_wrong_use,
+    degrees,
+    images,
+    wanted,
+    whole,
+)
 
 if wanted(__name__):
     from startrack import plots
@@ -42,7 +51,7 @@ declare = Options(
         "--fov DEG",
         "field of view across the columns, degree, which is tried first (default: "
         "that of the file's EXIF, then a search from 1.5 to 90, and fisheyes to 180)",
-        float,
+        degrees,
     ),
     Option(
         "--aspect RATIO",

@@ -156,6 +156,9 @@ def status_and_sentence(error: BaseException) -> tuple[int, str]:
         case OSError(errno=errno.ENOSPC, filename=None):
             _drop_output()  # what it still holds does not fit either
             return Exit.FAILED, error.strerror or one_line(error)
+        case FileExistsError(filename=str() | bytes() as name):
+            place = os.fsdecode(name)
+            return Exit.FAILED, f"{place} must be a folder or a new name, but it is a file"
         case OSError(filename=str() | bytes() as name):
             return Exit.FAILED, f"{os.fsdecode(name)}: {error.strerror}"
         case BrokenExecutor():

@@ -112,7 +112,7 @@ def print_unknown(design: Design, owner: str = "the design", values: str = "") -
         + ", `startrack predict` gives intervals"
     )
     print_message(
-        f"startrack: {len(names)} values of {owner} are not known "
+        f"startrack: not known of {owner}: {len(names)} value{'s' * (len(names) > 1)} "
         f"({', '.join(names[:MOST_NAMES])}{more}); {values}"
     )
 

@@ -118,7 +118,7 @@ def command(options: argparse.Namespace) -> int:
         conditions = f" and {many} draws" if (many := campaign.unknown_draws) else ""
         _, _, rest = table.partition("\n")
         table = (
-            f"verdict: NOT SHOWN: {len(unknowns)} values are not known ({', '.join(unknowns)}), "
+            f"verdict: NOT SHOWN: not known: {', '.join(unknowns)}, "
             f"and what is answered below is so for the middle of their laws{conditions}"
             f"{by_formula}; startrack predict gives the interval\n{rest}"
         )

@@ -21,7 +21,9 @@ def draw_prediction(path: Path | None, prediction: Prediction, title: str) -> Fi
     Raises  OSError where the file cannot be written.
     """
     count = len(prediction.unknowns)
-    figure = style.picture(6.0, f"{title}: {count} values are not known; bars hold 68 and 95 %")
+    figure = style.picture(
+        6.0, f"{title}: {count} value{'s' * (count > 1)} not known; bars hold 68 and 95 %"
+    )
     top, below = figure.subplots(2, 1, height_ratios=(3, 2))
     _intervals(top, prediction)
     _widths(below, prediction)

@@ -19,6 +19,11 @@ from startrack.verification import expected_in_frames, expected_of_star
 # Of each unit, chosen by hand: what so few leave is in the scatter of the surface, and small beside
 # the width of most laws.
 ENVIRONMENTS, FIELDS = 1, 32
+ALL_FIELDS = 512  # of the middle; as many as `analytic` takes
+# The mean over these few fields is off by a factor that is nearly the same for all draws. It is
+# known for the middle, whose budget over as many fields as `startrack budget` takes is computed,
+# too. Of three shipped designs noise was 5 to 12 % off before and 2 % at most after.
+BY_FIELDS = Term.NOISE, Term.PIXEL, Term.FIELD
 RESIDUAL = "residual"  # a told figure; it takes time, and is computed where it is told alone
 MIDDLE = -1  # number of the draw of which all unknowns have their middle values
 
@@ -70,7 +75,8 @@ def draw_unknowns(
     executor  whose workers compute the draws but that of the middle, which this process computes
               before they start, so that it is known soon; None: this process computes all
     progress  called with 1 after each draw
-    middle    whether the draw of the middle is among them
+    middle    whether the draw of the middle is among them; then the others' noise, pixel and field
+              errors are corrected for their few fields of the sky
     watch     called with the draw of the middle
     Raises    what `load_design` raises of the file; a design as drawn that has no budget, because
               no field can be solved or a value is out of its limits, is a draw with `refused`.
@@ -79,11 +85,12 @@ def draw_unknowns(
     whole(1, 10**4, units=units)
     load_design(path, changes)  # what is wrong with the file is no matter of a draw
     settings = path, tuple(changes), seed
-    draws = list[Draw]()
+    draws, factors = list[Draw](), dict[Term, Floats]()
     if middle:
-        draws.append(_draw(*settings, MIDDLE, count, units, age))
+        draws.append(_draw(*settings, MIDDLE, count, units, age, ALL_FIELDS))
         if watch:
             watch(draws[0])
+        factors = _factors(draws[0], _draw(*settings, MIDDLE, count, units, age))
     arguments = [(*settings, number, count, units, age) for number in range(count)]
     if executor is None:
         results = (_draw(*one) for one in arguments)
@@ -91,10 +98,22 @@ def draw_unknowns(
         futures = [executor.submit(_draw, *one) for one in arguments]
         results = (future.result() for future in futures)
     for draw in results:
-        draws.append(draw)
+        terms = {term: errors * factors.get(term, 1.0) for term, errors in draw.terms.items()}
+        draws.append(draw._replace(terms=terms))
         if progress:
             progress(1)
     return draws
+
+
+def _factors(fine: Draw, coarse: Draw) -> dict[Term, Floats]:
+    """By what classes of error over few fields are multiplied, (2,) each; 1 where one is zero."""
+    return {
+        term: np.divide(
+            fine.terms[term], coarse.terms[term], np.ones(2), where=coarse.terms[term] > 0
+        )
+        for term in BY_FIELDS
+        if term in fine.terms and term in coarse.terms
+    }
 
 
 def _draw(
@@ -105,6 +124,7 @@ def _draw(
     count: int,
     units: int,
     age: float | None,
+    fields: int = FIELDS,
 ) -> Draw:
     quantiles = dict[str, float]()
     try:
@@ -112,7 +132,7 @@ def _draw(
     except Refused as error:
         return Draw(number, (), quantiles, {}, 0.0, str(error))
     try:
-        terms, available = _terms(design.case, seed, max(number, 0) * units, units, age)
+        terms, available = _terms(design.case, seed, max(number, 0) * units, units, age, fields)
         frames = expected_in_frames(design.case)
         for told in design.told:
             if told.magnitude is not None:
@@ -156,11 +176,11 @@ def drawn_cases(path: Path, seed: int, count: int, changes: Sequence[str] = ()) 
 
 
 def _terms(
-    case: Case, seed: int, first: int, units: int, age: float | None
+    case: Case, seed: int, first: int, units: int, age: float | None, fields: int
 ) -> tuple[dict[Term, Floats], float]:
     """Radian (2,) of each class of error, rms over units, and the mean availability."""
     age = case.end_of_life if age is None else age
-    budgets = unit_budgets(case, seed, units, age, ENVIRONMENTS, FIELDS, first=first)
+    budgets = unit_budgets(case, seed, units, age, ENVIRONMENTS, fields, first=first)
     square = {term: (errors**2).mean(axis=0) for term, errors in budgets.terms.items()}
     square[Term.BIAS] = (budgets.bias**2).mean(axis=0)
     terms = {

@@ -17,6 +17,7 @@ from startrack.report.mission import (
     beta_table,
     checks_table,
     heads_table,
+    number_of_heads,
     spells_table,
     verdict_table,
     write_mission_report,

@@ -49,7 +49,8 @@ def write_mission_report(
     """
     plan, time = flight.plan, flight.plan.loaded.mission.time
     lead = (
-        f"{time.steps} steps of {time.step:g} s from {time.begin} UTC, {len(plan.heads)} heads, "
+        f"{time.steps} steps of {time.step:g} s from {time.begin} UTC, "
+        f"{number_of_heads(len(plan.heads))}, "
         f"{100 * flight.flown.eclipse.mean():.1f} % of the time in eclipse. Begins and ends of "
         "times are right to a step."
     )
@@ -88,6 +89,11 @@ def verdict_table(met: Sequence[mission.MissionVerdict]) -> Table:
         ],
         met,
     )
+
+
+def number_of_heads(count: int) -> str:
+    """Words such as "1 head" and "3 heads"."""
+    return f"{count} head{'s' * (count != 1)}"
 
 
 def heads_table(flight: ReportedFlight) -> Table:
