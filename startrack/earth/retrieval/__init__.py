@@ -11,6 +11,7 @@ spectrum       The spectrum of level ground at the sensor, and the rectangle of 
 stereo         Stereo: heights from two images along the track; their forecast and trials.
 land_cover     LandCover: reflectance, an index and classes of land; their forecast and trials.
 sea            A sea of wind waves -> the spectrum of its elevation, and its slopes.
+glint          Waves of random slopes -> the brightness of their glint, and how squares scatter.
 waves          Waves: height and direction of waves in the glint; their forecast and trials.
 criteria       What a retrieval is judged by: criteria by name, by formula and by trials.
 study          EarthDesign: a scene with its camera, its retrieval and its campaign, and their file.

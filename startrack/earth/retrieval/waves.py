@@ -8,10 +8,9 @@ wave from one that runs the opposite way.
 
 import math
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from scipy import fft
 
 from startrack.core import (
     POSITIVE,
@@ -36,6 +35,7 @@ from startrack.earth.imager import (
 )
 from startrack.earth.retrieval import patch
 from startrack.earth.retrieval.fire_forecast import Side, side_of
+from startrack.earth.retrieval.glint import Glint, glint_over, scatter_of
 from startrack.earth.retrieval.sea import Sea, draw_sea, elevation_power, slope_variance
 
 HIGHEST = 0.49  # cycle / pixel along each axis, of the waves that are fitted
@@ -313,8 +313,7 @@ class _Transfer(NamedTuple):
 
     gain    1 / metre^2, mean square of the brightness over that of the elevation
     rest    1, mean square of the brightness that does not follow the elevation, noise included
-    bent    1, of it, that of products of waves
-    alike   1, as that of `_Glint`
+    glint   statistics of the brightness
     rms     watt / m^2 / sr / m, of the brightness by waves: one number
     mean    likewise, of the glint
     noise   variance of a pixel, likewise squared
@@ -322,8 +321,7 @@ class _Transfer(NamedTuple):
 
     gain: Floats
     rest: Floats
-    bent: Floats
-    alike: float
+    glint: Glint
     rms: float
     mean: float
     noise: float
@@ -339,7 +337,7 @@ def _noise(side: Side, radiance: float) -> float:
 def _transfer(own: Waves, side: Side, mirror: Mirror, modes: _Modes, sea: Sea) -> _Transfer:
     """The waves of a sea in the images of a channel."""
     steps = side.along / RAYS, side.across / RAYS
-    glint = _statistics(
+    glint = glint_over(
         mirror.rough, *mirror.towards.tolist(), sea, own.size * RAYS, steps, _shortest(side)
     )
     # What a pixel's grid is too coarse for is seen as longer waves.
@@ -350,11 +348,6 @@ def _transfer(own: Waves, side: Side, mirror: Mirror, modes: _Modes, sea: Sea) -
     wave = 2 * math.pi * (glint.gain[0] * modes.down + glint.gain[1] * modes.right) * modes.seen
     linear = wave**2 * modes.power(sea)
     rest = np.maximum(2 * folded[modes.places] - linear, 0.0)
-    unfolded = tuple(
-        np.where(place < own.size // 2, place, place + (RAYS - 1) * own.size)
-        for place in modes.places
-    )
-    bent = np.maximum(2 * every[unfolded] - linear, 0.0)
     # Differences between columns, or pixels, change the contrast of waves.
     detector = side.channel.detector
     around = folded.mean(1, keepdims=True) if detector.scan else folded.mean(keepdims=True)
@@ -362,90 +355,7 @@ def _transfer(own: Waves, side: Side, mirror: Mirror, modes: _Modes, sea: Sea) -
     camera = 2 * (noise / mean**2 / own.size**2 + uneven)
     scatter = max(float(folded.sum()), 0.0)
     rms = math.sqrt(scatter) * mean
-    return _Transfer(wave**2, rest + camera, bent, glint.alike, rms, mean, noise)
-
-
-class _Glint(NamedTuple):
-    """Statistics of the glint over the waves of a sea.
-
-    spectrum  (n, n) mean square of each wave of a grid in the brightness over its mean
-    gain      (2,) g, of the brightness over its mean with the slopes
-    mean      1, over that of level long waves
-    alike     1, how products of slopes in the brightness are like its slope: 1 where they are its
-              square, 0 where they are those of other slopes
-    """
-
-    spectrum: Floats
-    gain: tuple[float, float]
-    mean: float
-    alike: float
-
-
-@lru_cache(maxsize=32)
-def _statistics(
-    rough: float,
-    along: float,
-    across: float,
-    sea: Sea,
-    size: int,
-    steps: tuple[float, float],
-    shortest: float,
-) -> _Glint:
-    """Statistics of the glint over waves whose slopes are normal; kept while a search goes on.
-
-    <B> ~ N(Z; M),   <B B'> ~ N((Z, Z); (M, R; R, M)),   b = g . z + rest,   g = Z / M
-
-    with the covariance M of all slopes and that of long waves R between two places; the rest does
-    not correlate with the waves.
-
-    Source: Bussgang (1952), MIT Research Laboratory of Electronics, report 216; g is the transfer
-    of Kudryavtsev et al. (2017), the relative change of the mean glint with Z.
-
-    rough, along, across  those of `Mirror`
-    size, steps, shortest  points of a side of a grid, metre between them, metre of the waves
-    """
-    down, right = fft.fftfreq(size, steps[0])[:, None], fft.rfftfreq(size, steps[1])[None]
-    power = elevation_power(sea, np.stack(np.broadcast_arrays(down, right), -1), shortest)
-    power[0, 0] = 0.0
-    density = power * ((2 * math.pi) ** 2 / math.prod(steps))
-    r = [
-        fft.irfft2(density * product, (size, size)) for product in (down**2, down * right, right**2)
-    ]
-    z = along, across
-    m = [r[0][0, 0] + rough / 2, r[1][0, 0], r[2][0, 0] + rough / 2]
-    plus = [a + b for a, b in zip(m, r, strict=True)]
-    minus = [a - b for a, b in zip(m, r, strict=True)]
-    own_det = m[0] * m[2] - m[1] ** 2
-    det, other = (part[0] * part[2] - part[1] ** 2 for part in (plus, minus))
-    exponent = _quadratic(m, z) / own_det - _quadratic(plus, z) / det
-    square = own_det / np.sqrt(det * other) * np.exp(exponent) - 1
-    g = (m[2] * along - m[1] * across) / own_det, (m[0] * across - m[1] * along) / own_det
-    level = (along**2 + across**2) / rough - _quadratic(m, z) / own_det / 2
-    mean = rough / 2 / math.sqrt(own_det) * math.exp(level)
-    return _Glint(fft.fft2(square).real / size**2, g, float(mean), _alike(g, m, r))
-
-
-def _alike(g: tuple[float, float], m: list[Floats], r: list[Floats]) -> float:
-    """Int g R H R H R g / Int (g R g) tr(H R H R), of the second derivative H = g g - M^-1.
-
-    Of b = g z + z H z / 2 the product of both parts has the variance of independent ones, times
-    one and twice this number: the pairings of three normal numbers with three others.
-    """
-    covariance = np.array([[m[0], m[1]], [m[1], m[2]]])
-    slope = np.array(g)
-    bend = np.outer(slope, slope) - np.linalg.inv(covariance)
-    turned = [r[0] * g[0] + r[1] * g[1], r[1] * g[0] + r[2] * g[1]]
-    first, second = (row[0] * turned[0] + row[1] * turned[1] for row in bend)
-    crossed = r[0] * first**2 + 2 * r[1] * first * second + r[2] * second**2
-    product = [[row[0] * r[k] + row[1] * r[k + 1] for k in (0, 1)] for row in bend]
-    trace = product[0][0] ** 2 + 2 * product[0][1] * product[1][0] + product[1][1] ** 2
-    apart = (g[0] * turned[0] + g[1] * turned[1]) * trace
-    return float(crossed.sum() / apart.sum())
-
-
-def _quadratic(m: list[Any], z: tuple[float, float]) -> Any:
-    """z . adjugate(m) z of a symmetric matrix (m_11, m_12, m_22)."""
-    return m[2] * z[0] ** 2 - 2 * m[1] * z[0] * z[1] + m[0] * z[1] ** 2
+    return _Transfer(wave**2, rest + camera, glint, rms, mean, noise)
 
 
 class _Fit(NamedTuple):
@@ -616,20 +526,17 @@ class WaveForecast(NamedTuple):
 def forecast_waves(survey: Survey, own: Waves) -> WaveForecast:
     """Errors of significant height and of direction.
 
-        Var(sum a |z|^2) = sum a^2 (v^2 + 2 v W S (1 + 2 q)) + g C g,   v = (1 - W) S
-        C = (r e)^-1 (r r) (r e)^-1,   r = d(gain S) / E,   e = dE / E,   E = gain S + N
+        e = sum_k t_k |b_k|^2 - sum_k a_k |z_k|^2,   t = a W^2 / gain + g (r e)^-1 r / E
+        Var e = sum (S d<sum t |b|^2> / dS - a S)^2 + sum (t E)^2 (1 - W^2) + pairs
+        r = d(gain S) / E,   e = dE / E,   E = gain S + N,   W = gain S / E
 
-    of waves of the powers S, with a = 1 for height and the sine of twice the angle from the mean
-    direction for that; g is the change of the result with the sea that the fit finds, and C the
-    covariance of its height, wavelength and direction, each with its derivatives d. The rest N of
-    the brightness is the camera's noise and what does not follow the waves. Both parts are
-    independent, as the first is the error of a mean that is given the image. Of N a part q is made
-    of products of the waves that are measured: where brightness has x + x^2 / 2, of x x^2 / 2
-
-        <x (x^2 - s^2) x' (x'^2 - s^2)> = 6 R^3 + ...,   where independent parts would have 2 R^3,
-
-    with the covariance R of two places. `_alike` has it for two slopes. Its pairs are of different
-    waves: what a and the filter of the one have in common with those of the other remains.
+    of waves z of the powers S whose image has b, with a = 1 for height and the sine of twice the
+    angle from the mean direction for that, per change of the result; d is a derivative with height,
+    wavelength and direction of the sea that the fit finds, g that of the result. Higher waves have
+    more of the brightness N that does not follow them, and less of that which does: so b knows more
+    of z than E says. `scatter_of` has how much, and what pairs of waves that are seen with a third
+    add where they are not independent of it. All else of N, camera's noise included, is taken as
+    independent of the waves.
 
     Source    Kay (1993), Fundamentals of Statistical Signal Processing, 3.9 and 11.
     Raises    ValueError as `channel_of`, `mirror_of` and `side_of`; where waves are hardly seen,
@@ -653,19 +560,6 @@ def forecast_waves(survey: Survey, own: Waves) -> WaveForecast:
             f"brightness must follow the slopes of waves for a forecast, {FOLLOWS:.0%} of its "
             f"variance, got {follows:.0%}: a lower Sun, or fewer waves across its direction"
         )
-    kept = transfer.gain * fit.wave / fit.image
-    left = (1 - kept) * fit.wave
-    crossed = 2 * left * kept * fit.wave
-    each = left**2 + crossed
-    shared = 2 * transfer.alike * crossed * transfer.bent / transfer.rest
-    both = transfer.gain * fit.wave * transfer.bent
-
-    def squared(weight: Floats) -> float:
-        """Variance of the sum of squares with weights."""
-        filtered = weight * transfer.gain * (fit.wave / fit.image) ** 2
-        together = (both @ filtered) ** 2 / ((both @ filtered**2) * both.sum())
-        return float(weight**2 @ (each + together * shared))
-
     # By how much image and results change with the sea that the retrieval takes them for.
     growth, results = [], []
     for unit in np.eye(3):
@@ -676,17 +570,32 @@ def forecast_waves(survey: Survey, own: Waves) -> WaveForecast:
         results.append(_estimated(modes, changed, other, fit.image))
     relative = transfer.gain * fit.slopes / fit.image
     towards = np.linalg.inv(relative @ np.array(growth).T)
-    covariance = towards @ (relative @ relative.T) @ towards.T
-    slopes = (np.array(results) - (sea.height, sea.direction)) / STEP
-    squares = np.einsum("ia,ij,ja->a", slopes, covariance, slopes)
+    response = (np.array(results) - (sea.height, sea.direction)) / STEP
+    kept = transfer.gain * fit.wave / fit.image
+
+    def squared(weight: Floats, response: Floats) -> float:
+        """Variance of a sum of weighted squares of waves that responds so to the sea."""
+        waves = weight * fit.wave
+        image = kept * waves + response @ towards @ relative
+        half = np.zeros((own.size, own.size))
+        half[modes.places] = image / fit.image * modes.seen**2
+        opposite = np.roll(half[::-1, ::-1], 1, (0, 1))
+        steps = side.along, side.across
+        found = scatter_of(
+            transfer.glint, mirror.towards, sea, half + opposite, steps, _shortest(side)
+        )
+        rest = image**2 @ (1 - kept**2) + found.pairs
+        return float(((found.follows[modes.places] - waves) ** 2).sum() + rest)
+
     total = sea.height**2 / 16
     turned = np.sin(2 * (modes.turn() - sea.direction)) / (2 * total * _evenness(sea))
     detector = side.channel.detector
     pixels = own.size if detector.scan else own.size**2
     # The mean of the glint, by which brightness is divided, has differences of pixels.
     level = detector.prnu * (mirror.base + transfer.mean) / transfer.mean / math.sqrt(pixels)
-    height = squares[0] + 4 * squared(np.ones(len(each))) / total + (sea.height * level) ** 2
-    direction = squares[1] + squared(turned)
+    linear = np.full(len(turned), 2 / math.sqrt(total))
+    height = squared(linear, response[:, 0]) + (sea.height * level) ** 2
+    direction = squared(turned, response[:, 1])
     if height > (WORST * sea.height) ** 2 or direction > WORST**2:
         raise Refused(
             f"waves must be seen well enough for a forecast, errors within {WORST:.0%} of the "

@@ -1,0 +1,177 @@
+"""Waves of random slopes -> the brightness of their glint, and how sums of its squares scatter.
+
+Brightness is the density of the small waves' slopes, normal about that of the wave under them, at
+the slope that mirrors the Sun: not linear in the waves. Its moments over normal slopes are derived
+without a series.
+"""
+
+import math
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import fft
+
+from startrack.core import Floats
+from startrack.earth.retrieval.sea import Sea, elevation_power
+
+
+class Glint(NamedTuple):
+    """Statistics of the glint over the waves of a sea.
+
+    spectrum  (n, n) mean square of each wave of a grid in the brightness over its mean
+    gain      (2,) g, of the brightness over its mean with the slopes
+    mean      1, over that of level long waves
+    slopes    (2, 2) M, covariance of all slopes
+    """
+
+    spectrum: Floats
+    gain: Floats
+    mean: float
+    slopes: Floats
+
+
+class Scatter(NamedTuple):
+    """How a weighted sum of squares of an image varies with its waves.
+
+    follows  (n, n) change of the mean sum with ln of the mean square of a wave and its opposite
+    pairs    by how much the variance by products of three waves is larger than were the pair of
+             waves in the brightness independent of the one that it is seen with
+    """
+
+    follows: Floats
+    pairs: float
+
+
+class _Waves(NamedTuple):
+    """Waves of a half plane, (n, m): cycle / metre (2, n, m), metre^2 of their slopes.
+
+    slopes  (2, 2, n, n) R, covariance of slopes between two places
+    """
+
+    frequency: Floats
+    power: Floats
+    slopes: Floats
+
+
+@lru_cache(maxsize=32)
+def _waves(sea: Sea, size: int, steps: tuple[float, float], shortest: float) -> _Waves:
+    down, right = fft.fftfreq(size, steps[0])[:, None], fft.rfftfreq(size, steps[1])[None]
+    frequency = np.stack(np.broadcast_arrays(down, right))
+    power = elevation_power(sea, np.moveaxis(frequency, 0, -1), shortest)
+    power[0, 0] = 0.0
+    power *= (2 * math.pi) ** 2 / math.prod(steps)
+    slopes = fft.irfft2(power * frequency[:, None] * frequency, (size, size))
+    return _Waves(frequency, power, np.asarray(slopes))
+
+
+@lru_cache(maxsize=32)
+def glint_over(
+    rough: float,
+    along: float,
+    across: float,
+    sea: Sea,
+    size: int,
+    steps: tuple[float, float],
+    shortest: float,
+) -> Glint:
+    """Statistics of the glint over waves whose slopes are normal; kept while a search goes on.
+
+    <B> ~ N(Z; M),   <B B'> ~ N((Z, Z); (M, R; R, M)),   b = g . z + rest,   g = Z / M
+
+    with the covariance M of all slopes and that of long waves R between two places; the rest does
+    not correlate with the waves.
+
+    Source: Bussgang (1952), MIT Research Laboratory of Electronics, report 216; g is the transfer
+    of Kudryavtsev et al. (2017), the relative change of the mean glint with Z.
+
+    rough, along, across   those of the waves' `Mirror`: mean square of small slopes, Z
+    size, steps, shortest  points of a side of a grid, metre between them, metre of the waves
+    """
+    r = _waves(sea, size, steps, shortest).slopes
+    towards = np.array([along, across])
+    slopes = r[:, :, 0, 0] + rough / 2 * np.eye(2)
+    square = _product(slopes, r, towards) - 1
+    gain = np.linalg.solve(slopes, towards)
+    level = float(towards @ towards) / rough - float(towards @ gain) / 2
+    mean = rough / 2 / math.sqrt(float(np.linalg.det(slopes))) * math.exp(level)
+    return Glint(fft.fft2(square).real / size**2, gain, mean, slopes)
+
+
+def _product(slopes: Floats, r: Floats, towards: Floats) -> Floats:
+    """<B B'> / <B>^2 (n, n) of two places."""
+    plus, minus = (_inverse(slopes[:, :, None, None] + sign * r) for sign in (1, -1))
+    own = np.linalg.det(slopes)
+    level = towards @ np.linalg.solve(slopes, towards)
+    exponent = level - np.einsum("a,abxy,b->xy", towards, plus[0], towards)
+    return np.asarray(own / np.sqrt(plus[1] * minus[1]) * np.exp(exponent))
+
+
+def _inverse(m: Any) -> tuple[Floats, Floats]:
+    """Inverses (2, 2, ...) of symmetric matrices, and their determinants (...)."""
+    det = m[0, 0] * m[1, 1] - m[0, 1] ** 2
+    return np.array([[m[1, 1], -m[0, 1]], [-m[0, 1], m[0, 0]]]) / det, det
+
+
+def scatter_of(
+    glint: Glint,
+    towards: Floats,
+    sea: Sea,
+    weight: Floats,
+    steps: tuple[float, float],
+    shortest: float,
+) -> Scatter:
+    """How the sum F = sum w |b_k|^2 of the squares of an image varies with its waves.
+
+        Cov(F, |z_k|^2) = S_k^2 d<F> / dS_k,   d ln<b b'> / dR = p p - (P - N) / 2,   p = P Z
+        d ln<b b'> / dM = M^-1 - g g + p p - (P + N) / 2,   P, N = (M +- R)^-1
+
+    for normal slopes z, of mean squares S, under a brightness b. Pairs of waves are in b as
+    z H z / 2, H = g g - M^-1, and beside g z in F as u z H z, u what w makes of g z: of
+
+        <u z H z, u' z' H z'> = 2 <u u'> tr(H R H R) + 4 <u z'> H R H <u' z>
+
+    `pairs` has the second part, summed over all places.
+
+    Source: Price (1958), IRE Trans. Information Theory 4, 69; Isserlis (1918), Biometrika 12, 134.
+
+    towards   (2,) Z, the slope that mirrors the Sun
+    weight    (n, n) w, a wave and its opposite alike, at the points of an image
+    steps     metre between these, along lines and columns
+    shortest  metre, of the waves
+    Accuracy  model: `follows` without a series, but for waves that these points are too coarse for;
+              `pairs` by the second order of b in the slopes.
+    """
+    size, state = len(weight), (sea, len(weight), steps, shortest)
+    wave, g, own = _waves(*state), glint.gain, np.linalg.inv(glint.slopes)
+    m = (float(glint.slopes[0, 0]), float(glint.slopes[0, 1]), float(glint.slopes[1, 1]))
+    apart, everywhere = _growth(m, (float(towards[0]), float(towards[1])), *state)
+    light = fft.fft2(weight).real / size**2
+    slope = fft.rfft2(light * apart).real
+    slope += (light * everywhere).sum((2, 3))[:, :, None, None]
+    k = wave.frequency
+    follows = np.einsum("axy,bxy,abxy->xy", k, k, slope) * (2 / size**2 * wave.power)
+    opposite = np.roll(follows[::-1], 1, 0)[:, (size - 1) // 2 : 0 : -1]
+    linear = weight[:, : size // 2 + 1] * wave.power * np.einsum("a,axy->xy", g, k)
+    bent = np.einsum("ab,bxy->axy", np.outer(g, g) - own, fft.irfft2(linear * k, (size, size)))
+    pairs = 4 / size**2 * np.einsum("axy,abxy,bxy->", bent, wave.slopes, bent)
+    return Scatter(np.hstack([follows, opposite]), float(pairs))
+
+
+@lru_cache(maxsize=32)
+def _growth(
+    m: tuple[float, float, float],
+    towards: tuple[float, float],
+    sea: Sea,
+    size: int,
+    steps: tuple[float, float],
+    shortest: float,
+) -> tuple[Floats, Floats]:
+    """Changes (2, 2, n, n) of <b b'> of two places with R between them, and with M."""
+    slopes, z = np.array([[m[0], m[1]], [m[1], m[2]]]), np.array(towards)
+    r = _waves(sea, size, steps, shortest).slopes
+    plus, minus = (_inverse(slopes[:, :, None, None] + sign * r)[0] for sign in (1, -1))
+    p, g = np.einsum("abxy,b->axy", plus, z), np.linalg.solve(slopes, z)
+    pair, both = p[:, None] * p, _product(slopes, r, z)
+    beside = (np.linalg.inv(slopes) - np.outer(g, g))[:, :, None, None]
+    return both * (pair - (plus - minus) / 2), both * (beside + pair - (plus + minus) / 2)
