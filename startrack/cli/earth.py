@@ -20,7 +20,15 @@ if wanted(__name__):
     from startrack.core import Camera, FieldPsf, Floats, Streams, deg, require_memory, um
     from startrack.earth import imager, product
     from startrack.earth.atmosphere import RunGeometry, import_tape7
-    from startrack.earth.geometry import EarthScene, Orbit, Strip, aimed, find, observe_earth
+    from startrack.earth.geometry import (
+        EarthScene,
+        Orbit,
+        Strip,
+        aimed,
+        find,
+        flight_height,
+        observe_earth,
+    )
     from startrack.earth.product import UNITS as PRODUCT_UNITS
     from startrack.earth.retrieval import ground_spectrum, load_earth_design
     from startrack.earth.terrain import EQUATORIAL, Pyramid, Raster
@@ -283,6 +291,9 @@ def rendered(options: argparse.Namespace) -> int:
     path = _scene_path(options)
     with as_wrong_use():
         survey = imager.load_survey(path)
+        above = flight_height(survey.carrier)
+        for channel in survey.channels:  # a band without air is refused before the first image
+            imager.band_of(channel, survey.air, above, survey.distance_to_sun)
     first = None
     for channel in survey.channels:
         lines, columns = channel.detector.rows, channel.columns
@@ -349,6 +360,17 @@ def _beside_text(result: dict[str, Any]) -> list[str]:
     ]
 
 
+def _dark_text(result: dict[str, Any]) -> list[str]:
+    """Why an image has no light."""
+    if not result["seen"]:
+        return ["ground    none is seen: the lines of sight pass the Earth"]
+    if not sum(result["radiance"].values()):
+        return [
+            "light     none: the Sun is below the horizon, or it shines on no ground that is seen"
+        ]
+    return []
+
+
 def _scene_path(options: argparse.Namespace) -> Path:
     """Path of a scene file, or of a scene with a camera of the catalogue."""
     scene = options.scene or "hsrs"
@@ -408,6 +430,7 @@ def _picture_text(result: dict[str, Any]) -> list[str]:
         f"numbers   mean {result['number_mean']:.1f}, {100 * result['saturated']:.2f} % "
         f"saturated; {result['electrons_per_radiance']:.4g} electrons for 1 W / m^2 / sr / um",
         f"exposure  {1e3 * result['exposure_s']:.4g} ms, smear {result['smear_px']:.2f} pixel",
+        *_dark_text(result),
         *_beside_text(result),
     ]
     off = "pixel {}across and {:.3g} along off the first channel"

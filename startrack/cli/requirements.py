@@ -181,10 +181,17 @@ def _figures_text(
         f"noise {figures.noise:.4g}{amplified}{step}",
         f"  dynamic range        {figures.dynamics:.4g}, {bits:.1f} bit; saturates at "
         f"{figures.saturation * um:.4g} W / m^2 / sr / um{beside['saturation']}",
+        *_saturated(figures),
         f"  pixel rate           {figures.clock / 1e6:.4g} Mpixel / s, a line in "
         f"{1e3 * figures.period:.4g} ms; {figures.data_rate / 1e6:.4g} Mbit / s",
         *([f"  NOT MET              {', '.join(missed)}"] if missed else []),
     ]
+
+
+def _saturated(figures: imager.Figures) -> list[str]:
+    if figures.radiance <= figures.saturation:
+        return []
+    return ["  SATURATED            the light of this SNR is more than a pixel holds"]
 
 
 def _beside(channel: imager.Channel, name: str) -> str:

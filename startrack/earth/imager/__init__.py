@@ -88,6 +88,7 @@ from startrack.earth.imager.parameters import (
     exposure_of,
     load_imager,
     load_survey,
+    require_pace,
     scene_of,
     smear,
 )

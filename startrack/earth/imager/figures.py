@@ -14,7 +14,14 @@ from startrack.earth.atmosphere import Reach, SlantPath, radiance, refine
 from startrack.earth.geometry import fly, ground_rate
 from startrack.earth.imager.band import INFRARED, Band, band_of
 from startrack.earth.imager.lens import field_lens, image_pixels
-from startrack.earth.imager.parameters import Channel, Performance, Survey, exposure_of, smear
+from startrack.earth.imager.parameters import (
+    Channel,
+    Performance,
+    Survey,
+    exposure_of,
+    smear,
+    stage_drift,
+)
 from startrack.earth.imager.restore import restoration_of
 from startrack.earth.terrain import geodetic
 from startrack.optics import (
@@ -42,7 +49,8 @@ class Figures:
     swath, field      metre; radian
     rayleigh          metre, on the ground: 1.22 lambda H / D
     mtf_across, mtf_along  1, at half a cycle per pixel, or per `average` pixels: lens, blur, pixel,
-                      smear, and across the read-out channel. The Nyquist frequency of
+                      smear, and across the read-out channel; along, too, where the lines of a TDI
+                      detector do not keep pace with the ground. The Nyquist frequency of
                       staggered lines is twice that, where the MTF of a pixel is 0. With a lens
                       table the lowest over the field; with `restore` after its filter, which may
                       be above 1 where two waves are seen as one
@@ -123,6 +131,8 @@ def figures(
         across = sharpness(channel, wavelength, "x", merged=channel.average)
         along, illumination = sharpness(channel, wavelength, "y", drift), None
     across *= _read_out(channel)
+    ahead = stage_drift(channel, period, rate)
+    along *= _mean_of_phases(math.pi / channel.average * ahead, channel.stages)
     amplified = 1.0
     if channel.restore is not None:
         lens = field_lens(channel, channel.sensor(1, rate), optics, band.wavelength, band.weight)
@@ -177,10 +187,11 @@ def figures_of(survey: Survey) -> Iterator[tuple[Channel, float, Figures]]:
 def margins_of(channel: Channel, predicted_figures: Figures) -> dict[str, float]:
     """Margin of each requirement of a channel, over the requirement; met where it is 0 or more.
 
-    Those of GSD and NEdT are limits from above.
+    Those of GSD and NEdT are limits from above. A light that saturates has no SNR.
     """
+    full = predicted_figures.radiance > predicted_figures.saturation
     predicted = {
-        "snr": predicted_figures.snr,
+        "snr": 0.0 if full else predicted_figures.snr,
         "nedt": predicted_figures.nedt,
         "mtf": min(predicted_figures.mtf_across, predicted_figures.mtf_along),
         "saturation": predicted_figures.saturation,
@@ -251,8 +262,12 @@ def _lens_over_field(
 
 def _merged(channel: Channel) -> float:
     """MTF of the mean of `average` columns at their Nyquist frequency."""
-    turn = math.pi / channel.average * np.arange(channel.average)
-    return float(abs(np.mean(np.exp(1j * turn))))
+    return _mean_of_phases(math.pi / channel.average, channel.average)
+
+
+def _mean_of_phases(step: float, count: int) -> float:
+    """Modulus of the mean of waves whose phases differ by a step in radian."""
+    return float(abs(np.mean(np.exp(1j * step * np.arange(count)))))
 
 
 def reference(band: Band) -> float:

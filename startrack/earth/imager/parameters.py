@@ -86,6 +86,7 @@ class Performance(Parameters):
     )
 
 
+PACE = 0.5  # pixel; chosen by hand
 COMPARED = (
     "light, required and measured performance, which `startrack requirements` prints beside the "
     "predicted one"
@@ -489,6 +490,26 @@ def smear(channel: Channel, period: float, rate: float) -> float:
     """
     time = channel.exposure_of_line(period)
     return rate * time * channel.optics.image_distance / channel.detector.pitch
+
+
+def stage_drift(channel: Channel, period: float, rate: float) -> float:
+    """Pixel by which the ground runs ahead of the charge of a TDI detector from stage to stage.
+
+    0 for other detectors. Arguments as for `smear`.
+    """
+    if channel.kind != "tdi" or channel.period is None:
+        return 0.0
+    return rate * period * channel.optics.image_distance / channel.detector.pitch - 1
+
+
+def require_pace(channel: Channel, period: float, rate: float) -> None:
+    """Refuse a TDI detector whose lines do not keep pace with the ground within half a pixel."""
+    if abs(ahead := stage_drift(channel, period, rate)) * (channel.stages - 1) > PACE:
+        raise Refused(
+            f"channel {channel.name}: period must keep {channel.stages} stages within {PACE:g} "
+            f"pixel of the ground where a retrieval is studied, {period / (1 + ahead):.4g} s for "
+            f"all, got {period:.4g} s"
+        )
 
 
 def exposure_of(channel: Channel, period: float) -> float:

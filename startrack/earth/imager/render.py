@@ -21,7 +21,7 @@ from startrack.earth.imager.adjacency import Environment, around_scene, leaving
 from startrack.earth.imager.band import Band, band_of, mean_wavelength, terms_in_band
 from startrack.earth.imager.cloud_radiance import Deck, decks_of, with_clouds
 from startrack.earth.imager.land import Land, burning_fraction, reflection, temperature
-from startrack.earth.imager.parameters import Channel, Survey, exposure_of, smear
+from startrack.earth.imager.parameters import Channel, Survey, exposure_of, require_pace, smear
 from startrack.earth.terrain import Ground, Pyramid, geodetic
 from startrack.motion import Motion, realise_motion
 from startrack.motion import blur as motion_blur
@@ -172,6 +172,7 @@ def setting_below(
     optics = _shaken(survey.motion, channel, period)
     field = lens.field_lens(channel, sensor, optics, band.wavelength, band.weight)
     electrons = channel.etendue() * exposure * band.electrons
+    require_pace(channel, period, rate)
     drift = smear(channel, period, rate)
     setting = Setting(
         period, exposure, drift, field.images, band, surroundings, electrons, field.camera

@@ -20,6 +20,7 @@ from startrack.earth.imager import (
     cover_at,
     exposure_of,
     image_blur,
+    require_pace,
     smear,
 )
 from startrack.earth.retrieval import fire, texture
@@ -215,6 +216,7 @@ def side_of(survey: Survey, channel: Channel, spots: LevelGround) -> Side:
     period = channel.sensor(survey.rays, rate).dating(carrier).period
     exposure = exposure_of(channel, period)
     side = above * channel.detector.pitch / optics.image_distance
+    require_pace(channel, period, rate)
     drift = smear(channel, period, rate)
     once = channel.exposure_of_line(period)
     along = drift / once * period if period and drift else 1.0

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from startrack.cli.main import main
-from startrack.core import Curve
+from startrack.core import Curve, Refused
 from startrack.core.units import deg, nm, um
 from startrack.design.files import load_design
 from startrack.detector import Detector, Scan
@@ -26,6 +26,7 @@ from startrack.earth.imager import (
     load_imager,
     load_survey,
     margins_of,
+    require_pace,
 )
 from startrack.earth.imager.band import band_of
 from startrack.earth.imager.figures import figures
@@ -281,6 +282,29 @@ def test_the_mean_of_columns():
     assert mean.snr == pytest.approx(2 * single.snr)
     assert mean.sampling_across == pytest.approx(4 * single.sampling_across)
     assert mean.mtf_across == pytest.approx(figures(large, band, 600e3, 0.01).mtf_across)
+
+
+def test_lines_of_a_tdi_detector_that_do_not_keep_pace_are_blurred():
+    """Half a pixel a stage shifts half a cycle per pixel by 90 degrees: four stages cancel."""
+    channel = flat()
+    square = 10e-6 / channel.optics.focal_length / 0.01
+    found = []
+    for pace in (None, square, 1.5 * square):
+        scan = replace(channel.detector, scan=Scan("tdi", stages=4), exposure=square / 10)
+        own = replace(channel, detector=scan, period=pace)
+        found.append(figures(own, band_of(own, None, 1e3, 1.0), 600e3, 0.01))
+        if pace == 1.5 * square:
+            with pytest.raises(Refused, match="period must keep 4 stages within"):
+                require_pace(own, pace, 0.01)
+    assert found[0].mtf_along == pytest.approx(found[1].mtf_along)
+    assert found[2].mtf_along == pytest.approx(0, abs=1e-9)
+
+
+def test_light_that_saturates_has_no_snr():
+    channel = flat(reference=Reference(1e9 / um), required=Performance(snr=1.0))
+    found = figures(channel, band_of(channel, None, 1e3, 1.0), 600e3, 0.01)
+    assert found.snr > 1
+    assert margins_of(channel, found) == {"snr": -1.0}
 
 
 def test_requirements_of_a_channel(tmp_path, capsys):
