@@ -90,7 +90,10 @@ declare = Parts(
         Options(
             "Writes geometry.png and geometry.nc (NetCDF).",
             Option(
-                "scene SCENE.toml", "scene file (default: the example, mountains)", Path, many="?"
+                "scene SCENE",
+                "scene file, or one of the catalogue (default: mountains); of a camera with "
+                "channels the first one",
+                many="?",
             ),
             SEED,
             out("startrack-earth"),
@@ -253,7 +256,7 @@ def command(options: argparse.Namespace) -> int:
 
 def geometry(options: argparse.Namespace) -> int:
     """Write geometry.png and geometry.nc; print a summary."""
-    path = options.scene or shipped("scenes/mountains.toml")
+    path = _scene_path(options) if options.scene else shipped("scenes/mountains.toml")
     scene, motion = read_scene(path)
     turn = jitter(scene, motion, options.seed)
     lines, columns = scene.sensor.lines, scene.sensor.columns
@@ -735,6 +738,9 @@ def read_scene(path: Path) -> tuple[EarthScene, Motion]:
     """The scene of a file and its table [motion]; raises WrongUse where it cannot be used."""
     with as_wrong_use():
         table = read_table(path, "a scene file")
+        if "camera" in table:  # of all channels the first
+            survey = imager.load_survey(path)
+            return survey.scene(survey.channels[0]), survey.motion
     with as_wrong_use(path=path):
         motion = from_table(Motion, table.pop("motion", {}), "motion")
         return from_table(EarthScene, table), motion

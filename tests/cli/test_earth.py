@@ -118,7 +118,7 @@ def test_files_that_are_not_there(tmp_path, capsys):
     assert "must name files, but there are none" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
     assert main(["earth", "geometry", str(tmp_path / "none.toml")]) == 2
-    assert "must be a scene file, but there is none" in capsys.readouterr().err
+    assert "must be a scene file, or one of" in capsys.readouterr().err
 
 
 def test_terrain_files_are_listed_and_can_be_flown_over(undrawn, tmp_path, capsys):
@@ -148,6 +148,17 @@ def test_terrain_files_are_listed_and_can_be_flown_over(undrawn, tmp_path, capsy
     write(tmp_path / "wrong.tif", wrong, grid)
     assert main(["earth", "terrain", str(tmp_path / "wrong.tif")]) == 0
     assert "may not all be heights of the Earth" in capsys.readouterr().out
+
+
+def test_the_geometry_of_a_scene_with_channels_is_that_of_the_first(undrawn, tmp_path, capsys):
+    """Four pixels of two lines of HSRS see the mountains of its scene."""
+    text = shipped("scenes/hsrs.toml").read_text()
+    rows = [row for row in text.splitlines() if not row.startswith(("lines", "columns"))]
+    path = tmp_path / "scene.toml"
+    path.write_text("\n".join(["lines = 2", "columns = 4", *rows]))
+    assert main(["earth", "geometry", str(path), "--out", str(tmp_path), "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert (result["lines"], result["columns"], result["seen"]) == (2, 4, 1.0)
 
 
 def test_a_scene_that_misses_its_terrain_says_so(undrawn, tmp_path, capsys):

@@ -43,7 +43,7 @@ class Scatter(NamedTuple):
     pairs: float
 
 
-class _Waves(NamedTuple):
+class _SlopeSpectrum(NamedTuple):
     """Waves of a half plane, (n, m): cycle / metre (2, n, m), metre^2 of their slopes.
 
     slopes  (2, 2, n, n) R, covariance of slopes between two places
@@ -55,14 +55,14 @@ class _Waves(NamedTuple):
 
 
 @lru_cache(maxsize=32)
-def _waves(sea: Sea, size: int, steps: tuple[float, float], shortest: float) -> _Waves:
+def _waves(sea: Sea, size: int, steps: tuple[float, float], shortest: float) -> _SlopeSpectrum:
     down, right = fft.fftfreq(size, steps[0])[:, None], fft.rfftfreq(size, steps[1])[None]
     frequency = np.stack(np.broadcast_arrays(down, right))
     power = elevation_power(sea, np.moveaxis(frequency, 0, -1), shortest)
     power[0, 0] = 0.0
     power *= (2 * math.pi) ** 2 / math.prod(steps)
     slopes = fft.irfft2(power * frequency[:, None] * frequency, (size, size))
-    return _Waves(frequency, power, np.asarray(slopes))
+    return _SlopeSpectrum(frequency, power, np.asarray(slopes))
 
 
 @lru_cache(maxsize=32)
