@@ -385,8 +385,9 @@ class SeaStudy(NamedTuple):
             "errors of the wind and of the light of air, sky and water, which are taken as known",
             "waves that are not linear, currents, a second system of waves, foam in patches",
             "lines of sight aside, and the edges of an image: waves are periodic over it",
-            "formulas alone: correlations between waves of an image, for which errors of trials "
-            "were 0.79 to 1.20 times those by formula",
+            "formulas alone: products of four and more waves, for which errors of trials were 0.87 "
+            "to 1.06 times those by formula over five designs: 0.87 of heights under a Sun 15 "
+            "degrees from the zenith",
         )
 
     def expected(self) -> dict[str, float]:
