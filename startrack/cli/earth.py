@@ -19,7 +19,7 @@ if wanted(__name__):
     from startrack.cli.terminal import print_result, progress
     from startrack.core import Camera, FieldPsf, Floats, Streams, deg, require_memory, um
     from startrack.earth import imager, product
-    from startrack.earth.atmosphere import RunGeometry, import_tape7
+    from startrack.earth.atmosphere import Air, RunGeometry, import_tape7
     from startrack.earth.geometry import (
         EarthScene,
         Orbit,
@@ -334,7 +334,7 @@ def rendered(options: argparse.Namespace) -> int:
         first = first or (channel, setting.camera)
         if channel.optics.tabulated or survey.camera.spectrometer:
             result |= _lens_values(channel, setting, *first)
-        result |= frames
+        result |= frames | _other_air(survey, channel)
         print_result(options, result, *_picture_text(result))
     return Exit.DONE
 
@@ -409,6 +409,16 @@ def _picture_values(
     }
 
 
+def _other_air(survey: imager.Survey, channel: imager.Channel) -> dict[str, Any]:
+    """The aerosol of a scene, where an infrared band has another."""
+    air = survey.air
+    if air is None or air.table or imager.mean_wavelength(channel) <= imager.INFRARED:
+        return {}
+    if (air.aerosol, air.visibility) == (Air().aerosol, Air().visibility):
+        return {}
+    return {"aerosol_not_used": f"{air.aerosol}, {air.visibility / 1e3:g} km"}
+
+
 def _lens_values(
     channel: imager.Channel, setting: imager.Setting, first: imager.Channel, other: Camera
 ) -> dict[str, Any]:
@@ -436,6 +446,11 @@ def _picture_text(result: dict[str, Any]) -> list[str]:
         *_dark_text(result),
         *_beside_text(result),
     ]
+    if "aerosol_not_used" in result:
+        lines.append(
+            "air       rural aerosol with 23 km of visibility, as all bands beyond 3 um have, not "
+            f"that of the scene ({result['aerosol_not_used']})"
+        )
     off = "pixel {}across and {:.3g} along off the first channel"
     if "illumination" in result:
         across, along = result["lens_misregistration_px"]

@@ -1,16 +1,19 @@
 """`startrack earth`: maps, images, and the messages of wrong use."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.io import netcdf_file
 
-from startrack.cli.earth import read_scene
+from startrack.cli.earth import _other_air, read_scene
 from startrack.cli.main import main
+from startrack.earth.atmosphere import Air
 from startrack.earth.geometry import observe_earth
 from startrack.earth.geometry import scene as scene_of_files
+from startrack.earth.imager import load_survey
 from startrack.io import shipped
 
 pytest.importorskip("sgp4")
@@ -192,3 +195,10 @@ def test_output_of_modtran_becomes_a_table_that_a_scene_names(tmp_path, capsys):
         assert words in capsys.readouterr().err
     assert not (tmp_path / "c.csv").exists()
     assert main([*runs[:3], str(tmp_path / "none.tp7"), *runs[4:], *more]) == 2
+
+
+def test_an_infrared_band_says_that_its_aerosol_is_not_that_of_the_scene():
+    survey = load_survey(shipped("scenes/hsrs.toml"))
+    assert _other_air(survey, survey.channels[0]) == {}
+    hazy = replace(survey, air=Air("urban", 40e3))
+    assert _other_air(hazy, hazy.channels[0]) == {"aerosol_not_used": "urban, 40 km"}
