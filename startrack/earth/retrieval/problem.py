@@ -155,8 +155,17 @@ class EarthProblem:
                 for channel in self.design.camera.channels
                 if channel.restore is not None
             ),
+            *self._fixed_sun(),
         )
         return Expectation(self._mean(parts), margins, parts, left_out)
+
+    def _fixed_sun(self) -> tuple[str, ...]:
+        orbit, retrieval = self.design.orbit, self.design.retrieval
+        if orbit is None or orbit.local_time is None or retrieval is None:
+            return ()
+        if retrieval.latitude is not None:
+            return ()
+        return ("the Sun of orbit.local_time: without retrieval.latitude it is that of sun_zenith",)
 
     def trials(self, seed: int, numbers: range, fidelity: str = IMAGE) -> Rows:
         """Rows of trials by their numbers, the same for any worker.

@@ -82,3 +82,13 @@ def test_the_distance_of_the_sun_is_that_of_the_day():
     far = problem.replaced({"orbit.day": 187.0})
     light = [own.studies["nominal"].design.distance_to_sun for own in (problem, far)]
     assert (light[1] / light[0]) ** 2 == pytest.approx(1.069, abs=0.001)
+
+
+def test_a_local_time_without_a_latitude_is_said_to_move_no_sun():
+    """At 22:30 the Sun of the retrieval is where it is at 10:30."""
+    late, north = (
+        EarthProblem(load_earth_design("fields", changes)).expect(("nominal",)).left_out
+        for changes in (NORTH[1:], NORTH)
+    )
+    assert [words for words in late if "orbit.local_time" in words]
+    assert not [words for words in north if "orbit.local_time" in words]
