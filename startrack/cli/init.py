@@ -41,7 +41,10 @@ def command(options: argparse.Namespace) -> int:
         raise WrongUse(f"{path} must not exist yet, so that no design is lost")
     if options.product and options.product not in products():
         raise WrongUse(f"--from must be one of {', '.join(products())}, got {options.product!r}")
+    text = template(options.product, options.all)
     with as_wrong_use():
-        save_text(path, template(options.product, options.all))
-    print_result(options, {"design": str(path)}, f"{path} written; next: startrack budget {path}")
+        save_text(path, text)
+    said = [line.removeprefix("# ") for line in text.splitlines()[1:2] if line]  # of limits
+    result = {"design": str(path)}
+    print_result(options, result, f"{path} written; next: startrack budget {path}", *said)
     return Exit.DONE

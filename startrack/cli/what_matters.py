@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Collection, Mapping
+import time
+from collections.abc import Callable, Collection, Mapping
 from typing import Any, NamedTuple
 
 from startrack.cli.options import (
@@ -30,6 +31,7 @@ if wanted(__name__):
     from startrack.report import write_study_page
     from startrack.verification import margins as margins_of
 
+TIMED, LONG = 4, 2.0  # forecasts by which the time is known, and minutes from which it is said
 UNITS = 6  # where a design varies from unit to unit and no number is asked for
 FEW = 3  # variables, steps or margins that a sentence names
 # Share of the variance below which a variable is said not to matter.
@@ -137,7 +139,26 @@ def forecast(options: argparse.Namespace, source: Any) -> WhatMatters:
     """Forecast what matters of a source's designs."""
     needed = optimise.forecasts_needed(len(source.names), options.designs)
     with terminal.progress("forecasts", needed) as advance:
-        return optimise.what_matters(source, options.designs, advance)
+        return optimise.what_matters(source, options.designs, _timed(advance, needed))
+
+
+def _timed(advance: Callable[[int], None], needed: int) -> Callable[[int], None]:
+    """The same, which says once how long all will take, where that is long."""
+    begun, done = time.monotonic(), 0
+
+    def count(number: int) -> None:
+        nonlocal done
+        before, done = done, done + number
+        advance(number)
+        if before < TIMED <= done:
+            minutes = (time.monotonic() - begun) / done * needed / 60
+            if minutes > LONG:
+                terminal.print_message(
+                    f"startrack: {needed} forecasts take about {minutes:.0f} min; fewer --designs "
+                    "take less, and the causes of the error alone are those of `startrack budget`"
+                )
+
+    return count
 
 
 def sampled_region(source: Any) -> Tolerance:

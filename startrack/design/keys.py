@@ -6,7 +6,7 @@ import math
 import tomllib
 import types
 import typing
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from enum import StrEnum
 from functools import cache
 from textwrap import wrap
@@ -17,9 +17,11 @@ from startrack.design.campaign import Campaign
 from startrack.design.case import Case, Fidelity
 from startrack.design.measured_tables import TABLES
 from startrack.design.products import of_product
+from startrack.design.requirements import Requirements
 from startrack.design.told import Told
 from startrack.design.unknown import FORMS
-from startrack.io import LARGEST_INTEGER, shipped, written
+from startrack.detector import Detector
+from startrack.io import LARGEST_INTEGER, from_table, shipped, written
 
 COLUMNS = (*map(str, Fidelity), "budget")
 OF_TRIALS = ("instrument", "tracker", "scene", "catalog")
@@ -222,25 +224,58 @@ AGEING = "instrument.detector.dark_current"
 def template(product: str = "", optional: bool = False) -> str:
     """The text of a design file that `load_design` reads.
 
-    The values are those of the example in the catalogue, a tracker for a nanosatellite.
+    The values are those of the example in the catalogue, a tracker for a nanosatellite. Limits that
+    another detector cannot keep follow from it: the power is the example's and what reading out
+    takes more, the update rate is at most that of the detector.
 
     product   detector of the catalogue; "": the example's, without a name
     optional  whether keys that may be left out stand there, too, with their defaults, as comments
     Raises    ValueError for a product that the catalogue does not have.
     """
-    table = tomllib.loads(shipped(EXAMPLE).read_text(encoding="utf-8"))
+    table, follow = tomllib.loads(shipped(EXAMPLE).read_text(encoding="utf-8")), dict[str, str]()
     if product:
         detector = of_product(product)
-        own = {name: table["instrument"]["detector"][name] for name in OWN}
+        example = table["instrument"]["detector"]
+        own = {name: example[name] for name in OWN}
         table["instrument"]["detector"] = {"product": product} | own
+        limits = table["campaign"]["requirements"]
+        follow = _kept_limits(limits, _detector(example), _detector(detector | own))
+        limits |= follow
         table["tracker"]["detection"]["saturation"] = float(2 ** detector["bits"] - 1)
         # The example's detector ages by a law of its own; another one by that of the class.
         del table["tracker"]["detection"]["dark_map_age"]
         rows = [row for row in table.pop("variation") if row["name"] != AGEING]
         if rows:
             table["variation"] = rows
-    head = "# A star tracker; the values are those of an example. All keys: startrack keys"
-    return "\n".join([head, *_tables(table, "", _by_name(), optional)]) + "\n"
+    head = ["# A star tracker; the values are those of an example. All keys: startrack keys"]
+    if follow:
+        words = " and ".join(f"{name} = {value}" for name, value in follow.items())
+        head.append(f"# {words}: {product} cannot keep the limit of the example")
+    return "\n".join([*head, *_tables(table, "", _by_name(), optional)]) + "\n"
+
+
+def _kept_limits(limits: dict[str, Any], example: Detector, own: Detector) -> dict[str, str]:
+    """Limits of a design's requirements that change with its detector, as a file has them."""
+    needs = from_table(Requirements, limits)
+    power = needs.max_power + needs.energy_per_bit * max(own.data_rate - example.data_rate, 0.0)
+    rate = min(needs.min_update_rate, own.update_rate)
+    changes = dict[str, str]()
+    if power > needs.max_power:
+        changes["max_power"] = f"{_two_digits(power, math.ceil):g} W"
+    if rate < needs.min_update_rate:
+        changes["min_update_rate"] = f"{_two_digits(rate, math.floor):g} Hz"
+    return changes
+
+
+def _detector(table: dict[str, Any]) -> Detector:
+    """A new one: a product's age has no time without that of a design."""
+    return from_table(Detector, {name: value for name, value in table.items() if name != "age"})
+
+
+def _two_digits(value: float, whole: Callable[[float], int]) -> float:
+    """A positive number that is rounded up or down."""
+    unit = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return whole(value / unit) * unit
 
 
 def _tables(table: Any, place: str, keys: dict[str, Key], optional: bool) -> Iterator[str]:

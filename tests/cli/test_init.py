@@ -2,6 +2,7 @@
 
 import re
 import tomllib
+from dataclasses import replace
 
 import pytest
 
@@ -11,11 +12,23 @@ from startrack.io import shipped
 
 
 @pytest.mark.parametrize("product", ["", *products()])
-def test_it_loads_and_has_the_detector(product, tmp_path):
+def test_it_loads_and_has_the_detector(product, tmp_path, capsys):
     path = tmp_path / "mine.toml"
     assert main(["init", str(path), *(["--from", product] if product else [])]) == 0
     example, found = load_design(shipped("designs/nanosatellite.toml")), load_design(path)
-    assert found.campaign == example.campaign
+    said = capsys.readouterr().out
+    needs, given = found.campaign.requirements, example.campaign.requirements
+    kept = {name: getattr(given, name) for name in ("max_power", "min_update_rate")}
+    assert replace(needs, **kept) == given
+    assert replace(found.campaign, requirements=given) == example.campaign
+    assert ("cannot keep the limit of the example" in said) == (needs != given)
+    # The design keeps its limits, with the room of the example's where they follow its detector.
+    assert needs.power(found.case) <= needs.max_power
+    assert found.case.instrument.detector.update_rate >= needs.min_update_rate
+    if needs.max_power > given.max_power:
+        room = given.max_power - given.power(example.case)
+        spare = needs.max_power - needs.power(found.case)
+        assert room <= spare <= room + 0.1 * needs.max_power
     assert found.case.instrument.optics == example.case.instrument.optics
     detector = found.case.instrument.detector
     assert product == "" or detector != example.case.instrument.detector

@@ -2,8 +2,10 @@ import json
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
+from startrack.cli import what_matters
 from startrack.cli.main import main
 from startrack.io import shipped
 
@@ -75,3 +77,18 @@ def test_the_list_of_commands_has_the_present_name_alone():
     ).stdout
     assert "what-matters" in told
     assert "sensitivity" not in told
+
+
+def test_how_long_it_takes_is_said_where_that_is_long(monkeypatch, capsys):
+    """300 forecasts of 6 s take 30 min; of 0.01 s nothing is said."""
+    for seconds, words in ((6.0, "300 forecasts take about 30 min; fewer --designs"), (0.01, "")):
+        clock, counted = iter(seconds * np.arange(10)), []
+        monkeypatch.setattr(what_matters.time, "monotonic", lambda clock=clock: next(clock))
+        count = what_matters._timed(counted.append, 300)
+        next(clock), next(clock), next(clock)  # while three are computed
+        for _ in range(5):
+            count(1)
+        assert counted == [1] * 5
+        said = capsys.readouterr().err
+        assert words in said
+        assert said.count("startrack:") == bool(words)
