@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -107,7 +107,7 @@ def lacking(margins: Mapping[str, float]) -> dict[str, float]:
     return dict(sorted(short.items(), key=lambda pair: -pair[1]))
 
 
-# Of the time, until forecasts and until trials of the search have ended: on the nanosatellite.
+# Fractions of the time after which forecasts, and trials of the search, end: on the nanosatellite.
 FORECAST_PART, TRIED_PART = 0.7, 0.75
 FRESH_SETS = 3  # of fresh trials: of the start, of the best, and of the best at rest
 
@@ -170,7 +170,7 @@ def optimize(
     the search goes on to another design, which is judged on others, in at most ROUNDS rounds.
 
     watch        called with each evaluation
-    watch_stage  called with how far it has come
+    watch_stage  called with the stage that the search has reached
     adapt        as in DesignSpace; it refuses a design by `Refused`
     Raises       ValueError where the campaign names no variables.
     Accuracy     model: that of the budget, where trials are too few to correct it.
@@ -198,13 +198,64 @@ def optimize(
             explorer, space, campaign, runner, record, judge, len(tried)
         )
         landscape = explorer.landscape(np.array(confirmed.design.coordinates))
-    best, second, fresh_trials = confirmed.design, confirmed.frames, confirmed.fresh
-    first = _fresh_frames(campaign.judged(case), campaign, runner, fresh_trials, progress.fresh)
-    objective, needs = campaign.goal, campaign.requirements
-    winner = space.design(np.array(best.coordinates))
-    counted = [condition for condition in campaign.judged(winner) if condition.weight]
-    weights = [condition.weight for condition in counted]
-    tuning = second
+    judged, needs = campaign.judged(case), campaign.requirements
+    frames = _fresh_frames(judged, campaign, runner, confirmed.fresh, progress.fresh)
+    winner = space.design(np.array(confirmed.design.coordinates))
+    gain = _gain(case, frames, winner, confirmed, campaign, runner)
+    start, best = (
+        summarise(outcomes[design.NOMINAL], needs.limits) for outcomes in (frames, confirmed.frames)
+    )
+    found = Optimum(
+        space=space,
+        branch=label,
+        start=case,
+        best=winner,
+        evaluations=tuple(tried),
+        fresh=(start, best),
+        factor=gain.factor,
+        tuning_error=confirmed.design.error,
+        optimism=gain.optimism,
+        availability=confirmed.availability,
+        margins=confirmed.margins,
+        errors=confirmed.errors,
+        rounds=rounds,
+        ending=ending,
+        trials={fidelity.value: count for fidelity, count in runner.tried.items()},
+        units=gain.units,
+        landscape=landscape,
+    )
+    if found.feasible and not found.factor.value < 1:
+        return found
+    shown = _shown(judged, campaign, runner, frames, confirmed.fresh, progress.fresh)
+    return _better(found, margins_of(needs, case) | shown.margins, shown)
+
+
+class _Gain(NamedTuple):
+    """`factor`, `optimism` and `units` of an `Optimum`."""
+
+    factor: Interval
+    optimism: Interval
+    units: ComparedUnits | None
+
+
+def _gain(
+    case: design.Case,
+    frames: Mapping[str, Rows],
+    winner: design.Case,
+    confirmed: _Confirmed,
+    campaign: Campaign,
+    runner: TrialRunner,
+) -> _Gain:
+    """Compare the start with the best, and the best with the trials that tuned it.
+
+    frames     outcomes of the start, by condition, on the frames of `confirmed`
+    winner     the design that was confirmed
+    """
+    began, counted = (
+        [condition for condition in campaign.judged(judged) if condition.weight]
+        for judged in (case, winner)
+    )
+    best, tuning = confirmed.design, confirmed.frames
     if best.trials:
         tuning = {
             condition.name: population_of(condition).first_trials(
@@ -212,44 +263,22 @@ def optimize(
             )
             for condition in counted
         }
-    began = [condition for condition in campaign.judged(case) if condition.weight]
-    start, end = (began, list(first.values())), (counted, list(second.values()))
+    start, end = (began, list(frames.values())), (counted, list(confirmed.frames.values()))
     units = compare_units(campaign, start, end, best.error, runner)
-    before, after, tuned = (
-        [objective.squares(rows) for rows in trials.values()] for trials in (first, second, tuning)
-    )
-    costs = campaign.cost(case), campaign.cost(winner)
     if units:
         factor, optimism = units.factor, units.optimism
     else:
+        objective, weights = campaign.goal, [condition.weight for condition in counted]
+        before, after, tuned = (
+            [objective.squares(outcomes) for outcomes in by_condition.values()]
+            for by_condition in (frames, confirmed.frames, tuning)
+        )
         factor = objective.ratio(before, after, weights)
         optimism = objective.ratio(after, tuned, weights, paired=False)
+    costs = campaign.cost(case), campaign.cost(winner)
     if costs[0] and costs[1]:
         factor = Interval(*[costs[0] / costs[1]] * 3)
-    fresh = [summarise(trials[design.NOMINAL], needs.limits) for trials in (first, second)]
-    found = Optimum(
-        space=space,
-        branch=label,
-        start=case,
-        best=winner,
-        evaluations=tuple(tried),
-        fresh=(fresh[0], fresh[1]),
-        factor=factor,
-        tuning_error=best.error,
-        optimism=optimism,
-        availability=confirmed.availability,
-        margins=confirmed.margins,
-        errors=confirmed.errors,
-        rounds=rounds,
-        ending=ending,
-        trials={fidelity.value: count for fidelity, count in runner.tried.items()},
-        units=units,
-        landscape=landscape,
-    )
-    if found.feasible and not found.factor.value < 1:
-        return found
-    shown = _shown(campaign.judged(case), campaign, runner, first, fresh_trials, progress.fresh)
-    return _better(found, margins_of(needs, case) | shown.margins, shown)
+    return _Gain(factor, optimism, units)
 
 
 def _better(found: Optimum, margins: dict[str, float], shown: _Shown) -> Optimum:

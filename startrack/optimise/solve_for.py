@@ -290,53 +290,82 @@ def solve_for(
     if values.numbers is None:
         raise Refused(f"{values.name} must have numbers, got {', '.join(values.texts)}")
     whole = designed is not None and is_whole(designed, values.name)
-
-    def asked_at(number: float) -> tuple[Case, Campaign]:
-        text = values.at(round(number) if whole else number)
-        design = load_design(path, [*every, f"{values.name}={text}"])
-        return design.case, design.campaign or Campaign()
-
-    def tried_at(number: float) -> Interval:
-        case, campaign = asked_at(number)
-        kind = fidelity or campaign.fidelity
-        found = by_trials(case, campaign, runner, trials, kind).margins[margin]
-        assert isinstance(found, Interval)
-        return Interval(*(scaled(margin, end) for end in (found.value, found.low, found.high)))
-
-    def expected_at(number: float) -> float:
-        [value] = _by_formula([asked_at(number)], margin, runner)
-        if isinstance(value, Refused):
-            raise value
-        return scaled(margin, value)
-
-    asked, reason = dict[float, tuple[Case, Campaign]](), Refused("")
-    for number in sorted(values.numbers):
-        try:
-            asked[number] = asked_at(number)
-        except Refused as error:
-            reason = error
-    found = _by_formula(list(asked.values()), margin, runner, progress)
-    margins = dict[float, float]()
-    for number, value in zip(asked, found, strict=True):
-        if isinstance(value, Refused):
-            reason = value
-        else:
-            margins[number] = value
-    if not margins:
-        raise reason
-    by_trial = trials and _decided_by_trials(margin)
+    along = _MarginAlongKey(path, every, values, whole, margin, runner, trials, fidelity)
+    margins, refused = along.margins(progress)
+    decided = trials and _decided_by_trials(margin)
     line = KeyLine(
         values,
         whole,
-        expected_at,
-        tried_at if by_trial else None,
+        along.by_formula,
+        along.by_trials if decided else None,
         [(number, scaled(margin, value)) for number, value in margins.items()],
     )
     how = "formula"
-    if by_trial:
-        kind = fidelity or next(iter(asked.values()))[1].fidelity
+    if decided:
+        kind = fidelity or along.design(next(iter(margins)))[1].fidelity
         how += f", corrected by {trials} trials of fidelity {kind}, seed {runner.seed}"
-    return Solution(values, margin, until, margins, line.crossings(), how, str(reason))
+    return Solution(values, margin, until, margins, line.crossings(), how, refused)
+
+
+@dataclass(frozen=True, eq=False)
+class _MarginAlongKey:
+    """A margin of the designs that differ in the value of one key; arguments as for `solve_for`.
+
+    whole  whether the values of the key are whole numbers
+    """
+
+    path: Path
+    changes: Sequence[str]
+    key: SweptKey
+    whole: bool
+    margin: str
+    runner: TrialRunner
+    trials: int
+    fidelity: Fidelity | None
+
+    def design(self, number: float) -> tuple[Case, Campaign]:
+        """The design at a number, and its campaign. Raises Refused where the design refuses it."""
+        text = self.key.at(round(number) if self.whole else number)
+        design = load_design(self.path, [*self.changes, f"{self.key.name}={text}"])
+        return design.case, design.campaign or Campaign()
+
+    def by_trials(self, number: float) -> Interval:
+        """The margin by trials, `scaled`."""
+        case, campaign = self.design(number)
+        kind = self.fidelity or campaign.fidelity
+        found = by_trials(case, campaign, self.runner, self.trials, kind).margins[self.margin]
+        assert isinstance(found, Interval)
+        return Interval(*(scaled(self.margin, end) for end in (found.value, found.low, found.high)))
+
+    def by_formula(self, number: float) -> float:
+        """The margin by formula, `scaled`. Raises Refused where the design refuses the number."""
+        [value] = _by_formula([self.design(number)], self.margin, self.runner)
+        if isinstance(value, Refused):
+            raise value
+        return scaled(self.margin, value)
+
+    def margins(self, progress: Advance | None) -> tuple[dict[float, float], str]:
+        """Margins by formula at the values of the key, and why others are refused; or "".
+
+        Raises  Refused where all are.
+        """
+        assert self.key.numbers is not None
+        designs, reason = dict[float, tuple[Case, Campaign]](), Refused("")
+        for number in sorted(self.key.numbers):
+            try:
+                designs[number] = self.design(number)
+            except Refused as error:
+                reason = error
+        found = _by_formula(list(designs.values()), self.margin, self.runner, progress)
+        margins = dict[float, float]()
+        for number, value in zip(designs, found, strict=True):
+            if isinstance(value, Refused):
+                reason = value
+            else:
+                margins[number] = value
+        if not margins:
+            raise reason
+        return margins, str(reason)
 
 
 def _decided_by_trials(margin: str) -> bool:

@@ -1,7 +1,7 @@
 """The results of studies as CSV, JSON lines and Markdown."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -93,29 +93,61 @@ def landscape_lines(optimum: Optimum, campaign: Campaign) -> list[str]:
 
 def comparison(optimum: Optimum, campaign: Campaign) -> str:
     """Start and best side by side, as Markdown."""
-    space = optimum.space
-    before, after = space.text(optimum.start), space.text(optimum.best)
-    lines = [f"Best design: {optimum.fresh[1].doubt}.", ""] if optimum.fresh[1].doubt else []
+    doubt = optimum.fresh[1].doubt
+    lines = [f"Best design: {doubt}.", ""] if doubt else []
     if optimum.candidate:
         lines += [kept_start(optimum, campaign), ""]
-    start, best = optimum.fresh
-    pair, needs, shown_as = (optimum.start, optimum.best), campaign.requirements, space.labels()
     spans = span_texts(optimum)
-    rows = [[shown_as[name], before[name], after[name], spans.get(name, "")] for name in before]
-    rows += _units_rows(optimum, campaign)
-    for name in ("across", "about"):
-        errors = (_written(getattr(fresh, name)) for fresh in optimum.fresh)
-        rows.append([f"rms error {name} the boresight (arcsec)", *errors])
-    rows += [
+    within = f"within {100 * campaign.precision:g} %, by the budget"
+    head = ["", "start", "best", *([within] if spans else [])]
+    rows = [
+        *_variable_rows(optimum, spans),
+        *_units_rows(optimum, campaign),
+        *_error_rows(optimum),
+        *_requirement_rows(optimum, campaign),
+    ]
+    lines += markdown(head, [(*row, "")[: len(head)] for row in rows])
+    lines += ["", _judgement(optimum, campaign)]
+    lines += landscape_lines(optimum, campaign)
+    lines += ["", *(f"{text[0].upper()}{text[1:]}." for text in optimum_caveats(optimum, campaign))]
+    for sentence in _closing_sentences(optimum):
+        lines += ["", sentence]
+    return "\n".join(lines)
+
+
+def _variable_rows(optimum: Optimum, spans: Mapping[str, str]) -> list[list[str]]:
+    """Values of the variables; `spans` as `span_texts` gives them."""
+    labels = optimum.space.labels()
+    before, after = optimum.space.text(optimum.start), optimum.space.text(optimum.best)
+    return [[labels[name], before[name], after[name], spans.get(name, "")] for name in before]
+
+
+def _error_rows(optimum: Optimum) -> list[list[str]]:
+    """Errors, availability and stars on fresh frames."""
+    rows = [
+        [
+            f"rms error {name} the boresight (arcsec)",
+            *(_written(getattr(fresh, name)) for fresh in optimum.fresh),
+        ]
+        for name in ("across", "about")
+    ]
+    return [
+        *rows,
         ["availability (%)", *(_written(fresh.availability, 0.01) for fresh in optimum.fresh)],
         ["matched stars", *(f"{fresh.stars:.1f}" for fresh in optimum.fresh)],
+    ]
+
+
+def _requirement_rows(optimum: Optimum, campaign: Campaign) -> list[list[str]]:
+    """Costs, rate and stars in the sky, with their limits."""
+    pair, needs = (optimum.start, optimum.best), campaign.requirements
+    rows = [
         [f"mass (kg), at most {needs.max_mass:g}", *(f"{needs.mass(case):.3f}" for case in pair)],
         [f"power (W), at most {needs.max_power:g}", *(f"{needs.power(case):.3f}" for case in pair)],
     ]
     if needs.max_cost is not None or campaign.minimise == "cost":
-        costs = (f"{needs.cost(case):.5g}" for case in pair)
         most = "" if needs.max_cost is None else f", at most {needs.max_cost:g}"
-        rows.append([f"cost{most}", *costs])
+        rows.append([f"cost{most}", *(f"{needs.cost(case):.5g}" for case in pair)])
     if campaign.minimise not in ("error", "mass", "power", "cost"):
         name, unit = campaign.made_small
         rows.append([f"{name} ({unit})", *(f"{campaign.cost(case):.5g}" for case in pair)])
@@ -124,65 +156,70 @@ def comparison(optimum: Optimum, campaign: Campaign) -> str:
     sky = f"{needs.min_stars} stars in {100 * needs.sky_fraction:g} % of the sky"
     margins = (f"{margins_of(needs, case)['stars in the sky']:+.2f}" for case in pair)
     rows.append([f"margin (mag) for {sky}", *margins])
-    within = f"within {100 * campaign.precision:g} %, by the budget"
-    head = ["", "start", "best", *([within] if spans else [])]
-    lines += markdown(head, [(*row, "")[: len(head)] for row in rows])
-    factor, optimism, fraction = optimum.factor, optimum.optimism, optimum.availability
+    return rows
+
+
+def _judgement(optimum: Optimum, campaign: Campaign) -> str:
+    """By how much the best is better, and the trials that say so."""
     designs, trials = len(optimum.evaluations), sum(optimum.trials.values())
     evaluated = "design was evaluated" if designs == 1 else "designs were evaluated"
-    tuning = optimum.tuning_error / arcsec
-    fresh, tuned = f"{start.trials} fresh frames, paired", "error on the tuning trials was"
-    what, later = f"{campaign.goal}", "fresh frames show"
-    if optimum.units:
-        fresh = f"{optimum.units.count} fresh units, the same of both designs"
-        what, later = f"{what} {optimum.units.over.words}", "fresh units show"
-        tuned = "level that the search expected was"
-    compared = (
-        f"Better by a factor of {bracketed(factor, '.2f')} in the {what}, on {fresh}. The {tuned} "
-        f"{tuning:.{_digits(tuning)}f} arcsec; {later} {bracketed(optimism, '.3f')} of that. "
+    compared = "" if optimum.candidate else _factor_sentences(optimum, campaign)
+    needs, false = campaign.requirements, optimum.fresh[1].false
+    return (
+        f"{compared}{designs} {evaluated}, "
+        f"{campaign.trials} to {campaign.most_trials} trials each. {trials} trials "
+        f"were done in all. The availability is at least {100 * optimum.availability.low:.2f} % "
+        f"(required: {100 * needs.min_availability:g} %); at most {100 * false.high:.2f} % of "
+        "the frames have a false attitude. Brackets and bounds hold with 95 % confidence."
     )
+
+
+def _factor_sentences(optimum: Optimum, campaign: Campaign) -> str:
+    """The factor by which the best is better, and what its error was before fresh trials."""
+    fresh, quantity = f"{optimum.fresh[0].trials} fresh frames, paired", f"{campaign.goal}"
+    tuned, later = "error on the tuning trials was", "fresh frames show"
+    if units := optimum.units:
+        fresh = f"{units.count} fresh units, the same of both designs"
+        quantity, later = f"{quantity} {units.over.words}", "fresh units show"
+        tuned = "level that the search expected was"
+    by = f"{bracketed(optimum.factor, '.2f')} in the {quantity}, on {fresh}"
     if campaign.minimise != "error":
         name, unit = campaign.made_small
-        costs = (f"{campaign.cost(case):.4g}" for case in reversed(pair))
-        compared = (
-            f"Better by a factor of {factor.value:.3g} in the {name}: {' instead of '.join(costs)} "
-            f"{unit}. The {tuned} {tuning:.{_digits(tuning)}f} arcsec; {later} "
-            f"{bracketed(optimism, '.3f')} of that. "
-        )
-    lines += [
-        "",
-        f"{'' if optimum.candidate else compared}{designs} {evaluated}, "
-        f"{campaign.trials} to {campaign.most_trials} trials each. {trials} trials "
-        f"were done in all. The availability is at least {100 * fraction.low:.2f} % "
-        f"(required: {100 * needs.min_availability:g} %); at most {100 * best.false.high:.2f} % of "
-        "the frames have a false attitude. Brackets and bounds hold with 95 % confidence.",
-    ]
-    lines += landscape_lines(optimum, campaign)
-    lines += ["", *(f"{text[0].upper()}{text[1:]}." for text in optimum_caveats(optimum, campaign))]
-    shown = {
+        costs = (f"{campaign.cost(case):.4g}" for case in (optimum.best, optimum.start))
+        by = f"{optimum.factor.value:.3g} in the {name}: {' instead of '.join(costs)} {unit}"
+    tuning = optimum.tuning_error / arcsec
+    return (
+        f"Better by a factor of {by}. The {tuned} {tuning:.{_digits(tuning)}f} arcsec; {later} "
+        f"{bracketed(optimum.optimism, '.3f')} of that. "
+    )
+
+
+def _closing_sentences(optimum: Optimum) -> Iterator[str]:
+    """Margins, choices and bounds of the best, and what it does not meet."""
+    by_trials = {
         name: margin
         for name, margin in optimum.margins.items()
         if name.startswith(("across", "about", "availability"))
     }
-    if len(shown) > 1:
-        named = ", ".join(f"{name} {margin:+.3f}" for name, margin in shown.items())
-        lines += ["", f"Margins of the best on fresh trials, by the bound that must hold: {named}."]
+    if len(by_trials) > 1:
+        named = ", ".join(f"{name} {margin:+.3f}" for name, margin in by_trials.items())
+        yield f"Margins of the best on fresh trials, by the bound that must hold: {named}."
     if optimum.branch:
-        lines += ["", f"The best design has the choices {optimum.branch}."]
+        yield f"The best design has the choices {optimum.branch}."
+    space, best = optimum.space, optimum.space.text(optimum.best)
+    labels = space.labels()
     bounds = [
-        f"{shown_as[name]} ({end}, {after[name]})"
+        f"{labels[name]} ({end}, {best[name]})"
         for name, end in space.on_bounds(optimum.best).items()
     ]
     if bounds:
-        lines += [
-            "",
+        yield (
             f"On a bound of its variable: {', '.join(bounds)}. The range decides there, not the "
-            "model; beyond it the best may be another design.",
-        ]
+            "model; beyond it the best may be another design."
+        )
     if optimum.lacking:
         short = ", ".join(f"{name} by {-margin:.3g}" for name, margin in optimum.lacking.items())
-        lines += ["", f"NOT MET, the least violated first: {short}."]
-    return "\n".join(lines)
+        yield f"NOT MET, the least violated first: {short}."
 
 
 def kept_start(optimum: Optimum, campaign: Campaign) -> str:
@@ -245,9 +282,7 @@ def units_values(units: ComparedUnits) -> dict[str, Any]:
 
 
 def optimum_caveats(optimum: Optimum, campaign: Campaign) -> list[str]:
-    """Differences between formula and fresh trials of the best design, their causes, and what the
-    formula leaves out.
-    """
+    """Sentences on the best design: formula against fresh trials, causes, and effects left out."""
     best, summary = optimum.best, optimum.fresh[1]
     over = campaign.over_units(best)
     if over:  # whose budgets count their residual
@@ -257,8 +292,8 @@ def optimum_caveats(optimum: Optimum, campaign: Campaign) -> list[str]:
     except Refused as reason:
         return [f"there is no analytic budget of the best design: {reason}"]
     # The budget is that of the unit as designed.
-    apart = () if over else differences(budget, summary)
-    sentences = [f"formula and trials differ: {difference}" for difference in apart]
+    differing = () if over else differences(budget, summary)
+    sentences = [f"formula and trials differ: {difference}" for difference in differing]
     if summary.availability.value < campaign.requirements.min_availability:
         sentences.append(
             f"attitudes are lost with {budget.stars:.1f} stars expected on average in the sky "
