@@ -63,13 +63,13 @@ def blending_shift(case: Case, catalog: Selection) -> Floats:
     distance = near.angle * camera.focal_length_px
     magnitude, other = near.magnitude + colour_correction(case, near.colour)
     contrast = other - magnitude
-    pull = _shift(with_images_of(case), distance, contrast)
-    pull[(distance < _merged(case)) & (contrast < 0)] = LOST
-    along = pull / np.maximum(near.angle, 1e-12)
-    moved = np.empty((len(stars), 3))
+    shift = _shift(with_images_of(case), distance, contrast)
+    shift[(distance < _merged(case)) & (contrast < 0)] = LOST
+    relative = shift / np.maximum(near.angle, 1e-12)
+    total = np.empty((len(stars), 3))
     for axis, apart in enumerate(near.apart):
-        moved[:, axis] = np.bincount(near.star, along * apart, len(stars))
-    return moved
+        total[:, axis] = np.bincount(near.star, relative * apart, len(stars))
+    return total
 
 
 def _shift(case: Case, distance: Floats, contrast: Floats) -> Floats:
@@ -77,14 +77,15 @@ def _shift(case: Case, distance: Floats, contrast: Floats) -> Floats:
     table, node = _table(case), _distances(case)
     j = np.clip(np.searchsorted(node, distance, side="right") - 1, 0, len(node) - 2)
     t = np.minimum((distance - node[j]) / (node[j + 1] - node[j]), 1.0)
-    v = np.clip((contrast - CONTRAST[0]) / (CONTRAST[1] - CONTRAST[0]), 0, len(CONTRAST) - 1.001)
-    i = v.astype(int)
-    s = v - i
-    pull = (1 - s) * ((1 - t) * table[i, j] + t * table[i, j + 1])
-    pull += s * ((1 - t) * table[i + 1, j] + t * table[i + 1, j + 1])
+    step = CONTRAST[1] - CONTRAST[0]
+    index = np.clip((contrast - CONTRAST[0]) / step, 0, len(CONTRAST) - 1.001)
+    i = index.astype(int)
+    s = index - i
+    shift = (1 - s) * ((1 - t) * table[i, j] + t * table[i, j + 1])
+    shift += s * ((1 - t) * table[i + 1, j] + t * table[i + 1, j + 1])
     # A fainter neighbour shifts by its fraction of the light.
-    pull *= 10 ** (-0.4 * np.maximum(contrast - CONTRAST[-1], 0))
-    return pull
+    shift *= 10 ** (-0.4 * np.maximum(contrast - CONTRAST[-1], 0))
+    return shift
 
 
 @kept(8)

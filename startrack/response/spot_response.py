@@ -17,7 +17,7 @@ from startrack.response.star_response import PHASES, phases, shaken, within_fram
 from startrack.response.zones import centroid_shift, unique_places, zones_of
 
 FLUX_STEP = 0.2 * math.log(10)  # of the logarithm of flux: half a magnitude
-# pixel, within which a companion shifts a star; chosen by hand, a window and its ring
+# Pixel, within which a companion shifts a star: a window and its ring. Chosen by hand.
 COMPANION_RADIUS = 7
 KEPT = 0.5  # chance to pass for a star, below which hot pixels make it lost
 COMPANION_RATIOS = np.arange(-4, 4) * 0.8  # logarithm of a companion's flux over the star's
@@ -134,8 +134,8 @@ def response_of_zones(grid: ResponseGrid, faintest: float, brightest: float) -> 
     for (x, y, colour), u, turn in zip(middles, which, mirror, strict=True):
         zone = _mirrored(measured[u], turn)
         at = np.array([x]), np.array([y]), np.array([colour])
-        apart = shift.at(*at)[0, :2] - images.at(*at)[0, :2]
-        zones.append(zone._replace(bias=zone.bias - apart))
+        left_out = shift.at(*at)[0, :2] - images.at(*at)[0, :2]
+        zones.append(zone._replace(bias=zone.bias - left_out))
     tables = zip(*(zone[1:6] for zone in zones), strict=True)
     joined = map(np.concatenate, tables)
     return SpotResponse._make([mean.first, *joined, mean.star_at_threshold])
@@ -179,10 +179,11 @@ def hot_windows(
 ) -> tuple[HotPixels, Floats]:
     """Effect of hot pixels on the centroids of stars of some fluxes, and on their detection.
 
-    grid     of the case `with_uniform_dark`;  true  the case with its hot pixels
+    grid     of the case `with_uniform_dark`
+    true     the case with its hot pixels
     flux     (l,) electron
     samples  number of windows with hot pixels
-    Returns  the shifts, and (l, k) sigma by which the stars pass the threshold by more
+    Returns  the shifts; (l, k) sigma, rise of the star's margin above the threshold
     """
     chance, dark = near_stars(true, grid.side, samples)
     if not chance:
@@ -213,25 +214,25 @@ def fluxes_between(faintest: float, brightest: float) -> Floats:
 
 
 def companion_shift(grid: ResponseGrid, flux: float) -> Floats:
-    """Shift of a centroid by a companion, pixel: (r, d, d, 2) over its flux and position.
+    """Shift of a centroid by a companion, pixel: (r, d, d, 2) over its flux ratio and position.
 
     NaN where only the companion is detected.
     """
     offset = np.arange(-COMPANION_RADIUS, COMPANION_RADIUS + 1.0)
     y, x = np.meshgrid(offset, offset, indexing="ij")
-    many = x.size
-    middle, off = np.zeros((many, 2)), np.column_stack([x.ravel(), y.ravel()])
-    other = flux * np.exp(COMPANION_RATIOS)
-    seen, place = grid.expect(middle, np.full(len(COMPANION_RATIOS), flux), (off, other))
+    count, ratios, side = x.size, len(COMPANION_RATIOS), len(offset)
+    middle, to_companion = np.zeros((count, 2)), np.column_stack([x.ravel(), y.ravel()])
+    companion = flux * np.exp(COMPANION_RATIOS)
+    seen, place = grid.expect(middle, np.full(ratios, flux), (to_companion, companion))
     alone, _ = grid.expect(middle, np.array([flux]))
     centroid = np.column_stack([seen.x, seen.y])
-    pull = centroid - np.tile(np.column_stack([alone.x, alone.y]), (len(COMPANION_RATIOS), 1))
-    pull[:, 1] -= np.repeat(np.arange(len(COMPANION_RATIOS)), many) * (place[many, 1] - place[0, 1])
-    away = np.hypot(*(centroid - place).T)
-    lost = away > np.hypot(*(centroid - place - np.tile(off, (len(COMPANION_RATIOS), 1))).T)
-    pull[lost & (np.repeat(other, many) >= flux)] = np.nan
-    side = len(offset)
-    return pull.reshape(len(COMPANION_RATIOS), side, side, 2)
+    shift = centroid - np.tile(np.column_stack([alone.x, alone.y]), (ratios, 1))
+    shift[:, 1] -= np.repeat(np.arange(ratios), count) * (place[count, 1] - place[0, 1])
+    from_star = centroid - place
+    from_companion = from_star - np.tile(to_companion, (ratios, 1))
+    lost = np.hypot(*from_star.T) > np.hypot(*from_companion.T)
+    shift[lost & (np.repeat(companion, count) >= flux)] = np.nan
+    return shift.reshape(ratios, side, side, 2)
 
 
 def _smear(case: Case) -> Floats:

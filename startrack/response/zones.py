@@ -27,7 +27,7 @@ COLOURS = 3  # classes of stars, each a third of them
 # one and of two a pixel along the axes and of their products, except for one pair.
 POSITIONS, TURN = 5, 2
 EVERY = 3  # magnitudes of `errors` between two of a zone
-STILL = 1.0  # pixel of smear; chosen by hand
+STILL = 1.0  # pixel of smear, below which mirror images of a zone are measured alike; by hand
 HALF = 0.5  # of the largest signal of a pixel, for the star whose shifts are measured
 LENS_FIELD = "PSF over the field"
 
@@ -90,9 +90,9 @@ def zones_of(case: Case) -> Zones:
 def centroid_shift(case: Case) -> FieldPsf:
     """Shift of the tracker's centroid from the place that the camera projects to.
 
-    The shift of the image, and by how much more the tracker's centroid of it is displaced than that
-    of the mean image, in the mean over sub-pixel positions; measured at the nodes of the images for
-    a star whose brightest pixel is half full, or fainter.
+    The shift of the image, plus the displacement of the tracker's centroid beyond that of the mean
+    image, averaged over sub-pixel positions. It is measured at the nodes of the images, for a star
+    whose brightest pixel is half full, or fainter.
 
     Returns  a FieldPsf without tables: shifts and relative flux. Kept for the 8 last cases
     """
@@ -104,15 +104,14 @@ def centroid_shift(case: Case) -> FieldPsf:
     images_of_all = _images(case, unique)
     offset = star_response.chart(case, _typical(case), images_of_all, both_signs=False).offset[0]
     offset = np.nan_to_num(offset.reshape(len(unique) + 1, POSITIONS, 2)).mean(axis=1)
-    apart = (mirror @ (offset[1:] - offset[0])[which][..., None])[..., 0]
+    from_mean_image = (mirror @ (offset[1:] - offset[0])[which][..., None])[..., 0]
     value = images.value[..., :3].copy()
-    value[..., :2] += apart.reshape(*value.shape[:3], 2)
+    value[..., :2] += from_mean_image.reshape(*value.shape[:3], 2)
     return replace(images, table=np.empty((0, 1, 1)), value=value)
 
 
 def focal_stretch(case: Case, colour: Floats) -> Floats:
-    """Relative excess (n,) of the tracker's focal length for stars of a colour over that for
-    sunlike ones.
+    """Relative excess (n,) of the tracker's focal length by colour over that of sunlike stars.
 
     A least-squares fit to `centroid_shift` over the frame, as the lens was when the camera was
     calibrated. Zero where the tracker does not correct the colour.
@@ -124,8 +123,8 @@ def focal_stretch(case: Case, colour: Floats) -> Floats:
     calibrated = replace(case.as_designed, instrument=case.calibrated)
     shift, place = centroid_shift(calibrated), _from_centre(calibrated)
     sunlike = shift.of_one_colour(sunlike_colour(calibrated.instrument))
-    apart = shift.value[..., :2] - sunlike.value[..., :2]
-    return shift.over_colour((apart * place).sum(axis=(1, 2, 3)) / (place**2).sum(), colour)
+    lateral = shift.value[..., :2] - sunlike.value[..., :2]
+    return shift.over_colour((lateral * place).sum(axis=(1, 2, 3)) / (place**2).sum(), colour)
 
 
 def _from_centre(case: Case) -> Floats:
@@ -137,7 +136,7 @@ def _from_centre(case: Case) -> Floats:
 
 @kept(8, reads=star_inputs)
 def residual_shift(case: Case) -> tuple[FieldPsf, FieldPsf]:
-    """`centroid_shift` of a sunlike star, and what that of others differs by.
+    """`centroid_shift` of a sunlike star, and the difference of that of other stars from it.
 
     The tracker's own correction of the star's colour is taken off. Kept for the 8 last cases.
     """
@@ -187,8 +186,8 @@ def zone_errors(case: Case) -> ZoneErrors:
     """Errors of single stars in each zone; kept for the 8 last cases.
 
     Measured at five sub-pixel positions and at every third magnitude of `errors`, as ratios to
-    those of the mean image, which are interpolated. What the tracker's centroids of a zone's image
-    and of the mean image differ by, beside the mean over all positions, is the random error
+    those of the mean image, which are interpolated. The difference between the tracker's centroids
+    of a zone's image and of the mean image, less its mean over the positions, is the random error
     LENS_FIELD.
 
     Accuracy  model: noise and detection are those of the middle of the zone.
@@ -200,41 +199,63 @@ def zone_errors(case: Case) -> ZoneErrors:
     # One sign, because only differences from the mean image count.
     images, count = _images(case, unique), len(unique) + 1
     every = star_errors.noisy_stars(case, magnitude, images, both_signs=False, groups=count)
-    mean, *parts = (
+    mean, *places = (
         every.at(slice(k, k + POSITIONS)) for k in range(0, len(images.place), POSITIONS)
     )
-    stated, shot, read, field, kept = [], [], [], [], []
-    for zone in parts:
-        both_stated, both_noise, both_shot = (
-            (star_errors.mean_of(here, zone.kept), star_errors.mean_of(there, mean.kept))
-            for here, there in (
-                (zone.plain.covariance, mean.plain.covariance),
-                (zone.noise, mean.noise),
-                (zone.shot, mean.shot),
-            )
-        )
-        stated.append(scaled_to_zone(star, star.stated, magnitude, *both_stated))
-        shot.append(scaled_to_zone(star, star.random[star_errors.SHOT], magnitude, *both_shot))
-        # Read noise alone is nearly none, of either sign, where the brightest stars saturate.
-        noise = star.random[star_errors.SHOT] + star.random[star_errors.READ]
-        read.append(scaled_to_zone(star, noise, magnitude, *both_noise) - shot[-1])
-        apart = zone.plain.offset - mean.plain.offset
-        both = np.minimum(zone.kept, mean.kept)
-        moved = star_errors.moment_of(apart - star_errors.mean_of(apart, both)[:, None], both)
-        field.append(_between(star.magnitude, magnitude, moved))
-        ratio = zone.kept.mean(axis=1) / np.maximum(mean.kept.mean(axis=1), 1e-9)
-        kept.append(np.minimum(star.kept * np.interp(star.magnitude, magnitude, ratio), 1.0))
-    by_tracker, by_shot, by_read, by_field = (
-        mirror[:, None] @ np.stack(covariances)[which] @ mirror[:, None].transpose(0, 1, 3, 2)
-        for covariances in (stated, shot, read, field)
+    of_places = [_place_errors(star, place, mean) for place in places]
+    kept, *covariances = (np.stack(column)[which] for column in zip(*of_places, strict=True))
+    stated, shot, read, field = (
+        mirror[:, None] @ covariance @ mirror[:, None].transpose(0, 1, 3, 2)
+        for covariance in covariances
     )
-    zones = len(which)
     random = {
-        cause: np.broadcast_to(covariance, (zones, *covariance.shape))
+        cause: np.broadcast_to(covariance, (len(which), *covariance.shape))
         for cause, covariance in star.random.items()
-    } | {star_errors.SHOT: by_shot, star_errors.READ: by_read, LENS_FIELD: by_field}
+    } | {star_errors.SHOT: shot, star_errors.READ: read, LENS_FIELD: field}
     point = images.point.reshape(count, POSITIONS, *images.point.shape[1:])[1:]
-    return ZoneErrors(star.magnitude, point, which, np.stack(kept)[which], by_tracker, random)
+    return ZoneErrors(star.magnitude, point, which, kept, stated, random)
+
+
+class _PlaceErrors(NamedTuple):
+    """Chance to be kept (m,), and covariances (m, 2, 2) pixel^2, of stars at one place and colour.
+
+    stated      by the tracker
+    shot, read  by the noise of the star's light, and by other noise
+    field       LENS_FIELD
+    """
+
+    kept: Floats
+    stated: Floats
+    shot: Floats
+    read: Floats
+    field: Floats
+
+
+def _place_errors(
+    star: star_errors.Errors, place: star_errors.NoisyStars, mean: star_errors.NoisyStars
+) -> _PlaceErrors:
+    """Errors of the mean image (`star`), scaled by the ratios of a place's image to the mean one.
+
+    place, mean  the same stars, at fewer magnitudes, by both images
+    """
+    magnitude = mean.plain.magnitude
+
+    def scaled(covariance: Floats, by_place: Floats, by_mean: Floats) -> Floats:
+        ends = star_errors.mean_of(by_place, place.kept), star_errors.mean_of(by_mean, mean.kept)
+        return scaled_to_zone(star, covariance, magnitude, *ends)
+
+    stated = scaled(star.stated, place.plain.covariance, mean.plain.covariance)
+    shot = scaled(star.random[star_errors.SHOT], place.shot, mean.shot)
+    # Read noise alone is nearly none, of either sign, where the brightest stars saturate.
+    noise = star.random[star_errors.SHOT] + star.random[star_errors.READ]
+    read = scaled(noise, place.noise, mean.noise) - shot
+    difference = place.plain.offset - mean.plain.offset
+    both = np.minimum(place.kept, mean.kept)
+    scatter = difference - star_errors.mean_of(difference, both)[:, None]
+    field = _between(star.magnitude, magnitude, star_errors.moment_of(scatter, both))
+    ratio = place.kept.mean(axis=1) / np.maximum(mean.kept.mean(axis=1), 1e-9)
+    kept = np.minimum(star.kept * np.interp(star.magnitude, magnitude, ratio), 1.0)
+    return _PlaceErrors(kept, stated, shot, read, field)
 
 
 def scaled_to_zone(
@@ -242,16 +263,16 @@ def scaled_to_zone(
 ) -> Floats:
     """Covariances (m, 2, 2) of the mean image, scaled to those of a zone.
 
-    star        whose magnitudes the covariances are of
+    star        at whose magnitudes (m,) the covariances are
     zone, mean  (k, 2, 2) those of the zone and of the mean image, at a few magnitudes (k,)
     """
     size = []
     for a in (0, 1):
         ratio = np.maximum(zone[:, a, a], 1e-16) / np.maximum(mean[:, a, a], 1e-16)
         size.append(np.exp(np.interp(star.magnitude, magnitude, np.log(ratio)) / 2))
-    apart = np.interp(star.magnitude, magnitude, _correlation(zone) - _correlation(mean))
+    excess = np.interp(star.magnitude, magnitude, _correlation(zone) - _correlation(mean))
     x, y = (np.sqrt(np.maximum(covariance[:, a, a], 0)) * size[a] for a in (0, 1))
-    cross = np.clip(_correlation(covariance) + apart, -1, 1) * x * y
+    cross = np.clip(_correlation(covariance) + excess, -1, 1) * x * y
     return np.stack([x * x, cross, cross, y * y], axis=-1).reshape(-1, 2, 2)
 
 
@@ -284,18 +305,22 @@ def zone_detection(
 def unique_places(
     case: Case, places: list[tuple[float, float, float]]
 ) -> tuple[list[tuple[float, float, float]], Ints, Floats]:
-    """The places (x, y, colour) of which those of a frame are mirror images.
+    """The places (x, y, colour) of which some places of a frame are mirror images.
 
-    Where the lens is centred, stars are measured alike in eight places of a frame, except for a
-    smear below a pixel, whose direction is the same in all.
+    Behind a centred lens, stars are measured alike in eight places of a frame. A smear below a
+    pixel, whose direction is the same in all, is left out of this.
 
-    Returns  them; which of them each place (n,) is; the mirror (n, 2, 2) of its displacements
+    Returns  the different places; the index (n,) of each given place among them; the mirror
+             (n, 2, 2) that maps displacements there to those of the given place
     """
     instrument = case.instrument
     detector = instrument.detector
-    alike = mirrored(instrument.optics, instrument.camera) and not detector.settling
-    alike = alike and not detector.impulse_response
-    alike = alike and star_response.smear_extent(instrument) < STILL
+    alike = (
+        mirrored(instrument.optics, instrument.camera)
+        and not detector.settling
+        and not detector.impulse_response
+        and star_response.smear_extent(instrument) < STILL
+    )
     centre_x, centre_y = instrument.camera.centre
     numbers: dict[tuple[float, float, float], int] = {}
     unique, which, mirror = list[tuple[float, float, float]](), [], []

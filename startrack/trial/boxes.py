@@ -58,8 +58,8 @@ def follow_boxes(
 ) -> tuple[Spots, Matches, Images]:
     """Pixels that the tracker takes about the places where it expects stars.
 
-    images   of stars, where the exposure before left them; other stars, and those whose image is no
-             more in their box, are searched for
+    images   of stars after the exposure before; other stars, and those whose image is no more in
+             their box, are searched for
     Returns  the spots, each as the star of its box, and `images` after this exposure
     """
     star, place = targets(case, camera, expected)
@@ -125,9 +125,9 @@ def _electrons(case: Case, catalog: Selection) -> Floats:
 
 SIDE = 16  # stars along a side of the detector that is drawn
 TIMES = 2  # exposures of each star
-STEP = 2  # of the magnitudes of a chart
+STEP = 2  # every second magnitude of a chart is drawn
 FEWEST = 8  # stars of a magnitude, below which it has no figure
-MEDIAN = 0.6745  # of the absolute value of a normal error, over its sigma
+MEDIAN = 0.6745  # median absolute value of a normal error, over its sigma
 NEAR = 1.0  # pixel from its place, within which a star is taken, and no other thing
 
 
@@ -167,18 +167,21 @@ def boxed_stars(case: Case, seed: int = 0) -> SingleStars:
               detectors, which varies more.
     """
     size, peak = scale(case), float(point_images(case).max())
-    all_of_them = magnitudes(case, case.believed_catalog.limit_g)
-    fits = size.star * 10 ** (-0.4 * all_of_them) * peak + size.background < size.largest
-    chosen = (all_of_them[fits] if fits.any() else all_of_them[-1:])[::-STEP][::-1]
+    of_chart = magnitudes(case, case.believed_catalog.limit_g)
+    fits = size.star * 10 ** (-0.4 * of_chart) * peak + size.background < size.largest
+    chosen = (of_chart[fits] if fits.any() else of_chart[-1:])[::-STEP][::-1]
     field = _Field.of(case, seed)
     rows = [_at_magnitude(field, float(magnitude), seed) for magnitude in chosen]
     return SingleStars(chosen, *np.array(rows).T)
 
 
 class _Field(NamedTuple):
-    """A case whose detector has a box for each star; places (n, 2) pixel, light and pixels.
+    """A case whose detector has a box for each of n stars.
 
-    point   (rows, columns) fraction of a star's light, of all stars together
+    place      (n, 2) pixel, true
+    expected   (n, 2) pixel, where the tracker expects them
+    point      (rows, columns) fraction of a star's light, of all stars together
+    half_side  pixel, of a box
     """
 
     case: Case
@@ -208,7 +211,7 @@ class _Field(NamedTuple):
 
 
 def _at_magnitude(field: _Field, magnitude: float, seed: int) -> list[float]:
-    """The row of a magnitude, without it."""
+    """The figures of `SingleStars` at a magnitude, which comes first there."""
     case, settings = field.case, field.case.tracker.detection
     size, detector = scale(case), case.instrument.detector
     streams = Streams(seed, round(100 * (magnitude + 10)))
@@ -232,23 +235,22 @@ def _at_magnitude(field: _Field, magnitude: float, seed: int) -> list[float]:
         corners = taken.corner if corners is None else corners
         parts.append(_places(taken) - field.place)
         stated.append(taken.covariance)
-    off = np.array(parts)
-    good = (np.hypot(off[..., 0], off[..., 1]) < NEAR).all(axis=0)
+    error = np.array(parts)  # (times, n, 2) pixel
+    good = (np.hypot(error[..., 0], error[..., 1]) < NEAR).all(axis=0)
     if good.sum() < FEWEST:
         return [float(good.mean()), *[math.nan] * 5]
-    off = off[:, good]
+    error = error[:, good]
     number = (light + size.background) / detector.electrons_per_dn + detector.offset
-    still = _places(taken_in(to_frame(number, detector), settings.without_map, corners))
-    still = (still - field.place)[good]
-    about = off - np.median(off.reshape(-1, 2), axis=0)
-    believed = np.trace(np.array(stated)[:, good], axis1=2, axis2=3).mean() / 2
+    noise_free = _places(taken_in(to_frame(number, detector), settings.without_map, corners))
+    by_method = (noise_free - field.place)[good]
+    scatter = error - np.median(error.reshape(-1, 2), axis=0)
     variances = (
-        believed,
-        off.var(axis=0, ddof=1).mean(),
-        still.var(axis=0).mean(),
-        (about**2).mean(),
+        np.trace(np.array(stated)[:, good], axis1=2, axis2=3).mean() / 2,
+        error.var(axis=0, ddof=1).mean(),
+        by_method.var(axis=0).mean(),
+        (scatter**2).mean(),
     )
-    return [float(good.mean()), *np.sqrt(variances), float(np.median(np.abs(about))) / MEDIAN]
+    return [float(good.mean()), *np.sqrt(variances), float(np.median(np.abs(scatter))) / MEDIAN]
 
 
 def _places(taken: Taken) -> Floats:

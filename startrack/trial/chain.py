@@ -40,7 +40,7 @@ from startrack.trial.covariance import outcomes as drawn_outcomes
 from startrack.trial.spots import spots_of
 from startrack.trial.window import spots_in_windows
 
-MANY = 0.8  # of the stars that match, with which a motion may be the right one
+MANY = 0.8  # of the most stars that match with either sign of a motion, with which a sign is tried
 
 
 @printed

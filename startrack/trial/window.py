@@ -436,12 +436,12 @@ def around_paths(x: Floats, y: Floats, half: Ints, columns: int, rows: int) -> I
             regions[count, 2] = min(math.ceil(right), columns)
             regions[count, 3] = min(math.ceil(bottom), rows)
             # A star beside a brighter one often needs no separate region.
-            count += not _held(regions[count], regions[:count])
+            count += not _within_another(regions[count], regions[:count])
     return regions[:count]
 
 
 @kernel
-def _held(region, others):  # type: ignore[no-untyped-def]
+def _within_another(region, others):  # type: ignore[no-untyped-def]
     for other in others:
         begins = region[0] >= other[0] and region[1] >= other[1]
         if begins and region[2] <= other[2] and region[3] <= other[3]:
