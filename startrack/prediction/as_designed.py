@@ -1,4 +1,4 @@
-"""Design file -> errors of the unit as designed, by formula, for draws of what is not known."""
+"""Design file -> errors of the unit as designed, by formula, for draws of its unknown values."""
 
 from __future__ import annotations
 
@@ -78,12 +78,12 @@ def draw_as_designed(
     """
     whole(1, 10**4, count=count)
     unknowns = load_design(path, changes).unknowns
-    found = list[DesignedDraw]()
+    draws = list[DesignedDraw]()
     for number in (MIDDLE, *range(count)):
-        found.append(_draw(path, changes, seed, number, count))
+        draws.append(_draw(path, changes, seed, number, count))
         if progress:
             progress(1)
-    return DesignedDraws(len(unknowns), found[0], tuple(found[1:]))
+    return DesignedDraws(len(unknowns), draws[0], tuple(draws[1:]))
 
 
 def _draw(path: Path, changes: Sequence[str], seed: int, number: int, count: int) -> DesignedDraw:

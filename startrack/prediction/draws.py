@@ -1,4 +1,4 @@
-"""Design file -> draws of what it does not know, each with the classes of error of its units."""
+"""Design file -> draws of its unknown values, each with the classes of error of its units."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from startrack.design import Case, Design, Moment, Unknown, load_design, stratif
 from startrack.population import left_over, unit_of
 from startrack.verification import expected_in_frames, expected_of_star
 
-# Of each unit, chosen by hand: what so few leave is in the scatter of the surface, and small beside
-# the width of most laws.
+# Of each unit. Chosen by hand: the error of so few is in the scatter of the surface, and small
+# compared with the width of most laws.
 ENVIRONMENTS, FIELDS = 1, 32
 ALL_FIELDS = 512  # of the middle; as many as `analytic` takes
 # The mean over these few fields is off by a factor that is nearly the same for all draws. It is
@@ -67,8 +67,8 @@ def draw_unknowns(
     """The draw of the middle, first, and draws of all unknowns.
 
     The quantiles of an unknown lie one in each of `count` equal parts of (0, 1), in an order that
-    the seed and its name alone decide (Latin hypercube, McKay et al. 1979, Technometrics 21, 239).
-    Each draw has other units, so that their chance is not that of one set of units.
+    depends on the seed and its name alone (Latin hypercube, McKay et al. 1979, Technometrics 21,
+    239). Each draw has other units, so that the mean over draws is not that of one set of units.
 
     units     of each draw
     age       second; None: that of the end of life
@@ -84,18 +84,17 @@ def draw_unknowns(
     whole(1, 10**4, count=count)
     whole(1, 10**4, units=units)
     load_design(path, changes)  # what is wrong with the file is no matter of a draw
-    settings = path, tuple(changes), seed
+    plan = _DrawPlan(path, tuple(changes), seed, count, units, age)
     draws, factors = list[Draw](), dict[Term, Floats]()
     if middle:
-        draws.append(_draw(*settings, MIDDLE, count, units, age, ALL_FIELDS))
+        draws.append(_draw(plan, MIDDLE, ALL_FIELDS))
         if watch:
             watch(draws[0])
-        factors = _factors(draws[0], _draw(*settings, MIDDLE, count, units, age))
-    arguments = [(*settings, number, count, units, age) for number in range(count)]
+        factors = _factors(draws[0], _draw(plan, MIDDLE))
     if executor is None:
-        results = (_draw(*one) for one in arguments)
+        results = (_draw(plan, number) for number in range(count))
     else:
-        futures = [executor.submit(_draw, *one) for one in arguments]
+        futures = [executor.submit(_draw, plan, number) for number in range(count)]
         results = (future.result() for future in futures)
     for draw in results:
         terms = {term: errors * factors.get(term, 1.0) for term, errors in draw.terms.items()}
@@ -116,23 +115,27 @@ def _factors(fine: Draw, coarse: Draw) -> dict[Term, Floats]:
     }
 
 
-def _draw(
-    path: Path,
-    changes: tuple[str, ...],
-    seed: int,
-    number: int,
-    count: int,
-    units: int,
-    age: float | None,
-    fields: int = FIELDS,
-) -> Draw:
-    quantiles = dict[str, float]()
+class _DrawPlan(NamedTuple):
+    """Arguments of `draw_unknowns` that a draw needs."""
+
+    path: Path
+    changes: tuple[str, ...]
+    seed: int
+    draws: int
+    units: int
+    age: float | None
+
+
+def _draw(plan: _DrawPlan, number: int, fields: int = FIELDS) -> Draw:
+    """The draw of a number; MIDDLE: all unknowns have their middle values."""
+    seed, units, quantiles = plan.seed, plan.units, dict[str, float]()
     try:
-        design = drawn_design(path, changes, seed, number, count, quantiles)
+        design = drawn_design(plan.path, plan.changes, seed, number, plan.draws, quantiles)
     except Refused as error:
         return Draw(number, (), quantiles, {}, 0.0, str(error))
     try:
-        terms, available = _terms(design.case, seed, max(number, 0) * units, units, age, fields)
+        first = max(number, 0) * units
+        terms, available = _terms(design.case, seed, first, units, plan.age, fields)
         frames = expected_in_frames(design.case)
         for told in design.told:
             if told.magnitude is not None:
@@ -190,12 +193,12 @@ def _terms(
 
 
 def _residual(case: Case, seed: int, first: int, units: int) -> float:
-    """Pixel rms of an axis, over units and the frame: what calibration leaves of places of stars.
+    """Pixel rms of an axis, over units and the frame: displacements that a calibration leaves.
 
     At the begin of life, in an environment of each unit; zero where all units are as believed.
     """
     if not case.differs:
         return 0.0
     drawn = [unit_of(case, seed, Moment(unit)) for unit in range(first, first + units)]
-    left = [left_over(unit.instrument.camera, unit.believed_camera) for unit in drawn]
-    return float(np.sqrt(np.mean(np.square(left))))
+    residuals = [left_over(unit.instrument.camera, unit.believed_camera) for unit in drawn]
+    return float(np.sqrt(np.mean(np.square(residuals))))

@@ -1,4 +1,4 @@
-"""Surface of errors and told figures -> what they say of each unknown, and its law from then on."""
+"""Surface of errors and told figures -> the law of each unknown under these figures."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ TERMS = dict(zip(ERROR_FIGURES, PUBLISHED.values(), strict=True))
 START = 0.5  # standard deviation of the scores at which the walkers start
 HOW = Ensembles(count=2, stretch=500, most_steps=10_000)
 LEAST_FACTOR = 1.001  # of a law, which must be above 1
-SILENT = 0.9  # of its spread before, from which on data say nothing of an unknown; by hand
-UNMOVED = 0.2  # of the shift, likewise
-FAR = 2.0  # standard deviations; by hand
+# Ratio of the spread of an unknown to that before, and its shift, from and up to which the figures
+# count as silent on it. Chosen by hand.
+SILENT, UNMOVED = 0.9, 0.2
+FAR = 2.0  # standard deviations of a shift into the tails of a law; chosen by hand
 NOT_A_CHANCE = 1e-3  # probability of a value of a choice, below which it is left out
 
 
 class Lesson(NamedTuple):
     """Knowledge of an unknown after figures were told.
 
-    unknown    with its law from then on; correlations with others are lost
-    narrowing  1, spread of its score over that before; of 0.9 and more, the figures say nothing of
-               it
-    shift      standard deviations of its law before, from its middle to its mean from then on; of
-               a choice, the largest change of the probability of a value
+    unknown    with its law from then on, without its correlations with others
+    narrowing  1, spread of its score, relative to that before
+    shift      change of its mean, in standard deviations of its law before; of a choice, the
+               largest change of the probability of a value
     """
 
     unknown: Unknown
@@ -45,7 +45,7 @@ class Lesson(NamedTuple):
 
     @property
     def far(self) -> bool:
-        """Whether what is known of it now lies in the tails of its law before."""
+        """Whether its law now lies in the tails of its law before."""
         return abs(self.shift) > FAR
 
     @property
@@ -59,7 +59,7 @@ class Learned:
     """The unknowns of a design under told figures.
 
     told     the figures
-    lessons  one for each unknown; of which they say nothing, with the law from before
+    lessons  one for each unknown; where the figures are silent on it, with the law from before
     chains   of the unknowns' normal scores
     """
 
@@ -77,37 +77,32 @@ def learn(surface: PredictionSurface, told: Sequence[Told], seed: int) -> Learne
 
         p(x | told) ~ p(x) prod_i N(ln value_i; ln figure_i(x), (ln factor_i)^2 + scatter_i^2)
 
-    Each unknown has the normal score of its quantile, of which the law before is a standard normal
-    one; the value of a choice follows from it, too. The scatter is that of the surface.
+    The variable x of each unknown is the normal score of its quantile, whose law before is the
+    standard normal one; the value of a choice follows from it, too. The scatter is that of the
+    surface.
 
-    Raises    Refused where no unknown is there, or the design has no error of a told class, or no
+    Raises    Refused where nothing is unknown, or the design has no error of a told class, or no
               such figure of frames.
     Accuracy  model: a figure is that of the middle of all units. numerical: see
               `Chains.reason_unconverged`.
     """
     if not surface.unknowns:
         raise Refused("told figures need values that are not known, got none")
-    for one in told:
-        if one.of_frames and one.name not in surface.frames.names:
-            raise Refused(f"told: the design has no {one.name} in its frames")
-        if not one.of_frames and not surface.counted(TERMS[one.figure]):
-            raise Refused(f"told: the design has no error that {one.figure} counts")
+    for figure in told:
+        if figure.of_frames and figure.name not in surface.frames.names:
+            raise Refused(f"told: the design has no {figure.name} in its frames")
+        if not figure.of_frames and not surface.counted(TERMS[figure.figure]):
+            raise Refused(f"told: the design has no error that {figure.figure} counts")
 
     def log_probability(theta: Floats) -> Floats:
         scores = surface.scores(ndtr(theta))
         errors = surface.errors(scores)
         value = -(theta**2).sum(axis=1) / 2
-        for one in told:
-            if one.of_frames:
-                value += _of_frames(surface.frames, one, scores)
-                continue
-            which = surface.counted(TERMS[one.figure])
-            square = errors[:, which] ** 2
-            expected, weight = one.of_heads(np.sqrt(square.sum(axis=1)))
-            share = square / square.sum(axis=1, keepdims=True)
-            scatter = (share**2 * surface.scatter[which] ** 2).sum(axis=1)
-            variance = math.log(one.factor) ** 2 + (weight**2 * scatter).sum(axis=1)
-            value -= (np.log(one.rms / expected) ** 2 / variance + np.log(variance)) / 2
+        for figure in told:
+            if figure.of_frames:
+                value += _of_frames(surface.frames, figure, scores)
+            else:
+                value -= _of_errors(surface, figure, errors)
         return value
 
     def start(random: np.random.Generator, count: int) -> Floats:
@@ -121,32 +116,47 @@ def learn(surface: PredictionSurface, told: Sequence[Told], seed: int) -> Learne
     return Learned(tuple(told), tuple(lessons), chains)
 
 
+def _of_errors(surface: PredictionSurface, told: Told, errors: Floats) -> Floats:
+    """Minus the logarithm of the likelihood (n,) of a told error, by errors (n, t, 2) in radian."""
+    which = surface.counted(TERMS[told.figure])
+    square = errors[:, which] ** 2
+    expected, weight = told.of_heads(np.sqrt(square.sum(axis=1)))
+    share = square / square.sum(axis=1, keepdims=True)
+    scatter = (share**2 * surface.scatter[which] ** 2).sum(axis=1)
+    variance = math.log(told.factor) ** 2 + (weight**2 * scatter).sum(axis=1)
+    return np.asarray((np.log(told.rms / expected) ** 2 / variance + np.log(variance)) / 2)
+
+
 def _of_frames(frames: FrameSurface, told: Told, scores: Floats) -> Floats:
     """Logarithm of the likelihood (n,) of a told figure of frames."""
     assert told.number is not None
     place = frames.names.index(told.name)
-    off = math.log(told.number) - frames.constant[place] - scores @ frames.slope[place]
+    residual = math.log(told.number) - frames.constant[place] - scores @ frames.slope[place]
     variance = math.log(told.factor) ** 2 + frames.scatter[place] ** 2
-    return np.asarray(-(off**2) / variance / 2)
+    return np.asarray(-(residual**2) / variance / 2)
+
+
+def _lesson_of_choice(unknown: Unknown, score: Floats) -> Lesson:
+    """Knowledge of a choice by samples of its score: the probabilities of its values."""
+    positions = unknown.positions(ndtr(score))
+    after = np.bincount(positions, minlength=len(unknown.weights)) / len(score)
+    before = np.array(unknown.weights)
+    kept = [n for n, probability in enumerate(after) if probability >= NOT_A_CHANCE]
+    if len(kept) < 2:  # a choice has two values or more
+        kept = sorted(np.argsort(-after, kind="stable")[:2].tolist())
+    law = {
+        "among": [unknown.law["among"][n] for n in kept],
+        "weight": [_rounded(max(float(after[n]), NOT_A_CHANCE)) for n in kept],
+    }
+    narrowing = float(np.sqrt((after * (1 - after)).sum() / (before * (1 - before)).sum()))
+    return Lesson(Unknown(unknown.name, law), narrowing, float(np.abs(after - before).max()))
 
 
 def _lesson(unknown: Unknown, score: Floats) -> Lesson:
     """Knowledge of an unknown by samples of its score."""
-    quantile, narrowing = ndtr(score), float(score.std())
     if unknown.choice:
-        positions = unknown.positions(quantile)
-        share = np.bincount(positions, minlength=len(unknown.weights)) / len(score)
-        before = np.array(unknown.weights)
-        kept = [n for n, part in enumerate(share) if part >= NOT_A_CHANCE]
-        narrowing = float(np.sqrt((share * (1 - share)).sum() / (before * (1 - before)).sum()))
-        if len(kept) < 2:  # a choice has two values or more
-            kept = sorted(np.argsort(-share, kind="stable")[:2].tolist())
-        law: dict[str, Any] = {
-            "among": [unknown.law["among"][n] for n in kept],
-            "weight": [_rounded(max(float(share[n]), NOT_A_CHANCE)) for n in kept],
-        }
-        return Lesson(Unknown(unknown.name, law), narrowing, float(np.abs(share - before).max()))
-    values = unknown.numbers(quantile)
+        return _lesson_of_choice(unknown, score)
+    values, law = unknown.numbers(ndtr(score)), dict[str, Any]()
     if (values > 0).all():
         logarithm = np.log(values)
         factor = max(math.exp(float(logarithm.std())), LEAST_FACTOR)
@@ -156,7 +166,7 @@ def _lesson(unknown: Unknown, score: Floats) -> Lesson:
         middle, half = float(values.mean()), math.sqrt(3) * float(values.std())
         ends = {"low": middle - half, "high": middle + half}
         law = {key: unknown.written(_rounded(end)) for key, end in ends.items()}
-    return Lesson(Unknown(unknown.name, law), narrowing, float(score.mean()))
+    return Lesson(Unknown(unknown.name, law), float(score.std()), float(score.mean()))
 
 
 def _rounded(value: float) -> float:
@@ -171,20 +181,20 @@ def save_posterior(path: Path, design: Path, learned: Learned) -> None:
     `design`; the learned ones are written as a comment.
     """
     table = dict[str, Any](told=[])
-    comments = [f"{one.name} was told" for one in learned.told]
+    comments = [f"{figure.name} was told" for figure in learned.told]
     for lesson in learned.lessons:
         name, law = lesson.unknown.name, lesson.unknown.law
         *outer, last = name.split(".")
         if name.startswith(f"{INCLUDE} ") or any(part.isdecimal() for part in outer):
             comments.append(f"not in this file: {name}: {lesson.unknown}")
             continue
-        at = table
+        inner = table
         for part in outer:
-            at = at.setdefault(part, {})
-        at[last] = dict(law)
+            inner = inner.setdefault(part, {})
+        inner[last] = dict(law)
     save_over(path, design, table, "\n".join(comments))
 
 
 def save_told(path: Path, design: Path, told: Sequence[Told]) -> None:
     """Write a design file over another one, with figures that it is told."""
-    save_over(path, design, {"told": [to_table(one) for one in told]})
+    save_over(path, design, {"told": [to_table(figure) for figure in told]})

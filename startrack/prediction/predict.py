@@ -91,7 +91,9 @@ class Prediction:
 
     def figure(self, name: str, axis: str) -> PredictedFigure:
         """The figure of a name in `PUBLISHED` about an axis."""
-        return next(one for one in self.figures if (one.figure, one.axis) == (name, axis))
+        return next(
+            figure for figure in self.figures if (figure.figure, figure.axis) == (name, axis)
+        )
 
 
 def predict(
@@ -144,7 +146,7 @@ def prediction_of(
     """The prediction that draws give; units and age are those of the draws.
 
     told    figures under which the unknowns are estimated (`learn`); none: they have their laws
-    common  what all draws are wrong by alike, as in `fit_surface`
+    common  error that all draws have in common, as in `fit_surface`
     """
     drawn = [draw for draw in draws if draw.number != MIDDLE]
     middle = next((draw for draw in draws if draw.number == MIDDLE), None)
@@ -208,17 +210,17 @@ def _causes(
     """
     total, parts, first = float(logarithm.var()), list[tuple[str, float]](), 0
     for unknown in surface.unknowns:
-        own = scores[:, first : first + columns_of(unknown)]
+        of_unknown = scores[:, first : first + columns_of(unknown)]
         first += columns_of(unknown)
         if unknown.choice:
-            part = np.unique(own, axis=0, return_inverse=True)[1].ravel()
+            group = np.unique(of_unknown, axis=0, return_inverse=True)[1].ravel()
         else:
-            part = np.argsort(np.argsort(own[:, 0])) * PARTS // len(own)
-        sizes = np.bincount(part.astype(int))
-        means = np.bincount(part.astype(int), logarithm)[sizes > 0] / sizes[sizes > 0]
-        weight = sizes[sizes > 0] / len(own)
+            group = np.argsort(np.argsort(of_unknown[:, 0])) * PARTS // len(of_unknown)
+        sizes = np.bincount(group.astype(int))
+        means = np.bincount(group.astype(int), logarithm)[sizes > 0] / sizes[sizes > 0]
+        weight = sizes[sizes > 0] / len(of_unknown)
         between = float(weight @ (means - logarithm.mean()) ** 2)
-        by_chance = (len(means) - 1) * (total - between) / len(own)
+        by_chance = (len(means) - 1) * (total - between) / len(of_unknown)
         parts.append((unknown.name, max(between - by_chance, 0.0) / total))
-    left = max(1 - sum(part for _, part in parts), 0.0)
-    return tuple(sorted([*parts, (OTHERS, left)], key=lambda cause: -cause[1]))
+    rest = max(1 - sum(fraction for _, fraction in parts), 0.0)
+    return tuple(sorted([*parts, (OTHERS, rest)], key=lambda cause: -cause[1]))

@@ -38,21 +38,21 @@ class FrameSurface:
 @printed
 @dataclass(frozen=True, eq=False)
 class PredictionSurface:
-    """Classes of error of a design as a function of what is not known of it.
+    """Classes of error of a design as a function of its unknown values.
 
         ln(error) = constant + slope . scores + scatter z
 
     with a score for each unknown: the standard normal number of its quantile; of a choice of
-    numbers their logarithm; of another choice one for each value but the first: 1 where it is
-    taken, else 0.
+    numbers their logarithm; of another choice one score for each value except the first: 1 where
+    it is taken, else 0.
 
     unknowns  whose scores these are
     terms     classes of error
     constant  (t, 2) ln radian, across and about
     slope     (t, 2, k)
-    scatter   (t, 2) of what is not linear, of the few units of a draw, and of what all draws are
-              wrong by
-    frames    what frames measure, with ln(figure) likewise
+    scatter   (t, 2) by nonlinear terms, by the few units of a draw, and by errors that all draws
+              have in common
+    frames    figures that frames measure, with ln(figure) likewise
     """
 
     unknowns: tuple[Unknown, ...]
@@ -97,12 +97,12 @@ class PredictionSurface:
 def fit_surface(draws: Sequence[Draw], common: float = 0.0) -> PredictionSurface:
     """The surface through draws that have errors, by least squares.
 
-    common    of the logarithm of an error, standard deviation of what all draws are wrong by alike,
-              which their scatter does not show; it is added to the scatter
+    common    standard deviation of the logarithm of an error that all draws have in common, which
+              their scatter does not show; it is added to the scatter
     Raises    Refused where there are too few of them for as many unknowns.
-    Accuracy  model: errors are products of powers of what is not known, as for most laws of noise
-              and of displacements; what they are not is in the scatter. An unknown that only some
-              of several files have counts as if all had it.
+    Accuracy  model: errors are products of powers of the unknown values, as for most laws of noise
+              and of displacements; deviations are in the scatter. An unknown that only some of
+              several files have counts as if all had it.
     """
     some = [draw for draw in draws if not draw.refused]
     unknowns = unknowns_of(some)
@@ -134,10 +134,10 @@ def fit_surface(draws: Sequence[Draw], common: float = 0.0) -> PredictionSurface
 def _fit(scores: Floats, logarithm: Floats) -> tuple[Floats, Floats, Floats]:
     """Constants (m,), slopes (m, k) and scatters (m,) of logarithms (n, m), by least squares."""
     model = np.column_stack([np.ones(len(scores)), scores])
-    found = np.asarray(np.linalg.lstsq(model, logarithm)[0], float)
-    free = len(scores) - model.shape[1]
-    scatter = np.sqrt(((logarithm - model @ found) ** 2).sum(axis=0) / free)
-    return found[0], found[1:].T, np.asarray(scatter)
+    terms = np.asarray(np.linalg.lstsq(model, logarithm)[0], float)
+    freedom = len(scores) - model.shape[1]
+    scatter = np.sqrt(((logarithm - model @ terms) ** 2).sum(axis=0) / freedom)
+    return terms[0], terms[1:].T, np.asarray(scatter)
 
 
 def _of_frames(draws: Sequence[Draw], scores: Floats) -> FrameSurface:
@@ -158,13 +158,13 @@ def scores_of(unknowns: Sequence[Unknown], quantiles: Mapping[str, Floats], coun
     for unknown in unknowns:
         quantile = quantiles[unknown.name]
         given = np.isfinite(quantile)
-        own = np.where(given, quantile, 0.5)
+        filled = np.where(given, quantile, 0.5)
         if not unknown.choice:
-            columns.append(ndtri(own))
+            columns.append(ndtri(filled))
         elif unknown.in_order:
-            columns.append(np.log(unknown.numbers(own)))
+            columns.append(np.log(unknown.numbers(filled)))
         else:
-            taken = np.where(given, unknown.positions(own), 0)
+            taken = np.where(given, unknown.positions(filled), 0)
             columns += [(taken == value).astype(float) for value in range(1, len(unknown.weights))]
     return np.column_stack(columns) if columns else np.zeros((count, 0))
 
