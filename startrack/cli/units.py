@@ -19,7 +19,7 @@ if wanted(__name__):
     from startrack.io import aligned
     from startrack.metrics import ARCSEC, LEVELS, Interpretation, Interval, bounds_json, bracketed
     from startrack.montecarlo import Sampling
-    from startrack.optimise import LeverChange, allocation, costs_of
+    from startrack.optimise import LeverChange, LeverGain, allocation, costs_of
     from startrack.population import Units, explain, per_unit
     from startrack.verification import USUAL, units_expected, yield_of
 
@@ -71,7 +71,9 @@ def units_answer(units: UnitBudgets, required: tuple[Accuracy, ...]) -> str:
     """
     limits = {limit.name: limit for limit in required if limit.objective.rms_per_axis}
     medians = float(np.median(units.across())), float(np.median(units.about()))
-    per_axis = {term: np.sqrt((v[:, :2] ** 2).mean(axis=1)) for term, v in units.terms.items()}
+    per_axis = {
+        term: np.sqrt((errors[:, :2] ** 2).mean(axis=1)) for term, errors in units.terms.items()
+    }
     classes = {term: float(np.median(errors)) / arcsec for term, errors in per_axis.items()}
     largest = max(classes, key=lambda term: classes[term])
     short = [
@@ -101,49 +103,24 @@ def gains_of(
             case, objective, required, fraction, options.seed, options.units, changes, advance
         )
     before = costs_of(needs, case)
-    values, entries = (
-        {
-            "objective": str(objective),
-            "fraction": fraction,
-            "age_years": allocated.age / YEAR,
-            "level_arcsec": allocated.level / arcsec,
-        },
-        list[dict[str, Any]](),
-    )
-    yields = [f"yield, {limit.name} (%)" for limit in required]
     lever = any(change.text for change in changes)
+    yields = [f"yield, {limit.name} (%)" for limit in required]
     costs = ["mass (g)", "power (mW)", "calibration (h)"] if lever else []
     rows = [["change" if lever else "halved", "gain (arcsec)", *yields, *costs, "price"]]
+    entries = list[dict[str, Any]]()
     for gain in allocated.gains:
-        change = gain.change
-        more = {name: costs_of(needs, change.case)[name] - before[name] for name in before}
-        more["price"] = change.price or more["price"]
-        entries.append(
-            {
-                "lever" if lever else "tolerance": change.name,
-                "gain_arcsec": bounds_json(gain.level, ARCSEC),
-                "yields": list(map(_yield_values, required, gain.yields)),
-            }
-            | ({"change": change.text, **more} if lever else {"price": change.price})
-        )
-        rows.append(
-            [
-                f"{change.name} {change.text}".strip(),
-                bracketed(gain.level, "+.3f", arcsec),
-                *(bracketed(share, "+.1f", 0.01) for share in gain.yields),
-                *(
-                    [
-                        f"{1e3 * more['mass_kg']:+.3g}",
-                        f"{1e3 * more['power_w']:+.3g}",
-                        f"{more['calibration_h']:+.3g}",
-                    ]
-                    if lever
-                    else []
-                ),
-                f"{more['price']:.4g}",
-            ]
-        )
-    values["levers" if lever else "halved"] = entries
+        after = costs_of(needs, gain.change.case)
+        added = {name: after[name] - before[name] for name in before}
+        added["price"] = gain.change.price or added["price"]
+        entries.append(_gain_values(gain, added, required, lever))
+        rows.append(_gain_row(gain, added, lever))
+    values = {
+        "objective": str(objective),
+        "fraction": fraction,
+        "age_years": allocated.age / YEAR,
+        "level_arcsec": allocated.level / arcsec,
+        "levers" if lever else "halved": entries,
+    }
     text = [
         f"{objective} that {100 * fraction:g} % of {options.units} units at "
         f"{allocated.age / YEAR:g} yr do not exceed: {allocated.level / arcsec:.3f} arcsec",
@@ -158,6 +135,35 @@ def gains_of(
             "where price is 0"
         )
     return values, "\n".join(text)
+
+
+def _gain_values(
+    gain: LeverGain, added: dict[str, float], required: tuple[Accuracy, ...], lever: bool
+) -> dict[str, Any]:
+    """A gain for JSON; `added`: costs that the change adds."""
+    change = gain.change
+    values = {
+        "lever" if lever else "tolerance": change.name,
+        "gain_arcsec": bounds_json(gain.level, ARCSEC),
+        "yields": list(map(_yield_values, required, gain.yields)),
+    }
+    return values | ({"change": change.text, **added} if lever else {"price": change.price})
+
+
+def _gain_row(gain: LeverGain, added: dict[str, float], lever: bool) -> list[str]:
+    """A gain as a row of the table; `added`: costs that the change adds."""
+    costs = [
+        f"{1e3 * added['mass_kg']:+.3g}",
+        f"{1e3 * added['power_w']:+.3g}",
+        f"{added['calibration_h']:+.3g}",
+    ]
+    return [
+        f"{gain.change.name} {gain.change.text}".strip(),
+        bracketed(gain.level, "+.3f", arcsec),
+        *(bracketed(share, "+.1f", 0.01) for share in gain.yields),
+        *(costs if lever else []),
+        f"{added['price']:.4g}",
+    ]
 
 
 def trials_of(

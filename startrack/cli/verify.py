@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any, NamedTuple
 
 from startrack.cli import options as shared
 from startrack.cli.not_known import DRAWS
@@ -16,12 +18,13 @@ if wanted(__name__):
     from startrack.cli.campaign import LEDGER
     from startrack.cli.not_known import draws_of, limits_text
     from startrack.cli.units import require_units
-    from startrack.core import Rows
-    from startrack.design import Case, Fidelity
+    from startrack.core import Advance, Rows
+    from startrack.design import Campaign, Case, Design, Fidelity
     from startrack.io import finite, save_json, save_text
     from startrack.montecarlo import Sampling, pool, warm
     from startrack.optimise import VERIFYING, VERIFYING_UNIT, Ledger, TrialRunner
     from startrack.population import Units
+    from startrack.prediction import DesignedDraws
     from startrack.trial import require_fidelity
 
 
@@ -86,53 +89,98 @@ def command(options: argparse.Namespace) -> int:
         terminal.progress("trials", total) as advance,
     ):
         runner = TrialRunner(options.seed, executor, options.workers, ledger)
-
-        def trials(case: Case, number: int) -> Rows:
-            return runner.run(case, number, fidelity, VERIFYING, advance)
-
-        def of_units(case: Case, how: Units) -> Rows:
-            first, number = VERIFYING_UNIT * how.trials, units * how.trials
-            return runner.run(case, number, fidelity, first, advance, how)
-
         if units:
-            by_units = verification.verify_units(case, campaign, of_units, units, options.seed)
-            answer, values = by_units.answer, verification.unit_values(by_units)
-            table = verification.unit_text(by_units)
+            verdict = _of_units(case, campaign, units, fidelity, runner, advance)
         else:
-            verified = verification.verify(
-                case,
-                campaign,
-                trials,
-                options.seed,
-                looks,
-                lambda name, number: advance(0, f"{name}: {number} trials"),
-            )
-            answer, values = verified.answer, verification.verdict_values(verified)
-            table = f"{verification.verdict_text(verified)}\n{noise_only(case)}"
-    unknowns = [unknown.name for unknown in design.unknowns]
+            verdict = _as_designed(case, campaign, looks, fidelity, runner, advance)
     drawn = None if units else draws_of(options, path)
-    if unknowns and not (answer is verification.Answer.FAIL and not (drawn and drawn.all_met)):
-        answer = verification.Answer.NOT_SHOWN
-        values["verdict"] = answer.value
-        by_formula = f"; {limits_text(drawn)}" if drawn else ""
-        conditions = f" and {many} draws" if (many := campaign.unknown_draws) else ""
-        _, _, rest = table.partition("\n")
-        table = (
-            f"verdict: NOT SHOWN: not known: {', '.join(unknowns)}, "
-            f"and what is answered below is so for the middle of their laws{conditions}"
-            f"{by_formula}; startrack predict gives the interval\n{rest}"
-        )
+    verdict = _where_unknown(verdict, design, drawn)
     result = {"design": str(path), "seed": options.seed, "fidelity": fidelity.value}
-    result |= {"unknowns": unknowns} if unknowns else {}
+    if design.unknowns:
+        result["unknowns"] = [unknown.name for unknown in design.unknowns]
     if drawn:
         result["draws"] = {"number": len(drawn.draws), "met": drawn.count_met()}
         result["draws"] |= {"all_met": drawn.all_met, "without_attitude": drawn.lost}
-    result |= values | {"noise_only": not units}
+    result |= verdict.values | {"noise_only": not units}
     if options.out:
-        save_text(options.out / "verdict.md", f"```\n{table}\n```\n")
+        save_text(options.out / "verdict.md", f"```\n{verdict.table}\n```\n")
         save_json(options.out / "verdict.json", finite(result))
         result["out"] = str(options.out)
-    for reason in () if units else values["not_judged"]:
+    for reason in () if units else verdict.values["not_judged"]:
         terminal.print_message(f"not judged: {reason}")
-    terminal.print_result(options, result, table)
-    return Exit.DONE if answer is verification.Answer.PASS else Exit.UNSOLVED
+    terminal.print_result(options, result, verdict.table)
+    return Exit.DONE if verdict.answer is verification.Answer.PASS else Exit.UNSOLVED
+
+
+class _Verdict(NamedTuple):
+    """The answer, its values for JSON, and its table as text."""
+
+    answer: verification.Answer
+    values: dict[str, Any]
+    table: str
+
+
+def _as_designed(
+    case: Case,
+    campaign: Campaign,
+    looks: verification.Looks,
+    fidelity: Fidelity,
+    runner: TrialRunner,
+    advance: Callable[..., None],
+) -> _Verdict:
+    """The verdict on the unit as designed; `advance` as `terminal.progress` yields it."""
+
+    def trials(case: Case, number: int) -> Rows:
+        return runner.run(case, number, fidelity, VERIFYING, advance)
+
+    verified = verification.verify(
+        case,
+        campaign,
+        trials,
+        runner.seed,
+        looks,
+        lambda name, number: advance(0, f"{name}: {number} trials"),
+    )
+    table = f"{verification.verdict_text(verified)}\n{noise_only(case)}"
+    return _Verdict(verified.answer, verification.verdict_values(verified), table)
+
+
+def _of_units(
+    case: Case,
+    campaign: Campaign,
+    units: int,
+    fidelity: Fidelity,
+    runner: TrialRunner,
+    advance: Advance,
+) -> _Verdict:
+    """The verdict on a number of units, at the begin and the end of life."""
+
+    def trials(case: Case, how: Units) -> Rows:
+        first, number = VERIFYING_UNIT * how.trials, units * how.trials
+        return runner.run(case, number, fidelity, first, advance, how)
+
+    verified = verification.verify_units(case, campaign, trials, units, runner.seed)
+    table = verification.unit_text(verified)
+    return _Verdict(verified.answer, verification.unit_values(verified), table)
+
+
+def _where_unknown(verdict: _Verdict, design: Design, drawn: DesignedDraws | None) -> _Verdict:
+    """NOT SHOWN where values are not known; a failure stays one unless a draw meets all limits.
+
+    drawn  by formula; None: without draws
+    """
+    unknowns, not_shown = design.unknowns, verification.Answer.NOT_SHOWN
+    fails = verdict.answer is verification.Answer.FAIL and not (drawn and drawn.all_met)
+    if not unknowns or fails:
+        return verdict
+    names = ", ".join(unknown.name for unknown in unknowns)
+    by_formula = f"; {limits_text(drawn)}" if drawn else ""
+    draws = design.campaign.unknown_draws if design.campaign else 0
+    conditions = f" and {draws} draws" if draws else ""
+    _, _, rest = verdict.table.partition("\n")
+    table = (
+        f"verdict: NOT SHOWN: not known: {names}, "
+        f"and what is answered below is so for the middle of their laws{conditions}"
+        f"{by_formula}; startrack predict gives the interval\n{rest}"
+    )
+    return _Verdict(not_shown, verdict.values | {"verdict": not_shown.value}, table)

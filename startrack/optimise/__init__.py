@@ -45,7 +45,7 @@ tolerance          Designs around one -> how far each variable may vary, by emce
 tables             The results of studies as CSV, JSON lines and Markdown.
 """
 
-from startrack.optimise.allocation import LeverChange, allocation, halved, levers
+from startrack.optimise.allocation import LeverChange, LeverGain, allocation, halved, levers
 from startrack.optimise.budgets import budgets_of_units
 from startrack.optimise.correction import fit_correction
 from startrack.optimise.ensemble import Chains, Ensembles, draw, median_and_ends, thinned
