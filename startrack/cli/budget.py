@@ -135,18 +135,7 @@ def command(options: argparse.Namespace) -> int:
     path = options.design or terminal.example()
     design = terminal.read_design(path, options.set)
     case, campaign = design.case, design.campaign
-    if options.tolerances and not (options.units and case.variation):
-        raise WrongUse("--tolerances needs --units and a design with [[variation]] tables")
-    if options.levers and not options.units:
-        raise WrongUse("--levers needs --units")
-    if options.levers or options.tolerances:
-        terminal.print_message(
-            "startrack: levers and tolerances are part of startrack what-matters; the options of "
-            "budget work until version 0.3"
-        )
-    if options.units:
-        with as_wrong_use():
-            require_units(case)
+    _check_options(options, case)
     # First, as a profile may ask for what the design cannot do.
     indices = None
     if options.profile:
@@ -168,17 +157,10 @@ def command(options: argparse.Namespace) -> int:
     show(budgets.answer(expected, required) if units is None else units_answer(units, required))
     for sentence in budgets.refusal(case, expected.refused):  # why the error below is large
         show(sentence)
-    with terminal.stage("single stars"):
-        floor, stated = float(lasting(errors(case))), case.tracker.attitude.centroid_floor
-    result |= {"star_without_noise_px": floor, "centroid_floor_px": stated}
-    result |= {"star_without_noise_g": TYPICAL}
-    assumed = "this, star by star" if stated is None else f"{stated:g} pixel for all stars"
+    star, sentence = _typical_star(case)
+    result |= star
     alone = "the unit as designed, noise only\n" if units else ""
-    show(
-        f"{alone}{_table(expected, by_trials)}\n"
-        f"centroid error of a star of G {TYPICAL:g} without noise {floor:.4f} pixel; the tracker "
-        f"assumes {assumed}"
-    )
+    show(f"{alone}{_table(expected, by_trials)}\n{sentence}")
     if units:
         show(units_text(result["units"], options.full))
     show("\n".join(budgets.advice(expected)[: None if options.full else FEW_CAUSES]))
@@ -214,6 +196,34 @@ def command(options: argparse.Namespace) -> int:
         _draw(options, case, Path(path).stem, expected, by_trials, required, units)
     availability = (by_trials or expected).availability
     return Exit.DONE if availability > 0.9999 else Exit.UNSOLVED
+
+
+def _check_options(options: argparse.Namespace, case: Case) -> None:
+    """Refuse options that do not fit the design; say which ones will go."""
+    if options.tolerances and not (options.units and case.variation):
+        raise WrongUse("--tolerances needs --units and a design with [[variation]] tables")
+    if options.levers and not options.units:
+        raise WrongUse("--levers needs --units")
+    if options.levers or options.tolerances:
+        terminal.print_message(
+            "startrack: levers and tolerances are part of startrack what-matters; the options of "
+            "budget work until version 0.3"
+        )
+    if options.units:
+        with as_wrong_use():
+            require_units(case)
+
+
+def _typical_star(case: Case) -> tuple[dict[str, Any], str]:
+    """Centroid error of a typical star without noise: for JSON, and a sentence."""
+    with terminal.stage("single stars"):
+        floor, stated = float(lasting(errors(case))), case.tracker.attitude.centroid_floor
+    assumed = "this, star by star" if stated is None else f"{stated:g} pixel for all stars"
+    values = {"star_without_noise_px": floor, "centroid_floor_px": stated}
+    return values | {"star_without_noise_g": TYPICAL}, (
+        f"centroid error of a star of G {TYPICAL:g} without noise {floor:.4f} pixel; the tracker "
+        f"assumes {assumed}"
+    )
 
 
 def _in_full(case: Case, expected: Budget[Any], show: Callable[[str], None]) -> dict[str, Any]:

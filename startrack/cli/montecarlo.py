@@ -174,13 +174,13 @@ def command(options: argparse.Namespace) -> int:
     if needs and sampling.attitudes == "random":
         judged = counted(needs, case, options.seed, outcomes)
     summary = metrics.summarise(judged, limits)
-    shown, verdicts = dict[str, Any](), list[str]()
+    required, verdicts = dict[str, Any](), list[str]()
     if needs and needs.accuracy:
         boresight = attitudes[np.isin(outcomes["trial"], judged["trial"])].inv().apply([0, 0, 1])
         claims = number_of_claims(conditions)
-        summary, shown["required"], verdicts = _required(needs, judged, boresight, summary, claims)
+        summary, errors, verdicts = _required(needs, judged, boresight, summary, claims)
         others = [*(condition.name for condition in conditions[1:]), *refused]
-        shown["conditions_not_run"] = others
+        required = {"required": errors, "conditions_not_run": others}
         if others:
             verdicts.append(
                 "this is the design's own condition alone; `startrack verify` also judges: "
@@ -188,23 +188,19 @@ def command(options: argparse.Namespace) -> int:
             )
     rows = metrics.summary_rows(summary, limits)
     result = {"design": str(path), "seed": options.seed, "fidelity": sampling.fidelity.value}
-    result |= metrics.to_json(rows) | {"trials_per_s": rate} | shown
+    result |= metrics.to_json(rows) | {"trials_per_s": rate} | required
     asked = f"{summary.doubt}; `startrack budget` names what the tracker does not know"
     text = [_answer(summary), *([asked] if summary.doubt else [])]
     text += [*metrics.to_lines(rows), *verdicts]
+    accuracy = needs.accuracy if needs else ()
     if options.units:
-        required = needs.accuracy if needs else ()
-        result["units"], lines = trials_of(case, options.seed, sampling, outcomes, required)
+        result["units"], lines = trials_of(case, options.seed, sampling, outcomes, accuracy)
         text += lines
     else:
         text.append(noise_only(case))
     if design.unknowns and options.draws:
-        lines = list[str]()
-        if isinstance(sampling.units, Units):
-            result["not_known"], lines = units_over_unknowns(options, path, sampling.units.age)
-        elif drawn := draws_of(options, path):
-            errors = summary.across.value, summary.about.value
-            result["not_known"], lines = errors_over_unknowns(drawn, errors)
+        values, lines = _over_unknowns(options, path, sampling, summary)
+        result |= values
         text += lines
     result["noise_only"] = not options.units
     text.append(f"{rate:.1f} trials/s, seed {options.seed}")
@@ -219,12 +215,24 @@ def command(options: argparse.Namespace) -> int:
         result["store"] = str(where)
     _save_table(options, case, outcomes, attitudes, ends)
     if options.out:
-        required = needs.accuracy if needs else ()
-        plots.draw_errors(options.out / "errors.png", outcomes, path.stem, summary, required)
+        plots.draw_errors(options.out / "errors.png", outcomes, path.stem, summary, accuracy)
         save_json(options.out / "summary.json", finite(result))
         result["out"] = str(options.out)
     terminal.print_result(options, result, *text)
     return Exit.DONE if summary.availability.value == 1 and not failures else Exit.UNSOLVED
+
+
+def _over_unknowns(
+    options: argparse.Namespace, path: Path, sampling: Sampling, summary: metrics.Summary
+) -> tuple[dict[str, Any], list[str]]:
+    """Intervals over the values that the design does not know: for JSON, and lines."""
+    if isinstance(sampling.units, Units):
+        values, lines = units_over_unknowns(options, path, sampling.units.age)
+        return {"not_known": values}, lines
+    if drawn := draws_of(options, path):
+        values, lines = errors_over_unknowns(drawn, (summary.across.value, summary.about.value))
+        return {"not_known": values}, lines
+    return {}, []
 
 
 def _answer(summary: metrics.Summary) -> str:

@@ -197,7 +197,7 @@ class KeyLine:
         """A root in a bracket, corrected by trials."""
         formula = number = self.root(bracket, above)
         if self.tried is None:
-            return LimitCrossing(self._kept(number, above), formula, above, False)
+            return LimitCrossing(self._kept(number, above), formula, above, tried=False)
         shifts = [0.0] * 3
         for _ in range(STEPS):
             found = self.tried(number)
@@ -211,7 +211,7 @@ class KeyLine:
             if not math.isfinite(number):
                 break
         ends = sorted(self.root(bracket, above, shift) for shift in shifts[1:])
-        return LimitCrossing(Interval(self._kept(number, above), *ends), formula, above, True)
+        return LimitCrossing(Interval(self._kept(number, above), *ends), formula, above, tried=True)
 
     def _kept(self, number: float, above: bool) -> float:
         """Of a whole number, the last one that keeps the limit."""

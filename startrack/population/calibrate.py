@@ -47,13 +47,14 @@ def drawn(camera: Camera, design: Camera, settings: CameraCalibration, streams: 
         estimate - truth = G residual + C (H^T M K (truth - design) - P (truth - design)) + N(0, C)
         C = (H^T M H + P)^-1
 
-    with the slopes H of what is fitted and K of what is held, at the design, M the inverse of the
-    measurements' covariance without the part that an attitude takes up, and P that of the priors.
+    with the slopes H by the fitted parameters and K by the fixed ones, at the design, M the inverse
+    of the measurements' covariance without the part that an attitude absorbs, and P that of the
+    priors.
     On the ground the positions are known and the residual there acts through the gain G; in orbit
     stars are anywhere and the residual counts as noise of its rms over the frame. Arguments as
     `calibrated`.
 
-    Accuracy  the rms of what is left over the frame is that of `calibrated` within 5 %.
+    Accuracy  the rms displacement that is left over the frame is that of `calibrated` within 5 %.
     """
     fit = _fit(design.ideal, settings)
     random = streams("calibration of the camera")
@@ -94,11 +95,11 @@ def _mapped(camera: Camera, model: Camera, settings: CameraCalibration, streams:
         pixel = random.random((count, 2)) * (camera.columns, camera.rows) - 0.5
     turn = alignment(camera, model)
     seen = pixel + settings.noise * random.standard_normal(pixel.shape)
-    left = seen - model.project(turn.apply(_shown(camera, pixel, settings, random)))
+    residual = seen - model.project(turn.apply(_shown(camera, pixel, settings, random)))
     weight = core.map_weights(camera.columns, camera.rows, pixel, settings.nodes)
     normal = weight.T @ weight
     normal += FEW * np.trace(normal) / len(normal) * np.eye(len(normal))
-    node: Floats = np.linalg.solve(normal, weight.T @ left).astype(np.float64)
+    node: Floats = np.linalg.solve(normal, weight.T @ residual).astype(np.float64)
     return replace(model, residual=core.map_displacement(camera.columns, camera.rows, node))
 
 
@@ -179,7 +180,7 @@ def _priors(settings: CameraCalibration) -> Calibration:
 class _CalibrationFit(NamedTuple):
     """A linear fit of the camera.
 
-    free    (k,) which of UNKNOWNS are fitted
+    free    (k,) indices of the fitted ones of UNKNOWNS
     normal  (8, 8) of UNKNOWNS for a noise of one pixel, without the part of the attitudes
     prior   (k, k)
     noise   pixel rms per axis
@@ -202,22 +203,22 @@ def _fit(design: Camera, settings: CameraCalibration) -> _CalibrationFit:
     noise = max(settings.noise, LEAST_NOISE)
     if settings.place == "ground":
         noise = float(np.hypot(noise, direction))
-        apart = _slopes(design, _positions(design, settings))
-        normal = apart.T @ apart
+        slopes = _slopes(design, _positions(design, settings))
+        normal = slopes.T @ slopes
         both = normal[np.ix_(free, free)] + noise**2 * prior
-        gain = np.asarray(np.linalg.solve(both, apart[:, free].T), float)
+        gain = np.asarray(np.linalg.solve(both, slopes[:, free].T), float)
         return _CalibrationFit(free, normal, prior, noise, gain)
     # In orbit: the expected information of a frame of these stars, from many frames.
     random, size = core.Streams(0, 0)("places of a calibration"), (design.columns, design.rows)
     normal, frames = np.zeros((len(UNKNOWNS), len(UNKNOWNS))), 200
     for _ in range(frames):
-        apart = _slopes(design, random.random((settings.stars, 2)) * size - 0.5)
-        normal += apart.T @ apart * (settings.frames / frames)
+        slopes = _slopes(design, random.random((settings.stars, 2)) * size - 0.5)
+        normal += slopes.T @ slopes * (settings.frames / frames)
     return _CalibrationFit(free, normal, prior, noise, np.zeros((len(free), 0)))
 
 
 def _slopes(camera: Camera, pixel: Floats) -> Floats:
-    """Slopes of places by UNKNOWNS (2 n, 8) beside those by a turn, x and y of each star."""
+    """Slopes (2 n, 8) of places by UNKNOWNS, x and y of each star, without the part of a turn."""
     by_camera, by_turn = camera_slopes(camera, camera.unproject(pixel))
     rows, turn = by_camera.reshape(-1, len(UNKNOWNS)), by_turn.reshape(-1, 3)
     return np.asarray(rows - turn @ np.linalg.lstsq(turn, rows, rcond=None)[0])

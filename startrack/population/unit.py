@@ -39,14 +39,14 @@ def _of_places(case: Case) -> frozenset[str]:
 
 
 def placed(case: Case, like: Case, seed: int, moment: Moment) -> Case:
-    """A unit whose stars are where those of `unit_of` are, and which is else as another unit.
+    """A unit with the places of stars of `unit_of`, which otherwise is another unit.
 
-    In a fraction of the time: no part of the case is checked again.
+    Much faster than `unit_of`, because no part of the case is checked again.
 
     case  the design, whose `imaged_alike` holds
     like  a unit of it
     """
-    return _believing(_with_places(case, like, seed, moment), case, seed, moment, False)
+    return _believing(_with_places(case, like, seed, moment), case, seed, moment, run=False)
 
 
 def _believing(unit: Case, case: Case, seed: int, moment: Moment, run: bool) -> Case:
@@ -75,10 +75,10 @@ def _imaged_as(unit: Case, case: Case) -> Case:
 
 
 def middle_of(case: Case, age: float) -> Case | None:
-    """The unit for whose noise and detection those of all units may stand; None: there is none.
+    """The unit whose noise and detection represent those of all units; None: there is none.
 
-    Behind a lens table, where each unit's own would take as long as those of the design, and where
-    units differ by places, and by noise that is the middle unit's here.
+    There is one behind a lens table, where measuring each unit would take as long as measuring the
+    design, if units differ by places of stars and noise alone; the noise is that of the middle.
 
     age  second
     Accuracy  3 % of a unit's rms, of three units of the nanosatellite five years old
