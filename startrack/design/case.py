@@ -583,7 +583,7 @@ class Case(core.CarriesCode):
 
     @cached_property
     def without_units(self) -> Case:
-        """The case without what differs between units."""
+        """The case without the variations and the structure that make units differ."""
         if not (self.variation or self.instrument.structure):
             return self
         return replace(self, variation=(), instrument=replace(self.instrument, structure=None))

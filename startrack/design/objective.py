@@ -161,7 +161,7 @@ class Objective:
         return math.exp(math.fsum(weight * math.log(error) for error, weight in pairs) / total)
 
     def _shares(self, errors: Sequence[float], weights: Sequence[float]) -> Floats:
-        """Growth of ln(mean) with the ln of each error in conditions; their sum is 1."""
+        """d ln(mean) / d ln(error) of the error in each condition; their sum is 1."""
         power = {"geometric": 0, "arithmetic": 1, "quadratic": 2}.get(self.mean)
         if power is None:
             return np.eye(len(errors))[int(np.argmax(errors))]
@@ -169,20 +169,20 @@ class Objective:
         return np.asarray(share / share.sum())
 
     def _columns(self, squares: Floats) -> tuple[list[Floats], Floats]:
-        """Squares (n,), whose rms make the error, and by how much ln(error) grows with each."""
+        """Squares (n,) whose rms make the error, and d ln(error) / d ln(rms) of each."""
         if not self.terms:
             return [squares], np.ones(1)
         columns = [squares[:, AXES[name]].mean(axis=1) for name, _ in self.terms]
-        parts = [
+        errors = [
             weight * float(Objective(name).of(column))
             for (name, weight), column in zip(self.terms, columns, strict=True)
         ]
-        return columns, np.array(parts) / sum(parts)
+        return columns, np.array(errors) / sum(errors)
 
     def _all_columns(
         self, conditions: Sequence[Floats], shares: Floats
     ) -> tuple[list[Floats], Floats]:
-        """`_columns` of all conditions, by how much ln(mean) grows with each."""
+        """`_columns` of all conditions, with d ln(mean) / d ln(rms) of each."""
         every = [self._columns(squares) for squares in conditions]
         own = [share * part for share, (_, part) in zip(shares, every, strict=True)]
         return [column for columns, _ in every for column in columns], np.concatenate(own)

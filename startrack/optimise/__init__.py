@@ -14,10 +14,10 @@ explorer_settings  How an explorer chooses designs, and how their forecasts are 
 emulators          Forecasts of designs -> emulators of the objective and of each margin.
 limit              A limit that trials decide -> the forecast margin that a design needs to meet
                    it.
-correction         Trials of designs -> by how much forecasts of other designs are wrong.
+correction         Trials of designs -> correction of the forecasts of other designs.
 source             DesignSpace and campaign -> what an explorer asks of designs: forecasts, costs,
                    conditions.
-explorer           Source of designs -> forecasts where they tell most.
+explorer           Source of designs -> forecasts where they are most informative.
 search_log         A search -> a file with a line for each forecast and each design that was tried.
 landscape          Emulators of a design space -> what they say around its best design.
 steps              The steps of the optimiser: start, forecasts, correction, refinement,

@@ -1,4 +1,4 @@
-"""Source of designs -> forecasts where they tell most, and emulators of all that they say."""
+"""Source of designs -> forecasts where they are most informative, and emulators of all values."""
 
 from __future__ import annotations
 

@@ -158,7 +158,7 @@ def optimize(
     watch_stage: Callable[[SearchStage], None] | None = None,
     adapt: Callable[[design.Case], design.Case] | None = None,
 ) -> Optimum:
-    """Forecast designs where they tell most, then run trials where they decide.
+    """Forecast designs where they are most informative, then run trials where they decide.
 
     The analytic budget of some designs over the space, and then of those that may be the best,
     makes emulators of the objective and of all margins (`Explorer`), until no gain above the

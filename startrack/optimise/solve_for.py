@@ -260,10 +260,10 @@ def solve_for(
 
     The margin is computed by formula at the points of the range; between two of unlike sign a root
     is found by Brent's method. Trials at the root, which have the same skies and noise at every
-    value, then show by how much the formula is wrong: an error by a factor, the availability by a
-    difference. The formula with this correction has a new root, until it moves by less than 5 % of
-    half its interval. The ends of the interval are the roots with the correction by the ends of the
-    95 % interval of these trials.
+    value, then correct the formula: an error by a factor, the availability by a difference. The
+    corrected formula has a new root, until it moves by less than 5 % of half its interval. The ends
+    of the interval are the roots with the correction by the ends of the 95 % interval of these
+    trials.
 
     path      of a design file
     key       "KEY=A..B", or "KEY" for a tenth to ten times the value of the design, in equal ratios

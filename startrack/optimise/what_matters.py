@@ -55,7 +55,7 @@ class WhatMatters:
     tightest  name of the margin that leaves least of what its limit allows; empty without any
     best      the best forecast that was found in the ranges
     met       whether it meets all limits, as expected
-    left      by how much ln(objective) may yet fall there, with 98 % confidence
+    left      largest possible fall of ln(objective) there, with 98 % confidence
     count     number of forecasts
     """
 
