@@ -45,7 +45,7 @@ from startrack.trial.effects import require_least_squares, require_no_image, req
 FAINTEST = 4.5  # sigma below the threshold: a star passes it three times in a million
 LEAST = 0.5  # sigma, for thresholds so low that all stars would count; chosen by hand
 CROWDED = 0.1  # spots by hot pixels over those that are kept; chosen by hand
-MARKED = 0.003  # of the pixels, as hot ones by a dark map; chosen by hand
+MARKED = 0.003  # fraction of the pixels that a dark map marks as hot; chosen by hand
 STEPS, COLOURS = 16, 32  # of the shifts by a lens table: along a side, and over colour
 TYPICAL = 5.0  # times the faintest flux: star for which shifts by companions are measured
 
@@ -53,14 +53,16 @@ TYPICAL = 5.0  # times the faintest flux: star for which shifts by companions ar
 class SpotField(NamedTuple):
     """The stars that can be detected, in order of the last coordinate of their directions.
 
-    direction, believed  (n, 3) unit vectors, true and in the tracker's catalogue
-    known                (n,) whether they are in that
-    flux                 (n,) logarithm of electrons
-    number               (n,) index into the sky, which names a star in the draws
-    systematic, hot      (n,) pixel^2 per axis, systematic variance that the tracker assumes, and
-                         `TrackerKnowledge.hot`
-    colour               (n,) class of `Through`;  zone  (n,) first zone of the class of the zones
-    stretch              (n,) 1, by which the tracker's focal length is longer for the star's colour
+    direction   (n, 3) unit vectors, true
+    believed    (n, 3) unit vectors, in the tracker's catalogue
+    known       (n,) whether they are in that catalogue
+    flux        (n,) logarithm of electrons
+    number      (n,) index into the sky, which names a star in the draws
+    systematic  (n,) pixel^2 per axis, systematic variance that the tracker assumes
+    hot         (n,) pixel^2 per axis, `TrackerKnowledge.hot`
+    colour      (n,) index of the star's colour among those of `Through`
+    zone        (n,) first zone of the star's class of colour
+    stretch     (n,) 1, by which the tracker's focal length is longer for the star's colour
     """
 
     direction: Floats
@@ -80,7 +82,9 @@ class Through(NamedTuple):
 
     table        (k, q, p, 3) pixel shift x and y; logarithm of the relative flux
     step_x, _y   pixel, between two places
-    wide, high   pixel, of a zone;  across, down  zones in a row and in a column
+    wide, high   pixel, of a zone
+    across       zones in a row
+    down         zones in a column
     slack        pixel^2 per axis, mean square of a unit's residual: the solver's gate grows with
                  the typical residual
     """
@@ -96,8 +100,9 @@ class Through(NamedTuple):
 
 
 class Companions(NamedTuple):
-    """The stars near each star of a Field: those from start[i] to start[i + 1] are near star i.
+    """The stars near each of the n stars of a `SpotField`.
 
+    start      (n + 1,) those from start[i] to start[i + 1] are near star i
     direction  (k, 3) unit vectors
     flux       (k,) logarithm of electrons
     """
@@ -133,8 +138,17 @@ NO_LENS = Through(np.zeros((0, 1, 1, 3)), 1.0, 1.0, 1.0, 1.0, 1, 1, 0.0)
 
 
 class SpotPlan(NamedTuple):
-    """Values that the trials of a case have in common; gate as in the solver, false spots per
-    frame.
+    """Values that the trials of a case have in common.
+
+    response    of the detection to single stars
+    pull        of `companion_shift`
+    field       the stars that can be detected
+    companions  stars near these
+    view        the true camera
+    gate        sigma, of the solver
+    false       expected number of false spots in a frame
+    through     effect of a lens table
+    hot         effect of hot pixels on the centroids of stars
 
     Accuracy  model: hot pixels near companions, and which of two spots is brighter, are left out.
     """
@@ -232,34 +246,36 @@ def plan_within(case: Case, limits: FluxLimits) -> SpotPlan:
     detector, camera = instrument.detector, instrument.camera
     stars, flux, sky = open_sky(case.catalog).stars, electrons_of(even), sky_electrons(even)
     faintest, brightest, detectable = limits
-    lens = instrument.optics.tabulated
     believed, knowledge = open_sky(case.believed_catalog).stars, knowledge_of(case)
     there, is_known = believed.find(stars.identifier[detectable])
     empty = empty_frame(case, sky)
     grid = ResponseGrid(even, sky, search=empty and (empty.noise, empty.threshold_sigma))
-    fluxes = fluxes_between(faintest, brightest)
+    measure = response_of_zones if instrument.optics.tabulated else response_of
+    false = false_alarms(detection_plan(even), detector.columns, detector.rows)
+    response, pull = measure(grid, faintest, brightest), companion_shift(grid, TYPICAL * faintest)
+    colour, zone, stretch = _colours(case, stars.colour[detectable], believed.colour[there])
+    field = SpotField(
+        direction=np.ascontiguousarray(stars.direction[detectable]),
+        believed=np.ascontiguousarray(believed.direction[there]),
+        known=is_known,
+        flux=np.log(flux[detectable]),
+        number=detectable.astype(np.uint64),
+        systematic=knowledge.systematic[there],
+        hot=knowledge.hot[there],
+        colour=colour,
+        zone=zone,
+        stretch=stretch,
+    )
     return SpotPlan(
-        response_of_zones(grid, faintest, brightest)
-        if lens
-        else response_of(grid, faintest, brightest),
-        companion_shift(grid, TYPICAL * faintest),
-        SpotField(
-            np.ascontiguousarray(stars.direction[detectable]),
-            np.ascontiguousarray(believed.direction[there]),
-            is_known,
-            np.log(flux[detectable]),
-            detectable.astype(np.uint64),
-            knowledge.systematic[there],
-            knowledge.hot[there],
-            *_colours(case, stars.colour[detectable], believed.colour[there]),
-        ),
-        _companions(case, flux, detectable),
-        view_of(camera, peak_border(settings)),
-        case.tracker.attitude.gate,
-        false_alarms(detection_plan(even), detector.columns, detector.rows)
-        + (empty.spots if empty else 0.0),
-        through_of(case),
-        hot_windows(grid, case, fluxes)[0],
+        response=response,
+        pull=pull,
+        field=field,
+        companions=_companions(case, flux, detectable),
+        view=view_of(camera, peak_border(settings)),
+        gate=case.tracker.attitude.gate,
+        false=false + (empty.spots if empty else 0.0),
+        through=through_of(case),
+        hot=hot_windows(grid, case, fluxes_between(faintest, brightest))[0],
     )
 
 
@@ -294,7 +310,7 @@ def through_of(case: Case) -> Through:
 
 
 def _colours(case: Case, true: Floats, believed: Floats) -> tuple[Ints, Ints, Floats]:
-    """The last three arrays of a Field, for stars of colours BP - RP."""
+    """`colour`, `zone` and `stretch` of a `SpotField`, for stars of colours BP - RP."""
     none = np.zeros(len(true), np.int64)
     if not case.instrument.optics.tabulated:
         return none, none, np.zeros(len(true))
@@ -314,8 +330,10 @@ def _colour_nodes(case: Case) -> Floats:
 
 
 def _shifts(case: Case) -> Floats:
-    """`Through.table` of a lens table: `centroid_shift` in small steps; straight lines between them
-    err by 0.001 pixel where the shift is a tenth of a pixel."""
+    """`Through.table` of a lens table: `centroid_shift` in small steps.
+
+    Linear interpolation between them errs by 0.001 pixel where the shift is a tenth of a pixel.
+    """
     camera, shift = case.instrument.camera, centroid_shift(case)
     x = np.linspace(-0.5, camera.columns - 0.5, STEPS + 1)
     y = np.linspace(-0.5, camera.rows - 0.5, STEPS + 1)

@@ -273,7 +273,8 @@ class WindowPlan:
     star       (n,) electron of each in the sky, None for a scene with other lights
     colour     (n,) metre, their mean wavelengths, where the image changes with it
     sky        electron in a pixel of mean response
-    noise      what makes false spots; None where whole frames take less time than windows
+    psf        images of stars
+    noise      law of false spots; None where whole frames take less time than windows
     threshold  sigma
     fraction   (k,) 1, of a star's light in a pixel of the filtered frame, at 0, 1, 2, ... pixel
     spread     pixel, to which a pixel of the filtered frame depends on others
@@ -306,18 +307,19 @@ def plan_windows(case: Case, smear: Smear = None) -> WindowPlan:
     plan = detection_plan(case, smear=smear)
     grounds = [ground_of(case, core.Streams(SAMPLE_SEED, n), plan) for n in range(SAMPLES)]
     kernel = plan.kernel
+    stars_alone = not case.scene.lights
     return WindowPlan(
-        detector,
-        None if case.scene.lights else electrons_of(case),
-        colours_of(case) if instrument.optics.tabulated and not case.scene.lights else None,
-        sky,
-        images_of(instrument),
-        None if detector.flickers else noise_of(detector, sky, grounds, plan),
-        plan.threshold(detector.columns * detector.rows),
-        detection.star_profile(psf, kernel),
-        kernel.half + (plan.correction is not None),
-        plan,
-        core.Workspace(),
+        detector=detector,
+        star=electrons_of(case) if stars_alone else None,
+        colour=colours_of(case) if instrument.optics.tabulated and stars_alone else None,
+        sky=sky,
+        psf=images_of(instrument),
+        noise=None if detector.flickers else noise_of(detector, sky, grounds, plan),
+        threshold=plan.threshold(detector.columns * detector.rows),
+        fraction=detection.star_profile(psf, kernel),
+        spread=kernel.half + (plan.correction is not None),
+        detection=plan,
+        workspace=core.Workspace(),
     )
 
 
