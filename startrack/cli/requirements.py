@@ -32,6 +32,8 @@ EARTH_TOO = (
     "(catalogs/scenes/goals.toml), to compute focal length, aperture and pixel rate"
 )
 
+PACE = 0.5  # pixel over all stages, above which the cause of a blur is named; chosen by hand
+
 
 declare = Options(
     "Prints the margin of each requirement and the error by the analytic budget. The status is 3 "
@@ -184,7 +186,19 @@ def _figures_text(
         *_saturated(figures),
         f"  pixel rate           {figures.clock / 1e6:.4g} Mpixel / s, a line in "
         f"{1e3 * figures.period:.4g} ms; {figures.data_rate / 1e6:.4g} Mbit / s",
+        *_smeared(channel, figures),
         *([f"  NOT MET              {', '.join(missed)}"] if missed else []),
+    ]
+
+
+def _smeared(channel: imager.Channel, figures: imager.Figures) -> list[str]:
+    """Where the lines of a TDI detector do not keep pace with the ground, and which would."""
+    if abs(figures.ahead) <= PACE:
+        return []
+    right = figures.period / (1 + figures.ahead / (channel.stages - 1))
+    return [
+        f"  SMEARED ALONG        the ground runs {figures.ahead:+.3g} pixel ahead of the charge "
+        f"over {channel.stages} stages; lines every {1e3 * right:.4g} ms keep pace (period)"
     ]
 
 

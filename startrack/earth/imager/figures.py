@@ -67,6 +67,8 @@ class Figures:
     dynamics          1, dynamic range: full-well capacity over the noise in the dark
     period, clock     second between lines; pixel / second
     data_rate         bit / second
+    ahead             pixel by which the ground runs ahead of the charge over all stages of a TDI
+                      detector, which blurs along the track; 0 for others
     """
 
     gsd: float
@@ -90,6 +92,7 @@ class Figures:
     period: float
     clock: float
     data_rate: float
+    ahead: float
 
 
 def figures(
@@ -167,6 +170,7 @@ def figures(
         period,
         channel.columns / period * (1 if detector.scan else detector.rows),
         channel.columns * detector.bits / period * (1 if detector.scan else detector.rows),
+        ahead * (channel.stages - 1),
     )
 
 

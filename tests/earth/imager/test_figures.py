@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from startrack.cli import requirements
 from startrack.cli.main import main
 from startrack.core import Curve, Refused
 from startrack.core.units import deg, nm, um
@@ -298,6 +299,11 @@ def test_lines_of_a_tdi_detector_that_do_not_keep_pace_are_blurred():
                 require_pace(own, pace, 0.01)
     assert found[0].mtf_along == pytest.approx(found[1].mtf_along)
     assert found[2].mtf_along == pytest.approx(0, abs=1e-9)
+    assert [one.ahead for one in found] == pytest.approx([0, 0, 3 * 0.5], abs=1e-9)
+    words = "\n".join(requirements._figures_text(own, found[2], 600e3, {}))
+    assert "SMEARED ALONG        the ground runs +1.5 pixel ahead of the charge" in words
+    assert f"lines every {1e3 * square:.4g} ms keep pace" in words
+    assert "SMEARED" not in "".join(requirements._figures_text(own, found[1], 600e3, {}))
 
 
 def test_light_that_saturates_has_no_snr():
