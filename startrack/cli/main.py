@@ -14,7 +14,7 @@ import warnings
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext, redirect_stdout, suppress
 from importlib import import_module
-from typing import Any, cast
+from typing import cast
 
 from startrack import __version__
 from startrack.cli import stopping
@@ -209,7 +209,8 @@ def _run(options: argparse.Namespace) -> int:
         warnings.catch_warnings(),
         _compiled_beside(options),  # first: what is compiled is needed soon after the imports
     ):
-        warnings.showwarning = _print_warning
+        said = set[str]()
+        warnings.showwarning = lambda message, *_, **__: _print_warning(message, said)
         load()
         module = import_module(_module(options.name))
         command = module.command
@@ -244,9 +245,15 @@ def _compiled_beside(options: argparse.Namespace) -> AbstractContextManager[None
     return cast("AbstractContextManager[None]", beside.compiled_beside(options.name))
 
 
-def _print_warning(message: Warning | str, *_: Any, **__: Any) -> None:
-    """Print a warning as one line, without the line of code that raised it."""
-    print(f"startrack: {stopping.one_line(message)}", file=sys.stderr)
+def _print_warning(message: Warning | str, said: set[str]) -> None:
+    """Print a warning as one line, without the line of code that raised it, unless it was said.
+
+    Python forgets what it has warned of wherever code sets its filters.
+    """
+    line = stopping.one_line(message)
+    if line not in said:
+        said.add(line)
+        print(f"startrack: {line}", file=sys.stderr)
 
 
 def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:

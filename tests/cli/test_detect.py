@@ -1,10 +1,12 @@
 """`startrack detect` from its arguments to its table, JSON and picture."""
 
 import json
+import warnings
 
 import cv2
 import numpy as np
 import pytest
+from astropy.io import fits
 
 from startrack.cli.main import main
 from startrack.core.streams import Streams
@@ -47,6 +49,20 @@ def test_an_image_that_is_saturated_says_so(tmp_path, capsys):
         out = capsys.readouterr().out
         assert ("saturated" in out) == (rows > 0)
         assert words in out
+
+
+def test_what_all_images_have_is_said_once(sky, tmp_path, capsys):
+    """Pictures set filters of warnings, after which Python warns of the same again."""
+    light = sky((40, 40), np.array([20.2]), np.array([19.4]), 9000.0, 2.0) + 40
+    paths = [str(tmp_path / f"{number}.fits") for number in range(3)]
+    for path in paths:
+        fits.PrimaryHDU(light.astype(np.int16), fits.Header({"BAYERPAT": "RGGB"})).writeto(path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("default")
+        assert main(["detect", *paths, "--overlay", str(tmp_path / "drawn")]) == 0
+    found = capsys.readouterr()
+    assert found.out.count("1 spot") == 3
+    assert found.err.count("mosaic of colours (RGGB)") == 1
 
 
 def test_settings_of_a_design(image, capsys):
