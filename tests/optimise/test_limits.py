@@ -104,7 +104,6 @@ def search(small, campaign, monkeypatch):
     return run
 
 
-@pytest.mark.slow
 def test_a_search_goes_on_until_trials_agree(search):
     """The best of the formula loses 30 % at rest. A seed fails with a probability of 5 %."""
     found, point, runner = search(0)

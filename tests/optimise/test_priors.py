@@ -89,7 +89,6 @@ class Known(TrackerSource):
         return Evaluation(tuple(point), values, error, error, 0.0, {}, None, "", tried=100)
 
 
-@pytest.mark.slow
 def test_a_limit_cuts_the_law_of_what_the_error_depends_on(design):
     """A normal law of the logarithm, cut where the error is 1.2 times that of the middle.
 

@@ -100,7 +100,6 @@ def _blurred(channel):
     return replace(channel, optics=replace(channel.optics, blur=25e-6))
 
 
-@pytest.mark.slow
 def test_noise_of_a_restored_product_is_that_of_the_figures(scene):
     """By the difference of two images of one scene, restored as the channel says."""
     survey, _, _ = scene
