@@ -701,7 +701,7 @@ def terrain(options: argparse.Namespace) -> int:
         grid, scaling = raster.grid, raster.scaling
         with as_wrong_use(ValueError, OSError), progress(path.name, grid.rows) as advance:
             extremes = raster.extremes(advance)
-        lowest, highest, holes = extremes
+        lowest, highest, holes, _ = extremes
         east = grid.west + (grid.columns - 1) * grid.step_x
         narrow = math.cos((grid.north + grid.south) / 2)
         result = {

@@ -98,8 +98,9 @@ def compare_flown(
 
     Predicted images have the brightness of the flown images, so that it tests nothing, except for a
     star with `magnitude_g`: its predicted brightness follows from this magnitude, and tests
-    transmission and quantum efficiency. The background is not tested where the images have another
-    offset than the design. Stars without steady light, as seen or as predicted, are left out.
+    transmission and quantum efficiency. Background and read noise are not tested where the images
+    have another offset than the design. Stars without steady light, as seen or as predicted, are
+    left out.
 
     unknown   the design with other values of what is not known, one for each device, so that the
               predicted intervals hold them; none: all devices are of `case`
@@ -174,7 +175,9 @@ def _light_by_magnitude(case: Case, star: Windows) -> float:
 
 
 def _of_known_offset(differences: list[FlightDifference]) -> list[FlightDifference]:
-    """The differences; those of the background are not tested where the offset differs."""
+    """The differences; where the offset differs, those of background and read noise are not tested:
+    both are figures of numbers without light.
+    """
     off = {
         row.star: row
         for row in differences
@@ -187,7 +190,7 @@ def _of_known_offset(differences: list[FlightDifference]) -> list[FlightDifferen
             f"transfer {off[row.star].seen.value:.4g} digital numbers are left where there is no "
             "light"
         )
-        if row.name == "background" and row.star in off
+        if row.name in ("background", "read_noise") and row.star in off
         else row
         for row in differences
     ]

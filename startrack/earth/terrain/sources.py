@@ -45,7 +45,9 @@ GRIDS = "PROJ_NETWORK"  # variable by which PROJ would fetch grids of datums
 ELSEWHERE = ("OVERVIEWS", "xml:VRT")  # domains of metadata by which GDAL opens other files
 SURVEY_FOOT = 1200 / 3937  # metre
 DEEPEST, HIGHEST = -11_100.0, 9_100.0  # metre, of ground and sea floor, geoid and margin included
-VOID = -9999.0  # what many programs write where there is no height; the sea is as deep in trenches
+# Numbers that many programs write where there is no height; the sea is 9999 m deep in trenches.
+VOIDS = (-9999.0, -32768.0)
+SEARCHED = 2**28  # pixel, of the largest file that is searched for them before heights are read
 # Metre in each unit of height, as GDAL, EPSG and the makers of elevation models name them.
 METRES = {
     **dict.fromkeys(("m", "metre", "meter", "metres", "meters"), 1.0),
@@ -72,18 +74,22 @@ class Scaling(NamedTuple):
 
 
 class Extremes(NamedTuple):
-    """Extremes of the values of a file; NaN where it has none. `holes` is the fraction without a
-    value.
+    """Extremes of the values of a file; NaN where it has none.
+
+    holes        1, fraction without a value
+    void_number  the lowest number, before scale and unit, where it is one of VOIDS
     """
 
     lowest: float
     highest: float
     holes: float
+    void_number: float | None = None
 
     @property
     def of_the_earth(self) -> bool:
-        """Whether all may be heights of the Earth; false where the lowest is -9999 exactly."""
-        return not (self.lowest < DEEPEST or self.highest > HIGHEST or self.lowest == VOID)
+        """Whether all may be heights of the Earth, and none stands for a place without a height."""
+        beyond = self.lowest < DEEPEST or self.highest > HIGHEST
+        return not beyond and self.void_number is None
 
 
 @dataclass(frozen=True)
@@ -159,8 +165,12 @@ class Raster:
     def read(self, grid: Grid) -> Singles:
         """Bilinear (nearest where exact), with GDAL's smoothing where the steps are coarser.
 
-        Raises  Refused for heights that are not of the Earth; warns of heights of -9999 m.
+        Raises    Refused for heights that are not of the Earth; warns of a file of heights that
+                  holds one of VOIDS, and names no number for places without a height.
+        Accuracy  a file of more than SEARCHED pixels is not searched for VOIDS.
         """
+        if self.heights:
+            self._warn_of_voids()
         out = np.full((grid.rows, grid.columns), np.nan, np.float32)
         for turn in (-FULL_TURN, 0.0, FULL_TURN):
             west, mine = grid.west + turn, self.grid
@@ -217,7 +227,23 @@ class Raster:
             return Extremes(math.nan, math.nan, fraction)
         scale, offset = self.scaling[:2]
         low, high = sorted((scale * float(lowest) + offset, scale * float(highest) + offset))
-        return Extremes(low, high, fraction)
+        return Extremes(low, high, fraction, float(lowest) if lowest in VOIDS else None)
+
+    @cached_property
+    def _unnamed_void(self) -> float | None:
+        """The number of VOIDS that the file holds without naming it."""
+        with _opened(self.path) as file:
+            named = file.nodatavals[self.band - 1] is not None
+            large = file.width * file.height > SEARCHED
+        return None if named or large else self.extremes().void_number
+
+    def _warn_of_voids(self) -> None:
+        if self._unnamed_void is not None:
+            warnings.warn(
+                f"{self.path} has numbers of {self._unnamed_void:g}, and names no number for "
+                "places without a height (nodata): they are taken as heights",
+                stacklevel=3,
+            )
 
     def _warp(self, grid: Grid, west: float) -> Singles:
         rasterio = require_rasterio("to read terrain files")
@@ -252,12 +278,6 @@ def _require_of_the_earth(path: Path, heights: Singles) -> None:
         raise Refused(
             f"heights of {path} must lie in [{DEEPEST:g}, {HIGHEST:g}] m, got {strange[0]:g} m: a "
             "file names the number that it has where it has no height (nodata)"
-        )
-    if (heights == VOID).any():
-        warnings.warn(
-            f"{path} has heights of {VOID:g} m, and names no number for places without a height "
-            "(nodata): they are taken as heights",
-            stacklevel=3,
         )
 
 

@@ -60,7 +60,7 @@ def flat(path, number, kind="float32", scale=1.0, offset=0.0, **options):
 def height_of(path):
     raster = Raster(path, heights=True)
     (value,) = np.unique(raster.read(Grid(0.1005, 0.7995, 1e-4, 1e-4, 4, 4)))
-    lowest, highest, holes = raster.extremes()
+    lowest, highest, holes, _ = raster.extremes()
     assert lowest == highest == pytest.approx(value, rel=1e-6)
     assert holes == 0
     return float(value)
@@ -140,15 +140,27 @@ def test_numbers_that_stand_for_no_height_are_not_taken_for_heights(tmp_path):
     heights[80:120, 80:120] = -32768
     void = Raster(write(tmp_path / "void.tif", heights), heights=True)
     assert not void.extremes().of_the_earth
-    with pytest.raises(
-        ValueError, match=r"must lie in \[-11100, 9100\] m, got -32768 m: a file names"
+    with (
+        pytest.warns(UserWarning, match="numbers of -32768"),
+        pytest.raises(
+            ValueError, match=r"must lie in \[-11100, 9100\] m, got -32768 m: a file names"
+        ),
     ):
         void.read(GRID)
     heights[80:120, 80:120] = -9999
     deep = Raster(write(tmp_path / "deep.tif", heights), heights=True)
     assert not deep.extremes().of_the_earth
-    with pytest.warns(UserWarning, match="has heights of -9999 m, and names no number"):
+    with pytest.warns(UserWarning, match="has numbers of -9999, and names no number"):
         deep.read(GRID)
+    # Also where the steps are so coarse that single numbers are smoothed away, or the unit is feet.
+    heights[:] = 700
+    heights[90, 90] = -9999
+    coarse = Grid(GRID.west, GRID.north, 16 * GRID.step_x, 16 * GRID.step_y, 8, 8)
+    feet = Raster(write(tmp_path / "feet.tif", heights, unit="ft"), heights=True)
+    with pytest.warns(UserWarning, match="has numbers of -9999"):
+        feet.read(coarse)
+    named = Raster(write(tmp_path / "named.tif", heights, nodata=-9999), heights=True)
+    named.read(coarse)
 
 
 def test_a_hole_is_no_sea(tmp_path):
