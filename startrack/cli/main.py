@@ -133,6 +133,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 stopping.stop_with_input()
             # Imports what the command needs, which takes seconds that a signal may fall into.
             status, message = _run(_parsed(arguments)), ""
+        except SystemExit:  # help is printed, or a word is wrong
+            if alone:
+                stopping.drop_unwritten_messages()
+            raise
         except (Exception, KeyboardInterrupt) as error:
             ended = stopping.Stopped(signals[0]) if signals else error
             status, message = stopping.status_and_sentence(ended)

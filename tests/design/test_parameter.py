@@ -66,7 +66,7 @@ def test_a_whole_number_for_a_float_leaves_it_one():
     case = dataclasses.replace(case, instrument=instrument)
     changed = replaced(case, "instrument.detector.read_noise", 2.6)
     assert changed.instrument.detector.read_noise == 2.6
-    assert replaced(case, "instrument.detector.offset", 2.6).instrument.detector.offset == 3
+    assert replaced(case, "tracker.detection.max_spots", 7.6).tracker.detection.max_spots == 8
 
 
 @pytest.mark.parametrize(
