@@ -302,10 +302,10 @@ def test_an_offset_that_is_not_known_is_in_the_interval_of_the_background():
 
 @pytest.mark.parametrize("law", ["normal", "lognormal"])
 def test_the_interval_of_devices_holds_a_further_one(law):
-    """Of 4,000 times eight devices; false alarms once in 10,000 (four standard deviations)."""
-    drawn = getattr(np.random.default_rng(1), law)(size=(4000, 9))
+    """Of 16,000 times eight devices; false alarms once in 10,000 (four standard deviations)."""
+    drawn = getattr(np.random.default_rng(1), law)(size=(16_000, 9))
     held = 0
     for values in drawn:
         interval = _of_devices(values[:8])
         held += interval.low <= values[8] <= interval.high
-    assert held / 4000 == pytest.approx(0.95, abs=4 * np.sqrt(0.95 * 0.05 / 4000))
+    assert held / 16_000 == pytest.approx(0.95, abs=4 * np.sqrt(0.95 * 0.05 / 16_000))
