@@ -9,7 +9,7 @@ from startrack.cli.options import Exit, Option, Options, WrongUse, as_wrong_use,
 
 if wanted(__name__):
     from startrack.cli.terminal import print_result
-    from startrack.design import products, template
+    from startrack.design import changed_limits, products, template
     from startrack.io import save_text
 
 
@@ -44,7 +44,6 @@ def command(options: argparse.Namespace) -> int:
     text = template(options.product, options.all)
     with as_wrong_use():
         save_text(path, text)
-    said = [line.removeprefix("# ") for line in text.splitlines()[1:2] if line]  # of limits
-    result = {"design": str(path)}
-    print_result(options, result, f"{path} written; next: startrack budget {path}", *said)
+    lines = [f"{path} written; next: startrack budget {path}", changed_limits(options.product)]
+    print_result(options, {"design": str(path)}, *filter(None, lines))
     return Exit.DONE

@@ -39,6 +39,7 @@ from startrack.design.key_search import search_keys
 from startrack.design.keys import (
     DRAFT,
     Key,
+    changed_limits,
     design_keys,
     design_schema,
     item_of,

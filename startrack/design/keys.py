@@ -232,15 +232,11 @@ def template(product: str = "", optional: bool = False) -> str:
     optional  whether keys that may be left out stand there, too, with their defaults, as comments
     Raises    ValueError for a product that the catalogue does not have.
     """
-    table, follow = tomllib.loads(shipped(EXAMPLE).read_text(encoding="utf-8")), dict[str, str]()
+    table = _example()
     if product:
-        detector = of_product(product)
-        example = table["instrument"]["detector"]
-        own = {name: example[name] for name in OWN}
+        detector, own = of_product(product), _own_values(table)
         table["instrument"]["detector"] = {"product": product} | own
-        limits = table["campaign"]["requirements"]
-        follow = _kept_limits(limits, _detector(example), _detector(detector | own))
-        limits |= follow
+        table["campaign"]["requirements"] |= _kept_limits(product)
         table["tracker"]["detection"]["saturation"] = float(2 ** detector["bits"] - 1)
         # The example's detector ages by a law of its own; another one by that of the class.
         del table["tracker"]["detection"]["dark_map_age"]
@@ -248,15 +244,36 @@ def template(product: str = "", optional: bool = False) -> str:
         if rows:
             table["variation"] = rows
     head = ["# A star tracker; the values are those of an example. All keys: startrack keys"]
-    if follow:
-        words = " and ".join(f"{name} = {value}" for name, value in follow.items())
-        head.append(f"# {words}: {product} cannot keep the limit of the example")
+    if words := changed_limits(product):
+        head.append(f"# {words}")
     return "\n".join([*head, *_tables(table, "", _by_name(), optional)]) + "\n"
 
 
-def _kept_limits(limits: dict[str, Any], example: Detector, own: Detector) -> dict[str, str]:
-    """Limits of a design's requirements that change with its detector, as a file has them."""
-    needs = from_table(Requirements, limits)
+def changed_limits(product: str) -> str:
+    """The limits in `template` that differ from the example's, and why; "" where all are the same.
+
+    product  detector of the catalogue; "": the example's
+    """
+    limits = _kept_limits(product) if product else {}
+    words = " and ".join(f"{name} = {value}" for name, value in limits.items())
+    return f"{words}: {product} cannot keep the limit of the example" if words else ""
+
+
+def _example() -> dict[str, Any]:
+    return tomllib.loads(shipped(EXAMPLE).read_text(encoding="utf-8"))
+
+
+def _own_values(table: dict[str, Any]) -> dict[str, Any]:
+    """What a design keeps of its detector where a product takes the place of that."""
+    return {name: table["instrument"]["detector"][name] for name in OWN}
+
+
+def _kept_limits(product: str) -> dict[str, str]:
+    """Limits that follow from a detector that cannot keep the example's, as a file has them."""
+    table = _example()
+    needs = from_table(Requirements, table["campaign"]["requirements"])
+    example = _detector(table["instrument"]["detector"])
+    own = _detector(of_product(product) | _own_values(table))
     power = needs.max_power + needs.energy_per_bit * max(own.data_rate - example.data_rate, 0.0)
     rate = min(needs.min_update_rate, own.update_rate)
     changes = dict[str, str]()
