@@ -86,10 +86,16 @@ class Extremes(NamedTuple):
     void_number: float | None = None
 
     @property
+    def impossible(self) -> float | None:
+        """Value that is no height of the Earth in metre; None where all may be."""
+        if self.lowest < DEEPEST:
+            return self.lowest
+        return self.highest if self.highest > HIGHEST else None
+
+    @property
     def of_the_earth(self) -> bool:
         """Whether all may be heights of the Earth, and none stands for a place without a height."""
-        beyond = self.lowest < DEEPEST or self.highest > HIGHEST
-        return not beyond and self.void_number is None
+        return self.impossible is None and self.void_number is None
 
 
 @dataclass(frozen=True)
@@ -169,8 +175,6 @@ class Raster:
                   holds one of VOIDS, and names no number for places without a height.
         Accuracy  a file of more than SEARCHED pixels is not searched for VOIDS.
         """
-        if self.heights:
-            self._warn_of_voids()
         out = np.full((grid.rows, grid.columns), np.nan, np.float32)
         for turn in (-FULL_TURN, 0.0, FULL_TURN):
             west, mine = grid.west + turn, self.grid
@@ -181,7 +185,10 @@ class Raster:
         if (scale, offset) != (1.0, 0.0):
             out = (scale * out + offset).astype(np.float32)
         if self.heights:
-            _require_of_the_earth(self.path, out)
+            lowest, highest = (
+                float(extreme.reduce(out, axis=None)) for extreme in (np.fmin, np.fmax)
+            )
+            self._judge(Extremes(lowest, highest, np.isnan(out).mean(), self._unnamed_void))
         return out
 
     def covers(self, longitude: Floats, latitude: Floats) -> Flags:
@@ -237,12 +244,19 @@ class Raster:
             large = file.width * file.height > SEARCHED
         return None if named or large else self.extremes().void_number
 
-    def _warn_of_voids(self) -> None:
-        if self._unnamed_void is not None:
+    def _judge(self, heights: Extremes) -> None:
+        """Warn of numbers that may stand for places without a height, and refuse what is none."""
+        if heights.void_number is not None:
             warnings.warn(
-                f"{self.path} has numbers of {self._unnamed_void:g}, and names no number for "
+                f"{self.path} has numbers of {heights.void_number:g}, and names no number for "
                 "places without a height (nodata): they are taken as heights",
                 stacklevel=3,
+            )
+        if heights.impossible is not None:
+            raise Refused(
+                f"heights of {self.path} must lie in [{DEEPEST:g}, {HIGHEST:g}] m, got "
+                f"{heights.impossible:g} m: a file names the number that it has where it has no "
+                "height (nodata)"
             )
 
     def _warp(self, grid: Grid, west: float) -> Singles:
@@ -270,15 +284,6 @@ class Raster:
                     return np.asarray(warped.read(self.band), np.float32)
             except rasterio.errors.RasterioError as error:
                 raise OSError(f"{self.path} must be a whole raster file: {error}") from None
-
-
-def _require_of_the_earth(path: Path, heights: Singles) -> None:
-    strange = heights[(heights < DEEPEST) | (heights > HIGHEST)]
-    if strange.size:
-        raise Refused(
-            f"heights of {path} must lie in [{DEEPEST:g}, {HIGHEST:g}] m, got {strange[0]:g} m: a "
-            "file names the number that it has where it has no height (nodata)"
-        )
 
 
 def _as_fine(file: Any, warped: Any, columns: int, rows: int) -> tuple[Any, int, int]:
