@@ -11,10 +11,11 @@ from startrack.cli.options import SET, Exit, Option, Options, WrongUse, as_wrong
 
 if wanted(__name__):
     import numpy as np
+    from numpy.typing import NDArray
 
     from startrack import detection, plots
     from startrack.cli.terminal import image_reader, print_failed_image, print_result, read_design
-    from startrack.core import Frame, Psf, Spots
+    from startrack.core import Psf, Spots
     from startrack.metrics import Column, Table
     from startrack.observation import psf_of
 
@@ -66,9 +67,10 @@ def command(options: argparse.Namespace) -> int:
         chance = detection.false_alarms(plan, columns, rows)
         result: dict[str, Any] = {"image": str(path), "status": "done", "expected_false": chance}
         result["spots"] = (table := _table(spots)).json()
-        result["at_the_largest_number"] = float(np.mean(frame.image == frame.image.max()))
+        largest, part = _at_largest(frame.image)
+        result["at_the_largest_number"] = part
         text = f"{path}: {len(spots)} spots; noise alone makes {chance:.1g} per frame"
-        text += _saturation(frame, result["at_the_largest_number"])
+        text += _saturation(largest, part)
         if options.overlay:
             picture = options.overlay / f"{path.stem}.spots.png"
             plots.draw_spots(picture, frame, spots, f"{path.name}: {len(spots)} spots")
@@ -77,9 +79,18 @@ def command(options: argparse.Namespace) -> int:
     return status
 
 
-def _saturation(frame: Frame, part: float) -> str:
+def _at_largest(image: NDArray[Any]) -> tuple[float, float]:
+    """Largest number of an image, and the fraction of its pixels that have it.
+
+    Pixels without a number, NaN, do not count.
+    """
+    largest = np.fmax.reduce(image, axis=None)
+    at, below = int(np.sum(image == largest)), int(np.sum(image < largest))
+    return float(largest), at / max(at + below, 1)
+
+
+def _saturation(largest: float, part: float) -> str:
     """Words where more pixels have the largest number of an image than stars that saturate."""
-    largest = frame.image.max()
     if part == 1:
         return f"; all pixels have the number {largest:g}: saturated or without light"
     if part > MANY and largest >= LEAST_RANGE:

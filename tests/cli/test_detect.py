@@ -51,6 +51,18 @@ def test_an_image_that_is_saturated_says_so(tmp_path, capsys):
         assert words in out
 
 
+def test_an_image_that_is_saturated_says_so_beside_pixels_without_a_number(tmp_path, capsys):
+    """Of four rows one has no number; of the other three, one has the largest."""
+    picture = np.random.default_rng(1).normal(100, 5, (100, 100)).astype(np.float32)
+    picture[:25], picture[25:50] = np.nan, 4095
+    path = tmp_path / "sky.fits"
+    fits.PrimaryHDU(picture).writeto(path)
+    assert main(["detect", str(path), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["at_the_largest_number"] == pytest.approx(1 / 3)
+    assert main(["detect", str(path)]) == 0
+    assert "33% of the pixels have the largest number, 4095: saturated" in capsys.readouterr().out
+
+
 def test_what_all_images_have_is_said_once(sky, tmp_path, capsys):
     """Pictures set filters of warnings, after which Python warns of the same again."""
     light = sky((40, 40), np.array([20.2]), np.array([19.4]), 9000.0, 2.0) + 40
