@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import warnings
 from collections.abc import Callable
 from concurrent.futures import BrokenExecutor
 from dataclasses import replace
@@ -128,19 +129,22 @@ def command(options: argparse.Namespace) -> int:
     _opened(*(getattr(options, name) for name in SHARED))
     statuses = set()
     with pool(min(options.workers, len(options.images))) as executor:
-        jobs = (executor.submit(_solved, options, path) for path in options.images)
+        jobs = (executor.submit(_solved_with_warnings, options, path) for path in options.images)
         # One process solves an image when its job is made, and prints it before the next.
         every = jobs if options.workers == 1 else iter(list(jobs))
         for path, job in zip(options.images, every, strict=True):
             try:
                 try:
-                    result, text, status = job.result()
+                    solved = job.result()
                 except BrokenExecutor:  # a process died, maybe at another image
-                    result, text, status = executor.submit(_solved, options, path).result()
+                    solved = executor.submit(_solved_with_warnings, options, path).result()
+                (result, text, status), said = solved
             except Exception as error:  # whatever is wrong with it, the others are solved
                 terminal.print_failed_image(options, path, error)
                 statuses.add(Exit.FAILED)
                 continue
+            for warning in said:  # of a worker, whose own process would print the line of code
+                warnings.warn(warning, stacklevel=1)
             terminal.print_result(options, result, text)
             statuses.add(status)
     return Exit.FAILED if Exit.FAILED in statuses else max(statuses)
@@ -158,6 +162,15 @@ def _opened(
     read = terminal.image_reader(options)
     stars = terminal.read_stars(options.catalog, options.epoch)
     return read, camera, identification, PatternIndexes(stars)
+
+
+def _solved_with_warnings(
+    how: argparse.Namespace, path: Path
+) -> tuple[tuple[dict[str, Any], str, Exit], list[str]]:
+    """What `_solved` returns, and what it has warned of."""
+    with warnings.catch_warnings(record=True) as caught:
+        solved = _solved(how, path)
+    return solved, [str(warning.message) for warning in caught]
 
 
 def _solved(how: argparse.Namespace, path: Path) -> tuple[dict[str, Any], str, Exit]:

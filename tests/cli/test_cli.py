@@ -92,14 +92,19 @@ def test_simulate_then_solve(call, tmp_path):
 @pytest.mark.slow
 def test_workers_solve_what_one_process_solves(call, tmp_path):
     names = []
-    for k in range(3):
-        call("simulate", "--seed", k + 1, "--out", tmp_path / str(k), "--json")
+    for k, seed in enumerate((1, 2, 1)):
+        call("simulate", "--seed", seed, "--out", tmp_path / str(k), "--json")
         names.append(tmp_path / str(k) / "frame.fits")
+    for name in names[::2]:
+        fits.setval(name, "BAYERPAT", value="RGGB")
     names[1].write_bytes(names[1].read_bytes()[:5000])  # cannot be read
-    alone = call("solve", *names, "--fov", 9.5, "--json")
-    shared = call("solve", *names, "--fov", 9.5, "--json", "--workers", 2)
+    with warnings.catch_warnings():
+        warnings.simplefilter("default")
+        alone = call("solve", *names, "--fov", 9.5, "--json")
+        shared = call("solve", *names, "--fov", 9.5, "--json", "--workers", 2)
     assert alone == shared
     assert shared[0] == 1
+    assert shared[2].count("mosaic of colours (RGGB)") == 1
     assert [one["status"] for one in shared[1]] == ["solved", "failed", "solved"]
 
 
