@@ -28,6 +28,7 @@ WAVE = re.compile(
     r"\s*\((\w+)\)"
 )
 SPACING = re.compile(rf"[Dd]ata spacing is\s+({NUMBER})\s*([^\s.,;]*)")
+VALUES = re.compile(r"[Vv]alues are\s+([^\n.,]*)")
 CENTRE = re.compile(rf"[Cc]enter coordinates\s*:?\s*({NUMBER})[,;]?\s+({NUMBER})\s*(\w+)")
 MILLIMETRES = {"millimeters": 1e-3, "centimeters": 1e-2, "inches": 25.4e-3, "meters": 1.0}
 POINT = re.compile(r"[Cc]enter point is:?\s*(?:row\s*)?(\d+),\s*(?:col(?:umn)?\s*)?(\d+)")
@@ -36,12 +37,14 @@ POINT = re.compile(r"[Cc]enter point is:?\s*(?:row\s*)?(\d+),\s*(?:col(?:umn)?\s
 class _Page(NamedTuple):
     """One saved page: wavelength (metre) and field angle (radian); x runs off the axis.
 
+    path     of its file
     data     (n, n), the middle at n // 2
     spacing  metre, of a PSF; 0: a wavefront in waves, NaN outside of the pupil
     place    metre from the axis of the middle; None where the page does not say it
     band     metre, first and last wavelength; of which `wavelength` is the middle
     """
 
+    path: Path
     wavelength: float
     angle: float
     data: Floats
@@ -156,7 +159,14 @@ def _terms(waves: Floats, noll: Sequence[int]) -> tuple[Floats, float]:
 def _nodes(
     pages: Sequence[_Page],
 ) -> tuple[list[float], list[float], dict[tuple[float, float], _Page]]:
-    of = {(page.wavelength, page.angle): page for page in pages}
+    of = dict[tuple[float, float], _Page]()
+    for page in pages:
+        first = of.setdefault((page.wavelength, page.angle), page)
+        if first is not page:
+            raise Refused(
+                f"pages must differ in wavelength or field, but {first.path} and {page.path} are "
+                f"both for {page.wavelength * 1e6:g} um at {math.degrees(page.angle):g} deg"
+            )
     waves, angles = (sorted({key[k] for key in of}) for k in (0, 1))
     for w in waves:
         for a in angles:
@@ -211,18 +221,22 @@ def _page(path: Path) -> _Page:
     if is_map:
         if first != last:
             raise Refused(f"{path} must be a wavefront map of one wavelength, got a range")
-        return _Page(wavelength, angle, np.where(data == 0, np.nan, data), 0.0, None, band)
+        return _Page(path, wavelength, angle, np.where(data == 0, np.nan, data), 0.0, None, band)
     spacing, centre = SPACING.search(text), CENTRE.search(text)
     if not spacing:
         raise Refused(f"{path} must say its data spacing")
-    if spacing[2] and not re.fullmatch(MICRO, spacing[2]):
-        raise Refused(f"{path} must have its data spacing in micrometre, got {spacing[2]}")
+    if not re.fullmatch(MICRO, spacing[2]):
+        got = spacing[2] or "no unit"
+        raise Refused(f"{path} must have its data spacing in micrometre, got {got}")
+    values = VALUES.search(text)
+    if values and re.search(r"\blog", values[1], re.IGNORECASE):
+        raise Refused(f"{path} must hold intensities, got {values[1].strip()}")
     place = None
     if centre:
         if centre[3].lower() not in MILLIMETRES:
             raise Refused(f"{path} must have its centre in millimetre, got {centre[3]}")
         place = _number(centre[2]) * MILLIMETRES[centre[3].lower()]
-    return _Page(wavelength, angle, data, _number(spacing[1]) * 1e-6, place, band)
+    return _Page(path, wavelength, angle, data, _number(spacing[1]) * 1e-6, place, band)
 
 
 def _number(text: str) -> float:

@@ -180,6 +180,8 @@ def test_pages_of_any_locale_are_the_same(tmp_path, encoding, wave, field, europ
     [
         (("(deg)", "(mm)"), r"field in degree \(deg\), got mm"),
         (("0.500 µm", "0.500 mm"), "data spacing in micrometre, got mm"),
+        (("0.500 µm", "0.500"), "data spacing in micrometre, got no unit"),
+        (("Pupil", "Values are log intensity.\nPupil"), "must hold intensities, got log intensity"),
         (("0.6000 µm", "600.0 nm"), "with its wavelength"),
     ],
 )
@@ -189,6 +191,14 @@ def test_pages_in_other_units_are_refused(tmp_path, change, words):
     path.write_text(path.read_text(encoding="utf-8").replace(*change), encoding="utf-8")
     with pytest.raises(Refused, match=words):
         psfs_of_pages([path], "a page")
+
+
+def test_two_pages_of_one_place_are_refused(tmp_path):
+    paths = [tmp_path / "a.txt", tmp_path / "b.txt"]
+    for path in paths:
+        page(path, np.eye(17), 0.6, 0.0, "Huygens PSF", extra="Data spacing is 0.500 µm.\n")
+    with pytest.raises(Refused, match=r"a\.txt and .*b\.txt are both for 0\.6 um at 0 deg"):
+        psfs_of_pages(paths, "pages")
 
 
 def test_a_range_of_wavelengths_stands_alone(tmp_path):
