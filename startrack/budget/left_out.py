@@ -97,7 +97,8 @@ def unseen(budget: Budget[Any]) -> str:
     lines = [line for line in budget.lines if line.name in UNSEEN and line.across > 0]
     parts = [f"{line.name} ({line.across / arcsec:.3g} arcsec across)" for line in lines]
     of_units = "unit", "instrument.structure"  # which the unit as designed does not have
-    parts += [text for text in budget.left_out if not any(word in text for word in of_units)]
+    if any(not any(word in text for word in of_units) for text in budget.left_out):
+        parts.append("what is not counted")
     return f"the tracker does not know of {'; '.join(parts)}" if parts else ""
 
 

@@ -96,7 +96,10 @@ def test_advice_names_keys_that_there_are(case):
 
 def test_what_the_covariance_cannot_hold_is_named(case):
     wrong = replaced(case, "tracker.camera", replace(case.instrument.camera, k1=0.01))
-    assert unseen(analytic(wrong)).startswith("the tracker does not know of camera model")
+    budget = analytic(wrong)
+    assert unseen(budget).startswith("the tracker does not know of camera model")
+    more = replace(budget, left_out=("a wide streak",))
+    assert unseen(more) == f"{unseen(budget)}; what is not counted"
 
 
 def test_noise_that_the_converter_cuts_off_is_named(case):
