@@ -148,8 +148,10 @@ class _Segment:
         """Method and degree of the polynomials between the rows."""
         key = "INTERPOLATION_METHOD" if "INTERPOLATION_METHOD" in self.meta else "INTERPOLATION"
         method = self.must_be(key, methods) if key in self.meta else usual
-        first = 1 if method == "LINEAR" else degree if method == usual else 7
-        text = self.meta.get("INTERPOLATION_DEGREE", str(first))
+        given = self.meta.get("INTERPOLATION_DEGREE")
+        if given is None and key in self.meta and method != "LINEAR":
+            raise self.refused("INTERPOLATION_DEGREE", f"be given with {key} = {method}", "none")
+        text = given or str(1 if method == "LINEAR" else degree)
         if not text.isdecimal() or not 1 <= int(text[:3]) <= HIGHEST_DEGREE:
             raise self.refused(
                 "INTERPOLATION_DEGREE", f"be a whole number from 1 to {HIGHEST_DEGREE}", shown(text)

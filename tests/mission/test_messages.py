@@ -227,6 +227,10 @@ def test_a_leap_second_is_a_second_of_utc_alone(tmp_path):
         ({"TIME_SYSTEM": ""}, "TIME_SYSTEM must be UTC or TAI .* got none"),
         ({"INTERPOLATION_METHOD": "SPLINE"}, "INTERPOLATION_METHOD must be LINEAR or LAGRANGE"),
         ({"INTERPOLATION_METHOD": "HERMITE"}, "INTERPOLATION_METHOD must be LINEAR or LAGRANGE"),
+        (
+            {"INTERPOLATION_METHOD": "LAGRANGE"},
+            "INTERPOLATION_DEGREE must be given with INTERPOLATION_METHOD = LAGRANGE, got none",
+        ),
     ],
 )
 def test_what_cannot_be_read_one_way_is_refused(tmp_path, meta, words):
