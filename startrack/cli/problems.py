@@ -147,7 +147,12 @@ def montecarlo(options: argparse.Namespace, problem: Problem) -> int:
     lines = beside_forecast(problem, judged, expected)
     head = ["", "by trials", "by formula"]
     table = "\n".join(
-        [*markdown(head, lines), "", *_verdict_lines(verdicts, costs, judged), *_left_out(expected)]
+        [
+            *markdown(head, lines),
+            "",
+            *_verdict_lines(verdicts, costs, judged),
+            *_not_counted(expected.left_out),
+        ]
     )
     result = {
         "trials": len(rows),
@@ -186,7 +191,7 @@ def verify(options: argparse.Namespace, problem: Problem) -> int:
         f"tested at {sizes} trials until decided; a pass or a fail of the whole is wrong with a "
         f"probability of at most {alpha:g} %, as exactly as intervals hold. Values are in SI; "
         "margins are fractions of the limits.",
-        *_left_out(problem.expect()),
+        *_not_counted(problem.expect().left_out),
     ]
     text, result = "\n".join(lines), {"design": str(options.campaign), "seed": options.seed}
     result |= verification.verification_values(verified, table)
@@ -255,11 +260,13 @@ def sweep_keys(options: argparse.Namespace, problem: Problem) -> int:
     table = swept.columns
     save_csv(options.out / "sweep.csv", *optimise.csv_of(table))
     plots.draw_problem_sweep(options.out / "sweep.png", swept, options.design.stem)
-    result = {"design": str(options.design), "out": str(options.out), "answer": swept.answer}
+    result: dict[str, Any] = {"design": str(options.design), "out": str(options.out)}
     result |= {"seed": options.seed, "by": swept.how, "rows": table.json()}
+    result |= {"answer": swept.answer, "not_counted": list(swept.left_out)}
     save_json(options.out / "result.json", finite(result))
     refused = [f"{', '.join(row.values)}: {row.note}" for row in swept.rows if row.note]
-    text = [swept.answer, "", *table.text(), "", *refused, f"by {swept.how}"]
+    text = [swept.answer, "", *table.text(), "", *refused, *_not_counted(swept.left_out)]
+    text.append(f"by {swept.how}")
     terminal.print_result(options, result, *text, f"results are in {options.out}")
     return Exit.UNSOLVED if refused else Exit.DONE
 
@@ -411,12 +418,14 @@ def improved_table(problem: Problem, found: optimise.Improved) -> str:
         "ratio takes both designs as independent, which is too wide."
     )
     said = _verdict_lines(found.verdicts, found.costs, last)
-    return "\n".join([*markdown(head, lines), "", *said, *more, *_left_out(found.expected)])
+    return "\n".join(
+        [*markdown(head, lines), "", *said, *more, *_not_counted(found.expected.left_out)]
+    )
 
 
-def _left_out(expected: Expectation) -> list[str]:
-    """Effects that neither trials nor formula contain."""
-    return [f"Not counted: {'; '.join(expected.left_out)}."] if expected.left_out else []
+def _not_counted(left_out: Sequence[str]) -> list[str]:
+    """Sentence on effects that formulas or trials leave out."""
+    return [f"Not counted: {'; '.join(left_out)}."] if left_out else []
 
 
 def _verdict_lines(

@@ -28,6 +28,7 @@ class SweptProblem(NamedTuple):
     parts    what the value is made of
     margins  as fractions of the limits
     note     why there is no value, or empty
+    left_out  what the forecast does not count, a phrase each
     """
 
     values: tuple[str, ...]
@@ -35,6 +36,7 @@ class SweptProblem(NamedTuple):
     parts: Mapping[str, Figure]
     margins: Mapping[str, Figure]
     note: str = ""
+    left_out: tuple[str, ...] = ()
 
     @property
     def least(self) -> tuple[str, float]:
@@ -63,6 +65,11 @@ class ProblemSweep:
     rows: tuple[SweptProblem, ...]
     words: Words
     how: str
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """What the forecast of any value does not count, a phrase each."""
+        return tuple(dict.fromkeys(phrase for row in self.rows for phrase in row.left_out))
 
     @property
     def answer(self) -> str:
@@ -164,13 +171,13 @@ def _figures(
     values: tuple[str, ...], problem: Problem, source: ProblemSource, trials: int
 ) -> SweptProblem:
     margins: dict[str, Figure] = _relative(problem.costs())
+    expected = problem.expect()
     if trials:
         judged = problem.judge(source.rows(problem, trials))
         margins |= {name: _interval(some) for name, some in judged.margins.items()}
-        return SweptProblem(values, judged.value, judged.parts, margins)
-    expected = problem.expect()
+        return SweptProblem(values, judged.value, judged.parts, margins, "", expected.left_out)
     margins |= _relative(expected.margins)
-    return SweptProblem(values, expected.value, expected.parts, margins)
+    return SweptProblem(values, expected.value, expected.parts, margins, "", expected.left_out)
 
 
 def _relative(margins: Mapping[str, Margin]) -> dict[str, Figure]:

@@ -30,7 +30,9 @@ class Sight:
         return {"mass": Margin(self.aperture**2, 9.0, unit="kg")}
 
     def expect(self):
-        return Expectation(self.error, {"sharp": Margin(self.error, 3.0)}, {"half": self.error / 2})
+        margins, parts = {"sharp": Margin(self.error, 3.0)}, {"half": self.error / 2}
+        left_out = ("flare of a wide aperture",) if self.aperture > 2 else ()
+        return Expectation(self.error, margins, parts, left_out)
 
     def trials(self, seed, numbers):
         rows = np.empty(len(numbers), self.columns)
@@ -73,6 +75,7 @@ def test_a_sweep_has_the_values_of_the_formula_and_says_what_is_refused():
         "2 of 4 values meet the requirements (the others miss sharp, mass); of these error is "
         "least at aperture 3, 2 px"
     )
+    assert swept.left_out == ("flare of a wide aperture",)
     [*_, refused] = sweep_problem(load, ["aperture=1,0"], source()).rows
     assert refused.note == "aperture must be positive, got aperture=0"
     with pytest.raises(Refused, match="aperture must be positive, got width=1"):
@@ -81,6 +84,7 @@ def test_a_sweep_has_the_values_of_the_formula_and_says_what_is_refused():
 
 def test_trials_of_a_sweep_have_intervals():
     swept = sweep_problem(load, ["aperture=2,3"], source(), trials=400)
+    assert swept.left_out == ("flare of a wide aperture",)
     for row, error in zip(swept.rows, (3.0, 2.0), strict=True):
         assert row.value.low < TRUE * error < row.value.high
         assert row.margins["sharp"].low < 1 - TRUE * error / 3 < row.margins["sharp"].high
