@@ -135,6 +135,7 @@ def _earth_requirements(options: argparse.Namespace) -> int | None:
                 "channel": channel.name,
                 "height_m": height,
                 **asdict(figures),
+                "exposure": _exposure(channel, figures),
                 "required": imager.known(channel.required),
                 "measured": imager.known(channel.measured),
                 "margins": margins,
@@ -172,7 +173,7 @@ def _figures_text(
     return [
         f"{channel.name} from {height / 1e3:.4g} km",
         f"  pixel on the ground  {figures.gsd:.4g} m, every {figures.sampling_across:.4g} m "
-        f"across and {figures.sampling_along:.4g} m along{beside['gsd']}",
+        f"across{beside['gsd']} and {figures.sampling_along:.4g} m along",
         f"  swath                {figures.swath / 1e3:.4g} km, "
         f"{math.degrees(figures.field):.2f} deg",
         f"  Rayleigh             {figures.rayleigh:.4g} m on the ground",
@@ -186,8 +187,25 @@ def _figures_text(
         *_saturated(figures),
         f"  pixel rate           {figures.clock / 1e6:.4g} Mpixel / s, a line in "
         f"{1e3 * figures.period:.4g} ms; {figures.data_rate / 1e6:.4g} Mbit / s",
+        *_cut(channel, figures),
         *_smeared(channel, figures),
         *([f"  NOT MET              {', '.join(missed)}"] if missed else []),
+    ]
+
+
+def _exposure(channel: imager.Channel, figures: imager.Figures) -> float:
+    """Second of one line, stage or frame."""
+    return channel.exposure_of_line(figures.period if channel.detector.scan else 0.0)
+
+
+def _cut(channel: imager.Channel, figures: imager.Figures) -> list[str]:
+    """Where a line takes less time than the exposure that the detector is given."""
+    given, own = channel.detector.exposure, _exposure(channel, figures)
+    if own == given:
+        return []
+    return [
+        f"  EXPOSED FOR LESS     a line is exposed for all of its {1e3 * own:.4g} ms, not "
+        f"{1e3 * given:.4g} ms (detector.exposure)"
     ]
 
 

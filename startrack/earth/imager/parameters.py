@@ -82,7 +82,10 @@ class Performance(Parameters):
         default=None,
     )
     gsd: float | None = parameter(
-        "metre between columns", unit=Unit("m"), limit=POSITIVE, default=None
+        "metre between columns; that between lines has no limit",
+        unit=Unit("m"),
+        limit=POSITIVE,
+        default=None,
     )
 
 

@@ -306,6 +306,17 @@ def test_lines_of_a_tdi_detector_that_do_not_keep_pace_are_blurred():
     assert "SMEARED" not in "".join(requirements._figures_text(own, found[1], 600e3, {}))
 
 
+def test_an_exposure_longer_than_a_line_says_what_a_line_is_exposed_for():
+    channel = flat()
+    square = 10e-6 / channel.optics.focal_length / 0.01
+    for given, words in ((2 * square, True), (square / 2, False)):
+        line = replace(channel.detector, scan=Scan("line"), exposure=given)
+        own = replace(channel, detector=line)
+        found = figures(own, band_of(own, None, 1e3, 1.0), 600e3, 0.01)
+        said = "\n".join(requirements._figures_text(own, found, 600e3, {}))
+        assert (f"all of its {1e3 * square:.4g} ms, not {1e3 * given:.4g} ms" in said) == words
+
+
 def test_light_that_saturates_has_no_snr():
     channel = flat(reference=Reference(1e9 / um), required=Performance(snr=1.0))
     found = figures(channel, band_of(channel, None, 1e3, 1.0), 600e3, 0.01)
