@@ -5,8 +5,7 @@ import math
 import numpy as np
 
 from startrack import observation, response
-from startrack.budget.fields import FIELDS, Fields, attitudes, fields
-from startrack.budget.fixed import believed_index
+from startrack.budget.fields import Fields, attitudes, believed_index, fields
 from startrack.core import Floats, Ints, Refused
 from startrack.design import Case
 
@@ -15,19 +14,18 @@ LIKELY = 0.1  # probability with which a star passes the threshold; chosen by ha
 RULE = "must see enough stars somewhere in the sky, it does not"
 
 
-def blind(case: Case, what: str = "the case", view: Fields | None = None) -> Refused:
+def blind(case: Case, what: str = "the case") -> Refused:
     """Why too few stars count in every field: the first of these that leaves too few.
 
     The stars of the sky in the frame; their light against dark current, sky and read-out; the
     tracker's catalogue; its test against hot pixels; and hot pixels among its spots.
 
     what     as the message names the case
-    view     fields of its sky; None: the usual ones
     Accuracy  model: a star is bright enough where it passes the threshold once in ten times; the
               budget counts fainter ones, too. Without dark current or the sky's light, noise alone
               is smaller.
     """
-    view = view or fields(case.catalog, case.instrument.camera, attitudes, FIELDS)
+    view = fields(case.catalog, case.instrument.camera, attitudes)
     return Refused(f"{what} {RULE}: {_cause(case, view)}", rule=RULE)
 
 

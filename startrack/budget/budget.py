@@ -98,13 +98,25 @@ class ErrorLaw:
                 "interpretation must be mixed where nothing is simulated, got "
                 f"{interpretation.value}"
             )
-        mean, sigma = np.abs(self.mean[:, axes]), np.maximum(self.sigma[:, axes], 1e-15)
+        mean, sigma = self._normal(axes)
+        most = float((mean + 9 * sigma).max())
 
         def excess(size: float) -> float:
-            inside = ndtr((size - mean) / sigma) - ndtr((-size - mean) / sigma)
-            return float(self.weight @ inside.mean(axis=1)) - fraction
+            return self._share(size, mean, sigma) - fraction
 
-        return float(scipy.optimize.brentq(excess, 0.0, float((mean + 9 * sigma).max()), rtol=1e-9))
+        return float(scipy.optimize.brentq(excess, 0.0, most, rtol=1e-9))
+
+    def share_within(self, size: float, axes: Sequence[int]) -> float:
+        """Fraction of the errors about some axes that are at most `size`, radian."""
+        return self._share(size, *self._normal(axes))
+
+    def _share(self, size: float, mean: Floats, sigma: Floats) -> float:
+        inside = ndtr((size - mean) / sigma) - ndtr((-size - mean) / sigma)
+        return float(self.weight @ inside.mean(axis=1))
+
+    def _normal(self, axes: Sequence[int]) -> tuple[Floats, Floats]:
+        """Distance of the mean from zero, and sigma, not quite zero: (m, axes) radian."""
+        return np.abs(self.mean[:, axes]), np.maximum(self.sigma[:, axes], 1e-15)
 
 
 @printed

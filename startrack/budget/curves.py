@@ -10,7 +10,7 @@ import numpy as np
 from startrack.budget.analytic import analytic, of_fields
 from startrack.budget.blind import blind
 from startrack.budget.budget import Budget, ErrorLaw
-from startrack.budget.fields import Fields, attitudes, boresights, fields
+from startrack.budget.fields import Fields, attitudes, boresights, fields_of
 from startrack.budget.left_out import TrialCheck, check
 from startrack.budget.single_stars import Residuals, residuals
 from startrack.core import Advance, Floats, Refused, Unit, printed
@@ -225,18 +225,18 @@ class RateSurvey:
 
 def budget_and_sky(case: Case) -> tuple[Budget[ErrorLaw], RateSurvey]:
     """The budget of `analytic`, and its errors in each of the fields that it is from."""
-    return _surveyed(case, fields(case.catalog, case.instrument.camera, attitudes))
+    return _surveyed(case, fields_of(case, attitudes))
 
 
 def survey(case: Case, places: int = DIRECTIONS) -> RateSurvey:
     """The analytic budget in each direction. Raises and accuracy as `analytic`."""
-    return _surveyed(case, fields(case.catalog, case.instrument.camera, boresights, places))[1]
+    return _surveyed(case, fields_of(case, boresights, places))[1]
 
 
 def _surveyed(case: Case, view: Fields) -> tuple[Budget[ErrorLaw], RateSurvey]:
     solved = of_fields(case, view)
     if solved is None:
-        raise blind(case, view=view)
+        raise blind(case)
     per_field, law = solved.attitudes, solved.budget.whole.spread
     square = np.where(per_field.solved[:, None] > 0, law.mean**2 + law.sigma**2, np.nan)
     counts, seen = per_field.gain[:, 3, 0] > 0.5, solved.stars

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack.catalog import Selection, Sky, open_sky
 from startrack.core import GOLDEN_ANGLE, Camera, Floats, Ints, assign, kernel, local_weights
+from startrack.design import Case
 from startrack.observation import index_resolution, rotations_from_cube, separated
 
 FIELDS = 512
@@ -40,15 +41,35 @@ class Fields(NamedTuple):
 
 
 def fields(
-    selection: Selection, camera: Camera, spread: Callable[[int], Rotation], count: int = FIELDS
+    selection: Selection,
+    camera: Camera,
+    spread: Callable[[int], Rotation],
+    count: int = FIELDS,
+    listed: Selection | None = None,
 ) -> Fields:
     """The stars within the camera's half diagonal, and some beyond it.
 
     spread  makes the attitudes of a number of fields: `attitudes` or `boresights`
+    listed  the tracker's catalogue: stars fainter than the faintest that it lists are left out, as
+            they never count; None: all
     """
     step = math.log(WIDER)
     radius = math.exp(math.ceil(math.log(camera.half_diagonal) / step) * step)
-    return _fields(selection, index_resolution(camera), min(radius, 1.5), spread, count)
+    resolution = index_resolution(camera)
+    return _fields(selection, resolution, min(radius, 1.5), spread, count, listed)
+
+
+def fields_of(case: Case, spread: Callable[[int], Rotation], count: int = FIELDS) -> Fields:
+    """The stars of a case's sky that its tracker may know."""
+    camera = case.instrument.camera
+    return fields(case.catalog, camera, spread, count, case.believed_catalog)
+
+
+@lru_cache(maxsize=16)
+def believed_index(true: Selection, believed: Selection) -> Ints:
+    """For each star of the true sky its index in the believed one, -1 where it is not there."""
+    star, there = open_sky(believed).stars.find(open_sky(true).stars.identifier)
+    return np.where(there, star, -1)
 
 
 @lru_cache(maxsize=16)
@@ -58,12 +79,16 @@ def _fields(
     radius: float,
     spread: Callable[[int], Rotation],
     count: int,
+    listed: Selection | None,
 ) -> Fields:
     stars, sky = separated(selection, resolution), open_sky(selection)
     attitude = spread(count)
     boresight = attitude.inv().apply([0.0, 0.0, 1.0])
     # Those of the whole sky are found, which is in order already for all resolutions.
     place = stars.places(len(sky))
+    if listed is not None:
+        known = np.flatnonzero(believed_index(selection, listed) >= 0)
+        sky = Sky(sky.stars[: known.max(initial=-1) + 1])
     near = (place[cone] for cone in sky.cones(boresight, radius + resolution))
     members = [np.sort(cone[cone >= 0]) for cone in near]
     field = np.repeat(np.arange(count), [len(star) for star in members])

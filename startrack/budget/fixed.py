@@ -1,6 +1,5 @@
 """Case and fields of stars -> errors that are constant from frame to frame."""
 
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -8,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack import observation, response, trial
 from startrack.budget.budget import Cause
-from startrack.budget.fields import Fields
+from startrack.budget.fields import Fields, believed_index
 from startrack.catalog import Selection, open_sky
 from startrack.core import Camera, Floats, Ints, kernel
 from startrack.design import Case
@@ -45,13 +44,6 @@ def _within(
             index[count] = k
             count += 1
     return index[:count]
-
-
-@lru_cache(maxsize=16)
-def believed_index(true: Selection, believed: Selection) -> Ints:
-    """For each star of the true sky its index in the believed one, -1 where it is not there."""
-    star, there = open_sky(believed).stars.find(open_sky(true).stars.identifier)
-    return np.where(there, star, -1)
 
 
 # Causes that move single stars.

@@ -12,8 +12,7 @@ from scipy.spatial import KDTree
 from scipy.special import ndtr, ndtri
 
 from startrack import trial
-from startrack.budget.fields import Fields
-from startrack.budget.fixed import believed_index
+from startrack.budget.fields import Fields, believed_index
 from startrack.core import Flags, Floats, Ints, Refused, Streams
 from startrack.design import Case
 from startrack.metrics import STATED

@@ -13,7 +13,7 @@ from startrack.attitude import Mounting
 from startrack.budget.analytic import of_fields
 from startrack.budget.blind import blind
 from startrack.budget.budget import Budget, BudgetLine, Cause, ErrorLaw, Term
-from startrack.budget.fields import attitudes, fields, lattice_nodes
+from startrack.budget.fields import attitudes, fields_of, lattice_nodes
 from startrack.budget.fixed import displacement, of_the_camera
 from startrack.core import Advance, Floats, Unit, printed, whole
 from startrack.design import Case, Moment, Scope, turning, unchecked
@@ -136,8 +136,11 @@ class UnitBudgets:
                     for f in range(self.mean.shape[1])
                     if (total := self.weight[:, f].sum()) > 0
                 ]
-                mixed = Interpretation.MIXED
-                return max(field.level(axes, fraction, mixed) for field in fields)
+                worst = 0.0  # of all so far; only a field with a larger level is solved
+                for field in sorted(fields, key=lambda law: -law.rms()[list(axes)].max()):
+                    if field.share_within(worst, axes) < fraction:
+                        worst = field.level(axes, fraction, Interpretation.MIXED)
+                return worst
         return self.all(biased=False).level(axes, fraction, Interpretation.MIXED)
 
 
@@ -284,10 +287,10 @@ def _middle(case: Case, seed: int, age: float, count: int) -> _Middle | None:
     unit = middle_of(case, age)
     if unit is None:
         return None
-    view = fields(unit.catalog, unit.instrument.camera, attitudes, count)
+    view = fields_of(unit, attitudes, count)
     solved = of_fields(unit, view, unit)
     if solved is None:
-        raise blind(unit, f"the middle one of the units of seed {seed}", view)
+        raise blind(unit, f"the middle one of the units of seed {seed}")
     lines = tuple(
         line
         for line in solved.budget.lines
@@ -364,11 +367,11 @@ def _measured(
     like  of a moment before; None: there is none
     """
     unit = unit_of(case, seed, moment)
-    view = fields(unit.catalog, unit.instrument.camera, attitudes, settings.fields)
+    view = fields_of(unit, attitudes, settings.fields)
     alike = like or _as_measured(unit)
     solved = of_fields(unit, view, alike)
     if solved is None:
-        raise blind(unit, f"unit {moment.unit} of seed {seed}", view)
+        raise blind(unit, f"unit {moment.unit} of seed {seed}")
     budget = solved.budget
     lines = _Lines(budget.lines, budget.whole.spread.weight, budget.availability)
     return lines, alike if settings.alike else like

@@ -65,7 +65,7 @@ def light_of(case: Case, stars: Stars, icrs_to_camera: Rotation, streams: Stream
     if instrument.ghosts is not None:
         pitch = instrument.detector.pitch
         light = add_ghosts(light, instrument.ghosts, optics, icrs_to_camera, camera, pitch)
-    if instrument.stray is None:
+    if not light.stray_sources or instrument.stray is None:
         return light
     return stray_light(light, instrument.stray, optics, icrs_to_camera, camera)
 
@@ -222,4 +222,6 @@ def near_pairs(selection: Selection, radius: float, faintest: float) -> Ints:
 def _tree_of(selection: Selection) -> cKDTree:
     """The directions of the stars of a catalogue, by rank in brightness."""
     stars = open_sky(selection).stars
-    return cKDTree(stars.direction[np.argsort(stars.magnitude_g, kind="stable")])
+    direction = stars.direction[np.argsort(stars.magnitude_g, kind="stable")]
+    # Half the time of a balanced tree, and the same pairs as fast.
+    return cKDTree(direction, balanced_tree=False, compact_nodes=False)
