@@ -147,6 +147,7 @@ class Kept(Generic[T]):
     def __init__(self, count: int):
         self._count = count
         self._values: dict[Hashable, tuple[T, int, int]] = {}  # value, bytes, time of last use
+        self.bytes = 0  # of all values
         _stores.add(self)
 
     def get(self, key: Hashable, make: Callable[[], T]) -> T:
@@ -159,25 +160,27 @@ class Kept(Generic[T]):
         value = make()
         size = bytes_of(value)
         with _lock:
+            self._drop(key)  # that another thread may have made, too
             self._values[key] = value, size, next(_clock)
+            self.bytes += size
             while len(self._values) > self._count:
                 self.drop_oldest()
             shrink_kept(memory_limit() // SHARE)
         return value
 
-    @property
-    def bytes(self) -> int:
-        """Bytes of all values."""
-        return sum(size for _, size, _ in self._values.values())
-
     def clear(self) -> None:
         """Drop all values."""
         with _lock:
             self._values.clear()
+            self.bytes = 0
 
     def drop_oldest(self) -> None:
         """Drop the value that was used longest ago."""
-        del self._values[min(self._values, key=lambda key: self._values[key][2])]
+        self._drop(min(self._values, key=lambda key: self._values[key][2]))
+
+    def _drop(self, key: Hashable) -> None:
+        if entry := self._values.pop(key, None):
+            self.bytes -= entry[1]
 
     def last_use(self) -> int:
         """Time at which the oldest value was used last; after all others where there is none."""

@@ -3,6 +3,7 @@
 import re
 import tomllib
 from datetime import date, time
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -46,8 +47,14 @@ def parsed(text: str) -> dict[str, Any]:
 
     Raises  RecursionError or ValueError where it is none.
     """
-    table: dict[str, Any] = _dates_as_texts(tomllib.loads(text))
+    table: dict[str, Any] = _dates_as_texts(_read(text))  # a copy, which others may change
     return table
+
+
+@lru_cache(maxsize=64)
+def _read(text: str) -> dict[str, Any]:
+    """The table of a text; of the last 64, as a design is made of several that are read often."""
+    return tomllib.loads(text)
 
 
 def _dates_as_texts(value: Any) -> Any:

@@ -15,10 +15,10 @@ from matplotlib.colors import FuncNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.path import Path as MarkerPath
 from numpy.typing import NDArray
-from scipy.ndimage import rank_filter, uniform_filter
+from scipy.ndimage import uniform_filter
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Camera, Floats, Frame, Matches, Spots, Stars, arcsec, deg
+from startrack.core import Camera, Flags, Floats, Frame, Matches, Spots, Stars, arcsec, deg
 from startrack.plots import style
 
 IMAGE = 5.75  # inch, width of the image beside its axis
@@ -435,8 +435,7 @@ def stretch(image: NDArray[np.number], saturation: float | None = None) -> Stret
             around = (9 * uniform_filter(filled, 3) - filled) / 8
             bright &= around > middle + AROUND * of_pixels / math.sqrt(8)
             # Two hot pixels beside each other are no star either: it shines into three at least.
-            fourth = rank_filter(filled, -FOURTH, size=3)
-            bright &= fourth > middle + BESIDE * of_pixels
+            bright[bright] = _fourth(filled, bright) > middle + BESIDE * of_pixels
         wide = _largest(np.where(bright, values, -np.inf), block)
         reduced = np.maximum(
             reduced, cv2.dilate(wide, np.ones((3, 3)), borderType=cv2.BORDER_REPLICATE)
@@ -450,6 +449,12 @@ def _ground(values: Floats) -> tuple[float, float]:
     # Where the noise is less than a digital number, or of hot pixels, its tail counts.
     noise = max(above - median, (tail - median) / TAIL, 1e-3 * (values.max() - median))
     return float(median), float(noise) or 1.0
+
+
+def _fourth(image: Floats, chosen: Flags) -> Floats:
+    """The fourth largest of each chosen pixel and the eight around it."""
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(image, 1, "symmetric"), (3, 3))
+    return np.asarray(np.partition(around[chosen].reshape(-1, 9), -FOURTH)[:, -FOURTH])
 
 
 def _largest(image: Floats, block: int) -> Floats:

@@ -127,8 +127,8 @@ def dark_pattern(case: Case) -> DarkPattern | None:
 
 @lru_cache(maxsize=8)
 def _at_rest(case: Case) -> Case:
-    """The case at rest, whose dark map is the same; of the 8 last cases."""
-    return turning(case, 0.0)
+    """The case at rest, of which its dark map reads no more; of the 8 last cases."""
+    return turning(star_inputs(case), 0.0)
 
 
 def _still(detector: Detector) -> Detector:
