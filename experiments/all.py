@@ -1,12 +1,12 @@
-"""Which figures that the pages claim still hold?
+"""Which figures on the pages still hold?
 
 python experiments/all.py [NAME ...] [--results DIR] [--judge] [--markdown FILE.md] [--json FILE]
                           [--quick]
 
-Runs every experiment that has expectations (`expected.toml`), or those named, one after the other,
-which takes hours, keeps their figures as DIR/NAME.json, and prints one table: figure, claim, value,
-expected range, and the commit that the claim was measured at. --judge runs nothing and reads the
-figures that are there. The status is 1 where a figure is not as expected, or is missing.
+Runs every experiment that has expectations (`expected.toml`), or those named, one after the other;
+all take hours. Their figures are stored as DIR/NAME.json. One table is printed: figure, claim,
+value, expected range, and the commit at which the claim was measured. --judge runs nothing and
+reads the stored figures. The status is 1 where a figure is outside its range, or is missing.
 """
 
 from __future__ import annotations
@@ -27,10 +27,12 @@ HERE = Path(__file__).parent
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     names = list(tomllib.loads(command.EXPECTED.read_text(encoding="utf-8")))
-    parser.add_argument("names", nargs="*", metavar="NAME", help="experiments (default: all)")
+    parser.add_argument(
+        "names", nargs="*", metavar="NAME", help="experiments to run (default: all)"
+    )
     parser.add_argument("--results", type=Path, default=Path("experiment-results"))
-    parser.add_argument("--judge", action="store_true", help="run nothing, read what is there")
-    parser.add_argument("--markdown", type=Path, help="write the table here, too")
+    parser.add_argument("--judge", action="store_true", help="judge stored figures; run nothing")
+    parser.add_argument("--markdown", type=Path, help="file for the table, in Markdown")
     with tempfile.TemporaryDirectory() as folder:
         options = command.read(parser, names=["frame_picture"], results=Path(folder))
         if unknown := set(options.names) - set(names):

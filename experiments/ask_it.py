@@ -1,18 +1,19 @@
-"""Are sweeps those of single commands, are limits found where they are, is a best design no worse?
+"""Do sweeps agree with single commands, solved limits with dense sweeps, and do searches improve?
 
     python experiments/ask_it.py [--json FILE] [--markdown FILE.md] [--designs NAME ...]
                                  [--trials N] [--points N] [--searches N]
 
-sweep_same       1: each figure of `startrack sweep` is, byte for byte, that of `requirements` and
+sweep_same       1 if each figure of `startrack sweep` is, byte for byte, that of `requirements` and
                  `montecarlo` with the same --set
 solve_for_error  worst relative difference of `startrack solve-for` from a dense sweep on the same
                  skies and noise, whose error is interpolated
-inside           1: each value of the dense sweep lies in the interval of `solve-for`
+inside           1 if each value of the dense sweep lies in the interval of `solve-for`
 move_ms_95, search_visible_s, saved_same, offline, page_lines
-                 of `startrack page` in a headless Chromium, see page_in_browser.py; without one
-                 they are left out, and a sentence says so
-worse_best       searches of `startrack optimize` whose best design is worse than the start: misses
-                 a limit that the start keeps, or has a larger error on fresh trials
+                 of `startrack page` in a headless Chromium, see page_in_browser.py; without a
+                 Chromium they are left out, and a sentence says so
+worse_best       number of searches of `startrack optimize` whose best design is worse than the
+                 start: it misses a limit that the start keeps, or has a larger error on fresh
+                 trials
 """
 
 from __future__ import annotations
@@ -141,10 +142,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--designs", nargs="+", default=[*FIDELITY], choices=[*FIDELITY])
     parser.add_argument("--trials", type=int, default=1000)
-    parser.add_argument("--points", type=int, default=13, help="of a dense sweep")
-    parser.add_argument("--limits", type=int, default=len(LIMITS), help="that are solved for")
-    parser.add_argument("--searches", type=int, default=2, help="of each tight requirement")
-    parser.add_argument("--moves", type=int, default=200, help="of sliders of the page")
+    parser.add_argument(
+        "--points", type=int, default=13, help="number of values of the dense sweep"
+    )
+    parser.add_argument(
+        "--limits", type=int, default=len(LIMITS), help="number of limits to solve for"
+    )
+    parser.add_argument(
+        "--searches", type=int, default=2, help="number of searches for each tight requirement"
+    )
+    parser.add_argument(
+        "--moves", type=int, default=200, help="number of moves of the page's sliders"
+    )
     parser.add_argument("--markdown", type=Path)
     quick: dict[str, Any] = {"trials": 8, "points": 3, "limits": 1, "searches": 0, "moves": 0}
     options = command.read(parser, designs=["noise_only"], **quick)

@@ -1,13 +1,18 @@
-"""How right and how fast are the attitude solvers, and how near do the bounds come to trials?
+"""How exact and how fast are the attitude solvers, and do bounds and budgets agree with trials?
 
-Seven questions, each with one table: which of 98 solvable cases with 60-digit solutions each
-solver misses (by more than 50 eps sqrt(condition)); what it costs for each star and attitude, and
-its error, in double and in single precision, beside scipy's `align_vectors`; what errors the
-scenarios of Markley and Mortari (2000) give; how near the analytic attitude error of random fields
-comes to trials; whether the covariance that a tracker states of rendered frames is that of its
-errors (normalised error squared, 3 where it is), on several designs; how near the analytic error
-budget of five published trackers comes to trials, end to end over many windows, cause by cause over
-fewer frames; and what is predicted of trackers that flew, beside what was published.
+Seven tables:
+
+1. Cases that each solver misses by more than 50 eps sqrt(condition), of 98 that have a solution
+   with 60 digits.
+2. CPU time of each solver per star and per attitude, and its error, in double and in single
+   precision, beside scipy's `align_vectors`.
+3. Errors in the scenarios of Markley and Mortari (2000).
+4. Analytic attitude error of random fields, beside trials.
+5. Normalised error squared of the covariance that a tracker states for rendered frames, of several
+   designs; it is 3 where the covariance is that of the errors.
+6. Analytic error budget of five published trackers, beside trials: the total by many windows, each
+   cause by fewer frames.
+7. Predictions for trackers that flew, beside published figures.
 
     python experiments/attitude.py [--trials N] [--members N] [--json FILE] [--quick]
 """
@@ -226,8 +231,12 @@ def largest(rows: list[dict[str, Any]], cause: str | None) -> float:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("--trials", type=int, default=5000, help="rendered windows (5000)")
-    parser.add_argument("--members", type=int, default=250, help="trials of a budget (250)")
+    parser.add_argument(
+        "--trials", type=int, default=5000, help="number of rendered windows (default: 5000)"
+    )
+    parser.add_argument(
+        "--members", type=int, default=250, help="trials of each budget (default: 250)"
+    )
     options = command.read(parser, trials=6, members=2)
     quick = options.quick
     cases = designs(TRACKERS[:1] if quick else TRACKERS)

@@ -1,9 +1,9 @@
-"""How near to the Sun may a tracker look, and what of the sky's own light does it notice?
+"""How near to the Sun can a tracker point, and what does the sky's diffuse light cost?
 
-The nanosatellite's tracker looks at random places of rings about the Sun, through a baffle whose
-transmittance falls from 1e-3 at 10 degrees by a decade every 6 degrees to 1e-13. Each row is a
-ring: the brightness of the zodiacal light, the electrons of a pixel that sky and veil leave, the
-stars that are matched, the error across. The last row is a sky of nothing but stars.
+The nanosatellite's tracker has random attitudes on rings about the Sun. The transmittance of its
+baffle falls from 1e-3 at 10 degrees by a decade every 6 degrees to 1e-13. Each row is a ring: the
+brightness of the zodiacal light, the electrons per pixel by sky and stray light, the number of
+matched stars, and the error across. The last row is a sky with stars alone.
 
     python experiments/backgrounds.py [--trials N] [--json FILE] [--quick]
 """
@@ -78,7 +78,7 @@ def ring(case: Case, angle: float | None, trials: int) -> dict[str, float]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--trials", type=int, default=20, help="in each ring (default: 20)")
+    parser.add_argument("--trials", type=int, default=20, help="trials in each ring (default: 20)")
     options = command.read(parser, trials=1)
     plain = load_design(shipped("designs/noise_only.toml")).case
     case = dataclasses.replace(

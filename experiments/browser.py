@@ -1,4 +1,4 @@
-"""A headless Chromium by the WebDriver protocol of its chromedriver: pages, scripts, pictures."""
+"""A headless Chromium, driven by WebDriver: loads pages, runs scripts, takes pictures."""
 
 from __future__ import annotations
 

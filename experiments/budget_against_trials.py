@@ -1,12 +1,12 @@
-"""Is the analytic budget right, or does it say that it is not? Is a slew near its bound?
+"""Does the analytic budget agree with trials, or else say why not? Is the error near its bound?
 
     python experiments/budget_against_trials.py --json budget_against_trials.json
     python experiments/budget_against_trials.py --quick
 
-24 designs, drawn over slews, blurs, skies and effects, each with its budget, what the budget says
-that it leaves out, and its error over trials. Then a tracker with the likelihood as its centroid at
-rates from rest to 3 deg / s, beside the Cramer-Rao bound of whole frames with their smear. With
---markdown the tables are written as docs/figures/budget-against-trials.md.
+24 designs are drawn over slews, blurs, skies and effects. Each has its budget, the effects that
+the budget says it leaves out, and its error by trials. Then a tracker with the likelihood centroid
+slews at rates from 0 to 3 deg / s; its error stands beside the Cramer-Rao bound of whole frames
+with their smear. With --markdown the tables are written as docs/figures/budget-against-trials.md.
 """
 
 from __future__ import annotations
@@ -263,9 +263,11 @@ def table_of_slews(rows: list[Slew]) -> list[str]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--designs", type=int, default=24)
-    parser.add_argument("--trials", type=int, default=240, help="of each design, and each rate")
-    parser.add_argument("--rates", default="0,0.3,1,2,3", help="deg / s")
-    parser.add_argument("--markdown", type=Path, help="the page of the documents")
+    parser.add_argument(
+        "--trials", type=int, default=240, help="trials of each design and of each rate"
+    )
+    parser.add_argument("--rates", default="0,0.3,1,2,3", help="slew rates, deg / s")
+    parser.add_argument("--markdown", type=Path, help="file for the page, in Markdown")
     options = command.read(parser, designs=2, trials=3, rates="2")
     compared = []
     for name, case in designs(options.designs):

@@ -1,12 +1,12 @@
-"""Does `startrack serve` keep the rate of a camera, with the frames of `startrack simulate`?
+"""Does `startrack serve` deliver frames at the rate of a camera, equal to those of `simulate`?
 
     python experiments/camera_in_loop.py [--minutes M] [--same N] [--json FILE] [--quick]
 
-A client in this process asks a server in another one for frames of a megapixel at 10 Hz, each with
-its pixels, at the attitudes of a slow slew, and waits for the next period after each reply.
+A client in this process requests frames of a megapixel at 10 Hz from a server in another process,
+at the attitudes of a slow slew. After each reply it waits for the next period.
 
-serve_p99_over_period  99 % of the times from request to the last pixel, over the period
-serve_within           fraction of the frames that came within their period
+serve_p99_over_period  99th percentile of the time from request to last pixel, over the period
+serve_within           fraction of the frames that arrived within their period
 serve_frames           number of frames
 serve_same             1 where frames have the same bytes as those of `startrack simulate` with the
                        same seed and attitude
@@ -54,8 +54,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--minutes", type=float, default=10.0, help="of frames (default: 10)")
-    parser.add_argument("--same", type=int, default=3, help="frames that are rendered twice")
+    parser.add_argument(
+        "--minutes", type=float, default=10.0, help="duration of the frames, minute (default: 10)"
+    )
+    parser.add_argument(
+        "--same", type=int, default=3, help="number of frames to compare with `simulate`"
+    )
     options = command.read(parser, minutes=0.02, same=1)
     with tempfile.TemporaryDirectory() as folder:
         design = Path(folder) / "megapixel.toml"

@@ -1,11 +1,11 @@
-"""Is the posterior of a camera right: on synthetic cameras, and on four images of one real one?
+"""Is the posterior of a camera correct, for synthetic cameras and for four images of a real one?
 
 STARTRACK_DATA=folder python experiments/camera_posterior.py [--json FILE] [--cameras 100] [--quick]
 
-Simulation-based calibration (Talts et al. 2018): cameras are drawn from the prior, one frame of
-each is sampled, and the ranks of the truth among the samples must be uniform, for focal length,
-principal point, k1 and the width of the PSF. The four images `esa_*` are of one camera: their
-focal lengths must agree within their intervals.
+Simulation-based calibration (Talts et al. 2018): cameras are drawn from the prior, and the
+posterior of one frame of each camera is sampled. The ranks of the true values among the samples
+must be uniform, for focal length, principal point, k1 and the width of the PSF. The four images
+`esa_*` are of one camera: their focal lengths must agree within their intervals.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""What do the cameras of Krutz et al. (2011) see of made terrain, and one of them of the stars?
+"""What images do the cameras of Krutz et al. (2011) take of synthetic terrain, and of stars?
 
-Renders WAOSS, HSRS, MERTIS and ADS40 over their scenes and AsteroidFinder on the sky, each in
-digital numbers, into one picture a camera.
+Renders WAOSS, HSRS, MERTIS and ADS40 over their scenes, and AsteroidFinder on the sky, in digital
+numbers: one picture per camera.
 
     python experiments/cameras.py [--json FILE] [--figure DIR] [--quick]
 """
@@ -30,7 +30,7 @@ PRAESEPE = (130.1, 19.67)  # right ascension and declination, degree: an open cl
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("--figure", type=Path, help="draw the pictures into this folder")
+    parser.add_argument("--figure", type=Path, help="folder for the pictures")
     chosen = command.read(parser)
     figures: dict[str, Any] = {}
     for name in SCENES[2:3] if chosen.quick else SCENES:

@@ -1,8 +1,9 @@
-"""Does a campaign give the same bytes, waste no time and lose nothing?
+"""Are the results of a campaign reproducible, how much time do workers lose, and is anything lost?
 
 python experiments/campaign.py [--json FILE] [--kills 50] [--parts store bytes ...] [--quick]
 
-FILE is written after each part and keeps those of earlier runs. Kills are of window trials.
+FILE is written after each part, and keeps the parts of earlier runs. The commands that are killed
+run trials of fidelity `window`.
 """
 
 from __future__ import annotations

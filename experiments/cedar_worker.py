@@ -1,6 +1,6 @@
-"""Run by the interpreter that has cedar-solve: centroids in, right ascension and declination out.
+"""Centroids -> right ascension and declination by cedar-solve, in the interpreter that has it.
 
-One JSON object a line each way; cedar-solve needs a numpy older than startrack's.
+Reads and writes one JSON object a line. cedar-solve needs an older numpy than startrack.
 """
 
 import contextlib

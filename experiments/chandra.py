@@ -1,12 +1,13 @@
-"""Chandra's aspect camera, predicted and flown: its places of stars, dark current, flicker, images,
-acquisition in flight and on a bench, centroids, pixels of guide stars, and boresight; and the
-quaternions of the cameras of TESS.
+"""Predictions for Chandra's aspect camera beside its flight data, and for the cameras of TESS.
+
+Of Chandra: positions of stars, dark current, flicker, images, acquisition in flight and on a bench,
+centroids, pixels of guide stars, boresight. Of TESS: quaternions.
 
     python experiments/chandra.py [--page FOLDER] [--json FILE] [--quick]
 
 The flight's figures are read from references/chandra and references/chandra-raw of the folder that
-STARTRACK_DATA names; parts whose data are missing are left out. `--page` writes flight.json,
-flight.png and the tables of flight.md there; five minutes of CPU.
+STARTRACK_DATA names; parts without data are left out. `--page` writes flight.json, flight.png and
+the tables of flight.md into FOLDER. It takes five minutes of CPU.
 """
 
 from __future__ import annotations
@@ -112,9 +113,10 @@ def main() -> None:
         "parts",
         nargs="*",
         metavar="PART",
-        help=f"of {', '.join(parts)} (default: all); the page keeps the figures of the others",
+        help=f"parts to run: {', '.join(parts)} (default: all); the page keeps the "
+        "figures of the others",
     )
-    parser.add_argument("--page", type=Path, metavar="FOLDER", help="write the page here")
+    parser.add_argument("--page", type=Path, metavar="FOLDER", help="folder for the page")
     options = command.read(parser)
     data = flown()
     found: dict[str, Any] = {}

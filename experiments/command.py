@@ -1,7 +1,7 @@
-"""What all experiments share: options, figures as JSON, what is expected of them, what is left out.
+"""What all experiments share: options, figures as JSON, expectations, and parts that are left out.
 
-The expectations stand in `expected.toml`, with the page that claims a figure and the commit that
-it was measured at. An experiment that misses one says so and ends with status 1.
+`expected.toml` holds the expectations, each with the page that claims the figure and the commit at
+which it was measured. An experiment that misses an expectation says so and ends with status 1.
 """
 
 from __future__ import annotations
@@ -120,11 +120,11 @@ def read(parser: argparse.ArgumentParser, **smaller: Any) -> argparse.Namespace:
     Returns   the options; under `--quick`, pictures and tables that are not asked for go to a
               folder that is removed at the end, so that the code that draws them runs as well
     """
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures here")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="file for the figures, in JSON")
     parser.add_argument(
         "--quick",
         action="store_true",
-        help="run every step on the smallest sizes, in seconds; the figures mean nothing",
+        help="run every step in seconds, on sizes too small for meaningful figures",
     )
     options = parser.parse_args()
     if options.quick:

@@ -1,17 +1,17 @@
-"""An engineer's day: what exports leave out, how long a command is silent, what a newcomer finds.
+"""Everyday use: what exports leave out, how long commands are silent, what keys are found.
 
     python experiments/day.py [--json FILE] [--quick]
 
-export_gaps      what the unit of an AOCS model has and its files neither hold nor name, over all
-                 shipped designs and trackers
-silent_seconds   longest time in which a command writes nothing to its terminal, compiled before;
-                 silent_cpu_seconds is the CPU time of such a time, which other programs leave alone
-resumed          fraction of the commands that go on where they were stopped
-stars_visible    fraction of the shipped designs whose first picture shows its matched stars: on the
-                 image as it is drawn, each is above the background by five times its spread
+export_gaps      number of effects of a unit that the files of its AOCS model neither contain nor
+                 name, over all shipped designs and trackers
+silent_seconds   longest time in which a command writes nothing to its terminal, with kernels
+                 compiled before; silent_cpu_seconds is the CPU time of the longest such interval
+resumed          fraction of the commands that continue where they were stopped
+stars_visible    fraction of the shipped designs whose first picture shows its matched stars: in the
+                 drawn image, each exceeds the background by five standard deviations
 datasheet_keys   fraction of the words of datasheets for which `startrack keys` finds a key
 wheel_same       1 if trials from the installed wheel are those of the checkout
-pythons, lowest_versions   what .ci/versions says; not in the quick mode
+pythons, lowest_versions   results of .ci/versions; not in the quick mode
 
 A quick run takes one design and one command.
 """

@@ -1,11 +1,11 @@
-"""How much better does a design get, and which is it? A first guess, optimised and judged afresh.
+"""How much does a search improve a first design, on fresh trials?
 
 python experiments/design.py [DESIGN] [--json FILE] [--picture FILE.png] [--workers 2]
                              [--seed 1] [--quick]
 
 DESIGN is a name in catalogs/designs, such as nanosatellite or high_accuracy, or a file; --quick
 takes noise_only.
-The answer is judged on frames that nothing was tuned on; all intervals hold with 95 % confidence.
+The result is judged on frames that the search has not used; all intervals have 95 % confidence.
 """
 
 from __future__ import annotations
@@ -65,7 +65,9 @@ def main() -> None:
     parser.add_argument("--picture", type=Path)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--ledger", type=Path, help="file; goes on from what is in it")
+    parser.add_argument(
+        "--ledger", type=Path, help="file of finished trials, from which a stopped run continues"
+    )
     options = command.read(parser, workers=1)
     path = Path("noise_only" if options.quick else options.design)
     if not path.suffix:

@@ -1,9 +1,9 @@
-"""How fast, how complete and how right are spots, beside other programs' and beside the limits?
+"""How fast, complete and accurate is the detection of stars, beside other programs and bounds?
 
-Frames of 1024 x 1024 pixels, background 50 e-, read noise 5 e-, stars integrated over pixels by
-scipy's normal law. The Cramér-Rao bounds are computed here, from that law alone. Where
-STARTRACK_DATA names a folder with images and their solutions, spots of real skies are counted
-too. One thread, processor time, the least of several rounds, all programs in turn.
+Frames of 1024 x 1024 pixels, background 50 e-, read noise 5 e-; stars are integrated over pixels by
+scipy's normal distribution. The Cramér-Rao bounds are computed here, from that distribution alone.
+Where STARTRACK_DATA names a folder with images and their solutions, spots of real skies are counted
+too. Times are CPU times of one thread, the least of several rounds; programs run alternately.
 
     python experiments/detection.py [--json FILE] [--quick]
 """

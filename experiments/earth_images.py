@@ -1,16 +1,19 @@
-"""Earth images beside photons, beside their own uncertainties, beside a real image and Embree.
+"""Earth images beside simulated photons, stated uncertainties, a real image, and rays by Embree.
 
     python experiments/earth_images.py [--landsat FOLDER] [--json FILE] [--picture FILE] [--quick]
 
-`adjacency_error`: the largest relative error of the radiance at a satellite, at places around a
-coast and a bright patch of 1 km, beside photons that fly in three dimensions
-(`tests/oracle/adjacency.py`), with rays of three distances, which lie on other cells of the
-surroundings; `adjacency_of_mean` with the mean of the surroundings alone.
-`adjacency_cost`: CPU time of an image with the light of its surroundings over one with their mean,
-in turns. `within_one_sigma`, `within_two_sigma`: shares of pixels of trials (`earth_trials.py`),
-of the layer that is farthest from 68 and 95 %. `real_*`: a Landsat 7 image (`earth_real.py`), with
-`--landsat`. `embree_gain`: CPU time of Embree over that of startrack's rays, the lower of nadir
-over 1,000 x 1,000 cells and shadows at 10 degrees. `lines_earth`: of `startrack/earth`.
+adjacency_error    largest relative error of the radiance at a satellite, around a coast and a
+                   bright patch of 1 km, beside Monte Carlo photons in three dimensions
+                   (`tests/oracle/adjacency.py`), with rays at three spacings
+adjacency_of_mean  the same where the surroundings are replaced by their mean
+adjacency_cost     CPU time of an image with the light of its surroundings over one with their mean,
+                   alternately
+within_one_sigma, within_two_sigma  fraction of the pixels of trials (`earth_trials.py`), of the
+                   layer that is farthest from 68 and 95 %
+real_*             of a Landsat 7 image (`earth_real.py`), with `--landsat`
+embree_gain        CPU time of Embree over that of startrack's rays: the lower of nadir over 1,000 x
+                   1,000 cells and shadows at 10 degrees
+lines_earth        number of lines of `startrack/earth`
 """
 
 from __future__ import annotations
@@ -75,11 +78,15 @@ class Shining(NamedTuple):
 def main() -> None:
     """Print and save the figures."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--landsat", type=Path, help="folder of nov4.rda and dem.rda")
-    parser.add_argument("--trials", type=int, default=TRIALS, help="of the uncertainties")
-    parser.add_argument("--size", type=int, default=SIZE, help="pixel along a side, for the cost")
-    parser.add_argument("--rays", type=int, default=RAYS, help="along a side, beside Embree")
-    parser.add_argument("--picture", type=Path, help="draw the coast and the patch here")
+    parser.add_argument("--landsat", type=Path, help="folder with nov4.rda and dem.rda")
+    parser.add_argument("--trials", type=int, default=TRIALS, help="trials of the uncertainties")
+    parser.add_argument(
+        "--size", type=int, default=SIZE, help="side of the image whose cost is measured, pixel"
+    )
+    parser.add_argument(
+        "--rays", type=int, default=RAYS, help="rays along a side of the comparison with Embree"
+    )
+    parser.add_argument("--picture", type=Path, help="file for the picture of coast and patch")
     options = command.read(parser, trials=2, size=48, rays=20)
     found = {
         (column["wavelength"], column["visibility"], case, spacing): shining(column, case, spacing)

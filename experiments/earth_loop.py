@@ -1,11 +1,11 @@
-"""What comes back of a scene when its image has become a product.
+"""How exactly do products restore the radiance and the positions of their scene?
 
 python experiments/earth_loop.py renders, calibrates and maps two scenes. `loop_radiance_error` is
-the relative error of the mean radiance of even ground, from numbers, dark and flat frames that the
-detector's own noise has; beside it stands the scatter over the one that the noise predicts.
-`loop_place_px` is the rms distance, in pixels, between fires at known coordinates on mountains of
-1,000 m and their centroids on the map, seen 15 degrees aside: geometry, lens, noise, terrain,
-projection and resampling together.
+the relative error of the mean radiance of uniform ground, by an image, dark frames and flat frames
+with the detector's noise. Beside it stands the standard deviation over that which the noise
+predicts. `loop_place_px` is the rms distance, in pixels, between fires at known coordinates on
+mountains of 1,000 m and their centroids on the map, seen 15 degrees from nadir. It contains the
+errors of geometry, lens, noise, terrain, projection and resampling.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ AROUND = 4  # cells on each side of a fire that make its centroid
 def main() -> None:
     """Print and save the figures."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--size", type=int, default=SIZE, help="pixel along a side")
-    parser.add_argument("--fires", type=int, default=FIRES, help="along a side")
+    parser.add_argument("--size", type=int, default=SIZE, help="side of the image, pixel")
+    parser.add_argument("--fires", type=int, default=FIRES, help="fires along a side")
     options = command.read(parser, size=40, fires=2)
     radiance, noise = loop_radiance_error(options.size)
     place = loop_place_px(options.size, options.fires)

@@ -1,4 +1,4 @@
-"""What earth_sensors.py writes and draws: the page on Earth cameras that are in orbit."""
+"""Figures of earth_sensors.py -> the page and the pictures on Earth cameras that are in orbit."""
 
 from __future__ import annotations
 

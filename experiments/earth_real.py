@@ -1,18 +1,17 @@
-"""A real image beside one that is rendered from the same terrain, Sun and view.
+"""How near is a rendered image to a real one of the same terrain, Sun and view?
 
 The image is band 4 (775 to 900 nm) of Landsat 7 ETM+ of 25 November 2002, path 15, row 32, 300 x
 300 pixel of ridges and valleys in Pennsylvania, with the terrain model of the same cells: the data
 `nov4` and `dem` of the package `landsat` for R (S. Goslee, CRAN; github.com/cran/landsat), read
-from `--landsat FOLDER` with the package rdata. Of the image only its dates, Sun, gains and place
-were known when this file was written, not its pixels.
+from `--landsat FOLDER` with the package rdata. When this file was written, only the image's date,
+Sun, gains and position were known, not its pixels.
 
 The scene: Lambertian ground of reflectance 0.25 everywhere, so that all contrast is of slopes and
 shadows; rural air of 23 km of visibility; a line camera at 100 km with pixels of 30 m, on the axis
 the modulation that is published of ETM+ (0.3 at Nyquist frequency, 0.64 of it by the pixel), its
 gain (0.637 W / (m2 sr um) a digital number, 8 bits) and a noise of 0.8 digital numbers.
 
-`PREDICTED` was written and committed before the first look at the image; each figure with the
-range that would not surprise.
+`PREDICTED` was committed before the pixels were read: the expected range of each figure.
 """
 
 from __future__ import annotations

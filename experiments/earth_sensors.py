@@ -1,13 +1,13 @@
-"""Are Earth cameras what the instruments in orbit are, and what else has an outside answer?
+"""Do models of Earth cameras agree with instruments in orbit, with MODTRAN and with integrals?
 
-The Sun in bands of Sentinel-2, SNR and NEdT of three instruments beside required and measured, the
-air against MODTRAN, surfaces against integrals, products beside the truth of their scenes, rays on
-terrain beside embree.
+The Sun in the bands of Sentinel-2; SNR and NEdT of three instruments beside required and measured
+ones; the atmosphere beside MODTRAN; surfaces beside integrals; products beside the truth of their
+scenes; rays on terrain beside Embree.
 
     python experiments/earth_sensors.py [PART ...] [--json FILE] [--page FOLDER] [--quick]
 
 The page docs/figures/earth-cameras.md is made with `--page docs/figures`. sasktran2 and pybsm, and
-embreex, are needed for `air` and `rays`, which are left out where they are missing.
+embreex, are needed for `air` and `rays`; without them these parts are left out.
 """
 
 from __future__ import annotations
@@ -47,9 +47,9 @@ def main() -> None:
         "parts",
         nargs="*",
         metavar="PART",
-        help=f"of {', '.join(parts)} (default: all); the page needs sun and sensors",
+        help=f"parts to run: {', '.join(parts)} (default: all); the page needs sun and sensors",
     )
-    parser.add_argument("--page", type=Path, metavar="FOLDER", help="write the page here")
+    parser.add_argument("--page", type=Path, metavar="FOLDER", help="folder for the page")
     options = command.read(parser)
     told = json.loads((ROOT / "tests/oracle/earth_cameras.json").read_text(encoding="utf-8"))
     found: dict[str, Any] = {}

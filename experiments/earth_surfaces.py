@@ -1,10 +1,10 @@
-"""How far the surfaces of Earth scenes are from integrals that share nothing with them.
+"""How far are the reflectances of Earth scenes from integrals by independent code?
 
 python experiments/earth_surfaces.py prints two errors. `rossli_error`: the Ross-thick kernel
 against a sum over leaves of all directions, the Li-sparse kernel in the principal plane against the
 overlap of shadows on a grid, and the white-sky integrals of both against Lucht, Schaaf and Strahler
-(2000), table 1. `glint_error`: light that waves mirror, its mean direction and its width, against a
-sum over facets with the slope variance of Cox and Munk (1954).
+(2000), table 1. `glint_error`: sunlight that waves reflect, its mean direction and its width,
+against a sum over facets with the slope variance of Cox and Munk (1954).
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""Stated uncertainties of Earth products against trials in which what they assume is wrong.
+"""Stated uncertainties of Earth products beside trials with errors in what products assume.
 
-Each trial draws all that `Knowledge` names: the lamp, stray light, the response, visibility, the
-terrain, the pointing; renders the true scene with them, with the detector's noise, and makes the
-product with what it believes. The truth is the radiance of the true air and terrain in the
-believed band and direction, and the map of reflectance at the place that the product states;
-pixels on the edge of the image are left out.
+Each trial draws true values of all that `Knowledge` names: the lamp, stray light, the response,
+visibility, the terrain, the pointing. It renders the scene with the true values and the detector's
+noise, and computes the product with the assumed values. The product is compared with the radiance
+of the true atmosphere and terrain in the assumed band and direction, and with the map of
+reflectance at the position that the product states. Pixels on the edge of the image are left out.
 """
 
 from __future__ import annotations

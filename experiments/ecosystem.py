@@ -115,11 +115,23 @@ TIMED = 8  # trials of a turn
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--only", choices=PARTS, help="one part alone")
+    parser.add_argument("--only", choices=PARTS, help="the one part to run")
     parser.add_argument("--trials", type=int, default=64)
-    parser.add_argument("--turns", type=int, default=60, help="of timed trials (default: 60)")
-    parser.add_argument("--sketched", type=int, default=200_000, help="trials (default: 200000)")
-    parser.add_argument("--frames", type=int, default=500, help="for the peers (default: 500)")
+    parser.add_argument(
+        "--turns",
+        type=int,
+        default=60,
+        help="number of alternating runs of the timed trials (default: 60)",
+    )
+    parser.add_argument(
+        "--sketched",
+        type=int,
+        default=200_000,
+        help="number of trials in the sketch (default: 200000)",
+    )
+    parser.add_argument(
+        "--frames", type=int, default=500, help="number of frames for other solvers (default: 500)"
+    )
     options = command.read(parser, trials=2, turns=1, frames=3)
     figures: dict[str, Any] = {}
     for name, part in PARTS.items():

@@ -34,7 +34,7 @@ ANGLES: NDArray[np.float64] = np.arange(2.0, 90.5, 1.0, dtype=np.float64) * deg
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("--figure", type=Path, help="draw the curves here")
+    parser.add_argument("--figure", type=Path, help="file for the picture of the curves")
     chosen = command.read(parser)
     case = load_design(shipped("designs/noise_only.toml")).case
     case = replace(case, instrument=replace(case.instrument, baffle=BAFFLE))

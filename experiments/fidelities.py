@@ -300,8 +300,10 @@ def main() -> None:
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--trials", type=int, default=TRIALS, help=f"(default: {TRIALS})")
-    parser.add_argument("--picture", type=Path, help="draw the fidelities here")
+    parser.add_argument(
+        "--trials", type=int, default=TRIALS, help=f"number of trials (default: {TRIALS})"
+    )
+    parser.add_argument("--picture", type=Path, help="file for the picture of the fidelities")
 
 
 def measure(options: argparse.Namespace) -> dict[str, float]:

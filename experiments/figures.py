@@ -76,8 +76,15 @@ def main() -> None:
     )
     parser.add_argument("--write", action="store_true", help="write the figures into the pages")
     parser.add_argument("--results", type=Path, default=Path("figure-results"))
-    parser.add_argument("--commands", nargs="+", metavar="NAME", help="of the table (default: all)")
-    parser.add_argument("--list", action="store_true", help="measures that no script writes")
+    parser.add_argument(
+        "--commands",
+        nargs="+",
+        metavar="NAME",
+        help="commands of figures.toml to run (default: all)",
+    )
+    parser.add_argument(
+        "--list", action="store_true", help="list the figures that no script writes"
+    )
     with tempfile.TemporaryDirectory() as folder:
         options = command.read(parser, results=Path(folder))
         if options.list:

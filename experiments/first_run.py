@@ -54,8 +54,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--before", metavar="COMMIT", help="measure this commit too, in turns")
-    parser.add_argument("--photo", type=Path, metavar="FILE", help="night sky to solve")
+    parser.add_argument(
+        "--before", metavar="COMMIT", help="commit to measure alternately with this tree"
+    )
+    parser.add_argument("--photo", type=Path, metavar="FILE", help="image of a night sky to solve")
     options = command.read(parser)
     with tempfile.TemporaryDirectory() as folder:
         empty = Path(folder).resolve()

@@ -468,9 +468,9 @@ def scores() -> dict[str, Any]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--predict", type=Path, help="write the predictions to this file")
-    parser.add_argument("--page", type=Path, help="write the page of the committed figures")
-    parser.add_argument("--measure", type=Path, help="folder of what others publish")
+    parser.add_argument("--predict", type=Path, help="file for the predictions")
+    parser.add_argument("--page", type=Path, help="file for the page of the committed figures")
+    parser.add_argument("--measure", type=Path, help="folder with the files that others published")
     options = command.read(parser)
     if options.measure:
         seen = {"figures": flown_results.measured(options.measure)}

@@ -24,7 +24,12 @@ PICTURE = Path(__file__).parents[1] / "docs" / "frame.png"
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--picture", type=Path, default=PICTURE, help="(default: docs/frame.png)")
+    parser.add_argument(
+        "--picture",
+        type=Path,
+        default=PICTURE,
+        help="file for the picture (default: docs/frame.png)",
+    )
     options = command.read(parser)
     design = load_design(shipped("designs/nanosatellite.toml")).case
     case = unit_of(design, 1, Moment(0, 0, 0, design.end_of_life))

@@ -51,7 +51,13 @@ for fidelity in Fidelity:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--numba", nargs="+", default=[], metavar="VERSION", help="to test with")
+    parser.add_argument(
+        "--numba",
+        nargs="+",
+        default=[],
+        metavar="VERSION",
+        help="other versions of numba to test with",
+    )
     options = command.read(parser)
     files = [path for path in HOME.rglob("*.py*") if path.suffix in (".py", ".pyi")]
     private = [name for path in files if path != OPTIONAL for name in private_names(path)]

@@ -307,7 +307,9 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--draws", type=int, default=24)
-    parser.add_argument("--designs", type=int, default=200, help="of the posterior's coverage")
+    parser.add_argument(
+        "--designs", type=int, default=200, help="number of designs for the coverage of posteriors"
+    )
     options = command.read(parser, draws=12, designs=1)
     chosen = {
         name: one

@@ -401,9 +401,13 @@ def real_solved(images: int | None) -> int | None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--plot", type=Path, metavar="FILE", help="success and time as a picture")
+    parser.add_argument(
+        "--plot", type=Path, metavar="FILE", help="file for the picture of success and time"
+    )
     parser.add_argument("--regimes", choices=("few", "all"), default="few")
-    parser.add_argument("--skies", type=int, default=200, help="a regime (default: 200)")
+    parser.add_argument(
+        "--skies", type=int, default=200, help="number of skies of each regime (default: 200)"
+    )
     options = command.read(parser, skies=2)
     rows = []
     regimes = ALL if options.regimes == "all" else FEW

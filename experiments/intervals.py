@@ -50,15 +50,25 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--parts", nargs="+", choices=PARTS, default=PARTS, metavar="PART")
-    parser.add_argument("--repeats", type=int, default=2000, help="of each number of trials")
-    parser.add_argument("--pool", type=int, default=20_000, help="trials of each design")
-    parser.add_argument("--units", type=int, default=300, help="units of each pool of these")
+    parser.add_argument(
+        "--repeats", type=int, default=2000, help="number of repeats for each number of trials"
+    )
+    parser.add_argument(
+        "--pool", type=int, default=20_000, help="number of trials in the pool of each design"
+    )
+    parser.add_argument(
+        "--units", type=int, default=300, help="number of units in each pool of units"
+    )
     designs = intervals_searches.DESIGNS
     parser.add_argument("--designs", nargs="+", choices=designs, default=designs, metavar="NAME")
-    parser.add_argument("--seeds", type=int, default=20, help="searches of each design")
-    parser.add_argument("--first", type=int, default=1, help="seed of the first")
-    parser.add_argument("--peers", type=int, default=5, help="seeds of each other search")
-    parser.add_argument("--trials", type=int, default=2000, help="fresh ones, which judge each end")
+    parser.add_argument("--seeds", type=int, default=20, help="number of searches of each design")
+    parser.add_argument("--first", type=int, default=1, help="seed of the first search")
+    parser.add_argument(
+        "--peers", type=int, default=5, help="number of seeds of each other optimiser"
+    )
+    parser.add_argument(
+        "--trials", type=int, default=2000, help="number of fresh trials that judge each result"
+    )
     parser.add_argument("--ends", type=Path, default=Path("search-ends.jsonl"))
     options = command.read(
         parser,

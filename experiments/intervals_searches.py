@@ -29,7 +29,7 @@ from startrack.optimise import (
     TrialRunner,
     fresh_units,
     level_interval_of_units,
-    likely_units,
+    measured_units,
     name_by_condition,
     optimize,
 )
@@ -177,8 +177,8 @@ def margins_by(
     margins = {"false attitudes": -float(outcomes["false"].mean())}
     for claim in claims_of(condition.needs):
         if condition.units and claim.accuracy:
-            units = likely_units(claim.accuracy.objective, condition, counting, campaign, runner)
-            share = float((units.likely <= claim.limit).mean())
+            units = measured_units(claim.accuracy.objective, condition, counting, campaign, runner)
+            share = float((units.denoised <= claim.limit).mean())
             margins[claim.name] = share - condition.units.fraction
         else:
             margins[claim.name] = claim.margin(

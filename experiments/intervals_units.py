@@ -20,10 +20,10 @@ from startrack.montecarlo import Serial, run
 from startrack.optimise import (
     MeasuredUnits,
     budgets_of_units,
-    compared_levels,
+    compare_levels,
     levels_of,
-    noise_of,
     resampled_units,
+    trial_noise,
 )
 from startrack.population import Units
 from startrack.trial import OUTCOMES
@@ -106,7 +106,7 @@ def measured(pool: Pool) -> MeasuredUnits:
     over = campaign.over_units(CASE)
     assert over is not None
     errors = np.sqrt(pool.squares.mean(axis=1))
-    return MeasuredUnits(errors, pool.expected, noise_of(Objective(), rows, over, campaign))
+    return MeasuredUnits(errors, pool.expected, trial_noise(Objective(), rows, over, campaign))
 
 
 VARIABLE = Variable("instrument.optics.blur", "2 um", "8 um")
@@ -134,14 +134,14 @@ def repeated(first: Pool, second: Pool, count: int, repeats: int) -> dict[str, f
         ]
         before, after = (measured(pool) for pool in few)
         chosen = resampled_units(count, number)
-        found = compared_levels(
+        found = compare_levels(
             levels_of(Objective(), [before], [1.0], USUAL, chosen),
             levels_of(Objective(), [after], [1.0], USUAL, chosen),
             count,
             USUAL,
         )
-        kept = before.likely <= limit
-        part = before.part(limit, number)
+        kept = before.denoised <= limit
+        part = before.effective_fraction(limit, number)
         met = np.sqrt(first.squares[unit[:, None], trial[:, :OF_VERIFY]].mean(axis=1)) <= limit
         holds = (
             found.start.low <= math.exp(level) <= found.start.high,

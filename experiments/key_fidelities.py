@@ -440,12 +440,14 @@ def keys_read(names: list[str], column: str) -> set[str]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--write", action="store_true", help="write the file of the reference")
-    parser.add_argument("--table", help="the keys of one table alone, such as tracker.detection")
+    parser.add_argument(
+        "--write", action="store_true", help="write catalogs/designs/fidelities.json"
+    )
+    parser.add_argument("--table", help="table whose keys are tried, such as tracker.detection")
     parser.add_argument(
         "--refusals",
         action="store_true",
-        help="find the refusals alone; what is left out is that of the file, without trials",
+        help="find refusals only, without trials; keys that are left out are read from the file",
     )
     options = command.read(parser)
     figures = of_all_keys(options)

@@ -100,7 +100,7 @@ def page(found: list[dict[str, Any]], source: str) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--markdown", type=Path, metavar="FILE", help="write the page here")
+    parser.add_argument("--markdown", type=Path, metavar="FILE", help="file for the page")
     options = command.read(parser)
     found = rows()
     for row in found:

@@ -146,11 +146,20 @@ int main(int count, char **word)
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("--instants", type=int, default=10_000, help="for directions")
-    parser.add_argument("--days", type=int, default=365, help="of the mission")
-    parser.add_argument("--frames", type=int, default=300, help="that are rendered")
-    parser.add_argument("--loop", type=int, default=40, help="steps of the loop with astropy")
-    parser.add_argument("--sequences", type=int, default=30, help="of 16 frames")
+    parser.add_argument(
+        "--instants",
+        type=int,
+        default=10_000,
+        help="number of instants at which directions are compared",
+    )
+    parser.add_argument("--days", type=int, default=365, help="duration of the mission, day")
+    parser.add_argument("--frames", type=int, default=300, help="number of rendered frames")
+    parser.add_argument(
+        "--loop", type=int, default=40, help="number of steps of the loop with astropy"
+    )
+    parser.add_argument(
+        "--sequences", type=int, default=30, help="number of sequences of 16 frames"
+    )
     chosen = command.read(parser, instants=20, days=2, frames=2, loop=2, sequences=1)
     if chosen.quick:
         command.shorten("startrack.mission.surrogate", PLACES=48, RATES=2, MAGNITUDE=8.0)

@@ -39,8 +39,8 @@ STRESSED: dict[str, dict[str, float]] = {
 def main() -> None:
     """Print and save the ratios, and draw an object."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--trials", type=int, default=TRIALS, help="of each design")
-    parser.add_argument("--figure", type=Path, help="draw an object here")
+    parser.add_argument("--trials", type=int, default=TRIALS, help="trials of each design")
+    parser.add_argument("--figure", type=Path, help="file for the picture of an object")
     options = command.read(parser, trials=4)
     figures = compare(options.trials, STRESSED)
     worst = max(

@@ -122,7 +122,9 @@ def values_of(path: Path) -> dict[str, Any]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--best", type=Path, help="design of `startrack optimize`")
+    parser.add_argument(
+        "--best", type=Path, help="file of the design that `startrack optimize` found"
+    )
     options = command.read(parser)
     designs = {"old": OLD, "new": values_of(options.best) if options.best else NEW}
     found = {name: worlds(values, options.quick) for name, values in designs.items()}

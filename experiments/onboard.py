@@ -50,7 +50,9 @@ AIM: tuple[float, float] = (15, 6.0)  # field and limit of `onboard_kb`
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--skies", type=int, default=1000, metavar="N")
-    parser.add_argument("--markdown", type=Path, metavar="FILE", help="page to write the table to")
+    parser.add_argument(
+        "--markdown", type=Path, metavar="FILE", help="file for the page with the table"
+    )
     options = command.read(parser, skies=10)
     fields, limits = (FIELDS, LIMITS) if not options.quick else (AIM[:1], AIM[1:])
     rows = [figures(field, limit, options.skies) for field in fields for limit in limits]

@@ -41,8 +41,8 @@ from startrack.optimise import (
     expected_objective,
     explore,
     fit_correction,
-    least,
     measured_margins,
+    minimise,
     missed,
     refine,
     trials_of_tracker,
@@ -77,11 +77,17 @@ class Judging(NamedTuple):
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--peers", type=int, default=20, help="seeds of the other optimisers")
+    parser.add_argument(
+        "--peers", type=int, default=20, help="number of seeds of each other optimiser"
+    )
     parser.add_argument("--methods", default="ours,nlopt_plain,tpe,cmaes")
-    parser.add_argument("--trials", type=int, default=4000, help="that the others may use")
+    parser.add_argument(
+        "--trials", type=int, default=4000, help="largest number of trials of each other optimiser"
+    )
     parser.add_argument("--picture", type=Path)
-    parser.add_argument("--ledger", type=Path, help="folder; goes on from what is in it")
+    parser.add_argument(
+        "--ledger", type=Path, help="folder of finished trials, from which a stopped run continues"
+    )
     options = command.read(parser, seeds=1, peers=1, trials=4)
     figures = search(options) | {
         "scurve_best_sigma": {n: best_width(n, 5 if options.quick else 60) for n in (3, 5, 7)}
@@ -184,7 +190,7 @@ def nlopt_plain(
     """Sbplx on the same fixed trials for each design, from the case itself."""
     counted = Counted(space, campaign, TrialRunner(seed, ledger=ledger), most)
     with contextlib.suppress(Spent):
-        least(counted.plain, space.start, Search(evaluations=10_000, last_step=1e-4))
+        minimise(counted.plain, space.start, Search(evaluations=10_000, last_step=1e-4))
     return counted.run
 
 
@@ -279,12 +285,12 @@ class Truth:
             margins = margins_of(self.campaign.requirements, case)
             return math.log(expected / arcsec) + correction(coordinates) + PENALTY * missed(margins)
 
-        refined = least(
+        refined = minimise(
             score, best, Search(evaluations=max(polish, 2) * 5 // 2, first_step=0.05)
         ).coordinates
         best = min((best, refined), key=lambda coordinates: self.score(coordinates, choosing))
         # The budget has no say in this: Sbplx on the trials themselves.
-        polished = least(
+        polished = minimise(
             lambda coordinates: self.score(coordinates, choosing),
             best,
             Search(evaluations=polish, first_step=0.05),
@@ -301,7 +307,7 @@ def best_width(window: int, evaluations: int) -> float:
     def bias(coordinates: Floats) -> float:
         return math.log(centre_of_gravity_error(Star(1e12, 0.3 + 0.7 * coordinates[0]), window)[1])
 
-    found = least(bias, np.array([0.9]), Search(evaluations=evaluations))
+    found = minimise(bias, np.array([0.9]), Search(evaluations=evaluations))
     return 0.3 + 0.7 * float(found.coordinates[0])
 
 

@@ -320,7 +320,7 @@ def refused_large(images: int) -> float:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--skyless", type=int, default=1000, help="images without a sky")
+    parser.add_argument("--skyless", type=int, default=1000, help="number of images without a sky")
     options = command.read(parser, skyless=4)
     cv2.setNumThreads(1)
     rows: list[dict[str, Any]] = []

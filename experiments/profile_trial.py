@@ -61,8 +61,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
-    parser.add_argument("--trials", type=int, default=100, help="of a fidelity (default: 100)")
-    parser.add_argument("--markdown", type=Path, metavar="FILE", help="write the page here")
+    parser.add_argument(
+        "--trials", type=int, default=100, help="trials of each fidelity (default: 100)"
+    )
+    parser.add_argument("--markdown", type=Path, metavar="FILE", help="file for the page")
     options = command.read(parser, trials=1)
     quick = options.quick
     cv2.setNumThreads(1)

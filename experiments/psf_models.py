@@ -51,7 +51,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
-    parser.add_argument("--figures", type=Path, metavar="DIR", help="draws figures 6 to 9 there")
+    parser.add_argument(
+        "--figures", type=Path, metavar="DIR", help="folder for the pictures of figures 6 to 9"
+    )
     options = command.read(parser)
     rounds = 1 if options.quick else ROUNDS
     result: dict[str, float] = {}

@@ -86,7 +86,9 @@ OXYGEN_BAND = (750, 775)
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("--figure", type=Path, help="draw the spectrum and the table's error here")
+    parser.add_argument(
+        "--figure", type=Path, help="file for the picture of the spectrum and the table's error"
+    )
     chosen = command.read(parser)
     quick = chosen.quick
     if command.missing("everything is", "sasktran2", "rasterio"):

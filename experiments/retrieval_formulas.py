@@ -98,7 +98,9 @@ WAVES: dict[str, dict[str, float]] = {
 def main() -> None:
     """Print and save the ratios."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--images", type=int, default=IMAGES, help="of each design")
+    parser.add_argument(
+        "--images", type=int, default=IMAGES, help="number of images of each design"
+    )
     options = command.read(parser, images=2)
     figures = {
         "fires": compare("hsrs", FIRES, options.images),

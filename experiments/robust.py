@@ -57,15 +57,19 @@ def main() -> None:
         choices=known,
         default=known,
         metavar="KIND",
-        help=f"of cases: {', '.join(known)} (default: all)",
+        help=f"kinds of cases: {', '.join(known)} (default: all)",
     )
     parser.add_argument("--kills", type=int, default=100)
-    parser.add_argument("--caches", type=int, default=30, help="damaged caches")
-    parser.add_argument("--designs", type=int, default=100, help="in one process")
-    parser.add_argument("--slow", action="store_true", help="run the slow tests, which takes hours")
-    parser.add_argument("--keep", type=Path, help="folder for the files of each fault")
+    parser.add_argument("--caches", type=int, default=30, help="number of damaged caches")
     parser.add_argument(
-        "--compiled", type=Path, help="folder of code compiled for the cases before"
+        "--designs", type=int, default=100, help="number of designs that one process computes"
+    )
+    parser.add_argument(
+        "--slow", action="store_true", help="run the slow tests too, which takes hours"
+    )
+    parser.add_argument("--keep", type=Path, help="folder that keeps the files of each fault")
+    parser.add_argument(
+        "--compiled", type=Path, help="folder of code that is already compiled for the cases"
     )
     options = command.read(parser, cases=3, kills=0, caches=0, designs=0)
     counted, kinds, statuses = Counter[str](), Counter[str](), Counter[int | None]()

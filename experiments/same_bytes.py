@@ -46,7 +46,7 @@ LETTERS = 16  # of a digest
 def main() -> None:
     """Print the names of results that differ, and whether all are the same."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--record", action="store_true", help="write same_bytes.json anew")
+    parser.add_argument("--record", action="store_true", help="replace same_bytes.json")
     options = command.read(parser)
     if options.record:
         made: dict[str, Any] = {"machine": machine()}

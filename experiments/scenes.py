@@ -45,8 +45,12 @@ def main() -> None:
     )
     views = {view.name: view for view in (*scenes_tracker.views(), scenes_imager.view())}
     names = ", ".join(views)
-    parser.add_argument("scenes", nargs="*", metavar="SCENE", help=f"of {names} (default: all)")
-    parser.add_argument("--trials", type=int, default=16, help="of a tracker (default: 16)")
+    parser.add_argument(
+        "scenes", nargs="*", metavar="SCENE", help=f"scenes to run: {names} (default: all)"
+    )
+    parser.add_argument(
+        "--trials", type=int, default=16, help="trials of each scene of a tracker (default: 16)"
+    )
     parser.add_argument("--out", type=Path, default=Path(), metavar="DIR")
     options = command.read(parser, trials=1)
     cv2.setNumThreads(1)

@@ -45,8 +45,8 @@ from startrack.optimise import (
     forecasts,
     foresee_all,
     fresh_units,
-    least,
     level_interval_of_units,
+    minimise,
 )
 from startrack.optimise import missed as missed_of
 from startrack.population import middle_of
@@ -104,10 +104,16 @@ MORE = (
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--designs", type=int, default=20, help="random designs of each campaign")
-    parser.add_argument("--seeds", type=int, default=10, help="searches of each campaign")
-    parser.add_argument("--trials", type=int, default=2000, help="fresh ones, which judge each end")
-    parser.add_argument("--no-commands", action="store_true", help="time no whole commands")
+    parser.add_argument(
+        "--designs", type=int, default=20, help="number of random designs of each campaign"
+    )
+    parser.add_argument("--seeds", type=int, default=10, help="number of searches of each campaign")
+    parser.add_argument(
+        "--trials", type=int, default=2000, help="number of fresh trials that judge each result"
+    )
+    parser.add_argument(
+        "--no-commands", action="store_true", help="leave out the times of whole commands"
+    )
     options = command.read(parser, designs=1, seeds=1, trials=20)
     figures: dict[str, Any] = {"forecast_s": {}, "forecast_error": 0.0, "regret": {}}
     figures |= dict.fromkeys(COMMANDS)
@@ -228,7 +234,7 @@ def regrets(name: str, seeds: int, trials: int, quick: bool) -> dict[str, Any]:
     scores = [end.value.score for end in ends]
     first = ends[int(np.argmin(scores))]
     long, most = Scores(first.space, campaign), 10 if quick else LONG
-    least(long, first.point, Search(evaluations=most, first_step=0.1, last_step=1e-4))
+    minimise(long, first.point, Search(evaluations=most, first_step=0.1, last_step=1e-4))
     others = {
         peer: [
             least_of(search, Scores(first.space, campaign), int(np.median(counts)), seed)
@@ -371,7 +377,7 @@ def _sbplx(score: Score, count: int, most: int, seed: int) -> None:
     """Plain Sbplx, from a random start, and again from another one when it has converged."""
     random = np.random.default_rng(seed)
     while True:
-        least(score, random.random(count), Search(evaluations=most))
+        minimise(score, random.random(count), Search(evaluations=most))
 
 
 def _evolution(score: Score, count: int, most: int, seed: int) -> None:

@@ -77,11 +77,19 @@ Part = Callable[[argparse.Namespace, Figures], Measured]
 def main() -> None:
     """Measure and save each part that is asked and was not measured."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--trials", type=int, default=100, help="of each camera")
-    parser.add_argument("--images", type=int, default=12, help="of each design of `formulas`")
-    parser.add_argument("--fields", type=int, default=30, help="of each design of moving objects")
-    parser.add_argument("--repeats", type=int, default=8, help="forecasts of each camera")
-    parser.add_argument("--parts", default="", help="some of the parts, as search/hsrs,modis")
+    parser.add_argument("--trials", type=int, default=100, help="trials of each camera")
+    parser.add_argument(
+        "--images", type=int, default=12, help="number of images of each design of `formulas`"
+    )
+    parser.add_argument(
+        "--fields", type=int, default=30, help="number of fields of each design of moving objects"
+    )
+    parser.add_argument(
+        "--repeats", type=int, default=8, help="number of timed forecasts of each camera"
+    )
+    parser.add_argument(
+        "--parts", default="", help="parts to run, such as search/hsrs,modis (default: all)"
+    )
     options = command.read(parser, trials=4, images=1, fields=2, repeats=1)
     asked = options.parts.split(",") if options.parts else list(PARTS)
     if options.quick and not options.parts:

@@ -59,7 +59,9 @@ IMAGES = 40
 def main() -> None:
     """Print and save the smallest fires."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--images", type=int, default=IMAGES, help="of 25 fires each")
+    parser.add_argument(
+        "--images", type=int, default=IMAGES, help="number of images, of 25 fires each"
+    )
     options = command.read(parser, images=2)
     figures = {}
     for camera in CAMERAS:

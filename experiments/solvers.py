@@ -81,9 +81,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--markdown", type=Path, metavar="FILE", help="write the page here")
+    parser.add_argument("--markdown", type=Path, metavar="FILE", help="file for the page")
     parser.add_argument("--counts", type=Path, default=Path("solver-counts.jsonl"), metavar="FILE")
-    parser.add_argument("--skies", type=int, default=10**6, help="of all fields and kinds together")
+    parser.add_argument(
+        "--skies", type=int, default=10**6, help="number of skies, over all fields and kinds"
+    )
     parser.add_argument("--programs", nargs="+", choices=PROGRAMS, default=PROGRAMS)
     parser.add_argument("--workers", type=int, default=1)
     options = command.read(parser, skies=100, programs=("startrack", "tetra3rs", "stated"))

@@ -62,8 +62,10 @@ COLOURS = dict(zip(Fidelity, ("#3567a8", "#2e7d5b", "#8e6bbf", "#b5651d"), stric
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--against", metavar="COMMIT", help="measure in turns with this commit")
-    parser.add_argument("--picture", type=Path, help="of the scaling, beside the speeds")
+    parser.add_argument(
+        "--against", metavar="COMMIT", help="commit to measure alternately with this tree"
+    )
+    parser.add_argument("--picture", type=Path, help="file for the picture of speeds and scaling")
     options = command.read(parser)
     if options.against or options.quick:
         slower = in_turns(options)

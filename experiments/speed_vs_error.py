@@ -66,7 +66,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
-    parser.add_argument("stages", nargs="*", metavar="STAGE", help="(default: all)")
+    parser.add_argument("stages", nargs="*", metavar="STAGE", help="stages to run (default: all)")
     parser.add_argument("--out", type=Path, default=Path(), metavar="DIR")
     # Other stages take minutes at their one size.
     options = command.read(parser, stages=["stamping", "attitude"])

@@ -60,10 +60,16 @@ RANDOM = np.random.default_rng(20260621)
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--figure", type=Path, metavar="FILE")
-    parser.add_argument("--grazing", type=int, default=1_000_000, help="rays (default: 1e6)")
+    parser.add_argument(
+        "--grazing", type=int, default=1_000_000, help="number of grazing rays (default: 1e6)"
+    )
     parser.add_argument("--without-embree", action="store_true")
-    parser.add_argument("--rugged", metavar="PYTHON", help="an interpreter with orekit-jpype")
-    parser.add_argument("--only", nargs="+", metavar="PART", help=f"of {', '.join(PARTS)}")
+    parser.add_argument(
+        "--rugged", metavar="PYTHON", help="Python interpreter that has orekit-jpype"
+    )
+    parser.add_argument(
+        "--only", nargs="+", metavar="PART", help=f"parts to run: {', '.join(PARTS)}"
+    )
     options = command.read(parser, grazing=100)
     small = 16 if options.quick else 1  # times fewer cells, rays and pixels a side
     parts = options.only or PARTS

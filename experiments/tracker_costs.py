@@ -184,7 +184,7 @@ def page(found: dict[str, Any], source: str) -> str:
 def main() -> None:
     """Print the spreads, and write the page."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--markdown", type=Path, metavar="FILE", help="write the page here")
+    parser.add_argument("--markdown", type=Path, metavar="FILE", help="file for the page")
     options = command.read(parser)
     found = figures()
     for name, (middle, low, high) in found["spread"].items():

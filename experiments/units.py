@@ -649,11 +649,17 @@ def steps(
 def main() -> None:
     """Print all figures, and write them as JSON."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--units", type=int, default=24, help="units of each tracker")
-    parser.add_argument("--thousand", type=int, default=1000, help="units of the timing")
-    parser.add_argument("--repetitions", type=int, default=200, help="of a yield")
-    parser.add_argument("--calibrations", type=int, default=200, help="that are run")
-    parser.add_argument("--choices", type=int, default=40, help="units that a choice is made on")
+    parser.add_argument("--units", type=int, default=24, help="number of units of each tracker")
+    parser.add_argument("--thousand", type=int, default=1000, help="number of units in the timing")
+    parser.add_argument(
+        "--repetitions", type=int, default=200, help="number of repetitions of a yield"
+    )
+    parser.add_argument(
+        "--calibrations", type=int, default=200, help="number of calibrations to run"
+    )
+    parser.add_argument(
+        "--choices", type=int, default=40, help="number of units that a choice is based on"
+    )
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--seed", type=int, default=1)
     options = command.read(

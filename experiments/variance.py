@@ -73,7 +73,9 @@ def by_regions(seed: int, numbers: Sequence[int], regions: Regions) -> Rotation:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--trials", type=int, default=896)
-    parser.add_argument("--windows", type=int, default=20, help="for each frame (default: 20)")
+    parser.add_argument(
+        "--windows", type=int, default=20, help="number of windows for each frame (default: 20)"
+    )
     options = command.read(parser, trials=2 * REPLICATES, windows=2)
     one_opencv_thread()
     case = load_design(shipped("designs/noise_only.toml")).case

@@ -22,7 +22,7 @@ from startrack.detection.methods import CENTROIDS
 from startrack.detector import PIXEL_EFFECTS, Detector
 from startrack.detector.effects import PixelEffect, PixelStage
 from startrack.io import shipped
-from startrack.optimise.search import Search, algorithms, least
+from startrack.optimise.search import Search, algorithms, minimise
 from startrack.scene import LIGHTS
 from startrack.scene.parameters import LightKind
 from startrack.trial import require_fidelity, run_trials
@@ -173,9 +173,9 @@ def test_an_optimiser_is_one_place(monkeypatch):
 
     start = np.array([0.5, 0.5])
     with pytest.raises(ValueError, match="coordinate_search is imported only with --allow-code"):
-        least(bowl, start, Search(name))
+        minimise(bowl, start, Search(name))
     with code_of_command(True):
-        found = least(bowl, start, Search(name, evaluations=300))
+        found = minimise(bowl, start, Search(name, evaluations=300))
     np.testing.assert_allclose(found.coordinates, [0.3, 0.8], atol=1e-3)
     assert found.evaluations < 300
 

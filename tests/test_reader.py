@@ -38,7 +38,7 @@ def test_an_import_past_a_door_is_noticed(tmp_path):
         "import startrack.optimise\n"
         "import startrack.trial.window\n"
         "from startrack.optimise import optimize, search\n"
-        "from startrack.optimise.search import least\n"
+        "from startrack.optimise.search import minimise\n"
         "from startrack.benchmark import detection\n"
     )
     assert house_reader.private_imports(script) == 3

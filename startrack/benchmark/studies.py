@@ -12,7 +12,7 @@ from startrack.benchmark.stage import BenchmarkStage
 from startrack.core import Floats, arcsec, deg
 from startrack.design import Case, DesignSpace, Fidelity, load_design
 from startrack.io import shipped
-from startrack.optimise import Explorer, Search, TrackerSource, foresee, least
+from startrack.optimise import Explorer, Search, TrackerSource, foresee, minimise
 from startrack.trial import run_trials
 
 SEED, TRIALS, SIDE = 5, 32, 1024
@@ -97,7 +97,7 @@ def finite(score: float) -> float:
 def optimiser() -> BenchmarkStage:
     """Answers are unit-cube coordinates."""
     search = hill()
-    best = least(search.score, search.prospect(), Search(evaluations=LONG, last_step=1e-5)).score
+    best = minimise(search.score, search.prospect(), Search(evaluations=LONG, last_step=1e-5)).score
     return BenchmarkStage(
         "optimiser",
         f"a search of the example's box on the analytic budget with {TRIES} tries",
@@ -105,7 +105,7 @@ def optimiser() -> BenchmarkStage:
         {
             "prospect": search.prospect,
             "sbplx": lambda: (
-                least(search.score, search.start, Search(evaluations=TRIES)).coordinates
+                minimise(search.score, search.start, Search(evaluations=TRIES)).coordinates
             ),
         },
         lambda coordinates: math.expm1(finite(search.score(coordinates)) - best),

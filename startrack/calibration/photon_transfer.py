@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import NON_NEGATIVE, Floats, Parameters, Refused, parameter, printed
-from startrack.optimise import Chains, Ensembles, Ledger, draw, median_and_ends
+from startrack.optimise import Chains, Ensembles, Ledger, draw, median_and_interval
 
 NAMES = ("electrons_per_dn", "read_noise", "dark_current", "prnu", "dark_pattern", "offset")
 # Bounds of the uniform priors of all logarithms; the offset has none. Chosen by hand, beyond all
@@ -62,7 +62,7 @@ class DetectorPosterior:
 
     def interval(self, name: str, fraction: float = 0.95) -> tuple[float, float, float]:
         """Median and the ends of the middle fraction of one column."""
-        return median_and_ends(self.samples[:, NAMES.index(name)], fraction)
+        return median_and_interval(self.samples[:, NAMES.index(name)], fraction)
 
 
 def sample_detector(

@@ -20,7 +20,7 @@ from startrack.core import (
     parameter,
     printed,
 )
-from startrack.optimise import Chains, Ensembles, Ledger, draw, median_and_ends
+from startrack.optimise import Chains, Ensembles, Ledger, draw, median_and_interval
 
 LOGARITHMS = ("floor", "psf_sigma")  # sampled as their logarithms
 ROUNDS = 2  # of Gauss-Newton on the attitudes; chosen by hand: they start at solved attitudes
@@ -80,7 +80,7 @@ class CameraPosterior:
 
     def interval(self, name: str, fraction: float = 0.95) -> tuple[float, float, float]:
         """Median and the ends of the middle fraction of one column."""
-        return median_and_ends(self.samples[:, self.names.index(name)], fraction)
+        return median_and_interval(self.samples[:, self.names.index(name)], fraction)
 
 
 def sample_camera(

@@ -1,4 +1,4 @@
-"""Requirements: what a design must meet, the cost of its lens included, before accuracy counts."""
+"""Requirements on a design -> its mass, power, volume and cost, and the limits on its errors."""
 
 import math
 from collections.abc import Mapping
@@ -14,23 +14,20 @@ from startrack.design.objective import AXES, KINDS, Objective
 from startrack.metrics import ErrorLimits
 from startrack.optics import Optics, Surfaces, element_count, full_surfaces
 
-BARREL = 3.7  # kilogram of a whole lens for one of its glass
-WALL = 1.96  # outer diameter over that of the largest clear aperture
-HOUSING = 1.26  # length of the housing, to the detector, over that of the rays
-PRICE, PRICED, STEEP = (
-    270.0,
-    0.24,
-    1.6,
-)  # dollar of 2010, of a lens by its mass in kilogram; exponent
+BARREL = 3.7  # mass of a lens with its barrel over that of its glass
+WALL = 1.96  # outer diameter over the largest clear diameter
+HOUSING = 1.26  # length of the housing to the detector, over the path of the rays
+# Price of a lens: PRICE (mass / PRICED)^STEEP, in dollar of 2010 and kilogram.
+PRICE, PRICED, STEEP = 270.0, 0.24, 1.6
 
 
 class LensCost(NamedTuple):
     """Mass, volume and price of a lens.
 
-    elements  pieces of glass and mirrors; a family's law need not give whole numbers
-    mass      kilogram, with its barrel
-    volume    cubic metre, of the cylinder that it needs, to the detector
-    price     dollar of 2010, of lenses made in series for cameras
+    elements  number of lens elements and mirrors; that of a lens family is not rounded
+    mass      kilogram, with the barrel
+    volume    cubic metre, of the cylinder around lens and detector
+    price     dollar of 2010, of a camera lens made in series
     """
 
     elements: float
@@ -40,20 +37,21 @@ class LensCost(NamedTuple):
 
 
 def lens_cost(optics: Optics) -> LensCost | None:
-    """The cost of a lens of a family or of a lens table; None where its surfaces are not known.
+    """Mass, volume and price of a lens of a family or of a lens table.
 
         mass   = 3.7 glass * elements / elements of the published lens
         volume = pi / 4 (1.96 largest clear diameter)^2 * 1.26 length to the detector
         price  = 270 (mass / 0.24 kg)^1.6
 
-    The glass is that of the prescription in the design's size; a family's has the clear apertures
-    that its beams need at the design's f-number. The three factors of mass and volume are medians
-    over nine camera lenses, and the price is a fit to five of them, which
-    docs/figures/lens-costs.md lists.
+    The mass of the glass is that of the prescription, scaled to the design's focal length. In a
+    lens family, the clear apertures are those that the beams need at the design's f-number. The
+    three factors of mass and volume are medians over nine camera lenses; the price is a fit to
+    five of them. docs/figures/lens-costs.md lists these lenses.
 
-    Accuracy  model: measured over predicted, mass is 0.5 to 1.8, by barrels of plastic or brass;
-              volume 0.5 to 1.4; price 0.5 to 3.1, of series. A lens for space costs some hundred
-              times as much, so that only ratios mean something. All nine are double Gauss lenses.
+    Returns   None where the surfaces of the lens are not known
+    Accuracy  model: measured over predicted mass is 0.5 (barrel of plastic) to 1.8 (brass), volume
+              0.5 to 1.4, price 0.5 to 3.1. All nine are double Gauss lenses made in series. A lens
+              for space costs about a hundred times as much, so that only ratios of prices count.
     """
     surfaces = full_surfaces(optics)  # stopped down, it is as large as before
     if surfaces is None:
@@ -65,7 +63,7 @@ def lens_cost(optics: Optics) -> LensCost | None:
 
 
 def cost_of(surfaces: Surfaces, elements: float) -> LensCost:
-    """The cost of a lens of some surfaces; the number of elements need not be theirs."""
+    """Mass, volume and price of a lens, by its surfaces and a number of elements."""
     more = elements / max(len(surfaces.elements), 1)
     mass = BARREL * surfaces.glass_mass() * more
     width = WALL * 2 * float(surfaces.radius.max())
@@ -73,7 +71,7 @@ def cost_of(surfaces: Surfaces, elements: float) -> LensCost:
     return LensCost(elements, mass, volume, PRICE * (mass / PRICED) ** STEEP)
 
 
-# What a design costs, and the unit of it.
+# Costs of a design, and the unit of each.
 COSTS = {
     "mass": "kg",
     "power": "W",
@@ -86,28 +84,34 @@ COST_MODELS = ("aperture",)
 SKIES = ("whole", "worst")
 BLINDED = ("counted", "left out")
 ALUMINIUM = 2700.0  # kg / m3
-SURE = 0.9973  # of the normal errors that just meet a requirement are those of correct attitudes
+SURE = 0.9973  # fraction of the normal errors that just meet a requirement, which count as correct
 
 
 HALF_TURN = Range(0, math.pi)
-CENTRE = "to the centre; None: not required"
+CENTRE = "angle to the centre of the body; None: not required"
 
 
 class KeepOut(Parameters):
-    """Angles from the boresight from which on accuracy and availability must hold, radian."""
+    """Least angles from the boresight to bright bodies at which the limits must hold, radian."""
 
     sun: float | None = parameter(CENTRE, unit=Unit("rad", "deg"), limit=HALF_TURN, default=None)
     moon: float | None = parameter(CENTRE, unit=Unit("rad", "deg"), limit=HALF_TURN, default=None)
     earth: float | None = parameter(
-        "to the limb", unit=Unit("rad", "deg"), limit=HALF_TURN, default=None
+        "angle to the limb; None: not required",
+        unit=Unit("rad", "deg"),
+        limit=HALF_TURN,
+        default=None,
     )
     altitude: float = parameter(
-        "from which the Earth is seen", unit=Unit("m", "km"), limit=POSITIVE, default=600e3
+        "of the orbit, for the size of the Earth",
+        unit=Unit("m", "km"),
+        limit=POSITIVE,
+        default=600e3,
     )
 
     @property
     def angles(self) -> dict[str, float]:
-        """Those that are required."""
+        """Required angles, by body."""
         named = {"sun": self.sun, "moon": self.moon, "earth": self.earth}
         return {name: angle for name, angle in named.items() if angle is not None}
 
@@ -116,8 +120,8 @@ class KeepOut(Parameters):
 class Accuracy:
     """A limit on the error.
 
-    objective  the statistic
-    most       radian, its limit
+    objective  statistic of the error
+    most       radian, limit of the statistic
     """
 
     objective: Objective
@@ -125,15 +129,15 @@ class Accuracy:
 
     @property
     def name(self) -> str:
-        """Its direction: "across" or "about"."""
+        """Direction of the error: "across" or "about"."""
         return self.objective.axes
 
     @property
     def single(self) -> float:
-        """Radian, the limit of a single error.
+        """Limit of a single error, radian.
 
-        That which 99.73 % of the normal errors do not exceed that just meet the requirement, by
-        their length; at least `most` where that is a length.
+        Normal errors that just meet the requirement exceed it in 0.27 % of the cases. It is a limit
+        on their length, and at least `most` where `most` is a length.
         """
         objective, axes = self.objective, len(AXES[self.objective.axes])
         if objective.fraction is None:
@@ -147,18 +151,18 @@ class Accuracy:
 
 
 def _length(axes: int, fraction: float) -> float:
-    """Level that a fraction of normal errors of sigma 1 about a number of axes does not exceed."""
+    """Length that a fraction of normal errors of sigma 1 does not exceed, by the number of axes."""
     return math.sqrt(2 * float(special.gammaincinv(axes / 2, fraction)))
 
 
-MAX_ERROR = "error across and about the boresight; None where there is no such limit"
+MAX_ERROR = "limit of the error across, or about, the boresight; None: no limit"
 
 
 class Requirements(core.CarriesCode):
-    """Limits, and the coefficients of the cost models behind them.
+    """Limits on a design, and the coefficients of its cost models.
 
-        mass   = mass_fixed + mass_per_volume * aperture^3 + shield,   or with a density
-        mass   = density * volume + shield,   where the volume is without a tube
+        mass   = mass_fixed + mass_per_volume * aperture^3 + shield,   or, with a density,
+        mass   = density * volume + shield,   with the volume without the tube
         volume = volume_fixed + pi / 4 aperture^2 * length_ratio * focal length + baffle
         baffle = pi / 12 L (aperture^2 + aperture D + D^2),   L = aperture / (tan a - tan w),
                  D = aperture + 2 L tan w
@@ -166,32 +170,34 @@ class Requirements(core.CarriesCode):
         power  = power_fixed + energy_per_bit * data rate
         cost   = cost_fixed + cost_of_metre * aperture^cost_power + tolerances + calibration
 
-    A lens of a family, or of a table that has its surfaces, has its own mass, volume and price
-    instead of the terms of the aperture: see `lens_cost`. Tolerances cost sum price log2(1 / scale)
-    over the [[variation]] tables that have a price, a calibration on the ground
-    calibration_price * positions * position_time in hours. A structure (`[instrument.structure]`)
-    adds its mass, the power of its heater, and the price of its material times that mass and
-    `cost_of_part`. A baffle given by its geometry (`[instrument.tube]`) has its own
-    volume, and its mass is added.
+    Four parts replace or extend these terms. A lens of a family, or of a table with its surfaces,
+    has the mass, volume and price of `lens_cost` instead of the terms of the aperture. Tolerances
+    cost sum price log2(1 / scale) over the [[variation]] tables that have a price; a calibration on
+    the ground costs calibration_price * positions * position_time in hours. A structure
+    (`[instrument.structure]`) adds its mass, the power of its heater, and the cost of its material:
+    mass times price times `cost_of_part`. A baffle that is given by its geometry
+    (`[instrument.tube]`) has the volume of that geometry, and its mass is added.
 
-    The models are proxies: a lens of one shape grows in all directions with its aperture, a tube
-    is as long as its focal length asks, and the electronics pay for each bit. Their coefficients
-    are inputs, not results, and those of mass, volume and power are assumptions of the usual size.
+    The coefficients are inputs, not results; those of mass, volume and power are assumed.
     Source of the cost: NASA Marshall's model of 47 telescopes, whose cost grows as aperture^1.7
-    and is 20 million dollars for one metre on the ground (NTRS 20205010427); a star tracker's lens
-    is far below the telescopes that it rests on, so that only ratios mean something.
+    and is 20 million dollars for one metre on the ground (NTRS 20205010427).
+
+    Accuracy  model: proxies. The mass of a lens grows as the cube of its aperture, the tube is as
+              long as the focal length times a ratio, and power grows with the data rate. The lens
+              of a star tracker is far smaller than those telescopes, so that only ratios of costs
+              count.
     """
 
     OLD_KEYS: ClassVar[Mapping[str, str]] = {"sky_share": "sky_fraction"}
 
     max_mass: float = parameter(
-        "of lens, baffle and electronics, by these models",
+        "limit of the mass of lens, baffle and electronics, by the cost models",
         unit=Unit("kg"),
         limit=POSITIVE,
         default=1.0,
     )
     mass_fixed: float = parameter(
-        "mass of what does not grow with the aperture",
+        "mass of the parts that do not grow with the aperture",
         unit=Unit("kg"),
         limit=NON_NEGATIVE,
         default=0.15,
@@ -203,99 +209,99 @@ class Requirements(core.CarriesCode):
         default=6000.0,
     )
     density: float | None = parameter(
-        "of the whole tracker, which then has the mass of its volume; None: the mass is that of "
-        "the aperture. Of seven that were built 950 kg/m3 in the median",
+        "of the whole tracker, whose mass then follows from its volume; None: the mass follows "
+        "from the aperture. The median of seven trackers that were built is 950 kg/m3",
         unit=Unit("kg / m3"),
         limit=POSITIVE,
         default=None,
     )
     baffle_angle: float | None = parameter(
-        "from the boresight, from which on the baffle keeps the Sun from the lens; None: no "
-        "baffle, or one within the other terms",
+        "least angle of the Sun from the boresight at which the baffle shades the lens; None: no "
+        "baffle, or one that the other terms contain",
         unit=Unit("rad", "deg"),
         limit=Range(0, math.pi / 2),
         default=None,
     )
     shielding: float = parameter(
-        "thickness of a layer of aluminium around the tracker; 0: none but its housing",
+        "thickness of a layer of aluminium around the tracker, beside its housing",
         unit=Unit("m", "mm"),
         limit=NON_NEGATIVE,
         default=0.0,
     )
     max_power: float = parameter(
-        "of lens, baffle and electronics, by these models",
-        unit=Unit("W"),
-        limit=POSITIVE,
-        default=2.0,
+        "limit of the power, by the cost models", unit=Unit("W"), limit=POSITIVE, default=2.0
     )
     power_fixed: float = parameter(
-        "power of what does not grow with the data rate",
+        "power of the parts that do not grow with the data rate",
         unit=Unit("W"),
         limit=NON_NEGATIVE,
         default=0.4,
     )
     energy_per_bit: float = parameter(
-        "of reading out and processing",
+        "energy to read out and process a bit",
         unit=Unit("J / bit", "nJ / bit"),
         limit=NON_NEGATIVE,
         default=20e-9,
     )
     max_volume: float | None = parameter(
-        "None where there is no such limit", unit=Unit("m3", "cm3"), limit=POSITIVE, default=None
+        "limit of the volume; None: no limit", unit=Unit("m3", "cm3"), limit=POSITIVE, default=None
     )
     volume_fixed: float = parameter(
-        "volume of all but the lens", unit=Unit("m3", "cm3"), limit=NON_NEGATIVE, default=100e-6
+        "volume of all parts except lens and baffle",
+        unit=Unit("m3", "cm3"),
+        limit=NON_NEGATIVE,
+        default=100e-6,
     )
     length_ratio: float = parameter(
         "length of the tube over the focal length", limit=POSITIVE, default=2.0
     )
     max_data_rate: float | None = parameter(
-        "None where there is no such limit",
+        "limit of the data rate; None: no limit",
         unit=Unit("bit / s", "Mbit / s"),
         limit=POSITIVE,
         default=None,
     )
     max_cost: float | None = parameter(
-        "None where there is no such limit", limit=POSITIVE, default=None
+        "limit of the cost; None: no limit", limit=POSITIVE, default=None
     )
     cost_fixed: float = parameter(
-        "cost of all but the lens, in any currency", limit=NON_NEGATIVE, default=0.0
+        "cost of all parts except the lens, in any currency", limit=NON_NEGATIVE, default=0.0
     )
     cost_of_metre: float = parameter(
         "cost of a lens with an aperture of one metre", limit=NON_NEGATIVE, default=20e6
     )
     cost_power: float = parameter(
-        "with which the cost grows with the aperture", limit=POSITIVE, default=1.7
+        "exponent of the cost over the aperture", limit=POSITIVE, default=1.7
     )
     position_time: float = parameter(
-        "of a position of a calibration on the ground; assumed",
+        "duration of one position of a calibration on the ground; assumed",
         unit=Unit("s"),
         limit=NON_NEGATIVE,
         default=30.0,
     )
     calibration_price: float = parameter(
-        "of an hour of a calibration on the ground, in the unit of the cost",
+        "price of an hour of calibration on the ground, in the unit of the cost",
         limit=NON_NEGATIVE,
         default=0.0,
     )
     cost_of_part: float = parameter(
-        "cost of a kilogram of a structure in aluminium, machined; assumed",
+        "cost of a kilogram of machined aluminium structure; assumed",
         limit=NON_NEGATIVE,
         default=500.0,
     )
     min_update_rate: float = parameter(
-        "attitudes in a second", unit=Unit("Hz"), limit=NON_NEGATIVE, default=1.0
+        "least number of attitudes in a second", unit=Unit("Hz"), limit=NON_NEGATIVE, default=1.0
     )
     min_stars: int = parameter(
-        "stars above the detection threshold that `sky_fraction` of the sky must show",
+        "least number of stars above the detection threshold, in `sky_fraction` of the sky",
         limit=Range(1, 100),
         default=5,
     )
     sky_fraction: float = parameter(
-        "fraction of the sky that must show `min_stars`", limit=Range(0, 1), default=0.99
+        "fraction of the sky in which `min_stars` must be seen", limit=Range(0, 1), default=0.99
     )
     min_availability: float = parameter(
-        "fraction of trials with a correct attitude, see `limits`", limit=Range(0, 1), default=0.99
+        "least fraction of trials with a correct attitude", limit=Range(0, 1), default=0.99
     )
     max_across: float | None = parameter(
         MAX_ERROR, unit=Unit("rad", "arcsec"), limit=POSITIVE, default=None
@@ -304,12 +310,12 @@ class Requirements(core.CarriesCode):
         MAX_ERROR, unit=Unit("rad", "arcsec"), limit=POSITIVE, default=None
     )
     level: str = parameter(
-        'of these errors: "rms", or a percentage such as "99.73 %" that they must not exceed in '
-        "a number of cases",
+        'statistic of these errors: "rms", or the percentage of cases, such as "99.73 %", in which '
+        "they must keep the limit",
         default="rms",
     )
     kind: str = parameter(
-        '"per axis": of the errors about single axes; "radial": of their length. About the '
+        '"per axis": of the errors about each axis; "radial": of their length. About the '
         "boresight, both are the same",
         limit=Range(choices=KINDS),
         default="per axis",
@@ -320,30 +326,34 @@ class Requirements(core.CarriesCode):
         default="whole",
     )
     confidence: float = parameter(
-        "with which trials must show what they show", limit=Range(0.5, 0.9999), default=0.95
+        "of the bounds by which trials show that limits are kept",
+        limit=Range(0.5, 0.9999),
+        default=0.95,
     )
     max_rate: float | None = parameter(
-        "slew rate at which accuracy and availability must hold, too",
+        "slew rate at which the limits on errors and availability must hold, too",
         unit=Unit("rad/s", "deg/s"),
         limit=POSITIVE,
         default=None,
     )
     min_keep_out: KeepOut = parameter(
-        "angles to Sun, Moon and Earth at which they must hold, too", default_factory=KeepOut
+        "angles to Sun, Moon and Earth at which these limits must hold, too",
+        default_factory=KeepOut,
     )
     blinded: str = parameter(
-        "whether trials in which Sun, Moon or Earth are nearer than min_keep_out count in the "
-        'availability and the errors: "counted" or "left out"',
+        "trials in which Sun, Moon or Earth is nearer than min_keep_out: "
+        '"counted" in availability and errors, or "left out" of both',
         limit=Range(choices=BLINDED),
         default="counted",
     )
     cost_model: str = parameter(
-        '"aperture": as above; or user code, see docs/extensions.md',
+        '"aperture": the cost grows as a power of the aperture; or user code, see '
+        "docs/extensions.md",
         limit=Range(choices=COST_MODELS, code="costs"),
         default="aperture",
     )
     checks: tuple[str, ...] = parameter(
-        "user code, each of whose margins must not be negative",
+        "user code that computes margins, none of which may be negative",
         limit=Range(code="requirements"),
         default=(),
     )
@@ -353,7 +363,7 @@ class Requirements(core.CarriesCode):
         self._fraction()
 
     def _fraction(self) -> float | None:
-        """The level as a fraction, None for the rms."""
+        """The level as a fraction; None for the rms."""
         if self.level == "rms":
             return None
         number, percent, rest = self.level.partition("%")
@@ -381,7 +391,7 @@ class Requirements(core.CarriesCode):
         return ErrorLimits(**{accuracy.name: accuracy.single for accuracy in self.accuracy})
 
     def mass(self, case: Case) -> float:
-        """Kilogram."""
+        """Mass, kilogram."""
         optics, structure = case.instrument.optics, case.instrument.structure
         added = 0.0
         if self.shielding:
@@ -396,22 +406,22 @@ class Requirements(core.CarriesCode):
         return fixed + (lens.mass if lens else self.mass_per_volume * optics.aperture**3)
 
     def power(self, case: Case) -> float:
-        """Watt."""
+        """Power, watt."""
         structure = case.instrument.structure
         heater = structure.heater if structure else 0.0
         return self.power_fixed + self.energy_per_bit * case.instrument.detector.data_rate + heater
 
     def volume(self, case: Case) -> float:
-        """Cubic metre."""
+        """Volume, cubic metre."""
         optics = case.instrument.optics
         lens = lens_cost(optics)
         tube = math.pi / 4 * optics.aperture**2 * self.length_ratio * optics.focal_length
         return self.volume_fixed + (lens.volume if lens else tube) + self._baffle(case)
 
     def _baffle(self, case: Case) -> float:
-        """Cubic metre of a cone before the lens that leaves the field free.
+        """Volume of the baffle, cubic metre: a cone in front of the lens, outside of the field.
 
-        Where its angle lies in the field, it is a thousand apertures long, which no limit allows.
+        Where its angle lies in the field, its length is a thousand apertures, beyond any limit.
         """
         if tube := case.instrument.tube:
             if self.baffle_angle is not None:
@@ -427,18 +437,18 @@ class Requirements(core.CarriesCode):
         return math.pi / 12 * length * (lens**2 + lens * front + front**2)
 
     def data_rate(self, case: Case) -> float:
-        """Bit per second."""
+        """Data rate, bit / second."""
         return case.instrument.detector.data_rate
 
     def calibration_time(self, case: Case) -> float:
-        """Second, of the calibration of a unit on the ground; 0 where there is none."""
+        """Duration of the calibration of a unit on the ground, second; 0 without one."""
         calibration = case.tracker.calibration
         if calibration is None or calibration.place != "ground":
             return 0.0
         return calibration.positions * self.position_time
 
     def cost(self, case: Case) -> float:
-        """Price in the unit of `cost_of_metre`; with a lens of known surfaces in dollars of 2010.
+        """Cost in the unit of `cost_of_metre`; with a lens of known surfaces in dollar of 2010.
 
         Raises  ValueError where the code of `cost_model` raises one, or returns no number.
         """
@@ -454,15 +464,15 @@ class Requirements(core.CarriesCode):
         return fixed + self.cost_of_metre * optics.aperture**self.cost_power
 
     def aperture(self, case: Case) -> float:
-        """Metre."""
+        """Aperture, metre."""
         return case.instrument.optics.aperture
 
     def cost_named(self, name: str, case: Case) -> float:
-        """One of COSTS, in its unit."""
+        """A cost by its name, one of COSTS, in the unit that is given there."""
         return float(getattr(self, name.replace(" ", "_"))(case))
 
     def own_margins(self, case: Case) -> dict[str, float]:
-        """The margin of each of `checks`, by its name.
+        """Margins by the user code in `checks`, by its name.
 
         Raises  ValueError where the code of one raises an error, or returns no number.
         """
@@ -470,5 +480,5 @@ class Requirements(core.CarriesCode):
 
 
 def _number(group: str, name: str, case: Case) -> float:
-    """A cost, in the unit of max_cost, or a margin on any scale, below zero where it is not met."""
+    """A number by user code: a cost in the unit of `max_cost`, or a margin, negative if not met."""
     return float(core.returned(group, name, core.call_code(group, name, case), ()))

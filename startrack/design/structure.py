@@ -1,4 +1,4 @@
-"""Structure and lens of a head, temperatures -> how its boresight and its focal length move."""
+"""Structure and lens of a head, temperatures -> changes of its boresight and focal length."""
 
 import cmath
 import math
@@ -29,13 +29,13 @@ from startrack.optics import Optics
 from startrack.space import Heat, warmth
 
 RADIATED = 4 * 5.670374e-8 * 293.15**3  # W / (m2 K), of a black surface at 20 degC: CODATA 2018
-ORBIT, LAUNCH = "orbit", "temperature since calibration"  # groups of variations
+ORBIT, LAUNCH = "orbit", "temperature since calibration"  # names of groups of variations
 EXPANSION, LENGTH, KELVIN = Unit("1 / K", "um / (m K)"), Unit("m", "mm"), Unit("K")
 GRADIENT = Unit("K / m")
 FOCAL = "instrument.optics.focal_length"
 RESIDUAL = "instrument.residual.temperature"
 TURNS = tuple(f"instrument.mounting.{axis}" for axis in "xyz")
-UNITS = {"instrument.mounting": "rad", "instrument.residual": "K"}  # of numbers, by their table
+UNITS = {"instrument.mounting": "rad", "instrument.residual": "K"}  # by the table of the number
 
 
 class Material(NamedTuple):
@@ -44,7 +44,7 @@ class Material(NamedTuple):
     expansion     1 / kelvin, linear, near 20 degC
     conductivity  W / (m K)
     density       kg / m3
-    price         of a kilogram, machined, over that of aluminium
+    price         1, price of a machined kilogram over that of aluminium
     """
 
     expansion: float
@@ -55,8 +55,8 @@ class Material(NamedTuple):
 
 # Sources: aluminium 6061-T6 and AlBeMet 162, SNAP material properties database (Jelinsky,
 # 00064-ME02, 2007); Ti-6Al-4V, Invar 36 (Carpenter), sintered SiC (Boostec): data sheets. Carbon
-# fibre is a quasi-isotropic laminate of high modulus, assumed. Prices are assumed: of a kilogram,
-# and of the time that it takes to machine.
+# fibre is a quasi-isotropic laminate of high modulus, assumed. Prices of material and machining are
+# assumed.
 MATERIALS = {
     "aluminium": Material(23.6e-6, 167.0, 2700.0, 1.0),
     "titanium": Material(8.6e-6, 6.7, 4430.0, 6.0),
@@ -65,55 +65,59 @@ MATERIALS = {
     "albemet": Material(13.9e-6, 210.0, 2100.0, 40.0),
     "silicon-carbide": Material(2.2e-6, 180.0, 3150.0, 25.0),
 }
-# Outer diameter of a tube over the clear aperture, of nine lenses: docs/figures/lens-costs.md.
+# Outer diameter of a tube over the clear aperture; median of the nine lenses of
+# docs/figures/lens-costs.md.
 WIDE = 1.96
 NONE = (0.0, 0.0, 0.0, 0.0)
 LOADS = ("mean", "gradient_x", "gradient_y", "flux_x", "flux_y")  # in the order of responses
 PARTS = ("feet", "detector", "lens")
 COLUMNS = ("part", "load", "x", "y", "z", "dx", "dy", "dz")
-TIMES = 48  # of an orbit, of a profile by heat
-ROOT = 0.44  # of the thickness of a cantilever on an elastic half-plane: 16.67 / (12 pi), O'Donnell
-SHEAR = 3.2  # of a rectangle: 2 (1 + 0.33) 6 / 5
+TIMES = 48  # intervals of an orbit, in a profile by heat
+# Additional length of a cantilever on an elastic half-plane, over its thickness: 16.67 / (12 pi),
+# O'Donnell.
+ROOT = 0.44
+SHEAR = 3.2  # shear factor of a rectangle: 2 (1 + 0.33) 6 / 5
 SPREAD = 1.5  # span of the feet over the diameter of the tube; assumed
 
 
 class Structure(Parameters):
     """Structure that carries lens and detector on the spacecraft, and its temperature.
 
-    A tube with lens and detector stands on a base with feet that are bolted to a panel. Where
-    temperature grows by G_x per metre along x, where a flux makes the tube's side at +x warmer by
-    F_x than that at -x, and so for y, and all is warmer by M than at the calibration, the camera
-    turns by
+    A tube with lens and detector stands on a base with feet that are bolted to a panel. There are
+    three loads. The mean temperature is M above that of the calibration. The temperature grows by
+    G_x per metre along x. A flux makes the side of the tube at +x warmer by F_x than that at -x.
+    G_y and F_y are the same along y. The camera turns by
 
         x =  t G_y + s F_y,   y = -(t G_x + s F_x) + b o M,   z = -a o (G_y + F_y / D)
         s = a (L - f / 2) / D,   t = a (L - f / 2 + h + c / 2) + p H
 
-    with a the expansion of the structure, f the focal length and the other letters those of the
-    keys. G is the same in tube, base and feet, F in the tube alone, whose curvature a F / D turns
-    lens and detector, f behind it. H is the height of a bracket. b is the curvature of the base, of
-    thickness c, that the panel bends: with p the expansion of the panel, the feet are moved by
-    e = (a - p) S / 2 per kelvin, and the rotation q at their tops, the deflection d of a foot and
-    the force P over the modulus and the width follow from
+    where a is the expansion of the structure, f is the focal length, and the other letters are
+    those of the keys. G is the same in tube, base and feet. F acts in the tube alone, whose
+    curvature a F / D turns the lens, and the detector f behind it. H is the height of a bracket.
+
+    b is the curvature of the base, of thickness c, when the panel expands by p. The feet are moved
+    by e = (a - p) S / 2 per kelvin. Three unknowns follow from the equations below: the rotation q
+    at the tops of the feet, the deflection d of a foot, and the force P over modulus and width.
 
         P = k1 d - k2 q,   d = e - q c / 2 - P B / (2 c),   q (c^3 / (6 B) + k4) = k2 d + P c / 2
         k1, k2, k4 = I (12 / h^3, 6 / h^2, (4 + v) / h) / (1 + v),   I = w^3 / 12,
         v = 3.2 (w / h)^2,   B = S - w,   b = 2 q / B
 
-    with h in them longer by 0.44 w, as the base gives way where a foot begins.
+    The h in these equations is longer by 0.44 w, because the base yields at the root of a foot.
 
     The scale and the focus change by
 
         df / f = [e T + a (1 - T)] M,   defocus = f (a - e) M
 
-    with e of the lens and T 1 for a lens that is telecentric on the side of the image, 0 where the
-    exit pupil is at the nodal point, so that rays through it are seen at the detector's distance.
-    A flux q, in the middle of a side of the tube of conductivity k, gives
+    where e is `lens_expansion`. T is 1 for a lens that is telecentric in image space, and 0 where
+    the exit pupil is at the nodal point. A flux q, in the middle of a side of the tube of
+    conductivity k, gives
 
         F = 2 q / (k u / R^2 + 4 sigma T^3),   R = D / 2,   u the wall
 
     Source: beams with shear, Timoshenko and Young (1968), Elements of Strength of Materials;
-    O'Donnell (1960), Journal of Applied Mechanics 27, 461, of their roots; heat round a tube by
-    conduction and radiation.
+    O'Donnell (1960), Journal of Applied Mechanics 27, 461, for their roots; conduction and
+    radiation of heat around a tube.
 
     Accuracy  model: small displacements, one material; no slip of bolts, no moisture, no bending
               of the panel itself, no mounts of single lenses. Finite elements of the same section
@@ -122,22 +126,27 @@ class Structure(Parameters):
     """
 
     material: str = parameter(
-        "of tube, base and feet", limit=Range(choices=tuple(MATERIALS)), default="aluminium"
+        "material of tube, base and feet",
+        limit=Range(choices=tuple(MATERIALS)),
+        default="aluminium",
     )
     expansion: float | None = parameter(
-        "in place of the material's", unit=EXPANSION, limit=FINITE, default=None
+        "thermal expansion, in place of the material's", unit=EXPANSION, limit=FINITE, default=None
     )
     conductivity: float | None = parameter(
-        "in place of the material's", unit=Unit("W / (m K)"), limit=POSITIVE, default=None
+        "thermal conductivity, in place of the material's",
+        unit=Unit("W / (m K)"),
+        limit=POSITIVE,
+        default=None,
     )
     length: float | None = parameter(
-        "L, from the middle of the base to the lens; None: the focal length, the detector is there",
+        "L, distance from the middle of the base to the lens; None: the focal length",
         unit=LENGTH,
         limit=NON_NEGATIVE,
         default=None,
     )
     diameter: float | None = parameter(
-        "D, of the tube; None: 1.96 apertures, the median of nine lenses",
+        "D, diameter of the tube; None: 1.96 apertures, the median of nine lenses",
         unit=LENGTH,
         limit=POSITIVE,
         default=None,
@@ -146,14 +155,16 @@ class Structure(Parameters):
         "u, thickness of the tube; assumed", unit=LENGTH, limit=POSITIVE, default=2e-3
     )
     feet_span: float | None = parameter(
-        "S, between opposite feet's middles; None: 1.5 diameters, assumed",
+        "S, distance between the middles of opposite feet; None: 1.5 diameters, assumed",
         unit=LENGTH,
         limit=POSITIVE,
         default=None,
     )
-    height: float = parameter("h, of the feet; assumed", unit=LENGTH, limit=POSITIVE, default=10e-3)
+    height: float = parameter(
+        "h, height of the feet; assumed", unit=LENGTH, limit=POSITIVE, default=10e-3
+    )
     feet_thickness: float = parameter(
-        "w, of a foot along the span: thin ones give way; assumed",
+        "w, thickness of a foot along the span: thin feet yield; assumed",
         unit=LENGTH,
         limit=POSITIVE,
         default=5e-3,
@@ -162,42 +173,48 @@ class Structure(Parameters):
         "c, thickness of the base; assumed", unit=LENGTH, limit=POSITIVE, default=5e-3
     )
     offset: float = parameter(
-        "o, of the lens along x from the middle of the feet, by their stiffness: 0 where they are "
-        "alike about it",
+        "o, distance of the lens along x from the middle of the feet, which their stiffness "
+        "weights: 0 where the feet are symmetric",
         unit=LENGTH,
         limit=FINITE,
         default=0.0,
     )
     plate_expansion: float = parameter(
-        "p, of the panel of the platform: aluminium", unit=EXPANSION, limit=FINITE, default=23.6e-6
+        "p, thermal expansion of the panel of the platform: aluminium",
+        unit=EXPANSION,
+        limit=FINITE,
+        default=23.6e-6,
     )
     bracket: float = parameter(
-        "H, of what stands between the panel and the feet, made as the panel: 0 for errors at the "
-        "head's flange",
+        "H, height of a bracket between panel and feet, of the panel's material; 0: errors at the "
+        "flange of the head",
         unit=LENGTH,
         limit=NON_NEGATIVE,
         default=0.0,
     )
     lens_expansion: float = parameter(
-        "e, relative change of the focal length of the lens alone, by its glasses",
+        "e, relative change of the focal length of the lens alone, with its glasses",
         unit=EXPANSION,
         limit=FINITE,
         default=5e-6,
     )
     telecentric: float = parameter(
-        "T, 0: the exit pupil is at the nodal point; 1: it is infinitely far. By default the scale "
-        "changes as that of the shipped Petzval lens, which is traced in aluminium: 20 um / (m K)",
+        "T, 0: the exit pupil is at the nodal point; 1: it is at infinity. The default changes the "
+        "scale as in the shipped Petzval lens, traced in aluminium: 20 um / (m K)",
         limit=Range(0, 1),
         default=0.2,
     )
     detector_offset: float = parameter(
-        "along x, of the detector's middle from where its board is fixed",
+        "distance along x from where the board is fixed to the middle of the detector",
         unit=LENGTH,
         limit=FINITE,
         default=0.0,
     )
     board_expansion: float = parameter(
-        "of that board: of glass and epoxy", unit=EXPANSION, limit=FINITE, default=15e-6
+        "thermal expansion of that board: glass and epoxy",
+        unit=EXPANSION,
+        limit=FINITE,
+        default=15e-6,
     )
     swing: float = parameter(
         "amplitude of the mean temperature over an orbit",
@@ -206,93 +223,95 @@ class Structure(Parameters):
         default=0.0,
     )
     gradient_x: float = parameter(
-        "G, amplitude over an orbit of the growth along x, in the panel, and as steep in the head",
+        "G, amplitude over an orbit of the gradient along x, the same in panel and head",
         unit=GRADIENT,
         limit=NON_NEGATIVE,
         default=0.0,
     )
-    gradient_y: float = parameter("likewise of y", unit=GRADIENT, limit=NON_NEGATIVE, default=0.0)
+    gradient_y: float = parameter(
+        "likewise along y", unit=GRADIENT, limit=NON_NEGATIVE, default=0.0
+    )
     phase_x: float = parameter(
-        "of the gradient along x, in periods before the mean temperature, which follows heat by a "
-        "quarter",
+        "phase of the gradient along x, in orbits before the mean temperature, which follows the "
+        "heat by a quarter",
         limit=FINITE,
         default=0.25,
     )
     phase_y: float = parameter(
-        "likewise of y: a quarter more, the warm side goes round", limit=FINITE, default=0.5
+        "likewise along y: a quarter more, so that the warm side rotates", limit=FINITE, default=0.5
     )
     flux: float = parameter(
-        "q, amplitude over an orbit of what the tube takes up on one side, in the middle of it, "
-        "less on the other; about both axes, in phase with the gradients",
+        "q, amplitude over an orbit of the flux absorbed in the middle of one side of the tube, "
+        "minus that of the opposite side; for both axes, in phase with the gradients",
         unit=Unit("W / m2"),
         limit=NON_NEGATIVE,
         default=0.0,
     )
     mean_profile: tuple[float, ...] = parameter(
-        "temperature above that of the calibration, evenly over an orbit; in place of `swing`, "
-        "whatever the heater does",
+        "temperature above that of the calibration, at even steps over an orbit; in place of "
+        "`swing`, and with the effect of heaters included",
         unit=KELVIN,
         default=(),
     )
     gradient_x_profile: tuple[float, ...] = parameter(
-        "likewise of the gradient, in place of `gradient_x`", unit=GRADIENT, default=()
+        "likewise the gradient, in place of `gradient_x`", unit=GRADIENT, default=()
     )
-    gradient_y_profile: tuple[float, ...] = parameter("likewise of y", unit=GRADIENT, default=())
+    gradient_y_profile: tuple[float, ...] = parameter("likewise along y", unit=GRADIENT, default=())
     heat: Heat | None = parameter(
-        "orbit, surfaces and heat capacities that give mean temperature and flux over an orbit, "
-        "in place of `swing`, `flux` and their phases; gradients in the panel remain",
+        "orbit, surfaces and heat capacities, from which mean temperature and flux over an orbit "
+        "are computed, in place of `swing`, `flux` and their phases; gradients of the panel remain",
         default=None,
     )
     displacements: str = parameter(
-        "CSV of a thermo-elastic program, of nodes by kelvin, or kelvin / metre of a gradient: "
-        "part (feet, detector, lens), load (mean, gradient_x, gradient_y, flux_x, flux_y), x, y, "
-        "z, dx, dy, dz (metre, in the camera's axes); for the loads that it has, in place of the "
-        'formulas; "": none',
+        "CSV of a thermo-elastic program: displacements of nodes per kelvin, of a gradient per "
+        "kelvin / metre. Columns: part (feet, detector, lens), load (mean, gradient_x, gradient_y, "
+        "flux_x, flux_y), x, y, z, dx, dy, dz (metre, in the camera's axes). It takes the place of "
+        'the formulas for the loads that it has; "": none',
         limit=core.FILE,
         default="",
     )
     calibration_offset: float = parameter(
-        "sigma, between units, of the mean temperature in flight from that of the calibration",
+        "sigma over units of the mean temperature in flight minus that of the calibration",
         unit=KELVIN,
         limit=NON_NEGATIVE,
         default=0.0,
     )
     gradient_offset: float = parameter(
-        "likewise of the gradient, per axis", unit=GRADIENT, limit=NON_NEGATIVE, default=0.0
+        "likewise the gradient, per axis", unit=GRADIENT, limit=NON_NEGATIVE, default=0.0
     )
     rise: float = parameter(
-        "by which the head warms itself after it is switched on",
+        "rise of temperature after the head is switched on",
         unit=KELVIN,
         limit=NON_NEGATIVE,
         default=0.0,
     )
     rise_time: float = parameter(
-        "time constant of it", unit=Unit("s", "min"), limit=POSITIVE, default=1800.0
+        "time constant of this rise", unit=Unit("s", "min"), limit=POSITIVE, default=1800.0
     )
     since: float | None = parameter(
-        "time since it was switched on; None: long ago, as at the calibration",
+        "time since the head was switched on; None: long ago, as at the calibration",
         unit=Unit("s", "min"),
         limit=NON_NEGATIVE,
         default=None,
     )
     heater: float = parameter(
-        "mean power of heaters at the feet, or below the bracket, each with a controller of its "
-        "own: where the temperature of a foot swings by A, gradients included, swing and "
-        "gradients fall by the fraction power / (conductance A)",
+        "mean power of controlled heaters at the feet, or below the bracket. Swing and gradients "
+        "fall by the fraction power / (conductance A), where A is the amplitude of the temperature "
+        "of a foot, gradients included",
         unit=Unit("W"),
         limit=NON_NEGATIVE,
         default=0.0,
     )
     conductance: float = parameter(
-        "thermal conductance from head to platform, with the heat capacity of the head: "
-        "|G + i 2 pi C / orbit|; the default is assumed",
+        "thermal conductance G from head to platform, with the heat capacity C of the head: "
+        "|G + i 2 pi C / orbit|; assumed",
         unit=Unit("W / K"),
         limit=POSITIVE,
         default=0.5,
     )
     focus: bool = parameter(
-        "whether the defocus changes, too; each environment then has its own images, which takes "
-        "several times as long",
+        "whether the defocus changes, too; trials then take several times as long, because each "
+        "environment has its own images",
         default=False,
     )
 
@@ -320,32 +339,32 @@ class Structure(Parameters):
 
     @property
     def made_of(self) -> Material:
-        """Its material; values that the design gives replace those of the table."""
+        """Material of the structure; keys of the design replace values of the table."""
         given = {"expansion": self.expansion, "conductivity": self.conductivity}
         named = {name: value for name, value in given.items() if value is not None}
         return MATERIALS[self.material]._replace(**named)
 
     def size(self, optics: Optics) -> tuple[float, float, float]:
-        """Metre: length to the lens, diameter of the tube and span of the feet."""
+        """Length to the lens, diameter of the tube and span of the feet, metre."""
         length = optics.focal_length if self.length is None else self.length
         diameter = self.diameter or WIDE * optics.aperture
         return length, diameter, self.feet_span or SPREAD * diameter
 
     def mass(self, optics: Optics) -> float:
-        """Kilogram of tube and base, a square as wide as the span of the feet."""
+        """Mass of tube and base, kilogram; the base is a square as wide as the span of the feet."""
         length, diameter, span = self.size(optics)
         tube = math.pi * diameter * self.wall * max(length, optics.focal_length)
         return self.made_of.density * (tube + self.base * span**2)
 
     def uncontrolled(self, optics: Optics) -> float:
-        """Fraction of swing and gradients that the heaters leave."""
+        """Fraction of swing and gradients that remains with the heaters."""
         swing = float(np.ptp(warmth(self.heat).head)) / 2 if self.heat else self.swing
         lever = self.size(optics)[2] / 2
         at_foot = swing + lever * math.hypot(self.gradient_x, self.gradient_y)
         return max(1 - self.heater / (self.conductance * at_foot), 0.0) if at_foot else 1.0
 
     def flux_gradient(self, optics: Optics) -> float:
-        """Kelvin between the sides of the tube, by the flux."""
+        """Difference of temperature between opposite sides of the tube by the flux, kelvin."""
         return self.flux * self._gradient_by_flux(optics)
 
     def _gradient_by_flux(self, optics: Optics) -> float:
@@ -353,7 +372,7 @@ class Structure(Parameters):
         return 2 / (self.made_of.conductivity * self.wall / radius**2 + RADIATED)
 
     def _base_curvature(self, span: float) -> float:
-        """b, radian / metre / kelvin."""
+        """Curvature b of the base, radian / metre / kelvin."""
         thick, foot = self.base, self.feet_thickness
         high = self.height + ROOT * foot
         between = span - foot
@@ -371,12 +390,11 @@ class Structure(Parameters):
         return float(2 * np.linalg.solve(balance, [0.0, moved, 0.0])[0] / between)
 
     def responses(self, optics: Optics, pitch: float) -> dict[str, Floats]:
-        """Change of each number of the truth (5,) per kelvin, of G per kelvin / metre.
-
-        In the order M, G_x, G_y, F_x, F_y.
+        """Change of each value of the instrument by each load: M, G_x, G_y, F_x, F_y.
 
         pitch    metre, of the detector
-        Returns  by dotted name; the focal length relatively, others in SI units or pixel
+        Returns  (5,) by dotted name, per kelvin (M, F) or kelvin / metre (G): of the focal length
+                 the relative change, of others that in SI units or pixel
         """
         length, diameter, span = self.size(optics)
         own = self.made_of.expansion
@@ -408,15 +426,15 @@ class Structure(Parameters):
         return {name: values for name, values in responses.items() if values.any()}
 
     def swings(self, optics: Optics) -> Floats:
-        """Rms (3,) of the turns about x, y and z over an orbit, radian."""
+        """Rms (3,) over an orbit of the rotations about x, y and z, radian."""
         responses, orbit = self.responses(optics, 1.0), self._over_orbit(optics)
         over = np.array([responses.get(name, np.zeros(len(LOADS))) for name in TURNS]) @ orbit
         return np.abs(over[:, 0]) / 2**0.5 if orbit.shape[1] == 1 else over[:, 1:].std(axis=1)
 
     def variations(self, optics: Optics, pitch: float, residual: bool) -> Iterator[Variation]:
-        """Differences over an orbit, and between launches, that temperatures cause.
+        """Variations over an orbit, and between launches, that temperatures cause.
 
-        residual  whether there is a residual, whose temperature is that of the head
+        residual  whether the design has `[instrument.residual]`, whose temperature is the head's
         """
         responses = self.responses(optics, pitch)
         if residual:
@@ -458,9 +476,10 @@ class Structure(Parameters):
                 )
 
     def _over_orbit(self, optics: Optics) -> NDArray[np.complexfloating] | Floats:
-        """Kelvin and kelvin / metre (5, n) of `responses`, evenly over an orbit with its ends.
+        """Loads (5, n) of `responses`, kelvin and kelvin / metre, at even steps over an orbit.
 
-        Without a profile, n is 1: complex amplitudes of sinusoids, i of the sine a quarter before.
+        Both ends of the orbit are included. Without a profile, n is 1, and the loads are complex
+        amplitudes of sinusoids: i is the sine a quarter of an orbit earlier.
         """
         wave = self._waves(optics)
         if self.heat:
@@ -473,7 +492,7 @@ class Structure(Parameters):
         return np.array([profile or np.imag(phasor * turn) for profile, phasor in rows])
 
     def _waves(self, optics: Optics) -> NDArray[np.complexfloating]:
-        """Complex amplitudes (5,) of the loads, without profiles and heat."""
+        """Complex amplitudes (5,) of the loads, from swing, gradients and flux."""
         left, side = self.uncontrolled(optics), self.flux_gradient(optics)
         size = [left * self.swing, left * self.gradient_x, left * self.gradient_y, side, side]
         phase = np.array([0.0, self.phase_x, self.phase_y, self.phase_x, self.phase_y])
@@ -482,12 +501,12 @@ class Structure(Parameters):
     def loads(
         self, optics: Optics, place: Floats, mean: Floats | None = None, sides: Floats | None = None
     ) -> Floats:
-        """Kelvin and kelvin / metre (5, n) of `responses`, at places of an orbit.
+        """Loads (5, n) of `responses`, kelvin and kelvin / metre, at positions in an orbit.
 
-        place  (n,) of the orbit, 0 to 1, from the ascending node
-        mean   (n,) kelvin above the calibration, without heaters; None: its own swing
-        sides  (2, n) W / m2 that the tube takes up on its side at +x over that at -x, halved, and
-               of y; None: its own flux
+        place  (n,) 1, position in the orbit from the ascending node, 0 to 1
+        mean   (n,) kelvin, mean temperature above calibration, without heaters; None: by `swing`
+        sides  (2, n) W / m2, half of the flux that the tube absorbs at +x minus that at -x, and the
+               same along y; None: by `flux`
         """
         loads = np.imag(self._waves(optics)[:, None] * np.exp(2j * math.pi * place))
         if mean is not None:
@@ -497,7 +516,7 @@ class Structure(Parameters):
         return loads
 
     def _by_heat(self, heat: Heat, optics: Optics) -> Floats:
-        """Like `_over_orbit`; the mean over an orbit is what the tracker is calibrated to."""
+        """Like `_over_orbit`, with temperatures by heat; the calibration is at their mean."""
         warm = warmth(heat)
         rows = np.stack([warm.head - warm.head.mean(), warm.side_x, warm.side_y])
         place = np.linspace(0, 1, TIMES + 1)
@@ -508,14 +527,15 @@ class Structure(Parameters):
 
 @lru_cache(maxsize=8)
 def read_displacements(path: str, content: str) -> dict[str, tuple[Floats, float]]:
-    """Turn (3,) radian of the camera, and stretch of its focal length, by load.
+    """Rotation (3,) of the camera in radian, and relative change of its focal length, by load.
 
     Each part moves as the rigid body that fits its nodes best, by least squares. The boresight is
-    the line from the middle of the detector's nodes to that of the lens', seen from the feet; about
-    it the camera turns with the detector.
+    the line from the middle of the detector's nodes to that of the lens's nodes, relative to the
+    feet. About the boresight the camera turns with the detector.
 
-    content  digest of the file, so that a changed one is read again
-    Raises  ValueError where the file has other columns, or a part has less than three nodes.
+    content  digest of the file, so that a changed file is read again
+    Raises   Refused where the file has other columns, or a part has fewer than three nodes or all
+             of them on a line.
     """
     table = csv_table(Path(path), ended=False, what="a table of displacements")
     if not set(COLUMNS) <= set(table.colnames):
@@ -544,7 +564,7 @@ def read_displacements(path: str, content: str) -> dict[str, tuple[Floats, float
 
 
 class _Rigid(NamedTuple):
-    """Middle (3,), its shift (3,) and the turn (3,) of a part."""
+    """Middle (3,) of a part in metre, its shift (3,) in metre and its rotation (3,) in radian."""
 
     middle: Floats
     shift: Floats
@@ -565,6 +585,6 @@ def _rigid(nodes: Floats, name: str) -> _Rigid:
 
 
 def _text(name: str, value: float) -> float | str:
-    """A difference as a file has it."""
+    """A value of a variation as a design file has it, with its unit."""
     unit = "m" if name.endswith(".defocus") else UNITS.get(name.rpartition(".")[0], "")
     return f"{value!r} {unit}" if unit and value else value

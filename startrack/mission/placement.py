@@ -26,7 +26,7 @@ from startrack.mission.heads import (
 )
 from startrack.mission.instants import Instants
 from startrack.mission.parameters import Head, Loaded, Mission, MissionRequirements, mounted
-from startrack.optimise import Search, least
+from startrack.optimise import Search, minimise
 from startrack.space import GM
 
 WINDOWS, POINTS = 96, 100  # orbits over the mission, and instants in each
@@ -215,7 +215,7 @@ def place(
     ending, limit = "the best of the grid", EVALUATIONS if evaluations is None else evaluations
     if limit:
         search = Search(evaluations=limit, first_step=0.1, last_step=1e-3)
-        least_score = least(of, np.full(2 * len(lines), 0.5), search)
+        least_score = minimise(of, np.full(2 * len(lines), 0.5), search)
         lines, ending = around.moved(least_score.coordinates), least_score.ending
     after = worth(lines, around.blind(lines))
     return Placement(_mounted_at(mission, lines), before, after, tried, ending)
@@ -358,7 +358,7 @@ def _lightest(
 
     middle = np.full(2 * count, 0.5)
     searched = [
-        least(partial(weight, around), np.append(middle, end), search)
+        minimise(partial(weight, around), np.append(middle, end), search)
         for around, end in zip(arounds, (0.0, 1.0), strict=True)
     ]
     best, around = min(zip(searched, arounds, strict=True), key=lambda pair: pair[0].score)
@@ -367,7 +367,7 @@ def _lightest(
     def error(coordinates: Floats) -> float:
         return around.quality(coordinates, angle).score(needs, samples.step)
 
-    last = least(error, best.coordinates[:-1], replace(search, first_step=0.05))
+    last = minimise(error, best.coordinates[:-1], replace(search, first_step=0.05))
     changed = _with_heads(plan, count, angle)
     mission = _mounted_at(changed.loaded.mission, around.moved(last.coordinates))
     tried = sum(start.evaluations for start in starts) + last.evaluations

@@ -48,7 +48,7 @@ tables             The results of studies as CSV, JSON lines and Markdown.
 from startrack.optimise.allocation import LeverChange, LeverGain, allocation, halved, levers
 from startrack.optimise.budgets import budgets_of_units
 from startrack.optimise.correction import fit_correction
-from startrack.optimise.ensemble import Chains, Ensembles, draw, median_and_ends, thinned
+from startrack.optimise.ensemble import Chains, Ensembles, draw, median_and_interval, thinned
 from startrack.optimise.evaluate import (
     LOST,
     PENALTY,
@@ -79,7 +79,7 @@ from startrack.optimise.problem_front import OBJECTIVE, ProblemGoals, problem_fr
 from startrack.optimise.problem_source import ProblemSource
 from startrack.optimise.problem_sweep import ProblemSweep, solve_problem_for, sweep_problem
 from startrack.optimise.runner import FRESH, VERIFYING, VERIFYING_UNIT, TrialRunner
-from startrack.optimise.search import Algorithm, Search, SearchInput, least
+from startrack.optimise.search import Algorithm, Search, SearchInput, minimise
 from startrack.optimise.search_log import SearchLog
 from startrack.optimise.sensitivity import Sensitivity, sensitivities, sobol_indices
 from startrack.optimise.solve_for import LimitCrossing, Solution, solve_for
@@ -108,13 +108,13 @@ from startrack.optimise.tables import (
 from startrack.optimise.tolerance import Tolerance, designs_needed, fit_surface, region_of, sample
 from startrack.optimise.units import (
     MeasuredUnits,
-    compared_levels,
+    compare_levels,
     fresh_units,
     level_interval_of_units,
     levels_of,
-    likely_units,
-    noise_of,
+    measured_units,
     resampled_units,
+    trial_noise,
     without_noise,
 )
 from startrack.optimise.what_matters import (
@@ -147,8 +147,8 @@ __all__ = [
     "evaluate",
     "front",
     "improve",
-    "least",
     "levers",
+    "minimise",
     "optimize",
     "priors_of",
     "problem_front",

@@ -14,7 +14,7 @@ from startrack.optimise.correction import Correction
 from startrack.optimise.evaluate import PENALTY, Foresight
 from startrack.optimise.explorer_settings import DEFAULTS, ExplorerSettings
 from startrack.optimise.gaussian_process import Emulator, emulator
-from startrack.optimise.search import least_smooth
+from startrack.optimise.search import minimise_smooth
 
 SOLVED = "solved"  # an emulated margin: 1 where a design has a forecast, -1 where it has none
 
@@ -125,11 +125,11 @@ class Emulators:
 
         limits = [partial(missing, margin=margin) for margin in self.margins.values()]
         for start in starts:
-            found = least_smooth(value, limits, start, (low, high))
+            found = minimise_smooth(value, limits, start, (low, high))
             if steps and steps.whole.any():
                 found = steps.snapped(found)
                 held = np.where(steps.whole, found, low), np.where(steps.whole, found, high)
-                found = least_smooth(value, limits, found, held)
+                found = minimise_smooth(value, limits, found, held)
             for end in (start, found):
                 score = float(self.score(end[None], sigmas)[0])
                 score += correction(end) if correction else 0.0

@@ -21,13 +21,13 @@ LONG_ENOUGH = 50  # autocorrelation times; emcee's documentation, "Autocorrelati
 # 16, 667, section 4.
 FEWEST = 400
 FARTHEST = 1.01
-# Chosen by hand, wide around the 0.2 to 0.5 of Foreman-Mackey et al. (2013): a chain outside moves
-# nearly nowhere, or in steps that are too small.
+# Chosen by hand, wide around the 0.2 to 0.5 of Foreman-Mackey et al. (2013): a chain outside
+# hardly moves, or its steps are too small.
 LEAST_ACCEPTED, MOST_ACCEPTED = 0.05, 0.95
-BURN_IN = 5  # 1 / fraction of the chain that is discarded; chosen by hand: bias against samples
+BURN_IN = 5  # 1 / fraction of the chain that is discarded; chosen by hand: bias against number
 REPEATS = 12  # of a random log-probability, to estimate its noise; chosen by hand
-# Standard deviation of a log-probability that may still be sampled. Chosen by hand: above about 1,
-# walkers stay for long at points whose value was high by chance.
+# Largest standard deviation of a log-probability that is sampled. Chosen by hand: above about 1,
+# walkers stay for many steps at points whose value is high by chance.
 NOISIEST = 1.0
 PARTS = ("chain", "log_prob", "accepted", "key", "rest")  # of a stretch in the ledger
 
@@ -36,10 +36,10 @@ PARTS = ("chain", "log_prob", "accepted", "key", "rest")  # of a stretch in the 
 class Ensembles:
     """Settings of the sampling.
 
-    count       independent ensembles
-    walkers     of each; None for four per variable, at least 16
+    count       number of independent ensembles
+    walkers     of each ensemble; None: four per variable, at least 16
     stretch     steps between two checks of the convergence
-    most_steps  after which sampling ends
+    most_steps  largest number of steps
     """
 
     count: int = 4
@@ -59,8 +59,8 @@ class Chains:
     """Samples without their burn-in.
 
     samples          (ensembles, steps, walkers, d)
-    acceptance       1, fraction of accepted moves of the worst ensemble
-    autocorrelation  (d,) steps
+    acceptance       1, fraction of moves that are accepted, of the ensemble where it is least
+    autocorrelation  (d,) step, integrated autocorrelation time of each variable
     """
 
     samples: Floats
@@ -74,17 +74,19 @@ class Chains:
 
     @property
     def effective(self) -> Floats:
-        """(d,) independent samples."""
+        """(d,) number of independent samples of each variable."""
         return len(self.flat) / np.maximum(self.autocorrelation, 1)
 
     @property
     def split_r_hat(self) -> Floats:
         """(d,) standard deviation of all samples over that within the halves of ensembles.
 
-            R^2 = (W + B) / W,   W the mean variance in a half, B the variance of their means
+            R^2 = (W + B) / W
 
-        Source: Gelman et al. (2013), Bayesian Data Analysis, 11.4, with ensembles for chains, as
-        the walkers of one ensemble are not independent.
+        W is the mean variance within a half, B the variance of the means of halves.
+
+        Source: Gelman et al. (2013), Bayesian Data Analysis, 11.4, with ensembles in place of
+        chains, because the walkers of one ensemble are not independent.
         """
         count, steps, walkers, d = self.samples.shape
         half = steps // 2
@@ -95,7 +97,7 @@ class Chains:
 
     @property
     def reason_unconverged(self) -> str:
-        """Why the chains have not converged, empty where they have."""
+        """Why the chains have not converged; empty where they have converged."""
         steps, longest = self.samples.shape[1], float(np.max(self.autocorrelation))
         farthest, fewest = float(np.max(self.split_r_hat)), float(np.min(self.effective))
         times = f"{LONG_ENOUGH} autocorrelation times of {longest:.0f}"
@@ -122,20 +124,22 @@ def draw(
     settings: Ensembles | None = None,
     ledger: Ledger | None = None,
 ) -> Chains:
-    """Sample by emcee's moves along differences of walkers, in independent ensembles.
+    """Sample a density in independent ensembles of walkers, by two moves of emcee.
 
-    Differential evolution (ter Braak 2006, Statistics and Computing 16, 239), and a fifth of the
-    moves stretch the distance to another walker (Goodman and Weare 2010, Communications in Applied
+    Four fifths of the moves are differential evolution (ter Braak 2006, Statistics and Computing
+    16, 239). One fifth are stretch moves (Goodman and Weare 2010, Communications in Applied
     Mathematics and Computational Science 5, 65).
 
     log_probability  (n, d) -> (n,), minus infinity outside the support
-    start            starting points (n, d) of n walkers, wider than the density, for split R-hat
+    start            starting points (n, d) of n walkers; split R-hat needs them to be wider than
+                     the density
     ledger           keeps each stretch, so that interrupted sampling continues
-    Raises           ValueError where the log-probability is NaN, minus infinity at all starts, or
-                     is random with a standard deviation above 1. emcee evaluates it once for each
-                     position of a walker, so that an unbiased estimate of the density with less
-                     noise gives the right distribution (Andrieu and Roberts 2009). For other
-                     failures see `Chains.reason_unconverged`.
+    Raises           Refused where the log-probability of a start is NaN or minus infinity, or where
+                     it is random with a standard deviation above 1. Other failures are in
+                     `Chains.reason_unconverged`.
+    Accuracy         statistical: an estimate of the density with less noise gives the right
+                     distribution if it is unbiased (Andrieu and Roberts 2009), because emcee
+                     evaluates it once for each position of a walker.
     """
     settings = settings or Ensembles()
     chains = [
@@ -164,7 +168,7 @@ def _result(samplers: list[emcee.EnsembleSampler]) -> Chains:
 
 
 class _Ensemble:
-    """One ensemble; the ledger keeps its steps."""
+    """One ensemble of walkers, whose steps the ledger keeps."""
 
     def __init__(
         self,
@@ -187,7 +191,7 @@ class _Ensemble:
         if not np.isfinite(first).all():
             raise Refused("the log-probability must be finite where the walkers start")
         _refuse_noise(log_probability, points, first)
-        # emcee takes only the older generator; each ensemble has a separate one.
+        # emcee needs numpy's older generator; each ensemble has its own.
         state = np.random.RandomState(np.random.MT19937(sequence)).get_state()
         # Trap: emcee 3.1.6's DESnookerMove does not keep the density; a variance falls by 15 %.
         moves = [(emcee.moves.DEMove(), 0.8), (emcee.moves.StretchMove(), 0.2)]
@@ -203,7 +207,7 @@ class _Ensemble:
         self._done = 0
 
     def walk(self) -> None:
-        """Add one stretch, from the ledger where it is there."""
+        """Add one stretch: from the ledger, or else by new steps."""
         packed = self._ledger.stretch(self._key, self._done)
         if packed is None:
             self._at = self.sampler.run_mcmc(self._at, self._settings.stretch)
@@ -258,8 +262,8 @@ def _refuse_noise(log_probability: Callable[[Floats], Floats], at: Floats, first
         )
 
 
-def median_and_ends(column: Floats, fraction: float) -> tuple[float, float, float]:
-    """Median of samples (n,), and the ends of their middle fraction."""
+def median_and_interval(column: Floats, fraction: float) -> tuple[float, float, float]:
+    """Median of samples (n,), and the ends of the central interval that holds a fraction."""
     low, middle, high = np.quantile(column, [(1 - fraction) / 2, 0.5, (1 + fraction) / 2])
     return float(middle), float(low), float(high)
 

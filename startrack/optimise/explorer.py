@@ -1,4 +1,4 @@
-"""Source of designs -> forecasts where they are most informative, and emulators of all values."""
+"""Source of designs -> forecasts of the most informative designs, and emulators of their values."""
 
 from __future__ import annotations
 
@@ -17,26 +17,27 @@ from startrack.optimise.explorer_settings import DEFAULTS, ExplorerSettings
 from startrack.optimise.forecast import name_by_condition
 from startrack.optimise.landscape import Landscape, Span, prices_of, spans_of
 from startrack.optimise.limit import Evidence, Limit
-from startrack.optimise.search import Search, search_within
+from startrack.optimise.search import Search, minimise_within_limits
 from startrack.optimise.source import DesignSource, affordable
 
 
 @dataclass(eq=False)
 class Explorer:
-    """The forecasts of a design space so far, and what they let expect of any other design.
+    """The forecasts of designs so far, and emulators that predict the values of any other design.
 
-    The next designs are where the emulators' means, and their bounds of `sigmas`, are least: lower
-    confidence bounds, see Cox and John (1992), IEEE Conference on Systems, Man and Cybernetics.
+    The next designs are those of the least mean of the emulators, and of the least lower
+    confidence bound, at `sigmas`. Source: Cox and John (1992), IEEE Conference on Systems, Man and
+    Cybernetics.
 
     label     of the branch that the designs belong to
-    points    unit-cube coordinates of the designs
-    limits    of the margins that trials decide, by name: what the fresh trials can show, and what
-              trials said of the forecasts; none: forecasts are taken as they are
-    raw       their forecasts
-    values    the same with these limits
-    ending    why no more are worth it; empty as long as some are
+    points    coordinates (d,) of the designs in the unit cube
+    limits    of the margins that trials decide, by name: what the fresh trials can show, and how
+              trials correct the forecasts; without any, forecasts are not corrected
+    raw       forecasts of the designs, as the budget gives them
+    values    the forecasts after the correction by `limits`
+    ending    why the search ended; empty while it runs
     watch     called after new forecasts
-    settings  how designs are chosen and emulated
+    settings  of the choice of designs and of the emulators
     """
 
     source: DesignSource
@@ -49,56 +50,56 @@ class Explorer:
     watch: Callable[[], None] | None = None
     settings: ExplorerSettings = DEFAULTS
     _emulators: tuple[int, Emulators] | None = None
-    _spanned: float = np.inf  # a score below it is so much lower that its spans are others
-    _polished: float = np.inf  # the same of the designs next to it
-    _in_vain: int = 0  # batches since the last gain
+    _spanned: float = np.inf  # score below which the ends of the spans are forecast again
+    _polished: float = np.inf  # score below which designs next to the best are forecast again
+    _in_vain: int = 0  # batches without a gain
 
     @cached_property
     def scales(self) -> dict[str, Scale]:
-        """Scales of the margins that are probabilities."""
+        """Scale of each margin that is a probability, by name."""
         return {name: Scale(room, self.settings) for name, room in self.source.rooms.items()}
 
     def forecast(self, points: Sequence[Floats]) -> None:
-        """Add the forecasts of some designs, and that of the best one in all conditions."""
+        """Add the forecasts of some designs, and of the best design in all conditions."""
         self._add(points)
         self.complete()
 
     def _add(self, points: Sequence[Floats]) -> None:
         new = [self.source.snapped(np.clip(point, 0, 1)) for point in points]
-        enough = self.score + self.settings.bad_score if self._all_matter else -math.inf
+        enough = self.score + self.settings.bad_score if self._all_conditions_matter else -math.inf
         raw = self.source.foresee(new, enough)
-        self.values += map(self._limited, new, raw)
+        self.values += map(self._corrected, new, raw)
         self.raw += raw
         self.points += new
         if self.watch:
             self.watch()
 
-    def _limited(self, point: Floats, raw: Foresight) -> Foresight:
+    def _corrected(self, point: Floats, raw: Foresight) -> Foresight:
         margins = {
             name: self.limits[name].corrected(point, margin) if name in self.limits else margin
             for name, margin in raw.margins.items()
         }
         return raw._replace(margins=margins)
 
-    def learn(self, evidence: Mapping[str, Sequence[Evidence]]) -> None:
-        """Correct the forecasts of margins by all that trials say of them, by the margins' names.
+    def correct_limits(self, evidence: Mapping[str, Sequence[Evidence]]) -> None:
+        """Correct the forecasts of the margins in `limits` by trials.
 
-        Only margins that are among `limits`.
+        evidence  forecasts and trials, by the margin's name
         """
         self.limits = {
             name: limit.fitted(evidence.get(name, ())) for name, limit in self.limits.items()
         }
-        self.values = list(map(self._limited, self.points, self.raw))
-        self._forget()
+        self.values = list(map(self._corrected, self.points, self.raw))
+        self._refit_emulators()
         self.complete()
 
-    def _forget(self) -> None:
-        """Fit the emulators again, because values of known designs are others."""
+    def _refit_emulators(self) -> None:
+        """Fit the emulators again, because values of known designs have changed."""
         if self._emulators:
             self._emulators = 0, self._emulators[1]
 
     def complete(self) -> bool:
-        """Forecast the best design in all conditions, until the best one is.
+        """Forecast the best design in all conditions; again where another one is then the best.
 
         Returns  whether a score changed
         """
@@ -111,18 +112,18 @@ class Explorer:
         return [value.score for value in self.values] != before
 
     def _complete(self, number: int) -> bool:
-        """Forecast a design in all conditions; whether some had no forecast."""
+        """Forecast a design in all conditions. Returns whether a forecast was missing."""
         if self.source.conditions.keys() <= self.raw[number].conditions.keys():
             return False
         point = self.points[number]
         self.raw[number] = self.source.complete(point, self.raw[number])
-        self.values[number] = self._limited(point, self.raw[number])
-        self._forget()
+        self.values[number] = self._corrected(point, self.raw[number])
+        self._refit_emulators()
         return True
 
     @property
-    def _all_matter(self) -> bool:
-        """Whether conditions without a weight may limit a design, as far as the good ones tell."""
+    def _all_conditions_matter(self) -> bool:
+        """Whether conditions without a weight may limit a design, by the good designs so far."""
         good = [
             value
             for value in self.values
@@ -134,36 +135,42 @@ class Explorer:
         weighted = {name for name, weight in self.source.conditions.items() if weight}
         return not all(
             name in weighted
-            or all(part < far for part in self._parts(value, name_by_condition(name, own.margins)))
+            or all(
+                part < far
+                for part in self._used_fractions(value, name_by_condition(name, own.margins))
+            )
             for value in good
             for name, own in value.conditions.items()
         )
 
-    def _parts(self, value: Foresight, names: Iterable[str]) -> list[float]:
-        """The parts that a design takes of what some margins allow."""
+    def _used_fractions(self, value: Foresight, names: Iterable[str]) -> list[float]:
+        """Fraction that a design uses of the room that each of some margins has."""
         rooms = [(name, self.scales.get(name, Scale()).room or 1.0) for name in names]
         return [(room - value.margins[name]) / room for name, room in rooms]
 
-    def close(self, point: Floats) -> list[str]:
-        """Names of the conditions in which a design is not far from a limit, as far as known."""
+    def near_limits(self, point: Floats) -> list[str]:
+        """Names of the conditions in which the forecast of a design is near a limit."""
         value, near = self.forecast_of(point), self.settings.close_part
         return [
             name
             for name, own in value.conditions.items()
-            if any(part > near for part in self._parts(value, name_by_condition(name, own.margins)))
+            if any(
+                part > near
+                for part in self._used_fractions(value, name_by_condition(name, own.margins))
+            )
         ]
 
     def met(self, point: Floats) -> bool:
-        """Whether a design is expected to be shown to meet all limits, or nearly so."""
+        """Whether fresh trials will probably show that a design meets all limits, or nearly so."""
         value = self.forecast_of(point)
         needless = [margin for name, margin in value.margins.items() if name not in self.limits]
         limited = value.margins.keys() & self.limits.keys()
-        parts = self._parts(value, limited)
+        parts = self._used_fractions(value, limited)
         most = 1 + self.settings.short_part
         return all(margin >= 0 for margin in needless) and all(part <= most for part in parts)
 
-    def unlimited(self, point: Floats) -> Foresight:
-        """The forecast of a design in all conditions, as no trial has corrected it."""
+    def uncorrected_forecast(self, point: Floats) -> Foresight:
+        """The forecast of a design in all conditions, without the correction by trials."""
         self.forecast_of(point)
         point = self.source.snapped(point)
         number = next(i for i, other in enumerate(self.points) if (other == point).all())
@@ -171,7 +178,7 @@ class Explorer:
         return self.raw[number]
 
     def forecast_of(self, point: Floats) -> Foresight:
-        """The forecast of a design, which is added where it is not known."""
+        """The forecast of a design; a new one is added."""
         point = self.source.snapped(point)
         value = self._known(point)
         if value is None:
@@ -196,7 +203,7 @@ class Explorer:
 
     @property
     def best(self) -> Floats:
-        """The design of the least score of those that meet all limits; of all where none does."""
+        """Design of the least score among those that meet all limits; if none does, among all."""
         return self.points[self._leader]
 
     @property
@@ -210,28 +217,31 @@ class Explorer:
         return self.values[self._leader].score if self.values else math.inf
 
     def reopen(self) -> None:
-        """Let `step` search again, because trials have moved the limits since it ended."""
+        """Let `step` search again, because trials have changed the limits."""
         self.ending, self._in_vain = "", 0
         self._spanned = self._polished = np.inf
 
     def begin(self, start: Floats, most: int) -> None:
-        """Forecast the start, and designs over the whole space that do not cost too much."""
+        """Forecast the start, and designs over the whole space whose costs keep their limits."""
         per_variable, besides = self.settings.first_per_variable, self.settings.first_besides
         count = min(per_variable * len(self.source.names) + besides, most)
         random = self._random(0, "first designs to forecast")
         others = list(islice(affordable(self.source, random), count - 1))
-        # The first ones say which others are bad.
+        # Of the others, bad designs need fewer conditions once the first ones have values.
         batch = self.settings.batch
         self._add([start, *others[: batch - 1]])
         self._add(others[batch - 1 :])
 
     def step(self, most: int) -> None:
-        """Forecast the next designs, as many as are allowed, or say in `ending` why none.
+        """Forecast the next designs, or say in `ending` why there are none.
 
-        Where none is proposed, the ends of the spans are forecast, which the emulators expect to be
-        as good: they show whether the emulators are right, and how far a variable may go. At last,
-        those next to the best: emulators do not know what is less than the roughness of forecasts.
-        Where proposals gain nothing for some batches, that roughness alone makes them.
+        Where the emulators propose no design, the ends of the spans are forecast. The emulators
+        expect these to be as good as the best: the forecasts test that. After them, designs next to
+        the best are forecast, because emulators cannot resolve gains below the roughness of the
+        forecasts. After several batches of proposals without a gain, no more are made, because that
+        roughness alone causes them.
+
+        most  largest number of forecasts
         """
         worth = self.settings.worthwhile_gain * self.source.precision
         stalled = self._in_vain >= self.settings.patience
@@ -250,7 +260,7 @@ class Explorer:
             gained = self.score < before - worth or not np.isfinite(before)
             self._in_vain = 0 if gained else self._in_vain + 1
         elif before < self._polished:
-            self._polish(most)
+            self._forecast_near_best(most)
             if not self.score < before - worth:
                 self._polished = self.score - worth
         elif stalled:
@@ -259,8 +269,8 @@ class Explorer:
             gain = 100 * self.source.precision
             self.ending = f"a further gain is expected to be below {gain:g} %"
 
-    def _polish(self, most: int) -> None:
-        """Forecast designs next to the best where COBYLA asks for them, its margins as limits."""
+    def _forecast_near_best(self, most: int) -> None:
+        """Forecast the designs next to the best that COBYLA asks for; margins are its limits."""
         free, best = ~self.source.whole, self.best
         names = list(self.values[self._leader].margins)
         evaluations = min(self.settings.polish_per_variable * int(free.sum()), most)
@@ -282,7 +292,7 @@ class Explorer:
 
         def missing(place: Floats, name: str) -> float:
             margins = at(place).margins
-            if name not in margins:  # of a condition that does not matter there
+            if name not in margins:  # of a condition that is not forecast there
                 return 0.0
             scale = self.scales.get(name, Scale(settings=self.settings))
             least = self.settings.safe_margin / self.settings.margin_width
@@ -291,14 +301,14 @@ class Explorer:
         limits = [partial(missing, name=name) for name in names]
         steps = self.settings.polish_step, self.settings.same_design
         search = Search(evaluations=evaluations, first_step=steps[0], last_step=steps[1])
-        search_within(value, limits, best[free], search)
+        minimise_within_limits(value, limits, best[free], search)
         self.complete()
 
     def _proposals(self) -> list[Floats]:
-        """The next designs; none where no design can be expected to gain what is asked.
+        """The next designs; none where the expected gain of each is too small.
 
-        First the one that the emulators expect to be the best, then those that may be the best, as
-        if the emulators were right about those before.
+        The first is the best by the emulators' means. The others are the best by lower bounds, each
+        as if the emulators were exact for those before.
         """
         model, starts = self.emulators, self.starts()
         least, worth = self.score, self.settings.worthwhile_gain * self.source.precision
@@ -312,12 +322,12 @@ class Explorer:
         return proposed
 
     def is_new(self, point: Floats, others: Sequence[Floats]) -> bool:
-        """Whether a design is apart from all that have a forecast, and from others."""
+        """Whether a design differs from all that have a forecast, and from `others`."""
         every = np.array([*self.points, *others])
         return bool(np.abs(every - point).max(axis=1).min() > self.settings.same_design)
 
     def starts(self) -> Floats:
-        """Designs (m, d) to search from: the best ones, and others that may be good."""
+        """Designs (m, d) from which searches start: the best so far, and those of a random pool."""
         settings, random = self.settings, self._random(len(self.points), "designs to forecast")
         order = np.argsort([value.score for value in self.values], kind="stable")
         order = order[: settings.leaders]
@@ -335,18 +345,18 @@ class Explorer:
         return Streams(self.source.seed, number)(f"{what} {self.label}".strip())
 
     def lowest(self) -> float:
-        """The score below which no design is with 98 % confidence, as the emulators see it."""
+        """Lower bound of the score of any design, with 98 % confidence, by the emulators."""
         return min(
             self.score,
             self.emulators.least(self.starts(), self.settings.sigmas, steps=self.source)[1],
         )
 
     def spans(self, best: Floats) -> list[Span]:
-        """The spans of all variables around a design, as `spans_of`."""
+        """Span of each variable around a design; see `spans_of`."""
         return spans_of(self.emulators, best, self.source.precision)
 
     def landscape(self, best: Floats) -> Landscape:
-        """The design space around a design, by the forecasts."""
+        """Forecasts of all designs, and spans and prices around one of them."""
         every = zip(self.points, self.values, strict=True)
         tried = [(point, value) for point, value in every if not value.left_out]
         return Landscape(

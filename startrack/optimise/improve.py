@@ -20,7 +20,7 @@ from startrack.optimise.ledger import Ledger
 from startrack.optimise.limit import Limit
 from startrack.optimise.problem_source import ProblemSource, relative
 from startrack.optimise.runner import FRESH
-from startrack.optimise.search import least_of_all
+from startrack.optimise.search import minimise_globally
 from startrack.problem import Expectation, Judgement, Margin, Problem, SearchSettings
 
 # Probability, over all rounds, that a design at what the search aims for is wrongly taken to meet a
@@ -143,7 +143,7 @@ def affordable_start(source: ProblemSource) -> Floats:
             met.append(point)
         return excess
 
-    end = least_of_all(
+    end = minimise_globally(
         short,
         source.start,
         steps.START_EVALUATIONS,
@@ -167,7 +167,7 @@ class _Tried:
     def __call__(
         self, point: Floats, trials: int | None, correction: Correction | None
     ) -> Evaluation:
-        known = self._explorer.unlimited(point)
+        known = self._explorer.uncorrected_forecast(point)
         shift = correction(point) if correction else 0.0
         count = trials or self._source.problem.settings.trials
         done = self._source.evaluate(point, known, count, shift)
@@ -222,7 +222,7 @@ def _rounds(
     judge: _Fresh,
     watch: steps.Watch,
 ) -> tuple[_OnFresh, int, str]:
-    shown, results, ending = list[steps.Shown](), list[_OnFresh](), ""
+    shown, results, ending = list[steps.FreshMargins](), list[_OnFresh](), ""
     # Beside designs that formulas flatter, the start says what they do not know.
     start = try_design(source.start, None, None)
     watch(start)
@@ -243,8 +243,8 @@ def _rounds(
             name: (margins[0].relative, results[-1].trials)
             for name, margins in results[-1].judged.margins.items()
         }
-        shown.append(steps.Shown(new.coordinates, found))
-        explorer.learn(steps.evidence_of(explorer, tried, shown))
+        shown.append(steps.FreshMargins(new.coordinates, found))
+        explorer.correct_limits(steps.evidence_of(explorer, tried, shown))
         steps.resume(explorer)
     if not results:
         raise Refused(f"no design could be tried; the start says: {start.note}")

@@ -122,7 +122,9 @@ class _Progress:
     def forecast(self, explorers: Mapping[str, Explorer]) -> None:
         """Report that designs were forecast."""
         count = sum(len(explorer.points) for explorer in explorers.values())
-        usual = sum(steps.USUAL * len(explorer.source.names) for explorer in explorers.values())
+        usual = sum(
+            steps.USUAL_FORECASTS * len(explorer.source.names) for explorer in explorers.values()
+        )
         score = min(explorer.score for explorer in explorers.values())
         if math.isfinite(score):
             self._best = math.exp(score)
@@ -373,7 +375,12 @@ def _rounds(
     Returns  what was confirmed, of the best design that meets all limits, or else of the one that
              misses least; why the last search ended; how many rounds there were
     """
-    tried, shown, results, ending = list[Evaluation](), list[steps.Shown](), list[_Confirmed](), ""
+    tried, shown, results, ending = (
+        list[Evaluation](),
+        list[steps.FreshMargins](),
+        list[_Confirmed](),
+        "",
+    )
     most = campaign.evaluations - count
     try_design = steps.trials_of_tracker(explorer, space, campaign, runner)
     for number in range(steps.ROUNDS):
@@ -387,8 +394,8 @@ def _rounds(
         if new is None or (met and not _may_be_better(explorer, tried, met, new.coordinates)):
             break
         results.append(judge.confirm(new, FreshTrials.of_round(number, campaign)))
-        shown.append(steps.Shown(new.coordinates, results[-1].found))
-        explorer.learn(steps.evidence_of(explorer, tried, shown))
+        shown.append(steps.FreshMargins(new.coordinates, results[-1].found))
+        explorer.correct_limits(steps.evidence_of(explorer, tried, shown))
         steps.resume(explorer)
         met = [result for result in results if not lacking(result.margins)]
         used_up = len(tried) + 1 + steps.FINALISTS > most

@@ -17,7 +17,7 @@ from startrack.optimise.gaussian_process import emulator
 from startrack.optimise.population import population_of
 from startrack.optimise.runner import TrialRunner
 from startrack.optimise.source import TrackerSource
-from startrack.optimise.steps import USUAL, SearchStage, explore, feasible_start
+from startrack.optimise.steps import USUAL_FORECASTS, SearchStage, explore, feasible_start
 from startrack.optimise.units import level_interval_of_units
 from startrack.problem import SearchSettings
 
@@ -136,7 +136,10 @@ def trade_off(
 
     def tell() -> None:
         if watch:
-            count, usual = len(explorer.points), (USUAL + ROUNDS) * len(explorer.source.names)
+            count, usual = (
+                len(explorer.points),
+                (USUAL_FORECASTS + ROUNDS) * len(explorer.source.names),
+            )
             watch(
                 SearchStage(f"{count} forecasts", FORECAST_PART * min(count / usual, 1.0), math.nan)
             )

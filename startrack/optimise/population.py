@@ -20,7 +20,7 @@ from startrack.metrics import Interval
 from startrack.optimise.budgets import ENVIRONMENTS, budget_or_none, budgets_of_units
 from startrack.optimise.limit import Limit
 from startrack.optimise.runner import FRESH, FRESH_UNIT, TrialRunner
-from startrack.optimise.units import fresh_units, likely_units
+from startrack.optimise.units import fresh_units, measured_units
 from startrack.population import Units
 
 LOOKS = 4  # at 1, 2, 4 and 8 times the fresh trials; chosen by hand: trials against a decision
@@ -240,8 +240,8 @@ class DrawnUnits:
         if claim.accuracy is None:
             return _by_all_trials(claim, outcomes, runner.seed, tails)
         asked, objective = verification.YieldClaim(self.fraction), claim.accuracy.objective
-        measured = likely_units(objective, self.condition, outcomes, campaign, runner)
-        errors, part = measured.likely, measured.part(claim.limit, runner.seed)
+        measured = measured_units(objective, self.condition, outcomes, campaign, runner)
+        errors, part = measured.denoised, measured.effective_fraction(claim.limit, runner.seed)
         bounds = asked.bounds(errors <= claim.limit, *tails, part)
         decided = asked.answer(bounds) is not verification.Answer.NOT_SHOWN
         worst = float(np.sort(errors)[::-1][asked.most_beyond(len(errors), tails[0])])

@@ -16,9 +16,9 @@ from startrack import core
 from startrack.core import POSITIVE, Floats, Parameters, Range, Refused, parameter, printed
 
 CODE = "searches"  # group of user code
-REFUSED = 1e6  # score for nlopt of a point that has none; chosen by hand: above all others
-# Calls for each evaluation, after which a search that repeats points is ended; chosen by hand: a
-# repeated call costs microseconds.
+REFUSED = 1e6  # score that nlopt gets where a point has none; chosen by hand: above all others
+# Calls per evaluation, after which a search that repeats points ends; chosen by hand: a repeated
+# call takes microseconds.
 REPEATS = 10
 
 
@@ -41,11 +41,11 @@ class Algorithm(StrEnum):
 
 
 def algorithms(text: str) -> list[str]:
-    """The algorithms that a campaign names one after the other: "direct+sbplx", "GN_ISRES".
+    """Names of the algorithms of a campaign, which run in this order: "direct+sbplx", "GN_ISRES".
 
-    User code is among them as module:function.
+    User code is named as module:function.
 
-    Raises  Refused where nlopt has none of that name that needs no gradient.
+    Raises  Refused where nlopt has no algorithm of that name, or only one that needs a gradient.
     """
     names = list[str]()
     for part in text.split("+"):
@@ -67,11 +67,11 @@ def algorithms(text: str) -> list[str]:
 class Search(Parameters):
     """Length and precision of a search.
 
-    algorithm    by nlopt's name, or user code
-    evaluations  points that may be evaluated
-    first_step   1, side of the first simplex
-    last_step    1, steps below which a local search ends
-    seed         of the algorithms with random numbers
+    algorithm    name in nlopt, or user code as module:function
+    evaluations  largest number of points that are evaluated
+    first_step   1, side of the first simplex, in the unit cube
+    last_step    1, step length below which a local search ends
+    seed         of algorithms that draw random numbers
     """
 
     algorithm: str = Algorithm.SBPLX
@@ -83,14 +83,13 @@ class Search(Parameters):
 
 @dataclass(frozen=True, eq=False)
 class SearchInput:
-    """Input of a user's search. The best point that it evaluates is its result.
+    """Input of a user's search. The best point that the search evaluates is its result.
 
-    score        function of a point (d,) of the unit cube, whose least value is searched; infinite
-                 where a design has no attitude or cannot be built. A point that was evaluated
-                 before costs nothing
-    start        (d,)
-    evaluations  points that may be evaluated; with the next one the search ends
-    generator    random numbers
+    score        function of a point (d,) of the unit cube, to be minimised; infinite where a design
+                 has no attitude or cannot be built. The score of a repeated point is cached
+    start        (d,), in the unit cube
+    evaluations  largest number of points; one more evaluation ends the search
+    generator    of random numbers
     """
 
     score: Callable[[Floats], float]
@@ -101,7 +100,7 @@ class SearchInput:
 
 @printed
 @dataclass(frozen=True, eq=False)
-class Found:
+class SearchResult:
     """Result of a search.
 
     coordinates  (d,) of the best point; the start where no point has a score
@@ -116,21 +115,23 @@ class Found:
     ending: str
 
 
-def least(
+def minimise(
     score: Callable[[Floats], float],
     start: Floats,
     search: Search,
     enough: Callable[[], str] | None = None,
-) -> Found:
-    """Search the unit cube from a start, and return the best point that was evaluated.
+) -> SearchResult:
+    """Minimise a function over the unit cube, and return the best point that was evaluated.
 
-    Around nlopt: `score` gets a copy of each point; a score that is not finite counts as refused;
-    no point is evaluated twice; the number of evaluations holds also for algorithms that exceed
-    it; the best point is kept here, so that rounding errors and stops do not lose it.
+    What this adds to nlopt: `score` gets a copy of each point. A score that is not finite counts as
+    refused. No point is evaluated twice. The limit on evaluations also stops algorithms of nlopt
+    that would exceed it. The best point is stored here, so that rounding errors and an early end
+    do not lose it.
 
-    score    of a point (d,); NaN or infinite where it has none
-    enough   called after each evaluation; a sentence ends the search
-    Raises   what `score` raises; ValueError where the start is not in the cube.
+    score    of a point (d,); NaN or infinite where the point has no score
+    start    (d,), in the unit cube
+    enough   called after each evaluation; where it returns a sentence, the search ends
+    Raises   what `score` raises; Refused where the start is outside the cube.
     """
     if not ((start >= 0) & (start <= 1)).all():
         raise Refused(f"start must lie in the unit cube, got {start}")
@@ -139,7 +140,7 @@ def least(
     try:
         if core.is_code(search.algorithm):
             ending = _by_code(watch, start, search)
-            return Found(watch.coordinates, watch.best, len(watch.seen), ending)
+            return SearchResult(watch.coordinates, watch.best, len(watch.seen), ending)
         engine = _engine(search, start)
         engine.set_min_objective(watch)
         engine.optimize(np.array(start, float))
@@ -155,11 +156,11 @@ def least(
         if not watch.seen:
             raise Refused(f"nlopt refused to search: {error}") from None
         ending = "nlopt gave up"
-    return Found(watch.coordinates, watch.best, len(watch.seen), ending)
+    return SearchResult(watch.coordinates, watch.best, len(watch.seen), ending)
 
 
 def _by_code(watch: _Watch, start: Floats, search: Search) -> str:
-    """Let user code search; how it ended."""
+    """Run a search of user code. Returns why it ended."""
 
     def score(point: Floats) -> float:
         at = np.asarray(point, float)
@@ -176,77 +177,82 @@ def _by_code(watch: _Watch, start: Floats, search: Search) -> str:
     return f"{search.algorithm} converged"
 
 
-def least_of_all(
+def minimise_globally(
     score: Callable[[Floats], float],
     start: Floats,
     wide: int,
     near: int,
     enough: Callable[[], str] | None = None,
-) -> Found:
-    """Search the whole cube by DIRECT, then by Sbplx around the better of its best and the start.
+) -> SearchResult:
+    """Minimise a function over the whole cube by DIRECT, then around the best point by Sbplx.
 
     wide, near  evaluations of each search
-    Returns     what the last search found; it is never worse than the start
+    Returns     result of the last search, which is never worse than the start
     """
-    here = least(score, start, Search(evaluations=1), enough)
+    here = minimise(score, start, Search(evaluations=1), enough)
     if enough and enough():
         return here
-    far = least(score, start, Search(Algorithm.DIRECT, wide), enough)
+    far = minimise(score, start, Search(Algorithm.DIRECT, wide), enough)
     if enough and enough():
         return far
     best = min(far, here, key=lambda end: end.score)
-    return least(score, best.coordinates, Search(evaluations=near), enough)
+    return minimise(score, best.coordinates, Search(evaluations=near), enough)
 
 
-SMOOTH_STEP, SMOOTH_MOST = 1e-5, 200  # that ends a search of a smooth function; its evaluations
-SMOOTH_SHORT = 1e-6  # by which it may miss a limit
+SMOOTH_STEP = 1e-5  # below which the search of a smooth function ends
+SMOOTH_EVALUATIONS = 200
+SMOOTH_TOLERANCE = 1e-6  # by which a limit may be exceeded
 
 
-def least_smooth(
+def minimise_smooth(
     score: Callable[[Floats, Floats], float],
     limits: Sequence[Callable[[Floats, Floats], float]],
     start: Floats,
     bounds: tuple[Floats, Floats],
 ) -> Floats:
-    """Search the least of a smooth function under smooth limits, by nlopt's SLSQP (Kraft 1994).
+    """Minimise a smooth function under smooth limits, by nlopt's SLSQP (Kraft 1994).
 
     score    of a point (d,); writes its gradient to its second argument, unless that is empty
-    limits   of the same kind; met where they are not positive
-    Returns  the last point (d,); the start where nlopt gives up
+    limits   functions like `score`; met where the value is not positive
+    bounds   lowest and highest coordinates, (d,) each
+    Returns  the last point (d,); the start where nlopt fails
     """
     engine = nlopt.opt(nlopt.LD_SLSQP, len(start))
     engine.set_lower_bounds(bounds[0])
     engine.set_upper_bounds(bounds[1])
     engine.set_min_objective(score)
     for limit in limits:
-        engine.add_inequality_constraint(limit, SMOOTH_SHORT)
+        engine.add_inequality_constraint(limit, SMOOTH_TOLERANCE)
     engine.set_xtol_abs(np.full(len(start), SMOOTH_STEP))
-    engine.set_maxeval(SMOOTH_MOST)
+    engine.set_maxeval(SMOOTH_EVALUATIONS)
     try:
         return np.clip(engine.optimize(start), *bounds)
     except (nlopt.RoundoffLimited, nlopt.runtime_error):
         return start
 
 
-def search_within(
+def minimise_within_limits(
     value: Callable[[Floats], float],
     limits: Sequence[Callable[[Floats], float]],
     start: Floats,
     search: Search,
 ) -> None:
-    """Search the least of a function of the unit cube that is costly and no more than nearly
-    smooth, within limits, by nlopt's COBYLA (Powell 1994). The caller keeps the best point.
+    """Minimise a nearly smooth function over the unit cube within limits, by nlopt's COBYLA.
+
+    `value` must store the best point: nothing is returned. Source: Powell (1994).
 
     value   of a point (d,), finite
-    limits  of the same kind; met where they are not positive
-    search  its evaluations and steps
+    limits  functions like `value`; met where the value is not positive
+    search  gives the evaluations and the steps
     """
     engine = nlopt.opt(nlopt.LN_COBYLA, len(start))
     engine.set_lower_bounds(0.0)
     engine.set_upper_bounds(1.0)
     engine.set_min_objective(lambda point, _: value(point))
     for limit in limits:
-        engine.add_inequality_constraint(lambda point, _, limit=limit: limit(point), SMOOTH_SHORT)
+        engine.add_inequality_constraint(
+            lambda point, _, limit=limit: limit(point), SMOOTH_TOLERANCE
+        )
     engine.set_initial_step(search.first_step)
     engine.set_xtol_abs(np.full(len(start), search.last_step))
     engine.set_maxeval(search.evaluations)

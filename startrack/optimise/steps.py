@@ -19,24 +19,24 @@ from startrack.optimise.forecast import name_by_condition
 from startrack.optimise.limit import Evidence, Limit
 from startrack.optimise.population import FIRST_ROUND, Confirmed, FreshTrials, population_of
 from startrack.optimise.runner import TrialRunner
-from startrack.optimise.search import Search, algorithms, least, least_of_all
+from startrack.optimise.search import Search, algorithms, minimise, minimise_globally
 from startrack.problem import SearchSettings
 from startrack.verification import cost_margins, counted
 from startrack.verification import margins as margins_of
 
 EMULATOR = "emulator"
-USUAL = 12  # forecasts per variable, as in most searches
-RESUMED = 3  # forecasts per variable at most after trials that show a limit missed
-RIVAL = 0.1  # of ln(error), by which budgets of branches may be wrong; chosen by hand
+USUAL_FORECASTS = 12  # per variable, in most searches
+RESUMED = 3  # largest number of forecasts per variable after trials that show a limit missed
+BRANCH_TOLERANCE = 0.1  # error of ln(error) in the budgets of branches; chosen by hand
 
 
 class SearchStage(NamedTuple):
     """Stage of a search.
 
-    name  of what it does
-    part  1, of the time that all will take, as on the nanosatellite
-    best  what is made small of the best design so far, as expected; NaN before the first
-    unit  of it
+    name  of the stage
+    part  1, fraction of the search's time, as in the design `nanosatellite`
+    best  expected objective of the best design so far; NaN before the first design
+    unit  of `best`
     """
 
     name: str
@@ -48,11 +48,12 @@ class SearchStage(NamedTuple):
 def explore(
     explorers: Mapping[str, Explorer], starts: Mapping[str, Floats], settings: SearchSettings
 ) -> dict[str, Explorer]:
-    """Forecast designs of each branch until no further gain is expected, without a trial.
+    """Forecast designs of each branch until no further gain is expected. No trial is run.
 
-    A branch is left as soon as none of its designs can be as good as the best of the others.
+    A branch ends as soon as none of its designs can be as good as the best of the other branches.
 
-    Returns   the branches whose best may be the best with trials
+    explorers, starts  of each branch, by its label; starts (d,) in the unit cube
+    Returns   the branches whose best design may be the best one after trials
     Accuracy  model: that of the budget; the result is a start for trials.
     """
     most, left = max(settings.analytic_evaluations, 1), dict(explorers)
@@ -60,17 +61,19 @@ def explore(
         if settings.search == EMULATOR:
             branch.begin(starts[label], most)
         else:
-            _search(branch, starts[label], most)
-    return _run(left, most)
+            _search_by_nlopt(branch, starts[label], most)
+    return _forecast_until_ended(left, most)
 
 
 def resume(explorer: Explorer) -> None:
-    """Forecast further designs where trials have moved the limits."""
+    """Forecast further designs after trials have corrected the limits."""
     explorer.reopen()
-    _run({explorer.label: explorer}, len(explorer.points) + RESUMED * len(explorer.source.names))
+    _forecast_until_ended(
+        {explorer.label: explorer}, len(explorer.points) + RESUMED * len(explorer.source.names)
+    )
 
 
-def _run(left: dict[str, Explorer], most: int) -> dict[str, Explorer]:
+def _forecast_until_ended(left: dict[str, Explorer], most: int) -> dict[str, Explorer]:
     while running := [branch for branch in left.values() if not branch.ending]:
         for branch in running:
             if len(branch.points) < most:
@@ -82,13 +85,14 @@ def _run(left: dict[str, Explorer], most: int) -> dict[str, Explorer]:
         left = {
             label: branch
             for label, branch in left.items()
-            if branch.score <= least + RIVAL or (not branch.ending and branch.lowest() <= least)
+            if branch.score <= least + BRANCH_TOLERANCE
+            or (not branch.ending and branch.lowest() <= least)
         }
     return left
 
 
-def _search(branch: Explorer, start: Floats, most: int) -> None:
-    """Forecast designs where algorithms of nlopt ask for them, from the best so far."""
+def _search_by_nlopt(branch: Explorer, start: Floats, most: int) -> None:
+    """Forecast the designs that algorithms of nlopt ask for; each starts from the best design."""
     names = algorithms(branch.source.search)
 
     def score(point: Floats) -> float:
@@ -98,21 +102,21 @@ def _search(branch: Explorer, start: Floats, most: int) -> None:
     for name in names:
         seed = branch.source.seed % 2**32
         search = Search(name, max(1, most // len(names)), seed=seed)
-        ended = least(score, branch.best, search)
+        ended = minimise(score, branch.best, search)
         branch.ending = ended.ending
 
 
-# Evaluations of `feasible_start` over the whole space, and again around the best. Chosen by hand:
-# more find smaller feasible corners; each takes the margins of one design.
+# Evaluations of `feasible_start` over the whole space, and as many around the best design. Chosen
+# by hand: more of them find smaller feasible regions; each computes the margins of one design.
 START_EVALUATIONS = 120
 
 
 class FeasibleStart(NamedTuple):
-    """The design that is nearest to the requirements.
+    """The design that is nearest to meeting the requirements.
 
-    coordinates  (d,) in the unit cube; those of the start where it meets them all
-    short        1, sum of the amounts by which margins are missed; 0 where none is
-    margins      of the design
+    coordinates  (d,) in the unit cube; those of the start where the start meets all requirements
+    short        1, sum of the negative margins, as a positive number; 0 where no margin is missed
+    margins      of the design, by name
     """
 
     coordinates: Floats
@@ -123,7 +127,7 @@ class FeasibleStart(NamedTuple):
 def feasible_start(space: DesignSpace, requirements: Requirements) -> FeasibleStart:
     """Search a design that meets mass, power and all other requirements that need no trials.
 
-    Accuracy  model: a feasible corner may be missed where it is smaller than 1 / 120 of the space.
+    Accuracy  model: a feasible region smaller than 1 / 120 of the space may be missed.
     """
     tried = list[float]()
 
@@ -131,7 +135,7 @@ def feasible_start(space: DesignSpace, requirements: Requirements) -> FeasibleSt
         try:
             case = space.design(coordinates)
             short = missed(cost_margins(requirements, case))
-            # A design that costs too much needs no images to be worse than those that do not.
+            # A design whose costs exceed a limit ranks below all others without further margins.
             tried.append(short + 1 if short else missed(margins_of(requirements, case)))
         except Refused:
             return math.nan
@@ -140,7 +144,7 @@ def feasible_start(space: DesignSpace, requirements: Requirements) -> FeasibleSt
     def enough() -> str:
         return "met" if 0.0 in tried else ""
 
-    end = least_of_all(score, space.start, START_EVALUATIONS, START_EVALUATIONS, enough)
+    end = minimise_globally(score, space.start, START_EVALUATIONS, START_EVALUATIONS, enough)
     if not math.isfinite(end.score):
         return FeasibleStart(end.coordinates, end.score, {})
     margins = margins_of(requirements, space.design(end.coordinates))
@@ -148,7 +152,9 @@ def feasible_start(space: DesignSpace, requirements: Requirements) -> FeasibleSt
 
 
 def unmet_costs(spaces: Sequence[DesignSpace], requirements: Requirements) -> dict[str, float]:
-    """The largest margin of each cost that exceeds its limit in all designs, without a forecast.
+    """Largest margin over all designs, of each cost that exceeds its limit in every design.
+
+    No forecast is made.
 
     Accuracy  model: as for `feasible_start`.
     """
@@ -165,7 +171,7 @@ def unmet_costs(spaces: Sequence[DesignSpace], requirements: Requirements) -> di
 
 
 def _largest_margin(space: DesignSpace, requirements: Requirements, name: str) -> float:
-    """That of one cost; the first that is not missed, and minus infinity if all are refused."""
+    """Largest margin of one cost, or the first that is met; minus infinity if all are refused."""
     largest = -math.inf
 
     def score(coordinates: Floats) -> float:
@@ -180,15 +186,15 @@ def _largest_margin(space: DesignSpace, requirements: Requirements, name: str) -
     def enough() -> str:
         return "met" if largest >= 0 else ""
 
-    least_of_all(score, space.start, START_EVALUATIONS, START_EVALUATIONS, enough)
+    minimise_globally(score, space.start, START_EVALUATIONS, START_EVALUATIONS, enough)
     return largest
 
 
 # All chosen by hand.
-TRIED = 0.02  # of each range: trials of nearer designs say the same
-POLISH = 4  # forecasts at most until a design at a limit meets it
-FINALISTS = 2  # designs that have the campaign's most trials at the end
-EVERYWHERE = 1.0  # of each range: trials of all designs fit the correction
+TRIED = 0.02  # fraction of each range, within which trials of two designs say the same
+POLISH = 4  # largest number of forecasts until a design at a limit meets it
+FINALISTS = 2  # designs that get the campaign's largest number of trials at the end
+EVERYWHERE = 1.0  # fraction of each range: trials of all designs fit the correction
 
 Watch = Callable[[Evaluation], None]
 # Trials of a design, at unit-cube coordinates: None for the first number of trials.
@@ -202,28 +208,28 @@ def refine(
     try_design: TryDesign,
     watch: Watch,
     before: Sequence[Evaluation] = (),
-    shown: Sequence[Shown] = (),
+    shown: Sequence[FreshMargins] = (),
 ) -> tuple[list[Evaluation], str]:
-    """Trials of the designs that may be the best, until they move the best no more.
+    """Run trials of the designs that may be the best, until these no longer change the best one.
 
-    Trials correct the budget over the space, and each margin that they decide in the conditions
-    that have a weight and in those where a limit is close. The next design is the one that the
-    corrected budget expects to be the best, if its own forecast is as good as the best one; or,
-    where that has been tried, the one that is expected to gain most of those where the score
-    without trials is within the precision: the noise of the trials counts.
+    Trials correct the budget over the space. They also correct each margin that trials decide, in
+    the conditions that have a weight and in those where a limit is close. The next design is the
+    one with the best corrected budget, if its forecast is as good as the best one. Where that
+    design has been tried, the next one is that of the largest expected gain among designs whose
+    forecast is within the precision; the expected gain includes the noise of the trials.
 
-    evaluations  at most, those before among them
+    evaluations  largest number, `before` included
     most_trials  of each of the best designs at the end
     before   evaluations of this branch so far
-    shown    what fresh trials showed of designs that missed a limit there
-    Returns  the evaluations, those with most trials first and of these the best, and a sentence on
-             how it ended
+    shown    margins by fresh trials, of designs that missed a limit in these
+    Returns  the evaluations, those with most trials first and the best of these before the others;
+             a sentence on why the search ended
     """
     tried, ending = list(before), "all evaluations were used"
     for _ in range(max(1, evaluations - FINALISTS)):
-        explorer.learn(evidence_of(explorer, tried, shown))
+        explorer.correct_limits(evidence_of(explorer, tried, shown))
         correction = fit_correction(tried, explorer.best, EVERYWHERE)
-        point = _next(explorer, correction, tried, explorer.source.precision)
+        point = _next_for_trials(explorer, correction, tried, explorer.source.precision)
         if point is None:
             ending = explorer.ending
             break
@@ -231,9 +237,9 @@ def refine(
         watch(tried[-1])
 
     def ranked(designs: Sequence[Evaluation]) -> list[Evaluation]:
-        explorer.learn(evidence_of(explorer, tried, shown))
+        explorer.correct_limits(evidence_of(explorer, tried, shown))
         correction = fit_correction(tried, explorer.best, EVERYWHERE)
-        return sorted(designs, key=lambda design: _rank(explorer, correction, design))
+        return sorted(designs, key=lambda design: _rank_by_trials(explorer, correction, design))
 
     last = list[Evaluation]()
     missed_before = {design.point for design in shown}
@@ -250,8 +256,10 @@ def refine(
     return [*last, *(design for design in tried if design not in last)], ending
 
 
-def _rank(explorer: Explorer, correction: Correction, design: Evaluation) -> tuple[bool, float]:
-    """Whether a design that was tried misses a limit, and its score, both corrected by trials."""
+def _rank_by_trials(
+    explorer: Explorer, correction: Correction, design: Evaluation
+) -> tuple[bool, float]:
+    """Whether a tried design misses a limit, and its score; trials correct both."""
     point = np.array(design.coordinates)
     met = design.trials > 0 and design.margins.get("false attitudes", 0.0) >= 0
     score = explorer.forecast_of(point).score + correction(point)
@@ -260,11 +268,11 @@ def _rank(explorer: Explorer, correction: Correction, design: Evaluation) -> tup
     return not (met and explorer.met(point)), score
 
 
-class Shown(NamedTuple):
-    """Results of fresh trials of a design.
+class FreshMargins(NamedTuple):
+    """Margins of a design by fresh trials.
 
-    point    unit-cube coordinates
-    margins  as they found them, and their number, by the margin's name
+    point    coordinates in the unit cube
+    margins  by name: the margin, and the number of trials
     """
 
     point: tuple[float, ...]
@@ -274,7 +282,7 @@ class Shown(NamedTuple):
 def corrected_score(
     explorer: Explorer, tried: Sequence[Evaluation]
 ) -> Callable[[tuple[float, ...]], float]:
-    """ln of what is made small of any design, as trials correct its forecast, without limits."""
+    """ln of the objective of any design: its forecast, corrected by trials; limits do not count."""
     correction = fit_correction(tried, explorer.best, EVERYWHERE)
 
     def score(coordinates: tuple[float, ...]) -> float:
@@ -285,9 +293,9 @@ def corrected_score(
 
 
 def evidence_of(
-    explorer: Explorer, tried: Sequence[Evaluation], shown: Sequence[Shown]
+    explorer: Explorer, tried: Sequence[Evaluation], shown: Sequence[FreshMargins]
 ) -> dict[str, list[Evidence]]:
-    """All that trials say of each margin that has a limit."""
+    """Forecast and trials of each margin that has a limit, by the margin's name."""
     evidence: dict[str, list[Evidence]] = {name: [] for name in explorer.limits}
     for design in tried:
         for name in design.forecast.keys() & evidence.keys():
@@ -295,7 +303,7 @@ def evidence_of(
             pair = design.forecast[name], design.margins[name]
             evidence[name].append(Evidence(point, *pair, design.trials))
     for found in shown:
-        forecast = explorer.unlimited(np.array(found.point)).margins
+        forecast = explorer.uncorrected_forecast(np.array(found.point)).margins
         for name in found.margins.keys() & evidence.keys() & forecast.keys():
             measured, trials = found.margins[name]
             pair = forecast[name], measured
@@ -304,10 +312,10 @@ def evidence_of(
 
 
 def limits_of(case: Case, campaign: Campaign) -> dict[str, Limit]:
-    """The margins that trials decide, by name, and what the fresh trials of a campaign can show."""
+    """What the fresh trials of a campaign can show of each margin that trials decide, by name."""
     limits = dict[str, Limit]()
     for condition in campaign.judged(case):
-        tail, _ = _tails(condition)
+        tail, _ = _tail_probabilities(condition)
         units = population_of(condition)
         trials = units.most_fresh(campaign)
         own = {
@@ -324,10 +332,10 @@ def limits_of(case: Case, campaign: Campaign) -> dict[str, Limit]:
 def trials_of_tracker(
     explorer: Explorer, space: DesignSpace, campaign: Campaign, runner: TrialRunner
 ) -> TryDesign:
-    """Trials of a star tracker's designs, with the forecasts that are known of them."""
+    """Function that runs trials of a star tracker's designs, which takes known forecasts."""
 
     def try_design(point: Floats, trials: int | None, correction: Correction | None) -> Evaluation:
-        known, close = explorer.forecast_of(point), explorer.close(point)
+        known, close = explorer.forecast_of(point), explorer.near_limits(point)
         return evaluate(
             space, campaign, point, runner, trials, correction, known=known, close=close
         )
@@ -335,10 +343,10 @@ def trials_of_tracker(
     return try_design
 
 
-def _next(
+def _next_for_trials(
     explorer: Explorer, correction: Correction, tried: Sequence[Evaluation], precision: float
 ) -> Floats | None:
-    """The next design for trials; None where none is expected to gain as much as is asked."""
+    """The next design for trials; None where the expected gain of each is below the precision."""
 
     def corrected(point: Floats) -> float:
         return explorer.forecast_of(point).score + correction(point)
@@ -350,7 +358,7 @@ def _next(
             break
         explorer.forecast([here])
         value = explorer.values[-1]
-        # Where the objective jumps, an emulator's best may be far worse than the best forecast.
+        # Where the objective is discontinuous, an emulator's best may be far worse than the best.
         near = value.score + correction(here) <= corrected(explorer.best) + precision
         if near and not missed(value.margins):
             return here
@@ -381,9 +389,9 @@ def best_branch(
     trials: int,
     watch: Watch,
 ) -> str:
-    """The label of the branch whose best is the best with trials, of those that forecasts leave.
+    """Label of the branch whose best design is the best by trials.
 
-    The trials of each correct its own forecast as far as their noise bears.
+    The trials of a design correct its forecast, with a weight that follows from their noise.
     """
     if len(explorers) == 1:
         return next(iter(explorers))
@@ -399,7 +407,7 @@ def best_branch(
 ROUNDS = 5  # of fresh trials at most, until one shows that all limits are met; chosen by hand
 
 
-def _tails(condition: Judged, part: float = 1.0) -> tuple[float, float]:
+def _tail_probabilities(condition: Judged, part: float = 1.0) -> tuple[float, float]:
     looks = population_of(condition).looks
     return verification.tails(looks, part * (1 - condition.needs.confidence), 1)
 
@@ -411,21 +419,22 @@ def confirm_requirements(
     outcomes: Rows,
     fresh: FreshTrials = FIRST_ROUND,
 ) -> dict[str, Confirmed]:
-    """The errors that are limited, and the availability, with bounds for their requirements.
+    """Errors that have a limit, and the availability, with bounds that confirm the requirements.
 
-    While a requirement is undecided, the trials are doubled, up to three times, with the campaign's
-    own fidelity, which has the distribution of frames in less time. The bounds are those of `Claim`
-    with a tail of 0.05 / 4 (one minus the confidence of the requirements, over four looks), so that
-    at most 5 % of the designs have a wrong bound at any of the looks (Bonferroni); half of
-    that in the second round of fresh trials, a quarter in the third, so that all rounds of a search
-    together have at most 10 %. Over units, an error is shown by the share of them that keep its
-    limit, in two looks.
+    While a requirement is undecided, the trials are doubled, up to three times. They have the
+    campaign's fidelity, which has the distribution of frames in less time. The bounds are those of
+    `Claim` with a tail probability of 0.05 / 4: one minus the confidence of the requirements, over
+    four looks. So at most 5 % of the designs have a wrong bound at any look (Bonferroni). The tail
+    probability is halved in each further round of fresh trials, so that all rounds of a search
+    together have at most 10 %. Over units, the fraction of units that keep a limit shows the error,
+    in two looks.
 
-    outcomes  of the fresh frames that exist already
-    fresh     the round that they are of
-    Returns   the value over all trials, its bounds and its margin by the bound that must hold
+    outcomes  of the fresh frames so far
+    fresh     round of fresh trials that they belong to
+    Returns   by claim: the value over all trials, its bounds, and the margin by the bound that must
+              keep the limit
     """
-    units, tails = population_of(condition), _tails(condition, fresh.part)
+    units, tails = population_of(condition), _tail_probabilities(condition, fresh.part)
     claims, confirmed = verification.claims_of(condition.needs), dict[str, Confirmed]()
     for look in range(units.looks if len(outcomes) else 0):
         judged = counted(condition.needs, condition.case, runner.seed, outcomes)

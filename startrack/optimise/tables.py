@@ -18,7 +18,7 @@ from startrack.optimise.ensemble import Chains
 from startrack.optimise.evaluate import Evaluation
 from startrack.optimise.optimise import Optimum, lacking
 from startrack.optimise.tolerance import Tolerance
-from startrack.optimise.units import ComparedUnits, units_for_interval
+from startrack.optimise.units import ComparedUnits, least_units_for_interval
 from startrack.verification import margins as margins_of
 
 FRACTIONS = (0.025, 0.16, 0.5, 0.84, 0.975)
@@ -304,7 +304,7 @@ def optimum_caveats(optimum: Optimum, campaign: Campaign) -> list[str]:
         fraction, count = optimum.units.over.fraction, optimum.units.count
         sentences.append(
             f"{count} fresh units bound no level of {100 * fraction:g} % of them; "
-            f"campaign.fresh_units = {units_for_interval(fraction)} would"
+            f"campaign.fresh_units = {least_units_for_interval(fraction)} would"
         )
     if optimum.rounds > 1:
         sentences.append(

@@ -399,7 +399,7 @@ def test_own_requirements_and_costs_are_judged(others):
 
 def test_an_own_search_by_its_entry_point_chooses_the_designs_that_are_forecast(installed):
     from startrack.design import DesignSpace
-    from startrack.optimise import Search, least
+    from startrack.optimise import Search, minimise
     from startrack.optimise.explorer import Explorer
     from startrack.optimise.source import TrackerSource
     from startrack.optimise.steps import explore
@@ -416,7 +416,7 @@ def test_an_own_search_by_its_entry_point_chooses_the_designs_that_are_forecast(
     np.testing.assert_array_equal(explorer.points[0], space.start)
     # Each other is a step of a quarter along one axis from the best of those before.
     assert np.abs(explorer.points[1] - space.start).max() == pytest.approx(0.25)
-    found = least(
+    found = minimise(
         lambda at: float(((at - 0.3) ** 2).sum()), np.full(4, 0.9), Search(campaign.search, 500)
     )
     np.testing.assert_allclose(found.coordinates, 0.3, atol=2e-3)

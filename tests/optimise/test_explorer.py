@@ -229,7 +229,7 @@ def test_a_search_that_had_ended_finds_the_best_within_limits_that_trials_moved(
     found = explored(monkeypatch, limited, 3, 80, seed=3)
     assert "next to the best" in found.ending, "batches in vain, as of a search that stalled"
     found.limits = {"mass": TighterByTrials()}
-    found.learn({})
+    found.correct_limits({})
     steps.resume(found)
     assert -0.63 <= found.score < -0.62
 
@@ -302,7 +302,7 @@ def test_the_best_design_is_forecast_in_all_conditions(monkeypatch):
         ]
 
     monkeypatch.setattr(source, "foresee_all", foreseen)
-    monkeypatch.setattr(Explorer, "_all_matter", False)
+    monkeypatch.setattr(Explorer, "_all_conditions_matter", False)
     found = Explorer(TrackerSource(Space(1), campaign))
     found.forecast(np.array([[0.2], [0.8], [0.4]]))
     assert found.best == 0.4

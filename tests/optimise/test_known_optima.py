@@ -7,7 +7,7 @@ import pytest
 from centre_of_gravity import centre_of_gravity_error
 
 from startrack.metrics import Star
-from startrack.optimise.search import Search, least
+from startrack.optimise.search import Search, minimise
 
 
 @pytest.mark.parametrize(("window", "best"), [(3, 0.42), (5, 0.574), (7, 0.696)])
@@ -17,7 +17,7 @@ def test_the_width_of_a_star_that_suits_its_window(window, best):
     def bias(coordinates):
         return centre_of_gravity_error(Star(1e12, 0.3 + 0.7 * coordinates[0]), window)[1]
 
-    found = least(lambda p: math.log(bias(p)), np.array([0.9]), Search(evaluations=60))
+    found = minimise(lambda p: math.log(bias(p)), np.array([0.9]), Search(evaluations=60))
     assert 0.3 + 0.7 * found.coordinates[0] == pytest.approx(best, rel=0.02)
 
 
@@ -35,6 +35,6 @@ def test_the_exposure_between_shot_noise_and_smear():
         exposure = 0.05 * 60 ** coordinates[0]
         return float(np.var(core + rate * exposure * along) / exposure)
 
-    found = least(lambda p: math.log(error(p)), np.array([0.1]), Search(evaluations=80))
+    found = minimise(lambda p: math.log(error(p)), np.array([0.1]), Search(evaluations=80))
     exposure = 0.05 * 60 ** found.coordinates[0]
     assert exposure == pytest.approx(math.sqrt(12) * sigma / rate, rel=0.02)

@@ -12,10 +12,10 @@ from startrack.metrics import fraction_interval, resampled_interval
 from startrack.optimise.units import (
     Levels,
     MeasuredUnits,
-    compared_levels,
+    compare_levels,
+    least_units_for_interval,
     levels_of,
     resampled_units,
-    units_for_interval,
 )
 
 FRACTION, SPREAD, REPEATS = 0.95, 0.3, 300
@@ -49,7 +49,7 @@ def test_levels_and_factors_lie_in_their_intervals(count):
             )
             for one in errors
         ]
-        found = compared_levels(*logs, count, FRACTION)
+        found = compare_levels(*logs, count, FRACTION)
         held += (
             found.best.low <= level <= found.best.high,
             found.factor.low <= 1 <= found.factor.high,
@@ -71,10 +71,10 @@ def test_yields_and_levels_hold_where_few_trials_are_most_of_what_is_seen():
         error = np.exp(spread * rng.standard_normal(count))
         seen = np.sqrt((error[:, None] ** 2 * rng.standard_normal((count, 6)) ** 2).mean(axis=1))
         units = MeasuredUnits(seen, np.ones(count), noise)
-        part, kept = units.part(limit, number), int((units.likely <= limit).sum())
+        part, kept = units.effective_fraction(limit, number), int((units.denoised <= limit).sum())
         share = fraction_interval(part * kept, part * count)
         found = levels_of(Objective(), [units], [1.0], FRACTION, resampled_units(count, number))
-        one = compared_levels(found, found, count, FRACTION).best
+        one = compare_levels(found, found, count, FRACTION).best
         held += share.low <= 0.8 <= share.high, one.low <= level <= one.high
     assert (held >= 0.88 * 200).all()
 
@@ -84,10 +84,10 @@ def test_units_that_bound_no_level_leave_it_open():
     rng = np.random.default_rng(1)
     for count, bounded in ((19, False), (20, True)):
         levels = [Levels(np.log(rng.lognormal(size=101)), 0.0) for _ in range(2)]
-        for found in compared_levels(*levels, count, FRACTION):
+        for found in compare_levels(*levels, count, FRACTION):
             assert math.isfinite(found.high) == bounded
             assert (found.low > 0) == bounded
-    assert [units_for_interval(fraction) for fraction in (0.9, 0.95, 0.99)] == [10, 20, 100]
+    assert [least_units_for_interval(fraction) for fraction in (0.9, 0.95, 0.99)] == [10, 20, 100]
 
 
 def test_the_interval_of_a_resampled_statistic_is_that_of_student():

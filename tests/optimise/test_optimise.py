@@ -19,7 +19,7 @@ from startrack.optimise.ledger import Ledger
 from startrack.optimise.optimise import _better, _Shown, optimize
 from startrack.optimise.runner import TrialRunner
 from startrack.optimise.source import TrackerSource
-from startrack.optimise.steps import RIVAL, explore
+from startrack.optimise.steps import BRANCH_TOLERANCE, explore
 from startrack.optimise.tables import comparison
 
 
@@ -229,8 +229,8 @@ def test_the_branch_with_the_best_forecasts_wins(small):
         explore({"": explorer}, {"": space.start}, campaign)
         scores[branch.label] = explorer.score
     assert len(scores) == 4
-    assert max(scores.values()) > min(scores.values()) + 2 * RIVAL
-    assert scores[optimum.branch] < min(scores.values()) + RIVAL
+    assert max(scores.values()) > min(scores.values()) + 2 * BRANCH_TOLERANCE
+    assert scores[optimum.branch] < min(scores.values()) + BRANCH_TOLERANCE
 
 
 def test_a_design_that_cannot_be_built_is_recorded_not_raised(small, blind):
