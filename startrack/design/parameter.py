@@ -15,25 +15,6 @@ T = TypeVar("T")
 EVERY = "*"
 
 
-def current_name(case: Any, name: str) -> str:
-    """The dotted name with keys of earlier versions replaced by those of today.
-
-    Such a key is reported by a FutureWarning of one line.
-    """
-    at, parts = case, []
-    for part in name.split("."):
-        new = current_key(type(at), part)
-        parts.append(new)
-        if isinstance(at, tuple) and (here := _entry(at, new)) is not None:
-            at = at[here]
-        else:
-            at = getattr(at, new, None)
-    current = ".".join(parts)
-    if current != name:
-        warnings.warn(f"{name} is now called {current}", FutureWarning, stacklevel=3)
-    return current
-
-
 def _entry(entries: tuple[Any, ...], part: str) -> int | None:
     """Entry of a list that a part of a name means, by its number or its name; of all, the first."""
     if part.isdecimal():
@@ -44,25 +25,37 @@ def _entry(entries: tuple[Any, ...], part: str) -> int | None:
     return named[0] if len(named) == 1 else None
 
 
+class _Place(NamedTuple):
+    """Where a name leads: fields and numbers of entries, and the value there."""
+
+    path: tuple[str, ...]
+    value: Any
+
+
+def _places(case: Any, name: str) -> list[_Place]:
+    """The parameters that a name means. Arguments and what is raised as for `paths`."""
+    aliases: Mapping[str, str] = getattr(type(case), "ALIASES", {})
+    first, dot, rest = name.partition(".")
+    made = [_Place((), case)]
+    for part in f"{aliases.get(first, first)}{dot}{rest}".split("."):
+        made = [
+            _Place((*place.path, head), inner)
+            for place in made
+            for head, inner in _inner(place.value, part, name)
+        ]
+    return made
+
+
 def paths(case: Any, name: str) -> list[str]:
     """The parameters that a name means, with the numbers of entries of lists.
 
     An entry may be given by its number or by its own `name`: "channels.mir.optics.f_number"; "*" is
-    every entry. A class may have short names (`ALIASES`) for places in it.
+    every entry. A class may have short names (`ALIASES`) for places in it. A key of an earlier
+    version is that of today, and reported by a FutureWarning of one line.
 
     Raises  ValueError where there is no such parameter.
     """
-    first, _, rest = current_name(case, name).partition(".")
-    aliases: Mapping[str, str] = getattr(type(case), "ALIASES", {})
-    full = f"{aliases.get(first, first)}.{rest}" if rest else aliases.get(first, first)
-    made = [("", case)]
-    for part in full.split("."):
-        made = [
-            (f"{place}.{head}".lstrip("."), inner)
-            for place, at in made
-            for head, inner in _inner(at, part, name)
-        ]
-    return [place for place, _ in made]
+    return [".".join(place.path) for place in _places(case, name)]
 
 
 def _inner(at: Any, part: str, name: str) -> list[tuple[str, Any]]:
@@ -73,8 +66,13 @@ def _inner(at: Any, part: str, name: str) -> list[tuple[str, Any]]:
         here = _entry(at, part)
         if here is not None:
             return [(str(here), at[here])]
-    elif dataclasses.is_dataclass(at) and hasattr(at, part):
-        return [(part, getattr(at, part))]
+    elif dataclasses.is_dataclass(at):
+        key = current_key(type(at), part)
+        if key != part:
+            current = ".".join(key if word == part else word for word in name.split("."))
+            warnings.warn(f"{name} is now called {current}", FutureWarning, stacklevel=2)
+        if hasattr(at, key):
+            return [(key, getattr(at, key))]
     raise Refused(f"{name} must be a parameter of the design, but {part} is none")
 
 
@@ -83,19 +81,12 @@ def find(case: Any, name: str) -> Any:
 
     Raises  ValueError where there is no such parameter, or "*" means different values.
     """
-    values = [_at(case, path) for path in paths(case, name)]
+    values = [place.value for place in _places(case, name)]
     if any(value != values[0] for value in values[1:]):
         raise Refused(
             f"{name} must have one value in every entry, got {', '.join(map(repr, values))}"
         )
     return values[0]
-
-
-def _at(case: Any, path: str) -> Any:
-    """Value at one of the `paths` of a name."""
-    for part in path.split("."):
-        case = case[int(part)] if isinstance(case, tuple) else getattr(case, part)
-    return case
 
 
 def number(case: Any, name: str) -> float:
@@ -214,18 +205,18 @@ class _Change(NamedTuple):
     """A value, the name by which it was given, and the path of its parameter."""
 
     name: str
-    path: list[str]
+    path: tuple[str, ...]
     value: Any
 
 
 def _changes(case: Any, values: Mapping[str, Any]) -> list[_Change]:
     changes = []
     for name, value in values.items():
-        for path in paths(case, name):
-            now = _at(case, path)
+        for place in _places(case, name):
+            now = place.value
             if isinstance(now, int) and not isinstance(now, bool) and isinstance(value, float):
                 value = round(value)
-            changes.append(_Change(name, path.split("."), value))
+            changes.append(_Change(name, place.path, value))
     for first in changes:
         for other in changes:
             if first is not other and other.path[: len(first.path)] == first.path:
