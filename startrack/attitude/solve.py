@@ -132,29 +132,64 @@ def solve(
     if matches.status is not core.Status.SOLVED:
         return _unsolved(matches, matches.status, matches.reason)
     pixel = np.column_stack([spots.x, spots.y])[matches.spot]
-    systematic, shared, hot = known.systematic, known.shared, known.hot
+    systematic = known.systematic
     if systematic is None:
         floor = settings.centroid_floor
         systematic = np.full(len(matches), (UNKNOWN_FLOOR if floor is None else floor) ** 2)
     covariance = spots.covariance[matches.spot] + systematic[:, None, None] * np.eye(2)
     if core.is_code(settings.method):
         return _by_code(settings.method, pixel, covariance, matches)
+    try:
+        best, used = _fit_within_gate(pixel, covariance, matches, settings, tolerance)
+    except (Refused, np.linalg.LinAlgError) as error:
+        return _unsolved(matches, core.Status.TOO_FEW, str(error))
+    return Estimate(
+        core.Status.SOLVED,
+        matches.reason,
+        best.icrs_to_camera,
+        _stated_covariance(best, used, pixel, covariance, matches, tolerance, known),
+        float(np.sqrt(np.mean(best.residual**2))),
+        len(used),
+        matches.false_probability,
+        used,
+    )
+
+
+def _fit_within_gate(
+    pixel: Floats,
+    covariance: Floats,
+    matches: core.Matches,
+    settings: SolverSettings,
+    tolerance: float,
+) -> tuple[Refinement, Ints]:
+    """The fit to the stars within the gate, and their numbers; arguments as for `solve`."""
     used = np.arange(len(matches))
     if settings.sift:
         used = _agreeing(pixel, covariance, matches, settings.gate)
     allowed = len(used)
-    try:
+    best = _fit(pixel, covariance, matches, used, tolerance)
+    while len(used) > FEWEST:
+        typical = np.median(best.chi_square) / MEDIAN_CHI_SQUARE
+        gate = settings.gate**2 * max(1.0, typical)
+        worst = np.argmax(best.chi_square)
+        if best.chi_square[worst] <= gate or len(used) <= allowed / 2:
+            break
+        used = np.delete(used, worst)
         best = _fit(pixel, covariance, matches, used, tolerance)
-        while len(used) > FEWEST:
-            typical = np.median(best.chi_square) / MEDIAN_CHI_SQUARE
-            gate = settings.gate**2 * max(1.0, typical)
-            worst = np.argmax(best.chi_square)
-            if best.chi_square[worst] <= gate or len(used) <= allowed / 2:
-                break
-            used = np.delete(used, worst)
-            best = _fit(pixel, covariance, matches, used, tolerance)
-    except (Refused, np.linalg.LinAlgError) as error:
-        return _unsolved(matches, core.Status.TOO_FEW, str(error))
+    return best, used
+
+
+def _stated_covariance(
+    best: Refinement,
+    used: Ints,
+    pixel: Floats,
+    covariance: Floats,
+    matches: core.Matches,
+    tolerance: float,
+    known: KnownErrors,
+) -> Floats:
+    """Covariance of the attitude (3, 3), radian^2: the fit's, and errors beyond the noise."""
+    shared, hot = known.shared, known.hot
     freedom = 2 * len(used) - (4 if tolerance else 3)
     total = float(best.chi_square.sum())
     chance = special.chdtrc(freedom, total) if freedom > 0 else 1.0
@@ -162,26 +197,17 @@ def solve(
     stated = best.covariance * excess
     if excess > 1 or (hot is not None and not hot.any()):
         hot = None
-    if shared is not None or hot is not None:
-        # Where the attitude has the stars.
-        direction = best.icrs_to_camera.apply(matches.direction[used])
-        plane, focal = direction[:, :2] / direction[:, 2:], matches.camera.focal_length_px
-        inverse: Floats = np.linalg.inv(covariance[used]).astype(np.float64)
-        gain = attitude_gain(plane, inverse, focal, tolerance)
-        if shared is not None:
-            stated = stated + shared.added(gain, pixel[used])
-        if hot is not None:
-            stated = stated + independent(gain, hot[used])
-    return Estimate(
-        core.Status.SOLVED,
-        matches.reason,
-        best.icrs_to_camera,
-        stated,
-        float(np.sqrt(np.mean(best.residual**2))),
-        len(used),
-        matches.false_probability,
-        used,
-    )
+    if shared is None and hot is None:
+        return stated
+    direction = best.icrs_to_camera.apply(matches.direction[used])  # by the attitude, not measured
+    plane, focal = direction[:, :2] / direction[:, 2:], matches.camera.focal_length_px
+    inverse: Floats = np.linalg.inv(covariance[used]).astype(np.float64)
+    gain = attitude_gain(plane, inverse, focal, tolerance)
+    if shared is not None:
+        stated = stated + shared.added(gain, pixel[used])
+    if hot is not None:
+        stated = stated + independent(gain, hot[used])
+    return stated
 
 
 def _by_code(name: str, pixel: Floats, covariance: Floats, matches: core.Matches) -> Estimate:

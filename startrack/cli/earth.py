@@ -490,41 +490,8 @@ def processed(options: argparse.Namespace) -> int:
             mapped = product.make_product(
                 survey, channel, path.parent, raw.numbers, frames, settings, advance
             )
-        start = options.out / f"{channel.name}-map"
-        quality = options.out / f"{channel.name}-quality.tif"
-        tags = {
-            "CHANNEL": channel.name,
-            "SCENE": path.name,
-            "RESAMPLING": settings.resampling,
-            "CAMERA": product.camera_id(channel),
-        }
-        product.write_product(
-            start.with_suffix(".tif"), mapped.layers, PRODUCT_UNITS, mapped.grid, tags
-        )
-        product.write_quality(quality, mapped.quality, mapped.grid)
-        if mapped.doubt:
-            units = PRODUCT_UNITS | {"place": "m"}
-            product.write_product(
-                options.out / f"{channel.name}-uncertainty.tif",
-                mapped.doubt,
-                {name: units[name.partition(":")[0]] for name in mapped.doubt},
-                mapped.grid,
-                tags,
-            )
-        shown = {name: imager.thinned(layer, PANEL) for name, layer in mapped.layers.items()}
-        plots.draw_product(
-            start.with_suffix(".png"),
-            shown,
-            PRODUCT_UNITS,
-            imager.thinned(mapped.quality, PANEL),
-            product.QUALITY,
-            f"{path.stem}: {channel.name}, {_grid_text(mapped)}",
-        )
-        result = _product_values(channel.name, mapped, settings, raw.truth) | {
-            "map": str(start.with_suffix(".tif")),
-            "quality": str(quality),
-            "png": str(start.with_suffix(".png")),
-        }
+        files = _save_product(options.out, path, channel, mapped, settings)
+        result = _product_values(channel.name, mapped, settings, raw.truth) | files
         print_result(options, result, *_product_text(result, mapped))
         picture = options.raw / f"{channel.name}.png"
         products.append(result | ({"image": picture} if picture.is_file() else {}))
@@ -533,6 +500,49 @@ def processed(options: argparse.Namespace) -> int:
     save_text(page, write_earth_report(survey, products, scene, f"Earth camera: {path.stem}"))
     print_result(options, {"report": str(page)}, f"wrote {page}")
     return Exit.DONE
+
+
+def _save_product(
+    out: Path,
+    scene: Path,
+    channel: imager.Channel,
+    mapped: product.Product,
+    settings: product.ProductSettings,
+) -> dict[str, str]:
+    """Write map, quality, uncertainty and picture of a channel; the files, by their kind."""
+    start, quality = out / f"{channel.name}-map", out / f"{channel.name}-quality.tif"
+    tags = {
+        "CHANNEL": channel.name,
+        "SCENE": scene.name,
+        "RESAMPLING": settings.resampling,
+        "CAMERA": product.camera_id(channel),
+    }
+    product.write_product(
+        start.with_suffix(".tif"), mapped.layers, PRODUCT_UNITS, mapped.grid, tags
+    )
+    product.write_quality(quality, mapped.quality, mapped.grid)
+    if mapped.doubt:
+        units = PRODUCT_UNITS | {"place": "m"}
+        product.write_product(
+            out / f"{channel.name}-uncertainty.tif",
+            mapped.doubt,
+            {name: units[name.partition(":")[0]] for name in mapped.doubt},
+            mapped.grid,
+            tags,
+        )
+    plots.draw_product(
+        start.with_suffix(".png"),
+        {name: imager.thinned(layer, PANEL) for name, layer in mapped.layers.items()},
+        PRODUCT_UNITS,
+        imager.thinned(mapped.quality, PANEL),
+        product.QUALITY,
+        f"{scene.stem}: {channel.name}, {_grid_text(mapped)}",
+    )
+    return {
+        "map": str(start.with_suffix(".tif")),
+        "quality": str(quality),
+        "png": str(start.with_suffix(".png")),
+    }
 
 
 def spectrum(options: argparse.Namespace) -> int:

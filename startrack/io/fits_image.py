@@ -65,19 +65,44 @@ class FitsImage(NamedTuple):
 def read_fits(path: Path, data: bytes, require: Callable[[Path, int, int, int], None]) -> FitsImage:
     """An image of a FITS file, compressed or not, with BSCALE, BZERO and BLANK applied.
 
-    Of several the first of the largest: a thumbnail may be before it, maps of its errors behind it.
+    Of several images, the first of the largest is read: a thumbnail may stand before it, and maps
+    of its errors behind it.
 
-    What astropy warns of (letters beyond ASCII, a header or data without its padding, a card that
-    is not as the standard has it) does not hinder, as long as all pixels are there.
+    A file is read in spite of what astropy warns of, if all pixels are there: letters beyond ASCII,
+    missing padding of header or data, a card that is not as in the standard.
 
     require  refuses an image of (path, columns, rows, bytes of a pixel) that is too large
     Raises   Refused where the file is no FITS file, cut, damaged, or has no image of two axes.
     """
+    data = unpacked(path, data, 2)
+    require_fits(path, data)
+    image, header = _largest_image(path, data, require)
+    image = np.squeeze(image) if image.ndim > 2 else image
+    offset = _number(header, "PEDESTAL", 0.0)
+    # MaxIm DL writes what is to be added, which is below zero.
+    offset = -offset if offset < 0 else offset
+    noise = _number(header, "RDNOISE")
+    excess = max(_number(header, EXCESS, 1.0), 1.0)
+    gain = _gain(path, header, image, offset, noise, excess)
+    return FitsImage(
+        image.astype(image.dtype.newbyteorder("=")),
+        _exposure(path, header),
+        gain,
+        offset,
+        noise,
+        _pattern(header),
+        _time(header),
+        excess,
+    )
+
+
+def _largest_image(
+    path: Path, data: bytes, require: Callable[[Path, int, int, int], None]
+) -> tuple[NDArray[Any], Any]:
+    """The first of the largest images of a file, and its header; warns where there are several."""
     from astropy.io import fits
     from astropy.utils.exceptions import AstropyUserWarning
 
-    data = unpacked(path, data, 2)
-    require_fits(path, data)
     try:
         with warnings.catch_warnings():
             # Of what hinders nobody; that all pixels are there is checked below.
@@ -107,25 +132,9 @@ def read_fits(path: Path, data: bytes, require: Callable[[Path, int, int, int], 
         warnings.warn(
             f"{path} holds {len(images)} images ({names}); {read} is read, the first of the "
             "largest",
-            stacklevel=3,
+            stacklevel=4,
         )
-    image = np.squeeze(image) if image.ndim > 2 else image
-    offset = _number(header, "PEDESTAL", 0.0)
-    # MaxIm DL writes what is to be added, which is below zero.
-    offset = -offset if offset < 0 else offset
-    noise = _number(header, "RDNOISE")
-    excess = max(_number(header, EXCESS, 1.0), 1.0)
-    gain = _gain(path, header, image, offset, noise, excess)
-    return FitsImage(
-        image.astype(image.dtype.newbyteorder("=")),
-        _exposure(path, header),
-        gain,
-        offset,
-        noise,
-        _pattern(header),
-        _time(header),
-        excess,
-    )
+    return image, header
 
 
 def _pixels(header: Any) -> int:

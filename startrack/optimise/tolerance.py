@@ -108,20 +108,21 @@ class Tolerance:
 def sample(source: StudiedSource, watch: Advance | None = None) -> Tolerance:
     """Sample the tolerance region around a design.
 
-    Forecasts of designs of a Latin hypercube around the design, corrected by trials of the design
-    itself; a quadratic fit of ln(objective) and of each margin; emcee (Foreman-Mackey et al. 2013,
-    PASP 125, 306) on
+    1. Designs of a Latin hypercube around the design are forecast; trials of the design itself
+       correct the forecasts.
+    2. A quadratic surface is fitted to ln(objective) and to each margin.
+    3. emcee (Foreman-Mackey et al. 2013, PASP 125, 306) samples the density below.
+    4. Some designs of the samples are forecast to check the surface.
 
         p(design) ~ p_0(design) P(ln objective <= ln limit) * prod_i P(margin_i >= 0)
 
-    with normal distributions of the surfaces' errors and the prior p_0: the laws of what the design
-    does not know, and uniform in all other variables. Some designs of the region are then forecast
-    to check the surface.
+    The errors of the surfaces have normal distributions. The prior p_0 has the laws of the unknown
+    values of the design, and is uniform in all other variables.
 
-    watch     called with the number of designs that were just forecast, or are known
+    watch     called with the number of designs that were just forecast, or that were known
     Raises    ValueError where there are no variables or the centre cannot be tried.
-    Accuracy  model: a quadratic, whose error is in the result, measured in two ways; and the
-              forecasts' differences from the centre, whose trials correct what it has in common.
+    Accuracy  model: a quadratic surface, whose error is measured in two ways and is part of the
+              result; the error of a forecast that differs from that of the centre is not corrected.
     """
     start, d = source.start, len(source.names)
     low, high = np.maximum(start - source.span, 0), np.minimum(start + source.span, 1)
