@@ -190,7 +190,7 @@ def direct(scene: EarthScenery) -> Floats:
         height, sensor, sun, azimuth = (part[i] for part in scene.sight[:4])
         rays = [(math.cos(sensor), math.pi - azimuth, solver.TOP)]
         radiance = solver.solve_radiance(
-            scene.table.air, wavelength, height, math.cos(sun), rays, (ALBEDO,), 8, True
+            scene.table.air, wavelength, height, math.cos(sun), rays, (ALBEDO,), 8, polarised=True
         )
         rows.append(radiance[0][0, :, 0])
     return np.array(rows)

@@ -212,7 +212,7 @@ def _columns(path: Path) -> dict[str, _Column]:
         if kind in "iuf":
             columns[name] = _Column(table_numbers(path, table, name), said)
         elif kind in "US" and (angles := angle_texts(path, name, map(str, table[name]))):
-            columns[name] = _Column(angles[0], angles[1] or said, True)
+            columns[name] = _Column(angles[0], angles[1] or said, sexagesimal=True)
     return columns
 
 

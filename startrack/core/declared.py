@@ -160,7 +160,7 @@ def fields_of(kind: type) -> Mapping[str, Field]:
 def _field(hint: Any, entry: dataclasses.Field[Any]) -> Field:
     kind, unit = bare(hint)
     stated, limit, meaning = entry.metadata.get(STATED, (None, None, ""))
-    return Field(kind, stated or unit, True, range=limit, meaning=meaning)
+    return Field(kind, stated or unit, required=True, range=limit, meaning=meaning)
 
 
 def bare(hint: Any) -> tuple[Any, Unit | None]:

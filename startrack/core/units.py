@@ -221,7 +221,7 @@ def installed_tables() -> Iterator[None]:
     from astropy.utils import iers  # costs 0.3 s, and only dates need it
 
     with (
-        iers.conf.set_temp("auto_download", False),
+        iers.conf.set_temp("auto_download", value=False),
         iers.conf.set_temp("auto_max_age", None),
         iers.conf.set_temp("iers_degraded_accuracy", "ignore"),
         warnings.catch_warnings(),

@@ -312,7 +312,7 @@ def weighted(sample: Sample, sigma: float) -> Floats:
     Returns  as `gravity`, whose flux it keeps
     Accuracy  model: pixels average the star, which moves c by no more than the error of `gravity`.
     """
-    return np.asarray(_weighted(sample, gravity(sample, True), sigma))
+    return np.asarray(_weighted(sample, gravity(sample, uncut=True), sigma))
 
 
 @kernel

@@ -97,13 +97,15 @@ def judge(estimate: Estimate, truth: Rotation, spots: int) -> Outcome:
     """
     if estimate.status is not Status.SOLVED or estimate.icrs_to_camera is None:
         n = float("nan")
-        return Outcome(n, n, n, n, n, n, n, estimate.stars, spots, False, False)
+        return Outcome(n, n, n, n, n, n, n, estimate.stars, spots, solved=False, false=False)
     error = (estimate.icrs_to_camera * truth.inv()).as_rotvec()
     x, y, z = error.tolist()
     sigma_x, sigma_y, sigma_z = np.sqrt(np.diag(estimate.covariance)).tolist()
     nees = float(error @ np.linalg.solve(estimate.covariance, error))
     false = bool(np.linalg.norm(error) > FALSE_ANGLE)
-    return Outcome(x, y, z, sigma_x, sigma_y, sigma_z, nees, estimate.stars, spots, True, false)
+    return Outcome(
+        x, y, z, sigma_x, sigma_y, sigma_z, nees, estimate.stars, spots, solved=True, false=false
+    )
 
 
 def judge_all(

@@ -214,14 +214,14 @@ def write_ck(path: Path, date: Any, quaternion: Floats) -> None:
             clock[-1],
             BODY * 1000,
             FRAME,
-            False,
-            "startrack",
-            len(clock),
-            clock,
-            scalar_first,
-            np.zeros((len(clock), 3)),
-            1,
-            clock[:1],
+            avflag=False,
+            segid="startrack",
+            nrec=len(clock),
+            sclkdp=clock,
+            quats=scalar_first,
+            avvs=np.zeros((len(clock), 3)),
+            nints=1,
+            starts=clock[:1],
         )
         spice.ckcls(handle)
 
@@ -247,7 +247,9 @@ def read_ck(path: Path, step: float = ATTITUDE_STEP) -> tuple[AttitudeSegment, .
         spice.furnsh([str(path), str(clock_file)])
         for name, numbers in DELTET.items():  # of a clock that counts TT
             spice.pdpool(f"DELTET/{name}", numbers)
-        cover = spice.ckcov(str(path), parts[0], False, "INTERVAL", 0.0, "SCLK")
+        cover = spice.ckcov(
+            str(path), parts[0], needav=False, level="INTERVAL", tol=0.0, timsys="SCLK"
+        )
         body = parts[0] // 1000 if parts[0] % 1000 == 0 else -(-parts[0] // 1000)
         records = _records(path, spice)
         segments, count = [], 0

@@ -120,5 +120,8 @@ class Sampling(Parameters):
         outcomes, controls = sample_controlled(case, seed, numbers, attitudes)
         table = np.empty(len(numbers), self.dtype)
         table[list(OUTCOMES.names or ())] = outcomes
-        table["surplus_across"], table["surplus_about"] = surplus(controls), surplus(controls, True)
+        table["surplus_across"], table["surplus_about"] = (
+            surplus(controls),
+            surplus(controls, about=True),
+        )
         return table

@@ -100,7 +100,8 @@ class MovingProblem:
         for name in FRACTIONS:
             parts[f"{name} V"] = magnitude_of(values[name]) if values[name] < math.inf else math.nan
         margins = {
-            name: Margin(values[name], limit, True, unit) for name, limit, unit in self._limits()
+            name: Margin(values[name], limit, most=True, unit=unit)
+            for name, limit, unit in self._limits()
         }
         own = self.design.moving_object
         moved, left_out = own.rate * own.interval / self.design.pixel, list(LEFT_OUT)
@@ -141,7 +142,7 @@ class MovingProblem:
         for name, limit, unit in self._limits():
             own = intervals[name]
             value, near, far = (
-                Margin(x, limit, True, unit) for x in (own.value, own.high, own.low)
+                Margin(x, limit, most=True, unit=unit) for x in (own.value, own.high, own.low)
             )
             margins[name] = value, near, far
         parts = dict(intervals)

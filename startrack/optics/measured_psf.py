@@ -253,4 +253,6 @@ def _cubic(at: Floats, slope: bool) -> Floats:
 def file_of(measured: MeasuredPsf, source: str) -> PsfFile:
     """Contents of a design's `psf_file`: images in pixels of any size."""
     psf = measured.psf
-    return PsfFile(source, psf.table[None, None], 1 / psf.oversampling, True, energy=psf.energy)
+    return PsfFile(
+        source, psf.table[None, None], 1 / psf.oversampling, pixel=True, energy=psf.energy
+    )

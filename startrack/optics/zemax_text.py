@@ -79,12 +79,12 @@ def psfs_of_pages(paths: Sequence[Path], source: str) -> PsfFile:
         source,
         image,
         spacings.pop(),
-        False,
-        None,
-        1.0,
-        np.array(waves),
-        np.array(angles),
-        np.array(places, float) if placed else None,
+        pixel=False,
+        pitch=None,
+        energy=1.0,
+        wavelength=np.array(waves),
+        angle=np.array(angles),
+        place=np.array(places, float) if placed else None,
     )
 
 

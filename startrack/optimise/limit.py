@@ -79,8 +79,8 @@ class Limit:
         room = 1 - least
         most_lost = int(scipy.stats.binom.ppf(tail, trials, room)) - 1
         if most_lost < 0:  # no result of these trials would show it
-            return cls(room, room, True)
-        return cls(room, float(scipy.special.bdtri(most_lost, trials, POWER)), True)
+            return cls(room, room, chance=True)
+        return cls(room, float(scipy.special.bdtri(most_lost, trials, POWER)), chance=True)
 
     @classmethod
     def of_error(cls, fraction: float | None, trials: int, tail: float) -> Limit:
@@ -93,7 +93,7 @@ class Limit:
         if fraction is not None:  # of the order statistic of Rayleigh's law
             scatter = fraction / ((1 - fraction) * 4 * math.log(1 - fraction) ** 2)
         sigmas = scipy.special.ndtri(1 - tail) + scipy.special.ndtri(POWER)
-        return cls(1.0, math.exp(-sigmas * math.sqrt(scatter / trials)), False)
+        return cls(1.0, math.exp(-sigmas * math.sqrt(scatter / trials)), chance=False)
 
     def corrected(self, point: Floats, margin: float) -> float:
         """The margin to what the fresh trials can show, of a design of some forecast."""

@@ -226,7 +226,7 @@ class DrawnUnits:
 
     def limit(self, accuracy: Accuracy, trials: int, tail: float) -> Limit:
         """See `UnitAsDesigned`; a yield decides, whose need is known once the units are tried."""
-        return Limit(1.0, 1.0, False)
+        return Limit(1.0, 1.0, chance=False)
 
     def confirmed(
         self,

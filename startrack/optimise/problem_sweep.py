@@ -249,10 +249,10 @@ def solve_problem_for(
     by_trials = trials and margin not in at(next(iter(margins))).costs()
     line = KeyLine(
         values,
-        False,
-        lambda number: _scaled(expected_at(number)),
-        tried_at if by_trials else None,
-        [(number, _scaled(value)) for number, value in margins.items()],
+        whole=False,
+        expected=lambda number: _scaled(expected_at(number)),
+        tried=tried_at if by_trials else None,
+        known=[(number, _scaled(value)) for number, value in margins.items()],
     )
     how = f"formula, corrected by {trials} trials, seed {source.seed}" if by_trials else "formula"
     return Solution(values, margin, margin, margins, line.crossings(), how)

@@ -418,7 +418,16 @@ def stretch(image: NDArray[np.number], saturation: float | None = None) -> Stret
     reduced = _largest(np.where(np.isfinite(values), values, -np.inf), block)
     finite = reduced[np.isfinite(reduced)]
     if not len(finite):
-        return Stretch(reduced, block, False, 0.0, 1.0, 1.0, limit, saturated)
+        return Stretch(
+            reduced,
+            block,
+            wider=False,
+            black=0.0,
+            noise=1.0,
+            white=1.0,
+            saturation=limit,
+            saturated=saturated,
+        )
     ground = median, noise = _ground(finite)
     black = median + DARK * noise
     if saturated:

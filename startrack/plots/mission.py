@@ -162,7 +162,7 @@ def _image(
         vmin=limits[0],
         vmax=limits[1],
     )
-    axes.grid(False)
+    axes.grid(visible=False)
     style.colour_bar(shown, axes, values, label)
 
 
@@ -175,7 +175,7 @@ def _lengths(axes: Axes, available: Availability) -> None:
     axes.bar_label(bars, [f"{count}" if count else "" for count in counts], fontsize=8.5)
     axes.set_xticks(range(len(counts)), names)
     axes.set(ylabel="how often", xlabel="length")
-    axes.grid(False, axis="x")
+    axes.grid(visible=False, axis="x")
     axes.set_ylim(0, 1.15 * max(int(counts.max()), 1))
     if not counts.any():
         style.say(axes, "there are none")

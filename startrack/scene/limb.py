@@ -140,8 +140,8 @@ class Shell(NamedTuple):
 
 
 SHELLS = (
-    Shell(82e3, 98e3, ((557.7 * nm, 250.0), (589.3 * nm, 60.0)), True),
-    Shell(200e3, HIGHEST, ((630.0 * nm, 60.0),), False),
+    Shell(82e3, 98e3, ((557.7 * nm, 250.0), (589.3 * nm, 60.0)), bands=True),
+    Shell(200e3, HIGHEST, ((630.0 * nm, 60.0),), bands=False),
 )
 
 

@@ -93,6 +93,12 @@ class CameraLoop:
         turn = realise_motion(motion, instrument.detector.exposure, streams)
         frame, _, _ = trial.frame_at(case, icrs_to_camera, streams, replace(turn, rate=rate))
         spots, _, estimate, _ = run_on_frame(
-            case, view_of(case, frame), case.believed_camera, None, rate, trial.Images(), False
+            case,
+            view_of(case, frame),
+            case.believed_camera,
+            None,
+            rate,
+            trial.Images(),
+            alone=False,
         )
         return SeenFrame(number, frame, estimate, len(spots))

@@ -255,7 +255,7 @@ class EarthProblem:
         condition, _, criterion = name.partition(": ")
         about = self.studies[condition].criteria[criterion]
         limit = getattr(self.campaign.requirements, about.limit)
-        return None if limit is None else Margin(value, limit, True, about.unit)
+        return None if limit is None else Margin(value, limit, most=True, unit=about.unit)
 
 
 OBJECTIVES = {

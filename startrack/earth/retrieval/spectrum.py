@@ -65,7 +65,7 @@ def ground_spectrum(
                 user's table as it has them. model:
                 thermal radiance is left out.
     """
-    table = air_table(survey.air, False)
+    table = air_table(survey.air, infrared=False)
     if isinstance(table, atmosphere.InfraredTable):
         raise Refused("the spectrum at the sensor needs a scene with the table [air]")
     spectrum = table.spectrum
