@@ -358,7 +358,7 @@ def _evidence(
     spots: int,
     excess: float,
 ) -> bool:
-    """Whether the places of matched stars are evidence enough among all spots."""
+    """Whether positions of matched stars are enough evidence of an attitude, among all spots."""
     focal, unknowns = rules.focal_length_px, 4 if rules.tolerance > 0 else 3
     rows, prior = np.empty((len(star), 2, 4)), np.zeros((unknowns, unknowns))
     log_prior = -LOG_ATTITUDES

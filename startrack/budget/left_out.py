@@ -151,7 +151,7 @@ def _of_the_motion(case: Case) -> Iterator[str]:
     rms = math.hypot(*(math.hypot(tone.rms_x, tone.rms_y) for tone in motion.tones))
     rms *= motion.jitter_factor * focal
     if rms > SHAKEN:
-        yield f"that {rms:.1f} pixel of jitter are no blur (motion.tones)"
+        yield f"that jitter of {rms:.1f} pixel rms is not a Gaussian blur (motion.tones)"
 
 
 def _in_window(psf: Psf, window: int) -> float:

@@ -133,7 +133,7 @@ def code_of_command(allow: bool) -> Iterator[None]:
 
 
 def used_code() -> list[Code]:
-    """The code that ran, or was to run, in this process; within `code_of_command` since then."""
+    """User code that was called, or refused, in this process or since `code_of_command` began."""
     return [origin_of(*text.split(" ", 1)) for text in _used]
 
 

@@ -32,7 +32,7 @@ class Seeds(ISpawnableSeedSequence):
         return np.random.SeedSequence(self.entropy.tolist())
 
     def spawn(self, n_children: int) -> list[Any]:
-        """Its children, which scipy's sequences of low discrepancy ask for: numpy's own."""
+        """Children by numpy's own method; scipy's low-discrepancy sequences need them."""
         return self._numpys.spawn(n_children)
 
     def generate_state(self, n_words: int, dtype: Any = np.uint64) -> NDArray[np.uint64]:

@@ -181,7 +181,7 @@ def reduced_stars(path: Path) -> list[MeasuredFigure]:
 
 
 def _columns(path: Path, what: str, needed: tuple[str, ...]) -> dict[str, Floats]:
-    """Columns (n,) of a table by their meaning; all are finite, and positive but for ANY_SIGN.
+    """Columns (n,) of a table by their meaning; all are finite; those not in ANY_SIGN are positive.
 
     what    kind of table, one of TABLES
     needed  meanings that it must have

@@ -241,7 +241,7 @@ def _with(owner: Any, changes: list[_Change], checked: bool) -> Any:
 
 
 def _of_fields(owner: Any, values: Mapping[str, Any]) -> dict[str, Any]:
-    """New values of fields: those that follow from numbers of `DERIVED` of a class, and others."""
+    """New values of fields; names in `DERIVED` of the class are replaced by the fields they set."""
     derived = getattr(type(owner), "DERIVED", {})
     fields = {name: value for name, value in values.items() if name not in derived}
     for name in values.keys() & derived.keys():

@@ -340,7 +340,7 @@ def _fit(sample: Sample, model: Model, group: Ints, table: Floats) -> bool:
 
 @kernel
 def _span(values: Ints) -> tuple[int, int]:
-    """The least and the largest; numba takes longer to compile its own."""
+    """The least and the largest value, in less time to compile than with numba's functions."""
     least = most = values[0]
     for k in range(1, len(values)):
         least, most = min(least, values[k]), max(most, values[k])

@@ -33,7 +33,7 @@ class Kernel:
 
     @cached_property
     def half(self) -> int:
-        """Half of its longer side: how far it spreads a pixel, pixel."""
+        """Half of the longer side of the filter, pixel: how far it spreads the light of a pixel."""
         return max(self.whole.shape) // 2
 
     @cached_property

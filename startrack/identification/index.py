@@ -312,7 +312,7 @@ def _table(
 def _order(cell: Indices) -> Ints:
     """The order that sorts cells; equal ones stay in turn.
 
-    The lower 16 bits first, then the upper ones: numpy counts these instead of comparing them.
+    It sorts by the lower 16 bits, then by the upper ones: for 16 bits numpy uses a radix sort.
     """
     order = np.argsort(cell.astype(np.uint16), kind="stable")
     return order[np.argsort((cell >> 16).astype(np.uint16)[order], kind="stable")]

@@ -20,10 +20,10 @@ LARGEST_INTEGER = 2**63 - 1
 def from_table(kind: type[T], table: object, place: str = "") -> T:
     """Build a parameter object from a table.
 
-    kind    a frozen dataclass of numbers (a float may be `Annotated` with a Unit), strings,
-            tuples, and others of its like
-    table   what the file holds there
-    place   path of the table in its file, for the errors
+    kind    a frozen dataclass, whose fields are numbers (a float may be `Annotated` with a Unit),
+            strings, tuples, or such dataclasses
+    table   the table of the file
+    place   path of the table in the file, for messages
     Raises  ValueError that names the place, the rule and the value: for an unknown or a missing
             key, a wrong type or unit, a value that the object itself refuses.
 

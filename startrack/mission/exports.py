@@ -146,7 +146,7 @@ def head_model(
     Accuracy  model: that of `budget.unit_budgets` for the variances; that errors over the pixel and
               the field are Gauss-Markov, with half a pixel and a field as their lengths, is an
               assumption. A roll counts as no rate. Faster than the table, whose smear ends at 12
-              pixels, there is no attitude. A bias is drawn with the rms of the unit's.
+              pixels, there is no attitude. A bias is drawn with the rms that the unit's bias has.
     """
     choice = choice or UnitChoice()
     step = progress or (lambda done: None)

@@ -164,7 +164,7 @@ def write_spk(path: Path, date: Any, place: Floats, speed: Floats) -> None:
 def read_spk(path: Path, step: float = ORBIT_STEP) -> tuple[OrbitSegment, ...]:
     """The states of the one body of an SPK, relative to the Earth, at equal steps.
 
-    Its segments are those of the file, so that nothing is interpolated over a manoeuvre.
+    Segments are those of the file, so that no state is interpolated across a manoeuvre.
 
     step    second, at most, between two states
     Raises  ImportError without spiceypy; Refused where the file is none, has several bodies or no
@@ -229,8 +229,8 @@ def write_ck(path: Path, date: Any, quaternion: Floats) -> None:
 def read_ck(path: Path, step: float = ATTITUDE_STEP) -> tuple[AttitudeSegment, ...]:
     """The attitudes of the one instrument of a CK; its clock is beside it (.tsc).
 
-    Its segments are those of the file, and the intervals in which they are interpolated. Attitudes
-    of a single segment of type 3 are its records; others are taken at equal steps.
+    Segments, and the intervals in which they are interpolated, are those of the file. The attitudes
+    of a single segment of type 3 are its records; those of other segments are read at equal steps.
 
     step    second, at most, between two attitudes that are no records
     Raises  ImportError without spiceypy; Refused where a file is none, has several instruments, or

@@ -118,7 +118,7 @@ class Sketch:
         self.worst = max(self.worst, other.worst)
 
     def mean(self, name: str) -> float:
-        """Mean of what a sum adds up, over the judged attitudes, correctly rounded; NaN of none."""
+        """Mean over the judged attitudes, from a sum, correctly rounded; NaN without attitudes."""
         if not self.counts["judged"]:
             return math.nan
         return float(Fraction(self.sums[name], self.counts["judged"] << UNIT))
@@ -207,7 +207,7 @@ def _sketch_of(
 
 
 def sketched(outcomes: Rows, limits: metrics.ErrorLimits, about: dict[str, Any]) -> Sketch:
-    """The sketch of outcomes (n,) of trials first, first + 1, ..., n > 0."""
+    """Sketch of the outcomes (n,), n > 0, of trials with successive numbers."""
     first = int(outcomes["trial"][0])
     judged = outcomes[outcomes["solved"] & ~outcomes["false"]]
     solved = outcomes[outcomes["solved"]]

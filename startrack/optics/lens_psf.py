@@ -206,10 +206,11 @@ class _Star:
         return (centre - p) / half_p, q / -half_q
 
     def path_over_square(self, coordinate: Floats, u: float, v: float) -> Floats:
-        """`path` about a place (metre, along the radius and across it) over the pupil's square.
+        """`path` to points near a position in the image, over the square of the pupil.
 
         coordinate  (n,) rising, direction cosines from the middle of the pupil, along the columns
                     and the rows of the detector
+        u, v        metre, position in the image, along the radius and across it
         Returns     (n, n) metre
         """
         added = [noll_to_nm(aberration.noll)[0] for aberration in self.extra.aberrations]

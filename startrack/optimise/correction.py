@@ -36,7 +36,7 @@ class Correction:
 
     @property
     def slope(self) -> Floats:
-        """(d,) per range of each variable."""
+        """Slope (d,) of the correction, per range of each variable."""
         return self.terms[1:]
 
     def standard_error(self, point: Floats, other: Floats) -> float:

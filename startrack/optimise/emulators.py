@@ -58,7 +58,7 @@ class WholeNumbers(Protocol):
         """Coordinates (d,) that are those of whole numbers."""
 
     def snapped(self, point: Floats) -> Floats:
-        """The point (d,) of the same design whose whole numbers are as they are rounded."""
+        """Point (d,) of the same design, with its whole numbers rounded."""
 
 
 @dataclass(frozen=True, eq=False)

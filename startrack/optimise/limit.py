@@ -71,9 +71,9 @@ class Limit:
 
     @classmethod
     def of_chance(cls, least: float, trials: int, tail: float) -> Limit:
-        """That at least a fraction of the trials has a correct attitude.
+        """Limit that at least a fraction of the trials has a correct attitude.
 
-        trials  fresh ones, at most
+        trials  largest number of fresh trials
         tail    probability that the bound of Clopper and Pearson does not hold
         """
         room = 1 - least

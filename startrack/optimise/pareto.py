@@ -87,8 +87,8 @@ def front(
     watch    called with how far it has come
     Returns  the points that are not dominated by the budget, in order of the first
     Raises    ValueError where no design in the design space meets the requirements.
-    Accuracy  model: the budget's; `measured` shows it, over units on as many fresh ones as the
-              budget has.
+    Accuracy  model: that of the budget. `measured` shows it; over units, with as many fresh units
+              as the budget has.
     """
     campaign = campaign.of_errors
     if campaign.units is not None:

@@ -73,7 +73,7 @@ class Confirmed(NamedTuple):
 
 
 def population_of(condition: Judged) -> UnitAsDesigned | DrawnUnits:
-    """The units that a condition is judged over."""
+    """Population of units over which a condition is judged."""
     if condition.units is None:
         return UnitAsDesigned(condition)
     return DrawnUnits(condition, condition.units)
@@ -236,7 +236,7 @@ class DrawnUnits:
         runner: TrialRunner,
         tails: tuple[float, float],
     ) -> Confirmed:
-        """See `UnitAsDesigned`; an error by the share of the units that keep its limit."""
+        """As `UnitAsDesigned`; the fraction of units that keep a limit confirms an error."""
         if claim.accuracy is None:
             return _by_all_trials(claim, outcomes, runner.seed, tails)
         asked, objective = verification.YieldClaim(self.fraction), claim.accuracy.objective

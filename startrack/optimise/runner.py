@@ -134,7 +134,7 @@ class TrialRunner:
     def forecast_key(self, case: Case, campaign: Campaign, limits: tuple[float, ...]) -> bytes:
         """Key of a design's forecast, by all that it depends on.
 
-        limits  on what is forecast
+        limits  of the forecast values
         """
         judged = case, campaign.requirements, campaign.conditions, campaign.over_units(case)
         inputs = inputs_of(case), inputs_of(campaign.requirements)

@@ -119,7 +119,7 @@ class StudiedSource(DesignSource, Protocol):
         """
 
     def evaluate(self, point: Floats, known: Foresight) -> Evaluation:
-        """A design by its forecast, which is known, and by trials."""
+        """Evaluate a design by trials, beside its known forecast."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -348,7 +348,7 @@ def _shade_rates(axes: Axes, curve: BudgetCurve) -> None:
 def _over_magnitude(
     axes: Axes, star: Errors, in_boxes: SingleStars | None, seen: Residuals, causes: Sequence[str]
 ) -> None:
-    """causes: of the error of an attitude, which those of the formula of a star are a part of."""
+    """Draw the errors of a star; `causes` of the attitude's error contain those of a star's."""
     text = "error of a star over its magnitude"
     if in_boxes:
         _in_boxes(axes, in_boxes)

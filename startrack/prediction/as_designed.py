@@ -45,7 +45,7 @@ class DesignedDraws:
 
     @property
     def factors(self) -> Floats:
-        """(n, 2) errors over those of the middle; NaN of draws without an attitude."""
+        """(n, 2) errors of each draw over those of the middle; NaN where it has no attitude."""
         return np.array([draw.errors / self.middle.errors for draw in self.draws])
 
     @property

@@ -99,11 +99,11 @@ NO_HOT = HotPixels(0.0, np.zeros((2, 1, 2)))
 class DarkPattern(NamedTuple):
     """Dark signal of the pixels of an image, as the tracker's dark map leaves it.
 
-    mean      electron, of the pixels that are not outlying
-    spread    electron rms about it
+    mean      electron, of the pixels that are not outliers
+    spread    electron rms, of these pixels about their mean
     marked    1, fraction of the pixels that the tracker's dark map marks as hot
-    outlying  (k,) row * columns + column of the others
-    excess    (k,) electron, of theirs above the mean
+    outlying  (k,) row * columns + column of the outliers
+    excess    (k,) electron, dark signal of the outliers minus the mean
     """
 
     mean: float

@@ -40,7 +40,7 @@ class Disc:
     sun: Floats | None = None
 
     def covers(self, direction: Floats) -> Flags:
-        """Directions (n, 3) that it hides, (n,)."""
+        """Whether the disc hides each direction: (n, 3) -> (n,)."""
         return direction @ self.direction > math.cos(self.radius)
 
     def hides(self, other: Disc) -> float:

@@ -80,7 +80,7 @@ class Effect(NamedTuple):
     left_out: Phrase = ""
 
     def says(self, column: str, case: Case) -> list[str]:
-        """The phrases of a column for a case that has the effect."""
+        """Phrases in a column of this row, for a case that has the effect."""
         phrase: Phrase = getattr(self, column)
         return list(phrase(case)) if callable(phrase) else [phrase.format(case=case)]
 
@@ -464,7 +464,7 @@ def present(column: str, case: Case) -> list[Effect]:
 
 
 def said(column: str, case: Case) -> list[str]:
-    """The phrases of a column, for the effects that a case has."""
+    """Phrases in a column of the table, for all effects that a case has."""
     return [phrase for effect in present(column, case) for phrase in effect.says(column, case)]
 
 

@@ -213,7 +213,7 @@ def _between(time: Floats, other: Floats) -> Flags:
 
 
 def still(windows: Windows) -> Any:
-    """Whether the image stayed, and none is missing, in each four exposures (n - 3,)."""
+    """Whether four successive exposures have a still image and no gap, (n - 3,)."""
     step = np.diff(windows.time)
     near = step < 1.5 * np.median(step)
     same = near & (np.diff(windows.corner, axis=0) == 0).all(axis=1)

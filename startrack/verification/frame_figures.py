@@ -209,7 +209,7 @@ def _seen(case: Case, stars: Sequence[Windows]) -> dict[str, float]:
 
 
 def _dark_variance(star: Windows, electrons: float) -> float:
-    """Digital number squared, of pixels without light, by the darker half of those of a star.
+    """Variance of pixels without light, digital number^2, from the darker half of a star's window.
 
     Third differences in time, less the noise of their light by the gain of the design; a star
     that moves from frame to frame changes bright pixels, and would spoil a photon transfer. NaN

@@ -78,8 +78,8 @@ def import_tape7(
     Returns   wavelengths
     Raises    ValueError with the file where it is none, the runs differ, or the table that is made
               is none.
-    Accuracy  model: thermal radiance of the path is that over the ground of smaller albedo; its
-              part that comes from the ground and is scattered stays in it.
+    Accuracy  model: the thermal path radiance is that over the ground of smaller albedo. It still
+              contains the radiance that this ground emits and the air scatters.
     """
     low, high = sorted(albedos)
     if not 0 < low < high <= 1:

@@ -257,7 +257,7 @@ def render(
 def _blurred(
     survey: Survey, channel: Channel, setting: Setting, strips: Iterator[Singles]
 ) -> Iterator[Singles]:
-    """Strips of rays as strips of pixels."""
+    """Resample strips of rays to strips of pixels."""
     across = channel.detector.columns / channel.columns
     along, drift = lines_apart(channel, setting), setting.smear
     if isinstance(setting.psf, core.Psf):

@@ -305,7 +305,7 @@ class TerrainStudy(NamedTuple):
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """As in `RetrievalStudy`; of pixels that are matched, and the fraction that is not."""
+        """As in `RetrievalStudy`: squared error of matched pixels, and the unmatched fraction."""
         return "square of height", "unmatched"
 
     @property

@@ -225,7 +225,7 @@ def _correlation(left: Floats, right: Floats, window: int) -> Floats:
 
 
 def _correlated(left: Floats, right: Floats, most: int, window: int) -> Floats:
-    """Parallax (n, n) of the best correlation, whole pixels up to `most`."""
+    """Parallax (n, n) of the highest correlation: whole pixels from -`most` to `most`."""
     best, found = np.full(left.shape, -2.0), np.zeros(left.shape)
     for shift in range(-most, most + 1):
         similar = _correlation(left, np.roll(right, -shift, 0), window)
@@ -349,7 +349,7 @@ def _weights(own: Stereo, side: Side, gradients: _Spectrum) -> tuple[float, floa
 
 
 def _polar(cell: float, finest: float) -> tuple[Floats, Floats, Floats]:
-    """Frequencies (n, t) along and across the track, cycle / metre, and areas of them."""
+    """Frequencies (n, t) along and across the track, cycle / metre, and the area of each cell."""
     size = np.geomspace(0.5 / texture.TEXELS / cell, finest, NODES + 1)
     middle, width = np.sqrt(size[1:] * size[:-1]), np.diff(size)
     turn = (np.arange(TURNS) + 0.5) * math.pi / 2 / TURNS

@@ -82,10 +82,9 @@ def with_horizon(surface: Surface, rays: Rays) -> Surface:
 def _slopes(surface: Surface, direction: Floats) -> tuple[bool, float, float, float, float] | None:
     """Parallel rays over a grid, in cells along their main direction and aside of it.
 
-    Returns  whether they go mostly along rows of cells up or down; the sign of that direction;
-             cells aside for a cell along, the mean and the largest deviation from it; metre, the
-             least rise for a cell along. None where rays do not rise everywhere, rise steeply, or
-             change their main direction
+    Returns  whether the main direction is from row to row; its sign; cells across per cell
+             along: the mean, and the largest deviation from it; least rise per cell along, metre.
+             None where rays do not rise everywhere, rise steeply, or change their main direction
     """
     across, down = surface.columns * surface.step_x, surface.rows * surface.step_y
     if max(across, down) > min(WIDEST, FULL_TURN / 2):
