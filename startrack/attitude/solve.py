@@ -143,11 +143,28 @@ def solve(
         best, used = _fit_within_gate(pixel, covariance, matches, settings, tolerance)
     except (Refused, np.linalg.LinAlgError) as error:
         return _unsolved(matches, core.Status.TOO_FEW, str(error))
+    freedom = 2 * len(used) - (4 if tolerance else 3)
+    total = float(best.chi_square.sum())
+    chance = special.chdtrc(freedom, total) if freedom > 0 else 1.0
+    excess = total / freedom if chance < SIGNIFICANCE else 1.0
+    stated, shared, hot = best.covariance * excess, known.shared, known.hot
+    if excess > 1 or (hot is not None and not hot.any()):
+        hot = None
+    if shared is not None or hot is not None:
+        # Where the attitude has the stars.
+        direction = best.icrs_to_camera.apply(matches.direction[used])
+        plane, focal = direction[:, :2] / direction[:, 2:], matches.camera.focal_length_px
+        inverse: Floats = np.linalg.inv(covariance[used]).astype(np.float64)
+        gain = attitude_gain(plane, inverse, focal, tolerance)
+        if shared is not None:
+            stated = stated + shared.added(gain, pixel[used])
+        if hot is not None:
+            stated = stated + independent(gain, hot[used])
     return Estimate(
         core.Status.SOLVED,
         matches.reason,
         best.icrs_to_camera,
-        _stated_covariance(best, used, pixel, covariance, matches, tolerance, known),
+        stated,
         float(np.sqrt(np.mean(best.residual**2))),
         len(used),
         matches.false_probability,
@@ -177,37 +194,6 @@ def _fit_within_gate(
         used = np.delete(used, worst)
         best = _fit(pixel, covariance, matches, used, tolerance)
     return best, used
-
-
-def _stated_covariance(
-    best: Refinement,
-    used: Ints,
-    pixel: Floats,
-    covariance: Floats,
-    matches: core.Matches,
-    tolerance: float,
-    known: KnownErrors,
-) -> Floats:
-    """Covariance of the attitude (3, 3), radian^2: the fit's, and errors beyond the noise."""
-    shared, hot = known.shared, known.hot
-    freedom = 2 * len(used) - (4 if tolerance else 3)
-    total = float(best.chi_square.sum())
-    chance = special.chdtrc(freedom, total) if freedom > 0 else 1.0
-    excess = total / freedom if chance < SIGNIFICANCE else 1.0
-    stated = best.covariance * excess
-    if excess > 1 or (hot is not None and not hot.any()):
-        hot = None
-    if shared is None and hot is None:
-        return stated
-    direction = best.icrs_to_camera.apply(matches.direction[used])  # by the attitude, not measured
-    plane, focal = direction[:, :2] / direction[:, 2:], matches.camera.focal_length_px
-    inverse: Floats = np.linalg.inv(covariance[used]).astype(np.float64)
-    gain = attitude_gain(plane, inverse, focal, tolerance)
-    if shared is not None:
-        stated = stated + shared.added(gain, pixel[used])
-    if hot is not None:
-        stated = stated + independent(gain, hot[used])
-    return stated
 
 
 def _by_code(name: str, pixel: Floats, covariance: Floats, matches: core.Matches) -> Estimate:
