@@ -206,7 +206,7 @@ class Sky:
 
     @cached_property
     def _by_height(self) -> tuple[Floats, Ints]:
-        """Directions in order of their last coordinate, and which star by brightness each is."""
+        """Directions in order of their last coordinate, and the rank by brightness of each star."""
         rank = np.empty(len(self), np.int64)
         rank[self._by_brightness] = np.arange(len(self))
         order = np.argsort(self.stars.direction[:, 2])

@@ -254,7 +254,7 @@ def _arrays(value: Any, seen: set[int]) -> Iterator[np.ndarray[Any, Any]]:
 
 
 class Workspace(threading.local):
-    """Arrays by name, separate for each thread; whoever makes it decides who may share them.
+    """Arrays by name, separate for each thread; functions that hold this object share them.
 
     A new array costs a page fault for each row that is written: milliseconds where windows lie
     all over a frame.

@@ -163,7 +163,7 @@ class Campaign(Parameters):
 
     @property
     def goal(self) -> Objective:
-        """The statistic of the error that it names, whether or not that is made small."""
+        """Statistic of the error that the campaign names, whether or not a search minimises it."""
         return self.error(self.objective)
 
     @property

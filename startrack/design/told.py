@@ -28,7 +28,7 @@ OF_STARS = "SNR", "centroid noise"  # figures of a star of some magnitude
 
 
 class Told(Parameters):
-    """A published or measured figure, under which what is not known of a design is estimated.
+    """A published or measured figure of a design, from which its unknown values are estimated.
 
     It is an error, with an axis and an angle as its value, or a figure of frames of the tracker,
     with a number.

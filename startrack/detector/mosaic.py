@@ -34,7 +34,7 @@ class ColourMosaic(Parameters):
         return self.red, self.green, self.blue
 
     def mean(self, of_colours: Floats) -> Floats:
-        """Mean over the pixels of a cell of what red, green and blue ones have (3, ...)."""
+        """Mean over the pixels of a cell, from values (3, ...) of red, green and blue pixels."""
         return np.asarray(np.tensordot(np.array([0.25, 0.5, 0.25]), of_colours, 1))
 
     def colours(self, rows: int, columns: int, top: int = 0, left: int = 0) -> Ints:
