@@ -184,7 +184,7 @@ def quantity(case: Any, name: str, value: float | str) -> float:
 
 
 def label(case: Any, name: str) -> str:
-    """Short name for tables: without its first part; of a variation, the name of the varied value."""
+    """Name for tables: without its first part; of a variation, that of the varied value."""
     first, _, rest = name.partition(".")
     if first != "variation":
         return rest

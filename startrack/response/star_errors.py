@@ -25,7 +25,8 @@ class Errors(NamedTuple):
     """Errors of single stars.
 
     magnitude  (m,) G of a sunlike star
-    kept       (m,) chance that the tracker measures a detected star and does not refuse it as a hot pixel
+    kept       (m,) chance that the tracker measures a detected star, which it does not refuse as a
+               hot pixel
     stated     (m, 2, 2) pixel^2, by the tracker
     random     (m, 2, 2) pixel^2 by cause, covariance over positions, times and devices
     mean       (m, 2) pixel, over the positions, of the centroid's method
