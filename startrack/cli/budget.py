@@ -143,12 +143,7 @@ def command(options: argparse.Namespace) -> int:
     with terminal.stage("error budget"):
         expected = analytic(case)
     options.units = options.units or (UNITS if case.varying else None)
-    by_trials = None
-    if members := options.montecarlo:
-        with pool(options.workers) as executor, terminal.progress("members", members) as advance:
-            by_trials = budgets.measured(
-                case, members, options.seed, executor, options.times, options.workers, advance
-            )
+    by_trials = _measured(options, case)
     result: dict[str, Any] = {"design": str(path), "analytic": _values(expected)}
     show = terminal.sections(options)
     required, units = campaign.requirements.accuracy if campaign else (), None
@@ -166,21 +161,11 @@ def command(options: argparse.Namespace) -> int:
     show("\n".join(budgets.advice(expected)[: None if options.full else FEW_CAUSES]))
     if options.full:
         result |= _in_full(case, expected, show)
-    with terminal.stage("trials beside the formula"):
-        checked = budgets.check(case, expected, options.seed)
-    result |= {"not_counted": expected.left_out, "refused_as_hot_pixels": expected.refused}
-    result["check"] = {"fidelity": checked.fidelity.value, "differs": checked.differs}
-    result["check"] |= metrics.to_json(metrics.summary_rows(checked.summary))
-    show("\n".join([*budgets.caveats(case, expected.left_out), *_checked(checked, expected)]))
+    result |= _trials_beside(options, case, expected, show)
     if by_trials:
         result |= {"seed": options.seed, "measured": _values(by_trials)}
         result |= {"members": options.montecarlo, "times": options.times}
-    for name, changes in (("tolerances", halved), ("levers", levers)):
-        if getattr(options, name):
-            result[name], lines = gains_of(
-                case, campaign or Campaign(), list(changes(case)), options
-            )
-            show(lines)
+    result |= _gains(options, case, campaign, show)
     if indices:
         result["indices"], lines = indices
         show(lines)
@@ -212,6 +197,46 @@ def _check_options(options: argparse.Namespace, case: Case) -> None:
     if options.units:
         with as_wrong_use():
             require_units(case)
+
+
+def _measured(options: argparse.Namespace, case: Case) -> Budget[SkySample] | None:
+    """The budget that --montecarlo asks for, by switching causes in trials."""
+    members = options.montecarlo
+    if not members:
+        return None
+    with pool(options.workers) as executor, terminal.progress("members", members) as advance:
+        return budgets.measured(
+            case, members, options.seed, executor, options.times, options.workers, advance
+        )
+
+
+def _trials_beside(
+    options: argparse.Namespace, case: Case, expected: Budget[Any], show: Callable[[str], None]
+) -> dict[str, Any]:
+    """Print what the budget does not count, and some trials beside it; their values for JSON."""
+    with terminal.stage("trials beside the formula"):
+        checked = budgets.check(case, expected, options.seed)
+    show("\n".join([*budgets.caveats(case, expected.left_out), *_checked(checked, expected)]))
+    check = {"fidelity": checked.fidelity.value, "differs": checked.differs}
+    return {
+        "not_counted": expected.left_out,
+        "refused_as_hot_pixels": expected.refused,
+        "check": check | metrics.to_json(metrics.summary_rows(checked.summary)),
+    }
+
+
+def _gains(
+    options: argparse.Namespace, case: Case, campaign: Campaign | None, show: Callable[[str], None]
+) -> dict[str, Any]:
+    """Print what --tolerances and --levers ask for; their values for JSON."""
+    values = dict[str, Any]()
+    for name, changes in (("tolerances", halved), ("levers", levers)):
+        if getattr(options, name):
+            values[name], lines = gains_of(
+                case, campaign or Campaign(), list(changes(case)), options
+            )
+            show(lines)
+    return values
 
 
 def _typical_star(case: Case) -> tuple[dict[str, Any], str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Mapping
 from dataclasses import asdict
 
 from startrack.cli.options import Exit, Options, WrongUse, as_wrong_use, campaign, wanted
@@ -20,6 +21,7 @@ if wanted(__name__):
         stage,
     )
     from startrack.core import arcsec, deg, um
+    from startrack.design import Case, Requirements
     from startrack.earth import imager
     from startrack.io import aligned, from_table, read_table, shipped
     from startrack.optimise import expect, expected_objective
@@ -75,23 +77,10 @@ def command(options: argparse.Namespace) -> int:
         for limit in needs.accuracy
     }
     result |= {"accuracy": limits} if limits else {}
-    needed = needed_magnitude(design.case, needs.min_stars, needs.sky_fraction)
-    rows = [
-        [
-            name,
-            *limited(needs, name, margin, needed),
-            f"{margin:+.3f}",
-            "" if margin >= 0 else "NOT MET",
-        ]
-        for name, margin in margins.items()
-    ]
-    rows += [
-        [f"{body} keep-out", "", f"{angle / deg:g} deg", "", "judged by startrack verify"]
-        for body, angle in needs.min_keep_out.angles.items()
-    ]
     for sentence in refusal(design.case, budget.refused):
         show(sentence)
-    show("\n".join(aligned([["requirement", "value", "limit", "margin", ""], *rows], (0, 4))))
+    heading = ["requirement", "value", "limit", "margin", ""]
+    show("\n".join(aligned([heading, *_rows(design.case, needs, margins)], (0, 4))))
     lines = [
         *(
             f"{name} is limited to {limit['limit_arcsec']:g} arcsec, {limit['statistic']}"
@@ -107,6 +96,24 @@ def command(options: argparse.Namespace) -> int:
     if options.json:
         print_result(options, result)
     return Exit.DONE if met else Exit.UNSOLVED
+
+
+def _rows(case: Case, needs: Requirements, margins: Mapping[str, float]) -> list[list[str]]:
+    """A row for each requirement: name, value, limit, margin and verdict."""
+    needed = needed_magnitude(case, needs.min_stars, needs.sky_fraction)
+    rows = [
+        [
+            name,
+            *limited(needs, name, margin, needed),
+            f"{margin:+.3f}",
+            "" if margin >= 0 else "NOT MET",
+        ]
+        for name, margin in margins.items()
+    ]
+    return rows + [
+        [f"{body} keep-out", "", f"{angle / deg:g} deg", "", "judged by startrack verify"]
+        for body, angle in needs.min_keep_out.angles.items()
+    ]
 
 
 def _earth_requirements(options: argparse.Namespace) -> int | None:
