@@ -231,6 +231,7 @@ class KernelDispatcher(CPUDispatcher):
     def _compile_plainly(self, sig: Any, error: Exception) -> Any:
         """Compile as numba does from now on, with a warning why."""
         KernelDispatcher.plain, before = True, config.CACHE_DIR
+        caches = [(kernel, kernel._cache) for kernel in KERNELS]
         for kernel in KERNELS:
             if kernel.kept_in:
                 config.CACHE_DIR = kernel.kept_in  # which numba reads now
@@ -244,6 +245,8 @@ class KernelDispatcher(CPUDispatcher):
             result = super().compile(sig)
         except Exception:  # the kernel itself is wrong
             KernelDispatcher.plain = False
+            for kernel, cache in caches:
+                kernel._cache = cache
             raise
         warnings.warn(f"{FAILED}: {error}", RuntimeWarning, stacklevel=3)
         return result

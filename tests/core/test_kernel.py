@@ -20,6 +20,7 @@ from numba.core.errors import TypingError
 import startrack
 from startrack import core
 from startrack.core import compiler
+from startrack.core.variates import poisson_quantile
 
 INNER = """
 from typing import NamedTuple
@@ -314,6 +315,7 @@ def test_an_error_of_a_kernel_itself_is_raised_and_changes_nothing():
     with pytest.raises(TypingError):
         wrong(1.0)
     assert not compiler.KernelDispatcher.plain
+    assert type(poisson_quantile._cache) is compiler._Cache  # or its files would be numba's
 
 
 def total_of(kernel, **options):
