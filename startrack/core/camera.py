@@ -314,7 +314,7 @@ def _distorted(plane: Floats, k1: float, k2: float, p1: float, p2: float, k3: fl
     """`distort` of points (n, 2)."""
     bent = np.empty_like(plane)
     for n in range(len(plane)):
-        bent[n] = distort(plane[n, 0], plane[n, 1], k1, k2, p1, p2, k3)
+        bent[n, 0], bent[n, 1] = distort(plane[n, 0], plane[n, 1], k1, k2, p1, p2, k3)
     return bent
 
 
@@ -334,9 +334,9 @@ def _undistorted(
             off_x = 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
             off_y = p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
             # Beyond the turning point of the distortion there is no inverse; OpenCV's answer.
-            plane[n] = start_x, start_y
+            plane[n, 0], plane[n, 1] = start_x, start_y
             if radial > 0:
-                plane[n] = (start_x - off_x) / radial, (start_y - off_y) / radial
+                plane[n, 0], plane[n, 1] = (start_x - off_x) / radial, (start_y - off_y) / radial
             most_x, most_y = max(most_x, abs(plane[n, 0] - x)), max(most_y, abs(plane[n, 1] - y))
         if not most_x + most_y > LEAST_STEP:
             break
