@@ -248,8 +248,20 @@ class Instrument(Parameters):
         """
         if self.tube is None:
             return self.baffle
+        return transmittance_of(self.tube, *self._tube_sizes)
+
+    def require_tube(self) -> None:
+        """Refuse a tube that is narrower than its entrance, without tracing its light."""
+        if self.tube is not None:
+            lens, field, _ = self._tube_sizes
+            self.tube.shape(lens, field)
+
+    @property
+    def _tube_sizes(self) -> tuple[float, float, float]:
+        """Aperture, field and f-number to three digits."""
         sizes = self.optics.aperture, self.camera.half_diagonal, self.optics.f_number
-        return transmittance_of(self.tube, *(float(f"{size:.3g}") for size in sizes))
+        lens, field, f_number = (float(f"{size:.3g}") for size in sizes)
+        return lens, field, f_number
 
     @property
     def lens_temperature(self) -> float:

@@ -65,9 +65,10 @@ def light_of(case: Case, stars: Stars, icrs_to_camera: Rotation, streams: Stream
     if instrument.ghosts is not None:
         pitch = instrument.detector.pitch
         light = add_ghosts(light, instrument.ghosts, optics, icrs_to_camera, camera, pitch)
-    if not light.stray_sources or instrument.stray is None:
-        return light
-    return stray_light(light, instrument.stray, optics, icrs_to_camera, camera)
+    if light.stray_sources and instrument.stray is not None:
+        return stray_light(light, instrument.stray, optics, icrs_to_camera, camera)
+    instrument.require_tube()
+    return light
 
 
 def throughput(instrument: Instrument) -> Floats:

@@ -8,10 +8,11 @@ import pytest
 
 from startrack import deg, load_design, mm, shipped
 from startrack.core import Refused
-from startrack.design import DesignSpace, Requirements
+from startrack.design import DesignSpace, Fidelity, Requirements, replaced
 from startrack.optics import BaffleTube
 from startrack.optics import baffle as tube
 from startrack.optics.baffle import transmittance_of
+from startrack.trial import run_trials
 from startrack.verification import cost_margins
 
 TUBE, LENS, FIELD = BaffleTube(150 * mm), 25 * mm, 10 * deg
@@ -178,3 +179,11 @@ def test_a_tube_of_a_hair_hides_nothing():
 def test_a_wall_inside_the_entrance_is_refused():
     with pytest.raises(Refused, match=r"tube\.diameter must be wider than the entrance"):
         replace(TUBE, diameter=50 * mm).shape(LENS, FIELD)
+
+
+def test_a_wall_inside_the_entrance_is_refused_where_no_source_shines():
+    case = load_design(shipped("designs/noise_only.toml")).case
+    case = replaced(case, "instrument.baffle", None)
+    case = replaced(case, "instrument.tube", replace(TUBE, diameter=5 * mm))
+    with pytest.raises(Refused, match=r"tube\.diameter must be wider than the entrance"):
+        run_trials(case, 1, range(1), Fidelity.FRAME)
