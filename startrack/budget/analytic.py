@@ -27,7 +27,7 @@ from startrack.budget.fields import (
     FieldStars,
     Solver,
     attitudes,
-    fields_of,
+    listed_fields,
     propagate,
 )
 from startrack.budget.fixed import OF_STARS, displaced, moved, of_the_camera, through_lens, visible
@@ -226,7 +226,7 @@ def analytic(case: Case, count: int = FIELDS) -> Budget[ErrorLaw]:
 
 def budget_if_solved(case: Case, count: int = FIELDS) -> Budget[ErrorLaw] | None:
     """`analytic`, but None where no field can be solved."""
-    solved = of_fields(case, fields_of(case, attitudes, count))
+    solved = of_fields(case, listed_fields(case, attitudes, count))
     return solved and solved.budget
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from startrack.budget.analytic import analytic, of_fields
 from startrack.budget.blind import blind
 from startrack.budget.budget import Budget, ErrorLaw
-from startrack.budget.fields import Fields, attitudes, boresights, fields_of
+from startrack.budget.fields import Fields, attitudes, boresights, listed_fields
 from startrack.budget.left_out import TrialCheck, check
 from startrack.budget.single_stars import Residuals, residuals
 from startrack.core import Advance, Floats, Refused, Unit, printed
@@ -225,12 +225,12 @@ class RateSurvey:
 
 def budget_and_sky(case: Case) -> tuple[Budget[ErrorLaw], RateSurvey]:
     """The budget of `analytic`, and its errors in each of the fields that it is from."""
-    return _surveyed(case, fields_of(case, attitudes))
+    return _surveyed(case, listed_fields(case, attitudes))
 
 
 def survey(case: Case, places: int = DIRECTIONS) -> RateSurvey:
     """The analytic budget in each direction. Raises and accuracy as `analytic`."""
-    return _surveyed(case, fields_of(case, boresights, places))[1]
+    return _surveyed(case, listed_fields(case, boresights, places))[1]
 
 
 def _surveyed(case: Case, view: Fields) -> tuple[Budget[ErrorLaw], RateSurvey]:

@@ -59,7 +59,7 @@ def fields(
     return _fields(selection, resolution, min(radius, 1.5), spread, count, listed)
 
 
-def fields_of(case: Case, spread: Callable[[int], Rotation], count: int = FIELDS) -> Fields:
+def listed_fields(case: Case, spread: Callable[[int], Rotation], count: int = FIELDS) -> Fields:
     """The stars of a case's sky that its tracker may know."""
     camera = case.instrument.camera
     return fields(case.catalog, camera, spread, count, case.believed_catalog)

@@ -7,7 +7,7 @@ import numpy as np
 
 from startrack import observation, response
 from startrack.attitude import FEWEST
-from startrack.budget.fields import attitudes, design_row, fields_of
+from startrack.budget.fields import attitudes, design_row, listed_fields
 from startrack.budget.fixed import visible
 from startrack.core import Floats, Ints, Stars, Streams, is_code, kept, kernel, median
 from startrack.design import Case
@@ -199,7 +199,7 @@ def _frames(
 
     detected  (m,) 1, probability that the search finds a star of each magnitude of `star`
     """
-    view = fields_of(case, attitudes, FIELDS)
+    view = listed_fields(case, attitudes, FIELDS)
     inside, magnitude = visible(case, view, float(star.magnitude[-1]), case)
     likely = np.interp(magnitude, star.magnitude, detected)
     counts = likely > 1e-3

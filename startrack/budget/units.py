@@ -13,7 +13,7 @@ from startrack.attitude import Mounting
 from startrack.budget.analytic import of_fields
 from startrack.budget.blind import blind
 from startrack.budget.budget import Budget, BudgetLine, Cause, ErrorLaw, Term
-from startrack.budget.fields import attitudes, fields_of, lattice_nodes
+from startrack.budget.fields import attitudes, lattice_nodes, listed_fields
 from startrack.budget.fixed import displacement, of_the_camera
 from startrack.core import Advance, Floats, Unit, printed, whole
 from startrack.design import Case, Moment, Scope, turning, unchecked
@@ -287,7 +287,7 @@ def _middle(case: Case, seed: int, age: float, count: int) -> _Middle | None:
     unit = middle_of(case, age)
     if unit is None:
         return None
-    view = fields_of(unit, attitudes, count)
+    view = listed_fields(unit, attitudes, count)
     solved = of_fields(unit, view, unit)
     if solved is None:
         raise blind(unit, f"the middle one of the units of seed {seed}")
@@ -367,7 +367,7 @@ def _measured(
     like  of a moment before; None: there is none
     """
     unit = unit_of(case, seed, moment)
-    view = fields_of(unit, attitudes, settings.fields)
+    view = listed_fields(unit, attitudes, settings.fields)
     alike = like or _as_measured(unit)
     solved = of_fields(unit, view, alike)
     if solved is None:
