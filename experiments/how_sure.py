@@ -337,7 +337,7 @@ def main() -> None:
         path = Path(folder) / "prototype.toml"
         path.write_text(PROTOTYPE, encoding="utf-8")
         figures |= posterior(path, options.designs, options.draws, executor)
-        loops, frames = (1, 32) if options.quick else (LOOPS, LOOP_FRAMES)
+        loops, frames = (1, 40) if options.quick else (LOOPS, LOOP_FRAMES)
         figures |= loop(path, loops, frames, options.draws, executor)
     print(json.dumps(figures, indent=1))
     command.save(options, figures)

@@ -15,7 +15,7 @@ import json
 import math
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -37,7 +37,6 @@ from startrack.design import (
     replaced_all,
     unit_case,
 )
-from startrack.io import from_table, read_table
 from startrack.metrics import fraction_interval, quantile_of_few
 from startrack.montecarlo import Sampling, Store, pool, resume
 from startrack.optics import Optics, Residual
@@ -151,14 +150,13 @@ def tracker(name: str, factor: float = 1.0) -> Case:
     return replaced_all(case, {name: found_at(case, name) * factor for name in names})
 
 
-def varied(design: str, variations: str) -> Case:
-    """A shipped design with the variations of a class."""
+def varied(design: str, *parts: str, changes: Sequence[str] = ()) -> Case:
+    """A shipped design with the variations of some parts, and with changes "KEY=VALUE"."""
+    include = json.dumps([f"variations/{part}.toml" for part in parts])
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "varied.toml"
-        path.write_text(
-            f'base = "{design}"\ninclude = ["variations/{variations}.toml"]\n', encoding="utf-8"
-        )
-        return load_design(path).case
+        path.write_text(f'base = "{design}"\ninclude = {include}\n', encoding="utf-8")
+        return load_design(path, changes).case
 
 
 def counted(budgets: UnitBudgets, one: Published) -> tuple[float, float]:
@@ -456,12 +454,15 @@ def robust(units: int, seed: int, every: list[Case]) -> tuple[float, float]:
 
 
 def of_class(structure: str, platform: str, **changes: str) -> Structure:
-    """A structure on a platform, as their parts of a design have them, with other values."""
-    table: dict[str, Any] = {}
-    for part in (f"structure-{structure}", f"platform-{platform}"):
-        path = shipped(f"variations/{part}.toml")
-        table |= read_table(path, "a part of a design")["instrument"]["structure"]
-    return from_table(Structure, table | changes)
+    """A structure on a platform, as their parts of a design have them, with other values.
+
+    What is not known is at the middle of its law.
+    """
+    parts = f"structure-{structure}", f"platform-{platform}"
+    words = [f"instrument.structure.{key}={value}" for key, value in changes.items()]
+    made = varied("designs/noise_only.toml", *parts, changes=words).instrument.structure
+    assert made
+    return made
 
 
 def structure_error() -> float:
