@@ -64,7 +64,7 @@ class Figure(NamedTuple):
         return re.compile("".join(named))
 
     def written(self, result: Any) -> dict[str, str]:
-        """The figures of a result, by the name of their place; "open" where an interval has no end."""
+        """The figures of a result, by their place; "open" where an interval has no end."""
         return {
             name: "open" if (value := found(result, path)) is None else format(value, form)
             for name, (path, form) in self.places.items()
