@@ -45,13 +45,14 @@ declare = Options(
     "same command continues. The status is 3 if a value is refused or has no attitude.\n\n"
     "  startrack sweep nanosatellite instrument.optics.f_number=1.2..2.4\n"
     "  startrack sweep mine.toml 'instrument.detector.exposure=20..200 ms' --log --trials 1000\n"
+    "  startrack sweep balloon.toml scene.date=2026-08-21T12:00..2026-08-22T12:00\n"
     "  startrack sweep mine.toml instrument.detector.product=imx174,cmv4000 \\\n"
     "      'instrument.optics.focal_length=16 mm,25 mm,35 mm'",
     DESIGN_FILE,
     Option(
         "keys KEY=A..B",
         "key of the design file and its values: A..B for a range, A,B,C for a list of numbers, "
-        "names, files or products; at most two",
+        "names, files, products or dates; at most two",
         many="+",
     ),
     Option("--points N", "values of a range (default: 9; of two keys 5 each)", whole(2, 1000)),

@@ -13,7 +13,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from startrack.core import Advance, Floats, Refused, Rows, optional_package, parse, printed
+from startrack.core import (
+    DAY,
+    Advance,
+    Floats,
+    Refused,
+    Rows,
+    optional_package,
+    parse,
+    printed,
+    utc,
+    utc_text,
+)
 from startrack.design import COSTS, Accuracy, Campaign, Design, Fidelity, found_at, load_design
 from startrack.metrics import ARCSEC, PERCENT, Column, Interval, Table, four_digits
 from startrack.optimise.figures import DesignFigures, Figure, all_by_formula, by_trials, middle
@@ -23,6 +34,7 @@ POINTS = {1: 9, 2: 5}  # of a range, by the number of keys; chosen by hand
 MOST_KEYS, MOST_DESIGNS = 2, 10_000
 DIGITS = 10  # of a value between the ends of a range
 QUANTITY = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*((?:[^\W\d]|[°%]).*)?")
+DATE = re.compile(r"\d{4}-\d\d-\d\d([T ]\d\d:\d\d(:\d\d(\.\d+)?)?)?Z?")
 
 
 class SweptKey(NamedTuple):
@@ -31,7 +43,7 @@ class SweptKey(NamedTuple):
     name     such as "instrument.optics.f_number"
     texts    its values, as a design file has them
     unit     of all of them; "" for numbers without one and for words
-    numbers  the values in this unit; None for words
+    numbers  the values in this unit, of dates hours after the first; None for words
     """
 
     name: str
@@ -62,6 +74,8 @@ class SweptKey(NamedTuple):
         ends = values.split("..")
         if len(ends) == 1:
             return cls.of(name, [part.strip() for part in values.split(",")])
+        if all(DATE.fullmatch(end.strip()) for end in ends):
+            return cls._of_dates(name, ends, points)
         low, high, unit = _range(name, ends)
         if log and low <= 0:
             raise Refused(f"{name} must begin above 0 where values are in equal ratios, got {low}")
@@ -77,6 +91,8 @@ class SweptKey(NamedTuple):
         every = tuple(texts)
         if "" in every or len(set(every)) < len(every):
             raise Refused(f"{name} must have values, each once, got {', '.join(every)}")
+        if all(DATE.fullmatch(text) for text in every):
+            return cls(name, every, f"h after {every[0]}", tuple(_hours(every)))
         found = [QUANTITY.fullmatch(text) for text in every]
         if not all(found):
             return cls(name, every)
@@ -87,9 +103,29 @@ class SweptKey(NamedTuple):
             return cls(name, every)
         return cls(name, every, unit, numbers)
 
+    @classmethod
+    def _of_dates(cls, name: str, ends: Sequence[str], points: int) -> SweptKey:
+        """A key with dates in equal steps, to the second."""
+        first, last = ends[0].strip(), ends[-1].strip()
+        length = _hours((first, last))[1]
+        if len(ends) != 2 or length <= 0:
+            raise Refused(f"{name} must have a range from early to late, got {'..'.join(ends)}")
+        middle = (
+            utc_text(first, length * DAY / 24 * n / (points - 1)) for n in range(1, points - 1)
+        )
+        return cls.of(name, dict.fromkeys((first, *middle, last)))
+
     def at(self, number: float) -> str:
-        """A number of its unit as a file writes it."""
+        """A number of its unit as a file writes it; hours as the date, to the second."""
+        if DATE.fullmatch(self.texts[0]):
+            return utc_text(self.texts[0], number * DAY / 24)
         return _written(float(f"{number:.{DIGITS}g}"), self.unit)
+
+
+def _hours(dates: Sequence[str]) -> list[float]:
+    """Hours of dates after the first of them; UTC."""
+    begin = utc(dates[0])
+    return [float((utc(date) - begin).to_value("h")) for date in dates]
 
 
 def is_whole(design: Design, name: str) -> bool:
@@ -105,7 +141,8 @@ def _range(name: str, ends: Sequence[str]) -> tuple[float, float, str]:
     first, last = (QUANTITY.fullmatch(ends[at].strip()) for at in (0, -1))
     if len(ends) != 2 or not (first and last):
         raise Refused(
-            f"{name} must be a range such as 1.2..2.4 or 20..80 ms, got {'..'.join(ends)}"
+            f"{name} must be a range such as 1.2..2.4 or 20..80 ms, or of dates, got "
+            f"{'..'.join(ends)}"
         )
     unit = last[2] or ""
     low, high = _in_unit(first, unit) if first[2] else float(first[1]), float(last[1])

@@ -42,6 +42,12 @@ def path(small, tmp_path_factory):
         ("a=2 mm,500 um", ("2 mm", "500 um"), (2000, 500)),
         ("a=imx174,cmv4000", ("imx174", "cmv4000"), None),
         ("a=true,false", ("true", "false"), None),
+        (
+            "a=2026-12-31T22:00 .. 2027-01-01T03:00",
+            ("2026-12-31T22:00", "2027-01-01T00:30:00", "2027-01-01T03:00"),
+            (0, 2.5, 5),
+        ),
+        ("a=2026-06-01,2026-06-02", ("2026-06-01", "2026-06-02"), (0, 24)),
     ],
 )
 def test_values_are_read_as_a_user_writes_them(text, texts, numbers):
@@ -70,11 +76,19 @@ def test_ratios_are_equal_and_ends_exact():
         ("a=0..1", True, "above 0"),
         ("a=1,,2", False, "each once"),
         ("a=1,1", False, "each once"),
+        ("a=2026-06-02..2026-06-01", False, "from early to late"),
+        ("a=2026-06-01..3", False, "or of dates"),
     ],
 )
 def test_what_is_no_range_is_refused(text, log, words):
     with pytest.raises(Refused, match=words):
         SweptKey.read(text, 3, log)
+
+
+def test_hours_between_dates_are_written_as_dates():
+    key = SweptKey.read("scene.date=2026-08-21T20:00..2026-08-22T03:00", 2)
+    assert key.label == "date (h after 2026-08-21T20:00)"
+    assert key.at(5.5) == "2026-08-22T01:30:00"
 
 
 def test_a_whole_number_has_whole_values(path):
