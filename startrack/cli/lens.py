@@ -270,7 +270,7 @@ def _trace(options: argparse.Namespace) -> int:
 
 
 def _understood(path: Path) -> dict[str, Any]:
-    """The unit of length and the glasses of a prescription, for the reader to compare."""
+    """Unit of length, glasses and what does not count of a prescription, for the reader."""
     if path.suffix.lower() == ".json":
         return {}
     prescription = optics.parse_prescription(path)
@@ -278,7 +278,7 @@ def _understood(path: Path) -> dict[str, Any]:
         f"{glass.name} ({glass.maker})" if glass.maker else f"model {glass.name}"
         for glass in prescription.glasses.values()
     ]
-    return {"unit": prescription.unit, "glasses": glasses}
+    return {"unit": prescription.unit, "glasses": glasses, "notes": list(prescription.notes)}
 
 
 def _tracing(options: argparse.Namespace) -> optics.Tracing:
@@ -409,6 +409,7 @@ def _text(result: dict[str, Any]) -> str:
         converted = "" if result["unit"] == "mm" else ", converted to mm"
         lines.append(f"lengths of the prescription in {result['unit']}{converted}")
         lines.append(f"glasses by maker: {', '.join(result['glasses']) or 'none'}")
+        lines += [f"of {result['source']}: {note}" for note in result["notes"]]
     if "table" in result:
         lines.append(f"wrote {result['table']}")
     return "\n".join(lines)

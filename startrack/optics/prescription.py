@@ -9,8 +9,9 @@ import difflib
 import re
 import tempfile
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from startrack.core import Refused, shown
@@ -57,6 +58,13 @@ PRECISE_NUMBER = re.compile(r"(\d{3,7})\.(\d{3,7})")
 MODEL = "1"  # kind of glass of a GLAS line
 # Of Zemax: what blocks light in a shape that the tracer leaves out.
 SHAPES = {"SQAP", "SQOB", "ELAP", "ELOB", "SPID", "UDAD", "UDAO", "UDOB", "COBS", "CLOB"}
+# Letters of CODE V, of the terms in r^4, r^6, ... r^20 of an asphere.
+ASPHERE = "ABCDEFGHJ"
+SHORTEST, LONGEST = 0.1, 30.0  # micrometre, of wavelengths that a prescription may have
+WARM = 20.0  # degC, at which the tracer takes lengths as they are
+THIN = 0.01  # atmosphere, below which a lens counts as one in vacuum
+TORR = 760.0  # of an atmosphere
+VIGNETTING = "its vignetting factors do not count: apertures of surfaces do"
 # Of CODE V: what is said of the whole lens, and of a surface, without effect on light or read by
 # the tracer.
 LENS_WORDS = {
@@ -141,16 +149,24 @@ class Glass(NamedTuple):
 class Prescription(NamedTuple):
     """A file as it was understood.
 
-    text     for the tracer, with numbers of `unit` and a stand-in for each glass
-    suffix   of the kind of file
-    unit     of length: "mm", "cm", "in" or "m"
-    glasses  by the number of the surface before them
+    text      for the tracer, with numbers of `unit` and a stand-in for each glass
+    suffix    of the kind of file
+    unit      of length: "mm", "cm", "in" or "m"
+    glasses   by the number of the surface before them
+    aspheres  by the number of the surface: terms in r^4, r^6, ..., in `unit`
+    focused   whether the image is at the paraxial focus, wherever the last distance puts it
+    defocus   `unit`, from there to the image
+    notes     what the file has and the trace does not count
     """
 
     text: str
     suffix: str
     unit: str
     glasses: dict[int, Glass]
+    aspheres: Mapping[int, Sequence[float]] = MappingProxyType({})
+    focused: bool = False
+    defocus: float = 0.0
+    notes: tuple[str, ...] = ()
 
 
 def parse_prescription(path: Path) -> Prescription:
@@ -161,8 +177,9 @@ def parse_prescription(path: Path) -> Prescription:
     none. Without makers, there must be one maker alone who has it.
 
     Raises  Refused where a glass is in none of these catalogues, with the nearest names, or in
-            several; where the unit of length is none of mm, cm, in, m; and where the file has what
-            the tracer would leave out (apertures that are not round, private glasses).
+            several; where the unit of length is none of mm, cm, in, m; where the file has what the
+            tracer would leave out (apertures that are not round, private glasses); and where it is
+            cut.
             ImportError without the extra `lens`.
     """
     path = Path(path)
@@ -177,25 +194,97 @@ def _parse_zemax(path: Path, text: str) -> Prescription:
     for words in lines:
         if words[:1] == ["GCAT"]:
             makers = words[1:]
-    if not any(words[:1] == ["SURF"] for words in lines):
-        raise Refused(f"{path} must be a Zemax prescription with surfaces (SURF), got none")
+    _require_surfaces(path, lines)
+    floats = ["FLOA"] in (words[:1] for words in lines)
+    stop = False
     for words in lines:
         word = words[0] if words else ""
         if word == "UNIT" and len(words) > 1:
             unit = _unit(path, words[1], ZEMAX_UNITS)
         elif word == "SURF":
-            surface += 1
+            surface, stop = surface + 1, False
+        elif word == "STOP":
+            stop = True
         elif word == "TYPE" and words[1:2] == ["COORDBRK"]:
             surface -= 1  # the tracer has no surface of it
         elif word in SHAPES:
             raise Refused(f"{path} must have circular apertures alone, got {word}")
         elif word == "IGNR" and words[1:2] == ["1"]:
             raise Refused(f"{path} must have no ignored surfaces (IGNR)")
+        elif word == "FTYP" and words[7:8] == ["1"]:
+            raise Refused(f"{path} must image stars, got a lens that is afocal (FTYP)")
+        elif word == "OBDC" and any(float(number) for number in words[1:3]):
+            raise Refused(f"{path} must have apertures about its axis, got {' '.join(words)}")
+        elif word == "OBSC":
+            words = ["CLAP", _obstruction(path, words), "inf"]
+        elif word == "DIAM" and floats and stop and len(words) > 1:
+            words = ["DIAM", repr(2 * float(words[1]))]  # half of what the tracer takes it for
         elif word == "GLAS" and len(words) > 1 and words[1].upper() != "MIRROR":
             glasses[surface] = _zemax_glass(path, words, makers)
             words = ["GLAS", "___BLANK", "1", "0", "1.5", "60", "0", "0", "0", "0", "0", "0"]
         made.append(" ".join(words))
-    return Prescription("\n".join(made) + "\n", ".zmx", unit, glasses)
+    notes = dict.fromkeys(filter(None, map(_zemax_note, lines)))
+    return Prescription("\n".join(made) + "\n", ".zmx", unit, glasses, notes=tuple(notes))
+
+
+def _require_surfaces(path: Path, lines: Sequence[Sequence[str]]) -> None:
+    """Refuse a file of Zemax without surfaces or a stop, and one that is cut.
+
+    Each surface has a distance, and the image, which is the last, has zero.
+    """
+    surfaces = list[dict[str, Sequence[str]]]()
+    for words in lines:
+        if words[:1] == ["SURF"]:
+            surfaces.append({})
+        elif words and surfaces:
+            surfaces[-1].setdefault(" ".join(words[:2]) if words[0] == "PARM" else words[0], words)
+    if not surfaces:
+        raise Refused(f"{path} must be a Zemax prescription with surfaces (SURF), got none")
+    for number, surface in enumerate(surfaces):
+        if "DISZ" not in surface:
+            raise Refused(f"{path} must have a distance (DISZ) after each surface, not so {number}")
+        linear = surface.get("PARM 1", ["", "", "0"])
+        if surface.get("TYPE", [""])[1:] == ["EVENASPH"] and float(linear[2]):
+            raise Refused(
+                f"{path} must have aspheres without a term in r^2, whose curvature the tracer does "
+                f"not count, got {' '.join(linear)} of surface {number}"
+            )
+    end = surfaces[-1]
+    if "GLAS" in end or end["DISZ"][1] == "INFINITY" or float(end["DISZ"][1]):
+        raise Refused(
+            f"{path} must end with the surface of the image, after which there is nothing, got "
+            f"surface {len(surfaces) - 1} with {' '.join(end.get('GLAS', end['DISZ']))}; is it cut?"
+        )
+    if (stops := sum("STOP" in surface for surface in surfaces)) != 1:
+        raise Refused(f"{path} must mark one surface as the stop (STOP), got {stops}")
+
+
+def _obstruction(path: Path, words: Sequence[str]) -> str:
+    """Radius of the disc that OBSC 0 RADIUS covers."""
+    if len(words) < 3 or float(words[1]):
+        raise Refused(f"{path} must have obstructions that are discs, got {' '.join(words)}")
+    return words[2]
+
+
+def _zemax_note(words: Sequence[str]) -> str:
+    """What a line says that the trace does not count; "" for others."""
+    word, numbers = (words[0], words[1:]) if words else ("", [])
+    if word == "MNUM" and numbers and int(numbers[0]) > 1:
+        return f"of its {numbers[0]} configurations (MNUM) that in which it was saved counts alone"
+    if word in ("VDXN", "VDYN", "VCXN", "VCYN") and any(float(number) for number in numbers):
+        return VIGNETTING
+    if word == "ENVD" and numbers[2:3] == ["1"]:
+        return _state_note("ENVD", float(numbers[0]), float(numbers[1]))
+    return ""
+
+
+def _state_note(word: str, celsius: float, atmospheres: float) -> str:
+    notes = []
+    if celsius != WARM:
+        notes.append(f"its lengths are those at {celsius:g} degC and count as those at {WARM:g}")
+    if atmospheres < THIN:
+        notes.append("it is a lens in vacuum, as --vacuum traces it")
+    return f"{'; '.join(notes)} ({word})" if notes else ""
 
 
 def _zemax_glass(path: Path, words: Sequence[str], makers: Sequence[str]) -> Glass:
@@ -214,7 +303,8 @@ def _zemax_glass(path: Path, words: Sequence[str], makers: Sequence[str]) -> Gla
 
 def _parse_code_v(path: Path, text: str) -> Prescription:
     unit, glasses, surface, made = "mm", dict[int, Glass](), -1, list[str]()
-    radii = False
+    aspheres, notes = dict[int, list[float]](), list[str]()
+    radii, focused, defocus = False, False, 0.0
     for words in _code_v_lines(text):
         word = words[0].upper()
         if word in ("SO", "S", "SI"):
@@ -229,6 +319,8 @@ def _parse_code_v(path: Path, text: str) -> Prescription:
             if len(words) > 3 and words[3].upper() not in ("AIR", "REFL"):
                 glasses[surface] = _code_v_glass(path, words[3].strip("'\""))
                 words = [*words[:3], "1.5:60"]
+            if word == "SI" and len(words) > 2:
+                defocus = _number(path, words, 2)
         elif word == "DIM" and len(words) > 1:
             unit = _unit(path, words[1].upper(), CODE_V_UNITS)
         elif word == "RDM":
@@ -240,6 +332,20 @@ def _parse_code_v(path: Path, text: str) -> Prescription:
             raise Refused(f"{path} must have clear circular apertures alone, got {' '.join(words)}")
         elif word in ZERO_ONLY and any(float(number) for number in words[1:2]):
             raise Refused(f"{path} must be a lens of revolution, got {' '.join(words)}")
+        elif word == "CIR" and "EDG" in (other.upper() for other in words):
+            continue  # the edge of the glass, which stops no light
+        elif word in (*ASPHERE,) and surface >= 0:
+            terms = aspheres.setdefault(surface, [0.0] * len(ASPHERE))
+            terms[ASPHERE.index(word)] = _number(path, words, 1)
+            words = [word, "0"]  # which the tracer takes for those in r^2, r^4, ...
+        elif word == "PIM":
+            focused = True
+        elif word in ("VUX", "VLX", "VUY", "VLY") and any(map(float, words[1:])):
+            notes.append(VIGNETTING)
+        elif word == "TEM":
+            notes.append(_state_note(word, _number(path, words, 1), 1.0))
+        elif word == "PRE":
+            notes.append(_state_note(word, WARM, _number(path, words, 1) / TORR))
         elif word not in (SURFACE_WORDS if surface >= 0 else LENS_WORDS) and word not in LENS_WORDS:
             raise Refused(
                 f"{path} must have commands that are understood, got {shown(' '.join(words))}"
@@ -247,7 +353,18 @@ def _parse_code_v(path: Path, text: str) -> Prescription:
         made.append(" ".join(words))
     if surface < 1:
         raise Refused(f"{path} must be a CODE V prescription with surfaces (SO, S, SI), got none")
-    return Prescription("\n".join(made) + "\n", ".seq", unit, glasses)
+    text = "\n".join(made) + "\n"
+    said = tuple(dict.fromkeys(filter(None, notes)))
+    return Prescription(text, ".seq", unit, glasses, aspheres, focused, defocus, said)
+
+
+def _number(path: Path, words: Sequence[str], place: int) -> float:
+    try:
+        return float(words[place])
+    except (IndexError, ValueError):
+        raise Refused(
+            f"{path} must have numbers after its commands, got {shown(' '.join(words))}"
+        ) from None
 
 
 def _code_v_lines(text: str) -> Iterator[list[str]]:
@@ -411,10 +528,7 @@ def read_prescription(path: Path) -> Any:
                 plain = Path(folder) / f"lens{suffix}"
                 plain.write_text(prescription.text, encoding="utf-8")
                 lens = readers[suffix](str(plain))
-            for surface, glass in prescription.glasses.items():
-                lens.updater.set_material(_material(glass), surface)
-            if prescription.unit != "mm":
-                lens.updater.scale_system(MILLIMETRES[prescription.unit])
+            _complete(path, lens, prescription)
             return lens
     except Refused:
         raise
@@ -423,6 +537,28 @@ def read_prescription(path: Path) -> Any:
         raise Refused(
             f"{path} must be a prescription, and the tracer says: {first_line(error)}"
         ) from None
+
+
+def _complete(path: Path, lens: Any, prescription: Prescription) -> None:
+    """Give the tracer's lens what its text does not hold; scale it to millimetre."""
+    for surface, glass in prescription.glasses.items():
+        lens.updater.set_material(_material(glass), surface)
+    for surface, terms in prescription.aspheres.items():
+        lens.surfaces[surface].geometry.coefficients = [0.0, *terms]
+    for wave in lens.wavelengths.wavelengths:
+        if not SHORTEST <= float(wave.value) <= LONGEST:
+            raise Refused(
+                f"{path} must have wavelengths from {SHORTEST:g} to {LONGEST:g} um, got "
+                f"{float(wave.value):g} um (CODE V has them in nm, Zemax in um)"
+            )
+    if prescription.focused:
+        lens.updater.image_solve()
+    if prescription.defocus:
+        last = len(lens.surfaces) - 2
+        before = float(lens.surfaces.get_thickness(last)[0])
+        lens.updater.set_thickness(before + prescription.defocus, last)
+    if prescription.unit != "mm":
+        lens.updater.scale_system(MILLIMETRES[prescription.unit])
 
 
 def _material(glass: Glass) -> Any:

@@ -78,7 +78,7 @@ def trace_lens(
     amplitude = np.empty((*shape, sum(j <= UNEVEN for j in names)))
     place, area, left, curvature = (np.empty(shape) for _ in range(4))
     paraxial = lens.paraxial
-    aim = Aim(float(paraxial.EPL()), float(paraxial.EPD()) / 2, _stop_radius(lens))
+    aim = _aim(lens, _stop_radius(lens))
     for t, kelvin in enumerate(tracing.temperature):
         for w, wavelength in enumerate(tracing.wavelength):
             here = _at_state(lens, kelvin, wavelength, tracing)
@@ -96,7 +96,8 @@ def trace_lens(
                     left[at],
                 ) = node.measure(names)
                 progress(1)
-    focal_length, f_number = float(paraxial.f2()) * MILLIMETRE, float(paraxial.FNO())
+    focal_length = float(np.squeeze(paraxial.f2())) * MILLIMETRE
+    f_number = float(np.squeeze(paraxial.FNO()))
     nodes = [np.array(axis) for axis in (tracing.temperature, tracing.wavelength, tracing.field)]
     table = LensTable(
         name,
@@ -204,6 +205,13 @@ class Aim(NamedTuple):
     stop: float
 
 
+def _aim(lens: Any, stop: float) -> Aim:
+    """The start of rays of a lens, whose stop has this radius."""
+    paraxial = lens.paraxial
+    pupil, width = (float(np.squeeze(value)) for value in (paraxial.EPL(), paraxial.EPD()))
+    return Aim(pupil, width / 2, stop)
+
+
 def _launch(lens: Any, aim: Aim, angle: float, wavelength: float, across: Floats, y: Floats) -> Any:
     """Rays of one star after the lens; they start in phase, in a plane across the beam.
 
@@ -231,8 +239,7 @@ def _launch(lens: Any, aim: Aim, angle: float, wavelength: float, across: Floats
 
 def _stop_radius(lens: Any) -> float:
     """Millimetre, height in the stop of the outermost ray of a star on the axis."""
-    paraxial = lens.paraxial
-    aim = Aim(float(paraxial.EPL()), float(paraxial.EPD()) / 2, 1.0)
+    aim = _aim(lens, 1.0)
     primary = float(lens.primary_wavelength) / MICROMETRE
     plain, _ = _without_apertures(lens)
     _launch(plain, aim, 0.0, primary, np.array([aim.radius]), np.zeros(1))
@@ -445,6 +452,11 @@ class _Node:
         place, path, forward = (float(np.squeeze(array)) for array in (chief.x, chief.opd, chief.N))
         exit_pupil = float(np.squeeze(self.lens.paraxial.exit_pupil_point_gcs()[2]))
         before = float(np.squeeze(self.lens.surfaces[-1].geometry.cs.z)) - exit_pupil
+        if not before:
+            raise Refused(
+                "the prescription must have its image away from its exit pupil, got both at one "
+                "place: is the distance after the last surface missing?"
+            )
         return _Sphere(place, path, math.copysign(1 / math.hypot(place, before), before * forward))
 
     def _uncovered(self, azimuth: Floats, rim: Floats) -> float:

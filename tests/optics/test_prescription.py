@@ -153,6 +153,17 @@ def test_a_model_glass_has_its_own_numbers(tmp_path):
         (zemax("MODEL 1 0"), "index and an Abbe number"),
         (zemax(unit="FURLONG"), "unit of length of mm, cm, in, m, got 'FURLONG'"),
         (zemax(more="SQAP 5 5"), "circular apertures alone, got SQAP"),
+        (zemax(more="OBDC 3 0"), "apertures about its axis, got OBDC 3 0"),
+        (zemax(more="OBSC 2 5 0"), "obstructions that are discs, got OBSC 2 5 0"),
+        (zemax().partition("SURF 3")[0], "end with the surface of the image.*got surface 2 with"),
+        (zemax().replace("  DISZ 60.0\n", ""), r"distance \(DISZ\) after each surface, not so 2"),
+        (zemax().replace("  STOP\n", ""), r"one surface as the stop \(STOP\), got 0"),
+        (
+            zemax(more="TYPE EVENASPH\nPARM 1 1e-4").replace("STOP\n  TYPE STANDARD", "STOP"),
+            "a term in r.2",
+        ),
+        (zemax().replace("WAVM 1 0.587562", "WAVM 1 587.562"), "from 0.1 to 30 um, got 587.562 um"),
+        (zemax().replace("FTYP 0 0 1 1 0 0 0", "FTYP 0 0 1 1 0 0 1"), "lens that is afocal"),
     ],
 )
 def test_what_is_not_known_is_refused_with_its_name(tmp_path, text, words):
@@ -170,11 +181,56 @@ def test_what_is_not_known_is_refused_with_its_name(tmp_path, text, words):
         (code_v(more="CIR OBS 3"), "clear circular apertures"),
         (code_v(more="ADE 3.0"), "lens of revolution"),
         (code_v().replace("WL 587.6", "PRV\nWL 587.6"), "private"),
+        (code_v().replace("WL 587.6", "WL 0.5876"), "from 0.1 to 30 um, got 0.0005876 um"),
+        (code_v(more="A"), "numbers after its commands, got 'A'"),
     ],
 )
 def test_what_the_tracer_would_leave_out_is_refused(tmp_path, text, words):
     with pytest.raises(Refused, match=words):
         lens_of(tmp_path, text, "seq")
+
+
+def test_an_asphere_of_code_v_begins_with_the_fourth_power(tmp_path):
+    """The equation of a conic with terms in r^4 and r^6, in inches of the file; millimetre here."""
+    fourth, sixth, inch = -2e-7, 3e-10, 25.4
+    terms = f"STO\n  ASP; K -0.5\n  A {fourth * inch**3!r}; B {sixth * inch**5!r}"
+    lens = lens_of(tmp_path, code_v(unit="I", length=inch, more=terms), "seq")
+    r, c = 10.0, 1 / 60
+    sag = c * r**2 / (1 + np.sqrt(1 - 0.5 * c**2 * r**2)) + fourth * r**4 + sixth * r**6
+    assert float(np.squeeze(lens.surfaces[1].geometry.sag(0.0, r))) == pytest.approx(sag, rel=1e-9)
+
+
+@pytest.mark.parametrize("defocus", [0.0, 0.2])
+def test_the_image_of_code_v_is_at_its_focus_and_defocus(tmp_path, defocus):
+    """The back focal length of a thick lens."""
+    text = code_v(length=10.0, unit="C").replace(
+        f"{60 / 10.0!r}\nSI 0.0 0.0", f"0.0\nPIM\nSI 0 {defocus}"
+    )
+    lens = lens_of(tmp_path, text, "seq")
+    n = 1.5168
+    back = focal_length(n) * (1 - (n - 1) * 6 / (n * 60)) + 10 * defocus
+    assert float(np.squeeze(lens.surfaces.get_thickness(2))) == pytest.approx(back, rel=2e-4)
+
+
+def test_the_diameter_of_a_floating_stop_is_half_of_it(tmp_path):
+    text = zemax(more="DIAM 12.5 1 0 0 1").replace("ENPD 25.0", "FLOA")
+    require_lens(lens_of(tmp_path, text), 1.5168)
+
+
+def test_what_is_before_the_middle_of_a_lens_takes_light(tmp_path):
+    lens = lens_of(tmp_path, zemax(more="OBSC 0 5.0 0"))
+    table, _ = trace_lens(lens, "a", "b", Tracing((293.15,), (550e-9, 600e-9), (0.0, 0.01)))
+    assert table.area[0, :, 0] == pytest.approx(np.pi * (12.5e-3**2 - 5e-3**2), rel=2e-3)
+
+
+def test_what_does_not_count_is_said(tmp_path):
+    path = tmp_path / "lens.zmx"
+    path.write_text(zemax().replace("WAVM", "ENVD -40 0 1\nVCYN 0 0.3\nMNUM 2 1\nWAVM"))
+    words = ("those at -40 degC", "its vignetting factors", "of its 2 configurations")
+    notes = parse_prescription(path).notes
+    assert all(word in note for word, note in zip(words, notes, strict=True))
+    path.write_text(zemax().replace("WAVM", "ENVD -40 0 0\nVCYN 0 0\nMNUM 1 1\nWAVM"))
+    assert not parse_prescription(path).notes
 
 
 def test_unit_and_glasses_are_there_to_be_said(tmp_path):
