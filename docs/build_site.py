@@ -49,6 +49,8 @@ FIRST = {
         "docs/reference",
         "docs/mission-keys",
         "docs/scene-keys",
+        "docs/profile-keys",
+        "docs/search-keys",
         "docs/api",
         "docs/json",
         "docs/conventions",

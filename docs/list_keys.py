@@ -1,4 +1,4 @@
-"""Write each key that a file may hold: reference, mission and scene keys, and JSON Schemas.
+"""Write each key that a file may hold, a page for each kind of file, and JSON Schemas.
 
     python docs/list_keys.py
 
@@ -14,10 +14,14 @@ from startrack.design import Key, design_keys, design_schema, keys_of
 from startrack.earth.retrieval import scene_keys, scene_schema
 from startrack.io import save_json, shipped
 from startrack.mission import Mission
+from startrack.moving import moving_keys
+from startrack.sequence import Sequence
 
 PAGE = Path(__file__).with_name("reference.md")
 MISSION = Path(__file__).with_name("mission-keys.md")
 SCENE = Path(__file__).with_name("scene-keys.md")
+PROFILE = Path(__file__).with_name("profile-keys.md")
+SEARCH = Path(__file__).with_name("search-keys.md")
 SCHEMA = shipped("designs") / "design.schema.json"
 SCENE_SCHEMA = shipped("scenes") / "scene.schema.json"
 HEAD = """\
@@ -35,8 +39,8 @@ computed. `python docs/list_keys.py` writes this page.
 MISSION_HEAD = """\
 # Keys of a mission file
 Every key that a mission file may hold, table by table, as `startrack mission` [reads](mission.md) \
-them. A value with a unit is a text, such as `altitude = "600 km"`. `python docs/list_keys.py` \
-writes this page.
+them; `startrack keys --mission orbit` prints those of one table. A value with a unit is a text, \
+such as `altitude = "600 km"`. `python docs/list_keys.py` writes this page.
 """
 SCENE_HEAD = """\
 # Keys of a scene file
@@ -46,6 +50,19 @@ land` prints those of one table. `camera` may also be a text, the name of a came
 of a spectral library: `{ file = "grass.csv", unit = "um", factor = 0.01 }`. `[retrieval]` and \
 `[campaign]` are for a study of the camera alone. A value with a unit is a text, such as \
 `altitude = "572 km"`. `python docs/list_keys.py` writes this page.
+"""
+PROFILE_HEAD = """\
+# Keys of a profile
+Every key that a profile of `startrack sequence` may hold, table by table: how the platform turns, \
+and what the filter knows; `startrack keys --profile gyro` prints those of one table. A value with \
+a unit is a text, such as `period = "0.2 s"`. `catalogs/sequences` has examples. \
+`python docs/list_keys.py` writes this page.
+"""
+SEARCH_HEAD = """\
+# Keys of a search for moving objects
+Every key that a [search for moving objects](search-moving-objects.md) may hold, table by table; \
+`startrack keys --search moving_object` prints those of one table. A value with a unit is a text, \
+such as `rate = "1 deg / d"`. `python docs/list_keys.py` writes this page.
 """
 TABLES = ("table", "tables")
 
@@ -63,6 +80,16 @@ def mission_page() -> str:
 def scene_page() -> str:
     """The text of docs/scene-keys.md."""
     return _page(SCENE_HEAD, scene_keys(), "")
+
+
+def profile_page() -> str:
+    """The text of docs/profile-keys.md."""
+    return _page(PROFILE_HEAD, keys_of(Sequence), "")
+
+
+def search_page() -> str:
+    """The text of docs/search-keys.md."""
+    return _page(SEARCH_HEAD, moving_keys(), "")
 
 
 def _page(head: str, keys: Iterable[Key], taken: str) -> str:
@@ -104,6 +131,8 @@ if __name__ == "__main__":
     PAGE.write_text(page(), encoding="utf-8")
     MISSION.write_text(mission_page(), encoding="utf-8")
     SCENE.write_text(scene_page(), encoding="utf-8")
+    PROFILE.write_text(profile_page(), encoding="utf-8")
+    SEARCH.write_text(search_page(), encoding="utf-8")
     save_json(SCHEMA, design_schema())
     save_json(SCENE_SCHEMA, scene_schema())
-    print(f"wrote {PAGE}, {MISSION}, {SCENE}, {SCHEMA} and {SCENE_SCHEMA}")
+    print(f"wrote {PAGE}, {MISSION}, {SCENE}, {PROFILE}, {SEARCH}, {SCHEMA} and {SCENE_SCHEMA}")

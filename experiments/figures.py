@@ -36,6 +36,8 @@ WRITTEN = (
     "api.md",
     "gallery.md",
     "mission-keys.md",
+    "profile-keys.md",
+    "search-keys.md",
     "tutorial.md",
     "tutorial-earth.md",
 )

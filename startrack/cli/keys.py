@@ -1,10 +1,12 @@
-"""`startrack keys`: what a design file may hold."""
+"""`startrack keys`: what a file may hold."""
 
 from __future__ import annotations
 
 import argparse
 import shutil
+from collections.abc import Callable, Iterable, Sequence
 from textwrap import fill
+from typing import NamedTuple
 
 from startrack.cli.options import Exit, Option, Options, WrongUse, wanted
 
@@ -12,8 +14,9 @@ if wanted(__name__):
     import difflib
     import json
 
+    from startrack import mission, moving, sequence
     from startrack.cli.terminal import print_result
-    from startrack.design import Key, design_keys, design_schema, search_keys
+    from startrack.design import Key, design_keys, design_schema, keys_of, search_keys
     from startrack.earth import retrieval
 
 WIDEST = 100  # letters of a line
@@ -23,9 +26,10 @@ declare = Options(
     "its range and default, what it means, and which fidelities take it where some do not (in "
     "brackets: run without it): all, or those of one table. For example\n\n"
     "  startrack keys instrument.detector\n"
-    "  startrack keys field of view\n\n"
+    "  startrack keys field of view\n"
+    "  startrack keys --mission orbit\n\n"
     "Words that are no table are looked for in names and meanings, and among the words of "
-    "datasheets. "
+    "datasheets; what no design file has, in the other kinds of files. "
     "--schema prints a JSON Schema of them, by which editors complete and check design files: "
     "with taplo, as in VS Code's Even Better TOML, by a first line\n\n"
     "  #:schema ./design.schema.json",
@@ -36,30 +40,69 @@ declare = Options(
         many="*",
     ),
     Option("--scene", "those of a scene file of an Earth camera, in place of a design file"),
-    Option("--schema", "print the JSON Schema of a whole design file"),
+    Option("--mission", "those of a mission file"),
+    Option("--profile", "those of a profile of `startrack sequence`"),
+    Option("--search", "those of a search for moving objects"),
+    Option("--schema", "print the JSON Schema of a whole design file, or with --scene of a scene"),
 )
+
+
+class FileKeys(NamedTuple):
+    """A kind of file, in words, and the keys that it may hold."""
+
+    what: str
+    listed: Callable[[], Iterable[Key]]
+
+    def find(self, table: str) -> list[Key]:
+        """The keys of a table, or those that words mean."""
+        keys = list(self.listed())
+        found = [key for key in keys if f"{key.name}.".startswith(f"{table}." if table else "")]
+        return found or ([] if "." in table else search_keys(table, keys))
 
 
 def command(options: argparse.Namespace) -> int:
     """Print the keys, one after the other."""
+    kinds = {
+        "design": FileKeys("a design file", design_keys),
+        "scene": FileKeys("a scene file of an Earth camera", retrieval.scene_keys),
+        "mission": FileKeys("a mission file", lambda: keys_of(mission.Mission)),
+        "profile": FileKeys(
+            "a profile of `startrack sequence`", lambda: keys_of(sequence.Sequence)
+        ),
+        "search": FileKeys("a search for moving objects", moving.moving_keys),
+    }
+    asked = [name for name in kinds if getattr(options, name, False)]
+    if len(asked) > 1:
+        raise WrongUse(f"one kind of file must be asked for, got {' and '.join(asked)}")
     if options.schema:
-        schema = retrieval.scene_schema() if options.scene else design_schema()
-        print(json.dumps(schema, indent=1))
+        if asked not in ([], ["scene"]):
+            raise WrongUse(f"--schema must be of a design or a scene, got --{asked[0]}")
+        print(json.dumps(retrieval.scene_schema() if asked else design_schema(), indent=1))
         return Exit.DONE
     table = " ".join(options.table)
-    keys = retrieval.scene_keys() if options.scene else design_keys()
-    chosen = [key for key in keys if f"{key.name}.".startswith(f"{table}." if table else "")]
-    chosen = chosen or ([] if "." in table else search_keys(table, keys))
-    if not chosen:
-        near = difflib.get_close_matches(table, [key.name for key in keys], 3)
+    first = kinds.pop(asked[0] if asked else "design")
+    chosen = first.find(table)
+    if chosen:
+        _print(options, chosen)
+        return Exit.DONE
+    others = {} if asked else {name: kind.find(table) for name, kind in kinds.items()}
+    if not any(others.values()):
+        near = difflib.get_close_matches(table, [key.name for key in first.listed()], 3)
         raise WrongUse(
-            f"TABLE must be a table or a key of a {'scene' if options.scene else 'design'} file, "
+            f"TABLE must be a table or a key of {first.what if asked else 'a file'}, "
             f"got {table!r}" + (f"; similar are {', '.join(near)}" if near else "")
         )
-    width = min(shutil.get_terminal_size().columns, WIDEST)
-    for key in chosen:
-        print_result(options, key._asdict(), _text(key, width))
+    for name, found in others.items():
+        if found and not options.json:
+            print(f"{kinds[name].what} has (--{name}):")
+        _print(options, found)
     return Exit.DONE
+
+
+def _print(options: argparse.Namespace, keys: Sequence[Key]) -> None:
+    width = min(shutil.get_terminal_size().columns, WIDEST)
+    for key in keys:
+        print_result(options, key._asdict(), _text(key, width))
 
 
 def _text(key: Key, width: int) -> str:

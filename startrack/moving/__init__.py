@@ -19,6 +19,7 @@ from startrack.moving.study import (
     SearchCampaign,
     SearchLimits,
     load_moving_design,
+    moving_keys,
 )
 
 __all__ = [
@@ -37,6 +38,7 @@ __all__ = [
     "find",
     "forecast_moving",
     "load_moving_design",
+    "moving_keys",
     "refined",
     "score_maps",
 ]

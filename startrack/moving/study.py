@@ -7,13 +7,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from startrack.core import POSITIVE, Parameters, Range, Refused, Unit, deg, parameter
-from startrack.design import Instrument, Link, Variable, load_design, with_changes
+from startrack.core import DAY, POSITIVE, Parameters, Range, Refused, Unit, deg, parameter
+from startrack.design import Instrument, Key, Link, Variable, keys_of, load_design, with_changes
 from startrack.io import from_table, read_table, refuse_unknown, shipped
 from startrack.problem import Settings
 from startrack.scene import Scene
-
-DAY = 86400.0  # second
 
 
 class MovingObject(Parameters):
@@ -157,6 +155,15 @@ class MovingDesign(Parameters):
 
 
 KEYS = "camera", "scene", "moving_object", "campaign"
+CAMERA = Key(
+    "camera", "text", "", "", "required", "design file, or the name of a camera of the catalogue"
+)
+
+
+def moving_keys() -> tuple[Key, ...]:
+    """All keys that a file of a search for moving objects may have."""
+    keys = keys_of(MovingDesign)
+    return (CAMERA, *(key for key in keys if key.name.partition(".")[0] in KEYS))
 
 
 def load_moving_design(search: str | Path, changes: Sequence[str] = ()) -> MovingDesign:

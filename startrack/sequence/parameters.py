@@ -30,10 +30,16 @@ TURN = "of the rotation vector, about the axes of the camera of the design"
 class Leg(Parameters):
     """A time in which the camera turns at constant rates about its own axes."""
 
-    duration: float = parameter(unit=Unit("s"), limit=POSITIVE)
-    rate_x: float = parameter(unit=Unit("rad/s", "deg/s"), limit=FINITE, default=0.0)
-    rate_y: float = parameter(unit=Unit("rad/s", "deg/s"), limit=FINITE, default=0.0)
-    rate_z: float = parameter(unit=Unit("rad/s", "deg/s"), limit=FINITE, default=0.0)
+    duration: float = parameter("of the leg", unit=Unit("s"), limit=POSITIVE)
+    rate_x: float = parameter(
+        "about the x axis of the camera", unit=Unit("rad/s", "deg/s"), limit=FINITE, default=0.0
+    )
+    rate_y: float = parameter(
+        "about its y axis", unit=Unit("rad/s", "deg/s"), limit=FINITE, default=0.0
+    )
+    rate_z: float = parameter(
+        "about its boresight", unit=Unit("rad/s", "deg/s"), limit=FINITE, default=0.0
+    )
 
 
 class Gyro(Parameters):

@@ -384,6 +384,18 @@ def test_keys_of_a_table(call):
     assert "similar are instrument.optics" in err
 
 
+def test_keys_of_other_kinds_of_files(call, capsys):
+    assert main(["keys", "ozone"]) == 0
+    assert capsys.readouterr().out.startswith("a scene file of an Earth camera has (--scene):\nair")
+    status, found, err = call("keys", "--mission", "orbit", "--json")
+    assert (status, err, found[1]["name"]) == (0, "", "orbit.altitude")
+    assert call("keys", "--profile", "gyro", "--json")[1][1]["name"] == "gyro.angle_random_walk"
+    assert call("keys", "ozone", "--json")[1][0]["name"] == "air.ozone"
+    assert "--scene and" not in call("keys", "--scene", "quark")[2]
+    assert "got scene and mission" in call("keys", "--scene", "--mission")[2]
+    assert "of a design or a scene" in call("keys", "--mission", "--schema")[2]
+
+
 def test_keys_are_found_by_the_words_of_datasheets(call):
     keys = {key.name for key in design_keys()}
     for words, names in DATASHEET.items():

@@ -9,11 +9,15 @@ from pathlib import Path
 import list_keys
 import pytest
 
+from startrack import design
 from startrack.cli.main import main
 from startrack.design.files import load_design
 from startrack.design.keys import design_keys
 from startrack.design.unknown import is_law
 from startrack.io import shipped
+from startrack.mission import Mission
+from startrack.moving import moving_keys
+from startrack.sequence import Sequence
 
 WITHOUT_SOURCES = "import inspect; inspect.getsource = inspect.getsourcelines = None\n"
 KEYS = {key.name: key for key in design_keys()}
@@ -121,7 +125,27 @@ def test_the_page_is_that_of_the_code():
     assert Path(list_keys.PAGE).name == "reference.md"
 
 
-def test_the_page_of_missions_is_of_today():
-    assert list_keys.MISSION.read_text(encoding="utf-8") == list_keys.mission_page(), (
-        "python docs/list_keys.py writes it anew"
-    )
+@pytest.mark.parametrize(
+    ("page", "text"),
+    [
+        (list_keys.MISSION, list_keys.mission_page),
+        (list_keys.PROFILE, list_keys.profile_page),
+        (list_keys.SEARCH, list_keys.search_page),
+    ],
+)
+def test_the_pages_of_other_files_are_of_today(page, text):
+    assert page.read_text(encoding="utf-8") == text(), "python docs/list_keys.py writes it anew"
+
+
+@pytest.mark.parametrize(
+    ("folder", "keys"),
+    [
+        ("missions", design.keys_of(Mission)),
+        ("sequences", design.keys_of(Sequence)),
+        ("searches", moving_keys()),
+    ],
+)
+def test_shipped_files_of_other_kinds_have_the_keys_that_are_listed(folder, keys):
+    known = {key.name for key in keys}
+    for path in shipped(folder).glob("*.toml"):
+        assert keys_of(tomllib.loads(path.read_text("utf-8"))) <= known, path
