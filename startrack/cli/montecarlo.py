@@ -5,10 +5,11 @@ from __future__ import annotations
 import argparse
 import math
 import time
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from startrack.cli import options as shared
 from startrack.cli.not_known import DRAWS
@@ -26,7 +27,7 @@ if wanted(__name__):
     from startrack.cli.not_known import draws_of, errors_over_unknowns, units_over_unknowns
     from startrack.cli.units import require_units, trials_of
     from startrack.core import Floats, Rows, arcsec, parse
-    from startrack.design import Case, Design, Fidelity, Requirements
+    from startrack.design import Accuracy, Case, Design, Fidelity, Requirements
     from startrack.io import finite, save_json
     from startrack.metrics import ARCSEC, ErrorLimits, Row
     from startrack.montecarlo import Endings, Precision, Sampling
@@ -139,6 +140,37 @@ declare = Options(
 )
 
 
+class TriedDesign(NamedTuple):
+    """A design, and the trials of it that the store holds now.
+
+    outcomes   a row of each trial
+    attitudes  of the trials, as drawn
+    ends       how each ended, and why
+    failures   blocks of trials that failed, and what was raised
+    rate       new trials per second
+    """
+
+    design: Design
+    outcomes: Rows
+    attitudes: Rotation
+    ends: Endings
+    failures: list[tuple[range, str]]
+    rate: float
+
+    @property
+    def needs(self) -> Requirements | None:
+        """The requirements of its campaign."""
+        return self.design.campaign.requirements if self.design.campaign else None
+
+    @property
+    def accuracy(self) -> tuple[Accuracy, ...]:
+        """Limits on errors."""
+        return self.needs.accuracy if self.needs else ()
+
+
+Section = tuple[dict[str, Any], list[str]]  # of the result: for JSON, and lines of text
+
+
 def command(options: argparse.Namespace) -> int:
     """Print the summary; with --out, write trials.csv, errors.png and summary.json.
 
@@ -148,8 +180,7 @@ def command(options: argparse.Namespace) -> int:
     path = options.design or terminal.example()
     design = terminal.read_design(path, options.set)
     case, campaign = design.case, design.campaign
-    needs = campaign.requirements if campaign else None
-    limits = needs.limits if needs else metrics.STATED_ALONE
+    limits = campaign.requirements.limits if campaign else metrics.STATED_ALONE
     watched = Precision(
         options.precision or UNREACHED, options.statistic, options.confidence, options.sobol, limits
     )
@@ -164,68 +195,88 @@ def command(options: argparse.Namespace) -> int:
         montecarlo.warm(case, sampling)  # what no trial can do is refused before the first
     if options.sketch:
         return _sketch(options, case, sampling, limits, workers)
-    where: Path | None = options.store or (options.out / STORE if options.out else None)
-    outcomes, failures, rate = _run(options, design, sampling, where, watched, workers)
-    judged = outcomes
-    attitudes = sampling.attitudes_of(options.seed, outcomes["trial"].tolist())
-    ends = montecarlo.endings(
-        case, options.seed, outcomes, attitudes, limits, needs.min_keep_out if needs else None
-    )
-    if needs and sampling.attitudes == "random":
-        judged = counted(needs, case, options.seed, outcomes)
-    summary = metrics.summarise(judged, limits)
-    required, verdicts = dict[str, Any](), list[str]()
-    if needs and needs.accuracy:
-        boresight = attitudes[np.isin(outcomes["trial"], judged["trial"])].inv().apply([0, 0, 1])
-        claims = number_of_claims(conditions)
-        summary, errors, verdicts = _required(needs, judged, boresight, summary, claims)
-        others = [*(condition.name for condition in conditions[1:]), *refused]
-        required = {"required": errors, "conditions_not_run": others}
-        if others:
-            verdicts.append(
-                "this is the design's own condition alone; `startrack verify` also judges: "
-                + "; ".join(others)
-            )
+    tried = _run(options, design, sampling, watched, workers)
+    claims = number_of_claims(conditions)
+    others = [*(condition.name for condition in conditions[1:]), *refused]
+    summary, required, verdicts = _judged(options, tried, sampling, limits, claims, others)
     rows = metrics.summary_rows(summary, limits)
     result = {"design": str(path), "seed": options.seed, "fidelity": sampling.fidelity.value}
-    result |= metrics.to_json(rows) | {"trials_per_s": rate} | required
-    asked = f"{summary.doubt}; `startrack budget` names what the tracker does not know"
-    text = [_answer(summary), *([asked] if summary.doubt else [])]
+    result |= metrics.to_json(rows) | {"trials_per_s": tried.rate} | required
+    doubt = f"{summary.doubt}; `startrack budget` names what the tracker does not know"
+    text = [_answer(summary), *([doubt] if summary.doubt else [])]
     text += [*metrics.to_lines(rows), *verdicts]
-    accuracy = needs.accuracy if needs else ()
-    if options.units:
-        result["units"], lines = trials_of(case, options.seed, sampling, outcomes, accuracy)
-        text += lines
-    else:
-        text.append(noise_only(case))
-    if design.unknowns and options.draws:
-        values, lines = _over_unknowns(options, path, sampling, summary)
+    for values, lines in (
+        _of_units(options, tried, sampling),
+        _over_unknowns(options, tried, path, sampling, summary),
+        ({"noise_only": not options.units}, [_pace(options, tried)]),
+        _details(options, tried, watched),
+    ):
         result |= values
         text += lines
-    result["noise_only"] = not options.units
-    text.append(f"{rate:.1f} trials/s, seed {options.seed}")
-    more, lines = _details(options, outcomes, ends, watched)
-    result |= more
-    text += lines
-    if failures:
-        result["failed_trials"] = sum(len(numbers) for numbers, _ in failures)
-        last = montecarlo.last_words(failures[-1][1])
-        terminal.print_message(f"{result['failed_trials']} trials failed, the last with: {last}")
-    if where:
-        result["store"] = str(where)
-    _save_table(options, case, outcomes, attitudes, ends)
-    if options.out:
-        plots.draw_errors(options.out / "errors.png", outcomes, path.stem, summary, accuracy)
-        save_json(options.out / "summary.json", finite(result))
-        result["out"] = str(options.out)
+    _save(options, tried, summary, result, path.stem)
     terminal.print_result(options, result, *text)
-    return Exit.DONE if summary.availability.value == 1 and not failures else Exit.UNSOLVED
+    done = summary.availability.value == 1 and not tried.failures
+    return Exit.DONE if done else Exit.UNSOLVED
+
+
+def _store_of(options: argparse.Namespace) -> Path | None:
+    where: Path | None = options.store or (options.out / STORE if options.out else None)
+    return where
+
+
+def _pace(options: argparse.Namespace, tried: TriedDesign) -> str:
+    return f"{tried.rate:.1f} trials/s, seed {options.seed}"
+
+
+def _judged(
+    options: argparse.Namespace,
+    tried: TriedDesign,
+    sampling: Sampling,
+    limits: ErrorLimits,
+    claims: int,
+    others: Sequence[str],
+) -> tuple[metrics.Summary, dict[str, Any], list[str]]:
+    """The summary of the trials that count, and the errors that are limited beside their limits.
+
+    claims  number of all that `verify` judges together
+    others  conditions of the design that are not run, for `verify`
+    """
+    needs, judged = tried.needs, tried.outcomes
+    if needs and sampling.attitudes == "random":
+        judged = counted(needs, tried.design.case, options.seed, tried.outcomes)
+    summary = metrics.summarise(judged, limits)
+    if not (needs and needs.accuracy):
+        return summary, {}, []
+    kept = np.isin(tried.outcomes["trial"], judged["trial"])
+    boresight = tried.attitudes[kept].inv().apply([0, 0, 1])
+    summary, errors, verdicts = _required(needs, judged, boresight, summary, claims)
+    if others:
+        verdicts.append(
+            "this is the design's own condition alone; `startrack verify` also judges: "
+            + "; ".join(others)
+        )
+    return summary, {"required": errors, "conditions_not_run": list(others)}, verdicts
+
+
+def _of_units(options: argparse.Namespace, tried: TriedDesign, sampling: Sampling) -> Section:
+    """Units of the design, or that it is the unit as designed."""
+    case = tried.design.case
+    if not options.units:
+        return {}, [noise_only(case)]
+    values, lines = trials_of(case, options.seed, sampling, tried.outcomes, tried.accuracy)
+    return {"units": values}, lines
 
 
 def _over_unknowns(
-    options: argparse.Namespace, path: Path, sampling: Sampling, summary: metrics.Summary
-) -> tuple[dict[str, Any], list[str]]:
-    """Intervals over the values that the design does not know: for JSON, and lines."""
+    options: argparse.Namespace,
+    tried: TriedDesign,
+    path: Path,
+    sampling: Sampling,
+    summary: metrics.Summary,
+) -> Section:
+    """Intervals over the values that the design does not know."""
+    if not (tried.design.unknowns and options.draws):
+        return {}, []
     if isinstance(sampling.units, Units):
         values, lines = units_over_unknowns(options, path, sampling.units.age)
         return {"not_known": values}, lines
@@ -248,30 +299,43 @@ def _answer(summary: metrics.Summary) -> str:
     )
 
 
-def _save_table(
-    options: argparse.Namespace, case: Case, outcomes: Rows, attitudes: Rotation, ends: Endings
+def _save(
+    options: argparse.Namespace,
+    tried: TriedDesign,
+    summary: metrics.Summary,
+    result: dict[str, Any],
+    name: str,
 ) -> None:
-    """Write the table of the trials to --table and to the folder of --out."""
+    """Write the table of the trials to --table; table, picture and result to the folder of --out.
+
+    The result says where they are.
+    """
+    if where := _store_of(options):
+        result["store"] = str(where)
     paths: list[Path | None] = [options.table, options.out and options.out / "trials.csv"]
     if any(paths):
-        table = montecarlo.with_causes(case, outcomes, attitudes, ends)
+        table = montecarlo.with_causes(
+            tried.design.case, tried.outcomes, tried.attitudes, tried.ends
+        )
         with shared.as_wrong_use(ValueError, ImportError):
             for path in filter(None, paths):
                 montecarlo.export(path, table)
+    if options.out:
+        picture = options.out / "errors.png"
+        plots.draw_errors(picture, tried.outcomes, name, summary, tried.accuracy)
+        save_json(options.out / "summary.json", finite(result))
+        result["out"] = str(options.out)
 
 
 def _run(
     options: argparse.Namespace,
     design: Design,
     sampling: Sampling,
-    where: Path | None,
     watched: Precision,
     workers: Workers,
-) -> tuple[Rows, list[tuple[range, str]], float]:
-    """Run the trials that the store does not hold yet.
-
-    Returns  all trials, blocks of trials that failed, and trials per second
-    """
+) -> TriedDesign:
+    """Run the trials that the store does not hold yet."""
+    where = _store_of(options)
     began, precision = time.perf_counter(), watched if options.precision else None
     numbers = range(options.first, options.first + options.trials)
     with shared.as_wrong_use():
@@ -301,31 +365,40 @@ def _run(
         if design.campaign:
             store.keep_campaign(design.campaign)
         failures = store.failures()
-    return outcomes, failures, (len(outcomes) - before) / (time.perf_counter() - began)
+    rate = (len(outcomes) - before) / (time.perf_counter() - began)
+    attitudes = sampling.attitudes_of(options.seed, outcomes["trial"].tolist())
+    needs = design.campaign.requirements if design.campaign else None
+    keep_out = needs.min_keep_out if needs else None
+    ends = montecarlo.endings(
+        design.case, options.seed, outcomes, attitudes, watched.limits, keep_out
+    )
+    return TriedDesign(design, outcomes, attitudes, ends, failures, rate)
 
 
-def _details(
-    options: argparse.Namespace, outcomes: Rows, ends: Endings, precision: Precision
-) -> tuple[dict[str, Any], list[str]]:
+def _details(options: argparse.Namespace, tried: TriedDesign, precision: Precision) -> Section:
     """Gain of the variance reduction, ends of the trials, and uncertainty of the statistic."""
     result: dict[str, Any] = {}
     text = []
     if options.control or options.sobol:
-        rows = _reduced_variance(outcomes, options.sobol)
+        rows = _reduced_variance(tried.outcomes, options.sobol)
         result["helped"] = metrics.to_json(rows)
         text += metrics.to_lines(rows)
-    lost = {end.value: count for end, count in ends.count().items() if count}
+    lost = {end.value: count for end, count in tried.ends.count().items() if count}
     result["endings"] = lost
     if set(lost) != {montecarlo.Ending.CORRECT.value}:
         text.append("trials by their end: " + ", ".join(f"{n} {name}" for name, n in lost.items()))
     if options.precision:
-        width = montecarlo.half_width(precision.interval(outcomes))
+        width = montecarlo.half_width(precision.interval(tried.outcomes))
         result |= {"statistic": precision.statistic, "relative_half_width": width}
         result |= {"confidence": precision.confidence, "precise": width <= precision.relative}
         text.append(
             f"{precision.statistic} is known to {100 * width:.2f} % with "
             f"{100 * precision.confidence:g} % confidence"
         )
+    if tried.failures:
+        result["failed_trials"] = sum(len(numbers) for numbers, _ in tried.failures)
+        last = montecarlo.last_words(tried.failures[-1][1])
+        terminal.print_message(f"{result['failed_trials']} trials failed, the last with: {last}")
     return result, text
 
 
