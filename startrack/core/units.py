@@ -56,6 +56,11 @@ SPELLINGS = (
     (re.compile(r"\bke-"), "1000 electron"),
     (re.compile(r"\be-|\belectrons\b"), "electron"),
     (re.compile(r"\b(px|pixels)\b"), "pixel"),
+    (re.compile(r"\b(inch|inches|in)\b"), "2.54 cm"),
+    (re.compile(r"\b(foot|feet|ft)\b"), "30.48 cm"),
+    (re.compile(r"\bmicrons\b"), "micron"),
+    (re.compile(r"\b([mu]?)sec\b"), r"\1s"),
+    (re.compile(r"\brpm\b"), "cycle / min"),
 )
 A_PIXEL = re.compile(r"\s*/\s*(px|pix|pixel)\b")  # of charge: "e-/px/s"
 DOSE = re.compile(r"\b([kM]?)rad(\(Si\))?")  # of radiation, where the unit is no angle
@@ -103,8 +108,8 @@ def parse(text: str, unit: str, absolute: bool = False, clock: bool = False) -> 
     37800.0
 
     text      a number and a unit as astropy writes them: "50 mm", "5 deg", "10 electron / s"; also
-              "10 e-/s", "10 e-/px/s", "20 ke-", "5 e- rms", "2 px", and "3 krad(Si)" or "3 krad"
-              of a dose
+              "10 e-/s", "10 e-/px/s", "20 ke-", "5 e- rms", "2 px", "2 in", "6 ft", "3 sec",
+              "1 rpm", and "3 krad(Si)" or "3 krad" of a dose
     unit      unit of the result
     absolute  whether degC is a unit too, for the temperature itself and no difference
     clock     whether hours:minutes and hours:minutes:seconds are a time of day, in second

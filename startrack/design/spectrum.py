@@ -11,18 +11,24 @@ from startrack.io import read_bytes
 PLACE = "instrument.motion.broadband"
 UNITS = "Hz", "arcsec2 / Hz"  # of columns whose head names none
 HEAD = re.compile(r"[^(\[]*[(\[](.*)[)\]]\s*")
+# Units other than UNITS that a head names without brackets.
+LOOSE = re.compile(
+    r"(?<![a-z])([munpkµμ]?rad|arcmin|deg|[mu]?as|[mu]arcsec|db|[km]hz)(?![a-z])", re.IGNORECASE
+)
 
 
 def with_spectra(table: Any, folder: Path) -> None:
     """Replace `file` of each table of `instrument.motion.broadband` by frequency and density.
 
     The file has two columns, between commas, semicolons or blanks: frequency and one-sided power
-    spectral density. A head such as "frequency (Hz), density (urad2 / Hz)" names the units, which
-    else are Hz and arcsec2 / Hz. Lines that begin with # do not count.
+    spectral density. A head such as "frequency (Hz), density (urad2 / Hz)", with or without a #
+    before it, names the units, which else are Hz and arcsec2 / Hz. Other lines that begin with # do
+    not count.
 
     table   of a whole design, changed here
     folder  in which the file is
-    Raises  ValueError, with file and line, where there is no such file or it is no such table.
+    Raises  ValueError, with file and line, where there is no such file or it is no such table, and
+            where a line before the numbers names another unit without brackets.
     """
     match table:
         case {"instrument": {"motion": {"broadband": list(entries)}}}:
@@ -43,9 +49,11 @@ def with_spectra(table: Any, folder: Path) -> None:
 def _columns(path: Path) -> tuple[list[str], list[str]]:
     """Frequencies and densities, each with its unit."""
     units, frequency, density = list(UNITS), list[str](), list[str]()
-    for line, cells in _lines(path):
-        if not frequency and _number(cells[0]) is None:
-            units = _units(path, line, cells)
+    for line, text in _lines(path):
+        cells = _cells(text.lstrip("# "))
+        if text.startswith("#") or (not frequency and _number(cells[0]) is None):
+            if not frequency:
+                units = _units(path, line, cells, units)
             continue
         if len(cells) != 2 or None in (_number(cells[0]), _number(cells[1])):
             raise Refused(f"{path}, line {line}: must have a frequency and a density, got {cells}")
@@ -56,8 +64,8 @@ def _columns(path: Path) -> tuple[list[str], list[str]]:
     return frequency, density
 
 
-def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Number and cells of each line that counts."""
+def _lines(path: Path) -> Iterator[tuple[int, str]]:
+    """Number and text of each line that is not empty."""
     try:
         lines = read_bytes(path, "a table of a spectrum").decode("utf-8-sig").splitlines()
     except UnicodeDecodeError as error:
@@ -65,16 +73,31 @@ def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
     except OSError as error:
         raise Refused(str(error) if error.errno is None else f"{path}: {error}") from None
     for number, line in enumerate(lines, 1):
-        text = line.strip()
-        if text and not text.startswith("#"):
-            separated = re.split(r"\s*[,;]\s*", text)
-            yield number, separated if len(separated) > 1 else text.split()
+        if text := line.strip():
+            yield number, text
 
 
-def _units(path: Path, line: int, cells: list[str]) -> list[str]:
-    """The units that a head names."""
+def _cells(text: str) -> list[str]:
+    separated = re.split(r"\s*[,;]\s*", text)
+    if len(separated) > 1:
+        return separated
+    bracketed = re.findall(r"[^(\[]*[(\[][^)\]]*[)\]]", text)  # "f (Hz)  S (arcsec2 / Hz)"
+    return bracketed if len(bracketed) == len(UNITS) else text.split()
+
+
+def _units(path: Path, line: int, cells: list[str], before: list[str]) -> list[str]:
+    """The units that a head names; those of lines before it where it names none."""
     found = [match[1] if (match := HEAD.fullmatch(cell)) else "" for cell in cells]
-    units = [unit or usual for unit, usual in zip(found, UNITS, strict=False)]
+    if not any(found):
+        if loose := LOOSE.search(" ".join(cells)):
+            raise Refused(
+                f"{path}, line {line}: must name its units in brackets, such as 'frequency (Hz), "
+                f"density (urad2 / Hz)', got {loose[0]!r} without them"
+            )
+        return before
+    if len(found) != len(UNITS):
+        return before
+    units = [unit or usual for unit, usual in zip(found, UNITS, strict=True)]
     try:
         for unit, usual in zip(units, ("Hz", "rad2 / Hz"), strict=True):
             parse(f"1 {unit}", usual)

@@ -29,6 +29,11 @@ from startrack.core.units import fraction, parse, utc_text, write
         ("10°", "rad", math.radians(10.0)),
         ("1 arcsec", "rad", math.pi / 648000),
         ("40 Mpix / s", "pix / s", 40e6),
+        ("2 in", "m", 0.0508),
+        ("6 ft", "m", 1.8288),
+        ("5 microns", "m", 5e-6),
+        ("100 msec", "s", 0.1),
+        ("1 rpm", "rad / s", math.pi / 30),
     ],
 )
 def test_a_quantity_becomes_si(text, unit, value):

@@ -28,6 +28,8 @@ def spectrum(folder, text):
         ("# measured\n1 4\n\n10 0.4\n", 4 * arcsec**2),
         ("frequency (Hz); PSD (urad2 / Hz)\n1; 4\n10; 0.4\n", 4e-12),
         ("kind [kHz], psd [arcsec2 / Hz]\n0.001, 4\n0.01, 0.4\n", 4 * arcsec**2),
+        ("# f [Hz]  PSD [urad^2/Hz]\n1 4\n10 0.4\n", 4e-12),
+        ("# frequency (Hz), density (urad2 / Hz)\n# by day\n1, 4\n10, 0.4\n", 4e-12),
         ("f, psd\r\n1e0, 4e0\r\n10, 0.4\r\n", 4 * arcsec**2),
     ],
 )
@@ -47,6 +49,8 @@ def test_a_table_beside_the_design_is_a_spectrum(tmp_path, monkeypatch, text, de
         ("1, 4\n2\n", "line 2: must have a frequency and a density"),
         ("1, 4\nx, 3\n", "line 2"),
         ("f (kg), psd\n1, 4\n2, 3\n", "line 1: units"),
+        ("frequency_hz,psd_rad2_per_hz\n1,4\n2,3\n", "line 1: must name its units in brackets"),
+        ("f,S\nHz,urad^2/Hz\n1,4\n2,3\n", "line 2: must name its units in brackets.*'urad'"),
         ("10, 4\n1, 3\n", "frequency must increase"),
     ],
 )
