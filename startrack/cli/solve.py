@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import BrokenExecutor
 from dataclasses import replace
 from functools import lru_cache
@@ -102,6 +102,7 @@ WIDEST = 240.0  # degree across the columns, of a fisheye
 # What all images of a process share: the options of these names, and the function that reads an
 # image, the camera, the settings and the indexes that they give.
 SHARED = "fov_tolerance", "plane", "bayer", "colour", "raw", "dark", "catalog", "epoch", "camera"
+SAID = "said"  # attribute of an error, with the warnings before it
 # Values of JSON that an image without an attitude has not.
 ATTITUDE = "icrs_to_camera_xyzw", "ra_deg", "dec_deg", "roll_deg", "fov_x_deg"
 IMAGE = (
@@ -140,11 +141,11 @@ def command(options: argparse.Namespace) -> int:
                     solved = executor.submit(_solved_with_warnings, options, path).result()
                 (result, text, status), said = solved
             except Exception as error:  # whatever is wrong with it, the others are solved
+                _warn(getattr(error, SAID, ()))
                 terminal.print_failed_image(options, path, error)
                 statuses.add(Exit.FAILED)
                 continue
-            for warning in said:  # of a worker, whose own process would print the line of code
-                warnings.warn(warning, stacklevel=1)
+            _warn(said)
             terminal.print_result(options, result, text)
             statuses.add(status)
     return Exit.FAILED if Exit.FAILED in statuses else max(statuses)
@@ -167,10 +168,20 @@ def _opened(
 def _solved_with_warnings(
     how: argparse.Namespace, path: Path
 ) -> tuple[tuple[dict[str, Any], str, Exit], list[str]]:
-    """What `_solved` returns, and what it has warned of."""
+    """What `_solved` returns, and its warnings, which an error has in its attribute SAID."""
     with warnings.catch_warnings(record=True) as caught:
-        solved = _solved(how, path)
+        try:
+            solved = _solved(how, path)
+        except Exception as error:
+            setattr(error, SAID, [str(warning.message) for warning in caught])
+            raise
     return solved, [str(warning.message) for warning in caught]
+
+
+def _warn(said: Iterable[str]) -> None:
+    """Warn as this process, since a worker would print the line of code, too."""
+    for warning in said:
+        warnings.warn(warning, stacklevel=1)
 
 
 def _solved(how: argparse.Namespace, path: Path) -> tuple[dict[str, Any], str, Exit]:

@@ -99,8 +99,11 @@ def write_solution(options: argparse.Namespace, solution: optimise.Solution, pat
     result |= {"answer": solution.answer, "seed": options.seed, "by": solution.how}
     result |= {"key": solution.key.name, "unit": unit, "until": options.until}
     result |= {"margin": solution.margin, "values": table.json()}
+    if solution.left_out:
+        result["not_counted"] = list(solution.left_out)
     save_json(options.out / "result.json", finite(result))
     text = [solution.answer, "", *(table.text(()) if solution.crossings else ())]
+    text += [f"Not counted: {'; '.join(solution.left_out)}."] if solution.left_out else []
     terminal.print_result(
         options, result, *text, f"by {solution.how}", f"results are in {options.out}"
     )

@@ -91,8 +91,8 @@ def _is_handled(error: BaseException | None) -> bool:
 
 
 def stop_with_input() -> None:
-    """End the command as by Ctrl-C when standard input ends, where the process that started it asks
-    for that: it holds the other end, which is closed when it ends, also by SIGKILL.
+    """End the command as by SIGTERM when standard input ends, where the process that started it
+    asks for that: it holds the other end, which is closed when it ends, also by SIGKILL.
     """
     if not os.environ.pop(STOPS_WITH_INPUT, ""):
         return
@@ -100,7 +100,7 @@ def stop_with_input() -> None:
     def watch() -> None:
         while os.read(0, 1024):
             pass
-        os.kill(os.getpid(), signal.SIGINT)
+        os.kill(os.getpid(), signal.SIGTERM)  # SIGINT is ignored in the background of a shell
 
     threading.Thread(target=watch, daemon=True).start()
 

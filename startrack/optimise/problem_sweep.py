@@ -221,10 +221,15 @@ def solve_problem_for(
     def at(number: float) -> Problem:
         return load([f"{values.name}={values.at(number)}"])
 
+    left_out = dict[str, None]()
+
     def expected_at(number: float) -> float:
         problem = at(number)
-        costs = problem.costs()
-        margins = costs if margin in costs else {**costs, **problem.expect().margins}
+        margins = costs = problem.costs()
+        if margin not in costs:
+            expected = problem.expect()
+            margins = {**costs, **expected.margins}
+            left_out.update(dict.fromkeys(expected.left_out))
         if margin not in margins:
             names = ", ".join(margins)
             raise Refused(f"a limit must be the name of a margin ({names}), got {margin!r}")
@@ -255,7 +260,8 @@ def solve_problem_for(
         known=[(number, _scaled(value)) for number, value in margins.items()],
     )
     how = f"formula, corrected by {trials} trials, seed {source.seed}" if by_trials else "formula"
-    return Solution(values, margin, margin, margins, line.crossings(), how)
+    crossings = line.crossings()
+    return Solution(values, margin, margin, margins, crossings, how, left_out=tuple(left_out))
 
 
 def _scaled(margin: float) -> float:

@@ -74,6 +74,7 @@ class Solution:
     until      the limit as it was asked
     margins    by formula at these values, except those that the design refuses, in order
     refused    why the design refuses the others, or empty
+    left_out   what the formula does not count, a phrase each; of a star tracker `budget` has it
     crossings  in order of their values
     how        what decides, in words
     """
@@ -85,6 +86,7 @@ class Solution:
     crossings: tuple[LimitCrossing, ...]
     how: str
     refused: str = ""
+    left_out: tuple[str, ...] = ()
 
     @property
     def _rows(self) -> list[tuple[str, str]]:

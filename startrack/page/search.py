@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import signal
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -62,12 +61,15 @@ class SearchRun:
             os.setpriority(os.PRIO_PROCESS, self._process.pid, POLITE)
 
     def stop(self) -> None:
-        """Ask it to end as by Ctrl-C; what was computed stays in its ledger."""
+        """Ask it to end; what was computed stays in its ledger.
+
+        Not by SIGINT, which shells let what they start in the background ignore.
+        """
         if self._process is None or not self.running:
             self._release()
             return
         self._stopped = True
-        self._process.send_signal(signal.SIGINT)
+        self._process.terminate()
         try:
             self._process.wait(PATIENCE)
         except subprocess.TimeoutExpired:

@@ -98,6 +98,8 @@ def test_workers_solve_what_one_process_solves(call, tmp_path):
     for name in names[::2]:
         fits.setval(name, "BAYERPAT", value="RGGB")
     names[1].write_bytes(names[1].read_bytes()[:5000])  # cannot be read
+    fits.writeto(tmp_path / "nan.fits", np.full((2, 9, 9), np.nan))  # warns, then is refused
+    names.append(tmp_path / "nan.fits")
     with warnings.catch_warnings():
         warnings.simplefilter("default")
         alone = call("solve", *names, "--fov", 9.5, "--json")
@@ -105,7 +107,8 @@ def test_workers_solve_what_one_process_solves(call, tmp_path):
     assert alone == shared
     assert shared[0] == 1
     assert shared[2].count("mosaic of colours (RGGB)") == 1
-    assert [one["status"] for one in shared[1]] == ["solved", "failed", "solved"]
+    assert shared[2].count("cube of 2 planes") == 1
+    assert [one["status"] for one in shared[1]] == ["solved", "failed", "solved", "failed"]
 
 
 def noise(kind: str) -> np.ndarray:

@@ -114,3 +114,7 @@ def test_a_key_of_a_scene_is_swept_and_solved_for(tmp_path, capsys):
     [crossing] = json.loads(capsys.readouterr().out)["values"]
     assert 540 < crossing["value"] < 560
     assert crossing["kept_above"]
+    key = [swept, "--until", "nominal: power", "--points", "2", "--trials", "0"]
+    assert main(["solve-for", "hsrs", *key, *out]) == 3  # met by both
+    left_out = json.loads(capsys.readouterr().out)["not_counted"]
+    assert any("relief and clouds" in phrase for phrase in left_out)
