@@ -1,10 +1,10 @@
-"""What enters an exposure: stars, images, the attitude and its motion; what the tracker believes.
+"""Inputs of an exposure: stars, images, attitude and motion; and the values the tracker believes.
 
 pointing  Attitude of a trial, the motion of the camera about it, and what a tracker must report.
-stars     Case -> the stars of its sky: which a frame may hold, how bright, and of what colour.
+stars     Case -> the stars of its sky that a frame may hold, their brightness and colour.
 images    Instrument -> the images of stars: their PSF, over the frame and over their colour.
-exposure  Case and attitude -> what its detector is exposed to, a matrix or lines that sweep.
-belief    Case -> what its tracker believes: plan of the detection, meaning of the numbers, smear.
+exposure  Case and attitude -> the exposure of its detector, a matrix or lines that sweep.
+belief    Case -> values that its tracker believes: detection plan, meaning of the numbers, smear.
 """
 
 from startrack.observation.belief import (

@@ -1,4 +1,4 @@
-"""Case -> what its tracker believes: plan of the detection, meaning of the numbers, smear."""
+"""Case -> values that its tracker believes: detection plan, meaning of the numbers, smear."""
 
 import math
 from dataclasses import replace
@@ -20,7 +20,8 @@ from startrack.detection import (
 from startrack.detector import Detector, dark_frames, to_frame
 from startrack.observation.images import psf_of
 
-# Pixel, so that frames at nearly the same rate share a plan; half of it costs nothing.
+# Pixel: smear is rounded to this step, so that frames at nearly the same rate share a plan; an
+# error of half a step has no measurable effect.
 SMEAR_STEP = 0.25
 
 
@@ -39,7 +40,7 @@ def detection_plan(
 def _settings(
     case: Case, detection: Detection | None, smear: tuple[float, float] | None
 ) -> tuple[Instrument, Detection]:
-    """The instrument of the design, and the settings with their smear; of the 64 last cases."""
+    """The design's instrument, and the settings with their smear; cached for the last 64 cases."""
     detection = detection or case.tracker.detection
     designed = case.as_designed
     return designed.instrument, with_smear(detection, *(smear or known_smear(designed)))
@@ -69,21 +70,21 @@ def as_believed(case: Case, frame: Frame) -> Frame:
 
 
 def seen_smear(case: Case, frame: Frame) -> tuple[float, float]:
-    """Smear (pixel, x and y) that the streaks of a frame show; its sign is open."""
+    """Smear (pixel, x and y) that the streaks of a frame show; its sign is unknown."""
     frame, still = as_believed(case, frame), detection_plan(case, smear=(0.0, 0.0))
     coarse = streak_of(frame, still)
     if not coarse.seen:
         return 0.0, 0.0
     x, y = (SMEAR_STEP * round(side / SMEAR_STEP) for side in (coarse.x, coarse.y))
     streak = refined(frame, still, detect(frame, detection_plan(case, smear=(x, y))), coarse)
-    # Not in steps: the rounding alone would add a fortieth to the error at 3 deg/s.
+    # Not rounded to steps: the rounding alone would add 1/40 to the error at 3 deg/s.
     return streak.x, streak.y
 
 
 def known_smear(case: Case) -> tuple[float, float]:
     """Smear on the boresight (pixel, x and y) by the rates that the tracker knows.
 
-    Zero where lines scan: each of their spots has its own time.
+    Zero for scanned lines, because each of their spots has its own time.
     """
     detector, motion = case.as_designed.instrument.detector, case.believed_motion
     if detector.scan:
@@ -92,13 +93,13 @@ def known_smear(case: Case) -> tuple[float, float]:
 
 
 def smear_of(case: Case, rate_x: float, rate_y: float) -> tuple[float, float]:
-    """`smear` that the tracker of a case computes from rates (rad / s)."""
+    """The smear (`smear`) that the tracker of a case computes from rates (rad / s)."""
     exposure = case.as_designed.instrument.detector.exposure
     return smear(case.believed_camera, exposure, rate_x, rate_y)
 
 
 def smear(camera: Camera, exposure: float, rate_x: float, rate_y: float) -> tuple[float, float]:
-    """Smear on the boresight (pixel, x and y) in an exposure (s) at rates (rad / s).
+    """Smear on the boresight (pixel, x and y) of an exposure (s) at rates (rad / s).
 
     The sky turns by r: a star on the boresight moves by (r_y, -r_x).
     """
@@ -107,10 +108,10 @@ def smear(camera: Camera, exposure: float, rate_x: float, rate_y: float) -> tupl
 
 
 def with_smear(detection: Detection, x: float, y: float) -> Detection:
-    """The settings with a smear where they leave it out.
+    """The settings with the given smear, unless they have one.
 
-    Only the likelihood has a use for one below `STREAK`: of stars of 0.33 pixel (sigma) it errs 3.7
-    times as much without.
+    A smear below `STREAK` is used by the likelihood alone: without it, the error is 3.7 times as
+    large for stars of 0.33 pixel (sigma).
     """
     if detection.smear_x is not None or detection.smear_y is not None:
         return detection

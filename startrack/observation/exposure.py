@@ -1,4 +1,4 @@
-"""Case and attitude -> what its detector is exposed to, a matrix or lines that sweep."""
+"""Case and attitude -> the exposure of its detector, a matrix or lines that sweep."""
 
 from dataclasses import replace
 
@@ -15,7 +15,7 @@ from startrack.observation.stars import light_of, throughput, throughput_of_colo
 
 
 def sweep(case: Case, light: Light, icrs_to_camera: Rotation, streams: Streams) -> Frame:
-    """The image that the lines make, half of it before time zero and half after.
+    """The image of the scanned lines, half of it exposed before time zero and half after.
 
     icrs_to_camera  true attitude at time zero
     Raises          as `detector.scan`
@@ -42,8 +42,8 @@ def straighten(
 ) -> Spots:
     """The spots that a matrix would have at time zero.
 
-    A star was on the line when its row of the image was exposed; from there it is rotated back
-    with the rates that the tracker believes.
+    A star was on the line when its row of the image was exposed; its direction is rotated back from
+    this time to time zero, with the rates that the tracker believes.
 
         time = (y - (rows - 1) / 2 + delay) exposure
 
@@ -52,14 +52,14 @@ def straighten(
     motion    as the tracker believes it; its rates count
     camera    of a matrix of as many rows as the image, as the tracker believes it
     Returns   the spots at other positions; the covariance along a line shrinks with its sampling
-    Accuracy  model: all lines count as their mean, correct where image and charge move together;
-              jitter is unknown to the tracker.
+    Accuracy  model: the mean of all lines stands for each, which is correct where image and charge
+              move together; jitter is unknown to the tracker.
     """
     row, delay = scanned.middle
     time = (spots.y - (camera.rows - 1) / 2 + delay) * exposure
     x = spots.x / scanned.phases
     pixel = np.column_stack([x, np.full(len(x), row + (camera.rows - 1) / 2)])
-    # The sky turns against the camera; back to time zero it turns with it.
+    # The sky turns against the camera; back to time zero it turns with the camera.
     back = Rotation.from_rotvec(np.multiply.outer(time, motion.rates))
     place = camera.project(back.apply(camera.unproject(pixel))) if len(x) else pixel
     size = np.array([1 / scanned.phases, 1.0])
@@ -70,13 +70,14 @@ def straighten(
 def at_one_time(spots: Spots, row_delay: float, rate: Floats, camera: Camera) -> Spots:
     """The spots of a rolling shutter as they would be at the middle of the frame's exposure.
 
-    Each is turned back, by the rates that the tracker knows, over the time between the exposure of
-    its row and that of the middle row.
+    Each spot is rotated, at the rates that the tracker knows, from the time of its row to the time
+    of the middle row.
 
     row_delay  second, as the tracker believes it
     rate       (3,) radian / second, about the camera's axes, as it believes them
     camera     as it believes it
-    Accuracy   model: within an exposure the rate is constant; a row is that of the spot's centroid.
+    Accuracy   model: the rate is constant within an exposure; the row of a spot is its centroid's
+    row.
     """
     if not row_delay or not np.any(rate) or not len(spots):
         return spots
@@ -121,10 +122,10 @@ def exposure_of(
     streams: Streams,
     turn: MotionRealisation | None = None,
 ) -> Exposure:
-    """All inputs of the frame of a trial except its noise.
+    """All inputs of a trial's frame, except the noise.
 
-    With a lag, the camera turned in the frame before as it turns now, and the frames before that
-    one are taken to be like it.
+    With residual charge (lag), the camera has the same rate in the frame before. All earlier frames
+    are assumed to equal this one.
 
     light  as `light_of` gives it
     path   as `line_of_sight` gives it, of the same turn

@@ -1,4 +1,4 @@
-"""Instrument -> the images of stars: their PSF, over the frame and over their colour."""
+"""Instrument -> the images of stars: their PSF by place in the frame and by colour."""
 
 from dataclasses import replace
 
@@ -9,7 +9,7 @@ from startrack.design import Case, Instrument
 from startrack.optics import Optics, cube_psf, field_psf, open_optics, pixel_psf
 from startrack.scene import SUN, WAVELENGTH
 
-# Kelvin, of blackbodies whose images those of all stars are interpolated between.
+# Kelvin, temperatures of blackbodies; images of stars are interpolated between theirs.
 TEMPERATURES = np.array([50000.0, 8000.0, 4500.0, 2500.0])
 
 
@@ -35,7 +35,7 @@ def psf_of(instrument: Instrument) -> Psf:
 def _one_psf(
     optics: Optics, pitch: float, photons: bytes, fill_factor: float, diffusion: float
 ) -> Psf:
-    """`pixel_psf`; kept for the 8 last, which instruments of other exposures or noise share."""
+    """`pixel_psf`, cached for the last 8; it does not depend on the exposure time and on noise."""
     spectrum = np.frombuffer(photons)
     return pixel_psf(optics, pitch, WAVELENGTH, spectrum, fill_factor, diffusion)
 
@@ -57,16 +57,16 @@ def field_psf_of(instrument: Instrument) -> FieldPsf:
 
 
 def with_images_of(case: Case) -> Case:
-    """The design that a unit shares its images with; the case itself where there is none.
+    """The design whose images a unit uses; the case itself if it is no unit.
 
-    Displacements of centroids follow from the images; what such a unit differs in otherwise, light
-    and noise, changes errors of attitudes by at most 1e-5 of them through these displacements.
+    Displacements of centroids follow from the images. Other differences of the unit, in light and
+    noise, change these displacements too, which changes attitude errors by at most 1e-5 of them.
     """
     return case.as_designed if case.instrument.imaged else case
 
 
 def _whole_images(instrument: Instrument) -> FieldPsf:
-    """The images with all effects of the lens; instruments of one lens and detector share them."""
+    """The images with all effects of the lens; shared by instruments of one lens and detector."""
     instrument = instrument.imaged or instrument
     detector = instrument.detector
     spectra = instrument.detected_spectra(TEMPERATURES)

@@ -1,4 +1,5 @@
-"""Attitude of a trial, the motion of the camera about it, and what a tracker must report."""
+"""Attitude of a trial, the camera's motion about it, and the attitude that a tracker must
+report."""
 
 import math
 from collections.abc import Sequence
@@ -24,7 +25,7 @@ def random_attitudes(seed: int, numbers: Sequence[int]) -> Rotation:
 
 
 def rotations_from_cube(cube: Floats) -> Rotation:
-    """Rotations of points (n, 3) in the unit cube, which are distributed as evenly as the points.
+    """Rotations from points (n, 3) in the unit cube; uniform points give uniform rotations.
 
     Source: Shoemake (1992), Uniform random rotations, Graphics Gems III, 124.
     """
@@ -77,7 +78,7 @@ def motion_before(
 
 
 def mean_attitude(instrument: Instrument, icrs_to_camera: Rotation, streams: Streams) -> Rotation:
-    """The mean attitude over the exposure of a trial, of its attitude at the middle.
+    """The mean attitude over a trial's exposure, from the attitude at the middle of the exposure.
 
     A slew at a constant rate does not move it.
     """
@@ -89,11 +90,11 @@ def mean_attitude(instrument: Instrument, icrs_to_camera: Rotation, streams: Str
 
 
 def reference_attitude(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Rotation:
-    """The attitude icrs_to_camera that a tracker must report, so that the spacecraft's is correct.
+    """The attitude icrs_to_camera that the tracker must report to be free of error.
 
-    Its time tag may be late, and the mounting may differ from the believed one: the reference is
-    the spacecraft's attitude at the time tag, or its mean over the exposure, in the axes of the
-    believed camera.
+    The time tag may be late, and the mounting may differ from the believed one. The reference is
+    therefore the spacecraft's attitude at the time tag, or its mean over the exposure, in the axes
+    of the camera as the tracker believes it mounted.
     """
     truth = icrs_to_camera
     if case.time_tag_error:
@@ -114,9 +115,9 @@ def in_believed_axes(case: Case, attitude: Rotation, streams: Streams) -> Rotati
 
 
 def exposure_jitter(case: Case) -> Floats:
-    """Radian^2 (3,) about the camera's axes, of the mean of an exposure about what is asked for.
+    """Radian^2 (3,) about the camera's axes: mean attitude of an exposure minus the reference.
 
-    Zero where the mean is asked for, and where lines scan. Jitter by user code is not counted.
+    Zero if the reference is the mean, and for scanned lines. Jitter by user code is not counted.
     """
     instrument = case.instrument
     if case.tracker.reference == "mean" or instrument.detector.scan:
@@ -125,5 +126,5 @@ def exposure_jitter(case: Case) -> Floats:
 
 
 def platform_jitter(case: Case) -> Floats:
-    """`exposure_jitter` of a platform, which all heads share; zero where the jitter is a head's."""
+    """`exposure_jitter` of a platform, which all heads share; zero if the jitter is of one head."""
     return np.zeros(3) if case.instrument.motion.jitter_of != "platform" else exposure_jitter(case)

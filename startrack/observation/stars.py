@@ -1,4 +1,4 @@
-"""Case -> the stars of its sky: which a frame may hold, how bright, and of what colour."""
+"""Case -> the stars of its sky that a frame may hold, their brightness and colour."""
 
 import math
 from collections.abc import Callable
@@ -17,7 +17,7 @@ from startrack.identification import POINTS, indexed_field, merged
 from startrack.optics import add_ghosts, stray_light
 from startrack.scene import Sight, illuminate
 
-PART = 2**14  # stars whose spectra, hundreds of bytes each, are held at a time
+PART = 2**14  # stars whose spectra (hundreds of bytes each) are in memory at a time
 EDGE = 0.5  # degree beyond the corners from which a slewing or blurred star can reach the frame
 COLOURS = np.linspace(-0.6, 4.0, 24)  # BP - RP, from the hottest stars to the reddest
 
@@ -49,7 +49,7 @@ def colours_of(case: Case) -> Floats:
 
 
 def _of_all_stars(case: Case, figure: Callable[[Light], Floats]) -> Floats:
-    """A figure (n,) of the light of each star of the sky, some of them at a time."""
+    """A value (n,) for the light of each star of the sky, computed in parts."""
     stars = open_sky(case.catalog).stars
     starts = range(0, max(len(stars), 1), PART)
     parts = (illuminate(case.scene, stars[start : start + PART]) for start in starts)
@@ -95,14 +95,14 @@ def sky_electrons(case: Case) -> float:
 
 
 def light_by_colour(case: Case, colour: Floats) -> Light:
-    """The light of stars of G = 0 and BP - RP (n,), NaN for a sunlike one."""
+    """The light of stars of G = 0 by their BP - RP (n,); NaN means sunlike."""
     count = len(colour)
     stars = Stars(np.zeros(count, np.int64), np.zeros((count, 3)), np.zeros(count), colour)
     return illuminate(case.scene, stars)
 
 
 def colour_correction(case: Case, bp_rp: Floats) -> Floats:
-    """Magnitude (n,) by which stars are fainter for this camera than sunlike stars of the same G.
+    """Magnitude (n,): stars in this camera minus sunlike stars of the same G.
 
     bp_rp  NaN where it is not known
     """
@@ -123,7 +123,7 @@ def mean_colour(case: Case, bp_rp: Floats) -> Floats:
 def mean_by_colour(case: Case) -> tuple[float, ...]:
     """Mean detected wavelengths of stars of COLOURS, and of a sunlike one; metre.
 
-    The same for all apertures, to the last bit.
+    The values do not depend on the aperture, to the last bit.
     """
     light, instrument = light_by_colour(case, np.append(COLOURS, np.nan)), case.instrument
     return tuple(mean_wavelength(light, instrument.detector, instrument.response).tolist())
@@ -131,7 +131,7 @@ def mean_by_colour(case: Case) -> tuple[float, ...]:
 
 @kept(4)
 def sorted_wavelengths(selection: Selection, mean: tuple[float, ...]) -> Floats:
-    """Mean detected wavelengths (n,) of the stars of a catalogue, in order; of the 4 last.
+    """Mean detected wavelengths (n,) of a catalogue's stars, sorted; cached for the last 4.
 
     mean  as `mean_by_colour` gives it
     """
@@ -144,24 +144,24 @@ def _wavelengths(bp_rp: Floats, mean: tuple[float, ...]) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class SeparableStars:
-    """Stars of a catalogue; those too close for the tracker's index count as one.
+    """Stars of a catalogue; stars too close for the tracker's index count as one.
 
     sky   brightest first
-    name  (n,) index of each in the catalogue; of several, that of the brightest
+    name (n,) index of each in the catalogue; for merged stars, of the brightest
     """
 
     sky: Sky
     name: Ints
 
     def places(self, count: int) -> Ints:
-        """Index among these of each of `count` stars of the catalogue; -1 where it is merged."""
+        """Index of each of `count` stars of the catalogue among these stars; -1 if it is merged."""
         place = np.full(count, -1)
         place[self.name] = np.arange(len(self.name))
         return place
 
 
 def index_resolution(camera: Camera) -> float:
-    """Radian, within which the index merges stars; the same for cameras of similar field."""
+    """Radian, distance within which the index merges stars; equal for cameras of similar field."""
     return indexed_field(camera) / POINTS
 
 
@@ -169,7 +169,7 @@ def index_resolution(camera: Camera) -> float:
 def separated(selection: Selection, resolution: float) -> SeparableStars:
     """The stars of a catalogue as an index of a resolution (radian) merges them.
 
-    Kept for the 32 last pairs, as a search needs them again.
+    Cached for the last 32 pairs, because a search uses them again.
     """
     pair, chord = _close(selection, 2.0 ** math.ceil(math.log2(resolution)))
     near = pair[chord <= 2 * math.sin(resolution / 2)]
@@ -180,20 +180,21 @@ def separated(selection: Selection, resolution: float) -> SeparableStars:
 
 @kept(4)
 def _close(selection: Selection, radius: float) -> tuple[Ints, Floats]:
-    """The pairs (k, 2) of stars of a catalogue within a radius, by rank; their distances, 1."""
+    """The pairs (k, 2) of stars of a catalogue within a radius, by rank; and their distances
+    (1)."""
     tree = _tree_of(selection)
     pair = tree.query_pairs(2 * math.sin(radius / 2), output_type="ndarray")
     apart = tree.data[pair[:, 0]] - tree.data[pair[:, 1]]
     return pair, np.linalg.norm(apart, axis=1)
 
 
-# Of stars whose images may disturb each other; chosen by hand: some seconds and half a gigabyte.
+# Limit of pairs whose images may disturb each other; by hand: some seconds, half a gigabyte.
 MOST_PAIRS = 5_000_000
 
 
 @kept(8)
 def near_pairs(selection: Selection, radius: float, faintest: float) -> Ints:
-    """Pairs (2, k) of near stars of a catalogue, of which the first is no fainter than asked.
+    """Pairs (2, k) of near stars of a catalogue; the first is no fainter than a limit.
 
     radius   radian, within which they are
     Returns  indices into the catalogue

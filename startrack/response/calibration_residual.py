@@ -1,4 +1,4 @@
-"""Design -> what the calibration of a unit's camera leaves: displacements of stars, and turns."""
+"""Design -> errors that remain after a camera's calibration: displacements of stars, and turns."""
 
 import numpy as np
 
@@ -11,7 +11,8 @@ _law = kept(8)(Residual.law)  # of the last 8 designs, at all rates
 
 
 def residual_law(design: Case) -> Floats:
-    """`Residual.law` (33, 33, 2, k) of what the calibration of a design's units leaves."""
+    """`Residual.law` (33, 33, 2, k) of the errors that remain after calibration of a design's
+    units."""
     instrument, calibration = design.instrument, design.tracker.calibration
     if instrument.residual is None:
         return np.zeros((1, 1, 2, 1))
@@ -27,7 +28,7 @@ def residual_law(design: Case) -> Floats:
 
 
 def map_noise(design: Case) -> float:
-    """Pixel^2, variance of a map of the camera by the noise of its calibration."""
+    """Pixel^2, variance of a map of the camera, caused by the noise of its calibration."""
     calibration = design.tracker.calibration
     if calibration is None or not calibration.nodes:
         return 0.0
@@ -42,8 +43,8 @@ def map_noise(design: Case) -> float:
 def remaining_turns(design: Case) -> Floats:
     """Radian^2 (3,) about each axis, of turns of the camera that vary after its calibration.
 
-    With environment and frame, at launch where it was calibrated on the ground, and from unit to
-    unit where it never was.
+    They vary with the environment and from frame to frame; at launch, if the camera was calibrated
+    on the ground; and from unit to unit, if it was never calibrated.
     """
     calibration, turn = design.tracker.calibration, np.zeros(3)
     left = {Scope.ENVIRONMENT, Scope.FRAME}  # which a recursive one does not follow, either

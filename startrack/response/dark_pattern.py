@@ -1,4 +1,4 @@
-"""Dark signal of pixels: its law, its pattern in a case, and what hot pixels do."""
+"""Dark signal of pixels: its law, its pattern in a case, and the effect of hot pixels."""
 
 import math
 from dataclasses import replace
@@ -18,7 +18,7 @@ from startrack.response.star_inputs import star_inputs
 
 
 def dark_currents(detector: Detector) -> tuple[float, float]:
-    """Mean and rms about it over single pixels, electron / second at the reference temperature.
+    """Mean over single pixels and rms about the mean, electron / second at reference temperature.
 
         d = max(N(m, s), 0) + hot,   mean d = m Phi(m/s) + s phi(m/s) + p h
         var d = (m^2 + s^2) Phi + m s phi - (m Phi + s phi)^2 + (2 p - p^2) h^2
@@ -49,11 +49,12 @@ def dark_residual(detector: Detector, dark_map: detection.DarkMap | None) -> flo
     """Rms over the pixels of the dark signal that a tracker does not know of, electron.
 
         with a map        sqrt(noise^2 / frames + step^2 / 12)
-        list of hot ones  sqrt(s^2 + v (1 - (a^2 / 2 + a + 1) exp(-a))),   a = hot noise / h
+        list of hot pixels sqrt(s^2 + v (1 - (a^2 / 2 + a + 1) exp(-a))),   a = hot noise / h
 
-    with the variances s^2 of the usual pixels and v of the hot ones, and their mean signal h.
+    with the variance s^2 of the usual pixels, the variance v of the hot pixels, and the mean signal
+    h of the hot pixels.
 
-    Accuracy  model: stars beside a hot pixel, of which some are lost, are left out.
+    Accuracy  model: stars beside a hot pixel are left out; some of them are lost.
     """
     _, spread = dark_electrons(detector)
     if dark_map is None:
@@ -65,7 +66,7 @@ def dark_residual(detector: Detector, dark_map: detection.DarkMap | None) -> flo
     noise = math.hypot(shot, detector.noise, step / math.sqrt(12))
     if dark_map.subtracted:
         error = noise / math.sqrt(dark_map.frames)
-        rounding = dark_map.step * step / math.sqrt(12)  # of a map that spans several steps
+        rounding = dark_map.step * step / math.sqrt(12)  # for a map that spans several steps
         return math.hypot(error, min(rounding, math.hypot(error, unmapped)))
     growth = detector.thermal.growth if detector.thermal else 1.0
     h = growth * detector.exposure * defects.hot_current
@@ -76,16 +77,16 @@ def dark_residual(detector: Detector, dark_map: detection.DarkMap | None) -> flo
     return math.sqrt(unmapped**2 + (spread**2 - unmapped**2) * kept)
 
 
-OUTLYING = 5.0  # sigma of the even pixels, beyond which a pixel is apart; chosen by hand
-ROUNDS = 20  # of leaving out such pixels
+OUTLYING = 5.0  # sigma of the usual pixels, beyond which a pixel is an outlier; by hand
+ROUNDS = 20  # iterations of leaving out such pixels
 SAMPLES = 128  # of windows with outlying pixels
-PLACES = 512  # of a frame, at which its threshold is measured
+PLACES = 512  # in a frame, at which its threshold is measured
 
 
 class HotPixels(NamedTuple):
     """Effect of pixels with outlying dark current on the centroid of a star near them.
 
-    chance  1, that one is near a star
+    chance 1, probability that such a pixel is near a star
     shift   (l, k, 2) pixel, over the fluxes of `Response`, in k samples; NaN where the star is lost
     """
 
@@ -116,7 +117,8 @@ class DarkPattern(NamedTuple):
 def dark_pattern(case: Case) -> DarkPattern | None:
     """The pattern of the dark signal in an exposure; None where all pixels are alike.
 
-    Pixels that flicker are in one random state. What a dark map marks as hot counts as even.
+    Pixels that flicker are in one random state. Pixels that a dark map marks as hot are no
+    outliers.
     """
     detector = case.instrument.detector
     defects, has_map = detector.defects, case.tracker.detection.dark_map is not None
@@ -127,12 +129,13 @@ def dark_pattern(case: Case) -> DarkPattern | None:
 
 @lru_cache(maxsize=8)
 def _at_rest(case: Case) -> Case:
-    """The case at rest, of which its dark map reads no more; of the 8 last cases."""
+    """The case at rest, which is all that its dark map depends on; cached for the last 8 cases."""
     return turning(star_inputs(case), 0.0)
 
 
 def _still(detector: Detector) -> Detector:
-    """A detector without what does not change its dark signal, so that cases share a pattern."""
+    """The detector with only the effects that change its dark signal, so that cases share a
+    pattern."""
     return replace(
         detector, prnu=0.0, read_noise=0.0, offset=0, pixel_rate=1e6, frame_rate=None, hits=None
     )
@@ -165,10 +168,11 @@ def _pattern(detector: Detector, mapped: Case | None) -> DarkPattern:
 
 
 def with_uniform_dark(case: Case) -> Case:
-    """The case whose pixels all have the mean dark current, and its spread as noise of the pixels.
+    """The case whose pixels all have the mean dark current; its spread becomes noise of the pixels.
 
     Stars lie anywhere on the pixels, so that the spread acts as noise does, from trial to trial.
-    What age took of the light is in the fill factor. A case without a pattern is returned as it is.
+    The loss of light by ageing is in the fill factor. A case without a pattern is returned as it
+    is.
     """
     pattern = dark_pattern(case)
     if pattern is None:
@@ -188,7 +192,7 @@ def with_uniform_dark(case: Case) -> Case:
 
 
 def near_stars(case: Case, side: int, samples: int = SAMPLES) -> tuple[float, Floats]:
-    """Chance of outlying pixels in a window about a star, and samples of windows with some.
+    """Probability of outliers in the window of a star, and samples of windows that have some.
 
     side     pixel, of the window
     Returns  1, and (k, side, side) electron above the mean
@@ -211,12 +215,12 @@ def near_stars(case: Case, side: int, samples: int = SAMPLES) -> tuple[float, Fl
 class Empty(NamedTuple):
     """Result of the search on a frame without stars.
 
-    spots            beyond those that noise makes of even pixels
+    spots            in excess of those that noise makes of usual pixels
     flux             (k,) electron of all spots, brightest first
     noise            digital number, of the filtered frame in a typical tile
     threshold_sigma  sigma of the filtered frame, detection threshold
     of_places        (t,) the same at random places, sigma of the typical tile, above the level of
-                     even pixels
+                     the usual pixels
     """
 
     spots: float
@@ -228,7 +232,7 @@ class Empty(NamedTuple):
 
 @kept(128, reads=star_inputs)
 def empty_frame(case: Case, sky: float) -> Empty | None:
-    """The search of a frame with the pattern of a case; None where all pixels are alike.
+    """Result of searching a star-free frame with a case's pattern; None if all pixels are equal.
 
     sky  electron in a pixel
     """

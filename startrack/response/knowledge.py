@@ -1,4 +1,4 @@
-"""Case -> what its tracker knows of its errors: by the laws of its design, never by their draws."""
+"""Case -> the tracker's knowledge of its errors: their distributions, never the drawn values."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ from startrack.response.zones import focal_stretch, lens_variance
 @printed
 @dataclass(frozen=True, eq=False)
 class TrackerKnowledge:
-    """Knowledge that a tracker has of its errors; arrays are of the n stars of the catalogue it
-    believes.
+    """Knowledge that a tracker has of its errors; arrays have one entry for each of the n stars of
+    its own catalogue.
 
     Each part is computed when it is first asked for, and kept.
 
-    design   the case as designed, whose laws these are
-    of_unit  whether the tracker is a unit of it, whose camera was calibrated
+    design the case as designed, from which the distributions come
+    of_unit whether the tracker is a unit of this design with a calibrated camera
     age      second in orbit, at which hot pixels are counted; None: that of the design
     """
 
@@ -53,13 +53,13 @@ class TrackerKnowledge:
 
     @cached_property
     def systematic(self) -> Floats:
-        """Pixel^2 (n,), variance per axis of a centroid that no noise explains.
+        """Pixel^2 (n,), variance per axis of a centroid by all causes except noise.
 
             variance = S-curve^2 + PRNU^2 + DSNU^2 + shift^2 / 2 + lens^2 + residual^2
 
         S-curve, PRNU, DSNU  from centroids of noise-free stars of that magnitude (`errors`)
-        shift     by neighbours in the believed catalogue (`blending_shift`); it is along one line,
-                  so that each axis has half of its square
+        shift     by neighbours in the believed catalogue (`blending_shift`), along one line; each
+                  axis therefore has half of its square
         lens      error of the lens model that the tracker does not correct, for a star of that
                   colour, mean over the frame (`lens_variance`)
         residual  of a unit, rms of its `Residual` after calibration
@@ -84,7 +84,7 @@ class TrackerKnowledge:
 
     @cached_property
     def of_pixels(self) -> Floats:
-        """Pixel^2 (n,), the part of `systematic` that changes while stars cross pixels."""
+        """Pixel^2 (n,), the part of `systematic` that varies as a star moves over the pixels."""
         if not self._measures_stars:
             return np.zeros(len(self.stars))
         magnitude = self.stars.magnitude_g + colour_correction(self.design, self.stars.colour)
@@ -92,10 +92,10 @@ class TrackerKnowledge:
 
     @cached_property
     def hot(self) -> Floats:
-        """Pixel^2 (n,) per axis, what hot pixels add to the variance of stars at this age.
+        """Pixel^2 (n,) per axis, variance of stars by hot pixels at this age.
 
         It changes no weight and excludes no star, because it concerns few stars, and the tracker
-        does not know which. `solve` states it where the residuals show nothing.
+        does not know which. `solve` adds it to the stated error if the residuals show no outlier.
 
             p <s^2 / 2 where s^2 < 2 g^2 (noise + lasting)>
 
@@ -103,9 +103,10 @@ class TrackerKnowledge:
         the gate g of the solver; zero where `centroid_floor` is given.
 
         Accuracy  model: whether a star is left out depends on no other. The normalised error
-                  squared, 3 expected, of 600 windows of the nanosatellite is 3.0 instead of 3.4; of
-                  400 of high_accuracy, where nearly each star has a hot pixel, 2.4 instead of 3.4;
-                  of 140 to 200 of `noise_only` at three doses 2.9 to 4.2 instead of 4.9 to 6.8.
+                  squared has the expected value 3. With this term it is 3.0 instead of 3.4 for 600
+                  windows of the nanosatellite; 2.4 instead of 3.4 for 400 of high_accuracy, where
+                  nearly each star has a hot pixel; and 2.9 to 4.2 instead of 4.9 to 6.8 for 140 to
+                  200 of `noise_only` at three doses.
         """
         none = np.zeros(len(self.stars))
         design = self.design if self.age is None else aged(self.design, self.age)
@@ -129,12 +130,12 @@ class TrackerKnowledge:
     def shared(self) -> SharedErrors | None:
         """Errors that stars share; None where they share none.
 
-        Those of the `Residual` that the calibration of a unit leaves, by rms and correlation
-        length; and turns of the camera to the spacecraft that vary after the calibration
-        (`remaining_turns`). And, of the case as designed too, jitter within the exposure.
+        They are the `Residual` after the calibration of a unit, by rms and correlation length, and
+        turns of the camera against the spacecraft that vary after the calibration
+        (`remaining_turns`). Jitter within the exposure counts for the case as designed too.
 
-        Accuracy  model: what drifts over life, and what temperature changes of a residual, is not
-                  known to the tracker; jitter by user code is not.
+        Accuracy  model: the tracker knows neither drifts over life, nor the change of a residual
+                  with temperature, nor jitter by user code.
         """
         design, camera, turn = (
             self.design,
@@ -168,7 +169,7 @@ class TrackerKnowledge:
 
     @property
     def _measures_stars(self) -> bool:
-        """Whether errors of single stars are known, not one floor for all."""
+        """Whether each star has its own systematic error, instead of one floor for all."""
         floor = self.design.tracker.attitude.centroid_floor
         return floor is None and not self.design.instrument.detector.scan
 
@@ -185,10 +186,10 @@ class TrackerKnowledge:
 
 
 def knowledge_of(case: Case) -> TrackerKnowledge:
-    """Knowledge that the tracker of a case has of its errors; the last 8 designs and ages are
-    cached.
+    """Knowledge that the tracker of a case has of its errors, cached for the last 8 designs and
+    ages.
 
-    Of the truth it knows the age alone, at which its detector is.
+    The true age of its detector is the only true value in it.
     """
     age = case.instrument.detector.age
     return _knowledge(case.as_designed, case.design is not None, age.time if age else None)

@@ -1,4 +1,4 @@
-"""Case and catalogue -> shift of each star by the light of its neighbours."""
+"""Case and catalogue -> shift of each star caused by the light of its neighbours."""
 
 import math
 from typing import NamedTuple
@@ -19,21 +19,21 @@ from startrack.observation import (
 from startrack.response.star_inputs import star_inputs
 from startrack.response.star_response import RING, cell_side, measure, phases, scale, star_images
 
-CONTRAST = np.arange(-2.0, 6.0)  # magnitude, of the neighbour less that of the star
+CONTRAST = np.arange(-2.0, 6.0)  # magnitude of the neighbour minus magnitude of the star
 STEP = 0.5  # pixel, between two distances; beyond EVEN, longer by GROWTH each
 EVEN, GROWTH = 4.0, 1.125
 PIXELS = 2**21  # that are measured at once
 MERGED = 1.5  # pixel beyond the window's half side, within which two stars are one spot
-TILT = math.radians(30)  # of the line from the star to its neighbour against the columns
-# The same against a streak, which is not round, with weights; more of them along it, where a
+TILT = math.radians(30)  # angle between the columns and the line from the star to its neighbour
+# Angles to a streak, which is not round, with weights; denser along the streak, where a
 # neighbour moves a star most: angle = t^2 pi / 2 in the middles of halves of t. Other angles are
 # mirror images.
 TILTS = math.pi / 32, 9 * math.pi / 32
 WEIGHTS = 0.25, 0.75
 LOST = 1e4  # pixel, shift of a star that is not detected beside its neighbour
 SNR = 100.0  # of the brightest pixel of the star in the chart
-WIDER = math.log(2)  # pairs are kept for all reaches that are smaller by less than this
-FAINTER = 1.0  # magnitude beyond the tracker's catalogue, whose stars have no shift
+WIDER = math.log(2)  # pairs are shared by reaches whose logarithm is smaller by less
+FAINTER = 1.0  # magnitude fainter than the tracker's catalogue; such stars have no shift
 
 
 @kept(8, reads=star_inputs)
@@ -41,16 +41,16 @@ def blending_shift(case: Case, catalog: Selection) -> Floats:
     """Shift of each separable star of a catalogue by the light of its neighbours.
 
     A shift along the line to the neighbour, by its distance and contrast, measured on a chart of
-    pairs; shifts by several neighbours are added. Of two stars in one window the brighter has the
-    spot, and the other is LOST. Stars that the tracker's index merges are one here: their spot is
-    at the centre of their light.
+    pairs; shifts by several neighbours are added. If two stars are in one window, the brighter has
+    the spot, and the other is LOST. Stars that the tracker's index merges are one here: their spot
+    is at the centre of their light.
 
     catalog  the true one, or that of the tracker
     Returns  (n, 3) pixel, ICRS axes, in the order of `separated`; zero for stars that are
              FAINTER than the tracker's catalogue
     Accuracy  model: pairs at one angle to the columns represent all; smear and scale are those of
-              the boresight. numerical: of streaks, two angles stand for all, which moves the error
-              of an attitude by 0.1 % where they are below 6 pixels and by 1 % at 13 pixels.
+              the boresight. numerical: streaks are measured at two angles only, which changes the
+              error of an attitude by 0.1 % for streaks below 6 pixels and by 1 % at 13 pixels.
     """
     camera = case.instrument.camera
     resolution = index_resolution(camera)
@@ -132,12 +132,12 @@ def _distances(case: Case) -> Floats:
 
 
 def _merged(case: Case) -> float:
-    """Pixel, within which two stars are one spot."""
+    """Pixel, distance within which two stars make one spot."""
     return case.tracker.detection.window // 2 + MERGED
 
 
 def _reach(case: Case) -> float:
-    """Pixel, beyond which a neighbour does not matter."""
+    """Pixel, distance beyond which a neighbour has no effect."""
     smear = math.hypot(*detection_plan(case).settings.smear)
     return case.tracker.detection.window // 2 + RING + 2.0 + smear
 
@@ -173,11 +173,11 @@ class _Pairs(NamedTuple):
 def _pairs(catalog: Selection, resolution: float, radius: float, faintest: float) -> _Pairs:
     """All pairs of separable stars within a radius (radian), of stars down to a magnitude.
 
-    A merged star counts where the brightest of its stars is not fainter than this magnitude.
+    A merged star counts if its brightest star is not fainter than this magnitude.
     """
     several = separated(catalog, resolution)
     stars, place = several.sky.stars, several.places(len(open_sky(catalog)))
-    # Stars that are merged lie within the resolution of their centre.
+    # Merged stars lie no farther from their common centre than the resolution.
     within = radius + 2 * 2.0 ** math.ceil(math.log2(resolution))
     both = place[near_pairs(catalog, within, faintest)]
     both = both[:, (both >= 0).all(axis=0)]

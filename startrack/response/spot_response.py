@@ -16,10 +16,10 @@ from startrack.response.dark_pattern import NO_HOT, SAMPLES, HotPixels, near_sta
 from startrack.response.star_response import PHASES, phases, shaken, within_frame
 from startrack.response.zones import centroid_shift, unique_places, zones_of
 
-FLUX_STEP = 0.2 * math.log(10)  # of the logarithm of flux: half a magnitude
+FLUX_STEP = 0.2 * math.log(10)  # step in the logarithm of flux: half a magnitude
 # Pixel, within which a companion shifts a star: a window and its ring. Chosen by hand.
 COMPANION_RADIUS = 7
-KEPT = 0.5  # chance to pass for a star, below which hot pixels make it lost
+KEPT = 0.5  # probability of being taken for a star, below which hot pixels lose it
 COMPANION_RATIOS = np.arange(-4, 4) * 0.8  # logarithm of a companion's flux over the star's
 
 
@@ -34,8 +34,9 @@ class SpotResponse(NamedTuple):
                        times flux
     light              (z, l, p, p, 2) measured flux (digital number) over electron; its relative
                        noise
-    threshold_margin   (z, l, p, p) sigma, by which a star passes the threshold
-    pass_probability   (z, l, p, p) 1, that it is not rejected as a hot pixel then
+    threshold_margin   (z, l, p, p) sigma, excess of a star over the threshold
+    pass_probability   (z, l, p, p) 1, probability that a detected star is not rejected as a hot
+    pixel
     star_at_threshold  (5,) flux in digital number, its sigma, covariance xx, xy, yy
     """
 
@@ -118,8 +119,8 @@ def response_of(grid: ResponseGrid, faintest: float, brightest: float) -> SpotRe
 def response_of_zones(grid: ResponseGrid, faintest: float, brightest: float) -> SpotResponse:
     """`response_of` in each zone of a lens table.
 
-    The difference between `centroid_shift` and the shift of the image is left out of the bias,
-    because it changes from star to star. False spots have the flux of those of the mean image.
+    The bias leaves out the difference between `centroid_shift` and the shift of the image, because
+    this difference varies from star to star. False spots have the flux of those of the mean image.
     """
     case = grid.case
     images, shift = field_psf_of(case.instrument), centroid_shift(case)
@@ -142,7 +143,7 @@ def response_of_zones(grid: ResponseGrid, faintest: float, brightest: float) -> 
 
 
 def _mirrored(response: SpotResponse, mirror: Floats) -> SpotResponse:
-    """The response at the place that a mirror (2, 2) maps a measured place to."""
+    """The response at the mirror image (2, 2) of a measured place."""
     swapped, signs = mirror[0, 0] == 0, mirror.sum(axis=1)
 
     def turned(table: Floats) -> Floats:
@@ -192,7 +193,7 @@ def hot_windows(
     phase = Streams(0, 0)("places of stars near hot pixels").random((few, 2)) - 0.5
 
     def expected(behind: Floats | None, count: int) -> tuple[Floats, Floats, Floats]:
-        """Displacement (l, k, 2), amount above the threshold and chance to be kept (l, k)."""
+        """Displacement (l, k, 2), margin above the threshold and probability to be kept (l, k)."""
         shape = len(flux), count
         seen, place = grid.expect(phase, flux, dark=behind)
         moved = np.column_stack([seen.x, seen.y]) - place
@@ -238,7 +239,7 @@ def companion_shift(grid: ResponseGrid, flux: float) -> Floats:
 def _smear(case: Case) -> Floats:
     """Weight, x and y (pixel) of the path of a star in the middle of the field, (m, 3).
 
-    Of the slew: jitter moves the star in each trial otherwise, and blurs it.
+    The slew alone counts: jitter moves the star differently in each trial, and is a blur here.
     """
     camera = case.instrument.camera.ideal
     slew = replace(case.instrument, motion=case.instrument.motion.steady)

@@ -14,7 +14,7 @@ from startrack.response.dark_pattern import dark_residual
 from startrack.response.star_inputs import star_inputs
 from startrack.response.star_response import Chart, chart, magnitudes, pattern, scale
 
-LEAST_KEPT = 1e-6  # sum of chances below which a magnitude is not used
+LEAST_KEPT = 1e-6  # sum of probabilities, below which a magnitude is not used
 TYPICAL = 4.5  # G of a star of high weight in most trackers; chosen by hand
 NEAR = 0.8  # of saturation, from which on a star may reach it; chosen by hand
 SHOT, READ, METHOD = "shot noise", "read noise", "centroid method"
@@ -25,8 +25,8 @@ class Errors(NamedTuple):
     """Errors of single stars.
 
     magnitude  (m,) G of a sunlike star
-    kept       (m,) chance that the tracker measures a detected star, which it does not refuse as a
-               hot pixel
+    kept (m,) probability that the tracker measures a detected star and does not reject it as a hot
+               pixel
     stated     (m, 2, 2) pixel^2, by the tracker
     random     (m, 2, 2) pixel^2 by cause, covariance over positions, times and devices
     mean       (m, 2) pixel, over the positions, of the centroid's method
@@ -70,11 +70,11 @@ def errors(case: Case) -> Errors:
 
 
 class NoisyStars(NamedTuple):
-    """Stars of m magnitudes at p positions, and what the noise does to them.
+    """Stars of m magnitudes at p positions, and their errors by noise.
 
-    plain        those without noise, with the covariance by the tracker
-    kept         (m, p) chance that the tracker measures a detected star and takes it for no hot
-                 pixel
+    plain noise-free stars, with the covariance that the tracker states
+    kept (m, p) probability that the tracker measures a detected star and does not reject it as a
+                 hot pixel
     noise, shot  (m, p, 2, 2) pixel^2, covariance by all noise, by shot noise alone
     """
 
@@ -121,7 +121,7 @@ def _noise_covariance(
     size, detector = scale(case), case.instrument.detector
     peak = size.star * 10 ** (-0.4 * magnitude) * float(images.point.max())
     peak += size.background + size.pixel
-    # As many as may reach it, whatever their place and the converter: the others are as they are.
+    # Only stars that may saturate at some position or converter: the others do not change.
     near = detector.offset + peak / detector.electrons_per_dn > NEAR * saturation
     covariance = covariance.copy()
     if near.any():
@@ -139,8 +139,9 @@ def without_saturation(case: Case) -> Case:
 def mean_of(values: Floats, kept: Floats) -> Floats:
     """Mean over the positions (second axis), weighted by the chance (m, p) that a star is kept.
 
-    Where none is, that of the nearest magnitude with some, because values between two magnitudes
-    are interpolated; zero where no star of any magnitude was kept, where it is never used.
+    If no star of a magnitude is kept, it takes the mean of the nearest magnitude with kept stars,
+    because values are interpolated between magnitudes. If no star of any magnitude is kept, the
+    mean is zero and is never used.
     """
     weight = kept.reshape(*kept.shape, *[1] * (values.ndim - 2)) * np.isfinite(values)
     total = (weight * np.nan_to_num(values)).sum(axis=1)
@@ -159,7 +160,7 @@ def moment_of(offset: Floats, kept: Floats) -> Floats:
 
 
 def lasting(star: Errors, magnitude: Floats | float = TYPICAL) -> Floats:
-    """Rms error per axis (pixel) of stars without noise: what is constant at their pixels.
+    """Rms error per axis (pixel) of noise-free stars: errors that last as long as their pixels.
 
     magnitude  (...) G of sunlike stars
     Returns    (...) root mean square over positions in the pixel and over devices

@@ -1,4 +1,4 @@
-"""Case -> the same, with what images of single stars do not show at fixed values."""
+"""Case -> the case with fixed values of all that does not change the image of a star."""
 
 from functools import lru_cache
 from typing import Any
@@ -7,7 +7,7 @@ from startrack.attitude import Mounting, SolverSettings
 from startrack.design import Case, unchecked
 from startrack.identification import Identification
 
-# What neither the image of a star nor its detection and centroid depend on.
+# Parameters that change neither the image of a star, nor its detection, nor its centroid.
 NOT_SHOWN: dict[str, Any] = {
     "tracker.identification": Identification(),
     "tracker.attitude": SolverSettings(),
@@ -27,10 +27,10 @@ NOT_SHOWN: dict[str, Any] = {
 
 @lru_cache(maxsize=64)
 def star_inputs(case: Case) -> Case:
-    """The case as images of single stars show it; of the 64 last cases.
+    """The case as images of single stars show it; cached for the last 64 cases.
 
-    What is computed of it is shared by all cases that differ in nothing else: in how spots are
-    identified, in the calibration, or in what carries the camera.
+    Cases that differ only in identification, in calibration, or in the spacecraft share all results
+    that are computed from it.
     """
     values = dict(NOT_SHOWN)
     if case.instrument.imaged:

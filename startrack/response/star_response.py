@@ -43,12 +43,12 @@ from startrack.response.dark_pattern import dark_electrons
 def noise_free_frame(electrons: Floats, detector: Detector, ripple: float, noise: float) -> Frame:
     """A noise-free frame in which the tracker estimates the background as it does with noise.
 
-    In a ring of equal pixels the tracker would clip, and fit slopes, as in no real frame. So the
-    pixels alternate by their noise, like a chessboard: the ring has the correct spread, and the
-    moments of a star do not change.
+    With equal pixels in the ring, the tracker would clip pixels and fit slopes differently than in
+    a real frame. Therefore the noise is added to and subtracted from alternate pixels, like a
+    chessboard: the ring has the correct spread, and the moments of a star do not change.
 
     electrons  (rows, columns) expected
-    ripple     electron, by which pixels alternate
+    ripple     electron, amplitude of the chessboard
     noise      electron rms, of a pixel without light, as the tracker believes
     Returns    Frame of numbers that are not rounded
     """
@@ -79,7 +79,7 @@ class Chart(NamedTuple):
     magnitude   (m,) G of a sunlike star
     offset      (m, p, 2) pixel, measured minus true; NaN where the tracker drops the star
     one_sign    (m, p, 2) the same with one sign of the chessboard, see `measure`
-    covariance  (m, p, 2, 2) pixel^2, as the tracker states it
+    covariance  (m, p, 2, 2) pixel^2, stated by the tracker
     """
 
     magnitude: Floats
@@ -164,16 +164,16 @@ def chart(
 ) -> Chart:
     """Measure stars without noise, as the tracker would.
 
-    The error of a star without noise is that of the centroid method alone; the covariance that
-    the tracker states is that of the noise.
+    The error of a noise-free star is the error of the centroid method alone; the covariance that
+    the tracker states is the covariance of the noise.
 
     magnitude   (m,) G
     images      None: `images_at_phases`
     gain        (m, p, side, side) 1, response of the pixels around each star; None: uniform
     extra       (m, p, side, side) electron to add to them; None: none
     both_signs  as for `measure`
-    groups      of positions, of which each is measured as if it were alone: with one sign, the
-                chessboard moves equal positions of all groups alike
+    groups      groups of positions, each measured separately: with one sign, the chessboard moves
+                equal positions of all groups equally
     """
     images = images or images_at_phases(case)
     electrons = star_electrons(case, magnitude, images)
@@ -239,7 +239,7 @@ def _measurements(
     noise = 0.0 if reading is Reading.SHOT_NOISE else size.noise
     ripple = math.hypot(noise, size.shot)
     plan = detection_plan(case, _of_all_stars(detection))
-    # A chessboard moves a fit of a narrow star, as far one way as its negative the other way.
+    # A chessboard moves a fit of a narrow star; its negative moves the fit back by as much.
     signs = (1, -1) if plan.method.skips_dead and both_signs else (1,)
     centroids, covariances = [], []
     for sign in signs:
@@ -287,7 +287,7 @@ def _in_cells(
 
 
 def kept_fraction(case: Case, plain: Chart, images: StarImages) -> Floats:
-    """Chance (m, p) that the tracker measures a detected star and takes it for no hot pixel.
+    """Probability (m, p) that the tracker measures a detected star and does not reject it as hot.
 
     plain   chart of the same stars, without `gain` and `extra`
     images  as `chart` takes them
@@ -304,7 +304,7 @@ class StarSearch(NamedTuple):
     """Search of a frame with hot pixels by a tracker.
 
     noise      digital number, of the filtered frame in a typical tile
-    threshold  (k,) sigma of that, over tiles and over what is near a star, all as frequent
+    threshold  (k,) sigma of that, samples over tiles and surroundings of a star, equally likely
     """
 
     noise: float
@@ -318,8 +318,8 @@ def detection_probability(
 
         fraction = mean over positions of Phi(peak / noise - threshold)
 
-    With the quick search, the least of what its filter and the matched one find at each position.
-    Zero where the background alone saturates the pixels.
+    With the quick search, the smaller of the fractions by its filter and by the matched filter
+    counts at each position. Zero if the background alone saturates the pixels.
 
     point     (p, side, side) fraction of a star's light in each pixel; None: `point_images`
     search    of a frame with hot pixels; None: of the background alone
@@ -361,7 +361,7 @@ def detection_probability(
 
 
 def magnitudes(case: Case, faintest: float) -> Floats:
-    """The magnitudes of a chart: from the brightest stars to those that are hardly detected."""
+    """The magnitudes of a chart: from the brightest stars to barely detectable ones."""
     size, point = scale(case), point_images(case)
     sharpness = math.sqrt(float((point**2).sum()) / len(point))
     limit = 2.5 * math.log10(size.star * sharpness / size.pixel / FAINTEST_SNR)
@@ -401,7 +401,8 @@ def cell_side(instrument: Instrument, detection: Detection) -> int:
 
 
 def within_frame(side: int, detector: Detector) -> int:
-    """The side of a star's cell, pixel; refused where no star can be seen as a whole."""
+    """The side of a star's cell, pixel; refused if the frame is smaller than the image of a
+    star."""
     if side > max(detector.columns, detector.rows) + WIDER:
         raise Refused(
             f"images of stars must not be wider than the frame of {detector.columns} x "

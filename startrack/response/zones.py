@@ -1,4 +1,4 @@
-"""Case with a lens table -> how single stars are measured over the frame and over their colour."""
+"""Case with a lens table -> measurement of single stars, by place in the frame and by colour."""
 
 import math
 from dataclasses import replace
@@ -23,17 +23,17 @@ from startrack.response.star_inputs import star_inputs
 
 PLACES = 5  # zones along each side of the frame
 COLOURS = 3  # classes of stars, each a third of them
-# Sub-pixel positions, each with its own x and its own y: a lattice that takes the means of waves of
-# one and of two a pixel along the axes and of their products, except for one pair.
+# Sub-pixel positions, each with its own x and its own y. Means over this lattice are exact for
+# waves of one and of two periods in a pixel along the axes, and for their products except one pair.
 POSITIONS, TURN = 5, 2
-EVERY = 3  # magnitudes of `errors` between two of a zone
-STILL = 1.0  # pixel of smear, below which mirror images of a zone are measured alike; by hand
+EVERY = 3  # a zone uses every third magnitude of `errors`
+STILL = 1.0  # pixel of smear, below which mirror images of a zone are equal; by hand
 HALF = 0.5  # of the largest signal of a pixel, for the star whose shifts are measured
 LENS_FIELD = "PSF over the field"
 
 
 class Zones(NamedTuple):
-    """Cells of the frame, and classes of colour; the middle of a zone stands for all of it.
+    """Cells of the frame, and classes of colour; the middle of a zone represents the whole zone.
 
     x, y    (p,), (q,) pixel, middles of the columns and of the rows of cells
     colour  (c,) metre, mean wavelength of the stars of each class
@@ -88,11 +88,11 @@ def zones_of(case: Case) -> Zones:
 
 @kept(8, reads=star_inputs)
 def centroid_shift(case: Case) -> FieldPsf:
-    """Shift of the tracker's centroid from the place that the camera projects to.
+    """Shift of the tracker's centroid from the projection of the star by the camera model.
 
-    The shift of the image, plus the displacement of the tracker's centroid beyond that of the mean
-    image, averaged over sub-pixel positions. It is measured at the nodes of the images, for a star
-    whose brightest pixel is half full, or fainter.
+    The sum of the shift of the image, and of the tracker's centroid in this image minus the one in
+    the mean image, averaged over sub-pixel positions. It is measured at the nodes of the images,
+    for a star whose brightest pixel is half full, or fainter.
 
     Returns  a FieldPsf without tables: shifts and relative flux. Kept for the 8 last cases
     """
@@ -113,8 +113,8 @@ def centroid_shift(case: Case) -> FieldPsf:
 def focal_stretch(case: Case, colour: Floats) -> Floats:
     """Relative excess (n,) of the tracker's focal length by colour over that of sunlike stars.
 
-    A least-squares fit to `centroid_shift` over the frame, as the lens was when the camera was
-    calibrated. Zero where the tracker does not correct the colour.
+    A least-squares fit to `centroid_shift` over the frame, with the lens in its state at the
+    calibration of the camera. Zero where the tracker does not correct the colour.
 
     colour  (n,) metre
     """
@@ -136,9 +136,9 @@ def _from_centre(case: Case) -> Floats:
 
 @kept(8, reads=star_inputs)
 def residual_shift(case: Case) -> tuple[FieldPsf, FieldPsf]:
-    """`centroid_shift` of a sunlike star, and the difference of that of other stars from it.
+    """`centroid_shift` of a sunlike star, and the difference of other stars from it.
 
-    The tracker's own correction of the star's colour is taken off. Kept for the 8 last cases.
+    The tracker's own correction of the star's colour is subtracted. Kept for the 8 last cases.
     """
     shift = centroid_shift(with_images_of(case))
     sunlike = shift.of_one_colour(sunlike_colour(case.instrument))
@@ -168,7 +168,7 @@ class ZoneErrors(NamedTuple):
     magnitude  (m,) G
     point      (u, p, side, side) 1, different images of a star at p sub-pixel positions
     which      (z,) of these images
-    kept       (z, m) chance that the tracker measures a detected star and takes it for no hot pixel
+    kept       (z, m) probability that the tracker measures a detected star and does not reject it
     stated     (z, m, 2, 2) pixel^2, by the tracker
     random     (z, m, 2, 2) pixel^2 by cause, covariance over positions and times
     """
@@ -185,10 +185,10 @@ class ZoneErrors(NamedTuple):
 def zone_errors(case: Case) -> ZoneErrors:
     """Errors of single stars in each zone; kept for the 8 last cases.
 
-    Measured at five sub-pixel positions and at every third magnitude of `errors`, as ratios to
-    those of the mean image, which are interpolated. The difference between the tracker's centroids
-    of a zone's image and of the mean image, less its mean over the positions, is the random error
-    LENS_FIELD.
+    They are measured at five sub-pixel positions and at every third magnitude of `errors`. Their
+    ratios to the errors of the mean image are interpolated. The random error LENS_FIELD is the
+    difference between the tracker's centroids of a zone's image and of the mean image, minus its
+    mean over the positions.
 
     Accuracy  model: noise and detection are those of the middle of the zone.
     """
@@ -246,7 +246,7 @@ def _place_errors(
 
     stated = scaled(star.stated, place.plain.covariance, mean.plain.covariance)
     shot = scaled(star.random[star_errors.SHOT], place.shot, mean.shot)
-    # Read noise alone is nearly none, of either sign, where the brightest stars saturate.
+    # The variance by read noise is almost zero, of either sign, where the brightest stars saturate.
     noise = star.random[star_errors.SHOT] + star.random[star_errors.READ]
     read = scaled(noise, place.noise, mean.noise) - shot
     difference = place.plain.offset - mean.plain.offset
@@ -263,8 +263,8 @@ def scaled_to_zone(
 ) -> Floats:
     """Covariances (m, 2, 2) of the mean image, scaled to those of a zone.
 
-    star        at whose magnitudes (m,) the covariances are
-    zone, mean  (k, 2, 2) those of the zone and of the mean image, at a few magnitudes (k,)
+    star errors of the mean image, whose magnitudes (m,) the covariances have
+    zone, mean (k, 2, 2) covariances of the zone and of the mean image, at k magnitudes
     """
     size = []
     for a in (0, 1):
@@ -305,13 +305,13 @@ def zone_detection(
 def unique_places(
     case: Case, places: list[tuple[float, float, float]]
 ) -> tuple[list[tuple[float, float, float]], Ints, Floats]:
-    """The places (x, y, colour) of which some places of a frame are mirror images.
+    """The different places (x, y, colour) of a frame; the others are their mirror images.
 
-    Behind a centred lens, stars are measured alike in eight places of a frame. A smear below a
-    pixel, whose direction is the same in all, is left out of this.
+    With a centred lens, stars are measured equally in eight places of a frame. This neglects a
+    smear below a pixel, which has the same direction in all eight.
 
-    Returns  the different places; the index (n,) of each given place among them; the mirror
-             (n, 2, 2) that maps displacements there to those of the given place
+    Returns  the different places; the index (n,) of each given place among them; the mirror (n, 2,
+             2) that maps displacements there to displacements at the given place
     """
     instrument = case.instrument
     detector = instrument.detector

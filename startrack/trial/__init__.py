@@ -5,10 +5,10 @@ spot_plan   Case -> plan of its statistical trials: detectable stars, their resp
             refused.
 spots       Case and attitude -> the spots of one trial, drawn without an image.
 covariance  Case -> outcomes of trials from drawn spots, with identification assumed to be perfect.
-effects     The effects that designs may have, one row each: who counts, refuses or leaves out each.
-boxes       Stars that a tracker takes in its search boxes: of a frame, and single ones by
+effects     The effects of designs, one row each: which parts of startrack count, refuse or omit it.
+boxes       Stars that a tracker takes in its search boxes, in a frame or as single stars by
             magnitude.
-chain       One trial, one line a room, in the order in which the light goes.
+chain       One trial: one line for each room, in the order of the light.
 """
 
 from startrack.trial.boxes import Images, SingleStars, agreeing, boxed, boxed_stars, follow_boxes

@@ -1,4 +1,4 @@
-"""Stars that a tracker takes in its search boxes: of a frame, and single ones by magnitude."""
+"""Stars that a tracker takes in its search boxes, in a frame or as single stars by magnitude."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from startrack.response import magnitudes, point_images, scale, star_images, wit
 from startrack.trial.window import frame_in_windows
 
 BOX = "box"
-# Of a star, by its number in the catalogue: pixel (column, row) right below the image's middle.
+# Catalogue number of a star -> pixel (column, row) right below the middle of its image.
 Images = dict[int, tuple[int, int]]
 MARGIN = 4  # pixel, of the images about the border of a box
 
@@ -31,13 +31,15 @@ def boxed(case: Case) -> bool:
 
 
 def expected_attitude(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Rotation:
-    """The attitude that a single trial expects: the true one with the error of the prior."""
+    """The attitude that the tracker expects in a single trial: the true one plus the prior's
+    error."""
     error = case.tracker.box.prior * streams("expected attitude").standard_normal(3)
     return Rotation.from_rotvec(error) * icrs_to_camera
 
 
 def targets(case: Case, camera: Camera, expected: Rotation) -> tuple[Ints, Floats]:
-    """Stars (m,) of the tracker's catalogue whose boxes are whole, brightest first, and places."""
+    """Stars (m,) of the tracker's catalogue with boxes inside the frame, brightest first; and
+    places."""
     sky, box = open_sky(case.believed_catalog), case.tracker.box
     near = nearby(sky, expected, camera)
     place = camera.project(expected.apply(sky.stars.direction[near]))
@@ -58,8 +60,8 @@ def follow_boxes(
 ) -> tuple[Spots, Matches, Images]:
     """Pixels that the tracker takes about the places where it expects stars.
 
-    images   of stars after the exposure before; other stars, and those whose image is no more in
-             their box, are searched for
+    images of stars after the exposure before. Stars without an image, and stars whose image has
+             left their box, are searched for
     Returns  the spots, each as the star of its box, and `images` after this exposure
     """
     star, place = targets(case, camera, expected)
@@ -81,7 +83,7 @@ def follow_boxes(
 def boxes_in_windows(
     case: Case, icrs_to_camera: Rotation, streams: Streams
 ) -> tuple[Spots, Matches]:
-    """`follow_boxes` of a single trial, of whose frame only the boxes are rendered."""
+    """`follow_boxes` of a single trial; only the boxes of its frame are rendered."""
     camera, expected = case.believed_camera, expected_attitude(case, icrs_to_camera, streams)
     _, place = targets(case, camera, expected)
     far = box_reach(case.tracker.box, camera.focal_length_px) + MARGIN + 2
@@ -92,7 +94,7 @@ def boxes_in_windows(
 
 
 def matched(case: Case, taken: Taken, star: Ints, camera: Camera, expected: Rotation) -> Matches:
-    """Each spot as the star of its box; which are false is left to the solver."""
+    """Each spot as the star of its box; the solver rejects false ones."""
     star = star[taken.found]
     direction = open_sky(case.believed_catalog).stars.direction[star]
     spot = np.arange(len(star))
@@ -108,12 +110,13 @@ def matched(case: Case, taken: Taken, star: Ints, camera: Camera, expected: Rota
 
 
 def agreeing(tracker: Tracker) -> Tracker:
-    """The tracker whose solver takes the most stars that agree: nothing else tells a false one."""
+    """The tracker with a solver that keeps the largest set of agreeing stars, to reject false
+    ones."""
     return replace(tracker, attitude=replace(tracker.attitude, sift=True))
 
 
 def believed_electrons(case: Case) -> Floats:
-    """Electrons (n,) of each star of the tracker's catalogue in an exposure, as it believes."""
+    """Electrons (n,) that the tracker expects of each star of its catalogue in an exposure."""
     return _electrons(case.as_designed, case.believed_catalog)
 
 
@@ -126,9 +129,9 @@ def _electrons(case: Case, catalog: Selection) -> Floats:
 SIDE = 16  # stars along a side of the detector that is drawn
 TIMES = 2  # exposures of each star
 STEP = 2  # every second magnitude of a chart is drawn
-FEWEST = 8  # stars of a magnitude, below which it has no figure
+FEWEST = 8  # stars of a magnitude, below which no error is stated
 MEDIAN = 0.6745  # median absolute value of a normal error, over its sigma
-NEAR = 1.0  # pixel from its place, within which a star is taken, and no other thing
+NEAR = 1.0  # pixel from the true place, within which a spot is taken for the star
 
 
 @core.printed
@@ -136,12 +139,12 @@ class SingleStars(NamedTuple):
     """Centroids of single stars of m magnitudes; errors are pixel rms per axis.
 
     magnitude  (m,) G of a sunlike star
-    measured   (m,) 1, share of the stars that are found, and not something else in their place
-    stated     (m,) what the tracker states of noise, and in boxes of the light that they cut off
+    measured   (m,) 1, fraction of the stars that are found, false spots not counted
+    stated     (m,) error that the tracker states: noise, and the light outside the box
     temporal   (m,) from exposure to exposure on the same pixels
     method     (m,) over places in the pixel, without noise on equal pixels
-    total      (m,) over exposures, places and pixels, less what all stars share
-    usual      (m,) the same, of all but the few that hot pixels move far
+    total (m,) over exposures, places and pixels, without the shift that all stars share
+    usual (m,) the same without the few stars that hot pixels move far
     """
 
     magnitude: Annotated[Floats, Unit("mag")]
@@ -155,16 +158,16 @@ class SingleStars(NamedTuple):
 
 @kept(8)
 def boxed_stars(case: Case, seed: int = 0) -> SingleStars:
-    """Draw stars at random places, on other pixels each, take them in boxes and follow them.
+    """Draw stars at random places, each on other pixels, find them in boxes and follow them.
 
-    The usual error is the median size over that of a normal error of 1.
+    The usual error is the median absolute error over the one of a unit normal error.
 
     Magnitudes are those of the tracker's catalogue at which a star does not saturate.
 
-    Accuracy  model: a star does not move within an exposure, nor between those whose scatter is
-              the temporal one; flicker has the time between two exposures.  numerical: 3 % (1
-              sigma) where the errors are normal; few hot pixels make most of the total of aged
-              detectors, which varies more.
+    Accuracy  model: a star moves neither within an exposure nor between the exposures that give the
+              temporal error; pixels flicker between these two exposures. numerical: 3 % (1 sigma)
+              where the errors are normal; few hot pixels make most of the total of aged detectors,
+              which varies more.
     """
     size, peak = scale(case), float(point_images(case).max())
     of_chart = magnitudes(case, case.believed_catalog.limit_g)
@@ -211,7 +214,7 @@ class _Field(NamedTuple):
 
 
 def _at_magnitude(field: _Field, magnitude: float, seed: int) -> list[float]:
-    """The figures of `SingleStars` at a magnitude, which comes first there."""
+    """The values of `SingleStars` at one magnitude, magnitude first."""
     case, settings = field.case, field.case.tracker.detection
     size, detector = scale(case), case.instrument.detector
     streams = Streams(seed, round(100 * (magnitude + 10)))

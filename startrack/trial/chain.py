@@ -1,4 +1,4 @@
-"""One trial, one line a room, in the order in which the light goes."""
+"""One trial: one line for each room, in the order of the light."""
 
 import math
 from collections.abc import Sequence
@@ -40,13 +40,13 @@ from startrack.trial.covariance import outcomes as drawn_outcomes
 from startrack.trial.spots import spots_of
 from startrack.trial.window import spots_in_windows
 
-MANY = 0.8  # of the most stars that match with either sign of a motion, with which a sign is tried
+MANY = 0.8  # of the matches with the better sign of a motion: with fewer, a sign is not tried
 
 
 @printed
 @dataclass(frozen=True, eq=False)
 class Record:
-    """Everything that one trial made.
+    """All results of one trial.
 
     icrs_to_camera  true attitude at the middle of the exposure
     path            true motion around it; its first and last points are the start and the end
@@ -73,7 +73,7 @@ def run_trials(
     fidelity: Fidelity = Fidelity.FRAME,
     icrs_to_camera: Rotation | None = None,
 ) -> Rows:
-    """The outcomes of some trials of a seed, each independent of which others are run.
+    """The outcomes of some trials of a seed; each does not depend on which others are run.
 
     icrs_to_camera  a true attitude for each; None: the random ones of `run_random_trial`
     Returns  (n,) structured array: `trial` and the fields of Outcome
@@ -104,7 +104,7 @@ def run_random_trial(
 ) -> Outcome:
     """The outcome of trial `number` of a seed: random attitude, random noise.
 
-    Raises  ValueError where the case contradicts itself, or needs a finer fidelity.
+    Raises ValueError if the case contradicts itself or needs a more detailed fidelity.
     """
     streams = Streams(seed, number)
     return run_trial(case, random_attitude(streams), streams, fidelity)
@@ -133,14 +133,14 @@ def run_trial(
 def drawn(
     case: Case, icrs_to_camera: Rotation, streams: Streams
 ) -> tuple[Spots, Matches, Estimate, Outcome]:
-    """A trial of fidelity `spots`, with what the tracker makes of its spots."""
+    """A trial of fidelity `spots`, with all results of the tracker."""
     spots = _at_one_time(case, spots_of(case, icrs_to_camera, streams))
     matches = _identified(case, spots)
     return spots, matches, *_judged(case, icrs_to_camera, streams, spots, matches)
 
 
 def observe(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Record:
-    """A trial of fidelity `frame` at a given attitude, with everything that it made.
+    """A trial of fidelity `frame` at a given attitude, with all its results.
 
     icrs_to_camera  true attitude at the middle of the exposure
     Raises          ValueError where the case contradicts itself.
@@ -189,10 +189,10 @@ def _detected(case: Case, frame: Frame) -> Spots:
 
 
 def _detected_turning(case: Case, frame: Frame) -> tuple[Spots, Matches]:
-    """Spots and matches of a frame by a tracker that is told no rate.
+    """Spots and matches of a frame by a tracker that is given no rate.
 
-    Behind a rolling shutter the rate's sign counts: of both, that with which as many stars match
-    better.
+    With a rolling shutter the sign of the rate matters: the tracker takes the sign with the better
+    match of about as many stars.
     """
     x, y = seen_smear(case, frame)
     spots = detect(as_believed(case, frame), detection_plan(case, smear=(x, y)))
@@ -219,7 +219,8 @@ def _at_one_time(case: Case, spots: Spots) -> Spots:
 
 
 def searched(case: Case, frame: Frame) -> Frame:
-    """A frame as its tracker searches it: less its dark map, hot pixels as their neighbours."""
+    """A frame as its tracker searches it: dark map subtracted, hot pixels set to their
+    neighbours."""
     plan = detection_plan(case)
     if plan.correction is None:
         return frame
@@ -254,7 +255,7 @@ def lost_in_space(
 
     camera     as the tracker believes it
     indexes    of the tracker's catalogue
-    tracker    its settings; where they hold its motion, stars are measured as streaks of that
+    tracker its settings; if they include its motion, stars are measured as streaks of this motion
     psf        as the tracker believes it; None: a Gaussian
     knowledge  of its errors, `startrack.response.knowledge_of` a design; None: each star has the
                systematic error tracker.attitude.centroid_floor
@@ -295,7 +296,7 @@ def solve_matches(
 def shrunk(
     spots: Spots, matches: Matches, tracker: Tracker, stretch: Floats
 ) -> tuple[Spots, Matches]:
-    """The spots where stars of the Sun's colour would be, and the focal length that fits them.
+    """Spots moved to where sunlike stars would be, and the focal length of sunlike stars.
 
     stretch  (n,) 1, by which the focal length is longer for each star of the catalogue
     """

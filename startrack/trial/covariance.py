@@ -24,7 +24,7 @@ from startrack.trial.spot_plan import SpotPlan, plan_spots, refuse
 from startrack.trial.spots import false_spots, sights, trial_keys
 
 UNIT = np.eye(2)
-SURPRISE = 1e-3  # probability below which noise alone does not explain the residuals; as `solve`
+SURPRISE = 1e-3  # probability, below which noise does not explain the residuals; as in `solve`
 
 
 class Fitted(NamedTuple):
@@ -69,7 +69,7 @@ def fitted(
     plane, focal = observed[..., :2] / observed[..., 2:], camera.focal_length_px
     inverse = there[..., None, None] * _inverse(noise)
     best = refine_all(plane, inverse, reference, focal, matrix, tolerance)
-    # As the tracker's solver does with residuals that the noise does not explain.
+    # As in the tracker's solver, when the noise does not explain the residuals.
     freedom = np.maximum(2 * there.sum(axis=1) - (4 if tolerance else 3), 1)
     chance = special.chdtrc(freedom, best.chi_square)
     excess = np.where(chance < SURPRISE, best.chi_square / freedom, 1.0)
@@ -85,7 +85,7 @@ def fitted(
 
 
 def _inverse(matrix: Floats) -> Floats:
-    """Inverses of symmetric matrices (..., 2, 2); their digits do not depend on the number."""
+    """Inverses of symmetric matrices (..., 2, 2); equal to the last bit for any number of them."""
     xx, xy, yy = matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 1, 1]
     adjugate = np.stack([yy, -xy, -xy, xx], axis=-1).reshape(matrix.shape)
     return np.asarray(adjugate / (xx * yy - xy * xy)[..., None, None])
@@ -93,7 +93,7 @@ def _inverse(matrix: Floats) -> Floats:
 
 @kernel
 def _turned(matrix, direction):  # type: ignore[no-untyped-def]
-    """Directions (m, n, 3) in the axes of m cameras, the same digits for any n."""
+    """Directions (m, n, 3) in the axes of m cameras; equal to the last bit for any n."""
     turned = np.empty_like(direction)
     for n in range(len(direction)):
         for k in range(direction.shape[1]):
@@ -148,10 +148,9 @@ def outcomes(
 ) -> Rows:
     """The outcomes of some trials, with identification assumed to be perfect.
 
-        centroid = projection + bias + root N(0, 1),   found with the probability kept Phi(above)
-
-    These come from the detection itself, which measures stars in steps of half a magnitude at 36
-    positions in the pixel, rendered without noise but with smear and the response of the pixels.
+        centroid = projection + bias + root N(0, 1), found with the probability kept Phi(above)
+    These values come from the tracker's detection. It measures noise-free stars, rendered with
+    smear and the response of the pixels, in steps of half a magnitude at 36 positions in the pixel.
 
     icrs_to_camera  a true attitude for each; None: those of the same trials of other fidelities
     plan            of the case; None: `plan_spots`
@@ -159,8 +158,8 @@ def outcomes(
     Raises    ValueError that names what in the case needs an image.
     Accuracy  model: normal errors, to first order in the noise; single stars with the smear of the
               field's centre and shifts by companions; false spots are counted and never matched.
-              On the example the rms of the attitude's error is that of frames within 5 %; in
-              crowded fields it is a tenth less, because the errors of merged stars are larger.
+              On the example the rms attitude error agrees with frames within 5 %; in crowded fields
+              it is 10 % smaller, because frames have merged stars with larger errors.
     """
     refuse(case)
     require_least_squares(case)
@@ -182,8 +181,8 @@ class Drawn(NamedTuple):
     pixel     (m, n, 2) x and y of the centroids
     star      (m, n) index into the field of the plan
     noise     (m, n, 2, 2) pixel^2, covariances of the noise
-    matched   (m,) how many of the n are there
-    spots     (m,) how many spots, false ones among them
+    matched (m,) number of matched stars, at most n
+    spots (m,) number of spots, false ones included
     """
 
     pixel: Floats
@@ -217,14 +216,15 @@ def _tried(
     else:
         truth = in_believed_axes(case, attitude, streams[0])
     judged = np.empty(many, JUDGED)
-    # Trials of about as many stars go together, so that few elements of the arrays stay empty.
+    # Trials with similar numbers of stars are solved together, so that few array elements are
+    # empty.
     for part in np.array_split(np.argsort(matched, kind="stable"), -(-many // TOGETHER)):
         used = max(int(matched[part[-1]]), 1)
         there = np.arange(used) < matched[part, None]
         stars = np.where(there, drawn.star[part, :used], 0)
-        # What is missing lies on the boresight, where it does no harm.
+        # Empty elements lie on the boresight, where they have no effect.
         reference = np.where(there[..., None], plan.field.believed[stars], matrix[part, None, 2])
-        # Only what was drawn is added up: the other elements of the arrays hold anything.
+        # Only drawn elements are summed: the other elements of the arrays are arbitrary.
         noise = np.where(there[..., None, None], drawn.noise[part, :used], UNIT)
         noise[there] += plan.field.systematic[stars[there]][..., None, None] * UNIT
         hot = np.where(there, plan.field.hot[stars], 0.0)

@@ -1,7 +1,7 @@
-"""The effects that designs may have, one row each: who counts them, refuses them, leaves them out.
+"""The effects of designs, one row each: which parts of startrack count, refuse or omit an effect.
 
-`require_fidelity` refuses, and `startrack.budget` counts causes and says what it leaves out, by
-this table. What makes pixels depend on each other is a row of `PIXEL_EFFECTS`.
+By this table `require_fidelity` refuses cases, and `startrack.budget` counts causes and lists the
+effects that it leaves out. What makes pixels depend on each other is a row of `PIXEL_EFFECTS`.
 """
 
 import math
@@ -17,7 +17,7 @@ from startrack.response import LENS_FIELD, dark_currents
 from startrack.scene import LIGHTS
 
 MOST_ROLL = 0.5  # pixel of smear in the corner, by rotation about the boresight; chosen by hand
-SHARED = 0.3  # of the noise of a pixel, what a row or a column has in common
+SHARED = 0.3  # of the noise of a pixel: the part that a row or a column shares
 HITS = "hits"
 JITTER, JITTER_OF_HEAD = "jitter", "jitter of the head"
 DSNU = "DSNU"
@@ -35,10 +35,10 @@ NONLINEAR = {
 
 
 class Term(StrEnum):
-    """The parts of a star tracker's error, as ECSS-E-ST-60-20C names them; and what is none of it.
+    """The parts of a star tracker's error by their names in ECSS-E-ST-60-20C, and other errors.
 
-    The motion of the platform within an exposure is an error of what is reported for its middle,
-    but one motion for all heads, and none of the sensor's.
+    The motion of the platform within an exposure is an error of the attitude that is reported for
+    its middle. But all heads share it, and it is no error of the sensor.
     """
 
     BIAS = "bias"
@@ -63,10 +63,10 @@ class Effect(NamedTuple):
     cause       its name as a cause of error; "": it is none
     term        that the cause belongs to
     without     gives the case without it; the sky and all other draws stay the same
-    drawn       its name where drawn spots and their covariance refuse it; "": they take it
-    window      what windows need in its place, a phrase; "": they take it
-    covariance  the same of the fidelity covariance alone
-    left_out    what the error budget leaves out, phrases; none: it counts the effect
+    drawn       its name in refusals by drawn spots and their covariance; "": they have it
+    window phrase: what the design must have instead for windows; "": they have it
+    covariance the same for the fidelity covariance alone
+    left_out phrases: effects that the error budget leaves out; none: it counts the effect
     """
 
     key: str
@@ -86,7 +86,7 @@ class Effect(NamedTuple):
 
 
 def _flawless(case: Case) -> Case:
-    """All pixels alike; what age took of the light and of the transfers stays."""
+    """All pixels alike; losses of light and of charge transfer by ageing stay."""
     detector = case.instrument.detector
     mean, _ = dark_currents(detector)
     age = detector.age and detector.age.undamaged
@@ -109,7 +109,7 @@ def _calibrated(case: Case) -> Case:
 
 
 def _misbelieved(*names: str) -> Callable[[Case], bool]:
-    """Whether a tracker's catalogue has other values of these than the sky."""
+    """Whether the tracker's catalogue and the sky differ in these values."""
     return lambda case: any(
         getattr(case.catalog, name) != getattr(case.believed_catalog, name) for name in names
     )
@@ -150,7 +150,7 @@ def _shining(case: Case) -> list[str]:
 
 
 def _unmodelled_air(case: Case) -> list[str]:
-    """What the air above a camera does that no fidelity has, with its size."""
+    """Effects of the air above a camera that no fidelity has, with their size."""
     sky, half = case.scene.sky, case.instrument.camera.half_diagonal
     if sky is None:
         return []
@@ -191,12 +191,13 @@ def _jitters(of: str) -> Callable[[Case], bool]:
 
 
 def _sheared(case: Case) -> bool:
-    """Whether rows are exposed at other times than the tracker takes off by the rates it knows."""
+    """Whether rows have time differences that the tracker does not correct by the rates it
+    knows."""
     turn = case.instrument.detector.row_delay * case.instrument.motion.rates
     return bool((turn != case.believed_row_delay * case.believed_motion.rates).any())
 
 
-# Rows with a cause stand in the order of causes, from pixels to the spacecraft.
+# Rows with a cause are in the order of the causes, from pixels to the spacecraft.
 EFFECTS = [
     Effect(
         "instrument.detector.charge_effects, signal_effects, image_effects",
@@ -464,12 +465,13 @@ def present(column: str, case: Case) -> list[Effect]:
 
 
 def said(column: str, case: Case) -> list[str]:
-    """Phrases in a column of the table, for all effects that a case has."""
+    """Phrases in one column of the table, for all effects of a case."""
     return [phrase for effect in present(column, case) for phrase in effect.says(column, case)]
 
 
 def left_out(case: Case) -> list[str]:
-    """Effects that the error budget leaves out of a design, by the table alone, a phrase each."""
+    """Effects of a design that the error budget leaves out, by this table alone; one phrase
+    each."""
     of_pixels = [
         f"{effect.left_out} (detector.{effect.key})"
         for effect in PIXEL_EFFECTS
@@ -479,10 +481,10 @@ def left_out(case: Case) -> list[str]:
 
 
 def require_window(case: Case, *keys: str) -> None:
-    """Refuse what needs the whole frame, besides pixels that depend on each other.
+    """Refuse effects that need the whole frame, except pixels that depend on each other.
 
     keys    the effects that are refused; none: all
-    Raises  Refused with what windows need in its place.
+    Raises Refused, with what the design must have instead.
     """
     for effect in present("window", case):
         if not keys or effect.key in keys:
@@ -491,7 +493,7 @@ def require_window(case: Case, *keys: str) -> None:
 
 
 def require_no_image(case: Case) -> None:
-    """Refuse what needs an image.
+    """Refuse effects that need an image.
 
     Raises  Refused that names it.
     """
@@ -504,9 +506,9 @@ def require_no_image(case: Case) -> None:
 
 
 def require_least_squares(case: Case) -> None:
-    """Refuse what the covariance of drawn spots cannot take.
+    """Refuse effects that the covariance of drawn spots cannot have.
 
-    Raises  Refused with what it needs in its place.
+    Raises Refused, with what the design must have instead.
     """
     for phrase in said("covariance", case):
         raise Refused(f"covariance needs {phrase}; choose the fidelity spots, window or frame")

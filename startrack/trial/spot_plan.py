@@ -1,4 +1,4 @@
-"""Case -> plan of its statistical trials: detectable stars, their response, what is refused."""
+"""Case -> plan of its statistical trials: detectable stars, their response, refused effects."""
 
 import math
 from typing import NamedTuple
@@ -42,12 +42,12 @@ from startrack.response import (
 )
 from startrack.trial.effects import require_least_squares, require_no_image, require_window
 
-FAINTEST = 4.5  # sigma below the threshold: a star passes it three times in a million
-LEAST = 0.5  # sigma, for thresholds so low that all stars would count; chosen by hand
-CROWDED = 0.1  # spots by hot pixels over those that are kept; chosen by hand
-MARKED = 0.003  # fraction of the pixels that a dark map marks as hot; chosen by hand
-STEPS, COLOURS = 16, 32  # of the shifts by a lens table: along a side, and over colour
-TYPICAL = 5.0  # times the faintest flux: star for which shifts by companions are measured
+FAINTEST = 4.5  # sigma below the threshold, where a star passes 3 times in a million
+LEAST = 0.5  # sigma, lower limit, or all stars would count at low thresholds; by hand
+CROWDED = 0.1  # limit of spots by hot pixels over spots that are kept; chosen by hand
+MARKED = 0.003  # limit of the fraction of pixels that a dark map marks as hot; by hand
+STEPS, COLOURS = 16, 32  # nodes of the shifts by a lens table: along a side, over colour
+TYPICAL = 5.0  # times the faintest flux: flux at which shifts by companions are measured
 
 
 class SpotField(NamedTuple):
@@ -57,12 +57,12 @@ class SpotField(NamedTuple):
     believed    (n, 3) unit vectors, in the tracker's catalogue
     known       (n,) whether they are in that catalogue
     flux        (n,) logarithm of electrons
-    number      (n,) index into the sky, which names a star in the draws
+    number (n,) index into the sky, which selects the star's random numbers
     systematic  (n,) pixel^2 per axis, systematic variance that the tracker assumes
     hot         (n,) pixel^2 per axis, `TrackerKnowledge.hot`
     colour      (n,) index of the star's colour among those of `Through`
     zone        (n,) first zone of the star's class of colour
-    stretch     (n,) 1, by which the tracker's focal length is longer for the star's colour
+    stretch (n,) 1, relative excess of the tracker's focal length for the star's colour
     """
 
     direction: Floats
@@ -100,9 +100,9 @@ class Through(NamedTuple):
 
 
 class Companions(NamedTuple):
-    """The stars near each of the n stars of a `SpotField`.
+    """The neighbours of each of the n stars of a `SpotField`.
 
-    start      (n + 1,) those from start[i] to start[i + 1] are near star i
+    start (n + 1,) neighbours of star i are start[i] to start[i + 1]
     direction  (k, 3) unit vectors
     flux       (k,) logarithm of electrons
     """
@@ -138,7 +138,7 @@ NO_LENS = Through(np.zeros((0, 1, 1, 3)), 1.0, 1.0, 1.0, 1.0, 1, 1, 0.0)
 
 
 class SpotPlan(NamedTuple):
-    """Values that the trials of a case have in common.
+    """Values that all trials of a case share.
 
     response    of the detection to single stars
     pull        of `companion_shift`
@@ -150,7 +150,8 @@ class SpotPlan(NamedTuple):
     through     effect of a lens table
     hot         effect of hot pixels on the centroids of stars
 
-    Accuracy  model: hot pixels near companions, and which of two spots is brighter, are left out.
+    Accuracy  model: leaves out hot pixels near companions, and noise in which of two spots is
+    brighter.
     """
 
     response: SpotResponse
@@ -174,7 +175,7 @@ def refuse(case: Case) -> None:
 
 
 def _refuse_crowded(case: Case) -> None:
-    """Refuse hot pixels that take the places of stars among the spots, or in a map of them."""
+    """Refuse designs with so many hot pixels that they displace stars from the list of spots."""
     pattern = dark_pattern(case)
     if pattern is None:
         return
@@ -227,7 +228,7 @@ def limits_of(case: Case) -> FluxLimits:
         shapes += [images.image(*zone)[0] for zone in zones_of(case).middles]
     peak = max(float(star_profile(zone, detection.kernel)[0]) for zone in shapes)
     faintest = max(threshold - FAINTEST, LEAST) * noise / peak
-    # At least one, so that arrays are not empty.
+    # At least one star, so that arrays are not empty.
     detectable = np.flatnonzero(flux >= min(faintest, flux.max()))
     detectable = detectable[np.argsort(stars.direction[detectable, 2])]
     return FluxLimits(faintest, float(flux[detectable].max(initial=faintest)), detectable)
@@ -240,7 +241,7 @@ def plan_spots(case: Case) -> SpotPlan:
 
 
 def plan_within(case: Case, limits: FluxLimits) -> SpotPlan:
-    """`plan_spots`, with given stars, so that the plans of several cases have the same shape."""
+    """`plan_spots` with given stars, so that the plans of several cases have the same shape."""
     even, settings = with_uniform_dark(case), case.tracker.detection
     instrument = even.instrument
     detector, camera = instrument.detector, instrument.camera
@@ -325,7 +326,7 @@ def _colours(case: Case, true: Floats, believed: Floats) -> tuple[Ints, Ints, Fl
 
 
 def _colour_nodes(case: Case) -> Floats:
-    """Colours of `Through`: from the bluest to the reddest light that images are computed for."""
+    """Colours of `Through`: from the bluest to the reddest light of the computed images."""
     return np.linspace(*colour_range(case.instrument), COLOURS)
 
 
@@ -344,7 +345,7 @@ def _shifts(case: Case) -> Floats:
 
 
 def _companions(case: Case, flux: Floats, detectable: Ints) -> Companions:
-    """The stars near each of the detectable ones, except those that are much fainter."""
+    """The neighbours of each detectable star, without much fainter ones."""
     stars, row = open_sky(case.catalog).stars, np.full(len(flux), -1)
     row[detectable] = np.arange(len(detectable))
     radius = (COMPANION_RADIUS + 1) / case.instrument.camera.focal_length_px
@@ -359,9 +360,9 @@ def _companions(case: Case, flux: Floats, detectable: Ints) -> Companions:
 
 
 def require_fidelity(case: Case, fidelity: Fidelity) -> None:
-    """Refuse a fidelity that some trial of a case would refuse.
+    """Refuse a fidelity that cannot run every trial of a case.
 
-    Raises  Refused that names what it cannot compute.
+    Raises Refused, which names what the fidelity cannot compute.
     """
     if fidelity is Fidelity.WINDOW:
         require_independent_pixels(case.instrument.detector)

@@ -33,8 +33,8 @@ from startrack.response import (
 )
 from startrack.trial.spot_plan import SpotPlan, Through, plan_spots, refuse
 
-MARGIN = 8.0  # pixel beyond the frame, from which a lens table moves no star into it
-FALSE = np.uint64(2**63)  # number of the draws of false spots; those of stars are less
+MARGIN = 8.0  # pixel beyond the frame; a lens table moves no star from farther into it
+FALSE = np.uint64(2**63)  # key of the draws of false spots; numbers of stars are smaller
 
 
 # The spot of a star in one trial:
@@ -42,7 +42,7 @@ FALSE = np.uint64(2**63)  # number of the draws of false spots; those of stars a
 # x, y        pixel, true position;  dx, dy  from it to the centroid
 # xx, yx, yy  pixel, triangular root of the centroid's covariance
 # flux        digital number, expected;  blur  1, its relative standard deviation
-# surplus     sigma, by which noise makes the star brighter
+# surplus sigma, excess of the flux by noise
 SIGHT = np.dtype(
     [
         ("star", np.int64),
@@ -110,7 +110,7 @@ def false_spots(key, mean):  # type: ignore[no-untyped-def]
 
 @kernel
 def in_view(a, direction, view):  # type: ignore[no-untyped-def]
-    """Stars (k,) of directions (n, 3), in order of z, that lie in the cone around the frame."""
+    """Stars (k,) in the cone around the frame, of directions (n, 3) sorted by z."""
     first, last = belt(direction, a[2, 2], math.acos(view.cosine))
     inside = np.empty(last - first, np.int64)
     count = 0
@@ -134,7 +134,7 @@ def _project(a, d, view):  # type: ignore[no-untyped-def]
 
 @kernel(inline="always")
 def _shifted(x: float, y: float, colour: int, through: Through) -> tuple[int, float, float, float]:
-    """Zone of a place among those of a colour, logarithm of its flux, and its shift in pixel."""
+    """Zone of a place and colour, logarithm of the relative flux, and shift in pixel."""
     table = through.table
     p, q = table.shape[2], table.shape[1]
     u = min(max((x + 0.5) / through.step_x, 0.0), p - 1.0)
@@ -230,8 +230,8 @@ def _pulled(dx: float, dy: float, ratio: float, pull: Floats) -> tuple[float, fl
     return x / total, y / total
 
 
-ROWS = 3  # steps, each smaller by the pixels that a star moves in the time of a row
-ROW = 7  # x, y, flux, its sigma, xx, xy, yy
+ROWS = 3  # iterations; each reduces the error by the pixels a star moves in a row's time
+ROW = 7  # columns: x, y, flux, its sigma, xx, xy, yy
 
 
 def spots_of(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Spots:
@@ -240,16 +240,16 @@ def spots_of(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Spots:
         s = 1 + blur N(0, 1),   flux = s expected flux
         centroid = projection + (bias + root N(0, 1)) / s,   covariance = root root^T / s^2
 
-    Stars are those of `outcomes`, also those that the tracker's catalogue lacks. The noise by which
-    a star passes the threshold makes it brighter too, and its error, divided by the flux, smaller.
-    Stars are where they are in the mean of the exposure, jitter with them; that a trial's jitter
-    blurs more or less than the mean of all trials is left out. Behind a rolling shutter each star
-    is where it is at the time of its row, by the rates alone. False spots are distributed
-    uniformly, with the covariance of stars at the threshold, and exceed it by the tail of a normal
-    distribution.
+    Stars are those of `outcomes`, including stars that the tracker's catalogue lacks. Noise that
+    lifts a star over the threshold also makes it brighter; its error, divided by the flux, becomes
+    smaller. A star is at its mean place in the exposure, jitter included. All trials have the mean
+    blur by jitter; its variation between trials is left out. With a rolling shutter each star is at
+    its place at the time of its row, by the rates alone. False spots are distributed uniformly.
+    They have the covariance of stars at the threshold, and exceed the threshold by the tail of a
+    normal distribution.
 
     icrs_to_camera  true attitude at the middle of the exposure
-    Returns         Spots, brightest first; their areas are not known, 0
+    Returns Spots, brightest first; their areas are unknown and set to 0
     Raises          as `outcomes`
     """
     refuse(case)
@@ -270,7 +270,7 @@ def _rolled(instrument: Instrument, place: Floats) -> Floats:
     if not (detector.row_delay and motion.rate and len(place)):
         return place
     direction, moved = camera.unproject(place), place
-    for _ in range(ROWS):  # the row is that to which the star has moved
+    for _ in range(ROWS):  # the row to which the star has moved
         late = detector.row_delay * (moved[:, 1] - (camera.rows - 1) / 2)
         turn = Rotation.from_rotvec(np.multiply.outer(-late, motion.rates))
         moved = camera.project(turn.apply(direction))

@@ -1,4 +1,4 @@
-"""Case and attitude -> the spots of a frame of which only windows are rendered."""
+"""Case and attitude -> the spots of a frame; only windows of the frame are rendered."""
 
 from __future__ import annotations
 
@@ -58,13 +58,13 @@ from startrack.observation import (
 from startrack.trial.effects import require_window
 
 Smear = tuple[float, float] | None
-SAMPLES = 16  # frames, whose background and noise represent those of all
+SAMPLES = 16  # frames, whose background and noise represent all frames
 SAMPLE_SEED = 2**63 - 1
-FAINTEST = 4.5  # sigma below the threshold: a star passes it three times in a million
+FAINTEST = 4.5  # sigma below the threshold, where a star passes 3 times in a million
 DARKEST = 0.1  # sigma of the filtered frame; a star that adds less moves no false spot
 LEAST_HALF = 3  # pixel, least half side of a star's window; chosen by hand
-# Standard deviations of a pixel, by which the expectation of an outlier deviates. Each outlier
-# costs a window; the other pixels make noise pass the level more often: more proposals are drawn.
+# Standard deviations of a pixel: outliers deviate by more in their expectation. Each outlier costs
+# a window. The pixels that are no outliers raise the number of crossings, and so of proposals.
 OUTLIER_LIMITS = (4.0, 2.0, 1.2, 0.6)
 # Time over that of a pixel in a whole frame, measured on frames of 512 and 1024 pixels a side.
 WINDOW_PIXEL = 3.0  # a pixel that is rendered in a window
@@ -79,23 +79,23 @@ def spots_in_windows(
     smear: Smear = None,
     plan: WindowPlan | None = None,
 ) -> Spots:
-    """The spots of a frame, of which only windows are rendered and searched.
+    """The spots of a frame; only windows of the frame are rendered and searched.
 
-    Around each star that may be detected, and around each outlier pixel, the same numbers as in
-    the frame are rendered. Elsewhere noise alone makes spots: the pixels where it passes the level
-    of the search are drawn, with the numbers around them, from their exact law. Background and
-    noise, which the search compares with, are those of one of sixteen whole frames of the design.
-    Where the windows would take more time than the whole frame, that is rendered and searched.
+    Around each star that may be detected, and around each outlier pixel, a window is rendered with
+    the numbers of the whole frame. Elsewhere only noise makes spots: the pixels where noise exceeds
+    the search level are drawn from their exact distribution, with the numbers around them. The
+    search takes background and noise from one of 16 whole frames of the design. If the windows
+    would take more time than the whole frame, the whole frame is rendered and searched.
 
     icrs_to_camera  true attitude at the middle of the exposure
-    turn            how the camera moves about it; None: as the design says, drawn
-    smear           pixel, along x and y, as the tracker believes it; None: by the design
+    turn motion of the camera about it; None: drawn as the design says
+    smear pixel, along x and y, as the tracker believes it; None: that of the design
     plan            of the case; None: `plan_windows`
     Returns         Spots, brightest first
     Raises          ValueError that names what in the design needs the whole frame.
-    Accuracy        statistical: the background and the noise of all trials, of all seeds, are those
-                    of the same 16 sample frames; more trials do not average out what these differ
-                    by from the mean of all frames.
+    Accuracy        statistical: all trials of all seeds take background and noise from the same 16
+                    sample frames. More trials do not average out the difference of these frames
+                    from the mean of all frames.
     """
     plan, instrument = plan or plan_windows(case, smear), case.instrument
     detector, sky, settings = plan.detector, plan.sky, case.tracker.detection
@@ -124,7 +124,7 @@ def spots_in_windows(
         windows, (weight, x, y), star, plan.psf, detector, sky, streams, plan.workspace, colour
     )
     frame = as_believed(case, frame)
-    # Numbers of noise must not be written over those about a star, which are searched first then.
+    # Numbers of noise must not overwrite those around a star, so stars are searched first.
     if separate(grown_mask(noisy, plan.spread, *size), windows[: len(regions)]):
         write_numbers(frame, pixel, numbers)
         return detection.detect_within(frame, every, ground, plan.detection)
@@ -138,7 +138,7 @@ def spots_in_windows(
 def frame_in_windows(
     case: Case, icrs_to_camera: Rotation, streams: core.Streams, windows: Ints
 ) -> core.Frame:
-    """A frame with the numbers of the whole one in windows (w, 4) alone; elsewhere its background.
+    """A frame with the numbers of the whole frame in windows (w, 4), and its background elsewhere.
 
     The whole frame is rendered where its pixels flicker or lights of the scene vary.
     """
@@ -232,7 +232,7 @@ def path_points(
 ) -> tuple[Floats, Floats, Floats]:
     """Weights (m,), x and y (m, n) of the points of the stars' paths.
 
-    The residual charge of the frame before is a fainter star, where the star was then.
+    The residual charge of the frame before is a fainter star at the star's place in that frame.
     """
     path, lag = line_of_sight(instrument, streams, turn), instrument.detector.lag
     views = [(1 - lag, path, motion_function(instrument, streams, turn))]
@@ -251,11 +251,11 @@ def path_points(
 
 
 class Noise(NamedTuple):
-    """The distribution of noise that passes the level of the search.
+    """The distribution of noise that exceeds the search level.
 
-    outliers  (k,) row * columns + column of the pixels to which none of these laws applies
+    outliers (k,) row * columns + column of the pixels outside these distributions
     numbers   distributions of the numbers of a frame without stars
-    tilt      the same, given that the filtered number passes the level
+    tilt the same, given that the filtered number exceeds the level
     grounds   levels of some frames, and the rates of proposals there
     """
 
@@ -267,7 +267,7 @@ class Noise(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class WindowPlan:
-    """Values that the trials of a case have in common.
+    """Values that all trials of a case share.
 
     detector   without its lag, which changes stars only, not a uniform background
     star       (n,) electron of each in the sky, None for a scene with other lights
@@ -277,7 +277,7 @@ class WindowPlan:
     noise      law of false spots; None where whole frames take less time than windows
     threshold  sigma
     fraction   (k,) 1, of a star's light in a pixel of the filtered frame, at 0, 1, 2, ... pixel
-    spread     pixel, to which a pixel of the filtered frame depends on others
+    spread pixel, distance over which a pixel of the filtered frame depends on others
     detection  of the tracker
     workspace  of the frames
     """
@@ -301,7 +301,7 @@ def plan_windows(case: Case, smear: Smear = None) -> WindowPlan:
     instrument = case.instrument
     detector, psf = replace(instrument.detector, lag=0.0), psf_of(instrument)
     require_independent_pixels(detector)
-    # Lights that vary over the field in some attitudes are refused in these.
+    # Lights that vary over the field are refused at the attitudes where they do.
     require_window(case, "instrument.ghosts", "tracker.detection.search", "tracker.rate")
     sky = sky_electrons(case)
     plan = detection_plan(case, smear=smear)
@@ -326,11 +326,11 @@ def plan_windows(case: Case, smear: Smear = None) -> WindowPlan:
 def noise_of(
     detector: Detector, sky: float, grounds: Sequence[FrameBackground], plan: DetectionPlan
 ) -> Noise | None:
-    """Laws with the number of outlier pixels that makes windows take the least time.
+    """Distributions for the number of outlier pixels with which windows take the least time.
 
     plan     of the detection; a hot pixel of its dark map is no outlier
-    Returns  None where whole frames take less time, or where the noise spans too many digital
-             numbers that there is no table of them
+    Returns None if whole frames take less time, or if the noise spans too many digital numbers for
+             a table
     """
     level, mesh = float(np.median([ground.lowest for ground in grounds])), grounds[0].sky.mesh
     weight, border = plan.kernel.whole.astype(float), peak_border(plan.settings)
@@ -348,7 +348,7 @@ def noise_of(
             outliers = np.setdiff1d(outliers, hot, assume_unique=True)
         apart = cost(len(outliers) * (2 * far + 1) ** 2, 0)
         if apart >= least:
-            break  # and a lower limit makes more of them
+            break  # a lower limit makes more outliers
         numbers = number_distributions(detector, sky, outliers, hot)
         if numbers is None:
             continue
@@ -361,12 +361,12 @@ def noise_of(
                 apart + drawn,
             )
         if drawn <= apart:
-            break  # a lower limit saves less than it costs
+            break  # a lower limit saves less time than it costs
     return best
 
 
 def ground_of(case: Case, streams: core.Streams, plan: DetectionPlan) -> FrameBackground:
-    """Background and noise of one frame of the design, which its stars raise a little."""
+    """Background and noise of one frame of the design; its stars raise them a little."""
     case = replace(case, scene=replace(case.scene, lights=()))
     instrument, attitude = case.instrument, random_attitude(streams)
     in_field = stars_in_field(open_sky(case.catalog), attitude, instrument.camera)
@@ -398,7 +398,7 @@ def merged(spots: Spots, more: Spots, most: int) -> Spots:
 
 
 def reach_of(flux: Floats, noise: float, plan: WindowPlan) -> Ints:
-    """Distance from each star within which its light matters to the search, pixel; -1: nowhere.
+    """Pixel: distance from each star within which its light affects the search; -1: nowhere.
 
     flux   (n,) digital number
     noise  digital number, of the filtered frame
@@ -437,7 +437,7 @@ def around_paths(x: Floats, y: Floats, half: Ints, columns: int, rows: int) -> I
             regions[count, 0], regions[count, 1] = max(math.floor(left), 0), max(math.floor(top), 0)
             regions[count, 2] = min(math.ceil(right), columns)
             regions[count, 3] = min(math.ceil(bottom), rows)
-            # A star beside a brighter one often needs no separate region.
+            # A star beside a brighter one often needs no region of its own.
             count += not _within_another(regions[count], regions[:count])
     return regions[:count]
 
