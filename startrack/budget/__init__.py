@@ -1,22 +1,20 @@
-"""What the error is made of, cause by cause, by analysis and by trials.
+"""The error of a design split by cause, by analysis and by trials.
 
 budget     Causes of error and the case without each; Budget: a line for each, and their sum.
-fields     Sky and camera -> the stars of many fields, and how their errors become those of
-           attitudes.
+fields     Sky and camera -> the stars of many fields, and attitude errors from star errors.
 fixed      Case and fields of stars -> errors that are constant from frame to frame.
-hot_pixels  Case -> what hot pixels do to the stars that its tracker detects, and to its search.
-tracked    Fields of stars -> which of them the tracker itself identifies, and what it states.
+hot_pixels  Case -> effect of hot pixels on the stars that its tracker detects, and on its search.
+tracked    Fields of stars -> which fields the tracker identifies, and the errors that it states.
 analytic   Case -> its Budget in milliseconds, without a trial.
-blind      Case that no field of the sky solves -> whether stars, light, dark current or
-           tracker fail it.
-left_out   Case and its fields of stars -> effects that the analytic budget leaves out; its check
-           by trials.
+blind      Case without a solved field -> the reason: stars, light, dark current or tracker.
+left_out   Case and its fields of stars -> effects that the analytic budget leaves out; check of the
+           budget by trials.
 exclusion  Case with a baffle -> error over the angle to Sun, Moon and Earth; exclusion angles.
 measured   Case -> Budget by trials: each cause is switched off, on the same sky and noise; the
            error indices of the standard by sequences, over members and times.
 units      Case -> error budgets of many units at an age: classes of error and levels.
 single_stars  Case -> errors of single stars: by formula, in boxes, in trials over the field.
-curves     Case -> its error over the sky and over slew rate, and that of its stars.
+curves     Case -> its error over the sky and over slew rate, and the errors of its stars.
 """
 
 from startrack.budget.analytic import analytic, refuse_scans

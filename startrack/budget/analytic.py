@@ -44,9 +44,9 @@ HOT = "hot pixels"
 class Measured(NamedTuple):
     """Detection and errors of single stars.
 
-    star     by cause; where pixels are hot, of the case `with_uniform_dark`
-    above    (m,) 1, chance to pass the threshold
-    table    the same in small steps of magnitude, with what hot pixels do
+    star     errors by cause; with hot pixels, of the case `with_uniform_dark`
+    above    (m,) 1, probability to pass the threshold
+    table    the same in small steps of magnitude, with the effect of hot pixels
     random   names of its random causes
     lost     of `Solver`
     """
@@ -60,13 +60,14 @@ class Measured(NamedTuple):
 
 @lru_cache(maxsize=2)
 def measured_response(case: Case) -> Measured:
-    """Detection and errors of single stars; kept for the 2 last cases, as units share one."""
+    """Detection and errors of single stars; cached for the last 2 cases, because units share a
+    case."""
     if trial.boxed(case):
         return in_boxes(case)
     pattern = response.dark_pattern(case) if has_hot_pixels(case) else None
     even = response.with_uniform_dark(case) if pattern else case
     star = response.errors(even)
-    # Where dark signal fills the converter no star is measured, and none is moved.
+    # If dark signal fills the converter, no star is measured, and no star is moved.
     hot = hot_stars(case, even, star) if pattern and _variance(star.stated).all() else None
     search = hot and hot.search
     grid = np.arange(star.magnitude[0], star.magnitude[-1] + FINE / 2, FINE)
@@ -82,7 +83,7 @@ def measured_response(case: Case) -> Measured:
     if pattern and hot:
         lost = hot.lost
         size = response.scale(even)
-        # Of what the read-out adds, the spread of the dark signal is constant in time.
+        # Among the noise that the read-out adds, the spread of the dark signal is constant in time.
         constant = (pattern.spread / size.noise) ** 2
         read = random[response.READ]
         random = random | {response.READ: (1 - constant) * read, "DSNU": constant * read}
@@ -147,7 +148,7 @@ def in_boxes(case: Case) -> Measured:
     grid = np.arange(magnitude[0], magnitude[-1] + FINE / 2, FINE)
     zones = len(response.zone_errors(case).kept) if case.instrument.optics.tabulated else 1
     fraction, stated = (
-        np.repeat(part, zones, axis=0)  # zones are all alike
+        np.repeat(part, zones, axis=0)  # all zones are equal
         for part in (_between(magnitude, measured[None], grid), star.stated[None])
     )
     by_zone = {name: np.repeat(table[None], zones, axis=0) for name, table in random.items()}
@@ -158,20 +159,21 @@ def in_boxes(case: Case) -> Measured:
 
 
 def has_hot_pixels(case: Case) -> bool:
-    """Whether some pixels have a dark current far from that of the others."""
+    """Whether the dark current of some pixels is far from the dark current of the others."""
     detector = case.instrument.detector
     return bool(detector.age or (detector.defects and detector.defects.hot))
 
 
 def _between(magnitude: Floats, table: Floats, grid: Floats) -> Floats:
-    """Tables (z, m) over magnitudes (m,), interpolated linearly at those of a grid: (z, k)."""
+    """Tables (z, m) over magnitudes (m,), interpolated linearly at the magnitudes of a grid: (z,
+    k)."""
     before = np.clip(np.searchsorted(magnitude, grid, side="right") - 1, 0, len(magnitude) - 2)
     t = np.clip((grid - magnitude[before]) / np.diff(magnitude)[before], 0.0, 1.0)
     return np.asarray(table[:, before] + t * (table[:, before + 1] - table[:, before]))
 
 
 def _fine(magnitude: Floats, table: Floats, grid: Floats) -> Floats:
-    """Covariances (z, m, 2, 2) pixel^2 over magnitudes (m,) at those of a grid: (z, k, 2, 2).
+    """Covariances (z, m, 2, 2) pixel^2 over magnitudes, interpolated at a grid: (z, k, 2, 2).
 
     The logarithms of standard deviations, and the correlation, are interpolated linearly.
     """
@@ -181,42 +183,44 @@ def _fine(magnitude: Floats, table: Floats, grid: Floats) -> Floats:
     x, y = (np.exp(_between(magnitude, np.log(values) / 2, grid)) for values in (xx, yy))
     cross = correlation * x * y
     covariance = np.stack([x * x, cross, cross, y * y], axis=-1).reshape(*x.shape, 2, 2)
-    return np.ascontiguousarray(covariance)  # kernels are compiled anew for another layout
+    return np.ascontiguousarray(covariance)  # kernels are compiled again for another layout
 
 
-# From these on the tracker itself decides which stars it matches; chosen by hand, below the 1 % of
+# Above these limits, drawn spots decide which stars are matched; by hand, below the 1 % of
 # availabilities.
-BEYOND = 0.01  # of the stars, beyond the match radius
-UNCOVERED = 0.01  # of the attitudes, farther off than the tracker states
-SIFTED = 4  # stars, of which the solver leaves out one that does not agree
-DISPLACED = 0.1  # mean square of displacements over that of noise, below which noise hides them
-LEAST_CHANCE = 1e-3  # that the gate keeps a star, from which on it counts; far below 1 % of fields
+BEYOND = 0.01  # fraction of the stars beyond the match radius
+UNCOVERED = 0.01  # fraction of the attitudes with larger errors than stated
+SIFTED = 4  # stars: least number from which the solver can leave out a wrong one
+DISPLACED = 0.1  # mean square of displacements over noise, below which noise hides them
+LEAST_CHANCE = 1e-3  # least probability that the gate keeps a star; far below 1 % of fields
 
 
 def analytic(case: Case, count: int = FIELDS) -> Budget[ErrorLaw]:
-    """Error budget from design parameters, the real sky, and the tracker's answer to single stars.
+    """Error budget from design parameters, the real sky, and the tracker's response to single
+    stars.
 
         error of a field = sum of gains * errors of its stars (`propagate`), rms over fields
 
     The errors of a star follow from noise-free images of stars over sub-pixel places. The error of
-    the centroid method is the offset of the centroid; the error by noise is the one that the
-    tracker states; PRNU and DSNU are fixed patterns that shift the centroid. Fixed errors (camera,
+    the centroid method is the offset of the centroid. The error by noise is the one that the
+    tracker states. PRNU and DSNU are fixed patterns that shift the centroid. Fixed errors (camera,
     catalogue) shift each star of each field.
 
     Behind a lens table, noise and detection depend on the zone of the frame and on the star's
-    colour (`zone_errors`). The star is displaced by the difference between its image and the one
-    that the tracker assumes: of sunlike stars (PSF over the field), and by colour (lateral colour).
+    colour (`zone_errors`). The star is displaced by the difference between its image and the image
+    that the tracker assumes. This gives two causes: PSF over the field, for sunlike stars, and
+    lateral colour, for the difference of other stars from them.
 
-    Pixels of outlying dark current move, hide and imitate stars (`hot_stars`), and raise the
-    detection threshold. All other pixels are taken as equal, with their spread as noise.
+    Pixels with outlying dark current move, hide and imitate stars (`hot_stars`), and raise the
+    detection threshold. All other pixels are assumed to be equal, with their spread as noise.
 
     count   fields over the sky, a power of two
-    Raises    ValueError where the case contradicts itself, or no field can be solved.
-    Accuracy  model: to first order; cosmic rays, dead pixels, the smear of a roll, lag and
-              aberrations that grow over the field without a lens table are left out; so is light
-              that varies over the sky (`scene.lights`); a star near the threshold, or so sharp
-              that the tracker may take it for a hot pixel, counts by its chance. numerical: 1 %
-              across and 3 % about for 512 fields.
+    Raises    ValueError if the case contradicts itself, or if no field can be solved.
+    Accuracy  model: to first order. It leaves out cosmic rays, dead pixels, the smear of a roll,
+              lag, aberrations that grow over the field without a lens table, and light that varies
+              over the sky (`scene.lights`). A star near the threshold, or so sharp that the tracker
+              may take it for a hot pixel, counts by its probability. numerical: 1 % across and 3 %
+              about for 512 fields.
     """
     budget = budget_if_solved(case, count)
     if budget is None:
@@ -239,13 +243,14 @@ class FieldBudget(NamedTuple):
 
 
 def of_fields(case: Case, view: Fields, like: Case | None = None) -> FieldBudget | None:
-    """The budget over some fields, and the errors in each of them; None where none is solved.
+    """The budget over some fields, and the errors in each of them; None if no field is solved.
 
-    Where stars lie so far from where the tracker predicts them that it may not match them, or its
-    attitudes so far off that it does not state it, drawn spots decide in each field (`tracked`).
+    Drawn spots decide in each field (`tracked`) in two cases: if stars lie so far from their
+    predicted places that the tracker may not match them, and if its errors may exceed those that it
+    states.
 
-    like  a case that differs in the places of its stars alone, whose response to single stars is
-          that of this one; None: it is measured
+    like  a case that differs only in the places of its stars; its response to single stars is used
+          for this case; None: the response is measured
     """
     return _of_fields(case, view, like, None)
 
@@ -253,7 +258,8 @@ def of_fields(case: Case, view: Fields, like: Case | None = None) -> FieldBudget
 def _of_fields(
     case: Case, view: Fields, like: Case | None, decided: Tracked | None
 ) -> FieldBudget | None:
-    """`of_fields`; `decided` by the tracker itself, None: by the probabilities of single stars."""
+    """`of_fields`. The stars are decided by drawn spots (`decided`); None: by their
+    probabilities."""
     refuse_scans(case)
     _refuse_few_boxes(case)
     same = like or case
@@ -273,7 +279,7 @@ def _of_fields(
     lines = tuple(_lines(case, errors, errors.solved / total, measured.random, counting.fixed))
     law = _sum_of(lines)
     covered = decided.covered.astype(float) if decided else None
-    if not decided and HOT not in measured.random:  # the tracker knows of these beside
+    if not decided and HOT not in measured.random:  # the tracker also knows of hot pixels
         covered = _covered(case, law, errors, stars)
     unsure = covered is not None and law.weight @ covered.prod(axis=1) < 1 - UNCOVERED
     if not (decided or trial.boxed(case)) and _astray(case, counting, bool(unsure)):
@@ -305,13 +311,13 @@ def _refuse_few_boxes(case: Case) -> None:
 
 
 class _CountingStars(NamedTuple):
-    """The n stars of the fields that may count, and what displaces them.
+    """The n stars of the fields that may count, and their displacements.
 
     stars   of `propagate`
     inside  (n,) indices into the stars of the fields
-    sigma   (n,) pixel per axis, by noise and what the tracker assumes beside it
+    sigma   (n,) pixel per axis, by noise and by the other errors that the tracker assumes
     fixed   causes that displace single stars
-    apart   (n, 2) pixel, displacements by these less their mean in each field
+    apart   (n, 2) pixel, displacements by these causes minus their mean in each field
     """
 
     stars: FieldStars
@@ -322,9 +328,9 @@ class _CountingStars(NamedTuple):
 
 
 def _counting_stars(case: Case, view: Fields, same: Case, measured: Measured) -> _CountingStars:
-    """The stars that the gate is likely to keep: a star displaced by more is left out.
+    """The stars that the gate is likely to keep: stars with larger displacements are left out.
 
-    same  a case that differs in the places of its stars alone, whose response is `measured`
+    same  a case that differs only in the places of its stars, with the response `measured`
     """
     star = measured.star
     inside, magnitude = visible(case, view, float(star.magnitude[-1]), same)
@@ -369,7 +375,7 @@ def _solver(case: Case, lost: Floats) -> Solver:
 
 
 def _sum_of(lines: tuple[BudgetLine[ErrorLaw], ...]) -> ErrorLaw:
-    """The error of all causes together, which are independent."""
+    """The error by all causes, which are independent."""
     mean = np.sum([line.spread.mean for line in lines], axis=0)
     sigma = np.sqrt(np.sum([line.spread.sigma**2 for line in lines], axis=0))
     return ErrorLaw(mean, sigma, lines[0].spread.weight)
@@ -378,9 +384,9 @@ def _sum_of(lines: tuple[BudgetLine[ErrorLaw], ...]) -> ErrorLaw:
 def _left_out(
     case: Case, measured: Measured, counting: _CountingStars, stars: Floats, solved: float
 ) -> tuple[str, ...]:
-    """Phrases on the effects that the budget leaves out.
+    """Phrases for the effects that the budget leaves out.
 
-    stars   (m,) expected number of each field
+    stars   (m,) expected number in each field
     solved  1, fraction of the fields with an attitude
     """
     moved_rms = float(np.sqrt((counting.apart**2).mean())) if counting.fixed else 0.0
@@ -393,13 +399,13 @@ def _left_out(
 
 
 def _astray(case: Case, counting: _CountingStars, unsure: bool) -> bool:
-    """Whether displaced stars are lost, or make errors that the tracker does not state.
+    """Whether displaced stars are lost, or cause larger errors than the tracker states.
 
-    unsure  whether errors exceed what is stated
+    unsure  whether errors exceed the stated ones
     """
     counts, variance = counting.stars.kept, np.maximum(counting.sigma, 1e-9) ** 2
     square, total = (counting.apart**2).sum(axis=1), max(float(counts.sum()), 1e-9)
-    # The probabilities that noise leaves a star within a circle, displaced or not.
+    # Probabilities that a star with noise lies within a circle, with and without displacement.
     radius = case.tracker.identification.match_radius**2 / variance
     displaced_within = special.chndtr(radius, 2.0, np.minimum(square / variance, 1e5))
     lost = -np.expm1(-radius / 2) - displaced_within
@@ -409,7 +415,7 @@ def _astray(case: Case, counting: _CountingStars, unsure: bool) -> bool:
 
 
 def _covered(case: Case, law: ErrorLaw, errors: Attitudes, stars: FieldStars) -> Floats | None:
-    """`Budget.covered`, of the covariance that stars alone make and what the tracker adds to it."""
+    """`Budget.covered`, by the covariance from the stars plus the terms that the tracker adds."""
     solved = errors.solved > 0
     stated = np.zeros((len(solved), 3, 3))
     stated[solved] = np.linalg.inv(errors.stated[solved])
@@ -434,7 +440,7 @@ def _within(law: ErrorLaw, stated: Floats) -> Floats:
 
 
 def _apart(moved: Floats, first: Ints) -> Floats:
-    """Displacements (n, 2) less their mean in each field, to which the attitude turns."""
+    """Displacements (n, 2) minus their mean in each field, which the attitude absorbs."""
     count = np.diff(first)
     field = np.repeat(np.arange(len(count)), count)
     mean = np.stack([np.bincount(field, axis, len(count)) for axis in moved.T], axis=-1)
@@ -455,7 +461,7 @@ def _likely_at_the_limit(case: Case, measured: Measured) -> float:
 
 
 def _refused(measured: Measured, magnitude: Floats) -> float:
-    """Fraction of the stars (n,) above the threshold that are taken for hot pixels."""
+    """Fraction of the stars (n,) above the threshold that the tracker takes for hot pixels."""
     star = measured.star
     above = np.interp(magnitude, star.magnitude, measured.above)
     lost = above * (1 - np.interp(magnitude, star.magnitude, star.kept))
@@ -465,7 +471,7 @@ def _refused(measured: Measured, magnitude: Floats) -> float:
 def _lines(
     case: Case, errors: Attitudes, weight: Floats, random: list[str], fixed: list[Cause]
 ) -> Iterator[BudgetLine[ErrorLaw]]:
-    """A line a cause: those of single stars, those that move all stars, those of the camera."""
+    """One line for each cause: of single stars, of shifts of all stars, and of the camera."""
     none = np.zeros_like(errors.shift[:, 0])
     for k, name in enumerate(random):
         if name == response.LENS_FIELD:
@@ -487,5 +493,5 @@ def _lines(
 
 
 def _variance(covariance: Floats) -> Floats:
-    """Per axis, of covariances (m, 2, 2)."""
+    """Variance per axis of covariances (m, 2, 2)."""
     return np.asarray(np.trace(covariance, axis1=1, axis2=2) / 2)

@@ -1,4 +1,4 @@
-"""Case that no field of the sky solves -> whether stars, light, dark current or tracker fail it."""
+"""Case without a solved field -> the reason: stars, light, dark current or tracker."""
 
 import math
 
@@ -9,21 +9,21 @@ from startrack.budget.fields import Fields, attitudes, believed_index, fields
 from startrack.core import Floats, Ints, Refused
 from startrack.design import Case
 
-BRIGHTEST, FAINTEST, STEP = -30.0, 20.0, 0.05  # G, between which the faintest star is looked for
+BRIGHTEST, FAINTEST, STEP = -30.0, 20.0, 0.05  # G, steps to find the faintest star
 LIKELY = 0.1  # probability with which a star passes the threshold; chosen by hand
 RULE = "must see enough stars somewhere in the sky, it does not"
 
 
 def blind(case: Case, what: str = "the case") -> Refused:
-    """Why too few stars count in every field: the first of these that leaves too few.
+    """Why too few stars count in every field: the first stage that leaves too few.
 
-    The stars of the sky in the frame; their light against dark current, sky and read-out; the
-    tracker's catalogue; its test against hot pixels; and hot pixels among its spots.
+    The stages are: the stars of the sky in the frame; their light against dark current, sky and
+    read-out; the tracker's catalogue; its test against hot pixels; and hot pixels among its spots.
 
-    what     as the message names the case
-    Accuracy  model: a star is bright enough where it passes the threshold once in ten times; the
-              budget counts fainter ones, too. Without dark current or the sky's light, noise alone
-              is smaller.
+    what     name of the case in the message
+    Accuracy  model: a star is bright enough if it passes the threshold in one of ten frames; the
+              budget counts fainter stars, too. Removing dark current or the sky's light only
+              reduces the noise.
     """
     view = fields(case.catalog, case.instrument.camera, attitudes)
     return Refused(f"{what} {RULE}: {_cause(case, view)}", rule=RULE)
@@ -89,7 +89,7 @@ def _faintest(case: Case) -> float:
 
 
 def _light(case: Case, magnitude: Floats, field: Ints, needed: str) -> str:
-    """Whether stars have too little light, and beside what; "" where enough pass the threshold."""
+    """Whether stars are too faint, and against which noise; "" if enough pass the threshold."""
     size, fewest = response.scale(case), case.tracker.identification.min_matches
     dark = response.dark_electrons(case.instrument.detector)[0]
     sky = max(size.background - dark, 0.0)

@@ -1,4 +1,5 @@
-"""Causes of error and the case without each; Budget: a line for each, their sum, and the whole."""
+"""Causes of error, and the case without each; Budget: a line for each cause, their sum, the
+total."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -29,13 +30,13 @@ class Cause:
     without: Callable[[Case], Case]
 
 
-# Causes that every case has, so that there is no case without them.
+# Causes that every case has; there is no case without them.
 NEIGHBOURS = "neighbours"
 ALWAYS = ((SHOT, Term.NOISE), (READ, Term.NOISE), (METHOD, Term.PIXEL), (NEIGHBOURS, Term.FIELD))
 
 
 def causes(case: Case) -> tuple[Cause, ...]:
-    """The causes that a case has, from pixels to the spacecraft, except those of all cases."""
+    """The causes of a case from pixels to the spacecraft, except the causes that every case has."""
     return tuple(
         Cause(effect.cause, effect.term, effect.without)
         for effect in present("cause", case)
@@ -63,7 +64,7 @@ class Spread(Protocol):
         """(3,) radian."""
 
     def level(self, axes: Sequence[int], fraction: float, interpretation: Interpretation) -> float:
-        """Radian per axis that is not exceeded in a fraction of the cases."""
+        """Radian per axis that errors do not exceed in a fraction of the cases."""
 
 
 S = TypeVar("S", bound=Spread, covariant=True)
@@ -89,7 +90,7 @@ class ErrorLaw:
     def level(self, axes: Sequence[int], fraction: float, interpretation: Interpretation) -> float:
         """Level of the mixture of all fields.
 
-        Only the mixed interpretation applies, as time and field are not separate.
+        Only the mixed interpretation applies, because time and field are not separate.
 
         Raises  ValueError for another interpretation.
         """
@@ -115,7 +116,7 @@ class ErrorLaw:
         return float(self.weight @ inside.mean(axis=1))
 
     def _normal(self, axes: Sequence[int]) -> tuple[Floats, Floats]:
-        """Distance of the mean from zero, and sigma, not quite zero: (m, axes) radian."""
+        """Absolute mean, and sigma with a tiny lower limit: (m, axes) radian."""
         return np.abs(self.mean[:, axes]), np.maximum(self.sigma[:, axes], 1e-15)
 
 
@@ -139,13 +140,13 @@ class SkySample:
         return level(chosen, fraction, interpretation)
 
     def rms_interval(self, axes: Sequence[int]) -> Interval:
-        """Rms over axes, radian, with its 95 % interval; what a member has is one value of it."""
+        """Rms over axes, radian, with its 95 % interval; each member counts as one sample."""
         return rms_interval((self.error[..., list(axes)] ** 2).mean(axis=(1, 2)))
 
     def level_interval(self, axes: Sequence[int], fraction: float) -> Interval:
         """Mixed level, radian, with its 95 % interval.
 
-        Without an upper bound where the members are too few.
+        It has no upper bound if there are too few members.
         """
         squares = self.error[..., list(axes)].reshape(len(self.error), -1) ** 2
         low, high = level_bounds(squares, fraction, 0.025, 0.025)
@@ -159,7 +160,7 @@ class BudgetLine(Generic[S]):
 
     name    of the cause
     term    that it belongs to; None for a sum
-    spread  of the error that it makes
+    spread  distribution of its error
     """
 
     name: str
@@ -185,15 +186,15 @@ class Budget(Generic[S]):
 
     lines         one for each cause
     whole         the error end to end
-    availability  1, fraction of the sky and time with a correct attitude: one whose error lies
-                  within five of the standard deviations that the tracker states, as trials count
-                  it; by trials, with an attitude
+    availability  1, fraction of the sky and time with a correct attitude, as trials count it: its
+                  error lies within five of the standard deviations that the tracker states. In a
+                  budget by trials: with any attitude
     stars         mean number of stars in these
-    left_out      effects of this design that the budget leaves out, a phrase each
-    refused       1, fraction of the stars above the threshold that are refused as hot pixels; by
-                  formula alone
-    covered       (m, 2) 1, chance in each field of `whole` that the errors across and about are so
-                  stated; None: one
+    left_out      phrases: effects of this design that the budget leaves out
+    refused       1, fraction of the stars above the threshold that are rejected as hot pixels; in
+                  budgets by formula only
+    covered       (m, 2) 1, probability in each field of `whole` that the errors across and about
+                  lie within the stated ones; None: one
     solved        1, fraction with any attitude; None: all of them are correct
     """
 
@@ -249,19 +250,19 @@ class Budget(Generic[S]):
 
     @property
     def sum(self) -> tuple[float, float]:
-        """Radian, across and about: the root of the sum of the lines' squares."""
+        """Radian, across and about: the root sum of squares of all lines."""
         across = sum(line.across**2 for line in self.lines)
         return across**0.5, sum(line.about**2 for line in self.lines) ** 0.5
 
     def term(self, term: Term) -> tuple[float, float]:
-        """Radian, across and about: all lines of a term together."""
+        """Radian, across and about: the root sum of squares of all lines of a term."""
         lines = [line for line in self.lines if line.term is term]
         across = sum(line.across**2 for line in lines)
         return across**0.5, sum(line.about**2 for line in lines) ** 0.5
 
 
 def errors_text(across: float, about: float, required: Sequence[Accuracy], form: str) -> str:
-    """Rms errors (radian), each with the limit that is on it.
+    """Rms errors (radian), each with its limit.
 
     form  of the numbers, such as ".3f"
     """
@@ -275,7 +276,7 @@ def errors_text(across: float, about: float, required: Sequence[Accuracy], form:
 
 
 def answer(expected: Budget[ErrorLaw], required: Sequence[Accuracy]) -> str:
-    """The error with its limits, and the cause that makes most of it."""
+    """The error with its limits, and its largest cause."""
     errors = errors_text(expected.across, expected.about, required, ".3f")
     largest = max(expected.lines, key=lambda line: line.across)
     return (

@@ -1,4 +1,4 @@
-"""Case -> its error over the sky and over slew rate, by analysis and by trials, and of stars."""
+"""Case -> its error over sky and slew rate, by analysis and by trials, and errors of stars."""
 
 import math
 from collections.abc import Callable
@@ -21,8 +21,8 @@ from startrack.response import Errors, errors
 from startrack.trial import SingleStars, boxed, boxed_stars
 
 SMEARS = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)  # pixel in an exposure
-LONGEST = 8.0  # of those of the formula, which takes ten seconds for a longer one
-BETWEEN = 1  # rates of the formula between two of the trials
+LONGEST = 8.0  # pixel, longest smear of the formula; a longer one takes ten seconds
+BETWEEN = 1  # extra rates of the formula between two rates of the trials
 TRIALS = 60  # whose stars are evaluated
 
 
@@ -31,7 +31,7 @@ class BudgetCurve(NamedTuple):
     """Analytic error over the slew rate.
 
     rate     (n,) radian / second
-    budgets  of each; None where no field is solved
+    budgets  at each rate; None if no field is solved
     """
 
     rate: Annotated[Floats, Unit("rad / s", "deg / s")]
@@ -65,11 +65,11 @@ class BudgetCurve(NamedTuple):
 
     @property
     def new_left_out(self) -> str:
-        """Effects that the budget leaves out there, and does not leave out at rest."""
+        """Effects that the budget leaves out at that rate, but not at rest."""
         first = self.first_left_out
         if first is None:
             return ""
-        # Their amounts may differ, the words do not.
+        # The numbers in the phrases may differ; the words do not.
         at_rest = {_words(text) for text in self.left_out[0]}
         return "; ".join(text for text in self.left_out[first] if _words(text) not in at_rest)
 
@@ -79,13 +79,13 @@ def _words(phrase: str) -> str:
 
 
 def slewing(case: Case, rate: float) -> Case:
-    """The design at another slew rate (radian / second) about x, all else as it is."""
+    """The design at another slew rate (radian / second) about x, otherwise unchanged."""
     motion = replace(case.instrument.motion, rate_x=rate, rate_y=0.0, rate_z=0.0)
     return replace(case, instrument=replace(case.instrument, motion=motion))
 
 
 def slew_rates(case: Case, longest: float = math.inf) -> Floats:
-    """Radian / second, of the smears `SMEARS` up to the longest (pixel)."""
+    """Radian / second: rates that give the smears `SMEARS`, up to the longest (pixel)."""
     instrument = case.instrument
     pixel = 1 / instrument.camera.focal_length_px
     smears = np.array([smear for smear in SMEARS if smear <= longest])
@@ -116,7 +116,7 @@ def _budget(case: Case, rate: float) -> Budget[Any] | None:
 
 
 def between(rates: Floats) -> Floats:
-    """The rates, and some in equal steps between each two."""
+    """The rates, and more rates in equal steps between each two of them."""
     steps = BETWEEN + 1
     return np.interp(np.arange(steps * (len(rates) - 1) + 1) / steps, range(len(rates)), rates)
 
@@ -137,7 +137,7 @@ class Slew(NamedTuple):
 
 
 def slews(case: Case, seed: int, trials: int, progress: Advance) -> list[Slew]:
-    """The same trials at other slew rates, about x, all else as in the design."""
+    """The same trials at other slew rates about x, otherwise as in the design."""
     result = []
     for smear, rate in zip(SMEARS, slew_rates(case).tolist(), strict=True):
         turned = slewing(case, rate)
@@ -150,10 +150,10 @@ class ErrorCurves(NamedTuple):
     """Error of a case as curves over the quantities that it depends on.
 
     curve   the analytic budget over slew rates
-    steps   of these between two rates of the trials
-    tried   slew rates, radian / second, and what trials say there
+    steps   rates of the formula for one rate of the trials
+    tried   slew rates, radian / second, and the results of trials at them
     stars   errors of single stars over their magnitude, by formula, of the whole frame's search
-    boxed   those of stars in boxes; None: the tracker searches the frame
+    boxed   errors of stars in boxes; None: the tracker searches the frame
     seen    stars of some trials
     trials  number of these
     """
@@ -170,7 +170,7 @@ class ErrorCurves(NamedTuple):
 def error_curves(
     case: Case, seed: int, trials: int = TRIALS, advance: Callable[[float], None] = lambda _: None
 ) -> ErrorCurves:
-    """The error over slew rate, and that of single stars.
+    """The error over slew rate, and the errors of single stars.
 
     seed, trials  of the frames whose stars are evaluated
     advance       called after each of `curve_steps`
@@ -188,27 +188,27 @@ def error_curves(
 
 
 def curve_steps(case: Case) -> int:
-    """Steps of `error_curves`: rates of the formula, rates of the trials, and one for all frames
-    of stars, which take as long as a rate.
+    """Number of steps of `error_curves`: rates of the formula, rates of the trials, and one step
+    for all frames of stars, which take as long as a rate.
     """
     rates = slew_rates(case, LONGEST)
     return len(between(rates)) + len(rates) + 1
 
 
-DIRECTIONS = 3072  # of a survey: one in 13 square degrees
+DIRECTIONS = 3072  # directions of a survey: one in 13 square degrees
 
 
 @printed
 @dataclass(frozen=True, eq=False)
 class RateSurvey:
-    """Stars, availability and error in m directions that lie evenly over the sky.
+    """Stars, availability and error in m directions, evenly distributed over the sky.
 
     direction      (m, 3) unit vectors of the boresight, ICRS axes
     stars          (m,) 1, expected number of detected stars
     solved         (m,) 1, probability that they are enough for an attitude
     across, about  (m,) radian, rms error across (per axis) and about the boresight; NaN where
                    there is no attitude
-    faintest       (m,) G of a sunlike star as bright as the faintest that is likely to count; NaN
+    faintest       (m,) G of a sunlike star as bright as the faintest star likely to count; NaN
     """
 
     direction: Floats
@@ -224,7 +224,7 @@ class RateSurvey:
 
 
 def budget_and_sky(case: Case) -> tuple[Budget[ErrorLaw], RateSurvey]:
-    """The budget of `analytic`, and its errors in each of the fields that it is from."""
+    """The budget of `analytic`, and its errors in each of its fields."""
     return _surveyed(case, listed_fields(case, attitudes))
 
 

@@ -38,8 +38,8 @@ class Exclusion:
     def least(self, rise: float = 0.1, availability: float = 0.99) -> float:
         """The exclusion angle, radian.
 
-        rise     fraction by which the error may exceed that at the largest angle
-        Returns  the least angle above which both limits hold; infinity where they never hold
+        rise     fraction by which the error may exceed the error at the largest angle
+        Returns  the least angle above which both limits hold; infinity if they never hold
         """
         allowed = (1 + rise) * self.across[-1]
         bad = ~((self.across <= allowed) & (self.availability >= availability))
@@ -50,16 +50,16 @@ class Exclusion:
 
 
 def exclusions(case: Case, angle: Floats, altitude: float = 600e3) -> dict[str, Exclusion]:
-    """The Sun's, the full Moon's and the noon Earth's, by the analytic budget.
+    """Exclusion by the Sun, the full Moon and the noon Earth, by the analytic budget.
 
         stray light = irradiance PST(angle) f^2 / A,  as a uniform background
 
-    angle     (n,) radian, rising; to the Earth's limb, to the centres of the others
+    angle     (n,) radian, rising; to the Earth's limb, to the centres of Sun and Moon
     altitude  metre, from which the Earth is seen
     Returns   an Exclusion for each of "sun", "moon" and "earth"
-    Raises    ValueError where the case has no baffle, or `analytic` refuses it.
-    Accuracy  model: that of `Baffle` and of the budget; the stray light is uniform over the field,
-              and the body outside it. numerical: 1 % between backgrounds of whole magnitudes.
+    Raises    ValueError if the case has no baffle, or if `analytic` refuses it.
+    Accuracy  model: as `Baffle` and the budget; the stray light is uniform over the field, and the
+              body is outside the field. numerical: 1 % between backgrounds of whole magnitudes.
     """
     levels = stray_light_levels(case, angle, altitude)
     faintest = max(float(level.max()) for level in levels.values())
@@ -76,7 +76,7 @@ def exclusions(case: Case, angle: Floats, altitude: float = 600e3) -> dict[str, 
 def stray_light_levels(case: Case, angle: Floats, altitude: float = 600e3) -> dict[str, Floats]:
     """Magnitude per square arcsecond (n,) of the stray light of "sun", "moon" and "earth".
 
-    Arguments, what is raised and accuracy as for `exclusions`.
+    Arguments, exceptions and accuracy as for `exclusions`.
     """
     if case.instrument.stray is None:
         raise Refused(
@@ -97,7 +97,7 @@ def _stray_light(case: Case, magnitude_g: float, angle: Floats) -> Floats:
 
 
 def _of_the_earth(case: Case, angle: Floats, altitude: float) -> Floats:
-    """Light of an Earth in full sunlight, with each of its parts at its angle."""
+    """Stray light of an Earth in full sunlight; each part of it counts at its own angle."""
     assert case.instrument.stray
     distance = EARTH_RADIUS + altitude
     horizon = math.asin(EARTH_RADIUS / distance)
@@ -113,9 +113,9 @@ def _of_the_earth(case: Case, angle: Floats, altitude: float) -> Floats:
     return SUN_G - 2.5 * np.log10(lit * optics.focal_length**2 / optics.area * arcsec**2)
 
 
-@lru_cache(maxsize=4)  # of the baffles of one design
+@lru_cache(maxsize=4)  # entries: the baffles of one design
 def _budgets(case: Case, skies: tuple[float, ...]) -> tuple[Floats, Floats]:
-    """(n,) errors across and availabilities with stray light of some brightness."""
+    """(n,) errors across and (n,) availabilities with stray light of n brightnesses."""
     across, availability = np.full(len(skies), math.nan), np.zeros(len(skies))
     for i, sky in enumerate(skies):
         lit = replace(case, scene=case.scene.with_stray_light(sky))

@@ -1,4 +1,4 @@
-"""Sky and camera -> the stars of many fields, and how their errors become those of attitudes."""
+"""Sky and camera -> the stars of many fields, and attitude errors from star errors."""
 
 import math
 from collections.abc import Callable
@@ -15,15 +15,15 @@ from startrack.design import Case
 from startrack.observation import index_resolution, rotations_from_cube, separated
 
 FIELDS = 512
-LEAST = 1e-4  # probability from which on a star counts; chosen by hand
+LEAST = 1e-4  # least probability at which a star counts; chosen by hand
 LATTICE = 33  # places along each side of a frame, at which units displace stars
-WIDER = 1.25  # fields are kept for all cameras that are narrower by less than this
+WIDER = 1.25  # fields are shared by cameras that are narrower by less than this factor
 
 
 class Fields(NamedTuple):
-    """The stars of fields that lie evenly over the sky, one field after the other.
+    """The stars of fields evenly distributed over the sky, one field after the other.
 
-    sky       single stars, those too close for the camera as one
+    sky       separable stars; stars too close for the camera count as one
     name      (stars,) their indices in the catalogue
     attitude  icrs_to_camera of the m fields
     field     (n,) which field
@@ -50,8 +50,8 @@ def fields(
     """The stars within the camera's half diagonal, and some beyond it.
 
     spread  makes the attitudes of a number of fields: `attitudes` or `boresights`
-    listed  the tracker's catalogue: stars fainter than the faintest that it lists are left out, as
-            they never count; None: all
+    listed  the tracker's catalogue: stars fainter than its faintest star are left out, because they
+            never count; None: all stars
     """
     step = math.log(WIDER)
     radius = math.exp(math.ceil(math.log(camera.half_diagonal) / step) * step)
@@ -67,7 +67,7 @@ def listed_fields(case: Case, spread: Callable[[int], Rotation], count: int = FI
 
 @lru_cache(maxsize=16)
 def believed_index(true: Selection, believed: Selection) -> Ints:
-    """For each star of the true sky its index in the believed one, -1 where it is not there."""
+    """For each star of the true sky, its index in the believed sky; -1 if it is not in that."""
     star, there = open_sky(believed).stars.find(open_sky(true).stars.identifier)
     return np.where(there, star, -1)
 
@@ -84,7 +84,7 @@ def _fields(
     stars, sky = separated(selection, resolution), open_sky(selection)
     attitude = spread(count)
     boresight = attitude.inv().apply([0.0, 0.0, 1.0])
-    # Those of the whole sky are found, which is in order already for all resolutions.
+    # The whole sky is searched, because its order is already known for all resolutions.
     place = stars.places(len(sky))
     if listed is not None:
         known = np.flatnonzero(believed_index(selection, listed) >= 0)
@@ -129,7 +129,7 @@ def sobol_points(count: int) -> Floats:
 
 
 def boresights(count: int) -> Rotation:
-    """Attitudes whose boresights lie evenly over the sphere, and their rolls over the circle.
+    """Attitudes with boresights evenly over the sphere and rolls evenly over the circle.
 
     On a spiral of golden turns: Gonzalez (2010), Mathematical Geosciences 42, 49.
     """
@@ -143,11 +143,11 @@ def boresights(count: int) -> Rotation:
 class FieldResponse(NamedTuple):
     """Detection and measurement of stars by the tracker, over their magnitude.
 
-    start, step  magnitude of the first entry, and between two
+    start, step  magnitude of the first entry, and between two entries
     fraction     (z, k) 1, detected, in each zone of the frame and of colour
     stated       (z, k, 2, 2) pixel^2, of the noise, as the tracker states it
     causes       (z, c, k, 2, 2) pixel^2, true covariance of each random cause
-    false        (k,) number of false spots that are brighter, of which each takes a star's place
+    false        (k,) number of brighter false spots; each takes the place of a star
     """
 
     start: float
@@ -166,8 +166,8 @@ class Attitudes(NamedTuple):
     variance  (m, c, 3) radian^2, of each random cause
     shift     (m, d, 3) radian, by each displacement
     stated    (m, 3, 3) radian^-2, information as the tracker states it
-    gain      (n, 4, 2) radian / pixel, of each star for each axis and for x and y; and, in the last
-              row, the probability that it counts, twice
+    gain      (n, 4, 2) radian / pixel, of each star: three axes by x and y; the last row holds
+              twice the probability that the star counts
     """
 
     stars: Floats
@@ -178,14 +178,14 @@ class Attitudes(NamedTuple):
     gain: Floats
 
     def by_lattice(self, first: Ints, pixel: Floats, camera: Camera) -> Floats:
-        """The errors (3, m) radian by the displacements (2, LATTICE^2) pixel of a lattice's places.
+        """Matrix from displacements (2, LATTICE^2) pixel at a lattice to errors (3, m) radian.
 
         Between the places, displacements are local cubic polynomials.
 
         first    of `FieldStars`
         pixel    (n, 2) places of the stars
         Returns  (3, m, 2, LATTICE^2) radian / pixel
-        Accuracy  numerical: 1e-3 of what the residuals of units move an attitude by.
+        Accuracy  numerical: 1e-3 of the attitude errors by residuals of units.
         """
         (left, across), (top, down) = (
             local_weights(nodes, at)
@@ -212,11 +212,11 @@ def lattice_nodes(camera: Camera) -> tuple[Floats, Floats]:
 
 
 class FieldStars(NamedTuple):
-    """The n stars of all fields that count, one field after the other, brightest first in each.
+    """The n stars that count, one field after the other, brightest first in each field.
 
     first         (m + 1,) index of the first star of each field, and n
     x, y          (n,) 1, x / z and y / z in camera axes
-    magnitude     (n,) G of the sunlike star that is as bright
+    magnitude     (n,) G of a sunlike star of equal brightness
     zone          (n,) of the response
     kept          (n,) 1, probability that a detected star is kept
     systematic    (n,) pixel^2 per axis, systematic variance that the tracker assumes
@@ -237,8 +237,9 @@ class Solver(NamedTuple):
     """Settings of the tracker's solver that the propagation of errors needs.
 
     focal_length_px  pixel, as the tracker believes it
-    tolerance        1, sigma about one of the scale that the tracker fits; 0 where it fits none
-    lost             (k,) chance that 0, 1, 2, ... detected stars give no attitude; more do
+    tolerance        1, prior sigma of the fitted scale about one; 0 if no scale is fitted
+    lost             (k,) probability that 0, 1, 2, ... detected stars give no attitude; more give
+                     one
     most             brightest spots that are kept
     """
 
@@ -249,16 +250,16 @@ class Solver(NamedTuple):
 
 
 def propagate(seen: FieldStars, response: FieldResponse, solver: Solver) -> Attitudes:
-    """Errors of stars into errors of attitudes, by the gain of each star.
+    """Attitude errors from star errors, by the gain of each star.
 
         e = sum_i gain_i error_i,   gain_i = I^-1 H_i^T W_i - b r_i,   I = sum_i H_i^T W_i H_i
 
     H_i is the change of a star's position with a rotation and W_i its weight. A tracker that fits
-    its focal length first moves every star p_i by r error_i p_i: hence the second term,
-    b = I^-1 sum_i H_i^T W_i p_i. Each star counts by its probability of detection.
+    its focal length first moves every star p_i by r error_i p_i, which gives the second term, b =
+    I^-1 sum_i H_i^T W_i p_i. Each star counts by its probability of detection.
 
-    Accuracy  model: to first order in the errors; a star that is not always detected counts as a
-              fraction of one, which gives too small an error where few stars are detected.
+    Accuracy  model: to first order in the errors. A star that is not always detected counts as a
+              fraction of a star; with few detected stars, this gives too small an error.
     """
     count, causes, shifts = len(seen.first) - 1, response.causes.shape[1], len(seen.displacement)
     errors = Attitudes(
@@ -277,7 +278,7 @@ def propagate(seen: FieldStars, response: FieldResponse, solver: Solver) -> Atti
 def _propagate(
     seen: FieldStars, response: FieldResponse, solver: Solver, errors: Attitudes
 ) -> None:
-    """Fill in the errors of each field, by two passes over its stars."""
+    """Write the errors of each field, in two passes over its stars."""
     full, chance = np.empty((4, 4)), np.empty(len(solver.lost))
     for f in range(len(seen.first) - 1):
         end, errors.stars[f] = _information(f, seen, response, solver, full, chance)
@@ -301,7 +302,7 @@ def _propagate(
 
 @kernel
 def _entry(magnitude: float, response: FieldResponse) -> tuple[int, float]:
-    """The entry of the table before a magnitude, and the fraction of the step behind it."""
+    """The table entry before a magnitude, and the fraction of the step from this entry."""
     last = response.fraction.shape[1] - 2
     place = min(max((magnitude - response.start) / response.step, 0.0), last + 0.999)
     return int(place), place - int(place)
@@ -309,7 +310,8 @@ def _entry(magnitude: float, response: FieldResponse) -> tuple[int, float]:
 
 @kernel
 def _detected(i: int, k: int, t: float, seen: FieldStars, response: FieldResponse) -> float:
-    """Probability that a star is detected and kept, at `t` of the step behind entry `k`."""
+    """Probability that a star is detected and kept, at the fraction `t` of the step after entry
+    `k`."""
     fraction = response.fraction[seen.zone[i]]
     return seen.kept[i] * (fraction[k] + t * (fraction[k + 1] - fraction[k]))
 
@@ -318,11 +320,11 @@ def _detected(i: int, k: int, t: float, seen: FieldStars, response: FieldRespons
 def _information(
     f: int, seen: FieldStars, response: FieldResponse, solver: Solver, full: Floats, chance: Floats
 ) -> tuple[int, float]:
-    """Information of a field about turn and scale, and the chances of too few detected stars.
+    """Information of a field about turn and scale, and the probabilities of too few detected stars.
 
     full     (4, 4) radian^-2, is written to
-    chance   (k,) 1, of exactly 0, 1, ... detected stars; is written to
-    Returns  the index behind the last star that counts, and their expected number
+    chance   (k,) 1, probability of exactly 0, 1, ... detected stars; is written to
+    Returns  the index after the last star that counts, and the expected number of stars
     """
     design, weight = np.empty((2, 4)), np.empty((2, 2))
     full[:] = 0.0
@@ -331,7 +333,7 @@ def _information(
     end, total = seen.first[f], 0.0
     while end < seen.first[f + 1] and total < solver.most:
         k, t = _entry(seen.magnitude[end], response)
-        # Of the last, the rest of the room.
+        # Of the last star, only the part that fits into the list.
         p = min(_detected(end, k, t, seen, response), solver.most - response.false[k] - total)
         if p > LEAST:
             design_row(seen.x[end], seen.y[end], solver.focal_length_px, design)
@@ -364,9 +366,9 @@ def _gains(
     """Gains of the stars of a field, each with the probability that it counts.
 
     inverse   (3, 3) radian^2, of the information
-    by_scale  (3,) radian, change of the attitude by an error of the scale of one
-    row       (4,) of the inverse of the information about turn and scale: that of the scale
-    gain      (n, 4, 2) radian / pixel and, last, the probability twice; is written to
+    by_scale  (3,) radian, change of the attitude by a scale error of 1
+    row       (4,) row of the scale in the inverse of the information about turn and scale
+    gain      (n, 4, 2) radian / pixel; the last row holds the probability twice; is written to
     """
     design, weight = np.empty((2, 4)), np.empty((2, 2))
     room = float(solver.most)

@@ -17,7 +17,7 @@ from startrack.motion import jitter_rms
 def visible(case: Case, view: Fields, faintest: float, like: Case) -> tuple[Ints, Floats]:
     """Indices of the stars of the fields around which a window fits, and their magnitudes.
 
-    like  a case that gives stars the same magnitudes
+    like  a case with the same magnitudes of stars
     """
     camera, detection = case.instrument.camera, case.tracker.detection
     stars = view.sky.stars
@@ -46,7 +46,7 @@ def _within(
     return index[:count]
 
 
-# Causes that move single stars.
+# Causes that displace single stars.
 OF_STARS = (
     response.LENS_FIELD,
     trial.LENS_COLOUR,
@@ -63,7 +63,7 @@ class ThroughLens(NamedTuple):
 
     zone     (n,) of the frame and of colour
     fainter  (n,) magnitude, by vignetting
-    shift    (n, 2) pixel, of the centroid, by cause
+    shift    (n, 2) pixel, of the centroid, for each cause
     """
 
     zone: Ints
@@ -72,9 +72,9 @@ class ThroughLens(NamedTuple):
 
 
 def through_lens(case: Case, camera: Camera, view: Fields, inside: Ints) -> ThroughLens:
-    """Effect of a case's lens table on stars of the fields; without a table there is none.
+    """Effect of a case's lens table on stars of the fields; without a table, no effect.
 
-    camera  that the stars are seen with; of a unit it may differ from that of the case
+    camera  that sees the stars; for a unit it may differ from the camera of the case
     """
     count = len(inside)
     if not case.instrument.optics.tabulated:
@@ -91,7 +91,7 @@ def through_lens(case: Case, camera: Camera, view: Fields, inside: Ints) -> Thro
 
 
 def moved(case: Case, cause: Cause, view: Fields, inside: Ints) -> Floats:
-    """Pixel (n, 2) by which a fixed cause moves each star of the fields."""
+    """Pixel (n, 2): displacement of each star of the fields by a fixed cause."""
     correct = cause.without(case)
     camera = case.believed_camera
     x, y = view.x[inside], view.y[inside]
@@ -112,9 +112,9 @@ def moved(case: Case, cause: Cause, view: Fields, inside: Ints) -> Floats:
 def displacement(
     true: Camera, believed: Camera, pixel: Floats, turn: Rotation | None = None
 ) -> Floats:
-    """Pixel (n, 2) by which a wrong camera model moves the stars at some places of the frame.
+    """Pixel (n, 2): displacement of stars at n places of the frame by a wrong camera model.
 
-    turn  from the axes of the true camera to those of the believed one
+    turn  rotation from the axes of the true camera to the axes of the believed camera
     """
     seen, there = believed.unproject(pixel), true.unproject(pixel)
     if turn is not None:
@@ -123,9 +123,9 @@ def displacement(
 
 
 def _sheared(case: Case, x: Floats, y: Floats) -> Floats:
-    """Pixel (n, 2) by which the sky turns between the middle row's exposure and a star's own.
+    """Pixel (n, 2): motion of stars from the exposure of the middle row to that of their row.
 
-    Less what the tracker takes off by the row delay and the rates that it believes.
+    The tracker's correction, by the row delay and the rates that it believes, is subtracted.
     """
     camera, delay = case.instrument.camera, case.instrument.detector.row_delay
     direction = np.column_stack([x, y, np.ones(len(x))])
@@ -137,12 +137,12 @@ def _sheared(case: Case, x: Floats, y: Floats) -> Floats:
 
 
 def displaced(case: Case, view: Fields, inside: Ints) -> Floats:
-    """Pixel (n, 2) by which the light of its neighbours moves each star of the fields.
+    """Pixel (n, 2): displacement of each star of the fields by the light of its neighbours.
 
-    Stars that are one for the camera of the case alone are not moved.
+    Stars that only the camera of the case merges are not moved.
     """
     x, y = view.x[inside], view.y[inside]
-    # The camera that the fields are seen with may merge other stars than that of the case.
+    # The camera of the fields and the camera of the case may merge different stars.
     resolution = observation.index_resolution(case.instrument.camera)
     stars = observation.separated(case.catalog, resolution)
     place = stars.places(len(open_sky(case.catalog)))[view.name[view.star[inside]]]
@@ -154,7 +154,7 @@ def displaced(case: Case, view: Fields, inside: Ints) -> Floats:
 
 
 def _directions(true: Selection, believed: Selection, star: Ints) -> Floats:
-    """Directions in a believed sky of stars of the true one."""
+    """Directions of stars of the true sky in the believed sky."""
     return open_sky(believed).stars.direction[believed_index(true, believed)[star]]
 
 
@@ -163,7 +163,8 @@ def _plane(direction: Floats) -> Floats:
 
 
 def of_the_camera(case: Case, cause: Cause) -> tuple[Floats, Floats] | None:
-    """Mean and sigma (3,), radian, of a cause that turns the whole camera; None for others."""
+    """Mean and sigma (3,), radian, of a cause that turns the whole camera; None for other
+    causes."""
     instrument = case.instrument
     if cause.term is trial.Term.BIAS:
         wrong = case.believed_mounting.camera_to_body().inv()

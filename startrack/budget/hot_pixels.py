@@ -1,4 +1,4 @@
-"""Case -> what hot pixels do to the stars that its tracker detects, and to its search."""
+"""Case -> effect of hot pixels on the stars that its tracker detects, and on its search."""
 
 import math
 from typing import NamedTuple
@@ -15,10 +15,10 @@ from startrack.identification import LEAST_SIGMA, LOG_ATTITUDES, NARROWEST, REAC
 
 EVEN: Floats = (np.arange(32) + 0.5) / 32  # quantiles of a threshold
 HOT_RANGE, HOT_STEP = 5.0, 1.0  # magnitude above the faintest, at which shifts are measured; a step
-WINDOWS = 512  # with hot pixels, in which shifts are measured
-FIELDS, DRAWS = 64, 32  # of the sky, and frames of each, in which the tracker leaves stars out
-MEDIAN_SQUARE = 2 * math.log(2)  # of a squared error, in variances per axis
-MOST = 12  # matched stars, from which on a frame is taken to be identified
+WINDOWS = 512  # windows with hot pixels, in which shifts are measured
+FIELDS, DRAWS = 64, 32  # fields of the sky, and frames of each, for the stars that are left out
+MEDIAN_SQUARE = 2 * math.log(2)  # median of a squared error, in variances per axis
+MOST = 12  # matched stars, with which a frame is assumed to be identified
 
 
 class NearHot(NamedTuple):
@@ -26,9 +26,9 @@ class NearHot(NamedTuple):
 
     search  of a frame with them
     false   (k,) electron, of the false spots that they make
-    kept    (m,) chance that they do not make the tracker lose a star that the search finds
-    moment  (m, 2, 2) pixel^2, second moment over the stars of the shifts by them
-    lost    of `Solver`, with what evidence the places of the stars are among these spots
+    kept    (m,) probability that the tracker keeps a star, found by the search, despite them
+    moment  (m, 2, 2) pixel^2, second moment of the shifts by them, over the stars
+    lost    of `Solver`, including the lack of evidence among these spots
     """
 
     search: response.StarSearch
@@ -43,19 +43,19 @@ def hot_stars(case: Case, even: Case, star: response.Errors) -> NearHot:
 
         kept = P(used),   moment = <s s^T> of the used
 
-    over windows with hot pixels, which a part of the stars has: those that the search rejects are
-    lost, the others are shifted by s. Which of them the tracker uses is drawn in frames. The
-    identification matches spots within a radius that grows with the median error of the frame,
-    needs evidence among the false spots, and the solver leaves the worst out, as far as the fit,
-    which they bend, and the median residual let it. So a bright star that is moved by many sigmas
-    stays where others are moved, too. Shifts are measured at a few magnitudes; they go as one over
-    the star's light.
+    over windows with hot pixels, which a fraction of the stars has. Stars that the search rejects
+    are lost; the others are shifted by s. Frames are drawn to decide which stars the tracker uses.
+    The identification matches spots within a radius that grows with the median error of the frame,
+    and needs evidence against the false spots. The solver then leaves out the worst stars. Shifted
+    stars bias its fit and enlarge its median residual, so that a bright star with a shift of many
+    sigmas stays if others are shifted, too. Shifts are measured at a few magnitudes; they are
+    inversely proportional to the star's light.
 
     even      the case `with_uniform_dark`;  star  its errors
-    Accuracy  model: that of drawn spots, whose windows these are; the evidence of brightness, and
-              false matches, are left out. Beside 1000 windows or more each of `noise_only`, the
-              error across is 1.00 of theirs where 0.6 % of the pixels are hot, 0.89 and 1.03 where
-              1.7 and 4.4 % are, 1.15 where 5.6 % are; attitudes are up to 5 % too few.
+    Accuracy  model: that of drawn spots, which use the same windows; the evidence of brightness,
+              and false matches, are left out. The error across over that of 1000 windows or more
+              each of `noise_only` is 1.00 for 0.6 % hot pixels, 0.89 for 1.7 %, 1.03 for 4.4 % and
+              1.15 for 5.6 %; the number of attitudes is up to 5 % too small.
     """
     magnitude, fewest = star.magnitude, case.tracker.identification.min_matches
     hot = _hot_effect(*map(response.star_inputs, (case, even)))
@@ -94,7 +94,7 @@ class _HotEffect(NamedTuple):
 
 @kept(4)
 def _hot_effect(case: Case, even: Case) -> _HotEffect:
-    """The effect by windows with hot pixels; kept for the 4 last cases."""
+    """The effect measured in windows with hot pixels; cached for the last 4 cases."""
     magnitude, sky = response.errors(even).magnitude, observation.sky_electrons(case)
     empty = response.empty_frame(case, sky)
     assert empty is not None
@@ -123,7 +123,7 @@ def _quantiles(values: Floats, weight: Floats) -> Floats:
 
 
 class _Rules(NamedTuple):
-    """Conditions that the tracker sets for a star.
+    """Conditions of the tracker for a star.
 
     focal_length_px          pixel
     tolerance, radius, gate  keys of identification and solver: 1, pixel, sigma
@@ -148,15 +148,15 @@ class _Rules(NamedTuple):
 
 
 class _Drawn(NamedTuple):
-    """The n stars of some fields, and what is drawn of them in d frames.
+    """The n stars of some fields, and their draws in d frames.
 
     first     (m + 1,) index of the first star of each field, and n
     x, y      (n,) 1, x / z and y / z in camera axes
     detected  (n,) 1, probability that the search finds the star
     false     (n,) brighter spots that hot pixels make
-    sigma     (3, n) pixel per axis: of the errors but hot pixels, as the identification assumes it,
-              and as the solver weights it
-    place     (n,) of the magnitudes at which shifts are known
+    sigma     (3, n) pixel per axis: of all errors except hot pixels; as the identification assumes
+              it; and as the solver weights it
+    place     (n,) index of the magnitude at which shifts are known
     chance    (d, n) uniform;  noise  (d, n, 2) standard normal
     shift     (d, n, 2) pixel, by hot pixels; NaN where these make the search reject the star
     """
@@ -174,7 +174,7 @@ class _Drawn(NamedTuple):
 
 
 def _rules(case: Case, false: int) -> _Rules:
-    """Conditions of a case's tracker, with a number of spots that hot pixels make."""
+    """Conditions of a case's tracker, given the number of spots that hot pixels make."""
     settings, detector = case.tracker.identification, case.instrument.detector
     focal = case.believed_camera.focal_length_px
     evidence = -math.log(settings.max_false_probability)
@@ -227,7 +227,7 @@ def _frames(
 
 
 def _sigmas(case: Case, star: response.Errors, stars: Stars, magnitude: Floats) -> Floats:
-    """`_Drawn.sigma` of stars, whose magnitudes (n,) are those of sunlike stars as bright."""
+    """`_Drawn.sigma` of stars, by magnitudes (n,) of sunlike stars of equal brightness."""
     stated = np.trace(star.stated, axis1=1, axis2=2) / 2
     noise = np.interp(magnitude, star.magnitude, stated)
     knowledge = response.knowledge_of(case)
@@ -239,13 +239,13 @@ def _sigmas(case: Case, star: response.Errors, stars: Stars, magnitude: Floats) 
 
 
 class _Counts(NamedTuple):
-    """Numbers of stars and frames, which `_count` adds to.
+    """Numbers of stars and frames, added up by `_count`.
 
-    seen, used       (k,) over the magnitudes of shifts: stars that the search finds, and those of
-                     them that the tracker uses
-    solved, square   (k,) of frames with an attitude alone: stars that are used, and their squared
+    seen, used       (k,) over the magnitudes of shifts: stars that the search finds, and found
+                     stars that the tracker uses
+    solved, square   (k,) only in frames with an attitude: stars that are used, and their squared
                      shifts
-    tried, accepted  (j,) frames with 0, 1, ... matches, and those of them with an attitude
+    tried, accepted  (j,) frames with 0, 1, ... matches, and such frames with an attitude
     """
 
     seen: Floats
@@ -258,7 +258,7 @@ class _Counts(NamedTuple):
 
 @kernel
 def _count(drawn: _Drawn, rules: _Rules, counts: _Counts) -> None:
-    """Add the stars of all frames that the search finds, and those that the tracker uses."""
+    """Count the stars of all frames that the search finds, and the stars that the tracker uses."""
     for d in range(len(drawn.chance)):
         for f in range(len(drawn.first) - 1):
             first, end = drawn.first[f], drawn.first[f + 1]
@@ -298,7 +298,7 @@ def _error(d: int, i: int, drawn: _Drawn) -> tuple[float, float]:
 def _matched(d: int, star: Ints, drawn: _Drawn, rules: _Rules) -> tuple[Ints, float]:
     """The stars that the identification matches, by the rule of its last round.
 
-    And the variance per axis (pixel^2) by which it takes them to err more than their noise.
+    And the variance per axis (pixel^2) that it assumes in addition to their noise.
     """
     square, variance = np.empty(len(star)), np.empty(len(star))
     for k in range(len(star)):
@@ -319,13 +319,13 @@ def _matched(d: int, star: Ints, drawn: _Drawn, rules: _Rules) -> tuple[Ints, fl
 def _residuals(
     d: int, star: Ints, drawn: _Drawn, rules: _Rules, variance: Floats, rows: Floats
 ) -> Floats:
-    """Squared residuals (k,) pixel^2 of stars from the attitude and scale that fit them.
+    """Squared residuals (k,) pixel^2 of stars from the fitted attitude and scale.
 
     variance  (k,) pixel^2 per axis, by which they are weighted
     rows      (k, 2, 4) pixel / radian, is written to
     """
     info, moved, square = np.zeros((4, 4)), np.zeros(4), np.zeros(len(star))
-    # Held where no focal length is fitted.
+    # The scale is fixed if no focal length is fitted.
     info[3, 3] = max(rules.tolerance, 1e-9) ** -2
     for k in range(len(star)):
         design_row(drawn.x[star[k]], drawn.y[star[k]], rules.focal_length_px, rows[k])
@@ -358,7 +358,7 @@ def _evidence(
     spots: int,
     excess: float,
 ) -> bool:
-    """Whether positions of matched stars are enough evidence of an attitude, among all spots."""
+    """Whether the positions of matched stars among all spots are enough evidence of an attitude."""
     focal, unknowns = rules.focal_length_px, 4 if rules.tolerance > 0 else 3
     rows, prior = np.empty((len(star), 2, 4)), np.zeros((unknowns, unknowns))
     log_prior = -LOG_ATTITUDES
@@ -385,7 +385,7 @@ def _evidence(
 
 @kernel
 def _solved(d: int, star: Ints, drawn: _Drawn, rules: _Rules) -> Ints:
-    """The stars that the solver leaves, as `attitude.solve` leaves them out one by one."""
+    """The stars that the solver keeps; it leaves stars out one by one, as `attitude.solve` does."""
     allowed, rows = len(star), np.empty((len(star), 2, 4))
     while len(star) > FEWEST:
         variance = drawn.sigma[2][star] ** 2

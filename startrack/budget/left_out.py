@@ -1,4 +1,4 @@
-"""Case -> effects that its analytic budget leaves out, a phrase each; what trials say of it."""
+"""Case -> effects that its analytic budget leaves out, a phrase each; check by trials."""
 
 import math
 from collections.abc import Iterator
@@ -14,23 +14,23 @@ from startrack.design import Case, Fidelity
 from startrack.metrics import Summary, bracketed, fraction_interval, summarise
 from startrack.trial import left_out
 
-# From these on an effect may change the error by more than 15 %, or the availability by more than
-# a percent. Chosen by hand from the designs of experiments/budget_against_trials.py.
+# Limits above which an effect may change the error by more than 15 %, or the availability by more
+# than 1 %. Chosen by hand from the designs of experiments/budget_against_trials.py.
 UNKNOWN_SMEAR = 2.5  # pixel
 LONGEST = 27.0  # pixel; the half sides of the window of a fit end at 15 pixel
-IN_WINDOW = 0.65  # of a star's light, in the window of its centre of gravity
+IN_WINDOW = 0.65  # of a star's light inside the window of its centre of gravity
 ROLLED = 1.5  # pixel of smear in the corner, by rotation about the boresight
 SHAKEN = 1.0  # pixel rms of jitter
 FEW = 10.0  # stars in a field, below which its identification is uncertain
 PART = 0.01  # of the sky
-FASTER = 1.2  # pixel rate over the one at which the read noise is known
+FASTER = 1.2  # pixel rate over the rate at which the read noise is known
 CROWDED = 0.03  # fraction of the stars that share their window with another
 FAR = 0.5  # of the match radius, rms displacement of stars by wrong beliefs
-CUT = 2.0  # sigma of an empty pixel above zero; beyond it a fortieth of the noise is cut
-HIDDEN = 0.3  # of the spots that are kept, by hot pixels
+CUT = 2.0  # sigma, level of an empty pixel above zero; there 1/40 of the noise is cut
+HIDDEN = 0.3  # fraction of the kept spots that are hot pixels
 REFUSED = 0.3  # of the stars above the threshold
 
-# What each cause is, and the keys that change it.
+# Meaning of each cause, and the keys that change it.
 ADVICE = {
     response.SHOT: "the light of the stars: instrument.optics.f_number, "
     "instrument.optics.focal_length, instrument.detector.exposure, tracker.detection.max_spots",
@@ -67,7 +67,7 @@ ADVICE = {
     "for is that at its middle: instrument.detector.exposure, instrument.motion.tones",
     trial.HITS: "particles hit pixels: instrument.detector.hits",
 }
-# What a tracker cannot see in the spots that it weights.
+# Causes that a tracker cannot see in the spots that it weights.
 UNSEEN = (
     "camera model",
     "proper motion",
@@ -82,8 +82,8 @@ UNSEEN = (
 
 
 def advice(budget: Budget[Any]) -> list[str]:
-    """Advice on each cause, the largest across the boresight first: its meaning, and the keys that
-    change it.
+    """Advice on each cause, largest error across the boresight first: its meaning, and the keys
+    that change it.
     """
     return [
         f"{line.name} ({line.across / arcsec:.3g} arcsec across): {ADVICE[line.name]}"
@@ -93,10 +93,10 @@ def advice(budget: Budget[Any]) -> list[str]:
 
 
 def unseen(budget: Budget[Any]) -> str:
-    """Why a stated covariance may be too small, a sentence; empty where nothing is known."""
+    """A sentence on why a stated covariance may be too small; empty if no reason is known."""
     lines = [line for line in budget.lines if line.name in UNSEEN and line.across > 0]
     parts = [f"{line.name} ({line.across / arcsec:.3g} arcsec across)" for line in lines]
-    of_units = "unit", "instrument.structure"  # which the unit as designed does not have
+    of_units = "unit", "instrument.structure"  # causes that the unit as designed does not have
     if any(not any(word in text for word in of_units) for text in budget.left_out):
         parts.append("what is not counted")
     return f"the tracker does not know of {'; '.join(parts)}" if parts else ""
@@ -166,9 +166,9 @@ def _in_window(psf: Psf, window: int) -> float:
 def of_the_sky(case: Case, stars: Floats, refused: float, moved: float) -> Iterator[str]:
     """Effects that the budget leaves out because of the stars in its fields.
 
-    stars    (m,) expected number of each field
+    stars    (m,) expected number in each field
     refused  1, fraction of the stars above the threshold that are refused as hot pixels
-    moved    pixel, rms displacement of stars by what the tracker believes wrongly
+    moved    pixel, rms displacement of stars by wrong beliefs of the tracker
     """
     detector, settings = case.instrument.detector, case.tracker.detection
     least = min(FEW, round(0.9 * settings.max_spots))
@@ -192,7 +192,7 @@ def of_the_sky(case: Case, stars: Floats, refused: float, moved: float) -> Itera
 
 
 def of_the_catalog(case: Case, likely: float, available: float) -> Iterator[str]:
-    """What is left out where the catalogue ends before the camera does.
+    """Stars that are left out because the camera sees fainter stars than the catalogue has.
 
     likely     1, probability that a star at the catalogue's limit is detected
     available  1, of the sky
@@ -215,13 +215,13 @@ def of_false_spots(case: Case, brighter: float) -> Iterator[str]:
 
 
 def caveats(case: Case, left_out: tuple[str, ...]) -> list[str]:
-    """Sentences that a reader of the budget needs beside `refusal`; `left_out` as for `Budget`."""
+    """Sentences that a reader of the budget needs besides `refusal`; `left_out` as for `Budget`."""
     sentences = [f"not counted: {'; '.join(left_out) or 'nothing that the design names'}"]
     return sentences if case.differs else [*sentences, noise_only(case)]
 
 
 def noise_only(case: Case) -> str:
-    """One sentence on the effects that the unit as designed leaves out."""
+    """One sentence on the effects that a budget of the unit as designed leaves out."""
     if case.differs:
         return "noise only: what differs between units is left out (--units N)"
     return (
@@ -231,7 +231,7 @@ def noise_only(case: Case) -> str:
 
 
 def refusal(case: Case, refused: float) -> list[str]:
-    """Why stars are refused as hot pixels, which may make errors large; nothing where few are.
+    """Why many stars are refused as hot pixels, which may enlarge errors; empty if few are refused.
 
     refused  1, fraction of the stars above the threshold
     """
@@ -245,22 +245,22 @@ def refusal(case: Case, refused: float) -> list[str]:
     ]
 
 
-# Trials of windows, frames and drawn spots. Chosen by hand: a second or two on one core.
+# Numbers of trials by windows, frames and drawn spots; by hand: one or two seconds on one core.
 WINDOWS, FRAMES, DRAWN = 60, 24, 200
-LARGEST = 2**20  # pixel, of the largest frame that is rendered more than a few times
-FEWEST = 6  # frames of detectors however large
-AGREEING = 1.15  # ratio of formula and trials up to which they agree, beside the interval
+LARGEST = 2**20  # pixel, largest frame that is rendered more than a few times
+FEWEST = 6  # frames, least number for any size of detector
+AGREEING = 1.15  # ratio of formula and trials up to which they agree outside the interval
 SURE = 0.99  # confidence of the interval of the availability
 
 
 @printed
 @dataclass(frozen=True)
 class TrialCheck:
-    """Trials of a design beside its analytic budget.
+    """Comparison of a design's analytic budget with trials.
 
     fidelity  of the trials
     summary   of them
-    differs   where the formula lies outside of the trials' interval, a sentence each
+    differs   sentences, one for each value of the formula outside the trials' interval
     """
 
     fidelity: Fidelity
@@ -269,14 +269,14 @@ class TrialCheck:
 
 
 def check(case: Case, budget: Budget[ErrorLaw], seed: int) -> TrialCheck:
-    """Compare a budget with some trials, with windows of frames where these suffice.
+    """Compare a budget with some trials, by windows of frames if possible.
 
-    Large detectors are compared by drawn spots; by windows where the motion has effects that
-    formula and drawn spots leave out alike; and by a few frames where neither can hold the design.
+    Large detectors are compared by drawn spots, or by windows if the motion has effects that both
+    the formula and drawn spots leave out. If neither supports the design, a few frames are used.
 
-    Raises    ValueError where no fidelity can hold the design.
-    Accuracy  statistical: 60 trials know an rms to 9 %, and find a loss of 5 % of the trials with a
-              probability of 95 %.
+    Raises    ValueError if no fidelity supports the design.
+    Accuracy  statistical: 60 trials give an rms within 9 %, and detect a loss of 5 % of the trials
+              with a probability of 95 %.
     """
     detector = case.instrument.detector
     pixels = detector.columns * detector.rows
@@ -294,7 +294,8 @@ def check(case: Case, budget: Budget[ErrorLaw], seed: int) -> TrialCheck:
 
 
 def differences(budget: Budget[Any], summary: Summary) -> Iterator[str]:
-    """Errors of a budget that lie outside the trials: by more than 15 % and the interval."""
+    """Errors of a budget that differ from the trials by more than 15 % and lie outside the
+    interval."""
     trials = summary.trials
     if not summary.availability.value > 0:
         yield (

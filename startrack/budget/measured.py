@@ -23,7 +23,7 @@ from startrack.metrics import indices
 from startrack.scene import illuminate
 from startrack.sequence import Sequence, fly_sequences
 
-SAME = 0.7  # pixel, within which a spot is the same in two frames; chosen by hand, below the
+SAME = 0.7  # pixel, distance within which a spot is the same in two frames; by hand, below the
 # distance of separate spots and above the noise of their centroids
 HOT_TOO = "DSNU, hot pixels"
 BLOCKS = 8  # of members, for each worker
@@ -42,17 +42,17 @@ def measured(
 
         contribution of a cause = error - error without it
 
-    as vectors, of the same sky, noise and set of stars, so that the effect of one cause does not
-    count as scatter of another. The contributions of all causes add up to the error, except for
-    interactions of causes.
+    These are vectors with the same sky, noise and set of stars, so that the effect of one cause
+    does not count as scatter of another. The contributions of all causes add up to the error,
+    except for interactions of causes.
 
-    members   random attitudes, each with a device and a calibration as the case has them
-    times     frames of each, with different noise
-    executor  where they run
-    progress  called with the number of members that just ended
-    Returns   Budget whose lines hold (members, times, 3) errors; unsolved and false frames are
-              left out with their member
-    Raises    ValueError where no member can be solved in all frames.
+    members   number of random attitudes, each with a device and a calibration of the case
+    times     number of frames of each, with different noise
+    executor  that runs them
+    progress  called with the number of members that were just completed
+    Returns   Budget whose lines hold (members, times, 3) errors; a member with an unsolved or false
+              frame is left out
+    Raises    ValueError if no member is solved in all of its frames.
     Accuracy  statistical: 4 % of an rms across the boresight for 300 members of 1 frame.
     """
     whole(1, 10**7, members=members, times=times)
@@ -94,15 +94,16 @@ def terms(case: Case) -> tuple[tuple[str, trial.Term], ...]:
 
 
 def _name(case: Case, cause: budget.Cause) -> str:
-    """A frame has the hot pixels and the others, which the analytic budget tells apart."""
+    """Name of a line: a frame has hot and usual pixels together; only the analytic budget splits
+    them."""
     return HOT_TOO if cause.name == trial.DSNU and has_hot_pixels(case) else cause.name
 
 
 def contributions(case: Case, attitude: Rotation, streams: Streams) -> tuple[Floats, int]:
-    """The error of one trial, and what each cause adds to it.
+    """The error of one trial, and the contribution of each cause.
 
-    A constant cause is switched off in frames without noise, where nothing else changes; a kind of
-    noise is added alone to them.
+    A constant cause is switched off in noise-free frames, so that nothing else changes. Each kind
+    of noise is added alone to noise-free frames.
 
     Returns  (1 + causes, 3) radian in camera axes, the error first, then as in `terms`; NaN where
              the trial has no correct attitude; the number of stars
@@ -132,7 +133,7 @@ def contributions(case: Case, attitude: Rotation, streams: Streams) -> tuple[Flo
 
 
 class _Trial:
-    """One trial, rendered again with other causes; its stars and weights stay the same."""
+    """One trial, rendered again with other causes, and with the same stars and weights."""
 
     def __init__(self, case: Case, attitude: Rotation, streams: Streams, record: trial.Record):
         self._case, self._attitude, self._streams = case, attitude, streams
@@ -168,7 +169,7 @@ class _Trial:
         star = matches.star
         if len(believed) != len(nominal) or (believed.identifier != nominal.identifier).any():
             star, _ = believed.find(nominal.identifier[star])
-        # Two stars that the catalogue merges have one direction between them.
+        # Two stars that the catalogue merges have one common direction between them.
         direction = matches.direction + believed.direction[star] - nominal.direction[matches.star]
         return star, direction / np.linalg.norm(direction, axis=1, keepdims=True)
 
@@ -187,7 +188,7 @@ class _Trial:
     def _frame(self, case: Case, content: Content) -> Frame:
         detector, size = case.instrument.detector, response.scale(case)
         electrons = self._electrons(case)
-        # Where one kind of noise is alone, the ripple represents the others.
+        # If only one kind of noise is present, the ripple represents the others.
         match content:
             case Content.REAL:
                 return frame_of(electrons, detector, self._streams)
@@ -208,7 +209,7 @@ class _Trial:
         return observation.expected_electrons(case, stars, path, self._attitude, self._streams)
 
     def _single(self, case: Case) -> Spots:
-        """Spots with each matched star measured in a separate cell, for a case without causes."""
+        """Spots of a case without causes: each matched star is measured in a separate cell."""
         matches, stars, camera = self._record.matches, self._record.stars, case.instrument.camera
         matched = open_sky(case.believed_catalog).stars.identifier[matches.star]
         stars = stars[stars.find(matched)[0]]
@@ -229,7 +230,7 @@ class _Trial:
         return replace(old, x=x, y=y)
 
     def _measured(self, frame: Frame, detection: Detection) -> Spots:
-        """All spots of the record, measured in another frame; lost ones stay as they are."""
+        """All spots of the record, measured in another frame; lost spots keep their values."""
         old = self._record.spots
         column, row = (np.rint(place).astype(np.int64) for place in (old.x, old.y))
         candidates = Peaks(column, row, old.area)
@@ -245,12 +246,12 @@ class _Trial:
 
 
 def _imaging(case: Case) -> Instrument:
-    """The instrument without what does not change a frame: mounting and delay."""
+    """The instrument without mounting and delay, which do not change a frame."""
     return replace(case.instrument, mounting=Mounting(), delay=0.0)
 
 
 def _used(case: Case, record: trial.Record) -> Ints:
-    """Indices of the matches that the estimate used: those with the smallest residuals."""
+    """Indices of the matches that the estimate used, which have the smallest residuals."""
     matches, estimate = record.matches, record.estimate
     if estimate.stars == len(matches):
         return np.arange(len(matches))
@@ -276,8 +277,8 @@ def _members(case: Case, seed: int, times: int, members: range) -> tuple[Floats,
     return table, stars
 
 
-# A star tracker's output is knowledge; of a platform that points by it the same are APE, MPE, RPE
-# and PDE (ECSS-E-ST-60-10C, 3.2).
+# The output of a star tracker is knowledge. The corresponding indices of a platform that points by
+# it are APE, MPE, RPE and PDE (ECSS-E-ST-60-10C, 3.2).
 INDICES: dict[str, str] = {
     "AKE": "absolute knowledge error: the error itself",
     "MKE": "mean knowledge error over each window",
@@ -300,11 +301,11 @@ def indices_of(
     window   second
     Returns  AKE, MKE, RKE and KDE (see `INDICES`), each a line whose sample has a member for each
              sequence
-    Raises   ValueError where the window does not fit twice, or no sequence was solved in enough
-             frames. Frames without an attitude are left out of all sequences, so that the windows
-             of all members are the same.
+    Raises   ValueError if the window does not fit twice, or if no sequence was solved in enough
+             frames. A frame without an attitude in one sequence is left out of all, so that all
+             members have the same windows.
     """
-    alone = replace(sequence, heads=())  # whose frames are those of the camera of the design
+    alone = replace(sequence, heads=())  # frames of the camera of the design alone
     table = fly_sequences(case, alone, members, seed, executor, progress)
     frames = len(table) // members
     error = np.stack([table[f"error_{axis}"] for axis in "xyz"], axis=-1)

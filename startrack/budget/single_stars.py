@@ -13,14 +13,14 @@ from startrack.core import Advance, Floats, Ints, Streams
 from startrack.design import Case
 from startrack.motion import stability
 
-STEP = 10  # rows of the table of the formula, between two magnitudes
+STEP = 10  # rows in the table of the formula from one magnitude to the next
 
 
 def single_stars(case: Case, seed: int = 0) -> trial.SingleStars:
-    """Errors of single stars, by the formula of the budget; in boxes, by stars drawn in them.
+    """Errors of single stars by the formula of the budget, or by stars drawn in boxes.
 
-    The formula's errors are means over zones of the frame and colours; its usual error is that
-    without hot pixels. What moves all stars of a frame alike, and neighbours, are left out.
+    The formula's errors are means over zones of the frame and over colours; its usual error is the
+    error without hot pixels. Common shifts of all stars of a frame, and neighbours, are left out.
 
     seed      of the drawn stars
     Accuracy  as for `boxed_stars` and `analytic`.
@@ -50,7 +50,7 @@ class Residuals(NamedTuple):
 
     trial      (n,)
     position   (n, 2) pixel, true
-    magnitude  (n,) G of the sunlike star that is as bright
+    magnitude  (n,) G of a sunlike star of equal brightness
     error      (n, 2) pixel, measured minus true
     """
 
@@ -61,7 +61,7 @@ class Residuals(NamedTuple):
 
 
 def residuals(case: Case, seed: int, trials: int, progress: Advance = lambda _: None) -> Residuals:
-    """Measured positions of stars minus those by the true attitude and camera.
+    """Measured positions of stars minus their positions by the true attitude and camera.
 
     progress  called after each trial
     """
@@ -74,7 +74,7 @@ def residuals(case: Case, seed: int, trials: int, progress: Advance = lambda _: 
         record = trial.observe(case, observation.random_attitude(streams), streams)
         matches, spots = record.matches, record.spots
         star = true[matches.star]
-        # Where the tracker merges two stars, their light has one position.
+        # If the tracker merges two stars, their light has one position.
         pixel = case.instrument.camera.project(record.icrs_to_camera.apply(matches.direction))
         seen = np.column_stack([spots.x, spots.y])[matches.spot]
         magnitude = stars.magnitude_g[star] + faint[star]
@@ -89,7 +89,7 @@ class StarErrors(NamedTuple):
     magnitude  (n,) G
     radius     (n,) pixel, from the middle of the frame
     error      (n, 2) pixel, centroid minus true position at the middle of the exposure
-    trials     from how many trials
+    trials     number of trials
     """
 
     magnitude: Floats
@@ -101,7 +101,7 @@ class StarErrors(NamedTuple):
 def star_errors(
     case: Case, seed: int, numbers: Sequence[int], icrs_to_camera: Rotation, progress: Advance
 ) -> StarErrors:
-    """Repeat trials, and keep what `Outcome` does not: the error of each star.
+    """Repeat trials, and keep the error of each star, which `Outcome` does not contain.
 
     icrs_to_camera  the true attitude of each
     """
@@ -124,7 +124,7 @@ def _stars(case: Case, record: trial.Record) -> Floats:
     turned = record.icrs_to_camera.apply(matches.direction)
     position = camera.project(turned + np.cross(mean, turned))
     spots = np.column_stack([record.spots.x, record.spots.y])[matches.spot]
-    # Directions of the tracker's catalogue, so the magnitudes are looked up by direction.
+    # The directions come from the tracker's catalogue, so magnitudes are looked up by direction.
     near = np.argmax(matches.direction @ record.stars.direction.T, axis=1)
     radius = np.hypot(*(position - camera.centre).T)
     return np.column_stack([record.stars.magnitude_g[near], radius, spots - position])

@@ -1,8 +1,9 @@
-"""Fields of stars -> which of them the tracker itself identifies, and what it states.
+"""Fields of stars -> which fields the tracker identifies, and the errors that it states.
 
-Where the tracker believes a wrong camera or catalogue, stars lie far from where it predicts them.
-Which of them it matches, and whether it accepts the match, is decided by stars together, which no
-probability of single stars holds: its own identification and solver decide, on drawn spots.
+If the tracker believes a wrong camera or catalogue, stars lie far from their predicted places.
+Which stars it matches, and whether it accepts the match, then depends on all stars together.
+Probabilities of single stars cannot describe this. Therefore the tracker's own identification and
+solver decide, on drawn spots.
 """
 
 from typing import NamedTuple
@@ -17,11 +18,11 @@ from startrack.core import Flags, Floats, Ints, Refused, Streams
 from startrack.design import Case
 from startrack.metrics import STATED
 
-HOPELESS = 32  # fields over the sky without an attitude, after which no other is tried
-GOLDEN = (5**0.5 - 1) / 2  # steps by it, modulo 1, spread evenly
+HOPELESS = 32  # fields without an attitude, after which no other field is tried
+GOLDEN = (5**0.5 - 1) / 2  # multiples of it, modulo 1, are evenly spread
 NEAR = 2.0  # pixel, from a star to its spot
-SEED = 0  # of the drawn spots, the same in all designs
-LEVELS = ndtri((np.arange(32) + 0.5) / 32)  # of a normal law, equally probable
+SEED = 0  # seed of the drawn spots, the same in all designs
+LEVELS = ndtri((np.arange(32) + 0.5) / 32)  # of a normal distribution, equally probable
 LOST = (
     "the camera and the catalogue that the tracker believes must place stars where it finds them, "
     "but it identifies none of {} drawn fields; calibrate it (tracker.camera, "
@@ -30,11 +31,11 @@ LOST = (
 
 
 class Tracked(NamedTuple):
-    """Result of the tracker in m fields, which have n stars together.
+    """Result of the tracker in m fields with n stars in total.
 
     solved   (m,) whether it has an attitude, and no false one
-    covered  (m, 2) whether the errors across and about lie within what it states
-    dropped  (n,) whether the star has a spot that is no part of the attitude
+    covered  (m, 2) whether the errors across and about lie within the stated ones
+    dropped  (n,) whether the star has a spot that the attitude does not use
     """
 
     solved: Flags
@@ -43,10 +44,10 @@ class Tracked(NamedTuple):
 
 
 def tracked(case: Case, view: Fields, inside: Ints) -> Tracked:
-    """Draw the spots of each field, identify and solve them as the tracker does.
+    """Draw the spots of each field, then identify and solve them as the tracker does.
 
     inside   (n,) indices into the stars of the fields
-    Raises   Refused where drawn spots cannot hold the design, or no field is identified.
+    Raises   Refused if drawn spots do not support the design, or no field is identified.
     """
     trial.refuse(case)
     count = len(view.attitude)
@@ -76,18 +77,18 @@ def tracked(case: Case, view: Fields, inside: Ints) -> Tracked:
 
 
 def within_stated(mean: Floats, sigma: Floats, stated: Floats) -> Floats:
-    """Chance (m, 2) that errors across and about lie within STATED stated standard deviations.
+    """Probability (m, 2) that errors across and about lie within STATED stated standard deviations.
 
         hypot(x / stated_x, y / stated_y) <= STATED,   |z| <= STATED stated_z
 
     mean, sigma  (m, 3) radian, of normal errors about the camera's axes
     stated       (m, 3) radian
-    Accuracy  numerical: 0.03, of across alone, where it is near a half.
+    Accuracy  numerical: 0.03 for errors across, if the probability is near 0.5.
     """
     sigma, stated = np.maximum(sigma, 1e-30), np.maximum(stated, 1e-30)
     low, high = ((sign * STATED * stated - mean) / sigma for sign in (-1, 1))
     x = mean[:, :1] + sigma[:, :1] * LEVELS
-    # Of the circle, the half chord at each x.
+    # The half chord of the circle at each x.
     square = STATED**2 - (x / stated[:, :1]) ** 2
     y = np.sqrt(np.maximum(square, 0.0)) * stated[:, 1:2]
     inside = ndtr((y - mean[:, 1:2]) / sigma[:, 1:2]) - ndtr((-y - mean[:, 1:2]) / sigma[:, 1:2])

@@ -22,8 +22,8 @@ from startrack.population import middle_of, of_places, placed, unit_of
 from startrack.trial import EFFECTS
 
 CAMERA_MODEL = "camera model"
-OF_THE_CAMERA = (CAMERA_MODEL, "mounting")  # calibrated together, so that parts of them cancel
-# Terms of the errors, besides those of the camera, that are a unit's own; and their causes.
+OF_THE_CAMERA = (CAMERA_MODEL, "mounting")  # calibrated together, so that they partly cancel
+# Error terms of one unit, besides those of the camera; and their causes.
 TURNED = (Term.THERMO_ELASTIC, Term.MEASUREMENT_DATE)
 TURNS = tuple(
     Cause(effect.cause, effect.term, effect.without)
@@ -32,7 +32,7 @@ TURNS = tuple(
 )
 FIELDS = 64  # of each unit in each environment
 ENVIRONMENTS = 3  # of each unit
-# What datasheets state, and the classes of error in it (ECSS-E-ST-60-20C): rms over units.
+# Values that datasheets state, and the error classes in them (ECSS-E-ST-60-20C): rms over units.
 _RANDOM = Term.NOISE, Term.PIXEL, Term.ABERRATION, Term.MEASUREMENT_DATE
 _ALL = *_RANDOM, Term.FIELD, Term.THERMO_ELASTIC, Term.PLATFORM
 PUBLISHED = {
@@ -50,14 +50,14 @@ ARRAYS = ("mean", "sigma", "weight", "bias", "availability")  # of `UnitBudgets`
 class UnitBudgets:
     """Error budgets of n units, each in m fields of the sky and environments.
 
-    The bias of a unit is separate: the mean of its error over fields, without what its environment
-    and its frames change.
+    The bias of a unit is separate: the mean of its error over fields, without the errors that vary
+    with environment and from frame to frame.
 
     age           second
     mean, sigma   (n, m, 3) radian, of a normal error, without the bias of the unit
     weight        (n, m) 1, of each field; sums to 1 for each unit
     bias          (n, 3) radian
-    terms         (n, 3) radian, rms of each class of error but bias
+    terms         (n, 3) radian, rms of each class of error except bias
     availability  (n,) 1
     """
 
@@ -71,7 +71,7 @@ class UnitBudgets:
 
     @classmethod
     def of_one(cls, budget: Budget[ErrorLaw]) -> UnitBudgets:
-        """The unit as designed, of age 0, by its budget; without classes of error."""
+        """The unit as designed at age 0, from its budget; without classes of error."""
         law = budget.whole.spread
         available = np.array([budget.availability])
         bias = np.zeros((1, 3))
@@ -91,7 +91,7 @@ class UnitBudgets:
         return replace(self, terms=terms, **some)
 
     def all(self, biased: bool = True) -> ErrorLaw:
-        """The error of all units together, with their biases or without."""
+        """The error of all units together, with or without their biases."""
         mean = self.mean + self.bias[:, None] if biased else self.mean
         flat = [values.reshape(-1, 3) for values in (mean, self.sigma)]
         return ErrorLaw(flat[0], flat[1], self.weight.ravel() / len(self))
@@ -115,7 +115,8 @@ class UnitBudgets:
         return np.asarray(self.rms()[:, 2])
 
     def levels(self, axes: Sequence[int], fraction: float) -> Floats:
-        """(n,) radian per axis that each unit does not exceed in a fraction of the time."""
+        """(n,) radian per axis: the error that each unit does not exceed in a fraction of the
+        time."""
         units = map(self.unit, range(len(self)))
         return np.array([unit.level(axes, fraction, Interpretation.MIXED) for unit in units])
 
@@ -125,7 +126,7 @@ class UnitBudgets:
         temporal: over the time, of the worst unit; ensemble: over the units, in the worst field;
         mixed: over both.
 
-        Accuracy  statistical: the worst of few units or fields is too small.
+        Accuracy  statistical: the worst of few units or fields underestimates the worst of all.
         """
         match interpretation:
             case Interpretation.TEMPORAL:
@@ -136,7 +137,7 @@ class UnitBudgets:
                     for f in range(self.mean.shape[1])
                     if (total := self.weight[:, f].sum()) > 0
                 ]
-                worst = 0.0  # of all so far; only a field with a larger level is solved
+                worst = 0.0  # of all fields so far; only a field with a larger level is computed
                 for field in sorted(fields, key=lambda law: -law.rms()[list(axes)].max()):
                     if field.share_within(worst, axes) < fraction:
                         worst = field.level(axes, fraction, Interpretation.MIXED)
@@ -155,16 +156,16 @@ def unit_budgets(
     first: int = 0,
     apart: bool = True,
 ) -> UnitBudgets:
-    """The analytic budget of each of some units of a seed.
+    """The analytic budget of each unit, for some units of a seed.
 
     age           second
-    environments  of each unit
+    environments  number of environments of each unit
     progress      called with 1 for each unit
     first         number of the first unit
-    apart         whether biases are separate; False: they are in the means, in a third less time
-    Raises    as `analytic`; ValueError where a unit cannot be solved in any field.
-    Accuracy  that of `analytic`; 10 % of a unit's rms for 64 fields in 3 environments. Behind a
-              lens table all units have the noise of the middle one, see `middle_of`.
+    apart         whether biases are separate; False: the means contain them, in 2/3 of the time
+    Raises    as `analytic`; ValueError if a unit is solved in no field.
+    Accuracy  as `analytic`; 10 % of a unit's rms for 64 fields in 3 environments. With a lens table
+              all units have the noise of the middle unit, see `middle_of`.
     """
     whole(1, 10**6, count=count)
     whole(1, 1000, environments=environments)
@@ -188,7 +189,7 @@ def unit_budgets(
 
 
 def joined(parts: Sequence[UnitBudgets]) -> UnitBudgets:
-    """Budgets of units of one age that were computed apart, in their order."""
+    """Budgets of units of one age that were computed separately, in order."""
     arrays: dict[str, Any] = {
         name: np.concatenate([getattr(part, name) for part in parts]) for name in ARRAYS
     }
@@ -203,9 +204,9 @@ def joined(parts: Sequence[UnitBudgets]) -> UnitBudgets:
 class _Settings(NamedTuple):
     """Settings of the budget of each unit.
 
-    environments  numbers; with -1 first, that of its calibration, its bias is separate
-    alike         whether stars are measured alike in all environments of a unit
-    middle        what all units share; None: the stars of each are measured
+    environments  numbers; with -1 first (the calibration), the bias is separate
+    alike         whether stars have the same response in all environments of a unit
+    middle        plan that all units share; None: each unit has its own response
     """
 
     age: float
@@ -216,7 +217,7 @@ class _Settings(NamedTuple):
 
 
 def _alike(case: Case) -> bool:
-    """Whether what varies from environment to environment moves the places of stars alone."""
+    """Whether variations from environment to environment change only the places of stars."""
     changing = (Scope.ENVIRONMENT, Scope.FRAME)
     return all(of_places(case, law.name) for law in case.varying if law.per in changing)
 
@@ -230,15 +231,15 @@ class _Lines(NamedTuple):
 
 
 class _Middle(NamedTuple):
-    """The middle unit: the effect of displacements on its attitudes, and errors all units share.
+    """The middle unit: attitude errors from displacements, and the errors that all units share.
 
-    Units differ by small displacements of stars at the same places of the frame, on whose sum the
-    error of an attitude depends linearly.
+    Units differ by small displacements of stars at the same places of the frame. The attitude error
+    is linear in these displacements.
 
     unit    the middle unit
     still   the design and its middle unit at rest
     seed    of the units
-    answer  of `Attitudes.by_lattice`
+    answer  matrix of `Attitudes.by_lattice`
     shared  lines that all units share
     """
 
@@ -249,7 +250,7 @@ class _Middle(NamedTuple):
     shared: _Lines
 
     def of(self, moment: Moment) -> _Lines:
-        """The lines of a unit at a moment."""
+        """The budget lines of a unit at a moment."""
         unit, moved = _displaced(*self.still, self.seed, moment)
         unit = unchecked(unit, {"instrument.motion": self.unit.instrument.motion})
         weight = self.shared.weight
@@ -268,10 +269,10 @@ class _Middle(NamedTuple):
 def _displaced(case: Case, like: Case, seed: int, moment: Moment) -> tuple[Case, Floats]:
     """A unit at a moment, and the displacements (2, LATTICE^2) pixel of its stars over the frame.
 
-    Kept for the 128 last, because the conditions of a design differ in motion alone.
+    Cached for the last 128, because the conditions of a design differ only in motion.
     """
     unit = placed(case, like, seed, moment)
-    # The turn that the calibration of the mounting corrects is taken off first: a shift of the
+    # The turn that the mounting's calibration corrects is subtracted first: a shift of the
     # principal point is hundreds of arcseconds, of which a thousandth would count.
     turn = unit.believed_mounting.camera_to_body().inv()
     turn *= unit.instrument.mounting.camera_to_body()
@@ -281,8 +282,8 @@ def _displaced(case: Case, like: Case, seed: int, moment: Moment) -> tuple[Case,
 
 
 def _middle(case: Case, seed: int, age: float, count: int) -> _Middle | None:
-    """The plan that all units share; None where units have noise of their own, or the median unit
-    sees no stars.
+    """The plan that all units share; None if units differ in noise, or if the median unit sees no
+    stars.
     """
     unit = middle_of(case, age)
     if unit is None:
@@ -306,7 +307,7 @@ def _middle(case: Case, seed: int, age: float, count: int) -> _Middle | None:
 
 
 class _UnitBudget(NamedTuple):
-    """The values of `UnitBudgets` of one unit: (m, 3), (m, 3), (m,), (3,), (3,) and a number."""
+    """The values of `UnitBudgets` for one unit: (m, 3), (m, 3), (m,), (3,), (3,) and a number."""
 
     mean: Floats
     sigma: Floats
@@ -362,9 +363,9 @@ def _of_unit(case: Case, seed: int, unit: int, settings: _Settings) -> _UnitBudg
 def _measured(
     case: Case, seed: int, moment: Moment, settings: _Settings, like: Case | None
 ) -> tuple[_Lines, Case | None]:
-    """The lines of a unit whose stars are measured, and the case that others of it are like.
+    """The lines of a unit with its own response, and the case whose response its other moments use.
 
-    like  of a moment before; None: there is none
+    like  case of an earlier moment; None: there is none
     """
     unit = unit_of(case, seed, moment)
     view = listed_fields(unit, attitudes, settings.fields)
@@ -378,9 +379,9 @@ def _measured(
 
 
 def _as_measured(case: Case) -> Case:
-    """A unit without what the response to single stars does not depend on.
+    """A unit without the parameters that do not change its response to single stars.
 
-    Units that differ in nothing else are measured once.
+    Units that differ only in those are measured once.
     """
     instrument, mounting, seed = case.instrument, Mounting(), "instrument.detector.device_seed"
     detector = replace(instrument.detector, device_seed=0)
@@ -388,5 +389,5 @@ def _as_measured(case: Case) -> Case:
         case,
         instrument=replace(instrument, detector=detector, mounting=mounting, delay=0.0),
         tracker=replace(case.tracker, mounting=mounting, delay=0.0),
-        design=case.design and unchecked(case.design, {seed: 0}),  # whose pixels a dark map knows
+        design=case.design and unchecked(case.design, {seed: 0}),  # its pixels are in the dark map
     )

@@ -2,9 +2,9 @@
 
 parameters           Detector: pixels, exposure, noise, converter, optional effects; Line, Scan:
                      detectors of lines (one line, staggered lines, TDI).
-imperfections        Thermal, Hits, Defects, Pattern: what a real detector adds to an ideal one.
-ageing               Orbit, shielding, years and a family of detectors -> what radiation did to
-                     their pixels.
+imperfections        Thermal, Hits, Defects, Pattern: imperfections of a real detector.
+ageing               Orbit, shielding, years and a family of detectors -> radiation damage of their
+                     pixels.
 mosaic               ColourMosaic: filters of three colours before the pixels of an array.
 maps                 Maps of one device: response, dark current and read noise of each pixel.
 collect              Light and detector -> electrons of stars, of the background and of diffuse
@@ -16,13 +16,12 @@ digitise             Expected electrons -> digital numbers: one uniform number a
                      distribution.
 effects              Effects on the pixels of a frame, one table in the order of the physics:
                      charge, signal, image.
-readout              Expected electrons -> digital numbers: independent pixels at once, others
+readout              Expected electrons -> digital numbers: in one step for independent pixels, else
                      effect by effect.
-exposure             Exposure: what a frame depends on -> expected electrons, and a Frame.
-windows              Stars and windows -> a Frame whose numbers are valid inside these windows
-                     alone.
-threshold_crossings  Filter and thresholds -> where noise alone exceeds them, and the numbers of the
-                     pixels there.
+exposure             Exposure: the inputs of a frame -> expected electrons, and a Frame.
+windows              Stars and windows -> a Frame whose numbers are valid only inside these windows.
+threshold_crossings  Filter and thresholds -> pixels where noise alone exceeds them, and the digital
+                     numbers there.
 scan                 Light and the motion of a camera -> the image of a detector of lines.
 """
 

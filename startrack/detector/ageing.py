@@ -1,4 +1,4 @@
-"""Orbit, shielding, years and a family of detectors -> what radiation did to their pixels."""
+"""Orbit, shielding, years and a family of detectors -> radiation damage of their pixels."""
 
 from __future__ import annotations
 
@@ -40,17 +40,17 @@ PROTON_RAD = np.array([  # rad / yr in silicon, of each inclination
     [264.8, 191.0, 162.5, 136.3, 122.4, 108.1, 94.6, 79.1],
 ])  # fmt: skip
 RAD_MEV = 6.2415e7  # MeV / g
-# Non-ionising over ionising energy loss in silicon of the protons of some 50 MeV that are left
-# behind a few millimetres: 3.9e-3 over 10 MeV cm2 / g. From 30 to 100 MeV 3.1e-4 to 4.5e-4.
-# Assumed: remembered of the tables of PSTAR and of Jun et al. (2003).
+# Ratio of non-ionising to ionising energy loss in silicon, for the protons of about 50 MeV that
+# remain behind a few millimetres: 3.9e-3 over 10 MeV cm2 / g. It is 3.1e-4 to 4.5e-4 from 30 to 100
+# MeV. Assumed: quoted from memory of the tables of PSTAR and of Jun et al. (2003).
 NON_IONISING = 3.9e-4
 
 
 def proton_dose(inclination: float, shielding: float) -> float:
     """Dose of trapped protons in silicon, rad in a year at 550 km.
 
-    Interpolated along straight lines in inclination and in the logarithms of thickness and dose;
-    retrograde orbits have the dose of 180 degrees less their inclination.
+    Interpolated linearly in inclination and in the logarithms of thickness and dose. A retrograde
+    orbit has the dose of the inclination 180 degrees minus its own.
 
     inclination  radian
     shielding    metre of aluminium all around
@@ -71,8 +71,8 @@ def orbit_dose(altitude: float, inclination: float, shielding: float, events: fl
 
     Arguments and exceptions as for `protons_dose`; ImportError without radbelt at 550 km, too.
     Accuracy  AE-8 and AP-8 within a factor of two; the dose of their spectra within 10 % of
-              SHIELDOSE-2 where electrons or protons make it. Its bremsstrahlung, which decides in
-              high orbits behind some 7 mm or more, is 1.6 times as much (docs/mission.md).
+              SHIELDOSE-2 where electrons or protons dominate. SHIELDOSE-2 has 1.6 times as much
+              bremsstrahlung, which dominates in high orbits behind 7 mm or more (docs/mission.md).
     """
     dose = protons_dose(altitude, inclination, shielding, events)
     electrons = trapped_electrons(altitude, inclination).behind(shielding)
@@ -80,13 +80,13 @@ def orbit_dose(altitude: float, inclination: float, shielding: float, events: fl
 
 
 def orbit_damage(altitude: float, inclination: float, shielding: float, events: float) -> float:
-    """Protons of 10 MeV, of a square centimetre and a year, that displace as many atoms.
+    """Equivalent fluence: protons of 10 MeV / cm^2 / year that displace as many atoms.
 
-    Those of `damage_fluence` for the dose of protons and, except at 550 km, those of trapped
-    electrons: there they would add 3 % behind 5 mm and 11 % behind 3 mm in a polar orbit.
+    It is the `damage_fluence` of the proton dose plus, except at 550 km, the damage by trapped
+    electrons. At 550 km in a polar orbit, electrons would add 3 % behind 5 mm and 11 % behind 3 mm.
 
     Arguments and exceptions as for `protons_dose`.
-    Accuracy  30 % of the energy losses; behind 1 mm at 550 km a fourth less than with electrons.
+    Accuracy  30 % of the energy losses; behind 1 mm at 550 km 25 % less than with electrons.
     """
     fluence = damage_fluence(protons_dose(altitude, inclination, shielding, events), NIEL)
     if altitude == ALTITUDE:
@@ -102,10 +102,10 @@ def protons_dose(altitude: float, inclination: float, shielding: float, events: 
     `solar_protons`.
 
     altitude, shielding  metre;  inclination  radian
-    events    anomalously large ones in a year
+    events    number of anomalously large solar events in a year
     Raises    ImportError without radbelt; ValueError as for `proton_dose`.
-    Accuracy  as for these; beside the table at 550 km, and from 15 degrees of inclination on, 5 to
-              26 % less.
+    Accuracy  as for these functions; at 550 km and from 15 degrees of inclination on, 5 to 26 %
+              less than the table.
     """
     if altitude == ALTITUDE:
         dose = proton_dose(inclination, shielding)
@@ -118,7 +118,7 @@ def protons_dose(altitude: float, inclination: float, shielding: float, events: 
 
 
 def damage_fluence(dose: float, niel: float) -> float:
-    """Protons of 10 MeV, of a square centimetre and a year, that displace as many atoms.
+    """Equivalent fluence: protons of 10 MeV / cm^2 / year that displace as many atoms.
 
     dose      rad in a year, ionising, of protons in silicon behind the shield
     niel      MeV cm^2 / g, of protons of 10 MeV
@@ -141,7 +141,7 @@ NIEL = 7.9e-3  # MeV cm^2 / g, non-ionising energy loss of protons of 10 MeV in 
 
 
 class TailLaw(NamedTuple):
-    """Histogram of the dark current of a detector in flight, and how it grows with the years.
+    """Histogram of the dark current of a detector in flight, and its growth with the years.
 
         n(I) = a (I / I_r)^-g_k between breaks I_k, pixels for a ratio of e of the dark current,
         convolved over ln I with a normal that is cut off
@@ -155,8 +155,8 @@ class TailLaw(NamedTuple):
     offsets, weights  of the convolution: steps of ln I, and fractions
     middle          years since launch
     lowest          electron / s, below which n is zero before the convolution
-    kelvin          temperature that the law is for
-    electrons       1, of a detector in one of the law
+    kelvin          temperature of the law
+    electrons       1, electrons of a detector for one electron of the law
     """
 
     density: tuple[float, float, float]
@@ -174,11 +174,10 @@ class TailLaw(NamedTuple):
 
 BIN = math.log(10) / 20  # of the fit: 20 bins a decade
 SMOOTHING = [math.exp(-0.5 * ((-0.75 + 0.1 * n) / 0.3) ** 2) for n in range(15)]
-# Fit of the aspect camera's own team to its dark maps of January 2007 to August 2017, scaled to
+# Fit by the aspect camera's team to its dark maps of January 2007 to August 2017, scaled to
 # -14 degC: chandra_aca, dark_model.py (BSD 3-clause, Smithsonian Astrophysical Observatory).
-# Pixels of 1024 x 1024 in a bin; the launch was in 1999.56, the middle year is 2012.0. It counts 5
-# electrons a number; by photon transfer of pixels in flight a number has 5.9
-# (docs/figures/flight.md).
+# Pixels of 1024 x 1024 in a bin; the launch was in 1999.56, the middle year is 2012.0. It uses 5
+# electrons per number; photon transfer of pixels in flight gives 5.9 (docs/figures/flight.md).
 CHANDRA_ACA = TailLaw(
     density=(18400 / BIN / 2**20, 1450 / BIN / 2**20, 742 / BIN / 2**20),
     slopes=((0.075, -0.00692, -0.0207), (3.32, 0.0203, 0.0), (2.40, 0.061, 0.061)),
@@ -196,20 +195,21 @@ TAILS = {"chandra-aca": CHANDRA_ACA}
 FAMILIES = ("interactions", *TAILS)
 HIGHEST = 1e6  # electron / s, of the tables of tails
 TABLE = 4000  # entries of these tables
-MANY = 1e4  # mean number of events, beyond which no table has their probabilities
+MANY = 1e4  # mean number of events, above which no table of probabilities is made
 
 
 class Flicker(Parameters):
     """Pixels whose dark current jumps at random (random telegraph signal).
 
-    A pixel above `least` jumps, at times of a Poisson process, to its mean current times 10^s:
+    A pixel above `least` jumps at times of a Poisson process. Its current becomes its mean times
+    10^s:
 
         P(s < x) = down exp(x / w)          x < 0
                    1 - (1 - down) exp(-x / w)   x >= 0,    w = step / (1 + (I / current)^power)
 
-    Source: the form was found here, and its four numbers fitted, from the published laws of
-    Chandra's aspect camera in five of nine bins of dark current (50 to 100, 200 to 300, 400 to 500,
-    600 to 800 and above 1000 electron / s); the dwell time is theirs (chandra_aca, aca_image.py).
+    Source: our own formula; its four numbers are fitted to the published laws of Chandra's aspect
+    camera in five of nine bins of dark current (50 to 100, 200 to 300, 400 to 500, 600 to 800 and
+    above 1000 electron / s). The dwell time is published (chandra_aca, aca_image.py).
     """
 
     down: float = parameter(
@@ -253,16 +253,16 @@ class Flicker(Parameters):
 
 
 class Age(Parameters):
-    """Years in orbit, and what they did to the detector.
+    """Years in orbit, and the damage of the detector in these years.
 
     family "chandra-aca": the histogram of the dark current of Chandra's aspect camera (a
     front-illuminated CCD of 24 um in a high orbit behind its shield), as fitted in flight; the same
-    pixels are hot at all ages, and (below some thousand electron / s) more so later. Before 2007
-    and after 2017 it is extrapolated. It counts damaged pixels alone, half of all in 2007: the
-    others have the dark current of the launch, `dark_current`, below which none falls.
+    pixels are hot at all ages, and become hotter below some thousand electron / s. Before 2007 and
+    after 2017 it is extrapolated. It counts damaged pixels only, half of all in 2007. The other
+    pixels have the dark current at launch, `dark_current`, which is the least of all.
 
     family "interactions": protons displace atoms in the depleted silicon of a pixel. Their number
-    is Poisson, each adds a dark current of an exponential distribution, and the mean increase is
+    is Poisson. Each adds a dark current from an exponential distribution. The mean increase is
 
         K NIEL fluence depleted volume,   K = 1.9e5 electron / s / cm^3 / (MeV / g) at 300 K
 
@@ -412,7 +412,7 @@ class Age(Parameters):
 
     @property
     def undamaged(self) -> Age:
-        """The same years without displaced atoms: what is lost of the light and in transfers."""
+        """The same years without displaced atoms; the losses of light and in transfers stay."""
         return Age(
             time=self.years * YEAR if self.time is None else self.time,
             sensitivity_loss=self.sensitivity_loss,
@@ -421,12 +421,12 @@ class Age(Parameters):
 
     @property
     def sensitivity(self) -> float:
-        """1, of the light that is detected, over that at launch."""
+        """1, detected light over that at launch."""
         return math.exp(-self.sensitivity_loss * self.years * YEAR)
 
     @property
     def deferred(self) -> float:
-        """1, of the charge, that a transfer leaves for the next row."""
+        """1, fraction of the charge that a transfer leaves for the next row."""
         return self.transfer_loss * self.years * YEAR
 
     def of_map(self, years: float) -> Age:
@@ -499,7 +499,7 @@ def damage(
     """
     mean_rate = mean_damage(age, area, kelvin)
     single = age.interaction * growth_of(DAMAGE_ACTIVATION, kelvin, 296.0)
-    if not single:  # no float holds an interaction: endlessly many of them, alike in all pixels
+    if not single:  # an interaction is below the smallest float: all pixels alike
         return np.full(shape, mean_rate)
     number, size = device("displaced atoms").random((2, *shape))
     expected = mean_rate / single
@@ -536,7 +536,7 @@ def mean_damage(age: Age, area: float, kelvin: float) -> float:
 
 
 def typical(base: float, age: Age, area: float, kelvin: float, to: float) -> float:
-    """Dark current of a typical pixel: the median of a tail's law, the mean of interactions.
+    """Dark current of a typical pixel: the median for a tail law, the mean for interactions.
 
     Arguments as for `aged`.
     """
@@ -555,7 +555,7 @@ def aged(
     base    (rows, columns) electron / second, at launch
     area    square metre, of a pixel
     kelvin  reference of the detector
-    to      1, dark current at that reference over that at the temperature of a tail's law
+    to      1, dark current at that reference over dark current at a tail law's temperature
     """
     shape = (base.shape[0], base.shape[1])
     law = TAILS.get(age.family)
@@ -595,10 +595,10 @@ class Flickering:
 
 
 def trailed(electrons: Floats, deferred: float, first_row: int = 0) -> Floats:
-    """Charge after its transfers to row -1: each leaves a fraction for the row behind.
+    """Charge after its transfers to row -1; each transfer leaves a fraction for the row behind.
 
     first_row  transfers that the charge of the first row makes before the read-out
-    Accuracy  model: what is left behind once is not left behind again; for fractions below 0.1.
+    Accuracy  model: charge that was left behind is not left behind again; for fractions below 0.1.
     """
     transfers = first_row + 1 + np.arange(len(electrons))[:, None]
     left = -np.expm1(transfers * math.log1p(-deferred)) * electrons

@@ -8,8 +8,9 @@ from startrack.detector.law import Tables, law_of, tables_for
 from startrack.detector.maps import dark, response
 from startrack.detector.parameters import Detector
 
-# Standard deviations above the background, of most pixels in the wings of stars. Chosen by hand:
-# more make larger tables, fewer draw more pixels one by one; the numbers are the same.
+# Standard deviations above the background that include most pixels in the wings of stars. By hand:
+# a larger value makes larger tables, a smaller one draws more pixels one by one; the numbers do not
+# change.
 STAR_WINGS = 0.6
 
 
@@ -36,7 +37,7 @@ def efficiency(detector: Detector, throughput: Floats) -> Floats:
 def mean_wavelength(light: Light, detector: Detector, throughput: Floats) -> Floats:
     """Mean wavelength (n,) of the detected photons of each star, metre.
 
-    A star without any has that of an even spectrum.
+    A star without photons has the mean wavelength of a flat spectrum.
     """
     per_photon = efficiency(detector, throughput)
     even = float(per_photon @ light.wavelength / max(per_photon.sum(), 1e-300))
@@ -48,7 +49,7 @@ def mean_wavelength(light: Light, detector: Detector, throughput: Floats) -> Flo
 def diffuse_electrons(
     light: Light, camera: Camera, detector: Detector, throughput: Floats
 ) -> Floats | None:
-    """Expected electrons (rows, columns) of diffuse light; None where there is none.
+    """Expected electrons (rows, columns) of diffuse light; None without such light.
 
     throughput  (k,) electron m^2 / photon, as `electron_rate`
     Accuracy    model: the solid angle of a pixel is that on the boresight.
@@ -59,7 +60,7 @@ def diffuse_electrons(
     scale = camera.focal_length_px**-2 * detector.exposure
     electrons = np.zeros((detector.rows, detector.columns))
     for diffuse_light in light.diffuse:
-        # Weights (pixels, nodes) of straight lines between evenly spaced nodes.
+        # Weights (pixels, nodes) of linear interpolation between evenly spaced nodes.
         down, across = (
             np.maximum(1 - np.abs(np.linspace(0, n - 1, side)[:, None] - np.arange(n)), 0.0)
             for n, side in zip(diffuse_light.fraction.shape, electrons.shape, strict=True)
@@ -96,7 +97,7 @@ def apply_response(electrons: Floats, detector: Detector) -> Floats:
 
 @kept(4)
 def background_tables(detector: Detector, sky: float) -> Tables:
-    """Tables of the numbers of a frame; for its background alone, so that frames share them.
+    """Tables of the numbers of a frame, from its background alone, so that frames share them.
 
     Arguments as `background`.
     """
@@ -104,14 +105,14 @@ def background_tables(detector: Detector, sky: float) -> Tables:
 
 
 def carry(electrons: Floats, before: Floats | None, fraction: float) -> Floats:
-    """Expected electrons that are read with a frame, with the residual charge of the one before.
+    """Expected electrons that are read with a frame, including residual charge of the frame before.
 
         read = (1 - fraction) electrons + fraction before
 
-    Each electron is left behind independently, so that the numbers remain Poisson numbers.
+    Each electron is left behind independently, so that the numbers remain Poisson distributed.
 
-    Source: Janesick (2001), Scientific Charge-Coupled Devices, on deferred charge; here of one
-    frame alone.
+    Source: Janesick (2001), Scientific Charge-Coupled Devices, on deferred charge; here from one
+    frame only.
 
     electrons  (rows, columns) electron, generated in this frame
     before     (rows, columns) electron, generated in the frame before; None: none
@@ -125,8 +126,8 @@ def diffuse(electrons: Floats, fraction: float) -> Floats:
 
         after = (1 - 4 fraction) electrons + fraction (left + right + above + below)
 
-    Electrons diffuse independently, so that Poisson numbers stay independent Poisson numbers, and
-    it is enough to spread their expectations.
+    Electrons diffuse independently. Therefore the numbers stay independent and Poisson distributed,
+    and it is enough to spread their expectations.
 
     Source: Janesick (2001), Scientific Charge-Coupled Devices, on diffusion; here to the nearest
     pixels alone.

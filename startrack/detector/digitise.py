@@ -1,8 +1,8 @@
 """Expected electrons -> digital numbers: one uniform number a pixel, exact distribution.
 
 A pixel has 32 random bits, half of a word of 64: the first 22 select its number in the table of a
-level, the last 10 one of the two levels about its expectation. Where these do not decide, more bits
-of a number of its own follow the first 22.
+level, the last 10 one of the two levels about its expectation. If these do not decide, more bits
+follow the first 22, from a second random number of the pixel.
 """
 
 from typing import Any, NamedTuple
@@ -40,7 +40,7 @@ from startrack.detector.law import (
     tables_for,
 )
 
-SHOT = "shot noise"  # the stream of caught electrons
+SHOT = "shot noise"  # stream of the collected electrons
 
 
 def digitise(
@@ -50,13 +50,13 @@ def digitise(
 
     Most pixels of a frame are near its background and take their number from a table of the exact
     distribution. The others, in stars, draw their electrons and then their read noise. The uniform
-    number of a pixel is the same for each design, so that two designs have the same noise.
+    number of a pixel does not depend on the design, so that two designs have the same noise.
 
     electrons  (rows, columns) expectation of photo- and dark electrons
     tables     for most pixels of the frame; None: made from `electrons`
     Returns    (rows, columns) digital numbers
-    Accuracy   numerical: between the levels of the tables, total variation 2e-5 from the exact
-               distribution, relative variance 6e-5 too large; exact on the levels and in stars.
+    Accuracy   numerical: exact on the levels of the tables and in stars. Between levels the total
+               variation from the exact distribution is 2e-5, and the variance is too large by 6e-5.
     """
     image = blank(electrons.shape, law)
     tables = tables_for(electrons, law) if tables is None else tables
@@ -67,7 +67,8 @@ def digitise(
 def shot(
     electrons: Floats, streams: Streams, cause: str = SHOT, tables: Tables | None = None
 ) -> Floats:
-    """Poisson numbers of electrons (rows, columns) by a cause's stream; accuracy as `digitise`."""
+    """Poisson numbers of electrons (rows, columns) from the stream of a cause; accuracy as
+    `digitise`."""
     caught = np.empty(electrons.shape)
     tables = tables_for(electrons, COUNT) if tables is None else tables
     draws = draws_of(COUNT, tables, streams)
@@ -88,7 +89,7 @@ def digitise_hit(
 
 
 def normals(shape: tuple[int, ...], streams: Streams, cause: str) -> Floats:
-    """Standard normal numbers of a cause; those of the read noise are the ones of `digitise`."""
+    """Standard normal numbers of a cause; for the read noise they equal those of `digitise`."""
     out = np.empty(shape)
     _normals(out.ravel(), streams.key(cause))
     return out
@@ -97,7 +98,7 @@ def normals(shape: tuple[int, ...], streams: Streams, cause: str) -> Floats:
 class Draws(NamedTuple):
     """Tables from which the numbers of pixels are drawn.
 
-    shot, read  keys of shot noise and read noise; the latter is not drawn where there is none
+    shot, read  keys of shot noise and read noise; the latter is not drawn if it is zero
     """
 
     shot: np.uint64
@@ -132,10 +133,10 @@ U32, F32 = np.uint32, np.float32
 LOW = np.uint32(0xFFFF)
 LEVEL_BITS = 32 - ENTRY_BITS
 WHOLE = 2**LEVEL_BITS  # of the fraction between two levels
-MOST = 2.0**30  # of the fractions; what is as far has no level
-COUNTED = 64  # limits that take less time to be counted than to be searched; chosen by hand
-# Pixels of a row in one step: with the tables of their levels they fit the first cache of a core
-# (32 KiB). More are slower by a fifth, fewer spend the time at the ends of the loops.
+MOST = 2.0**30  # limit of the fractions; a pixel beyond it has no level
+COUNTED = 64  # limits: up to this number, counting is faster than searching; by hand
+# Pixels of a row in one step: with the tables of their levels they fit into the first cache of a
+# core (32 KiB). More pixels are 20 % slower; with fewer, the ends of the loops take the time.
 PART = 512
 WORK = 5  # rows of the workspace
 
@@ -157,10 +158,10 @@ def digitise_row(out, mean, start, draws, room):  # type: ignore[no-untyped-def]
         _digitise_part(out[first : first + PART], part, pixel, draws, room)
 
 
-# The loops of a part are separate so that each has numbers of one width: a processor works on as
-# many at once as the widest of them allows, and those without AVX-512 convert between 64-bit
-# integers and floats one by one. Each sum is cut to 32 bits at once, because numba would go on in
-# 64.
+# The loops of a part are separate so that each has numbers of one width: the widest numbers limit
+# how many a processor handles at once, and processors without AVX-512 convert between 64-bit
+# integers and floats one by one. Each sum is cut to 32 bits at once, because numba would continue
+# with 64.
 @kernel
 def _digitise_part(
     out: NDArray[Any], mean: Floats, start: np.uint64, draws: Draws, room: NDArray[np.uint32]
@@ -185,9 +186,9 @@ def _digitise_part(
 def digitise_window(
     image: Image, left: int, top: int, mean: Floats, draws: Draws, room: NDArray[np.uint32]
 ) -> None:
-    """Like `digitise_row`, of a window of an image, several short rows in one step.
+    """Like `digitise_row`, for a window of an image, several short rows in one step.
 
-    A loop over a short row ends before the processor works on many pixels at once.
+    A loop over one short row would end before the processor handles many pixels at once.
     """
     (height, width), columns = mean.shape, image.shape[1]
     together = PART // width
@@ -223,7 +224,7 @@ def digitise_window(
 
 @kernel
 def _unsettled(mean, cell, pixel, draws):  # type: ignore[no-untyped-def]
-    """The number of a pixel that no entry settles."""
+    """The number of a pixel that its table entry does not determine."""
     tables = draws.tables
     if cell == len(tables.entry) - 1:
         return draw_number(mean, 0.0, pixel, draws)
@@ -233,7 +234,7 @@ def _unsettled(mean, cell, pixel, draws):  # type: ignore[no-untyped-def]
 
 @kernel
 def _random_pairs(shot, start, out):  # type: ignore[no-untyped-def]
-    """`bits` of consecutive numbers; their halves, the low ones first, are the pixels'."""
+    """`bits` of consecutive numbers; each half is for one pixel, the low half first."""
     # Summed, because a product of 64 bits is many operations on processors without AVX-512.
     state = shot + GOLDEN * start
     for k in range(len(out)):
@@ -248,7 +249,7 @@ def _random_pairs_of_arrays(shot, start, out):  # type: ignore[no-untyped-def]
 
 @kernel
 def _random_bits(shot, pixel):  # type: ignore[no-untyped-def]
-    """64 random bits of a pixel: those that the entries compare, and more."""
+    """64 random bits of a pixel: the bits that the entries compare, and more."""
     half = (pixel & np.uint64(1)) << np.uint64(5)
     first = (bits(shot, pixel >> np.uint64(1)) >> half) & np.uint64(2**32 - WHOLE)
     return (first << np.uint64(32)) | (bits(mixed(shot), pixel) >> np.uint64(ENTRY_BITS))
@@ -263,14 +264,14 @@ def _cells_of_levels(
     In 32 bits: the mean of a pixel is right to 1e-4 of its standard deviation up to 1e6 electrons.
     """
     none = U32(len(tables.entry) - 1)
-    # Not 1 << cells, which the compiler makes a shift of, in 64 bits.
+    # Not 1 << cells, which the compiler would make a 64-bit shift.
     size = U32((len(tables.entry) - 1) // max(tables.levels, 1))
     last = U32(WHOLE * max(tables.levels - 1, 0))
     first, scale = F32(tables.first * tables.spacing), F32(WHOLE / tables.spacing)
     half, most = F32(0.5), F32(MOST)
     past, mask = U32(32 - tables.cells), U32(WHOLE - 1)
     for column in range(len(mean)):
-        # Below the first level it becomes a huge number.
+        # Below the first level this wraps to a huge number.
         place = U32(np.int32(min((mean[column] - first) * scale + half, most)))
         # The upper level with the probability of the fraction.
         line = U32(U32(place + (random[column] & mask)) >> U32(LEVEL_BITS))
@@ -298,7 +299,8 @@ def _settle(
     other: NDArray[np.uint32],
     tables: Tables,
 ) -> int:
-    """Write the numbers that entries settle, and the columns of the other pixels; how many."""
+    """Write the numbers that entries determine, and the columns of the other pixels; return their
+    count."""
     entry, lowest = tables.entry, U32(tables.lowest)
     mask = U32((1 << (ENTRY_BITS - tables.cells)) - 1)
     many = 0
@@ -328,14 +330,14 @@ def _settle_arrays(out, at, random, other, tables):  # type: ignore[no-untyped-d
 
 @kernel
 def _number_by_all_bits(shot, pixel, line, limit):  # type: ignore[no-untyped-def]
-    """Index of the number of a pixel in the tables, by all 48 bits: the limits up to them."""
+    """Index of a pixel's number in the tables: the count of limits up to all of its 48 bits."""
     wanted = _random_bits(shot, pixel) >> np.uint64(64 - BITS)
     low, high = 0, limit.shape[1]
     while high - low > COUNTED:
         middle = (low + high) // 2
         low, high = (low, middle) if limit[line, middle] > wanted else (middle, high)
     count = low
-    for k in range(low, high):  # without branches, each of which is wrong half of the time
+    for k in range(low, high):  # without branches, which would be mispredicted half of the time
         count += limit[line, k] <= wanted
     return count
 

@@ -1,7 +1,7 @@
 """Effects of the detector on the pixels of a frame, in the order of the physics.
 
-Each effect is a row of `PIXEL_EFFECTS`: the read-out walks the rows, windows and drawn spots refuse
-those of whole frames, and the error budget says what it leaves out.
+Each effect is a row of `PIXEL_EFFECTS`. The read-out applies the rows in order, windows and drawn
+spots refuse effects that need whole frames, and the error budget lists what it leaves out.
 """
 
 from collections.abc import Callable, Iterator
@@ -25,7 +25,7 @@ from startrack.detector.parameters import Detector
 def bloom(charge: Floats, full_well: float) -> Floats:
     """Charge after blooming: half of the excess of each pixel flows up its column, half down.
 
-    The flow fills each pixel to its full well, until nothing is left or the array ends.
+    The flow fills each pixel to its full well, until no charge is left or the array ends.
 
     Source: Janesick (2001), Scientific Charge-Coupled Devices, on blooming.
 
@@ -52,11 +52,11 @@ def _run(wells, excess, full_well):  # type: ignore[no-untyped-def]
 
 
 def multiplied(charge: Floats, detector: Detector, streams: Streams) -> Floats:
-    """Electrons after the multiplication register, of whole electrons before it.
+    """Electrons after the multiplication register, from whole electrons before it.
 
         x = n + Poisson(Gamma(r n, t)),   r t = g - 1,   1 + t = g (2 g^(-1 / N) - 1)
 
-    which for N stages without end is the sum of n geometric numbers, the exact law of a register
+    which in the limit of infinite N is the sum of n geometric numbers, the exact law of a register
     that doubles electrons at a constant rate (Yule's process).
 
     Source: mean and variance for N stages: Robbins and Hadwen (2003), IEEE Trans. Electron Devices
@@ -75,19 +75,19 @@ def multiplied(charge: Floats, detector: Detector, streams: Streams) -> Floats:
     more, few = np.empty_like(charge), (charge <= FEW) & (charge == np.rint(charge))
     more[few] = _gamma_quantile(shape, charge[few].astype(int), special.ndtri(fraction[few]))
     more[~few] = special.gammaincinv(shape * charge[~few], fraction[~few])
-    # The means of pixels differ too much for tables.
+    # No tables, because the means of pixels differ too much.
     return charge + shot(scale * more, streams, "multiplied electrons", EMPTY)
 
 
 FEW = 255  # whole electrons, up to which quantiles are interpolated
-NODES, FARTHEST = 1025, 8.25  # of standard normal numbers, between which they are
+NODES, FARTHEST = 1025, 8.25  # nodes, and range, of standard normal numbers
 
 
 def _gamma_quantile(shape: float, count: Ints, normal: Floats) -> Floats:
-    """Quantiles (n,) of Gamma(shape count, 1) at standard normal numbers; 0 of no electrons.
+    """Quantiles (n,) of Gamma(shape count, 1) at standard normal numbers; 0 for no electrons.
 
-    The cube root is interpolated, which is nearly straight in the normal number. Source: Wilson and
-    Hilferty (1931), PNAS 17, 684. Accuracy: numerical, 1e-9 of the standard deviation.
+    The cube root is interpolated, because it is nearly linear in the normal number. Source: Wilson
+    and Hilferty (1931), PNAS 17, 684. Accuracy: numerical, 1e-9 of the standard deviation.
     """
     most = 2 ** int(count.max(initial=1)).bit_length() - 1
     root, step = _gamma_roots(shape, most), 2 * FARTHEST / (NODES - 1)
@@ -130,12 +130,12 @@ def settle(level: Floats, rest: float) -> Floats:
 
 
 def impulse_weights(detector: Detector) -> Floats:
-    """What a pixel's charge gives to the numbers of itself and of the pixels read after it.
+    """Contribution of a pixel's charge to its own number and to the pixels read after it.
 
         w_m = Int_mT^(m+1)T h dt / Int h dt
 
-    for a pixel's signal that is held over its time T and sampled at the end: with h exponential it
-    is `settle`.
+    The signal of a pixel is held over its time T and sampled at the end; an exponential h gives
+    `settle`.
 
     Returns  (k,) 1, of sum one; [1] without an impulse response
     """
@@ -155,7 +155,7 @@ def read_channel(level: Floats, detector: Detector) -> Floats:
 
         out_i = sum_m w_m in_(i-m)
 
-    with a row's first pixel before it. Source: Krutz et al. (2011), section 1.
+    where the row's first pixel also precedes the row. Source: Krutz et al. (2011), section 1.
     """
     if detector.settling:
         return settle(level, detector.settling)
@@ -200,10 +200,10 @@ class EffectInput:
 
 
 def after_effects(group: str, values: Floats, detector: Detector, streams: Streams) -> Floats:
-    """Values (rows, columns) of a frame after the effects by code, one after the other.
+    """Values (rows, columns) of a frame after the effects by user code, in order.
 
     group   "charge_effects", "signal_effects" or "image_effects"
-    Raises  ValueError where a function raises an error, or returns what it must not.
+    Raises  ValueError if a function raises an error, or returns an invalid result.
     """
     for name in getattr(detector, group):
         before = np.array(values, float)
@@ -270,7 +270,7 @@ Change = Callable[[Floats, Detector, Streams], Floats]
 
 
 class PixelStage(StrEnum):
-    """Quantity of the pixels' values, from light to number (EMVA 1288)."""
+    """Quantity that the values of pixels have, from light to number (EMVA 1288)."""
 
     EXPECTED = "expected electrons"
     CHARGE = "charge at the end of the exposure, electron"
@@ -285,13 +285,13 @@ class PixelEffect(NamedTuple):
     stage       whose values it changes
     present     whether a detector has it
     change      values (rows, columns) of the stage -> values after the effect, a new array; None:
-                it needs more than these, and is applied where that is known (`lag`, `scan` and
-                `mosaic` in the exposure; `age` before the read-out; the spread of the read noise
-                with it)
-    whole_frame whether pixels then depend on each other, on the frame before or on their place, so
-                that windows and drawn spots refuse the detector by its key
+                the effect needs more inputs and is applied elsewhere (`lag`, `scan` and `mosaic` in
+                the exposure; `age` before the read-out; the spread of the read noise with the read
+                noise)
+    whole_frame whether pixels then depend on each other, on the frame before or on their place;
+                windows and drawn spots refuse such a detector by its key
     noise       whether it adds noise that does not depend on the signal
-    left_out    what the error budget says of it; "": that is said, or counted, elsewhere
+    left_out    phrase of the error budget; "": the effect is named or counted elsewhere
     """
 
     key: str
@@ -304,9 +304,9 @@ class PixelEffect(NamedTuple):
 
 
 EXPECTED, CHARGE, SIGNAL, IMAGE = PixelStage
-CODE = "charge_effects", "signal_effects", "image_effects"  # keys of lists of user code
+CODE = "charge_effects", "signal_effects", "image_effects"  # keys with lists of user code
 
-# A row of another effect is inserted where the physics has it.
+# Insert a new effect at its place in the physics.
 PIXEL_EFFECTS = [
     PixelEffect("scan", EXPECTED, lambda detector: detector.scan),
     PixelEffect(
@@ -369,7 +369,7 @@ def present(detector: Detector) -> Iterator[PixelEffect]:
 
 
 def need_whole_frame(detector: Detector) -> list[PixelEffect]:
-    """The effects of a detector that windows and drawn spots do not have."""
+    """The effects of a detector that windows and drawn spots do not support."""
     return [effect for effect in present(detector) if effect.whole_frame]
 
 
@@ -398,7 +398,7 @@ def after(stage: PixelStage, values: Floats, detector: Detector, streams: Stream
 def added_noise(detector: Detector, streams: Streams) -> Floats:
     """Noise (rows, columns) that does not depend on the signal, electron at the converter.
 
-    Its draws are those of the read-out; the channel does not filter it.
+    It has the draws of the read-out; the channel does not filter it.
     """
     noise = np.zeros((detector.rows, detector.columns))
     for effect in present(detector):

@@ -1,4 +1,4 @@
-"""Exposure: what a frame depends on -> expected electrons, and a Frame."""
+"""Exposure: the inputs of a frame -> expected electrons, and a Frame."""
 
 import math
 from collections.abc import Callable, Iterable, Iterator
@@ -21,21 +21,21 @@ from startrack.detector.readout import read_out
 from startrack.detector.stamp import stamp, stamp_paths
 
 Turn = Callable[[Floats], Floats]  # seconds (m,) -> rotation vectors (m, 3) as in LineOfSight
-# Starts (p,), steps (j,) -> those of all sums (p, j, 3).
+# Starts (p,), steps (j,) -> rotation vectors at all sums (p, j, 3).
 MotionFunction = Callable[[Floats, Floats], Floats]
 Places = tuple[Floats, Floats, Floats]
 
-BATCH = 2**18  # positions that are projected at a time; chosen by hand: memory against calls
+BATCH = 2**18  # positions that are projected at a time; by hand: memory against calls
 MIDDLE = np.zeros(1)
-# To find the time of a star's row; each leaves row_delay * rows per second of the error.
+# Iterations for the time of a star's row; each multiplies the error by row_delay * rows per second.
 ITERATIONS = 4
 
 
 def at_once(
     direction: Floats, path: core.LineOfSight, icrs_to_camera: Rotation, camera: core.Camera
 ) -> Iterator[Places]:
-    """Points of the path, some at a time: their weights (m,) and the stars' pixels x, y (m, n)."""
-    # (m, 3, 3) with how the sky turns before the camera.
+    """Points of the path in batches: their weights (m,) and the stars' pixels x, y (m, n)."""
+    # (m, 3, 3): rotations of the sky in camera axes.
     attitude = Rotation.from_rotvec(path.rotation).as_matrix() @ icrs_to_camera.as_matrix()
     together = max(BATCH // max(len(direction), 1), 1)
     for start in range(0, len(attitude), together):
@@ -54,14 +54,15 @@ def row_by_row(
     row_delay: float,
     motion_function: MotionFunction,
 ) -> Iterator[Places]:
-    """The same where each row is exposed `row_delay` second after the one above it.
+    """`at_once` for a rolling shutter: each row is exposed `row_delay` second after the row above
+    it.
 
-    A star takes part when its own row does. The attitude is that at the middle of the exposure of
+    A star is exposed at the time of its row. The attitude is valid at the middle of the exposure of
     the middle row.
 
     motion_function  motion of the camera, beyond the exposure too
-    Accuracy  model: all rows of one star's image share the time of its middle, so that a star of a
-              few pixels is not sheared.
+    Accuracy  model: all rows of a star's image share the time of its middle, so that the image is
+              not sheared.
     """
     here = icrs_to_camera.apply(direction)
 
@@ -83,7 +84,7 @@ def row_by_row(
         yield path.weight[some], *np.ascontiguousarray(position(delays, path.time[some]).T)
 
 
-FRAME_BYTES = 56  # of a pixel while a frame is made and searched; measured: 42 to 52
+FRAME_BYTES = 56  # for each pixel while a frame is made and searched; measured: 42 to 52
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,8 +98,8 @@ class Exposure:
     throughput       (k,) electron m^2 / photon in each spectral bin, area of the aperture times
                      transmission times quantum efficiency
     motion_function  motion of the camera at any time; needed by a rolling shutter
-    residual_charge  (rows, columns) electron, the expected electrons of the frame before, of which
-                     the detector adds its fraction `lag`; None: none, as in a first frame
+    residual_charge  (rows, columns) electron, the expected electrons of the frame before; the
+                     detector adds its fraction `lag` of them; None: none, as in a first frame
     of_colours       (3, k) throughput of red, green and blue pixels; needed by a mosaic
     """
 
@@ -118,7 +119,7 @@ def expose(exposure: Exposure, streams: core.Streams) -> core.Frame:
     """One frame with its noise. Raises and accuracy as `expected`."""
     electrons, detector = expected(exposure), exposure.detector
     _, sky = arriving(exposure.light, exposure.camera, detector, exposure.throughput)
-    # Of a uniform background, the frame before leaves as much as this one keeps back.
+    # For a uniform background, residual charge from the frame before equals the charge left behind.
     evened = detector if exposure.residual_charge is None else replace(detector, lag=0.0)
     varied = exposure.light.diffuse or exposure.of_colours is not None
     tables = None if varied else collect.background_tables(evened, sky)
@@ -132,7 +133,7 @@ def frame_of(
     tables: Tables | None = None,
     state: Flickering | None = None,
 ) -> core.Frame:
-    """Read out expected electrons (rows, columns), and say what the numbers mean.
+    """Read out expected electrons (rows, columns) as a Frame, with the meaning of its numbers.
 
     state  of the pixels that flicker; None: a random one
     """
@@ -147,7 +148,7 @@ def frame_of(
 
 
 def to_frame(image: NDArray[np.number], detector: Detector) -> core.Frame:
-    """An image with what its detector knows of its numbers."""
+    """An image as a Frame, with the meaning of its numbers by the detector."""
     return core.Frame(
         image,
         detector.exposure,
@@ -162,8 +163,8 @@ def expected(exposure: Exposure) -> Floats:
     """The expected electrons of each pixel: stars along their paths, background, dark current.
 
     Returns   (rows, columns) electron
-    Raises    ValueError where camera and detector differ in size, or for a line detector.
-              TypeError where a rolling shutter has no `motion_function`, a mosaic no `of_colours`.
+    Raises    ValueError if camera and detector differ in size, or for a line detector. TypeError if
+              a rolling shutter has no `motion_function`, or a mosaic no `of_colours`.
     Accuracy  model: the solid angle of a pixel is that on the boresight.
     """
     light, camera, detector = exposure.light, exposure.camera, exposure.detector
@@ -242,9 +243,9 @@ def draw(
     detector: Detector,
     colour: Floats | None = None,
 ) -> None:
-    """Add what the stars leave in the pixels, in place.
+    """Add the electrons of stars to the pixels, in place.
 
-    places  weights (m,), x and y (m, n) of some points of the paths after the other
+    places  batches of points of the paths: weights (m,), x and y (m, n)
     star    (n,) electron of each star in the whole exposure
     colour  (n,) metre, mean wavelength of each star's light; needed by a FieldPsf
     """
@@ -261,7 +262,7 @@ def draw(
 
 
 def colours(colour: Floats | None) -> Floats:
-    """The colours of stars, which a FieldPsf needs. Raises TypeError where there are none."""
+    """The colours of stars, which a FieldPsf needs. Raises TypeError if they are None."""
     if colour is None:
         raise TypeError("colour must be given where the image changes with it, got None")
     return colour
@@ -279,7 +280,7 @@ def dark_frames(detector: Detector, frames: int) -> tuple[Floats, float]:
     """
     if detector.scan:
         raise Refused("dark_map must be left out where lines scan")
-    # On the ground no particle hits, and no star leaves a charge.
+    # On the ground there are no particle hits, and no residual charge of stars.
     detector = replace(detector, hits=None, lag=0.0)
     electrons, tables = collect.background(detector, 0.0), collect.background_tables(detector, 0.0)
     seed = int(device_streams(detector)("dark frames").integers(2**62))
@@ -307,16 +308,16 @@ def star_grid(
 ) -> tuple[core.Frame, Floats]:
     """Expected digital numbers of stars, each in the middle of its cell.
 
-    The places of stars are those of a row of cells, in rows of other fluxes. Cells in the same
-    column have pixels of the same random response and dark signal.
+    Cells in a row have different places of the star; rows have different fluxes. Cells in the same
+    column have pixels with the same random response and dark signal.
 
     place       (c, 2) x and y (pixel) from the middle of the cell
     flux        (r,) electron
     side        pixel, odd, of a cell
     smear       (m, 3) weight, x and y (pixel) of the points of a star's path
     sky         electron of the uniform background in a pixel of mean response
-    companions  (c, 2) x and y (pixel) from the star, of another star in the cell, and their (r,)
-                electron; None: there are none
+    companions  another star in each cell: (c, 2) x and y (pixel) from the star, and (r,) electron;
+                None: no such star
     dark        (k c, side, side) electron above the dark signal of all pixels: the places are taken
                 k times in a row; None: zero
     Returns     Frame of numbers that are not rounded, and (r k c, 2) pixel, positions of the stars

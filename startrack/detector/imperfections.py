@@ -1,4 +1,4 @@
-"""Thermal, Hits, Defects, Pattern: what a real detector adds to an ideal one."""
+"""Thermal, Hits, Defects, Pattern: imperfections of a real detector."""
 
 import math
 
@@ -13,11 +13,12 @@ ELEMENTARY_CHARGE = 1.602176634e-19  # coulomb, exact in the SI of 2019
 class Thermal(Parameters):
     """Temperature of the detector, growth of its dark current, reset noise.
 
-    Where `activation` is zero, the dark current doubles in steps of temperature:
+    If `activation` is zero, the dark current doubles for each step of temperature:
 
         I(T) = I(reference) 2^((T - reference) / doubling)
 
-    Otherwise it has an activation energy (diffusion: the band gap, 1.12 eV; generation: half):
+    Otherwise it has an activation energy (diffusion: the band gap, 1.12 eV; generation: half of
+    it):
 
         I(T) = I(reference) (T / reference)^(3/2) exp(-E / k (1 / T - 1 / reference))
 
@@ -37,10 +38,13 @@ class Thermal(Parameters):
         default=293.15,
     )
     doubling: float = parameter(
-        "in which the dark current doubles", unit=Unit("K"), limit=POSITIVE, default=8.0
+        "rise of temperature that doubles the dark current",
+        unit=Unit("K"),
+        limit=POSITIVE,
+        default=8.0,
     )
     activation: float = parameter(
-        "joule, activation energy of the dark current; 0: it doubles in steps",
+        "joule, activation energy of the dark current; 0: `doubling` is used",
         unit=Unit("J", "eV"),
         limit=NON_NEGATIVE,
         default=0.0,
@@ -76,8 +80,8 @@ LEAST_COSINE = 0.01  # to the normal; only one track in 10 000 has a smaller one
 class Hits(Parameters):
     """Particles through the sensitive layer.
 
-    Their number is a Poisson number. Their flux is isotropic, so that the cosine of the angle to
-    the normal of those that cross the layer is the square root of a uniform number.
+    Their number is Poisson distributed. Their flux is isotropic: for particles that cross the
+    layer, the cosine of the angle to the normal is the square root of a uniform number.
 
     Source: the most probable charge of a minimum-ionising particle in silicon is 80 electrons per
     micrometre (Particle Data Group, Passage of particles through matter).
@@ -132,7 +136,7 @@ def tracks(
 
 
 class Defects(Parameters):
-    """Pixels with deviating dark current or response, fixed for each device.
+    """Pixels with a deviating dark current or response, fixed for each device.
 
         dark current = max(mean + dsnu N(0, 1), 0) + (hot: exponential of mean hot_current)
         response     = 0 where dead

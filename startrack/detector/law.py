@@ -25,8 +25,8 @@ class SignalLaw(NamedTuple):
         number = clip(floor(x + 4 adc_inl y (1 - y) + 1/2), 0, largest)
 
     Source: Krutz et al. (2011), eq. (5); EMVA 1288 release 4.0, section 2.2. The non-linearity is
-    the first term of a power series; the parabola is the most common form of an integral
-    non-linearity (INL).
+    the first term of a power series. The integral non-linearity (INL) is a parabola, its most
+    common form.
 
     noise         electron rms
     full_well     electron
@@ -46,7 +46,7 @@ class SignalLaw(NamedTuple):
     largest: float
 
 
-COUNT = SignalLaw(0.0, math.inf, 0.0, 1.0, 0.0, 0.0, math.inf)  # numbers are electrons
+COUNT = SignalLaw(0.0, math.inf, 0.0, 1.0, 0.0, 0.0, math.inf)  # numbers equal electrons
 
 
 def law_of(detector: Detector) -> SignalLaw:
@@ -65,19 +65,20 @@ def law_of(detector: Detector) -> SignalLaw:
 
 @register_jitable(error_model="numpy")
 def nonlinear_signal(charge, full_well, nonlinearity):  # type: ignore[no-untyped-def]
-    """Signal of a charge, electron; for numbers in kernels and for arrays."""
+    """Signal (electron) of a charge; for scalars in kernels and for arrays."""
     return charge * (1.0 - nonlinearity * charge / full_well)
 
 
 @register_jitable(error_model="numpy")
 def with_adc_inl(x, y, adc_inl):  # type: ignore[no-untyped-def]
-    """Output of the converter before rounding; y is x over its largest number. Use as above."""
+    """Output of the converter before rounding; y is x over its largest number. For scalars and
+    arrays."""
     return x + 4.0 * adc_inl * y * (1.0 - y)
 
 
 @kernel
 def signal(electrons, full_well, nonlinearity):  # type: ignore[no-untyped-def]
-    """Signal of the electrons that a pixel caught, of which it holds a full well at most."""
+    """Signal of the collected electrons; a pixel holds at most its full well."""
     return nonlinear_signal(min(electrons, full_well), full_well, nonlinearity)
 
 
@@ -140,10 +141,10 @@ def _unrounded_numbers(level, gain, offset, adc_inl, largest):  # type: ignore[n
 
 
 def alternating_numbers(level: Floats, ripple: float, law: SignalLaw) -> Singles:
-    """What the converter makes of signals before it rounds.
+    """Output of the converter before it rounds, for signals with a chessboard pattern.
 
     level   (rows, columns) electron
-    ripple  electron, that is added to every other pixel like on a chessboard, and taken from others
+    ripple  electron, added to and subtracted from alternate pixels, like a chessboard
     """
     return _alternating(level, ripple, law.gain, law.offset, law.adc_inl, law.largest)
 
@@ -159,12 +160,13 @@ def _alternating(level, ripple, gain, offset, adc_inl, largest):  # type: ignore
 
 
 def blank(shape: tuple[int, ...], law: SignalLaw) -> Image:
-    """An image without content, of the smaller of the two types that hold its numbers."""
+    """An empty image of the smaller integer type that holds its numbers."""
     return np.empty(shape, np.uint16) if law.largest < 2**16 else np.empty(shape, np.uint32)
 
 
 def upper_edge(law: SignalLaw, numbers: Floats) -> Floats:
-    """Signal at which each digital number gives way to the next, electron; inverse of `number`."""
+    """Electron: signal at the limit between each digital number and the next; inverse of
+    `number`."""
     wanted = numbers + 0.5
     inside = (wanted > 0) & (wanted < law.largest)
     parabola = np.where(inside, 4 * law.adc_inl, 0.0)
@@ -176,17 +178,17 @@ def upper_edge(law: SignalLaw, numbers: Floats) -> Floats:
 
 STEPS = 64  # least number of levels in a standard deviation
 BITS = 48  # of the uniform number
-ENTRY_BITS = 22  # of them, that the entries compare
+ENTRY_BITS = 22  # bits of it that the entries compare
 UNSETTLED = 0xFFFF  # in an entry: the cell does not determine the number
 FARTHEST = 8.2  # standard deviations; the probability beyond is less than 2^-48
-LEAST_VARIANCE = 1e-6  # electron^2, of levels; there is nothing to see below
+LEAST_VARIANCE = 1e-6  # electron^2, of levels; a smaller variance has no visible effect
 SKEW = 25.0  # electrons by which the upper tail of a Poisson distribution exceeds a normal one
-# Chosen by hand, for time and memory; the numbers of a frame hardly depend on them.
-BLOCK = 16  # levels, multiple to which tables are rounded up, so that similar frames share one
+# Chosen by hand for time and memory; the numbers of a frame hardly depend on these values.
+BLOCK = 16  # levels: tables are rounded up to a multiple, so that similar frames share one
 MOST_LEVELS = 1024
 MOST_NUMBERS = 4096
-# Bits. A cell of the tails holds several limits, and its pixels take twenty times the time of
-# others; the tables of more cells fit no cache.
+# Bits. A cell in the tails holds several limits, and its pixels take 20 times as long as others;
+# tables of more cells do not fit into a cache.
 LEAST_CELLS, MOST_CELLS = 10, 12
 MOST_TERMS = 100_000_000  # of the sums behind a table, a tenth of a second
 
@@ -194,8 +196,8 @@ MOST_TERMS = 100_000_000  # of the sums behind a table, a tenth of a second
 class Tables(NamedTuple):
     """The distributions of consecutive levels.
 
-    entry    (levels << cells,) and one unsettled at the end: threshold << 16 | number - lowest,
-             the threshold for the ENTRY_BITS - cells bits after those of the cell
+    entry    (levels << cells,) and an unsettled entry at the end: threshold << 16 | number -
+             lowest, the threshold for the ENTRY_BITS - cells bits after those of the cell
     cells    number of bits that choose a cell
     limit    (levels, d) P(number <= lowest + d) of each level, in units of 2^-48
     lowest   digital number of the first column of `limit`
@@ -223,7 +225,7 @@ def level_spacing(lowest: float, noise: float) -> float:
 
 
 def lowest_mean(low: float, middle: float, noise: float) -> float:
-    """The least expectation that has a level: a few dark pixels must not make levels narrower.
+    """The least expectation with a level, so that a few dark pixels do not make levels narrower.
 
     low, middle  electron, of the darkest pixels and of the median
     """
@@ -231,23 +233,23 @@ def lowest_mean(low: float, middle: float, noise: float) -> float:
 
 
 def tables_for(mean: Floats, law: SignalLaw, wings: float = 0.1) -> Tables:
-    """The tables for most pixels of a frame; empty where they would cost more than they save.
+    """The tables for most pixels of a frame; empty if they would take more time than they save.
 
-    They depend on the frame alone, so that a frame does not depend on those before it.
+    They depend on this frame alone, so that a frame does not depend on earlier frames.
 
     mean   (rows, columns) electron
     wings  standard deviations above the highest level that are included
     """
-    sample = mean.ravel()[:: mean.size // 4096 | 1]  # odd, to visit all columns
+    sample = mean.ravel()[:: mean.size // 4096 | 1]  # odd step, to visit all columns
     low, middle, high = np.quantile(np.maximum(sample, 0.0), [0.002, 0.5, 0.99])
     spread = math.sqrt(middle + law.noise**2)
-    # Wider than the sample, but not so wide that it includes stars.
+    # The range is wider than the sample, but excludes stars.
     lowest = lowest_mean(low - 0.1 * spread, middle, law.noise)
     spacing = level_spacing(lowest, law.noise)
     first = max(math.floor(lowest / spacing), math.floor(middle / spacing) - MOST_LEVELS // 2)
     last = min(math.floor((high + wings * spread) / spacing) + 1, first + MOST_LEVELS)
     first, last = first // BLOCK, -(-last // BLOCK)
-    # One by one, a pixel costs 60 ns; a level costs some 100 microseconds to make.
+    # A pixel that is drawn alone takes 60 ns; making a level takes about 100 microseconds.
     if mean.size < 2**14 or mean.size < 64 * (last - first) * BLOCK:
         return EMPTY
     return build(law, first * BLOCK, (last - first) * BLOCK + 1, spacing)
@@ -255,7 +257,7 @@ def tables_for(mean: Floats, law: SignalLaw, wings: float = 0.1) -> Tables:
 
 @lru_cache(maxsize=4)
 def build(law: SignalLaw, first: int, count: int, spacing: float) -> Tables:
-    """The tables of some levels; empty where the numbers spread too far."""
+    """The tables of some levels; empty if the numbers spread too far."""
     mean = np.arange(first, first + count) * spacing
     least = max(math.floor(mean[0] - FARTHEST * math.sqrt(mean[0])), 0.0)
     most = math.ceil(mean[-1] + FARTHEST * math.sqrt(mean[-1]) + SKEW)
@@ -268,8 +270,8 @@ def build(law: SignalLaw, first: int, count: int, spacing: float) -> Tables:
     if most - least >= MOST_NUMBERS:
         return EMPTY
     span = np.arange(least, most + 1.0)
-    # Electrons before `start` give at most a number, those from `end` on give more; between the
-    # two, the read noise decides.
+    # Fewer electrons than `start` give at most a number, `end` or more give a larger one; between,
+    # the read noise decides.
     edge = upper_edge(law, span)
     if law.noise:
         start, end = (np.searchsorted(means, edge + s * far) for s in (-1, 1))

@@ -10,8 +10,8 @@ from startrack.detector.ageing import Flickering, aged
 from startrack.detector.imperfections import Defects
 from startrack.detector.parameters import Detector
 
-BYTES = 40  # of a pixel of a map while it is drawn; measured
-# What maps depend on, beside the size of the image and age.
+BYTES = 40  # for each pixel of a map while it is drawn; measured
+# Parameters of the maps, besides the size of the image and age.
 MAPPED = (
     *("prnu", "dark_current", "defects", "read_noise_spread"),
     *("binning", "region", "device_seed"),
@@ -19,7 +19,7 @@ MAPPED = (
 
 
 def response(detector: Detector) -> Floats | None:
-    """Photo response of each pixel over the mean (rows, columns), None where all are equal.
+    """Photo response of each pixel over the mean (rows, columns); None if all are equal.
 
     Binned pixels have the mean of their pixels.
     """
@@ -27,13 +27,13 @@ def response(detector: Detector) -> Floats | None:
     if not (detector.prnu or (defects and (defects.dead or defects.dead_columns))):
         return None
     device = _device(detector)
-    if device.age:  # at any age the same
+    if device.age:  # the same at any age
         device = replace(device, age=None, thermal=None, pixel_pitch=1.0)
     return _response(device)
 
 
 def dark(detector: Detector) -> Floats | float:
-    """Dark current of each pixel (rows, columns), or of all, electron / second.
+    """Dark current of each pixel (rows, columns), or one value for all, electron / second.
 
     Binned pixels have the sum of their pixels.
     """
@@ -45,14 +45,14 @@ def dark(detector: Detector) -> Floats | float:
 
 
 def flickering(detector: Detector, streams: Streams) -> Flickering | None:
-    """The pixels with a random telegraph signal, in a random state; None where there are none."""
+    """The pixels with a random telegraph signal, in a random state; None if there are none."""
     if not (detector.age and detector.age.flicker):
         return None
     return Flickering(detector.age.flicker, np.asarray(dark(detector)), streams)
 
 
 def read_noise(detector: Detector) -> Floats | float:
-    """Read noise of each pixel (rows, columns), or of all, electron rms.
+    """Read noise of each pixel (rows, columns), or one value for all, electron rms.
 
     Log-normal, whose long tail represents pixels with random telegraph noise. The histograms of
     Fowler et al. (2013), Read noise distribution modeling for CMOS image sensors, International
@@ -70,7 +70,8 @@ def device_streams(detector: Detector) -> Streams:
 
 @lru_cache(maxsize=16)
 def _device(detector: Detector) -> Detector:
-    """The parameters of the maps, all others at their defaults, so that designs share maps."""
+    """The detector with only the parameters of the maps, others at defaults, so that designs share
+    maps."""
     same = {name: getattr(detector, name) for name in MAPPED}
     pitch = 1.0
     if detector.age:

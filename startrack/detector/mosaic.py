@@ -1,4 +1,4 @@
-"""ColourMosaic: filters of three colours before the pixels of an array, one before each (Bayer)."""
+"""ColourMosaic: colour filters of an array, one of three colours before each pixel (Bayer)."""
 
 import numpy as np
 
@@ -30,7 +30,7 @@ class ColourMosaic(Parameters):
 
     @property
     def filters(self) -> tuple[core.Curve, core.Curve, core.Curve]:
-        """Those of red, green and blue pixels."""
+        """Transmissions of red, green and blue pixels."""
         return self.red, self.green, self.blue
 
     def mean(self, of_colours: Floats) -> Floats:

@@ -31,10 +31,12 @@ class Line(Parameters):
     row: float = parameter("pixel of the camera", limit=FINITE)
     shift: float = parameter("pixel of the camera, of its first column", limit=FINITE, default=0.0)
     delay: float = parameter(
-        "exposures, of its exposure behind that of a line without delay", limit=FINITE, default=0.0
+        "exposures by which it is exposed later than a line without delay",
+        limit=FINITE,
+        default=0.0,
     )
     gain: float = parameter(
-        "factor on what the pixels of the line collect", limit=FINITE, default=1.0
+        "factor on the electrons that the pixels of the line collect", limit=FINITE, default=1.0
     )
     phase: int = parameter(
         "number of the interleaved lines of the image to which it adds",
@@ -57,7 +59,7 @@ def tdi(stages: int, row: float = 0.0, downward: bool = True) -> tuple[Line, ...
 def staggered(distance: float, row: float = 0.0) -> tuple[Line, ...]:
     """Two lines, half a pixel apart along and `distance` pixel across.
 
-    The delay of the second fits an image that moves by one pixel an exposure to larger rows.
+    The delay of the second line fits an image that moves by one pixel per exposure to larger rows.
     """
     return Line(row), Line(row + distance, 0.5, distance, phase=1)
 
@@ -65,13 +67,13 @@ def staggered(distance: float, row: float = 0.0) -> tuple[Line, ...]:
 class Scan(Parameters):
     """A detector of lines, whose image grows while the camera turns.
 
-    In its design, `columns` are the pixels of a line, `rows` the lines of the image, `exposure` is
-    that of one line. Rows count from the middle of the camera; time zero is the middle of the
-    image.
+    In its design, `columns` are the pixels of a line, `rows` the lines of the image, and `exposure`
+    is the exposure of one line. Rows count from the middle of the camera; time zero is the middle
+    of the image.
     """
 
     kind: str = parameter(
-        '"line", "staggered", "tdi", or "lines" for any others, given in `lines`',
+        '"line", "staggered", "tdi", or "lines" for any other lines, given in `lines`',
         limit=Range(choices=KINDS),
         default="line",
     )
@@ -114,7 +116,7 @@ class Scan(Parameters):
 
 
 EFFECTS_BY_CODE = ("charge_effects", "signal_effects", "image_effects")
-ROOM = core.ZERO_CELSIUS + 20  # kelvin, of a detector without a temperature
+ROOM = core.ZERO_CELSIUS + 20  # kelvin, for a detector without a temperature
 
 
 class RegionOfInterest(Parameters):
@@ -241,7 +243,7 @@ class Detector(Parameters):
     em_stages: int = parameter(
         "stages of that register, each with a little gain", limit=Range(100, 10000), default=536
     )
-    # Beyond these limits, more light would give less signal.
+    # Above these limits, more light would give less signal.
     nonlinearity: float = parameter(
         "fraction by which the signal of a full pixel is too small",
         limit=Range(-0.49, 0.49),
@@ -347,7 +349,7 @@ class Detector(Parameters):
         )
 
     def _check_impulse(self) -> None:
-        """Refuse a response of the read-out channel that has no sum, or is too long."""
+        """Refuse a response of the read-out channel that is too long or has no positive sum."""
         if self.settling:
             raise Refused("settling must be left out beside impulse_response")
         if len(self.impulse_response) > LONGEST:
@@ -437,7 +439,8 @@ class Detector(Parameters):
 
     @property
     def of_age(self) -> tuple[float, float]:
-        """Kelvin that dark currents are given at, and their ratio to those of the age's law."""
+        """Kelvin, reference of the dark currents; and their ratio to the currents of the age's
+        law."""
         assert self.age
         law, thermal = TAILS.get(self.age.family), self.thermal
         if not thermal:
@@ -447,12 +450,12 @@ class Detector(Parameters):
 
     @property
     def sensitivity(self) -> float:
-        """1, of the light that is detected, over that at launch."""
+        """1, detected light over that at launch."""
         return self.age.sensitivity if self.age else 1.0
 
     @property
     def effects_by_code(self) -> tuple[str, ...]:
-        """Keys, and names of the code that they name."""
+        """Keys of user code, and the names that they hold."""
         return tuple(
             f"{group} {name}" for group in EFFECTS_BY_CODE for name in getattr(self, group)
         )
@@ -501,14 +504,15 @@ class Detector(Parameters):
 
     @property
     def integration(self) -> float:
-        """Second of exposure of a pixel of the image: with lines, the sum of theirs."""
+        """Second: exposure of a pixel of the image; for lines, the sum over the lines."""
         if not self.scan:
             return self.exposure
         return self.exposure * sum(line.gain for line in self.scan.all_lines) / self.scan.phases
 
     @property
     def update_rate(self) -> float:
-        """Frames per second: as asked for, else exposure, then read-out; lines do both at once."""
+        """Frames per second: `frame_rate`, else by exposure plus read-out; lines do both at
+        once."""
         if self.frame_rate:
             return self.frame_rate
         if self.scan:

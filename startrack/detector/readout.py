@@ -1,4 +1,5 @@
-"""Expected electrons -> digital numbers: independent pixels at once, others effect by effect."""
+"""Expected electrons -> digital numbers: in one step for independent pixels, else effect by
+effect."""
 
 from startrack.core import Floats, Streams
 from startrack.detector.digitise import digitise, digitise_hit, shot
@@ -12,13 +13,13 @@ def read_out(
 ) -> Image:
     """The digital image of expected electrons.
 
-    Independent pixels take their numbers in one step. Where an effect needs the whole frame after
-    the electrons are drawn, charge, signal and numbers pass through one effect after the other.
+    Independent pixels take their numbers in one step. If an effect needs the whole frame after the
+    electrons are drawn, charge, signal and numbers pass through one effect after the other.
 
     electrons  (rows, columns) expectation of photo- and dark electrons
     tables     as `digitise` takes them
-    Returns    (rows, columns) digital numbers, in 16 bits or, where these do not hold them, 32
-    Accuracy   that of `digitise` and of the effects
+    Returns    (rows, columns) digital numbers, in 16 bits or, if these are too few, 32
+    Accuracy   as `digitise` and the effects
     """
     law = law_of(detector)
     if any(effect.stage is not PixelStage.EXPECTED for effect in need_whole_frame(detector)):

@@ -16,7 +16,7 @@ from startrack.detector.maps import response
 from startrack.detector.parameters import Detector, Line
 from startrack.detector.stamp import stamp
 
-NODES = 8  # of Gauss-Legendre in the exposure of a line: 1e-6 of the flux at one pixel of smear
+NODES = 8  # Gauss-Legendre nodes in a line's exposure: 1e-6 of the flux at one pixel of smear
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +28,7 @@ class LineExposure:
     turn            seconds (m,) -> rotation vectors (m, 3) as in LineOfSight
     camera          the true one; lines lie at its rows
     count           rows of the image
-    detector        as many rows as there are lines; `exposure` is that of one line
+    detector        one row for each line; `exposure` is the exposure of one line
     throughput      (k,) electron m^2 / photon in each spectral bin
     """
 
@@ -44,7 +44,7 @@ class LineExposure:
 
 
 def scan(exposure: LineExposure, streams: core.Streams) -> core.Frame:
-    """One image of `count` rows, each the sum of the lines that add to it.
+    """One image of `count` rows; each row is the sum of the lines that add to it.
 
         electrons_i = sum over lines: gain integral of the line's electron rate,
                       from (i - count / 2 + delay) exposure, for one exposure
@@ -52,9 +52,9 @@ def scan(exposure: LineExposure, streams: core.Streams) -> core.Frame:
     Each line has its own direction and time, so that a star is smeared if it does not move with
     the charge.
 
-    Raises          ValueError where sizes differ, or for a `read_noise_spread`.
+    Raises          ValueError if sizes differ, or for a `read_noise_spread`.
     Accuracy        model: blooming, hits and settling act on the image as on a matrix; diffuse
-                    light is that of time zero.
+                    light is taken at time zero.
     """
     return frame_of(scanned(exposure), exposure.detector, streams)
 
@@ -113,8 +113,8 @@ def _star_positions(
     ends = np.append(start, start[-1] + duration)
     all_ends = np.repeat(ends, len(here)), np.tile(here, (len(ends), 1))
     across = position(*all_ends)[:, 1].reshape(len(ends), len(here))
-    # The image of a star can touch the line in an exposure if it is near at the start or the end,
-    # or passes the line between them.
+    # A star's image can touch the line in an exposure if it is near the line at the start or at the
+    # end, or crosses the line in between.
     low, high = np.minimum(across[:-1], across[1:]), np.maximum(across[:-1], across[1:])
     near = (low < half_width) & (high > -half_width)
     row, star = np.nonzero(near)

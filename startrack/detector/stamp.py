@@ -1,4 +1,4 @@
-"""Stars onto pixels: six-point Lagrange interpolation of the table of the PSF."""
+"""Stars onto pixels, by six-point Lagrange interpolation of the table of the PSF."""
 
 from typing import NamedTuple
 
@@ -21,7 +21,7 @@ def stamp(
 ) -> None:
     """Add the images of points to `image`, in place.
 
-    If the table is the product of a line and a column, as a Gaussian's, only these are read.
+    If the table is the product of a line and a column, as for a Gaussian, only these are read.
 
     image      (rows, columns) electron
     x, y       (n,) pixel; light outside the image is lost
@@ -50,7 +50,7 @@ def stamp_paths(
     Accuracy   numerical: as `stamp`
     """
     even = UNIT_GAIN if gain is None else core.read_only(gain)
-    # One layout: the kernel is compiled anew for each.
+    # One array layout, because the kernel is compiled again for each layout.
     x, y = np.ascontiguousarray(x), np.ascontiguousarray(y)
     _stamp(image, psf.arranged, weight, x, y, electrons, even)
 
@@ -58,15 +58,15 @@ def stamp_paths(
 class Work(NamedTuple):
     """Work arrays for `add_path`, of paths of m points.
 
-    about          (m, 6) along x and then y: the pixel of a point, and how far about it its image
-                   is seen, first and last
+    about          (m, 6) along x, then y: the pixel of a point, and the first and last pixel of its
+                   visible image relative to it
     start          (m, 2) sample of the table, x and y, before the point
-    part           (m, 3) 1, weight of a point, and how far it lies behind that sample, x and y
+    part           (m, 3) 1, weight of a point, and its distance from that sample, x and y
     across, down   (6,) 1, weights of samples along x and y
     done           (m,) points that are added
     box            (b, b) 1, weights of samples; zero between two uses
     begin          (b * b,) where in the tables the image of a sample begins
-    share, short   (b * b,) 1, its weight; the latter float32
+    share, short   (b * b,) 1, weight of the sample; `short` in float32
     star           (k,) electron
     """
 
@@ -105,7 +105,7 @@ def work_arrays(shape: PsfTable, points: int) -> Work:
 @kernel
 def _stamp(image, shape, weight, x, y, electrons, gain):  # type: ignore[no-untyped-def]
     work = work_arrays(shape, len(weight))
-    if len(shape.line):  # a loop of its own, in which the compiler drops all counts of references
+    if len(shape.line):  # a separate loop, in which the compiler removes all reference counts
         for n in range(len(electrons)):
             for m in range(len(weight)):
                 _add_product(image, shape, weight[m], x[m, n], y[m, n], electrons[n, 0], gain, work)
@@ -130,7 +130,8 @@ def add_path(
 ) -> None:
     """Add the image of the point n, which moves along a path, with the electrons of each table.
 
-    Points about one pixel share samples of the table: the weights of each sample are added first.
+    Points near one pixel share samples of the table, so the weights of each sample are summed
+    first.
 
     left, top  pixel (x, y) of the first one of the image
     gain       one element is for all pixels
@@ -158,7 +159,7 @@ def _places(
     top: int,
     work: Work,
 ) -> int:
-    """Write the places of the points whose light reaches an image; how many."""
+    """Write the places of the points whose light reaches an image; return their number."""
     rows, columns = size
     many = 0
     for m in range(len(weight)):
@@ -176,16 +177,16 @@ def _places(
 
 @kernel(borrows=True)
 def _is_seen(u, v, rows, columns, shape):  # type: ignore[no-untyped-def]
-    """Whether light of a point reaches an image; of NaN, behind the camera, none does."""
+    """Whether light of a point reaches an image; false for NaN, a point behind the camera."""
     half = (shape.samples // 2 - 3) // shape.oversampling
     return -half - 1 < u < columns + half and -half - 1 < v < rows + half
 
 
 @kernel(borrows=True)
 def _place(centre: float, pixels: int, shape: PsfTable) -> tuple[int, int, int, int, float]:
-    """Along one axis: the nearest pixel, the first and last around it where its image is seen.
+    """Along one axis: the nearest pixel, and the first and last pixel of the point's visible image.
 
-    Also the sample before the point, and how far behind it the point lies. Pixel p + i reads
+    Also the sample before the point, and the distance of the point from it. Pixel p + i reads
     samples i * oversampling further, with the same weights: a pixel is a stride of the table.
     """
     samples, step = shape.samples, shape.oversampling
@@ -210,7 +211,7 @@ def _add_product(
     gain: Floats,
     work: Work,
 ) -> None:
-    """Add the image of one point, of a table that is the product of a line and a column."""
+    """Add the image of one point, for a table that is the product of a line and a column."""
     rows, columns = image.shape
     if weight == 0.0 or not _is_seen(u, v, rows, columns, shape):
         return
@@ -225,7 +226,7 @@ def _add_product(
     x, y = sample_x - 2 + left * step, sample_y - 2 + lowest * step
     for j in range(0, len(star), across):
         star[j] = weight * _read(shape.column, y + j // across * step, along_y)
-    # The first column last, which the others need.
+    # The first column comes last, because the others need it.
     for i in range(right - left, -1, -1):
         fraction = _read(shape.line, x + i * step, along_x)
         for j in range(0, len(star), across):
@@ -236,7 +237,7 @@ def _add_product(
 
 @kernel(borrows=True)
 def _add_about(image, shape, first, many, electrons, gain, work):  # type: ignore[no-untyped-def]
-    """Add the light of all points about the pixel of the first one."""
+    """Add the light of all points near the pixel of the first point."""
     column, left, right, row, lowest, highest = work.about[first]
     star = work.star[: (highest - lowest + 1) * shape.across]
     star[:] = 0.0
@@ -251,7 +252,7 @@ def _add_about(image, shape, first, many, electrons, gain, work):  # type: ignor
 def _sum(
     star: Floats, shape: PsfTable, electrons: Floats, first: int, many: int, work: Work
 ) -> None:
-    """Add the tables, in units of the light of the first, which no image is without."""
+    """Add the tables, relative to the light of the first table, which every image has."""
     curved = abs(electrons[0]) * shape.bend[0] > LEAST
     if curved:
         count = _collect(shape, first, many, True, work)
@@ -276,10 +277,10 @@ def _alike(about, other):  # type: ignore[no-untyped-def]
 
 @kernel(borrows=True)
 def _collect(shape: PsfTable, first: int, many: int, curved: bool, work: Work) -> int:
-    """Write where the images of samples begin, and their weights; how many, a multiple of four.
+    """Write where the images of samples begin, and their weights; return their number (a
+    multiple of four).
 
-    curved  by polynomials of the fifth degree between the samples; else by straight lines, with the
-            same centroid
+    curved  interpolate by polynomials of degree five; else linearly, with the same centroid
     """
     step, box = shape.oversampling, work.box
     about = work.about[first]
@@ -303,7 +304,7 @@ def _collect(shape: PsfTable, first: int, many: int, curved: bool, work: Work) -
             box[y + 2, x + 3] += share * (1 - v) * u
             box[y + 3, x + 2] += share * v * (1 - u)
             box[y + 3, x + 3] += share * v * u
-    # The image of a sample: one of step * step, and where in it that of the first pixel begins.
+    # The image of a sample: its index among step * step images, and the start of its first pixel.
     count, size, before = 0, shape.strides.shape[2], corner + about[1] * step
     for j in range(low_y, high_y):
         y = corner + j + about[4] * step
@@ -326,7 +327,7 @@ def _add_images(star, table, begin, share, count):  # type: ignore[no-untyped-de
     """Add the weighted images of samples, all rows in one loop."""
     many = len(star)
     for k in range(0, count, 4):
-        # Slices, because the compiler would check the index for values below zero.
+        # Slices, because the compiler would check an index for negative values.
         a = table[begin[k] : begin[k] + many]
         b = table[begin[k + 1] : begin[k + 1] + many]
         c = table[begin[k + 2] : begin[k + 2] + many]
@@ -368,7 +369,7 @@ def _read(line, start, weight):  # type: ignore[no-untyped-def]
 
 @kernel
 def _lagrange(t, weight):  # type: ignore[no-untyped-def]
-    """Weights of the samples -2 ... 3 for a value at t in [0, 1), product form written out."""
+    """Weights of the samples -2 ... 3 for a value at t in [0, 1), in explicit product form."""
     a, b, c, d, e, f = t + 2, t + 1, t, t - 1, t - 2, t - 3
     weight[0] = -b * c * d * e * f / 120
     weight[1] = a * c * d * e * f / 24

@@ -1,14 +1,15 @@
-"""Filter and thresholds -> where noise alone exceeds them, and the numbers of the pixels there.
+"""Filter and thresholds -> pixels where noise alone exceeds them, and the digital numbers there.
 
 Noise rarely exceeds a high level in the filtered frame. So the numbers under the filter are drawn
-from a law in which it often does, the law of each pixel times exp(theta weight number), and these
-proposals are accepted with a probability that restores the law:
+from a tilted law, in which it often does: the law of each pixel times exp(theta weight number).
+These proposals are accepted with a probability that restores the true law:
 
     rate of proposals   exp(K(theta) - theta level)
     accepted with       exp(-theta (filtered - level)),   filtered > level
 
-where K is the logarithm of the expectation of exp(theta filtered). What is accepted
-has exactly the law of the numbers given that the filtered pixel exceeds the level, and its rate.
+where K is the logarithm of the expectation of exp(theta filtered). Accepted proposals have exactly
+the rate of crossings, and the law of the numbers under the condition that the filtered pixel
+exceeds the level.
 
 Source: Siegmund (1976), Importance sampling in the Monte Carlo study of sequential tests, Annals
 of Statistics 4, 673, for the tilted law; here with rejection in place of weights.
@@ -25,11 +26,11 @@ from startrack.detector.collect import background
 from startrack.detector.law import BITS, build, law_of, level_spacing, lowest_mean
 from startrack.detector.parameters import Detector
 
-LEAST_CUMULANT = -1e9  # K of tiles without pixels
+LEAST_CUMULANT = -1e9  # K for tiles without pixels
 OUTSIDE = -1
-BISECTIONS = 30  # of the search for theta
+BISECTIONS = 30  # steps of the search for theta
 CUMULANT_ERROR = 1e-6  # of K, for its interpolation over levels and for its rank
-COUNTED = 64  # sums that take less time to be counted than to be bisected; chosen by hand
+COUNTED = 64  # sums: up to this number, counting is faster than bisection; by hand
 
 
 class NumberDistributions(NamedTuple):
@@ -78,15 +79,15 @@ class TiltedLaw(NamedTuple):
 
     theta     1 / digital number
     most      (tiles,) the largest K of a pixel in each tile, row by row
-    among     (tiles, mesh^2) sums of exp(K - most) over the pixels of a tile up to each, row by
-              row; rounding them moves a crossing by a pixel in one of some thousand cases
+    among     (tiles, mesh^2) cumulative sums of exp(K - most) over the pixels of a tile, row by
+              row; their rounding moves one of some thousand crossings by a pixel
     weight    (2 m + 1, 2 n + 1) of the filter
-    kind      (2 m + 1, 2 n + 1) index of each weight in the different weights
+    kind      (2 m + 1, 2 n + 1) index of each weight among the different weights
     sums      (kinds, levels, n) of the tilted law, of the numbers up to the lowest, lowest + 1, ...
-    complete  (rows, columns) whether the filter there is the same as in most pixels, neither
-              mirrored at the border nor on a replaced pixel
-    shift     (rows, columns) digital number, of the filtered frame, that a correction subtracts;
-              one element where there is none
+    complete  (rows, columns) whether the filter is neither mirrored at the border nor covers a
+              replaced pixel, as for most pixels
+    shift     (rows, columns) digital number that a correction subtracts from the filtered frame;
+              one element if there is no correction
     """
 
     theta: float
@@ -116,7 +117,7 @@ def tilted_law(
             pixels are replaced, so that their neighbours lie under it
     level   digital number, in the filtered frame
     mesh    pixel, side of a tile
-    border  pixel; nearer to the frame's border no crossing is drawn
+    border  pixel; no crossing is drawn nearer to the frame's border
     shift   as in TiltedLaw
     """
     middle = float(np.nanmedian(numbers.place))
@@ -146,9 +147,9 @@ def _whole(place: Singles, weight: Floats) -> Flags:
 class ProposalRates(NamedTuple):
     """Expected number of proposals in each tile, (tiles,) row by row.
 
-    level  digital number to be passed, above that of numbers that are all the lowest
+    level  digital number to exceed, minus the filtered number if all numbers are the lowest
     fraction  1, of all proposals, cumulated over the tiles
-    total  tries in a frame
+    total  proposals in a frame
     """
 
     level: Floats
@@ -180,8 +181,8 @@ def threshold_crossings(
 
     regions  (w, 4) left, top, right, bottom, the last two exclusive: no crossings there
     Returns  (k,) row * columns + column, and (k, 2 m + 1, 2 n + 1) the digital numbers about it
-    Accuracy  model: crossings are independent, which is exact if they are a filter's width apart;
-              those that overlap have the frequency of independent ones.
+    Accuracy  model: crossings are independent, which is exact if they are a filter's width apart.
+              Crossings that overlap have the frequency of independent ones.
     """
     count = int(streams("false spots").poisson(rates.total))
     start = streams.key("numbers of false spots")
@@ -234,10 +235,10 @@ def _cumulant(probability, place, tilts):  # type: ignore[no-untyped-def]
 
 @kernel
 def _folded_weights(weight: Floats, x: int, y: int, place: Singles) -> Floats:
-    """The weights around a pixel of the pixels whose numbers it has.
+    """The filter weights around a pixel, moved to the pixels that provide the numbers.
 
-    Those beyond the border are added to the mirrored pixels, those of a replaced pixel to its
-    neighbours; where all of these are replaced too, which is rare, they are left out.
+    Weights beyond the border are added to the mirrored pixels, and the weight of a replaced pixel
+    to its neighbours. If all neighbours are replaced too, which is rare, the weight is left out.
     """
     rows, columns = place.shape
     down, across = weight.shape[0] // 2, weight.shape[1] // 2
@@ -260,7 +261,7 @@ def _folded_weights(weight: Floats, x: int, y: int, place: Singles) -> Floats:
 def _give_to_neighbours(
     folded: Floats, j: int, i: int, top: int, left: int, place: Singles
 ) -> None:
-    """Spread the weight of a replaced pixel evenly over those about it that are not replaced.
+    """Spread the weight of a replaced pixel evenly over its neighbours that are not replaced.
 
     top, left  row and column of the first weight
     """
@@ -289,7 +290,7 @@ def _cumulants(
     mesh: int,
     border: int,
 ) -> Floats:
-    """K of each pixel, (tiles, mesh^2); minus infinity where none is drawn.
+    """K of each pixel, (tiles, mesh^2); minus infinity where no crossing is drawn.
 
     moment    (kinds, levels) expectation of exp(theta weight number)
     Accuracy  numerical: 1e-5; 1e-6 each from the interpolation over levels and from the rank of
@@ -307,9 +308,9 @@ def _cumulants(
 def _complete_cumulants(place: Singles, kind: Ints, log_moment: Floats) -> Singles:
     """K of each pixel (rows, columns) as if all filters were complete.
 
-    The logarithm of the moment is a function of weight and level. A short sum of products of a
-    function of the weight and one of the level, by singular values, makes K a sum of filtered
-    images.
+    The logarithm of the moment is a function of weight and level. By singular values it becomes a
+    short sum of products of a function of the weight and a function of the level, so that K is a
+    sum of filtered images.
     """
     size, levels = kind.size, log_moment.shape[1]
     largest = float(np.abs(np.diff(log_moment, axis=1)).max(initial=0.0))
@@ -360,7 +361,7 @@ def _arrange(
     mesh: int,
     border: int,
 ) -> None:
-    """Write K into tiles, that of pixels without a complete filter one by one."""
+    """Write K into tiles; pixels without a complete filter are computed one by one."""
     rows, columns = place.shape
     across = -(-columns // mesh)
     for y in range(border, rows - border):
@@ -434,8 +435,8 @@ def _places(
     border: int,
     tilt: TiltedLaw,
 ) -> tuple[Ints, Ints, Ints]:
-    """Tiles, x and y (n,) of proposals; step by step for all, as a processor waits for the memory
-    of many at once.
+    """Tiles, x and y (n,) of proposals. Each step is done for all, so that the processor waits for
+    memory once instead of for each.
 
     size  random numbers of a proposal
     """
@@ -458,7 +459,7 @@ def _places(
 
 @kernel
 def _levels_about(x: Ints, y: Ints, tilt: TiltedLaw, place: Singles) -> Singles:
-    """Levels (n, 2 m + 1, 2 n + 1) of the pixels about those whose filter is not folded."""
+    """Levels (n, 2 m + 1, 2 n + 1) around the pixels whose filter is not folded."""
     levels = np.empty((len(x), *tilt.weight.shape), np.float32)
     down, aside = tilt.weight.shape[0] // 2, tilt.weight.shape[1] // 2
     for n in range(len(x)):
@@ -472,9 +473,9 @@ def _levels_about(x: Ints, y: Ints, tilt: TiltedLaw, place: Singles) -> Singles:
 
 @kernel(inline="always")
 def _index_of_sum(sums, fraction):  # type: ignore[no-untyped-def]
-    """The first of sums that exceeds a fraction of the last; they rise nearly evenly.
+    """Index of the first sum that exceeds a fraction of the last sum; the sums rise nearly evenly.
 
-    To bisect them would read memory that is far away for each step.
+    Bisection would read distant memory in each step.
     """
     last, wanted = len(sums) - 1, sums[-1] * fraction
     k = min(int(fraction * len(sums)), last)
@@ -502,7 +503,7 @@ def _shift(shift, x, y):  # type: ignore[no-untyped-def]
 def _draw_by_sums(
     numbers: Ints, start: np.uint64, at: np.uint64, levels: Singles, tilt: TiltedLaw
 ) -> float:
-    """Like `_draw`, by the sums computed before, for weights that are not folded.
+    """Like `_draw`, with precomputed sums, for weights that are not folded.
 
     levels  (2 m + 1, 2 n + 1) of the pixels
     """
@@ -521,8 +522,8 @@ def _draw_by_sums(
                 middle = (first + most) // 2
                 above = (1 - t) * low[middle] + t * high[middle] > wanted
                 first, most = (first, middle) if above else (middle + 1, most)
-            # Slices, or the compiler would look for indices below 0; no branches, each of which is
-            # wrong half of the time.
+            # Slices, or the compiler would check for negative indices; no branches, which would be
+            # mispredicted half of the time.
             low, high, number = low[first:most], high[first:most], first
             for d in range(len(low)):
                 number += (1 - t) * low[d] + t * high[d] <= wanted
@@ -568,7 +569,7 @@ def _draw(
 
 @kernel
 def _number_at(probability: Floats, place: float, tilt: float, wanted: float) -> int:
-    """The number at which the sum behind `_moment` passes a value."""
+    """The number at which the sum of `_moment` exceeds a value."""
     k = min(int(place), len(probability) - 1)
     above = min(k + 1, len(probability) - 1)
     t = place - k

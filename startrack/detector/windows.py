@@ -1,4 +1,4 @@
-"""Stars and windows -> a Frame whose numbers are valid inside these windows alone."""
+"""Stars and windows -> a Frame whose numbers are valid only inside these windows."""
 
 import math
 from typing import NamedTuple
@@ -60,15 +60,15 @@ def expose_within(
     workspace: core.Workspace,
     colour: Floats | None = None,
 ) -> core.Frame:
-    """The same numbers as `expose` in windows; elsewhere the mean of the uniform background.
+    """The numbers of `expose` inside windows, and the mean of the uniform background elsewhere.
 
     windows  (w, 4) left, top, right, bottom, the last two exclusive; they may overlap
     places   weights (m,), x and y (m, n) of the points of the stars' paths
     star     (n,) electron in the exposure
     sky      electron in a pixel of mean response
-    workspace  owns the frame's image, which the next call with it overwrites
+    workspace  owns the frame's image; the next call with it overwrites the image
     colour   (n,) metre, mean wavelength of each star's light; needed by a FieldPsf
-    Returns  Frame of float32, which holds all numbers of 24 bits
+    Returns  Frame of float32, which represents all numbers of 24 bits exactly
     """
     level, pixels, law, tables = _device(detector, sky)
     shape, hits = (detector.rows, detector.columns), NO_HITS
@@ -88,8 +88,8 @@ def expose_within(
 
 @kept(4)
 def _device(detector: Detector, sky: float) -> tuple[float, PixelMaps, SignalLaw, Tables]:
-    """Values that all exposures of one background share; first the mean digital number without
-    stars.
+    """Values that all exposures of one background share; the mean digital number without stars is
+    first.
     """
     gain, electrons = response(detector), np.atleast_2d(dark(detector)) * detector.exposure
     empty = (sky + detector.dark_rate * detector.exposure) / detector.electrons_per_dn
@@ -106,7 +106,7 @@ def write_numbers(frame: core.Frame, pixel: Ints, numbers: Ints) -> None:
 
 
 def independent_pixels(detector: Detector, outliers: Ints, streams: core.Streams) -> Ints:
-    """The pixels that a trial always searches: outliers, and those with hits.
+    """The pixels that a trial always searches: outliers, and pixels with hits.
 
     Returns  (k,) row * columns + column
     """
@@ -131,7 +131,7 @@ def outlier_pixels(detector: Detector, sky: float, limit: float) -> Ints:
 
 @kernel
 def _render(image, windows, pixels, points, hit, extra, draws):  # type: ignore[no-untyped-def]
-    """One window after the other, in memory that stays in the cache of the processor."""
+    """Render one window after the other, in memory that stays in the cache of the processor."""
     rows, columns = image.shape
     ends = _path_bounds(points.x, points.y)
     room, work = work_row(), work_arrays(points.shape, len(points.weight))
@@ -170,7 +170,7 @@ def _window_electrons(
 ) -> Floats:
     """Electrons of the background and of the stars near a window, summed in the order of a frame.
 
-    The map of `background` is not read besides that of the response: access to memory is slow.
+    Only the map of the response is read, not also that of `background`, because memory is slow.
     """
     left, top, right, bottom = window
     # With crosstalk, one more pixel on each side contributes.
@@ -183,7 +183,7 @@ def _window_electrons(
     far = points.shape.across // 2 + 1
     for n in range(len(ends)):
         low_x, low_y, high_x, high_y = ends[n]
-        # NaN, behind the camera, is not near.
+        # False for NaN, a point behind the camera.
         near = low_x < last + far and high_x > first - far
         if not (near and low_y < lower + far and high_y > upper - far):
             continue

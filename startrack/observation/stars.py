@@ -147,7 +147,7 @@ class SeparableStars:
     """Stars of a catalogue; stars too close for the tracker's index count as one.
 
     sky   brightest first
-    name (n,) index of each in the catalogue; for merged stars, of the brightest
+    name  (n,) index of each in the catalogue; for merged stars, of the brightest
     """
 
     sky: Sky

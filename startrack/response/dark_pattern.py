@@ -48,8 +48,8 @@ def dark_electrons(detector: Detector) -> tuple[float, float]:
 def dark_residual(detector: Detector, dark_map: detection.DarkMap | None) -> float:
     """Rms over the pixels of the dark signal that a tracker does not know of, electron.
 
-        with a map        sqrt(noise^2 / frames + step^2 / 12)
-        list of hot pixels sqrt(s^2 + v (1 - (a^2 / 2 + a + 1) exp(-a))),   a = hot noise / h
+        with a map          sqrt(noise^2 / frames + step^2 / 12)
+        list of hot pixels  sqrt(s^2 + v (1 - (a^2 / 2 + a + 1) exp(-a))),   a = hot noise / h
 
     with the variance s^2 of the usual pixels, the variance v of the hot pixels, and the mean signal
     h of the hot pixels.
@@ -86,7 +86,7 @@ PLACES = 512  # in a frame, at which its threshold is measured
 class HotPixels(NamedTuple):
     """Effect of pixels with outlying dark current on the centroid of a star near them.
 
-    chance 1, probability that such a pixel is near a star
+    chance  1, probability that such a pixel is near a star
     shift   (l, k, 2) pixel, over the fluxes of `Response`, in k samples; NaN where the star is lost
     """
 

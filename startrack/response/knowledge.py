@@ -37,8 +37,8 @@ class TrackerKnowledge:
 
     Each part is computed when it is first asked for, and kept.
 
-    design the case as designed, from which the distributions come
-    of_unit whether the tracker is a unit of this design with a calibrated camera
+    design   the case as designed, from which the distributions come
+    of_unit  whether the tracker is a unit of this design with a calibrated camera
     age      second in orbit, at which hot pixels are counted; None: that of the design
     """
 

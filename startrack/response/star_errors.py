@@ -25,8 +25,8 @@ class Errors(NamedTuple):
     """Errors of single stars.
 
     magnitude  (m,) G of a sunlike star
-    kept (m,) probability that the tracker measures a detected star and does not reject it as a hot
-               pixel
+    kept       (m,) probability that the tracker measures a detected star and does not reject it as
+               a hot pixel
     stated     (m, 2, 2) pixel^2, by the tracker
     random     (m, 2, 2) pixel^2 by cause, covariance over positions, times and devices
     mean       (m, 2) pixel, over the positions, of the centroid's method
@@ -72,9 +72,9 @@ def errors(case: Case) -> Errors:
 class NoisyStars(NamedTuple):
     """Stars of m magnitudes at p positions, and their errors by noise.
 
-    plain noise-free stars, with the covariance that the tracker states
-    kept (m, p) probability that the tracker measures a detected star and does not reject it as a
-                 hot pixel
+    plain        noise-free stars, with the covariance that the tracker states
+    kept         (m, p) probability that the tracker measures a detected star and does not reject it
+                 as a hot pixel
     noise, shot  (m, p, 2, 2) pixel^2, covariance by all noise, by shot noise alone
     """
 

@@ -263,8 +263,8 @@ def scaled_to_zone(
 ) -> Floats:
     """Covariances (m, 2, 2) of the mean image, scaled to those of a zone.
 
-    star errors of the mean image, whose magnitudes (m,) the covariances have
-    zone, mean (k, 2, 2) covariances of the zone and of the mean image, at k magnitudes
+    star        errors of the mean image, whose magnitudes (m,) the covariances have
+    zone, mean  (k, 2, 2) covariances of the zone and of the mean image, at k magnitudes
     """
     size = []
     for a in (0, 1):

@@ -60,7 +60,7 @@ def follow_boxes(
 ) -> tuple[Spots, Matches, Images]:
     """Pixels that the tracker takes about the places where it expects stars.
 
-    images of stars after the exposure before. Stars without an image, and stars whose image has
+    images   of stars after the exposure before. Stars without an image, and stars whose image has
              left their box, are searched for
     Returns  the spots, each as the star of its box, and `images` after this exposure
     """
@@ -143,8 +143,8 @@ class SingleStars(NamedTuple):
     stated     (m,) error that the tracker states: noise, and the light outside the box
     temporal   (m,) from exposure to exposure on the same pixels
     method     (m,) over places in the pixel, without noise on equal pixels
-    total (m,) over exposures, places and pixels, without the shift that all stars share
-    usual (m,) the same without the few stars that hot pixels move far
+    total      (m,) over exposures, places and pixels, without the shift that all stars share
+    usual      (m,) the same without the few stars that hot pixels move far
     """
 
     magnitude: Annotated[Floats, Unit("mag")]

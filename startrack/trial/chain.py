@@ -104,7 +104,7 @@ def run_random_trial(
 ) -> Outcome:
     """The outcome of trial `number` of a seed: random attitude, random noise.
 
-    Raises ValueError if the case contradicts itself or needs a more detailed fidelity.
+    Raises  ValueError if the case contradicts itself or needs a more detailed fidelity.
     """
     streams = Streams(seed, number)
     return run_trial(case, random_attitude(streams), streams, fidelity)
@@ -255,7 +255,8 @@ def lost_in_space(
 
     camera     as the tracker believes it
     indexes    of the tracker's catalogue
-    tracker its settings; if they include its motion, stars are measured as streaks of this motion
+    tracker    its settings; if they include its motion, stars are measured as streaks of this
+               motion
     psf        as the tracker believes it; None: a Gaussian
     knowledge  of its errors, `startrack.response.knowledge_of` a design; None: each star has the
                systematic error tracker.attitude.centroid_floor

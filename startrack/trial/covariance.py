@@ -148,7 +148,8 @@ def outcomes(
 ) -> Rows:
     """The outcomes of some trials, with identification assumed to be perfect.
 
-        centroid = projection + bias + root N(0, 1), found with the probability kept Phi(above)
+        centroid = projection + bias + root N(0, 1),   found with the probability kept Phi(above)
+
     These values come from the tracker's detection. It measures noise-free stars, rendered with
     smear and the response of the pixels, in steps of half a magnitude at 36 positions in the pixel.
 
@@ -181,8 +182,8 @@ class Drawn(NamedTuple):
     pixel     (m, n, 2) x and y of the centroids
     star      (m, n) index into the field of the plan
     noise     (m, n, 2, 2) pixel^2, covariances of the noise
-    matched (m,) number of matched stars, at most n
-    spots (m,) number of spots, false ones included
+    matched   (m,) number of matched stars, at most n
+    spots     (m,) number of spots, false ones included
     """
 
     pixel: Floats

@@ -64,9 +64,9 @@ class Effect(NamedTuple):
     term        that the cause belongs to
     without     gives the case without it; the sky and all other draws stay the same
     drawn       its name in refusals by drawn spots and their covariance; "": they have it
-    window phrase: what the design must have instead for windows; "": they have it
-    covariance the same for the fidelity covariance alone
-    left_out phrases: effects that the error budget leaves out; none: it counts the effect
+    window      phrase: what the design must have instead for windows; "": they have it
+    covariance  the same for the fidelity covariance alone
+    left_out    phrases: effects that the error budget leaves out; none: it counts the effect
     """
 
     key: str
@@ -484,7 +484,7 @@ def require_window(case: Case, *keys: str) -> None:
     """Refuse effects that need the whole frame, except pixels that depend on each other.
 
     keys    the effects that are refused; none: all
-    Raises Refused, with what the design must have instead.
+    Raises  Refused, with what the design must have instead.
     """
     for effect in present("window", case):
         if not keys or effect.key in keys:
@@ -508,7 +508,7 @@ def require_no_image(case: Case) -> None:
 def require_least_squares(case: Case) -> None:
     """Refuse effects that the covariance of drawn spots cannot have.
 
-    Raises Refused, with what the design must have instead.
+    Raises  Refused, with what the design must have instead.
     """
     for phrase in said("covariance", case):
         raise Refused(f"covariance needs {phrase}; choose the fidelity spots, window or frame")

@@ -57,12 +57,12 @@ class SpotField(NamedTuple):
     believed    (n, 3) unit vectors, in the tracker's catalogue
     known       (n,) whether they are in that catalogue
     flux        (n,) logarithm of electrons
-    number (n,) index into the sky, which selects the star's random numbers
+    number      (n,) index into the sky, which selects the star's random numbers
     systematic  (n,) pixel^2 per axis, systematic variance that the tracker assumes
     hot         (n,) pixel^2 per axis, `TrackerKnowledge.hot`
     colour      (n,) index of the star's colour among those of `Through`
     zone        (n,) first zone of the star's class of colour
-    stretch (n,) 1, relative excess of the tracker's focal length for the star's colour
+    stretch     (n,) 1, relative excess of the tracker's focal length for the star's colour
     """
 
     direction: Floats
@@ -102,7 +102,7 @@ class Through(NamedTuple):
 class Companions(NamedTuple):
     """The neighbours of each of the n stars of a `SpotField`.
 
-    start (n + 1,) neighbours of star i are start[i] to start[i + 1]
+    start      (n + 1,) neighbours of star i are start[i] to start[i + 1]
     direction  (k, 3) unit vectors
     flux       (k,) logarithm of electrons
     """
@@ -362,7 +362,7 @@ def _companions(case: Case, flux: Floats, detectable: Ints) -> Companions:
 def require_fidelity(case: Case, fidelity: Fidelity) -> None:
     """Refuse a fidelity that cannot run every trial of a case.
 
-    Raises Refused, which names what the fidelity cannot compute.
+    Raises  Refused, which names what the fidelity cannot compute.
     """
     if fidelity is Fidelity.WINDOW:
         require_independent_pixels(case.instrument.detector)

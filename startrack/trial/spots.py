@@ -249,7 +249,7 @@ def spots_of(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Spots:
     normal distribution.
 
     icrs_to_camera  true attitude at the middle of the exposure
-    Returns Spots, brightest first; their areas are unknown and set to 0
+    Returns         Spots, brightest first; their areas are unknown and set to 0
     Raises          as `outcomes`
     """
     refuse(case)

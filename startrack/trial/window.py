@@ -88,8 +88,8 @@ def spots_in_windows(
     would take more time than the whole frame, the whole frame is rendered and searched.
 
     icrs_to_camera  true attitude at the middle of the exposure
-    turn motion of the camera about it; None: drawn as the design says
-    smear pixel, along x and y, as the tracker believes it; None: that of the design
+    turn            motion of the camera about it; None: drawn as the design says
+    smear           pixel, along x and y, as the tracker believes it; None: that of the design
     plan            of the case; None: `plan_windows`
     Returns         Spots, brightest first
     Raises          ValueError that names what in the design needs the whole frame.
@@ -253,9 +253,9 @@ def path_points(
 class Noise(NamedTuple):
     """The distribution of noise that exceeds the search level.
 
-    outliers (k,) row * columns + column of the pixels outside these distributions
+    outliers  (k,) row * columns + column of the pixels outside these distributions
     numbers   distributions of the numbers of a frame without stars
-    tilt the same, given that the filtered number exceeds the level
+    tilt      the same, given that the filtered number exceeds the level
     grounds   levels of some frames, and the rates of proposals there
     """
 
@@ -277,7 +277,7 @@ class WindowPlan:
     noise      law of false spots; None where whole frames take less time than windows
     threshold  sigma
     fraction   (k,) 1, of a star's light in a pixel of the filtered frame, at 0, 1, 2, ... pixel
-    spread pixel, distance over which a pixel of the filtered frame depends on others
+    spread     pixel, distance over which a pixel of the filtered frame depends on others
     detection  of the tracker
     workspace  of the frames
     """
@@ -329,7 +329,7 @@ def noise_of(
     """Distributions for the number of outlier pixels with which windows take the least time.
 
     plan     of the detection; a hot pixel of its dark map is no outlier
-    Returns None if whole frames take less time, or if the noise spans too many digital numbers for
+    Returns  None if whole frames take less time, or if the noise spans too many digital numbers for
              a table
     """
     level, mesh = float(np.median([ground.lowest for ground in grounds])), grounds[0].sky.mesh
