@@ -11,8 +11,7 @@ refine      Gauss-Newton on the residuals in the image plane, and the covariance
             with the errors that the stars of a frame share.
 solve       Estimate from Spots and Matches: attitude, covariance and status; by user code.
 camera      Identified frames of one camera -> the camera model that fits them all.
-camera_filter  Matches of one frame after the other -> the camera as it is known, with temperature
-            terms.
+camera_filter  Matches of frames in sequence -> the estimated camera, with temperature terms.
 follow      Filtered attitude, gyroscope bias and lasting errors from attitudes and rates in time.
 """
 

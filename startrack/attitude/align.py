@@ -13,7 +13,7 @@ from startrack.attitude.linear import best_rotation, invert, largest_eigenvalue,
 from startrack.core import Floats, Ints, Refused, kernel, rotated, turn_by
 
 EPS = 2.0**-52
-MOST_STEPS = 100  # two or three are enough, except for stars that contradict each other
+MOST_STEPS = 100  # two or three suffice, except for stars that contradict each other
 LARGEST_CONDITION = (100 * EPS) ** -2  # beyond it, directions differ by their rounding alone
 # Of the loss, over that without residuals. Chosen by hand: a larger one reports more sets as
 # contradictory, a smaller one accepts nearly flat minima.
@@ -24,7 +24,7 @@ class Observability(IntEnum):
     """Whether a set of stars fixes an attitude."""
 
     OBSERVED = 0
-    ONE_DIRECTION = 1  # or two opposite ones, or none: the rotation about it is not observable
+    ONE_DIRECTION = 1  # or two opposite ones, or none: the rotation about it is unobservable
     CONTRADICTORY = 2  # the residuals are so large that other attitudes fit as well
 
 
@@ -33,7 +33,7 @@ class Observability(IntEnum):
 class Alignment:
     """Attitudes at the minimum of Wahba's loss.
 
-    source_to_target  m rotations; where not observed, one of the many that fit
+    source_to_target  m rotations; if not observed, one of many solutions
     covariance        (m, 3, 3) radian^2, of the small rotation about the target's axes, if the
                       weights are inverse variances; infinite where not observed
     condition         (m,) 1, of the information, which is the inverse of the covariance
@@ -53,10 +53,10 @@ def align(observed: Floats, reference: Floats, weight: Floats) -> Alignment:
 
         loss = 1/2 sum_i weight_i |observed_i - R reference_i|^2
 
-    Wahba (1965), SIAM Review 7, 409. The start is the singular value decomposition of the
-    vectors' products, which squares them and so loses half of the digits; Gauss-Newton steps on
-    the residuals restore these. A set that does not determine the attitude raises nothing:
-    `observability` reports it.
+    Wahba (1965), SIAM Review 7, 409. The start is the singular value decomposition of the vectors'
+    products. It squares them and so loses half of the digits; Gauss-Newton steps on the residuals
+    restore these. `observability` reports a set that does not determine the attitude; nothing is
+    raised.
 
     observed   (m, n, 3) unit vectors in the target's axes
     reference  (m, n, 3) unit vectors in the source's axes
@@ -148,7 +148,7 @@ def _square(matrix):  # type: ignore[no-untyped-def]
 
 @kernel
 def _product(left, right, rows, out):  # type: ignore[no-untyped-def]
-    """Write the products of the rows of two matrices (3, 3) of each other, or of their columns.
+    """Write the scalar products of the rows of two matrices (3, 3), or of their columns.
 
     Not `@`, whose last digit depends on the processor, and which takes a second to compile.
     """

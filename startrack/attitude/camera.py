@@ -90,8 +90,8 @@ def calibrate(
     """Robust least squares over the camera and the attitudes of all frames.
 
     Gauss-Newton with OpenCV's derivatives; the attitudes are eliminated frame by frame (Schur
-    complement), so that the time is proportional to the number of frames. Residuals beyond
-    HUBER sigma count less. A chi-square above the degrees of freedom enlarges the covariance in
+    complement), so that the time is proportional to the number of frames. Residuals beyond HUBER
+    sigma get less weight. A chi-square above the degrees of freedom enlarges the covariance in
     proportion.
 
     spots    of each frame
@@ -178,7 +178,7 @@ class MatchedFrame:
     def normal(
         self, camera: core.Camera, free: Ints, floor: float, more: Floats | None = None
     ) -> _Block:
-        """The normal equations of some of UNKNOWNS, by their numbers.
+        """The normal equations of some of UNKNOWNS, given by their indices.
 
         more  (n, 2, k) slopes of the stars' pixels by further unknowns; None: there are none
         """
@@ -257,7 +257,7 @@ def camera_vector(camera: core.Camera) -> Floats:
 
 
 def moved_camera(camera: core.Camera, free: Ints, step: Floats) -> core.Camera:
-    """The camera after a step of some of UNKNOWNS, by their numbers."""
+    """The camera after a step of some of UNKNOWNS, given by their indices."""
     vector = camera_vector(camera)
     vector[free] += step
     return replace(camera, **dict(zip(UNKNOWNS, vector.tolist(), strict=True)))

@@ -1,4 +1,4 @@
-"""Matches of one frame after the other -> the camera as it is known, with temperature terms."""
+"""Matches of frames in sequence -> the estimated camera, with temperature terms."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from startrack import core
 from startrack.attitude.camera import UNKNOWNS, Calibration, MatchedFrame, moved_camera
 from startrack.core import NON_NEGATIVE, Camera, Floats, Matches, Parameters, Spots, parameter
 
-FEWEST = 4  # stars of a frame that says something of its camera
+FEWEST = 4  # least stars of a frame that can update the camera
 STEPS = 2  # of Gauss-Newton, in a frame
 COUNT = len(UNKNOWNS)
 EVERY: core.Ints = np.arange(COUNT)
 
 
 class CameraFilter(Parameters):
-    """A calibration in flight, frame by frame: what is known before, and how the camera changes.
+    """A calibration in flight, frame by frame: its prior, and the changes of the camera.
 
-    Random walks are of the square root of the time; slopes are by the temperature that
-    `after_frame` is told. A map of what the distortion leaves has nodes that span the frame evenly,
-    with straight lines between them.
+    Random walks grow with the square root of the time; slopes are by the temperature given to
+    `after_frame`. A map of residual distortion has nodes that span the frame evenly, with linear
+    interpolation between them.
     """
 
     prior: Calibration = parameter("standard deviations at the begin", default_factory=Calibration)
@@ -81,7 +81,7 @@ class CameraFilter(Parameters):
 @core.printed
 @dataclass(frozen=True, eq=False)
 class KnownCamera:
-    """A camera as it is known after some frames.
+    """The estimate of a camera after some frames.
 
     camera      at the reference temperature, with the map as its residual
     slope       (8,) of UNKNOWNS, 1 / kelvin
@@ -100,7 +100,7 @@ class KnownCamera:
         return moved_camera(self.camera, EVERY, warmer * self.slope)
 
     def moved(self, step: Floats) -> KnownCamera:
-        """After a step (16 + 2 k,) of all that is unknown, with the covariance as it is."""
+        """The estimate after a step (16 + 2 k,) of all unknowns, with unchanged covariance."""
         camera, nodes = moved_camera(self.camera, EVERY, step[:COUNT]), self.nodes
         if len(nodes):
             nodes = nodes + step[2 * COUNT :].reshape(2, -1).T
@@ -109,13 +109,13 @@ class KnownCamera:
         return replace(self, camera=camera, slope=self.slope + step[COUNT : 2 * COUNT], nodes=nodes)
 
     def later(self, settings: CameraFilter, step: float) -> KnownCamera:
-        """The same after some seconds, in which the camera may have changed."""
+        """The estimate some seconds later; the camera may have changed in this time."""
         walked = np.diag(settings.walk(self.camera) ** 2 * step)
         return replace(self, covariance=self.covariance + walked)
 
 
 def first_camera(camera: Camera, settings: CameraFilter) -> KnownCamera:
-    """A camera as it is known before the first frame."""
+    """The estimate of a camera before the first frame."""
     nodes = np.zeros((settings.map**2, 2))
     covariance = np.diag(settings.sigma(camera) ** 2)
     return KnownCamera(camera, np.zeros(COUNT), covariance, nodes)
@@ -129,7 +129,7 @@ def after_frame(
     step: float = 0.0,
     warmer: float = 0.0,
 ) -> KnownCamera:
-    """The camera after one more frame, whose attitude is eliminated.
+    """The estimate after one more frame; the frame's attitude is eliminated.
 
         P^-1 <- (P + Q step)^-1 + H' S H,   H = [1, warmer 1, weights of the nodes]
 
@@ -138,14 +138,14 @@ def after_frame(
 
     step     second, since the frame before
     warmer   kelvin, above the reference temperature
-    Returns  what is known; where too few stars are matched, with the time's change alone
-    Accuracy  model: errors of centroids are independent from frame to frame; what lasts at a place
-              of the field, beyond the map and `prior.floor`, makes the covariance too small.
+    Returns  the estimate; with too few matched stars, only the change with time is applied
+    Accuracy  model: errors of centroids are independent from frame to frame. Errors that last at a
+              place of the field, beyond the map and `prior.floor`, make the covariance too small.
     """
     known = known.later(settings, step)
     if len(matches) < FEWEST:
         return known
-    # In units of the prior, so that the numbers of all unknowns are alike.
+    # In units of the prior, so that all unknowns have numbers of similar size.
     scale = settings.sigma(known.camera)
     free = np.flatnonzero(scale > 0)
     scale = scale[free]
@@ -170,16 +170,16 @@ def after_frame(
 def attitude_doubt(
     known: KnownCamera, settings: CameraFilter, spots: Spots, matches: Matches, warmer: float = 0.0
 ) -> Floats:
-    """Covariance (3, 3) radian^2 of a frame's attitude by what is not known of the camera.
+    """Covariance (3, 3) radian^2 of a frame's attitude, caused by the uncertainty of the camera.
 
         D = A V P V' A',   V = [1, warmer 1, weights of the nodes]
 
-    with the slopes A of the attitude that least squares find by the camera. It is that before the
-    frame: `known` must not hold it.
+    with the slopes A of the least-squares attitude by the camera. `known` must be the estimate
+    before this frame.
 
-    Returns  zero where too few stars are matched
-    Accuracy  model: the attitude is that of least squares by the frame's weights, at a focal length
-              that is held.
+    Returns  zero if too few stars are matched
+    Accuracy  model: the attitude is the least-squares attitude with the frame's weights and a fixed
+              focal length.
     """
     if len(matches) < FEWEST:
         return np.zeros((3, 3))
@@ -191,7 +191,7 @@ def attitude_doubt(
 
 
 def _view(state: KnownCamera, warmer: float) -> Floats:
-    """What a frame sees of all unknowns: (8 + 2 k, 16 + 2 k)."""
+    """Matrix (8 + 2 k, 16 + 2 k) from all unknowns to those that one frame sees."""
     nodes = 2 * len(state.nodes)
     view = np.zeros((COUNT + nodes, 2 * COUNT + nodes))
     view[:COUNT, :COUNT], view[:COUNT, COUNT : 2 * COUNT] = np.eye(COUNT), warmer * np.eye(COUNT)

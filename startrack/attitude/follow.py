@@ -27,12 +27,12 @@ class State:
     """Estimate of the filter at one instant.
 
     icrs_to_camera  attitude
-    bias            (3,) radian / second, rate that the gyroscope measures at rest, in its axes
+    bias            (3,) radian / second, rate that the gyroscope shows at rest, in its axes
     covariance      (n, n) of the small rotation about the camera's axes, radian, of the bias, of
                     the lasting errors, of the alignment of each further head about its axes, and
                     of the misalignment: n = 6 + 3 k + 3 h + m
     lasting         (k, 3) radian, errors of the measured attitudes that last from frame to frame,
-                    about the axes of the head: as many for each head, one head after the other
+                    about the axes of the head: the same number for each head, head by head
     misalignment    (m,) radian, rotation from the camera's axes to the gyroscope's: three angles,
                     or none where the gyroscope has the axes of the camera
     to_heads        (h,) rotations from the camera, which is head 0, to each further head
@@ -46,7 +46,7 @@ class State:
     to_heads: tuple[Rotation, ...] = ()
 
     def rate_of(self, shown: Floats) -> Floats:
-        """Rate (3,) of the camera, radian / second, where the gyroscope shows another."""
+        """Rate (3,) of the camera, radian / second, from the rate that the gyroscope shows."""
         rate = shown - self.bias
         if not len(self.misalignment):
             return rate
@@ -67,7 +67,7 @@ class State:
         return slice(begin, begin + 3)
 
     def turns(self, head: int) -> Floats:
-        """(3, n), how the errors of the state turn the attitude of a head."""
+        """(3, n), derivatives of a head's attitude by the errors of the state."""
         turns = np.zeros((3, len(self.covariance)))
         turns[:, :3] = self.to_head(head).as_matrix()
         if head:
@@ -75,7 +75,7 @@ class State:
         return turns
 
     def measured(self, head: int) -> Floats:
-        """(3, n), how they turn an attitude that a head measures, with its lasting errors."""
+        """(3, n), derivatives of an attitude that a head measures, including its lasting errors."""
         many = len(self.lasting) // (1 + len(self.to_heads))
         measured = self.turns(head)
         begin = 6 + 3 * many * head
@@ -89,7 +89,7 @@ class LastingErrors:
 
     covariance  (k, 3, 3) radian^2 about the camera's axes, of each part, within that of the
                 measurement
-    keep        (k,) 1, correlation of each part with that of the frame before
+    keep        (k,) 1, correlation of each part from one frame to the next
     """
 
     covariance: Floats
@@ -109,10 +109,10 @@ def start(
 
     covariance  (3, 3) radian^2, of the small rotation about the axes of the head that measured it
     bias_sigma  radian / second, standard deviation of the bias per axis
-    lasting     parts of that covariance, for each head; None: all of it is new with each attitude
+    lasting     parts of that covariance, for each head; None: each attitude has independent errors
     misalignment_sigma  radian, standard deviation per axis; 0: the gyroscope has none
-    heads       of each further head, the rotation from the camera to it, and the standard
-                deviation of that about each axis of the head, radian
+    heads       for each further head: the rotation from the camera to it, and its standard
+                deviation about each axis of the head, radian
     head        that measured the attitude; 0: the camera
     """
     parts = np.zeros((0, 3, 3)) if lasting is None else lasting.covariance
@@ -131,7 +131,7 @@ def start(
         zeros[: 3 * bool(misalignment_sigma)],
         tuple(to_head for to_head, _ in heads),
     )
-    # The attitude has the errors of what was measured, and the state says that there are none.
+    # The attitude contains the lasting errors, while the state starts with lasting errors of zero.
     back = state.to_head(head).inv()
     errors = state.measured(head)
     errors[:, :3] = np.eye(3)
@@ -161,7 +161,7 @@ def predict(
 
     rate       (3,) radian / second, of the camera, as the gyroscope shows it
     step       second
-    lasting    how the lasting errors of the state go on; None: it has none
+    lasting    law of the lasting errors of the state; None: it has none
     """
     turn = state.rate_of(rate) * step
     step_rotation = Rotation.from_rotvec(-turn)
@@ -195,8 +195,8 @@ def predict(
 class MeasuredAttitude(NamedTuple):
     """An attitude that a head measured from stars.
 
-    covariance  (3, 3) radian^2, about the axes of the head; without that of the lasting errors of
-                the state, and without what all heads share
+    covariance  (3, 3) radian^2, about the axes of the head; without the lasting errors of the
+                state, and without errors that all heads share
     head        0: the camera
     """
 
@@ -220,7 +220,7 @@ def correct_together(
     covariance positive definite. Source: Markley (2003), J. Guidance 26(2), 311.
 
     shared  (3, 3) radian^2 about the axes of the camera, of errors that all of these attitudes
-            have, as the motion of the platform within the exposures; None: none
+            share, such as motion of the platform within the exposures; None: none
     """
     prior = state.covariance
     many, heads = len(state.lasting), len(state.to_heads)
@@ -255,7 +255,7 @@ def correct_together(
 
 
 def _mean_turn(turn: Floats) -> Floats:
-    """Mean over s in [0, 1] of the rotation matrix of s times a rotation vector (3,)."""
+    """Mean of the rotation matrix of s times a rotation vector (3,), over s in [0, 1]."""
     cross = _cross(turn)
     angle = float(np.linalg.norm(turn))
     if angle < 1e-4:  # the next terms are 1e-12 and below

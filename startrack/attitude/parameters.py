@@ -21,7 +21,7 @@ BIAS = "rotation vector in camera axes"
 
 
 class SolverSettings(Parameters):
-    """Weights of matched stars, and the rule by which one is left out.
+    """Weights of matched stars, and the rule for leaving out a star.
 
     Raises  ValueError where the floor is negative or the gate is not positive.
     """

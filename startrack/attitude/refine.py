@@ -66,7 +66,7 @@ def refine(
     # (n, 3) the lower triangle of a matrix that makes the noise of a position one.
     root = np.linalg.inv(np.linalg.cholesky(covariance)) * camera.focal_length_px
     whitener = np.ascontiguousarray(root[:, [0, 1, 1], [0, 0, 1]])
-    direction = np.ascontiguousarray(direction)  # which those that scipy has turned are not
+    direction = np.ascontiguousarray(direction)  # directions rotated by scipy are not
     matrix = start.as_matrix()
     inverse, chi_square = np.empty((3, 3)), np.empty(len(pixel))
     residual = np.empty_like(seen_plane)
@@ -224,12 +224,12 @@ def tangent(plane: Floats) -> Floats:
 @core.printed
 @dataclass(frozen=True, eq=False)
 class SharedErrors:
-    """Errors that are alike for near stars, or for all, as far as a tracker knows their law.
+    """Errors that near stars, or all stars, share, as far as the tracker knows their statistics.
 
     columns, rows  pixel, of the frame
     table          (q, p, 2, k) pixel, x and y at q x p places that span the frame: a root of their
                    covariance, table table^T over the k
-    variance       pixel^2 per axis over the frame, which the systematic variance of stars contains
+    variance       pixel^2 per axis over the frame; the systematic variance of stars contains it
     turn           (3,) radian^2, of turns between camera and spacecraft about the camera's axes
     """
 
@@ -247,7 +247,7 @@ class SharedErrors:
         return self.table[np.clip(y, 0, down - 1), np.clip(x, 0, across - 1)]
 
     def added(self, gain: Floats, pixel: Floats) -> Floats:
-        """Covariance to be added to one that takes the errors of all stars as independent.
+        """Covariance to add to one that assumes independent errors of all stars.
 
             G (S - variance 1) G^T + turn,   S = table table^T at the stars
 
@@ -272,11 +272,11 @@ def independent(gain: Floats, variance: Floats) -> Floats:
 
 
 def attitude_gain(plane: Floats, inverse: Floats, focal: float, tolerance: float = 0.0) -> Floats:
-    """Slope of the attitude that least squares find by the measured places of its stars.
+    """Derivative of the least-squares attitude by the measured places of its stars.
 
         G = (H^T M H + P)^-1 H^T M
 
-    with the slopes H of the places by a small rotation and, where it is estimated, by the scale.
+    with the derivatives H of the places by a small rotation and, if it is estimated, by the scale.
 
     plane      (..., n, 2) places of the stars in the image plane
     inverse    (..., n, 2, 2) 1 / pixel^2, M: inverse covariances; zero for missing stars

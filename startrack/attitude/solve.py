@@ -15,7 +15,7 @@ from startrack.attitude.wahba import svd
 from startrack.core import Estimate, Floats, Ints, Refused, Unit
 
 GROUP = "attitudes"
-EXACT = 1e-6  # largest element of R R^T - 1 of what is taken for a rotation matrix
+EXACT = 1e-6  # largest element of R R^T - 1 that is accepted for a rotation matrix
 NO_COVARIANCE = np.full((3, 3), np.nan)
 MEDIAN_CHI_SQUARE = 2 * np.log(2)  # of two degrees of freedom
 # Probability of larger residuals by noise alone, below which the covariance is enlarged. Chosen by
@@ -26,7 +26,7 @@ FEWEST = 4  # matches that are always kept: fewer have no freedom left that show
 
 @dataclass(frozen=True, eq=False)
 class AttitudeInput:
-    """Matched stars, of which an attitude is estimated.
+    """Matched stars from which a user's function estimates the attitude.
 
     seen       (n, 3) unit vectors in camera axes, by the camera that the tracker believes
     direction  (n, 3) unit vectors of the same stars, ICRS axes
@@ -45,7 +45,7 @@ class AttitudeInput:
 def attitude_by_code(name: str, given: AttitudeInput) -> tuple[Rotation, Floats]:
     """The attitude icrs_to_camera and its covariance (3, 3) of a function that a design names.
 
-    Raises  ValueError where the function raises an error, or returns what it must not.
+    Raises  ValueError if the function raises an error, or returns an invalid result.
     """
     estimate = _estimated(name, given)
     attitude = Rotation.from_matrix(estimate[:3])
@@ -68,7 +68,7 @@ def _estimated(name: str, given: AttitudeInput) -> Floats:
 
 
 def _propagated(name: str, given: AttitudeInput, attitude: Rotation) -> Floats:
-    """Covariance by the noise of each star along two directions, to first order.
+    """Covariance from the noise of each star along two directions, to first order.
 
     C = sum_i r_i r_i^T,   r_i the rotation of the attitude when a direction moves by its sigma
     """
@@ -90,13 +90,14 @@ def _propagated(name: str, given: AttitudeInput, attitude: Rotation) -> Floats:
 @core.printed
 @dataclass(frozen=True, eq=False)
 class KnownErrors:
-    """Errors of m matched stars that the tracker knows, beside the noise of their centroids.
+    """Known errors of m matched stars, in addition to the noise of their centroids.
 
-    systematic  (m,) pixel^2 per axis, variance that no noise explains; None: the square of
+    systematic  (m,) pixel^2 per axis, variance by causes other than noise; None: the square of
                 `SolverSettings.centroid_floor`
-    shared      errors that stars have alike, which the covariance then holds; None: none are known
-    hot         (m,) pixel^2 per axis, errors of unknown stars of these, which weight none; the
-                covariance holds them where the residuals are no larger than noise; None: zero
+    shared      errors that stars share, which the covariance then includes; None: none are known
+    hot         (m,) pixel^2 per axis, mean errors by hot pixels under unknown stars. They change no
+                weight; the covariance includes them if the residuals are no larger than noise;
+                None: zero
     """
 
     systematic: Annotated[Floats | None, Unit("pixel2")] = None
@@ -116,18 +117,18 @@ def solve(
 ) -> Estimate:
     """The attitude from matched stars, weighted by the covariance of their centroids.
 
-    Stars beyond the gate are left out, the worst first, as long as more than half stay. Where the
-    residuals of the rest are larger than the centroids' noise explains (a chi-square that noise
-    exceeds with a probability below 0.001), the covariance is multiplied by chi-square over its
-    degrees of freedom, for errors of distortion and catalogue. Otherwise it is unchanged: to
-    enlarge it for every upward fluctuation would state too much on average.
+    Stars beyond the gate are left out, the worst first, while more than half stay. If the other
+    residuals are larger than the centroids' noise explains (noise exceeds their chi-square with a
+    probability below 0.001), the covariance is multiplied by chi-square over its degrees of
+    freedom, to include errors of distortion and catalogue. Otherwise it is not changed: enlarging
+    it for every upward fluctuation would overstate the error on average.
 
     spots      all spots of the frame
     matches    of these spots; their `camera` is used
     tolerance  1, prior standard deviation of the relative focal length, which is estimated with the
                attitude; 0: it is held
     known      of the errors of the matched stars
-    Returns    Estimate; not solved where the matches are not, or do not determine the attitude
+    Returns    Estimate; not solved if the matches are not solved or do not determine the attitude
     """
     if matches.status is not core.Status.SOLVED:
         return _unsolved(matches, matches.status, matches.reason)
@@ -151,7 +152,7 @@ def solve(
     if excess > 1 or (hot is not None and not hot.any()):
         hot = None
     if shared is not None or hot is not None:
-        # Where the attitude has the stars.
+        # The places of the stars by the attitude.
         direction = best.icrs_to_camera.apply(matches.direction[used])
         plane, focal = direction[:, :2] / direction[:, 2:], matches.camera.focal_length_px
         inverse: Floats = np.linalg.inv(covariance[used]).astype(np.float64)

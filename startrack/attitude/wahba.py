@@ -75,7 +75,7 @@ def davenport(observed: Array, reference: Array, weight: Array) -> Rotation:
 # No rotation, and 180 deg about each axis: the columns of B that change their sign.
 FLIPS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
 HALF_TURNS = np.array([[0, 0, 0, 1], [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]])
-STEPS = 8  # two are enough, except for stars that contradict each other
+STEPS = 8  # two suffice, except for stars that contradict each other
 
 
 def quest(observed: Array, reference: Array, weight: Array) -> Rotation:

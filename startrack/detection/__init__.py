@@ -2,15 +2,15 @@
 
 parameters   Detection: how spots are distinguished from noise, and how they are measured.
 pixels       A Frame enters, with its dark frame and flat field; calibrated pixels as float32 leave.
-robust       Pixels -> their background, its slopes and its noise, whatever stars are among them.
+robust       Pixels -> their background, its slopes and its noise, robust against stars among them.
 background   Filtered image -> Sky: its background and noise, tile by tile.
-star_model   StarModel: image of a star that the tracker assumes, and what centroids compute from
-             it.
+star_model   StarModel: image of a star that the tracker assumes, and values that centroids compute
+             from it.
 matched      The matched filter of a star, the law of its noise, and the threshold for false spots.
-plan         Settings and PSF -> DetectionPlan: what the detection computes once for many frames.
+plan         Settings and PSF -> DetectionPlan: values that are computed once for many frames.
 connect      A filtered image and its threshold enter; local maxima leave, several where stars
              touch.
-examine      Peaks -> which of them stand alone as stars do, and which are hot pixels.
+examine      Peaks -> which of them stand out like stars, and which are hot pixels.
 find         Pixels -> Peaks of the filtered image that look like stars.
 gravity      Sample, what every centroid works on -> centre of gravity, of a window that follows
              the star or under a Gaussian weight.
@@ -20,14 +20,14 @@ methods      Sample and Psf -> a row per star, by each of the centroid methods t
              name.
 measure      Candidates of a frame -> Spots: each is measured once, by the centroid method of the
              plan.
-within       Frame that is known in regions alone, and the Sky of such frames -> Spots of these
+within       Frame that is known only in regions, and the Sky of such frames -> Spots of these
              regions.
-quick        Frame -> Spots, of the places alone that three rows of pixels at a time point out.
+quick        Frame -> Spots, only near pixels where a filter of 3 x 3 pixels shows light.
 detect       A Frame enters; Spots leave, brightest first: of the whole frame, or near given places.
 streaks      Pixels -> the smear that all stars of a frame share, from the streaks themselves.
-box          An image, and where stars are expected -> the brightest thing in a box about each
+box          An image, and expected places of stars -> the brightest image in a box around each
              place.
-expectation  Image of expected numbers and its stars -> how the detection will see them.
+expectation  Image of expected numbers, and its stars -> their expected detection and measurement.
 """
 
 from startrack.detection.box import Box, Taken, box_reach, corner_level, follow, image_mask, take

@@ -11,14 +11,14 @@ from startrack.detection.pixels import PixelGain
 from startrack.detection.robust import plane
 
 MOST_SKEWNESS = 1.5
-STRIDE = 4  # pixel; the filtered image is smooth, so few rows and columns tell most of it
-TAIL = 5.0  # sigma; what is farther out is a star, and no part of the noise's tail
-# One tile knows its noise to 9 %. At 5 sigma a level 9 % low lets ten times more noise through,
-# one 9 % high loses a sixth of the faintest stars: tiles that may be alike share their noise.
+STRIDE = 4  # pixel; the filtered image is smooth, so few rows and columns suffice
+TAIL = 5.0  # sigma; values farther out are stars, not the tail of the noise
+# One tile gives its noise within 9 %. At 5 sigma, a level 9 % too low passes ten times more noise,
+# and a level 9 % too high loses a sixth of the faintest stars. So similar tiles share their noise.
 CHANCE = 1.3
-ALIKE = 0.5  # sigma; a tile knows its mean to 0.12, and nine of them to 0.05
-SKEWED = 0.4  # what 25 tiles show by chance once in a million
-# What a tile of 64 values shows of a gamma law of skewness g, whose tail the clipping takes for
+ALIKE = 0.5  # sigma; the mean of one tile is known to 0.12, of nine tiles to 0.05
+SKEWED = 0.4  # 25 tiles show this by chance once in a million
+# Statistics of a tile of 64 values from a gamma law of skewness g, whose tail is clipped like
 # stars: (1 - 0.007 - 0.03 g - 0.06 g^2) of its rms, 0.86 of g, its mean 0.05 g sigma low.
 SHOWN_SKEWNESS = 0.86
 MORE_THAN_MODEL = 1.08  # of the model's noise; 25 tiles show that by chance once in 1000
@@ -44,15 +44,15 @@ class SkyBackground(NamedTuple):
 def sky(filtered: Singles, mesh: int, floor: float, stride: int = STRIDE) -> SkyBackground:
     """Measure the background and the noise of an image that was filtered.
 
-    A plane and the noise about it are measured on the filtered image itself, in tiles. So haze,
-    a limb or correlated noise raises the level only where it is, and a gradient nowhere.
+    A plane and the noise about it are measured on the filtered image itself, in tiles. So haze, a
+    limb or correlated noise raises the level only locally, and a gradient does not raise it.
 
     filtered  (rows, columns) digital number
     mesh      pixel, side of a tile
     floor     digital number, least noise
     stride    pixel, between the rows and between the columns that are read
-    Accuracy  statistical, of 32-pixel tiles: 0.05 sigma of the filtered image in the mean, 2 % in
-              the noise where neighbours are alike, 0.12 sigma and 9 % where they are not.
+    Accuracy  statistical, for 32-pixel tiles: 0.05 sigma of the filtered image in the mean and 2 %
+              in the noise if neighbours are similar, else 0.12 sigma and 9 %.
     """
     mesh = min(mesh, max(filtered.shape))
     mean, rms, skewness = _tiles(filtered, mesh, floor, stride)
@@ -62,7 +62,7 @@ def sky(filtered: Singles, mesh: int, floor: float, stride: int = STRIDE) -> Sky
     noise = _wider(rms)
     shared = cv2.blur(mean, (3, 3), borderType=cv2.BORDER_REPLICATE)
     mean = np.where(np.abs(mean - shared) < ALIKE * noise, shared, mean)
-    # One tile cannot tell its skewness; many tiles can, and leaves have more of it than the sky.
+    # One tile is too small to measure skewness; many tiles suffice. Leaves have more than the sky.
     around = cv2.medianBlur(skewness, side)
     skewness = np.where(around > SKEWED, around, np.median(skewness) / SHOWN_SKEWNESS)
     skewness = _wider(np.clip(skewness, 0, MOST_SKEWNESS))
@@ -75,7 +75,7 @@ def sky(filtered: Singles, mesh: int, floor: float, stride: int = STRIDE) -> Sky
 def with_gain_noise(
     ground: SkyBackground, gain: PixelGain, step: float, filter: Kernel
 ) -> SkyBackground:
-    """The background with the noise of the gain model, where the tiles show no more noise.
+    """The background with the noise of the gain model, unless the tiles show more noise.
 
     step  digital number between two neighbouring values
     """
@@ -88,7 +88,7 @@ def with_gain_noise(
 
 
 def _wider(grid: Singles) -> Singles:
-    """One more tile on each side, like its neighbour."""
+    """One more tile on each side, equal to its neighbour."""
     border = cv2.copyMakeBorder(grid.astype(np.float32), 1, 1, 1, 1, cv2.BORDER_REPLICATE)
     return np.asarray(border, np.float32)
 
@@ -117,7 +117,7 @@ def _tiles(
     dx, dy = _places(width, height, stride)
     values = np.empty(len(dx), np.float32)
     for i in range(down):
-        # The last tile is moved inwards to be whole; its plane tells the rest.
+        # The last tile is moved inwards to be whole; its plane is extrapolated.
         top = max(min(i * mesh, rows - mesh), 0)
         for j in range(across):
             left = max(min(j * mesh, columns - mesh), 0)
@@ -126,7 +126,7 @@ def _tiles(
             skewness[i, j] = _skewness(values, level, rms[i, j])
             level += slope_x * (j * mesh - left + (mesh - width) / 2)
             level += slope_y * (i * mesh - top + (mesh - height) / 2)
-            # An outer tile also speaks for its neighbour beyond the border.
+            # An outer tile also represents its neighbour beyond the border.
             for v in range(i if i == 0 else i + 1, i + 3 if i == down - 1 else i + 2):
                 for u in range(j if j == 0 else j + 1, j + 3 if j == across - 1 else j + 2):
                     steps = slope_x * (u - 1 - j) + slope_y * (v - 1 - i)
@@ -149,7 +149,7 @@ def _places(width: int, height: int, stride: int) -> tuple[Singles, Singles]:
 
 @kernel
 def _gather(tile: Singles, values: Singles, stride: int) -> None:
-    """Copy the pixels of a tile that are looked at."""
+    """Copy the pixels of a tile that are read."""
     rows, columns = tile.shape
     count = 0
     for y in range(0, rows, stride):
@@ -160,7 +160,7 @@ def _gather(tile: Singles, values: Singles, stride: int) -> None:
 
 @kernel(fastmath={"reassoc", "nsz", "contract"})
 def _skewness(values: Singles, mean: float, rms: float) -> float:
-    """Third standardised moment of the values that are noise; 0 where there is none."""
+    """Third standardised moment of the values that are noise; 0 without such values."""
     if rms == 0:
         return 0.0
     total, count = np.float32(0), np.float32(0)

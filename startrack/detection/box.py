@@ -1,6 +1,6 @@
-"""An image, and where stars are expected -> the brightest thing in a box about each place.
+"""An image, and expected places of stars -> the brightest image in a box around each place.
 
-Between exposures an image stays where it is until its star has moved by a limit.
+From exposure to exposure an image keeps its place until its star has moved by a limit.
 """
 
 import math
@@ -31,9 +31,9 @@ BACKGROUNDS = ("dynamic", "none")
 # Pixels of the dynamic background, from the pixel right below the middle: two at each end of the
 # first and the last row of 8 x 8.
 CORNERS = tuple((row, column) for row in (-4, 3) for column in (-4, -3, 2, 3))
-MIDDLE = slice(2, 6)  # of eight sorted pixels, whose mean is the background: outliers do not count
-ROUNDS = 4  # of moving the image until the star is in its middle
-IMAGE = 8  # pixel, of the largest image, about which the search needs pixels
+MIDDLE = slice(2, 6)  # of eight sorted pixels; their mean is the background, without outliers
+ROUNDS = 4  # iterations of moving the image until the star is in its middle
+IMAGE = 8  # pixel, size of the largest image; the search needs pixels around it
 CORNER_ROWS, CORNER_COLUMNS = np.transpose(CORNERS) + IMAGE // 2  # of the largest image
 
 
@@ -41,18 +41,18 @@ APPARENT = "magnitudes by which a star may seem fainter or brighter than its cat
 
 
 class Box(Parameters):
-    """Search boxes about the places where stars are expected, as in trackers that are given
-    the stars to take.
+    """Search boxes around expected places of stars, as in trackers that are commanded which stars
+    to take.
 
-    In each box the place is taken where an image of `size` pixels a side has most light above the
-    background, among those whose magnitude is that of the star within the limits: a hot pixel or
-    another star may be taken for it. The image is then moved until its first moment lies in its
-    middle. From one exposure of a sequence to the next it stays where it is; once the moment is
-    more than `moves` from its middle, it is a pixel further in the next exposure.
+    In each box, images of `size` pixels a side are compared. Among the images whose magnitude
+    agrees with the star within the limits, the one with most light above the background is taken;
+    it may be a hot pixel or another star. The image is then moved until its first moment lies in
+    its middle. It keeps its place from one exposure of a sequence to the next. If the moment is
+    more than `moves` from its middle, the image moves by a pixel in the next exposure.
 
     Source: the method is that of Chandra's aspect camera (Proposers' Observatory Guide, chapter 5),
-    and so are the eight pixels of the background (sot/proseco, characteristics.py); how they are
-    averaged is assumed.
+    and so are the eight pixels of the background (sot/proseco, characteristics.py); the way of
+    averaging them is assumed.
     """
 
     half_width: float = parameter(
@@ -93,10 +93,10 @@ class Box(Parameters):
 class Taken(NamedTuple):
     """Pixels taken in each box; NaN where nothing was taken.
 
-    x, y        (m,) pixel, first moment less that of a star's image
+    x, y        (m,) pixel, first moment minus the mean offset of a star's image
     flux        (m,) digital number of the whole star, estimated from its image
-    covariance  (m, 2, 2) pixel^2, by the noise of the pixels and by what the image cuts off;
-                without that of pixels whose dark current the tracker does not know
+    covariance  (m, 2, 2) pixel^2, by the noise of the pixels and by the light outside the image;
+                without dark current that the tracker does not know
     snr         (m,) 1
     corner      (m, 2) pixel (column, row) right below the middle of the image of the next
                 exposure; -1 where nothing was taken
@@ -115,17 +115,17 @@ class Taken(NamedTuple):
         return np.isfinite(self.x)
 
     def spots(self) -> core.Spots:
-        """Those that were found."""
+        """The images that were found."""
         x, y, flux, covariance, snr = (values[self.found] for values in self[:5])
         return core.Spots(x, y, flux, covariance, snr, np.ones(len(x), np.int64))
 
 
 class StarImage(NamedTuple):
-    """Image of a star somewhere in the middle pixel of an image of some size.
+    """Image of a star at any place in the middle pixel of an image of some size.
 
-    fraction  1, of its light in the image, above the background that is taken off, in the mean
-    moment    pixel (x, y), of its first moment from its place, in the mean
-    scatter   pixel rms (x, y), of that about the mean: light that the image cuts off
+    fraction  1, mean fraction of its light in the image, above the subtracted background
+    moment    pixel (x, y), mean offset of its first moment from its place
+    scatter   pixel rms (x, y), scatter of this offset, by light outside the image
     """
 
     fraction: float
@@ -153,8 +153,8 @@ def take(
     flux     (m,) digital number of each star, by the catalogue
     reach    pixel, half side of a box
     plan     of the tracker; its dark map, if it has one, is subtracted
-    corners  (m, 2) pixel, of images that the exposure before left, as `Taken` has them; one
-             in its box is measured where it is, without a search
+    corners  (m, 2) pixel, of images of the exposure before, as in `Taken`; an image inside its box
+             is measured at its place, without a search
     Returns  Taken; NaN where a box leaves the frame or nothing in it passes the limits
     """
     image = np.asarray(frame.image, np.float32)
@@ -174,10 +174,10 @@ def take(
 
 
 def follow(frame: core.Frame, corner: Ints, box: Box, plan: DetectionPlan) -> Taken:
-    """Measure images where they are, whatever the catalogue says.
+    """Measure images at their places, without comparison with the catalogue.
 
     corner   (m, 2) pixel, as `Taken` of the exposure before has it
-    Returns  as `take`; NaN where an image leaves the frame, has no light or lost its star
+    Returns  as `take`; NaN if an image leaves the frame, has no light or has lost its star
     """
     place = np.asarray(corner, float) - 0.5
     return take(frame, place, np.ones(len(corner)), 1.0, box, plan, corner)
@@ -238,7 +238,7 @@ def _table(psf: core.Psf, x: float, y: float, half: int) -> Floats:
 
 
 def image_mask(size: int) -> Floats:
-    """Pixels of an image that count: all, but not the corners of 6 x 6."""
+    """Pixels of an image that count: all, except the corners of a 6 x 6 image."""
     mask = np.ones((size, size))
     if size == 6:
         mask[[0, 0, -1, -1], [0, -1, 0, -1]] = 0
@@ -284,9 +284,10 @@ def _search(
 
 
 def _core(window: Singles, size: int) -> Singles:
-    """Sums of images whose upper middle pixel is each one of a window without its border."""
+    """Sums of images: one image for each pixel of a window without border, as its upper middle
+    pixel."""
     half, side = IMAGE // 2, size // 2
-    # Of an even kernel, the anchor is the pixel right below the middle.
+    # The anchor of an even kernel is the pixel right below the middle.
     mask = image_mask(size).astype(np.float32)
     sums = cv2.filter2D(window, cv2.CV_32F, mask, anchor=(side, side))
     return np.asarray(sums[half:-half, half:-half], np.float32)
@@ -305,7 +306,7 @@ def _background(window: Singles, box: Box, offset: float) -> Singles:
 def _settled(
     image: Singles, corner: tuple[int, int], box: Box, expected: StarImage, gain: PixelGain
 ) -> tuple[float, ...]:
-    """Like `_measure`, of an image that is moved until its moment lies in its middle."""
+    """Like `_measure`, for an image that is moved until its moment lies in its middle."""
     measured: tuple[float, ...] = NOTHING
     for _ in range(ROUNDS + 1):
         measured = _measure(image, corner, box, expected, gain)

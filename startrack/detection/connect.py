@@ -22,8 +22,8 @@ class Peaks(NamedTuple):
 def lit(image: Singles, level: Singles, mesh: int) -> Ints:
     """Pixels that exceed a level that is given on the grid of a Sky.
 
-    A row, and then its part in a tile, that lies below the lowest level around it is done with
-    at one comparison a pixel, and nearly all rows are such.
+    A row (then its part in a tile) below the lowest level around it needs only one comparison for
+    each pixel; nearly all rows are such.
 
     Returns  (n,) row * columns + column, row by row
     """
@@ -49,7 +49,7 @@ def lit(image: Singles, level: Singles, mesh: int) -> Ints:
 
 @kernel
 def any_above(values: Singles, level: float) -> bool:
-    """Whether a value exceeds the level; without a branch, so that the loop is vectorised."""
+    """Whether any value exceeds the level; without a branch, so that the loop is vectorised."""
     above = False
     for k in range(len(values)):
         above |= values[k] > level
@@ -68,8 +68,8 @@ def peaks(
 ) -> Peaks:
     """Local maxima of the components whose size is right; several where stars touch.
 
-    pixels   (n,) lit ones, as from `lit`; those that touch, corners included, are a component
-    waiting  (rows, columns) of zeros for the work, which are zeros again at the end
+    pixels   (n,) lit pixels, as from `lit`; touching pixels, corners included, are a component
+    waiting  (rows, columns) work array of zeros, which is all zeros again at the end
     half     pixel, half side of the square in which a peak must be the highest
     border   pixel, distance that a peak must keep from the border
     """
@@ -97,7 +97,8 @@ def peaks(
 
 @kernel
 def _component(waiting: NDArray[np.uint8], x: int, y: int, member_x: Ints, member_y: Ints) -> int:
-    """Collect the waiting pixels that hang together with one; 0 where it waits no more."""
+    """Collect the waiting pixels that are connected to a pixel; 0 if this pixel is no longer
+    waiting."""
     rows, columns = waiting.shape
     if not waiting[y, x]:
         return 0
@@ -118,7 +119,7 @@ def _component(waiting: NDArray[np.uint8], x: int, y: int, member_x: Ints, membe
 
 @kernel
 def highest(image: Singles, x: int, y: int, half: int) -> bool:
-    """Whether no pixel around is higher; of equals the first counts as the highest."""
+    """Whether no pixel around is higher; among equal pixels the first is the highest."""
     here = image[y, x]
     rows, columns = image.shape
     for v in range(max(y - half, 0), min(y + half + 1, rows)):
@@ -129,8 +130,8 @@ def highest(image: Singles, x: int, y: int, half: int) -> bool:
     return True
 
 
-CERTAIN = 4.0  # sigma; a bright star has a few maxima by chance, one in 10 000 dips as far
-BRIGHT = 20.0  # sigma of a pixel; of fainter stars the filter has to tell
+CERTAIN = 4.0  # sigma; noise splits a bright star into maxima; one in 10 000 dips this far
+BRIGHT = 20.0  # sigma of a pixel; fainter stars are separated by the filter alone
 REACH = 4  # pixel; a filter of a usual star merges no peaks that are farther apart
 MOST = 4  # stars for one peak
 
@@ -139,10 +140,9 @@ MOST = 4  # stars for one peak
 def split(
     image: Singles, merged: Peaks, sky: SkyBackground, noise: float, shot: float, border: int
 ) -> Peaks:
-    """Take the peaks apart that the filter has merged.
+    """Split the peaks that the filter has merged.
 
-    Two maxima of the image itself are two stars where the image dips between them by more than
-    noise does.
+    Two maxima of the image itself are two stars if the image between them dips by more than noise.
 
     noise      fraction of a pixel's noise that the filter leaves
     shot       digital number, variance for each digital number of light; NaN where unknown
@@ -179,7 +179,7 @@ def _maxima(
     near_x: Ints,
     near_y: Ints,
 ) -> int:
-    """Write the brightest maxima about a pixel between which the image dips; how many."""
+    """Write the brightest maxima around a pixel with dips between them; return their number."""
     rows, columns = image.shape
     count = 0
     if image[y, x] - level < BRIGHT * sigma:
@@ -202,7 +202,7 @@ def _maxima(
 
 @kernel
 def _dips(image, x, y, others_x, others_y, depth):  # type: ignore[no-untyped-def]
-    """Whether the image falls by some depth between a maximum and each of the others."""
+    """Whether the image dips by some depth between a maximum and each of the others."""
     for k in range(len(others_x)):
         far_x, far_y = others_x[k] - x, others_y[k] - y
         steps = max(abs(far_x), abs(far_y))

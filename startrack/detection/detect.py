@@ -21,12 +21,11 @@ def detect(frame: Frame, settings: Detection | DetectionPlan, psf: Psf | None = 
     The image is filtered for stars, compared with its local background and noise, and cut
     into connected components; peaks that look like stars are measured in small windows.
 
-    frame     image of any real type; what is not finite is a dead pixel
+    frame     image of any real type; a pixel that is not finite is dead
     settings  thresholds and windows; or a plan made of settings and PSF by `plan_detection`, which
               saves time for many frames. The quick search takes unsigned numbers of 8 or 16 bits;
               other images are searched by the filter
-    psf       of the design at rest, where the settings use it; None: a Gaussian of their
-              kernel_sigma
+    psf       of the design at rest, if the settings use it; None: a Gaussian of their kernel_sigma
     Returns   Spots, brightest first; none where there is none
     Raises    TypeError or ValueError where the image is not a two-dimensional array of real numbers
               with at least one finite value. Those of `centroid` for the accuracy.
@@ -38,21 +37,21 @@ def detect(frame: Frame, settings: Detection | DetectionPlan, psf: Psf | None = 
     return detect_quickly(frame, plan)
 
 
-MEDIAN_STRIDE = 7  # no divisor of a usual side, so that all columns count
-LEAST_SIDE = 25  # pixel; fewer pixels would not tell their noise
+MEDIAN_STRIDE = 7  # no divisor of a usual side, so that all columns are sampled
+LEAST_SIDE = 25  # pixel; in a smaller window the noise could not be measured
 
 
 def detect_near(
     frame: Frame, place: Floats, reach: float, settings: Detection | DetectionPlan
 ) -> Spots:
-    """Find the stars near places where a tracker expects some.
+    """Find the stars near their expected places.
 
-    The windows are laid under one another as one narrow image, each less its own median, and
-    that is searched as a frame is, each window on its own tile. The spots are measured on the
-    frame itself, so that a star is the same wherever it was looked for.
+    The windows are stacked as one narrow image, each minus its own median. This image is searched
+    like a frame, with one tile for each window. The spots are measured on the frame itself, so that
+    a star's measurement does not depend on the place of its window.
 
     place     (m, 2) pixel (x, y); places outside the frame find nothing
-    reach     pixel, by which a star may lie off its place along either axis
+    reach     pixel, largest distance of a star from its place along either axis
     settings  as `detect` takes them; the mesh is the window's side
     Returns   Spots, brightest first; one star for two places near it
     Raises    those of `detect`; ValueError where `place` is not (m, 2) or reach not positive.
@@ -75,14 +74,14 @@ def _near(image: Pixels, place: Floats, half_side: float, plan: DetectionPlan) -
     half = math.ceil(half_side) + max(plan.kernel.half, settings.window // 2 + 4)
     half = min(max(half, LEAST_SIDE // 2), (min(rows, columns) - 1) // 2)
     side = 2 * half + 1
-    # A window at the border is moved inwards to be whole.
+    # A window at the border is moved inwards to be complete.
     corner = np.clip(centre - half, 0, [columns - side, rows - side])
     if not len(corner):
         nothing = np.empty(0, np.int64)
         return Peaks(nothing, nothing, nothing)
     dead = None if image.dead is None else _stacked(image.dead, corner, side)
     values = _stacked(image.value, corner, side).reshape(len(corner), -1)
-    # So that windows far apart in the frame fit together; some of the pixels tell it.
+    # So that windows from distant parts of the frame fit together; a sample of pixels suffices.
     values = values - np.median(values[:, ::MEDIAN_STRIDE], axis=1)[:, None]
     stack = Pixels(values.reshape(-1, side), image.pivot, image.step, dead)
     candidates = find(stack, plan, mesh=side)

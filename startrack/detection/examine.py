@@ -1,4 +1,4 @@
-"""Peaks -> which of them stand alone as stars do, and which are hot pixels."""
+"""Peaks -> which of them stand out like stars, and which are hot pixels."""
 
 import math
 
@@ -10,12 +10,12 @@ from startrack.detection.background import SkyBackground, between
 from startrack.detection.matched import highest_between
 from startrack.detection.robust import around, around_among
 
-# The ring's pixels are correlated and tell its noise to 15 %, its mean to a third of the noise.
-# A ring that differs by less than this may do so by chance, and the tile knows better.
+# The ring's pixels are correlated: they give its noise within 15 %, and its mean within a third of
+# the noise. A ring that differs by less may do so by chance; then the tile is more accurate.
 UNEVEN = 1.5
-HIGHER = 1.0  # sigma, chosen by hand: less would raise the level by chance, more let halos pass
-PATTERNS = 400  # of noise: their count errs by 0.015 at a chance of 0.9
-SURE = 0.5  # sigma, chosen by hand: more lets hot columns pass, and finds no more faint stars
+HIGHER = 1.0  # sigma, by hand: less would raise the level by chance, more would pass halos
+PATTERNS = 400  # patterns of noise: a probability of 0.9 has an error of 0.015
+SURE = 0.5  # sigma, by hand: more would pass hot columns without finding more faint stars
 
 
 @kernel
@@ -30,11 +30,11 @@ def stands_out(
     sky: SkyBackground,
     floor: float,
 ) -> Flags:
-    """Whether peaks stand out of their tile, and out of the ring around them where it is uneven.
+    """Whether peaks exceed the level of their tile, and of the ring around them if it is uneven.
 
-    The edge of a tree, of the limb or of a bright star's halo passes the tile's level, but its
-    ring is as uneven as the edge is high. The ring leaves other peaks out, which may be the
-    other stars of a pair.
+    The edge of a tree, of the limb or of a bright star's halo exceeds the tile's level, but its
+    ring is as uneven as the edge is high. The ring excludes other peaks, which may be the other
+    star of a pair.
 
     filters    of stars between the pixels, (rows, columns, k)
     sigmas     how far a peak must stand out, on the grid of the Sky
@@ -62,9 +62,9 @@ def levels_to_pass(
     floor: float,
     peaks: Ints,
 ) -> Floats:
-    """Digital number (n,) that a star must show at some places to pass `stands_out`.
+    """Digital number (n,) that a star at some places needs to pass `stands_out`.
 
-    peaks  (2, k) x and y of the frame's own, which its rings leave out; else as `stands_out`
+    peaks  (2, k) x and y of the peaks of the frame, which rings exclude; else as `stands_out`
     """
     levels = np.empty(len(x))
     for i in range(len(x)):
@@ -77,8 +77,8 @@ def levels_to_pass(
 
 @kernel
 def _of_tile(x: int, y: int, sigmas: Singles, sky: SkyBackground) -> tuple[float, float, float]:
-    """Level, noise, and how many sigma a peak must stand out by."""
-    # At the edge of trees, their own tile describes them better than its neighbours do.
+    """Level, noise, and the number of sigma by which a peak must exceed the level."""
+    # At the edge of trees, their own tile describes them better than the neighbouring tiles.
     mesh = sky.mesh
     v, u = y // mesh + 1, x // mesh + 1
     level = between(sky.mean, mesh, x, y)
@@ -88,7 +88,7 @@ def _of_tile(x: int, y: int, sigmas: Singles, sky: SkyBackground) -> tuple[float
 
 @kernel
 def _others(x: int, y: int, ring_half: int, peaks_x: Ints, peaks_y: Ints) -> Ints:
-    """Peaks (2, k) whose squares may touch the ring about one, which is not among them."""
+    """Other peaks (2, k) whose squares may touch the ring around a peak."""
     far_off = 2 * ring_half + 4
     near = (np.abs(peaks_x - x) <= far_off) & (np.abs(peaks_y - y) <= far_off)
     near &= (peaks_x != x) | (peaks_y != y)
@@ -106,7 +106,7 @@ def _of_ring(
     level: float,
     noise: float,
 ) -> tuple[float, float]:
-    """Level and noise, those of the ring where it is brighter or less even."""
+    """Level and noise of the tile, or of the ring if it is brighter or less even."""
     ring, _, _, spread, _ = around_among(filtered, x, y, ring_half, floor, others[0], others[1])
     level = ring if ring > level + HIGHER * noise else level
     return level, spread if spread > UNEVEN * noise else noise
@@ -116,7 +116,7 @@ def _of_ring(
 def _stands_out(
     image: Singles, filtered: Singles, filters: Floats, x: int, y: int, level: float, height: float
 ) -> bool:
-    """Bright stars show it on the pixel; only the faint ones are looked at between the pixels."""
+    """Bright stars pass on the pixel; only faint ones are also examined between the pixels."""
     if filtered[y, x] - level > height:
         return True
     return bool(highest_between(image, x, y, level, filters) > height)
@@ -126,11 +126,11 @@ def _stands_out(
 def is_hot(image: Singles, x: int, y: int, ring_half: int, fraction: float) -> bool:
     """Whether a peak is sharper than the sharpest star: a hot pixel, row or column.
 
-    The four neighbours of a hot pixel hold less than the sharpest star puts there; a hot row's
-    or column's other pixels do, as far as their noise can tell. The image itself counts, because
-    the filter has rounded the peak off.
+    The four neighbours of a hot pixel hold less light than the sharpest star would have there. For
+    a hot row or column, this holds for its other pixels, within their noise. The image itself is
+    tested, because the filter has rounded the peak.
 
-    fraction  1, of the sharpest star's light that falls on one row of pixels at most
+    fraction  1, largest fraction of the sharpest star's light in one row of pixels
     """
     level, _, _, noise, _ = around(image, x, y, ring_half, 0.0)
     core = image[y - 1 : y + 2, x - 1 : x + 2].astype(np.float64) - level
@@ -153,7 +153,7 @@ def _is_sharp(core, noise, fraction):  # type: ignore[no-untyped-def]
 
 @kernel
 def _passed(core, spread, patterns, noise, fraction):  # type: ignore[no-untyped-def]
-    """Number of patterns (k, 3, 3) of noise that leave each of the peaks (3, 3, n) no hot pixel."""
+    """Number of noise patterns (k, 3, 3) with which each peak (3, 3, n) is not a hot pixel."""
     count, noisy = np.zeros(core.shape[2]), np.empty((3, 3))
     for n in range(len(count)):
         for k in range(len(patterns)):
@@ -169,13 +169,13 @@ def chance_to_pass(
 ) -> Floats:
     """Probability that `is_hot` does not take peaks for hot pixels, rows or columns, (n,) 1.
 
-    Noise may give the middle pixel more, and its sides less, than the star puts there.
+    Noise may make the middle pixel brighter, and its sides fainter, than the star alone.
 
-    image  expected digital numbers;  level  of those where no star is
+    image  expected digital numbers; level expected digital number without a star
     noise  digital number, of an empty pixel;  shot  variance for each digital number of light
     fraction  as `is_hot` takes it
-    Accuracy  model: normal noise, whatever else is asked of the peak. numerical: counted on 400
-              patterns of noise, the same for all peaks: 0.015 at 0.9.
+    Accuracy  model: normal noise, independent of the other tests. numerical: counted on 400
+              patterns of noise, the same for all peaks: 0.015 at a probability of 0.9.
     """
     patterns = Streams(0, 0)("noise of a core").standard_normal((PATTERNS, 3, 3))
     step = np.arange(-1, 2)
@@ -191,14 +191,14 @@ def chance_to_pass(
 def _without_doubt(
     core: Floats, spread: Floats, largest: float, noise: float, fraction: float
 ) -> tuple[Floats, Flags]:
-    """Peaks, (3, 3, n) above the level, that `_is_sharp` judges alike with any pattern of noise.
+    """Peaks (3, 3, n), above the level, for which `_is_sharp` does not depend on the noise.
 
-    What it compares with zero are sums of pixels by weights, which noise of that length changes by
-    the length of weights times spread at most (Cauchy and Schwarz).
+    It compares weighted sums of pixels with zero. Noise of some length changes such a sum by at
+    most this length times the length of weights times spread (Cauchy and Schwarz).
 
     spread   (3, 3, n) of each pixel
     largest  length of the largest pattern (3, 3) of noise, in units of the spread
-    Returns  chance (n,) of 1 or 0 that they are not sharp; which of them (n,) may be either
+    Returns  probability (n,), 1 or 0, that they are not sharp; which of them (n,) are undecided
     """
     weights = np.full((7, 3, 3), -fraction)
     for k in range(3):
@@ -222,11 +222,11 @@ def _line_sigma(fraction: float) -> float:
 
 @kernel
 def has_dead_pixel(dead: NDArray[np.uint8], x: int, y: int, half: int) -> bool:
-    """Whether a peak has a dead pixel in a square of that half side about it."""
+    """Whether a peak has a dead pixel in a square of some half side around it."""
     left, top = max(x - half, 0), max(y - half, 0)
     return bool(dead[top : y + half + 1, left : x + half + 1].any())
 
 
 def largest_fraction(sigma: float) -> float:
-    """Fraction of a Gaussian star's light that falls on one row of pixels at most."""
+    """Largest fraction of a Gaussian star's light in one row of pixels."""
     return math.erf(0.5 / (sigma * math.sqrt(2)))

@@ -1,4 +1,4 @@
-"""Image of expected numbers and its stars -> how the detection will see them."""
+"""Image of expected numbers, and its stars -> their expected detection and measurement."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from startrack.detection.plan import DetectionPlan, calibrated
 
 
 class SpotExpectation(NamedTuple):
-    """Expected brightness, place and noise of stars; NaN where no centroid comes of them.
+    """Expected brightness, place and noise of stars; NaN for stars without a centroid.
 
     x, y        (n,) pixel, centroid without noise
     flux        (n,) digital number
-    sigma       (n,) digital number, of the flux, as the centroid itself states it
-    covariance  (n, 2, 2) pixel^2, as the centroid itself states it
-    above       (n,) sigma, by which the star passes the threshold; negative where it does not
-    spread      (n,) sigma of what is compared with the threshold, in the same unit
-    kept        (n,) 1, chance that noise does not make a hot pixel of it
+    sigma       (n,) digital number, of the flux, as the centroid method states it
+    covariance  (n, 2, 2) pixel^2, as the centroid method states it
+    above       (n,) sigma, excess over the threshold; negative if the star does not pass it
+    spread      (n,) standard deviation of the value that is compared with the threshold; same unit
+    kept        (n,) 1, probability that it is not taken for a hot pixel because of noise
     """
 
     x: Floats
@@ -55,13 +55,14 @@ def expect(
     A star is found with the probability kept Phi(above / spread).
 
     frame  whose image holds expected numbers, not rounded, and whose gain and noise are known
-    place  (n, 2) pixel, where the stars are; no two so near that one sees the other
-    level  digital number where no star is
-    area   pixel, of the frames that are searched, on which the threshold may depend
-    search  noise of the filtered frame (digital number), and how many sigma a star must stand out
-            by, as the tiles of a frame show them; None: by the gain
-    Accuracy  model: the highest of the noise about a star is that of a place fitted to it, whose
-              squared height has two degrees of freedom more (Wilks); found within 2 % of the stars.
+    place  (n, 2) pixel, places of the stars, which must not affect each other
+    level  digital number without stars
+    area   pixel, of the searched frames; the threshold may depend on it
+    search  noise of the filtered frame (digital number), and the number of sigma by which a star
+            must exceed the level, as the tiles of a frame show them; None: by the gain
+    Accuracy  model: the search takes the maximum of the noise around a star, as a fit of its place
+              would: its squared height has two more degrees of freedom (Wilks). The number of found
+              stars is right within 2 %.
     """
     settings, kernel, gain = plan.settings, plan.kernel, gain_of(frame, 0.0)
     image = np.ascontiguousarray(frame.image, np.float32)
@@ -74,16 +75,16 @@ def expect(
     if search is not None:
         rms, far = (np.array([number], np.float32) for number in search)
     height = _heights(image, column, row, level, plan.filters) / rms
-    # The star's own photons add to the noise of what the filter makes of it.
+    # The star's own photons add to the noise of its filtered image.
     light = _light(image, column, row, level, kernel.whole)
     spread = np.sqrt(1 + light / gain.light / rms**2)
-    # The search takes the highest of all places about the peak, which are two more to fit.
+    # The search takes the maximum over places around the peak, which adds two degrees of freedom.
     height = np.where(height > 0, np.sqrt(height**2 + 2 * spread**2), height)
     dark = float(rms[0]) / kernel.noise
     kept = _kept(image, column, row, level, dark, gain, settings)
     seen = sample(frame, calibrated_image, Peaks(column, row, np.ones_like(row)), settings)
-    # The ring about a star shows no noise here. So all that a dark pixel has is given as the
-    # least noise there is, which the ring then has too.
+    # The ring around a star shows no noise here. So the noise of a dark pixel is given as the least
+    # noise, which then also holds for the ring.
     table = measured(seen._replace(floor=dark, offset=level, read_noise=0.0), plan)
     covariance = table[:, [XX, XY, XY, YY]].reshape(-1, 2, 2)
     x, y, flux, sigma = (table[:, column] for column in (X, Y, FLUX, FLUX_SIGMA))
@@ -91,7 +92,7 @@ def expect(
 
 
 def chance_kept(frame: Frame, place: Floats, level: float, plan: DetectionPlan) -> Floats:
-    """Chance that noise does not make a hot pixel of a star (n,), alone of `expect`."""
+    """Only `kept` of `expect`: probability (n,) that a star is not taken for a hot pixel."""
     gain = gain_of(frame, 0.0)
     image = np.ascontiguousarray(frame.image, np.float32)
     column, row = _peaks(filtered(image, plan.kernel), np.rint(place).astype(np.int64))
@@ -118,7 +119,7 @@ def _kept(
 
 @kernel
 def _peaks(image, near):  # type: ignore[no-untyped-def]
-    """The highest pixels of the filtered image within two pixels of some, (n,) x and y."""
+    """The highest pixels (n,), x and y, of the filtered image within two pixels of given places."""
     x, y = np.empty((2, len(near)), np.int64)
     for n in range(len(near)):
         x[n], y[n] = near[n]
@@ -150,9 +151,9 @@ def _light(image, x, y, level, weight):  # type: ignore[no-untyped-def]
 
 
 class Response(NamedTuple):
-    """A centroid to first order: place + sum over its pixels of slope times their change.
+    """A centroid to first order: place + sum over pixels of slope times the pixel's change.
 
-    place       (n, 2) pixel x, y on the frame itself; NaN where there is none
+    place       (n, 2) pixel x, y on the unchanged frame; NaN without a centroid
     covariance  (n, 2, 2) pixel^2, as the detection states it
     snr         (n,) 1
     corner      (n, 2) pixel x, y, the first of the pixels that count
@@ -166,29 +167,29 @@ class Response(NamedTuple):
     slope: Floats
 
     def of(self, which: Ints | Flags) -> Response:
-        """That of some of the stars."""
+        """The response of some of the stars."""
         return Response._make(array[which] for array in self)
 
 
 def joined(parts: Sequence[Response]) -> Response:
-    """Those of several parts, one after the other."""
+    """The responses of several parts, one after the other."""
     return Response._make(np.concatenate(arrays) for arrays in zip(*parts, strict=True))
 
 
 def response(frame: Frame, x: Ints, y: Ints, sigma: Floats, plan: DetectionPlan) -> Response:
     """Derivatives of centroids by their pixels, whatever the method of the settings.
 
-    Each pixel is moved up and down by its own noise, that of all stars at once; stars must be
-    farther apart than twice the side, or they answer to each other's.
+    Each pixel is changed up and down by its own noise, for all stars at once. Stars must be farther
+    apart than twice the side, or they respond to each other's pixels.
 
     frame    expected numbers, not rounded
     x, y     (n,) pixel, peaks, at least the side from the border
     sigma    (rows, columns) digital number, of the pixels' noise
-    Accuracy  numerical: a secant over two sigma, exact where the centroid is quadratic there. What
-              a pixel of the ring does to the background is left out.
+    Accuracy  numerical: a secant over two sigma, exact where the centroid is quadratic there. The
+              effect of ring pixels on the background is left out.
     """
     nothing: Ints = np.ones(len(x), np.int64)
-    # Frames are whole numbers, though their expectation is not.
+    # Frames hold whole numbers, although their expectation is not whole.
     stars = sample(frame, calibrated(frame, plan), Peaks(x, y, nothing), plan.settings)
     stars = stars._replace(floor=1 / math.sqrt(12))
     middle = measured(stars, plan)

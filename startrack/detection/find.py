@@ -30,17 +30,17 @@ GROUP = "detections"
 
 @dataclass(frozen=True, eq=False)
 class DetectionInput:
-    """A frame, of which a detection says where stars may be.
+    """A frame in which a user's detection finds stars.
 
     value             (rows, columns) digital number above the empty pixel, as the tracker believes
-    dead              (rows, columns) whether a pixel is known to be dead
-    electrons_per_dn  NaN where unknown; over the excess noise of a multiplication register
+    dead              (rows, columns) whether the tracker knows that a pixel is dead
+    electrons_per_dn  divided by a multiplication register's excess noise; NaN if unknown
     read_noise        digital number rms; NaN where unknown
     psf               the star's image that the tracker assumes
     border            pixel that a peak must stay from the border of the frame
 
     The function returns (n, 2) whole numbers: column and row of the brightest pixel of each star;
-    the centroid of the design measures them. Those nearer to the border than `border` are left out
+    the centroid of the design measures them. Stars nearer to the border than `border` are left out
     """
 
     value: Singles
@@ -54,7 +54,7 @@ class DetectionInput:
 def peaks_by_code(pixels: Pixels, plan: DetectionPlan) -> tuple[Ints, Ints]:
     """Columns and rows (n,) of the stars that a function of the design finds.
 
-    Raises  ValueError where the function raises an error, or returns what it must not.
+    Raises  ValueError if the function raises an error, or returns an invalid result.
     """
     settings, gain = plan.settings, pixels.gain
     name, border = settings.search, settings.window // 2 + settings.edge
@@ -72,9 +72,9 @@ def peaks_by_code(pixels: Pixels, plan: DetectionPlan) -> tuple[Ints, Ints]:
     return x[good], y[good]
 
 
-# A star between the pixels shows less of its peak, so pixels are looked at from here on.
+# A star between pixels has a lower peak, so pixels are examined from this fraction on.
 EXAMINED = np.float32(0.75)  # of the threshold
-KERNEL_TAIL = 2  # pixel; the outer pixels of a filtered star are too faint to matter
+KERNEL_TAIL = 2  # pixel; farther pixels of a filtered star are too faint to count
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,8 +82,8 @@ class FrameBackground:
     """Background and noise that the search of a frame compares its pixels with.
 
     sky   background and noise
-    far   sigma, how far a star must stand out, on the grid of the Sky
-    look  digital number from which on pixels are looked at, on the grid of the Sky
+    far   sigma by which a star must exceed the level, on the grid of the Sky
+    look  digital number from which pixels are examined, on the grid of the Sky
     """
 
     sky: SkyBackground
@@ -102,16 +102,16 @@ class FrameBackground:
 
 
 def find(pixels: Pixels, plan: DetectionPlan, mesh: int | None = None) -> Peaks:
-    """Filter, compare, connect, and keep the peaks that stand alone and are no hot pixels.
+    """Filter, compare, connect, and keep the peaks that stand out and are no hot pixels.
 
-    Three fast passes go over the whole frame; the slow tests are for the peaks alone.
+    Three fast passes go over the whole frame; slow tests are applied only to the peaks.
 
-    mesh  pixel, side of the tiles where it is not that of the settings
+    mesh  pixel, side of the tiles; None: that of the settings
     """
     if core.is_code(plan.settings.search):
         x, y = peaks_by_code(pixels, plan)
         return Peaks(x, y, np.ones(len(x), np.int64))
-    # In the same memory again: new pages take a tenth of a millisecond a megapixel.
+    # The memory is reused, because new pages take 0.1 ms per megapixel.
     room = plan.workspace.array("filtered frame", pixels.value.shape, np.float32)
     image = filtered(pixels.value, plan.kernel, room)
     ground = ground_of(pixels, image, plan, mesh)
@@ -121,7 +121,7 @@ def find(pixels: Pixels, plan: DetectionPlan, mesh: int | None = None) -> Peaks:
 def levels_at(pixels: Pixels, plan: DetectionPlan, x: Ints, y: Ints) -> Floats:
     """Digital number (n,) that the filtered image of a star must exceed at some places.
 
-    Where the ring about a place is brighter or less even than its tile, by that of the ring.
+    If the ring around a place is brighter or less even than its tile, the ring decides.
     """
     image, rules = filtered(pixels.value, plan.kernel), _rules(pixels, plan)
     ground = ground_of(pixels, image, plan)
@@ -135,7 +135,7 @@ def levels_at(pixels: Pixels, plan: DetectionPlan, x: Ints, y: Ints) -> Floats:
 def ground_of(
     pixels: Pixels, image: Singles, plan: DetectionPlan, mesh: int | None = None
 ) -> FrameBackground:
-    """Background and noise of the filtered image; its noise by the gain model where that holds."""
+    """Background and noise of the filtered image; the noise by the gain model if that is valid."""
     least = rounding(pixels, plan.kernel)
     law = sky(image, mesh or plan.settings.mesh, least)
     if pixels.gain.known:
@@ -144,7 +144,7 @@ def ground_of(
 
 
 def background_of(law: SkyBackground, area: int, plan: DetectionPlan) -> FrameBackground:
-    """Thresholds of the search of a frame, from the law of its filtered noise.
+    """Thresholds of the search of a frame, from the distribution of its filtered noise.
 
     area  pixel, of the frame
     """
@@ -163,7 +163,7 @@ def choose(
     """The peaks among the bright pixels of a filtered image that look like stars.
 
     bright   (n,) row * columns + column of the pixels above the ground's `look`
-    regions  (w, 4) left, top, right, bottom that peaks must lie in, None for all of the frame
+    regions  (w, 4) left, top, right, bottom that peaks must lie in; None for the whole frame
     """
     waiting = plan.workspace.array("waiting pixels", image.shape, np.uint8)
     if regions is None:
@@ -179,7 +179,7 @@ class _SpotRules(NamedTuple):
     min_area, max_area  of its connected component, pixel
     half      half side of the square in which it is the highest, pixel
     border    distance from the frame's border, pixel
-    ring      half side of the square that the ring about it leaves free, pixel
+    ring      half side of the square inside the ring around it, pixel
     noise     fraction of a pixel's noise that the filter leaves
     shot      digital number, variance for each digital number of light; NaN where unknown
     floor     digital number, least noise
@@ -246,15 +246,15 @@ def _choose(
 def rounding(pixels: Pixels, kernel: Kernel) -> float:
     """Least noise of the filtered image, digital number.
 
-    Rounding to steps of 1 is noise of variance 1/12, of which the filter leaves its fraction.
+    Rounding to steps of 1 is noise of variance 1/12, which the filter reduces like other noise.
     """
     return pixels.step / math.sqrt(12) * kernel.noise
 
 
 def ring_half(settings: Detection, kernel: Kernel) -> int:
-    """Half side of the square that the ring about a peak leaves free, pixel.
+    """Half side of the square inside the ring around a peak, pixel.
 
-    A star's filtered image is twice as long as the kernel, and must not fill its own ring.
+    A star's filtered image is twice as long as the kernel, and must not reach its own ring.
     """
     return max(settings.window // 2, 2 * kernel.half - KERNEL_TAIL)
 

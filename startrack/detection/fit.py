@@ -1,4 +1,4 @@
-"""Windows and a model of a star enter; the most likely positions and fluxes of stars leave."""
+"""Windows and a model of a star -> the most likely positions and fluxes of stars."""
 
 import math
 from typing import NamedTuple
@@ -39,16 +39,16 @@ def information(
         mu = sum(flux p) + background,   var = noise^2 + shot sum(flux max(p, 0))
         matrix = sum(dmu dmu^T / var),   right = sum(dmu (data - mu) / var)
 
-    A step `matrix^-1 right` is one of Fisher's scoring. The variance follows from the model
-    and not from the data, so that no pixel counts less for being low by chance.
+    A step `matrix^-1 right` is a step of Fisher's scoring. The variance follows from the model and
+    not from the data, so that a pixel's weight does not depend on its noise.
 
     Source: Kay, Estimation Theory (1993), sections 3.6 and 7.7.
 
-    data    (rows, columns) less the known slopes; NaN in pixels that do not count
-    star    (m, 1 + k, rows, columns) p of each star and its slopes by the k values of its shape
-    value   (m (k + 1) + 1,) of each star its shape and its flux; last the background
+    data    (rows, columns) minus the known slopes; NaN in pixels that do not count
+    star    (m, 1 + k, rows, columns) p of each star, and its derivatives by its k shape values
+    value   (m (k + 1) + 1,) shape and flux of each star; last the background
     matrix  (n, n), right (n,) for n values: written here
-    Returns how many pixels counted
+    Returns the number of pixels that counted
     """
     stars, per_star, rows, columns = star.shape
     size, shapes = len(value), per_star - 1
@@ -125,7 +125,7 @@ def _information_of_one(
             y1 += weight * y
             f1 += weight * f
             b1 += weight
-    # Not row by row: numba would compile the sentence of a row that does not fit.
+    # Not row by row: numba would also compile the error message for rows that do not fit.
     matrix[0, 0], matrix[1, 1], matrix[2, 2], matrix[3, 3] = xx, yy, ff, b1
     matrix[0, 1] = matrix[1, 0] = xy
     matrix[0, 2] = matrix[2, 0] = xf
@@ -164,7 +164,7 @@ def brightness(data: Floats, star: Floats, value: Floats) -> None:
 def solved(matrix: Floats, right: Floats) -> bool:
     """Overwrite a symmetric positive matrix by its inverse and `right` by the solution.
 
-    By Gauss and Jordan, scaled to a unit diagonal, as fluxes and places differ in size.
+    By Gauss and Jordan, scaled to a unit diagonal, because fluxes and places differ in size.
 
     Returns  False where the matrix is singular
     """
@@ -202,7 +202,8 @@ def solved(matrix: Floats, right: Floats) -> bool:
 
 @kernel
 def gaussian_star(x: float, y: float, sigma: float, star: Floats) -> None:
-    """Fraction of the light in each pixel, and its slopes by x, y and sigma: (4, rows, columns)."""
+    """Fraction of the light in each pixel, and its derivatives by x, y and sigma: (4, rows,
+    columns)."""
     _, rows, columns = star.shape
     across, down = np.empty((3, columns)), np.empty((3, rows))
     _line(x, sigma, across)
@@ -217,7 +218,8 @@ def gaussian_star(x: float, y: float, sigma: float, star: Floats) -> None:
 
 @kernel
 def _line(centre: float, sigma: float, line: Floats) -> None:
-    """Along one axis: integral of the normal law over each pixel, its slopes by centre, sigma."""
+    """One axis: integral of the normal law over each pixel, and its derivatives by centre and
+    sigma."""
     for i in range(line.shape[1]):
         a, b = (i - 0.5 - centre) / sigma, (i + 0.5 - centre) / sigma
         pa = math.exp(-a * a / 2) / math.sqrt(2 * math.pi)
@@ -230,19 +232,19 @@ def _line(centre: float, sigma: float, line: Floats) -> None:
 ROUNDS = 30
 CLOSE = 3e-3  # sigma of the place; a last step of that length changes nothing
 LONGEST = 0.5  # pixel
-FASTEST = 0.3  # of the width; one that is to change by more is far from its place yet
+FASTEST = 0.3  # of the width; a star whose width changes by more is not yet at its place
 NARROWEST, WIDEST = 0.15, 8.0  # pixel
-SPARE = 4  # pixels more than there are parameters, for a fit that is determined
-MOST = 8  # stars that are fitted together
-TOUCH = 1.5  # half sides of a window; a star farther off hardly shines into it
+SPARE = 4  # least excess of pixels over parameters, for a determined fit
+MOST = 8  # most stars that are fitted together
+TOUCH = 1.5  # half sides of a window; a star farther off adds little light to it
 
 
 class Model(NamedTuple):
     """Model of a star's image.
 
-    table           of a PSF, where `width` is 0
+    table           of a PSF, if `width` is 0
     half_x, half_y  pixel, half sides of a star's window
-    ring            pixel, half side of the square that the ring about a star leaves free
+    ring            pixel, half side of the square inside the ring around a star
     width           pixel, first guess of the sigma of a Gaussian star
     """
 
@@ -255,7 +257,7 @@ class Model(NamedTuple):
 
 @kernel
 def fitted(sample: Sample, model: Model) -> Floats:
-    """Fit the stars that touch together, and each on its own where that diverges.
+    """Fit touching stars together; if that diverges, fit each of them alone.
 
     Returns  (n, COLUMNS) as `gravity`; NaN where the fit diverges
     """
@@ -276,7 +278,7 @@ def fitted(sample: Sample, model: Model) -> Floats:
 
 @kernel
 def _touching(sample: Sample, model: Model, first: int, waiting: Flags) -> Ints:
-    """The stars that wait no more from here on: one, and what touches it or what it touches."""
+    """A star and all stars connected to it by touching; they are removed from the waiting stars."""
     group = np.empty(MOST, np.int64)
     group[0], size, done = first, 1, 0
     waiting[first] = False
@@ -296,7 +298,7 @@ def _touching(sample: Sample, model: Model, first: int, waiting: Flags) -> Ints:
 
 @kernel
 def _fit(sample: Sample, model: Model, group: Ints, table: Floats) -> bool:
-    """Write what a group of stars is found to be into their rows; False where it diverges."""
+    """Write the fit of a group of stars into their rows; False if it diverges."""
     x, y = np.empty(len(group), np.int64), np.empty(len(group), np.int64)
     for k in range(len(group)):
         x[k], y[k] = sample.x[group[k]], sample.y[group[k]]
@@ -310,7 +312,7 @@ def _fit(sample: Sample, model: Model, group: Ints, table: Floats) -> bool:
     data, left, top = _cut(sample, model, x, y, slope_x, slope_y)
     shapes = 3 if model.width > 0 else 2
     per_star, size = shapes + 1, len(group) * (shapes + 1) + 1
-    # Of each star x, y, sigma if it is not known, and flux; of all of them the background.
+    # For each star x, y, sigma if it is unknown, and flux; one background for all.
     value = np.empty(size)
     for k in range(len(group)):
         value[k * per_star], value[k * per_star + 1] = x[k], y[k]
@@ -322,7 +324,7 @@ def _fit(sample: Sample, model: Model, group: Ints, table: Floats) -> bool:
     brightness(data, star, value)
     for _ in range(ROUNDS):
         for k in range(len(group)):
-            # A negative star would repel its own place.
+            # A negative star would drive the fit away from its place.
             value[k * per_star + shapes] = max(value[k * per_star + shapes], noise)
         count = information(data, star, value, noise, shot, matrix, step)
         if count < size + SPARE or not solved(matrix, step):
@@ -340,7 +342,7 @@ def _fit(sample: Sample, model: Model, group: Ints, table: Floats) -> bool:
 
 @kernel
 def _span(values: Ints) -> tuple[int, int]:
-    """The least and the largest value, in less time to compile than with numba's functions."""
+    """The least and the largest value; compiles faster than numba's functions."""
     least = most = values[0]
     for k in range(1, len(values)):
         least, most = min(least, values[k]), max(most, values[k])
@@ -351,10 +353,10 @@ def _span(values: Ints) -> tuple[int, int]:
 def _cut(
     sample: Sample, model: Model, x: Ints, y: Ints, slope_x: float, slope_y: float
 ) -> tuple[Floats, int, int]:
-    """The windows about some pixels as far as the image reaches, less the background's slopes.
+    """The windows around some pixels inside the image, minus the background's slopes.
 
-    Returns  (rows, columns), NaN between the windows and where saturated or dead; its first
-             column and row
+    Returns  (rows, columns), NaN between windows and in saturated or dead pixels; its first column
+             and row
     """
     image, (rows, columns) = sample.image, sample.image.shape
     (first_x, last_x), (first_y, last_y) = _span(x), _span(y)
@@ -374,7 +376,8 @@ def _cut(
 
 @kernel
 def _render_model(model: Model, value: Floats, left: int, top: int, star: Floats) -> None:
-    """Share of each star's light in each pixel, and its slopes: (stars, 1 + k, rows, columns)."""
+    """Fraction of each star's light in each pixel, and its derivatives: (stars, 1 + k, rows,
+    columns)."""
     per_star = star.shape[1]
     for k in range(len(star)):
         x, y = value[k * per_star], value[k * per_star + 1]
@@ -388,7 +391,7 @@ def _render_model(model: Model, value: Floats, left: int, top: int, star: Floats
 def _step_fraction(
     value: Floats, step: Floats, matrix: Floats, per_star: int, shapes: int
 ) -> tuple[float, bool]:
-    """Share of a step that leads not too far, and whether it is the last one.
+    """Fraction of a step that stays within the limits, and whether it is the last step.
 
     matrix  covariance of the values
     """
@@ -407,7 +410,7 @@ def _step_fraction(
 
 @kernel
 def _inside_windows(value: Floats, x: Ints, y: Ints, model: Model, per_star: int) -> bool:
-    """Whether all stars are still in their windows, and no Gaussian has lost its width."""
+    """Whether all stars are still in their windows, and all widths within their limits."""
     for k in range(len(x)):
         if (
             abs(value[k * per_star] - x[k]) > model.half_x
@@ -441,12 +444,11 @@ NO_TABLE = Psf(np.zeros((1, 1)), 1, 1.0).arranged
 def gaussian(sample: Sample, sigma: float) -> Floats:
     """Fit x, y, flux, background and the star's sigma, by Fisher's scoring.
 
-    It needs no PSF, and keeps the Cramer-Rao bound where stars are round and Gaussian, whatever
-    their width.
+    It needs no PSF, and attains the Cramer-Rao bound for round Gaussian stars of any width.
 
     sigma    pixel, first guess, which also sets the window: 3 sigma and half a pixel
     Returns  as `gravity`; NaN where the fit diverges
-    Accuracy  model: a star that is no Gaussian is fitted by its core.
+    Accuracy  model: for a star that is no Gaussian, the fit follows its core.
     """
     half = max(sample.half, math.ceil(3 * sigma + 0.5))
     return np.asarray(fitted(sample, Model(NO_TABLE, half, half, half, float(sigma))))
@@ -464,10 +466,10 @@ def likelihood(sample: Sample, star: StarModel) -> Floats:
 
     star     as the tracker assumes it
     Returns  as `gravity`; NaN where the fit diverges
-    Accuracy  statistical: the bound within 1 % from an SNR of 15 on and 3 % at 8, counting the
-              star's own shot noise, as no estimator keeps it where the star is nearly noise. model:
-              a PSF that is too wide by 10 % costs 1 % in the error of the place, and 10 % in the
-              flux. Where the gain is unknown, the weights are those of a faint star.
+    Accuracy  statistical: attains the bound within 1 % for an SNR of 15 or more, and within 3 % at
+              8, with the star's own shot noise included; no estimator attains it at lower SNR.
+              model: a PSF that is too wide by 10 % adds 1 % to the error of the place, and 10 % to
+              the flux. If the gain is unknown, the weights are those of a faint star.
     """
     psf, (half_x, half_y) = star.psf, star.fit_window
     ring = max(sample.half, half_x, half_y)

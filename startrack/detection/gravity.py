@@ -1,6 +1,6 @@
 """Sample -> centre of gravity, of a window that follows the star or under a Gaussian weight.
 
-A Sample is what every centroid works on: the image, the peaks and the noise of a pixel.
+A Sample is the input of every centroid: the image, the peaks and the noise of a pixel.
 """
 
 import math
@@ -16,11 +16,11 @@ from startrack.detection.robust import around
 # flux and its sigma, covariance of the position, and the pixel that the window is centred on.
 X, Y, FLUX, FLUX_SIGMA, XX, XY, YY, WINDOW_X, WINDOW_Y = range(9)
 COLUMNS = 9
-UNEVEN = 1.6  # chosen by hand: chance never makes the noise of a ring exceed the gain model by more
+UNEVEN = 1.6  # by hand: the noise of a ring never exceeds the gain model by more by chance
 
 
 class Sample(NamedTuple):
-    """Numbers are digital ones, and `image` and what is compared with it lack the pivot.
+    """Input of the centroids, in digital numbers; the pivot is subtracted from levels and `image`.
 
     image             (rows, columns)
     dead              as for Pixels; empty where none is
@@ -51,9 +51,9 @@ def pixel_noise(sample: Sample, background: float, spread: float) -> tuple[float
 
         variance = read_noise^2 + (background - offset) / gain + step^2 / 12
 
-    where all of it is known; else the spread of the ring about the star, which also counts
-    where it is uneven. A gain that is not known is taken from the background as if all of it
-    were light, and at least one sigma of its own noise, as the offset may not be known either.
+    if all of it is known. Otherwise, and for an uneven ring, it is the spread of the ring around
+    the star. An unknown gain is estimated from the background as if all of it were light, with at
+    least one sigma of its noise, because the offset may be unknown too.
 
     spread   of the pixels around
     Returns  digital number; digital number
@@ -72,29 +72,29 @@ ROUNDS = 5
 STEPS = 12
 NARROW = 1  # pixel, half side of the smallest window
 UNCORRECTED = (1.0, 0.0)  # derivatives of a position that is the centre of gravity itself
-LEAST_LEFT = 0.5  # of the variance within the window; below, it is too small for its star
+LEAST_LEFT = 0.5  # of the variance within the window; below, the window is too small for its star
 
 
 def gravity(sample: Sample, uncut: bool) -> Floats:
-    """Measure every peak in a square window, and drop those whose window leaves its star.
+    """Measure every peak in a square window, and drop peaks whose window moves off the star.
 
         F = sum(s_i),   g = sum(r_i s_i) / F,   s_i = image_i - background
         cov(g) = sum(var_i (r_i - g)(r_i - g)^T) / F^2
 
-    The background is a plane through a ring, var_i an empty pixel's noise plus the star's shot
-    noise. The window cuts the star's wings unevenly, which pulls g towards the window's centre.
+    The background is a plane through a ring. var_i is an empty pixel's noise plus the star's shot
+    noise. The window cuts the star's wings unevenly, which biases g towards the window's centre.
 
     Source: linear propagation of independent pixel noise.
 
-    uncut    correct for the window's pull as for a Gaussian star, and enlarge the covariance by
-             the noise of that correction, to first order
+    uncut    correct this bias as for a Gaussian star, and enlarge the covariance by the noise of
+             that correction, to first order
     Returns  (n, COLUMNS); NaN up to YY where the window leaves its star
              or holds no light
-    Accuracy  model: the pixels average a sharp star, which moves g by up to 0.0023 pixel for a
-              Gaussian of sigma 0.5 pixel, 0.054 for 0.3. A star whose sigma exceeds a fifth of the
-              window leaves light in the ring, which keeps up to a third of the window's pull. The
-              covariance holds neither. A faint star whose window shows no light is measured in 3 x
-              3 pixels.
+    Accuracy  model: averaging of a sharp star over pixels moves g by up to 0.0023 pixel for a
+              Gaussian of sigma 0.5 pixel, and 0.054 for 0.3. If sigma exceeds a fifth of the
+              window, the ring contains light, and up to a third of the bias remains. The covariance
+              includes neither error. A faint star whose window shows no light is measured in 3 x 3
+              pixels.
     """
     return np.asarray(_gravity(sample, uncut))
 
@@ -143,10 +143,11 @@ def _gravity(sample: Sample, uncut: bool) -> Floats:
             seen = moments(image, u, v, half, level, slope_x, slope_y)
             lost = not (seen.flux > 0 and abs(seen.x) <= half and abs(seen.y) <= half)
             if lost and half > NARROW:
-                # The noise of the window may exceed a faint star, whose core is then measured.
+                # The noise of the window may exceed a faint star; then its core is measured.
                 u, v, half = x[i], y[i], NARROW
                 continue
-            # A star on the border of two pixels may alternate; either window is right.
+            # The window of a star on the border of two pixels may alternate; both windows are
+            # valid.
             if lost or (abs(seen.x) <= 0.5 and abs(seen.y) <= 0.5) or k == ROUNDS - 1:
                 break
             u = min(max(u + round(seen.x), half), columns - 1 - half)
@@ -222,7 +223,7 @@ def _uncut(mean: float, variance: float, half: int) -> tuple[float, tuple[float,
         left = max(1 - (b * pb - a * pa) / z - pull**2, LEAST_LEFT)
         c = mean + sigma * pull
         if before == (c, left):
-            break  # to the last digit; further steps would change nothing
+            break  # converged to the last digit
     return c, _derivatives(a, b, pa / z, pb / z, sigma, left)
 
 
@@ -273,10 +274,10 @@ def _errors(
         y = by_y[0] * (j - seen.y) + by_y[1] * ((j - seen.y) ** 2 - seen.variance_y)
         for i in range(-half, half + 1):
             signal = image[v + j, u + i] - law.background
-            # Negative signals stay in, or faint stars would seem to have more shot noise.
+            # Negative signals are kept, or the shot noise of faint stars would be overestimated.
             pixel = max(law.noise**2 + law.shot * signal, 0.0)
             if image[v + j, u + i] >= law.saturation:
-                pixel = max(pixel, signal**2)  # the light is unknown, at least this much
+                pixel = max(pixel, signal**2)  # the light is unknown, but at least this
             x = by_x[0] * (i - seen.x) + by_x[1] * ((i - seen.x) ** 2 - seen.variance_x)
             variance += pixel
             xx += pixel * x * x
@@ -305,12 +306,12 @@ def weighted(sample: Sample, sigma: float) -> Floats:
         sum(w_i s_i (r_i - c)) = 0,   w_i = exp(-|r_i - c|^2 / (2 sigma^2))
         cov(c) = sum(var_i w_i^2 (r_i - c)(r_i - c)^T) / slope^2
 
-    Source: Bertin's windowed positions (SExtractor's manual, XWIN_IMAGE). His factor 2 holds where
+    Source: Bertin's windowed positions (SExtractor's manual, XWIN_IMAGE). His factor 2 is valid if
     the star is as wide as the weight; here it is replaced by the slope of the sum.
 
     sigma    pixel, of the weight; best as wide as the stars
     Returns  as `gravity`, whose flux it keeps
-    Accuracy  model: pixels average the star, which moves c by no more than the error of `gravity`.
+    Accuracy  model: averaging over pixels moves c by no more than the error of `gravity`.
     """
     return np.asarray(_weighted(sample, gravity(sample, uncut=True), sigma))
 
@@ -354,7 +355,7 @@ def _weighted(sample: Sample, table: Floats, sigma: float) -> Floats:
             if max(abs(step_x), abs(step_y)) < CLOSE:
                 settled = True
                 break
-        # Where the weight does not settle, the plain centre of gravity stays.
+        # If the iteration does not converge, the plain centre of gravity stays.
         if settled and max(abs(cx), abs(cy)) <= half:
             table[i, X], table[i, Y] = u + cx, v + cy
             table[i, XX], table[i, XY], table[i, YY] = xx / mx**2, xy / (mx * my), yy / my**2

@@ -14,8 +14,8 @@ from startrack.core import Floats, Psf, Singles, kernel
 from startrack.detection.pixels import PixelGain
 from startrack.detection.star_model import expected
 
-FAINTEST = 0.01  # of the peak; what is fainter hardly helps the filter
-REACH = 1.9  # sigma; half a pixel more of it holds all but a hundredth of the SNR
+FAINTEST = 0.01  # of the peak; fainter pixels hardly improve the filter
+REACH = 1.9  # sigma; with half a pixel more, the kernel keeps 99 % of the SNR
 SEPARABLE = 1e-3  # of the largest singular value: a kernel is a line times a column
 
 
@@ -33,7 +33,8 @@ class Kernel:
 
     @cached_property
     def half(self) -> int:
-        """Half of the longer side of the filter, pixel: how far it spreads the light of a pixel."""
+        """Half of the longer side of the filter, pixel: the distance over which it spreads a
+        pixel's light."""
         return max(self.whole.shape) // 2
 
     @cached_property
@@ -43,7 +44,7 @@ class Kernel:
 
     @cached_property
     def cumulants(self) -> tuple[float, float, float]:
-        """Factors of the second to fourth cumulant of a pixel that is filtered."""
+        """Factors of the filter on the second to fourth cumulant of a pixel."""
         squares, cubes, fourths = (float(np.sum(self.whole.astype(float) ** n)) for n in (2, 3, 4))
         return squares, cubes, fourths
 
@@ -56,9 +57,9 @@ class Kernel:
 def filtered(image: Singles, kernel: Kernel, out: Singles | None = None) -> Singles:
     """The image filtered for stars: at each pixel the best guess of the light of a star there.
 
-    Source: Turin (1960): in white noise no linear filter makes a known shape stand out more.
+    Source: Turin (1960): in white noise no linear filter has a higher SNR for a known shape.
 
-    out  (rows, columns) what is returned; None: a new array
+    out  (rows, columns) array for the result; None: a new array
     """
     border = cv2.BORDER_REFLECT
     if kernel.line is not None and kernel.column is not None:
@@ -69,7 +70,7 @@ def filtered(image: Singles, kernel: Kernel, out: Singles | None = None) -> Sing
     return np.asarray(result, np.float32)
 
 
-LOOKED = 0.85  # of the threshold; chosen by hand: of noise, four pixels a million exceed it
+LOOKED = 0.85  # of the threshold; by hand: noise exceeds it in 4 pixels of a million
 
 
 def middle_of(kernel: Kernel) -> Kernel:
@@ -92,7 +93,7 @@ def gaussian_kernel(sigma: float) -> Kernel:
 
 
 def psf_kernel(psf: Psf) -> Kernel:
-    """Kernel of a star as the design makes it; a smeared PSF makes a filter for streaks."""
+    """Kernel of a star of the design; a smeared PSF gives a filter for streaks."""
     middle = psf.table.shape[0] // 2
     start = middle % psf.oversampling
     pixel = psf.table[start :: psf.oversampling, start :: psf.oversampling]
@@ -104,7 +105,7 @@ def psf_kernel(psf: Psf) -> Kernel:
 
 
 def _kernel(shape: Floats) -> Kernel:
-    # OpenCV correlates, so the star is not turned.
+    # OpenCV correlates, so the star is not mirrored.
     weights = (shape / shape.sum()).astype(np.float32)
     left, strength, right = np.linalg.svd(shape / shape.sum())
     if len(strength) > 1 and strength[1] > SEPARABLE * strength[0]:
@@ -116,8 +117,8 @@ def _kernel(shape: Floats) -> Kernel:
 Grid = NDArray[np.floating[Any]]
 # Skewness up to which the expansion's second-order terms are small beside the first.
 MILD_SKEWNESS = 0.5
-# Kurtosis over skewness^2 is 9/8 for a Gaussian kernel on photons alone, and grows as one over
-# the photons' fraction of the variance. Where the gain is unknown, they may have three fifths.
+# Kurtosis over skewness^2 is 9/8 for a Gaussian kernel on photon noise alone, and inversely
+# proportional to the photons' fraction of the variance. For an unknown gain, 3/5 is assumed.
 KURTOSIS_RATIO = 9 / 8 / 0.6
 RAREST = 7.0  # sigma, which normal noise exceeds in one of 1e12 pixels
 
@@ -130,7 +131,7 @@ def noise_from_gain(
         rms^2 = v K2,   skewness = l K3 / (v K2)^1.5,   kurtosis = l K4 / (v K2)^2,
         v = l + read_noise^2 + step^2 / 12,   Kn = sum(kernel^n),   l in electron
 
-    with l over the excess noise behind a multiplication register.
+    where l is divided by the excess noise of a multiplication register.
 
     Source: the cumulants of a sum of independent variables add.
 
@@ -147,15 +148,15 @@ def noise_from_gain(
 
 
 def equivalent_sigmas(threshold: float, skewness: Grid, kurtosis: Grid) -> Grid:
-    """Level in sigma that this noise exceeds as often as normal noise exceeds `threshold`.
+    """Level (sigma) that this noise exceeds with the same probability as normal noise `threshold`.
 
         z + skewness (z^2 - 1) / 6 + kurtosis (z^3 - 3 z) / 24 - skewness^2 (2 z^3 - 5 z) / 36
 
     Source: Cornish and Fisher (1937), z = threshold; no less than z.
 
-    The terms of second order are kept at their values for a skewness of 0.5: beyond, terms of
-    third order would be needed too. From RAREST on, what is added to z stays: the series would
-    ask for 35 sigma where 12 are set and the pixels differ a little in their dark current.
+    For skewness above 0.5 the second-order terms keep their values at 0.5, because third-order
+    terms would be needed too. Above RAREST the correction to z stays constant: otherwise the series
+    would give 35 sigma for a threshold of 12 when pixels differ a little in their dark current.
 
     Accuracy  numerical: too much by 0.08 sigma at 5.5 sigma and a skewness of 0.24, by 0.6 at 0.46.
     """
@@ -167,7 +168,7 @@ def equivalent_sigmas(threshold: float, skewness: Grid, kurtosis: Grid) -> Grid:
 
 
 # Positions that are tried, pixel from the peak. A star lies up to half a pixel off, and noise may
-# move its peak to the next pixel; an error of a quarter pixel costs 0.03 sigma of a sharp star.
+# move its peak to the next pixel. An error of a quarter pixel loses 0.03 sigma of a sharp star.
 OFFSETS = (-0.625, -0.375, -0.125, 0.125, 0.375, 0.625)
 MARGIN = 2  # pixel beyond the kernel, so that these filters hold all the light of a star
 
@@ -202,7 +203,7 @@ def highest_between(image: Singles, x: int, y: int, level: float, filters: Float
     return total.max()
 
 
-LOWEST, HIGHEST = 1.5, 12.0  # sigma; the density falls from 1 on, and no noise passes 12
+LOWEST, HIGHEST = 1.5, 12.0  # sigma; the density decreases from 1 on, and no noise exceeds 12
 
 
 def threshold_for(peaks: float) -> float:

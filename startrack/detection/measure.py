@@ -15,10 +15,10 @@ SAME = 1.0  # pixel; peaks whose centroids are closer than that are one star
 
 
 def centroid(frame: Frame, pixels: Pixels, candidates: Peaks, plan: DetectionPlan) -> Spots:
-    """Measure every candidate, and drop those that diverge or lead to the same star.
+    """Measure every candidate, and drop candidates that diverge or give the same star again.
 
     Returns  Spots, brightest first
-    Raises   those of the files of the four centroids.
+    Raises   the errors of the centroid methods.
     """
     table = measured(sample(frame, pixels, candidates, plan.settings), plan)
     order = np.argsort(-table[:, FLUX], kind="stable")  # NaN goes last
@@ -28,7 +28,7 @@ def centroid(frame: Frame, pixels: Pixels, candidates: Peaks, plan: DetectionPla
 def places(
     frame: Frame, pixels: Pixels, candidates: Peaks, plan: DetectionPlan
 ) -> tuple[Floats, Floats]:
-    """Centroids of every candidate, which must be different stars, in their order.
+    """Centroids of all candidates, in order; the candidates must be different stars.
 
     Returns  (n, 2) pixel, (n, 2, 2) pixel^2 as stated; NaN where it diverges
     """
@@ -38,9 +38,9 @@ def places(
 
 
 def sample(frame: Frame, pixels: Pixels, candidates: Peaks, settings: Detection) -> Sample:
-    """Gather it from the frame, its pixels and the settings."""
+    """The Sample of a frame, its pixels and the settings."""
     saturation = math.inf if settings.saturation is None else settings.saturation
-    # Kernels are compiled anew for arrays of another layout.
+    # Kernels are compiled again for arrays of another layout.
     x, y = (np.ascontiguousarray(place) for place in (candidates.x, candidates.y))
     return Sample(
         pixels.value,
@@ -59,7 +59,7 @@ def sample(frame: Frame, pixels: Pixels, candidates: Peaks, settings: Detection)
 def measured(stars: Sample, plan: DetectionPlan, stated: bool = True) -> Floats:
     """One row per candidate, as `gravity` describes it.
 
-    stated  whether the covariance and sigma of the flux are needed; else they may be missing
+    stated  whether covariance and sigma of the flux are needed; else they may be absent
     """
     settings, method = plan.settings, plan.method
     measure = method.measure if stated or not method.place else method.place
@@ -68,7 +68,7 @@ def measured(stars: Sample, plan: DetectionPlan, stated: bool = True) -> Floats:
 
 @kernel
 def _kept(table, order, area, most):  # type: ignore[no-untyped-def]
-    """The columns of Spots, of the rows that `_apart` keeps."""
+    """The columns of Spots for the rows that `_apart` keeps."""
     chosen = order[_apart(table, order, most)]
     x, y, flux, snr = np.empty((4, len(chosen)))
     covariance = np.empty((len(chosen), 2, 2))

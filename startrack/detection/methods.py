@@ -23,17 +23,17 @@ from startrack.detection.robust import around_each
 from startrack.detection.star_model import StarModel, compensate
 
 NARROWEST_WEIGHT = 1.0  # pixel
-WIDEST = 6  # pixel, half side; light farther out moves no centroid
+WIDEST = 6  # pixel, half side; light farther out does not change a centroid
 
 
 class CentroidMethod(NamedTuple):
     """A centroid method, and which pixels it uses. A window is given by half its side, pixel.
 
     measure     Sample, StarModel, kernel_sigma in pixel, compensation -> rows as `gravity`
-    reads       half of the key `window`, kernel_sigma, StarModel -> half side of what it reads
-    moved_by    the same of the pixels that are varied to compute its response to noise
-    skips_dead  whether it leaves dead pixels out; else a star with one beside its peak is dropped
-    place       as `measure`, without the covariance, where that is faster; None: as `measure`
+    reads       half of the key `window`, kernel_sigma, StarModel -> half side of the pixels read
+    moved_by    the same for the pixels that are varied to compute its response to noise
+    skips_dead  whether it leaves out dead pixels; else a star with a dead pixel near is dropped
+    place       faster `measure` without the covariance; None: as `measure`
     """
 
     measure: Callable[[Sample, StarModel, float, str], Floats]
@@ -44,7 +44,7 @@ class CentroidMethod(NamedTuple):
 
 
 def compensated_gravity(stars: Sample, star: StarModel, sigma: float, compensation: str) -> Floats:
-    """Centre of gravity, corrected for what its window cuts off and what pixels average."""
+    """Centre of gravity, corrected for the light outside its window and for the pixel size."""
     table = gravity(stars, uncut=compensation == "gaussian")
     if compensation == "psf":
         compensate(table, star.s_curve)
@@ -52,8 +52,8 @@ def compensated_gravity(stars: Sample, star: StarModel, sigma: float, compensati
 
 
 def widened_weight(stars: Sample, star: StarModel, sigma: float, compensation: str) -> Floats:
-    """Centre of gravity under a Gaussian weight of the width that the pixels give the star."""
-    # Pixels widen a star by their own variance, and show in a narrower weight.
+    """Centre of gravity under a Gaussian weight as wide as the star is in the pixels."""
+    # Pixels widen a star by their own variance; a narrower weight would show pixel effects.
     seen = math.hypot(sigma, 1 / math.sqrt(12))
     return weighted(stars, max(seen, NARROWEST_WEIGHT))
 
@@ -86,12 +86,12 @@ CENTROIDS: Mapping[str, CentroidMethod] = {
 
 
 GROUP = "centroids"
-FARTHEST = 1  # pixel along either axis, by which a window moves after a star that is off its middle
+FARTHEST = 1  # pixel along either axis: largest move of a window towards its star
 
 
 @dataclass(frozen=True, eq=False)
 class CentroidInput:
-    """Windows about stars, of which a centroid measures the middle.
+    """Windows around stars, in which a centroid measures positions.
 
     signal        (n, side, side) digital number above the local background, [row, column]
     noise         (n,) digital number, rms of an empty pixel
@@ -103,7 +103,7 @@ class CentroidInput:
     The function returns (n, 3): x and y in pixel from the middle of the window, flux in digital
     numbers; then startrack computes the covariance from the change of x and y with each pixel. Or
     (n, 6): xx, xy and yy of that covariance, pixel^2, too. A row with NaN is a star that cannot be
-    measured; its spot is left out.
+    measured; it gives no spot.
     """
 
     signal: Floats
@@ -129,10 +129,10 @@ def method_of(name: str) -> CentroidMethod:
 def centroids_by_code(
     name: str, sample: Sample, star: StarModel, sigma: float, compensation: str, stated: bool = True
 ) -> Floats:
-    """One row per candidate, as `gravity` describes it; a window moves once after its star.
+    """One row per candidate, as `gravity` describes it; each window is re-centred once.
 
     stated  whether to state covariances; else they are zero
-    Raises  ValueError where the function raises an error, or returns what it must not.
+    Raises  ValueError if the function raises an error, or returns an invalid result.
     """
     table = np.full((len(sample.x), COLUMNS), np.nan)
     table[:, WINDOW_X], table[:, WINDOW_Y] = sample.x, sample.y
@@ -148,7 +148,7 @@ def centroids_by_code(
     moved = (x != sample.x) | (y != sample.y)
     if moved.any():
         measured[moved] = _measured(name, *given, x[moved], y[moved], stated)
-    # A star that has left its window is another one, or none.
+    # A centroid outside its window belongs to another star, or to none.
     good = np.isfinite(measured).all(axis=1) & (np.abs(measured[:, :2]) <= half).all(axis=1)
     good &= (measured[:, 2] > 0) & (measured[:, 3:] >= 0)[:, [0, 1, 3]].all(axis=1)
     measured[:, 0] += x
@@ -178,7 +178,7 @@ def _measured(
 
 
 def _windows(sample: Sample, star: StarModel, sigma: float, x: Ints, y: Ints) -> CentroidInput:
-    """The windows about pixels, above the plane that the ring about each of them gives."""
+    """The windows around pixels, minus the plane through the ring of each."""
     step = np.arange(-sample.half, sample.half + 1)
     row, column = y[:, None, None] + step[:, None], x[:, None, None] + step
     value = sample.image[row, column].astype(float)
@@ -199,7 +199,7 @@ def _propagated(name: str, given: CentroidInput, variance: Floats) -> Floats:
         cov = sum_i slope_i slope_i^T var_i
 
     Source: linear propagation of independent pixel noise, slopes by central differences over two
-    sigma of each pixel, all of them in one call.
+    sigma of each pixel, all in one call.
     """
     count, side, _ = given.signal.shape
     size = side * side

@@ -21,8 +21,9 @@ FILTER, QUICK = SEARCHES = ("filter", "quick")
 KERNELS = ("gaussian", "psf")
 COMPENSATIONS = ("none", "gaussian", "psf")
 LONGEST_STREAK = 100.0  # pixel
-# Pixel, smear from which on only the likelihood follows a star. Chosen by hand: the windows of the
-# others lose the ends of a longer one, and a shorter one costs them less than 10 %.
+# Pixel, smear from which on only the likelihood follows a star. Chosen by hand: the windows of
+# other methods lose the ends of a longer smear, and a shorter smear adds less than 10 % to their
+# error.
 STREAK = 1.0
 
 
@@ -35,7 +36,7 @@ SMEAR = (
 
 
 class Detection(Parameters):
-    """Detection and measurement of spots. The defaults serve real images of many cameras."""
+    """Detection and measurement of spots. The defaults suit real images of many cameras."""
 
     centroid: str = parameter(
         '"gravity": centre of gravity; "weighted": under a Gaussian weight that follows the '
@@ -141,12 +142,12 @@ class Detection(Parameters):
 
     @property
     def without_map(self) -> Self:
-        """This detection of a tracker that knows nothing of the dark signal of its pixels."""
+        """This detection without a dark map."""
         return replace(self, dark_map=None, dark_map_age=None)
 
     @property
     def smear(self) -> tuple[float, float]:
-        """Pixel along x and y; 0 where it is left out."""
+        """Pixel along x and y; 0 if left out."""
         return self.smear_x or 0.0, self.smear_y or 0.0
 
     @property

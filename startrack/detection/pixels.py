@@ -23,8 +23,8 @@ from startrack.core import (
 )
 from startrack.detection.robust import clipped
 
-# Dark frames of a map, at most: of more the mean has less than 3 % of the noise of a frame, and a
-# frame of 1024 x 1024 pixels takes 0.1 s.
+# Largest number of dark frames of a map: the mean of more has less than 3 % of the noise of a
+# frame, and a frame of 1024 x 1024 pixels takes 0.1 s.
 LONGEST_MEAN = 1024
 
 
@@ -71,7 +71,7 @@ Calibration = Callable[[], DarkFrames]  # dark frames are taken when they are fi
 
 
 class PixelCorrection(NamedTuple):
-    """Correction of each pixel by the dark map.
+    """Correction of each pixel by a dark map.
 
     offset    (rows, columns) digital number, to be subtracted
     hot       (k,) row * columns + column of the hot pixels
@@ -84,7 +84,7 @@ class PixelCorrection(NamedTuple):
 
 
 def correction_of(settings: DarkMap, dark: DarkFrames) -> PixelCorrection:
-    """The correction that a map of these dark frames makes."""
+    """The correction by a map of these dark frames."""
     stored = np.rint(dark.mean / settings.step) * settings.step
     excess = stored - np.median(stored)
     marks = excess > settings.hot * dark.noise
@@ -101,9 +101,9 @@ def corrected(
 ) -> Singles:
     """An image without its dark signal; saturated pixels keep their numbers.
 
-    value, saturation  digital number, the first less the pivot
-    within  windows (w, 4), whose outermost pixels may be wrong, and the image that is written to
-            there; None: all of a new one
+    value, saturation  digital number; the pivot is subtracted from the value
+    within  windows (w, 4), whose outermost pixels may be wrong, and the image to write them to;
+            None: all of a new image
     Raises  ValueError where image and map differ in shape.
     """
     if value.shape != correction.offset.shape:
@@ -155,12 +155,12 @@ def _mean_beside(image: Singles, marks: NDArray[np.uint8], x: int, y: int) -> fl
     return 0.0
 
 
-LARGEST = 1e12  # digital number; what is beyond is no reading, and its square must fit float32
+LARGEST = 1e12  # digital number; larger values are no readings, and squares must fit float32
 EPSILON = float(np.finfo(np.float32).eps)
 
 
 class PixelGain(NamedTuple):
-    """Known law of a pixel's numbers; NaN where unknown.
+    """Known noise properties of a pixel's numbers; NaN if unknown.
 
     light       digital number of light over its variance, as `Frame.noise_gain`
     offset      digital number of an empty pixel, less the pivot
@@ -185,7 +185,7 @@ class Pixels(NamedTuple):
     """An image that can be filtered.
 
     value   (rows, columns) digital number less `pivot`; dead pixels hold their neighbours' mean
-    pivot   digital number that was taken off, so that float32 holds the rest
+    pivot   digital number that was subtracted, so that float32 is precise enough
     step    digital number between two neighbouring values of the image
     dead    (rows, columns) not 0 on dead pixels; None where none is dead
     gain    of its pixels
@@ -199,12 +199,12 @@ class Pixels(NamedTuple):
 
     @property
     def marks(self) -> NDArray[np.uint8]:
-        """`dead` for kernels: of no size where none is."""
+        """`dead` for kernels: an empty array if no pixel is dead."""
         return NONE_DEAD if self.dead is None else self.dead
 
 
 def pixels(frame: core.Frame) -> Pixels:
-    """Read a frame; what is not finite is a dead pixel.
+    """Read a frame; pixels that are not finite are dead.
 
     Raises    TypeError where the image does not hold real numbers; ValueError where it is not
               two-dimensional, is empty, or holds no finite value.
@@ -233,13 +233,13 @@ def pixels(frame: core.Frame) -> Pixels:
 
 
 def gain_of(frame: core.Frame, pivot: float) -> PixelGain:
-    """Law of the pixels' numbers that is known of a frame."""
+    """Known noise properties of the pixels of a frame."""
     read_noise = frame.read_noise / frame.electrons_per_dn
     return PixelGain(frame.noise_gain, frame.offset - pivot, read_noise)
 
 
 def _narrow(image: NDArray[np.number]) -> tuple[Singles, float]:
-    """The image as native float32, less its median where float32 alone would lose digits."""
+    """The image as native float32; its median is subtracted if float32 alone would lose digits."""
     if image.dtype.itemsize <= (4 if image.dtype.kind == "f" else 2):
         return np.ascontiguousarray(image, np.float32), 0.0
     given = image[np.isfinite(image)]
@@ -249,7 +249,7 @@ def _narrow(image: NDArray[np.number]) -> tuple[Singles, float]:
 
 
 def _filled(value: Singles, dead: Flags) -> Singles:
-    """Dead pixels replaced by the mean of their living neighbours, or else by the median."""
+    """Dead pixels replaced by the mean of their valid neighbours, or else by the median."""
     alive = (~dead).astype(np.float32)
     light = np.where(dead, np.float32(0), value)
     count = cv2.boxFilter(alive, -1, (3, 3), normalize=False)
@@ -259,16 +259,16 @@ def _filled(value: Singles, dead: Flags) -> Singles:
     return np.where(dead, mean, value).astype(np.float32)
 
 
-HOT = 5.0  # sigma of the frame; from there on a pixel's own shot noise rivals the frame's noise
+HOT = 5.0  # sigma of the frame; above, a pixel's shot noise is comparable to the frame's
 NEIGHBOURHOOD = 5  # pixel
 
 
 def subtract_dark(frame: core.Frame, dark: core.Frame) -> core.Frame:
-    """Subtract a dark frame, and set the pixels to NaN that it shows to be hot.
+    """Subtract a dark frame, and set its hot pixels to NaN.
 
-    A pixel is hot where it exceeds the median of its neighbours in the dark frame by 5 sigma of
-    the difference image. Subtraction removes the mean of its dark current, not the shot noise,
-    therefore it becomes NaN, which `detect` treats as a dead pixel.
+    A pixel is hot if it exceeds the median of its neighbours in the dark frame by 5 sigma of
+    the difference image. Subtraction removes the mean of its dark current, but not the shot noise.
+    Therefore it becomes NaN, which `detect` treats as a dead pixel.
 
     frame, dark  of the same shape, exposure and temperature; the dark frame is best a median of
                  many
@@ -289,14 +289,14 @@ def subtract_dark(frame: core.Frame, dark: core.Frame) -> core.Frame:
     return replace(frame, image=difference, offset=0.0)
 
 
-LEAST_RESPONSE = 0.1  # of the mean; a pixel that sees less is dead
+LEAST_RESPONSE = 0.1  # of the mean; a pixel with less response is dead
 
 
 def divide_flat(frame: core.Frame, flat: core.Frame) -> core.Frame:
-    """Divide the light by the response of each pixel; what hardly responds becomes NaN.
+    """Divide the light by the response of each pixel; pixels with little response become NaN.
 
-    frame    less its dark frame, or with the right offset
-    flat     image of an even surface, best a mean of many
+    frame    minus its dark frame, or with the right offset
+    flat     image of a uniform surface, best a mean of many
     Returns  Frame of float32 with the same offset
     Raises   ValueError where the shapes differ or the flat holds no light.
     """

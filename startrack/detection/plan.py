@@ -1,4 +1,4 @@
-"""Settings and PSF -> DetectionPlan: what the detection computes once for many frames."""
+"""Settings and PSF -> DetectionPlan: values that are computed once for many frames."""
 
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
@@ -22,12 +22,11 @@ from startrack.detection.star_model import StarModel, gaussian_psf, smeared
 
 @dataclass(frozen=True, eq=False)
 class DetectionPlan:
-    """Values that follow from the settings and the image of a star alone, each computed at first
-    use.
+    """Values that depend only on the settings and the image of a star, each computed at first use.
 
     settings   thresholds and windows
     star       image of a star that the tracker assumes
-    dark       takes the dark frames for the dark map of the settings; None: there are none
+    dark       function that takes the dark frames for the dark map; None: no dark frames
     workspace  arrays that the calls with this plan use again; never returned
     """
 
@@ -52,14 +51,14 @@ class DetectionPlan:
 
     @cached_property
     def quick_filter(self) -> matched.Kernel:
-        """Filter of 3 x 3 pixels, by which the quick search finds where to look."""
+        """Filter of 3 x 3 pixels, by which the quick search selects places to examine."""
         return matched.middle_of(self.kernel)
 
     @cached_property
     def correction(self) -> PixelCorrection | None:
         """Correction of each pixel by the tracker's dark map; None without one.
 
-        Raises  ValueError where the settings have a dark map and there are no dark frames.
+        Raises  ValueError if the settings have a dark map, but there are no dark frames.
         """
         if self.settings.dark_map is None:
             return None
@@ -100,8 +99,8 @@ def plan_detection(
 ) -> DetectionPlan:
     """Plan the detection for many frames.
 
-    psf   of the design at rest, where the settings use it; None: a Gaussian of their kernel_sigma
-    dark  takes the dark frames for the dark map of the settings
+    psf   of the design at rest, if the settings use it; None: a Gaussian of their kernel_sigma dark
+    takes the dark frames for the dark map of the settings
     """
     if psf is None:
         return _plan_gaussian(settings)
@@ -110,7 +109,7 @@ def plan_detection(
 
 
 def calibrated(frame: Frame, plan: DetectionPlan) -> Pixels:
-    """The pixels of a whole frame, without the dark signal that the plan's dark map knows.
+    """The pixels of a whole frame, minus the dark signal of the plan's dark map.
 
     Raises  as `pixels`, and ValueError where the map is missing or differs in shape.
     """
@@ -128,7 +127,7 @@ def _plan_gaussian(settings: Detection) -> DetectionPlan:
 
 
 def planned(settings: Detection | DetectionPlan, psf: Psf | None = None) -> DetectionPlan:
-    """The plan itself, or that of settings and a PSF."""
+    """The plan itself, or the plan of settings and a PSF."""
     return settings if isinstance(settings, DetectionPlan) else plan_detection(settings, psf)
 
 

@@ -1,4 +1,4 @@
-"""Frame -> Spots, of the places alone that a filter of 3 x 3 pixels points out."""
+"""Frame -> Spots, only near pixels where a filter of 3 x 3 pixels shows light."""
 
 import math
 from dataclasses import replace
@@ -19,21 +19,21 @@ Numbers = NDArray[np.uint16]
 COARSER = 2  # times the mesh, side of the tiles in which background and noise are measured
 STRIDE = 8  # pixel, between the rows and between the columns that are read for that
 ROUNDING = 1 / math.sqrt(12)  # digital number rms
-NEAR = 2  # pixel, by which noise may move the peak of the narrow filter from that of the kernel
+NEAR = 2  # pixel: noise may move the narrow filter's peak this far from the kernel's
 
 
 def detect_quickly(frame: Frame, plan: DetectionPlan) -> Spots:
     """Find the stars of a frame near the pixels where a filter of 3 x 3 pixels shows light.
 
-    Near those that exceed `LOOKED` of the threshold, stars are found and measured as in the whole
-    frame, by `detect_within`. Background and noise are measured in every eighth row of what this
-    filter leaves, and taken for the other filter's as if the pixels' noise were white.
+    Near pixels that exceed `LOOKED` of the threshold, `detect_within` finds and measures stars as
+    in the whole frame. Background and noise are measured in every eighth row of the image filtered
+    by 3 x 3 pixels. They are scaled to the matched filter as if the pixels' noise were white.
 
     frame     of unsigned numbers of 16 bits at most
     Returns   Spots, brightest first
-    Accuracy  statistical: of stars of a SNR of 6, 0.2 to 1 % fewer are found than by the filter's
-              search where the kernel's sigma is at most 1.2 pixel, 8 % fewer where it is 2; from a
-              SNR of 8 on as many, to 0.1 %.
+    Accuracy  statistical, against the search by the matched filter: at an SNR of 6 it finds 0.2 to
+              1 % fewer stars if the kernel's sigma is at most 1.2 pixel, and 8 % fewer if it is 2;
+              from an SNR of 8 on equally many, within 0.1 %.
     """
     frame = replace(frame, image=np.ascontiguousarray(frame.image, np.uint16))
     image, settings, narrow = frame.image, plan.settings, plan.quick_filter
@@ -86,7 +86,7 @@ def _lit(
 ) -> Ints:
     """Filter an image by columns and rows of three pixels; its pixels above a level, as `lit`.
 
-    Each row is compared while it is at hand.
+    Each row is compared while it is in the cache.
 
     smooth  (rows, columns) is written to, in the rows of these pixels and those beside them
     """
@@ -122,7 +122,7 @@ def _filter_row(
 ) -> bool:
     """Filter one row, mirrored at the border; whether a pixel exceeds a level.
 
-    A kernel of its own, so that it is vectorised.
+    A separate kernel, so that it is vectorised.
 
     line  (columns,) for the work
     """
@@ -131,7 +131,7 @@ def _filter_row(
     before, here, after = down[0], down[1], down[2]
     left, middle, right = across[0], across[1], across[2]
     for x in range(len(line)):
-        # Whole numbers become vectors of real ones by way of 32 bits.
+        # Integers are converted to vectors of floats through 32 bits.
         line[x] = (
             before * np.float32(np.int32(above[x]))
             + here * np.float32(np.int32(at[x]))

@@ -1,4 +1,4 @@
-"""Pixels -> their background, its slopes and its noise, whatever stars are among them."""
+"""Pixels -> their background, its slopes and its noise, robust against stars among them."""
 
 import math
 
@@ -10,25 +10,24 @@ CLIP = 3.0  # sigma
 ROUNDS = 6
 SAMPLE = 27  # pixels that the first guess is made from: 3^3
 DEVIATION_TO_SIGMA = 1.2533  # mean absolute deviation of a normal law: sqrt(pi / 2)
-# A normal law cut at 3 sigma again and again settles at 0.984 of its sigma.
+# A normal law that is clipped at 3 sigma repeatedly converges to 0.984 of its sigma.
 CLIPPED_TO_SIGMA = 1.016
-SLOPES = 4  # how often a plane is made better
-# Fraction of the variance; a plane that explains less may be chance, as a ring of correlated noise
-# holds no more than some twenty independent values.
+SLOPES = 4  # iterations for a plane
+# Fraction of the variance; a plane that explains less may be chance, because a ring of correlated
+# noise holds only about twenty independent values.
 LEAST_FRACTION = 0.3
 NOBODY = np.empty(0, np.int64)
-MOST_LEFT_OUT = 0.85  # of a ring; where more spots crowd, it is their light that counts
+MOST_LEFT_OUT = 0.85  # of a ring; with more spots in it, their light is part of the background
 
 
-# Sums may be taken in any order, which lets the processor add several pixels at once.
+# Sums may be taken in any order, so that the processor can add several pixels at once.
 @kernel(fastmath={"reassoc", "nsz", "contract"})
 def clipped(values: Singles, floor: float) -> tuple[float, float]:
     """Mean and standard deviation of the values that lie within 3 sigma of the mean.
 
-    The first guess is a median and the mean deviation from it, which lead there while stars or
-    hot pixels take less than a quarter of the values; where trees or a limb take more, the noise
-    comes out as large as they are. The mean resolves fractions of a digital number, as the
-    median of an 8-bit image does not.
+    The first guess is a median and the mean deviation from it. It works if stars or hot pixels take
+    less than a quarter of the values; if trees or a limb take more, the noise is as large as they
+    are. The mean resolves fractions of a digital number; the median of an 8-bit image does not.
 
     values   (n,) in any unit, n > 0
     floor    least standard deviation, in the same unit
@@ -44,7 +43,7 @@ def clipped(values: Singles, floor: float) -> tuple[float, float]:
     for _ in range(ROUNDS):
         # Offsets from the last mean are small, so float32 sums lose no digits.
         limit = np.float32(CLIP * rms)
-        # All in float32, or the processor could not take several pixels at once.
+        # All in float32, or the processor could not add several pixels at once.
         kept, first, second = np.float32(0), np.float32(0), np.float32(0)
         for i in range(len(values)):
             offset = values[i] - mean
@@ -93,8 +92,8 @@ def _clipped_of_arrays(values: Singles, floor: float) -> tuple[float, float]:
 def _median(values: Singles) -> float:
     """A median; of 27 values and more the median of medians of medians of three.
 
-    Source: Rousseeuw and Bassett (1990), the remedian. It has no branches for random numbers to
-    mislead, and takes a tenth of the time of a true one.
+    Source: Rousseeuw and Bassett (1990), the remedian. It has no branches that random numbers make
+    unpredictable, and takes a tenth of the time of a true median.
     """
     if len(values) < SAMPLE:
         copied = np.empty(len(values))
@@ -122,10 +121,10 @@ def plane(
 ) -> tuple[float, float, float, float]:
     """Level, slopes and noise of pixels on a gradient; `values` lose the slopes in place.
 
-    A slope is removed only where noise alone is unlikely to make it, so that an even background is
+    A slope is removed only if noise alone is unlikely to cause it, so that a uniform background is
     not made uneven.
 
-    values   (n,) in any unit;  dx, dy  (n,) pixel, where they lie
+    values   (n,) in any unit; dx, dy (n,) pixel, their places
     floor    least noise, in the unit of the values
     Returns  value at (0, 0), slopes along x and y per pixel, standard deviation about the plane
     """
@@ -147,7 +146,8 @@ def plane(
 def _slopes(
     values: Singles, dx: Singles, dy: Singles, mean: float, rms: float
 ) -> tuple[float, float, float]:
-    """Least-squares slopes of the values within 3 sigma, and the fraction of variance they hold."""
+    """Least-squares slopes of the values within 3 sigma, and the fraction of variance they
+    explain."""
     limit, level = np.float32(CLIP * rms), np.float32(mean)
     zero = np.float32(0)
     x, y, xx, yy, count = zero, zero, zero, zero, zero
@@ -187,9 +187,9 @@ def _slopes_of_arrays(
 def around(
     image: Singles, x: int, y: int, half: int, floor: float
 ) -> tuple[float, float, float, float, int]:
-    """Background about a spot, from the square ring that a window of that half side leaves.
+    """Background around a spot, from the square ring around a window of some half side.
 
-    The ring is two pixels wide and one pixel off the window, cut where the image ends.
+    The ring is two pixels wide and one pixel from the window, cut at the border of the image.
 
     Returns  as `plane`, about (x, y), and how many pixels the ring has
     """
@@ -198,7 +198,7 @@ def around(
 
 @kernel
 def around_each(image: Singles, x: Ints, y: Ints, half: int, floor: float) -> Floats:
-    """Like `around`, of many spots at pixels (n,): level, slopes and noise, (n, 4)."""
+    """`around` for many spots at pixels (n,): level, slopes and noise, (n, 4)."""
     grounds = np.empty((len(x), 4))
     for i in range(len(x)):
         level, slope_x, slope_y, noise, _ = around(image, x[i], y[i], half, floor)
@@ -210,12 +210,12 @@ def around_each(image: Singles, x: Ints, y: Ints, half: int, floor: float) -> Fl
 def around_among(
     image: Singles, x: int, y: int, half: int, floor: float, others_x: Ints, others_y: Ints
 ) -> tuple[float, float, float, float, int]:
-    """Like `around`, without the squares about other spots, as long as most of the ring is left."""
+    """`around` without the squares around other spots, if enough of the ring is left."""
     rows, columns = image.shape
     inner, outer = half + 2, half + 3
     most = (2 * outer + 1) ** 2 - (2 * inner - 1) ** 2
     values, dx, dy = np.empty((3, most), np.float32)
-    # From the back come those that are left out, should they be needed.
+    # Values that are left out are stored from the end, in case they are needed.
     count, left_out = 0, 0
     for row in range(max(0, y - outer), min(rows, y + outer + 1)):
         for column in range(max(0, x - outer), min(columns, x + outer + 1)):

@@ -1,4 +1,5 @@
-"""StarModel: image of a star that the tracker assumes, and what centroids compute from it."""
+"""StarModel: image of a star that the tracker assumes, and values that centroids compute from
+it."""
 
 import math
 from dataclasses import dataclass
@@ -23,7 +24,7 @@ LARGEST = 15  # pixel, half side of a window
 
 @lru_cache(maxsize=64)
 def gaussian_psf(sigma: float) -> Psf:
-    """A Gaussian star of `sigma` pixel, integrated over pixels; for trackers that know no more."""
+    """A Gaussian star of `sigma` pixel, integrated over pixels; for trackers without a PSF."""
     samples = OVERSAMPLING * max(1, math.ceil(0.5 / sigma))
     half = math.ceil((REACH * sigma + 1) * samples) + TAPS
     place = np.arange(-half, half + 1) / samples
@@ -36,8 +37,9 @@ def gaussian_psf(sigma: float) -> Psf:
 def expected(table: PsfTable, x: float, y: float, left: int, top: int, star: Floats) -> None:
     """Write the fraction of a star's light in the pixels of a window, and its slopes.
 
-    Six-point Lagrange along x, then along y: a pixel is one stride of the table, so that all
-    pixels of a star share their weights, and the samples of a row of pixels are neighbours.
+    Six-point Lagrange interpolation along x, then along y. A pixel is one stride of the table, so
+    that all pixels of a star share their weights, and the samples of a row of pixels are
+    neighbours.
 
     x, y       pixel, of the star
     left, top  pixel, first column and row of the window
@@ -53,7 +55,7 @@ def expected(table: PsfTable, x: float, y: float, left: int, top: int, star: Flo
     _weights(at_x - base_x, wx, sx)
     _weights(at_y - base_y, wy, sy)
     star[:] = 0
-    # The columns whose taps all lie in the table: 0 <= base_x + i step - 2 <= samples - TAPS.
+    # The columns with all taps in the table: 0 <= base_x + i step - 2 <= samples - TAPS.
     first = max(0, -((base_x - 2) // step))
     end = min(columns, (samples - TAPS + 2 - base_x) // step + 1)
     count = end - first
@@ -80,7 +82,7 @@ def expected(table: PsfTable, x: float, y: float, left: int, top: int, star: Flo
 
 @kernel
 def _weigh(flat: Floats, at: Ints, weight: Floats, total: Floats) -> None:
-    """Sum six runs of numbers by weight; one sum a loop, so that it takes several at once."""
+    """Weighted sum of six rows of numbers; one sum in each loop, so that it is vectorised."""
     a0, a1, a2, a3, a4, a5 = at[0], at[1], at[2], at[3], at[4], at[5]
     w0, w1, w2 = weight[0], weight[1], weight[2]
     w3, w4, w5 = weight[3], weight[4], weight[5]
@@ -100,10 +102,10 @@ def _weights(t: float, value: Floats, slope: Floats) -> None:
         value[k], slope[k] = v, s
 
 
-STEPS = 32  # per pixel; linear interpolation then errs by 1e-4 of the window's pull
+STEPS = 32  # per pixel; linear interpolation then has an error of 1e-4 of the bias
 SIDE = 2 * STEPS + 1  # from -1 to 1 pixel
 ROUNDS = 20
-FLATTEST = 0.1  # where the centre of gravity moves less than that with the star, it is not used
+FLATTEST = 0.1  # slope of centre of gravity over place, below which it is not used
 
 
 @kernel
@@ -127,10 +129,10 @@ def _s_curve(table: PsfTable, half: int) -> Floats:
 
 @kernel
 def compensate(table: Floats, curve: Floats) -> None:
-    """Take the S-curve off plain centres of gravity and the window's cut off fluxes, in place.
+    """Correct plain centres of gravity by the S-curve, and fluxes by the cut light, in place.
 
-    The place that would give the centre measured is found by Newton's method, one slope an axis;
-    noise grows by the inverse of the slopes. A centre that no star can give stays as it is.
+    Newton's method, with one slope for each axis, finds the place that gives the measured centre.
+    Noise grows by the inverse of the slopes. A centre that no star can give is not changed.
 
     table  (n, COLUMNS) as `gravity` gives it
     curve  as `StarModel.s_curve`
@@ -162,20 +164,20 @@ def compensate(table: Floats, curve: Floats) -> None:
 
 @kernel
 def _at(grid: Floats, x: float, y: float) -> float:
-    """Bilinear, and beyond the grid as at its edge."""
+    """Bilinear interpolation; beyond the grid the values of its edge."""
     u = min(max((x + 1) * STEPS, 0.0), SIDE - 1.001)
     v = min(max((y + 1) * STEPS, 0.0), SIDE - 1.001)
     return bilinear(grid, v, u)
 
 
-MARGIN = 2  # pixel, so that what wraps around is nothing
+MARGIN = 2  # pixel, so that no light wraps around
 
 
 @dataclass(frozen=True, eq=False)
 class StarModel:
-    """The image of a star of one plan; what follows from it is computed at first use.
+    """The image of a star of one plan; derived values are computed at first use.
 
-    psf   smeared as the star is in the frames
+    psf   with the smear of the star in the frames
     half  pixel, half side of the window of the centre of gravity
     """
 
@@ -192,7 +194,7 @@ class StarModel:
             outside = (1 - FRACTION) / 2
             first, last = np.searchsorted(line, [outside, 1 - outside])
             widest = max(middle - first, last - middle) / self.psf.oversampling
-            # Half a pixel for the star's place within its own, and one for the background.
+            # Half a pixel for the star's place within its pixel, and one pixel for the background.
             halves.append(min(math.ceil(widest + 0.5), LARGEST))
         return halves[0], halves[1]
 
@@ -200,8 +202,8 @@ class StarModel:
     def s_curve(self) -> Floats:
         """Centre of gravity, without noise, of a window of 2 half + 1 pixels.
 
-        Source: Alexander and Ng (1991), who name the error of the centre of gravity over the place
-        of the star within its pixel after its shape.
+        Source: Alexander and Ng (1991). The S-curve is the error of the centre of gravity over the
+        place of the star within its pixel; it is named after its shape.
 
         Returns  (3, 65, 65) along x and along y, pixel, and the fraction of the light within the
                  window; by the star's place [row, column] from -1 to 1 pixel from its centre
@@ -214,14 +216,14 @@ def smeared(psf: Psf, x: float, y: float) -> Psf:
 
         P(f) -> P(f) sinc(f . l),   l = (x, y)
 
-    With a smeared PSF, a tracker that knows its rate finds streaks by their matched filter and
-    measures them by their likelihood.
+    With a smeared PSF, a tracker that knows its rate finds streaks by a matched filter and measures
+    them by maximum likelihood.
 
     Source: transform of the uniform law on a segment.
 
     x, y      pixel, motion of the star's image in the exposure
     Raises    ValueError where the motion is not finite.
-    Accuracy  numerical: 1e-6 of the peak where the table holds all of the star.
+    Accuracy  numerical: 1e-6 of the peak if the table contains the whole star.
     """
     finite(x=x, y=y)
     if x == 0 and y == 0:

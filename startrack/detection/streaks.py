@@ -1,4 +1,4 @@
-"""Pixels -> how far the camera turned while they were exposed, from the streaks themselves."""
+"""Pixels -> the smear that all stars of a frame share, from the streaks themselves."""
 
 import math
 from functools import lru_cache
@@ -12,29 +12,29 @@ from startrack.detection.parameters import LONGEST_STREAK
 from startrack.detection.plan import DetectionPlan, calibrated
 
 # Chosen by hand, on rendered frames at rest to 3 deg/s.
-BRIGHTEST = 100.0  # of the noise of a pixel, to which pixels are cut: a single star must not decide
-SHARP = 4.0  # times its brightest neighbour, to which a pixel is cut
+BRIGHTEST = 100.0  # of a pixel's noise, upper limit of pixels: one star must not dominate
+SHARP = 4.0  # times its brightest neighbour, upper limit of a pixel
 AROUND = np.array([[1, 1, 1], [1, 0, 1], [1, 1, 1]], bool)
 QUANTUM = 1 / math.sqrt(12)  # digital number, noise of rounding
-STRIP = 8  # pixel about the frame that is left out, where dark columns lie
+STRIP = 8  # pixel at the frame's border that are left out, for dark columns
 TIP = 1.5  # pixel between the ends of two streaks that are tried
-POINTS = 1.0  # along a streak, of a pixel
-STACKED, FEWEST = 24, 3  # spots, whose mean image is fitted
-FAR, APART = 1.0, 0.5  # pixel, and of its length, by which that may differ from a first guess
-NEAR = 4.0  # sigma, about the line, of the lags that are fitted
-# Sigma of white noise by which a streak must stand out, and how well its length must be known:
-# chosen by hand between frames of the shipped designs at 0.2 to 5 deg/s (above 100, and below 1.5
-# pixel of 20) and frames of hot pixels alone (below 20).
+POINTS = 1.0  # pixel between points along a streak
+STACKED, FEWEST = 24, 3  # spots, most and fewest, whose mean image is fitted
+FAR, APART = 1.0, 0.5  # largest difference from a first guess: pixel, fraction of its length
+NEAR = 4.0  # sigma around the line: lags that are fitted
+# Least height of a streak in sigma of white noise, and largest error of its length. By hand,
+# between frames of the shipped designs at 0.2 to 5 deg/s (above 100 sigma, errors below 1.5 pixel
+# of 20) and frames of hot pixels alone (below 20 sigma).
 FIRM, SURE = 25.0, 0.06
-LEAST = 1.0  # pixel, of a shorter smear images of a lens are as oblong
+LEAST = 1.0  # pixel; images of a lens may be as elongated as a shorter smear
 
 
 class Streak(NamedTuple):
     """Motion of the sky in a frame.
 
-    x, y    pixel, from one end of a streak to the other; its sign is open
-    sigma   pixel, of each, by what the fit leaves over
-    height  sigma, by which it stands out of noise
+    x, y    pixel, from one end of a streak to the other; its sign is unknown
+    sigma   pixel, of each, from the residuals of the fit
+    height  sigma, height of its ridge above noise
     """
 
     x: float
@@ -44,7 +44,7 @@ class Streak(NamedTuple):
 
     @property
     def seen(self) -> bool:
-        """Whether a motion is to be seen: not noise, and longer than images of stars differ."""
+        """Whether a motion is visible: above noise, and longer than elongations of star images."""
         length = math.hypot(self.x, self.y)
         sure = self.sigma < SURE * length + 0.3
         return self.height > FIRM and sure and LEAST < length <= LONGEST_STREAK
@@ -55,28 +55,28 @@ def streak_of(frame: Frame, plan: DetectionPlan) -> Streak:
 
         A(d) = sum over pixels of I(p) I(p + d),   A of a streak s: a ridge from -s to s
 
-    The autocorrelation of the frame adds the streaks of all stars, found or not, in one place;
-    white noise stands at d = 0 alone. What is looked for is the line of which the ridge, tapered to
-    its ends, stands out most.
+    The autocorrelation of the frame adds the streaks of all stars, detected or not, in one place.
+    White noise contributes only at d = 0. The result is the line whose tapered ridge is highest
+    relative to the noise.
 
     plan      of the detection: its dark map, and the image of a star at rest
-    Accuracy  model: one smear for the whole frame, without roll; what is brighter than BRIGHTEST
-              counts no more. On frames of the shipped designs at 1 and 3 deg/s (4.4 and 13
-              pixel): 0.2 to 0.4 pixel in the mean, 1 at worst.
+    Accuracy  model: one smear for the whole frame, without roll; brighter pixels are cut to
+              BRIGHTEST. On frames of the shipped designs at 1 and 3 deg/s (4.4 and 13 pixel): 0.2
+              to 0.4 pixel in the mean, 1 at worst.
     """
     value = np.asarray(calibrated(frame, plan).value, float)
     if min(value.shape) <= 2 * STRIP:
         return Streak(0.0, 0.0, math.inf, 0.0)
     value = np.where(np.isfinite(value), value, np.nanmedian(value))[STRIP:-STRIP, STRIP:-STRIP]
-    # Rows and columns have levels of their own, which would make ridges.
+    # Rows and columns have different levels, which would make ridges.
     value = value - np.median(value, axis=0)
     value -= np.median(value, axis=1, keepdims=True)
     if not value.any():
         return Streak(0.0, 0.0, math.inf, 0.0)
-    # Most pixels of a dark image of eight bits have the same number.
+    # Most pixels of a dark 8-bit image have the same number.
     noise = max(1.4826 * float(np.median(np.abs(value))), QUANTUM)
     value = np.clip(value / noise, -3.0, BRIGHTEST)
-    # A pixel far above all of its neighbours is hot, and no part of a star.
+    # A pixel far above all of its neighbours is hot, not part of a star.
     value = np.minimum(value, SHARP * ndimage.maximum_filter(value, footprint=AROUND))
     value -= value.mean()
     far = math.ceil(LONGEST_STREAK * math.sqrt(2)) + 8
@@ -92,7 +92,7 @@ def streak_of(frame: Frame, plan: DetectionPlan) -> Streak:
 
 
 def refined(frame: Frame, plan: DetectionPlan, spots: Spots, first: Streak) -> Streak:
-    """A streak from the mean image of the brightest spots that were found by a first guess of it.
+    """A streak from the mean image of the brightest spots, which were found by a first guess.
 
     Accuracy  on frames of the shipped designs at 3 deg/s (13 pixel) 0.1 pixel in the mean.
     """
@@ -126,7 +126,7 @@ def refined(frame: Frame, plan: DetectionPlan, spots: Spots, first: Streak) -> S
 
 
 def _fitted(ridge: Floats, start: Floats, sigma: float, height: float) -> Streak:
-    """The line of a triangle, blurred by a Gaussian of free width, that fits the ridge best."""
+    """The triangular line, blurred by a Gaussian of free width, that fits the ridge best."""
     far = len(ridge) // 2
     limit = math.hypot(*start) + NEAR * sigma
     y, x = np.mgrid[0 : far + 1, -far : far + 1]  # each lag has its mirror
@@ -154,7 +154,8 @@ def _fitted(ridge: Floats, start: Floats, sigma: float, height: float) -> Streak
 
 
 def _blurred_line(x: Floats, y: Floats, sx: float, sy: float, width: float, order: int) -> Floats:
-    """A line of sum 1, blurred by a Gaussian: order 1 to -s/2 and s/2, 2 a triangle to -s and s."""
+    """A line of sum 1, blurred by a Gaussian: order 1 from -s/2 to s/2; order 2 a triangle, -s to
+    s."""
     length = max(math.hypot(sx, sy), 1e-3)
     along, across = (x * sx + y * sy) / length, (x * sy - y * sx) / length
     tall = np.exp(-((across / width) ** 2) / 2) / (width * math.sqrt(2 * math.pi))
@@ -185,7 +186,7 @@ def _width(plan: DetectionPlan) -> float:
 
 
 def _line(s: Floats) -> tuple[Floats, Floats]:
-    """Points (k,) along a streak, from its middle to its end, as fractions of it, and weights."""
+    """Points (k,) from the middle of a streak to its end, as fractions of it; and their weights."""
     count = max(math.ceil(math.hypot(*s) * POINTS), 1)
     points = np.arange(count + 1) / count
     return points, (1 - points) / count * np.where(points > 0, 1.0, 0.5)
@@ -195,7 +196,7 @@ def _norm(length: float, sigma: float) -> float:
     """Standard deviation of the sum along a line of smoothed white noise of deviation one."""
     points, taper = _line(np.array([length, 0.0]))
     apart = np.subtract.outer(points, points) * length
-    # Both halves of the lags are the same numbers: a point and its mirror.
+    # Both halves of the lags have the same numbers: a point and its mirror.
     shared = np.exp(-(apart**2) / (4 * sigma**2)) / (4 * math.pi * sigma**2)
     mirror = np.exp(-((np.add.outer(points, points) * length) ** 2) / (4 * sigma**2))
     shared += mirror / (4 * math.pi * sigma**2)

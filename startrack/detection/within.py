@@ -1,4 +1,4 @@
-"""Frame that is known in regions alone, and the Sky of such frames -> Spots of these regions."""
+"""Frame that is known only in regions, and the Sky of such frames -> Spots of these regions."""
 
 import cv2
 import numpy as np
@@ -28,12 +28,12 @@ def detect_within(
 ) -> Spots:
     """Find the stars whose peaks lie in some regions, as `detect` finds them in a whole frame.
 
-    frame     whose image is right in the regions and `margin` pixel around each
-    regions   (w, 4) left, top, right, bottom, the last two not in it; they may overlap
+    frame     whose image is valid in the regions and `margin` pixel around each
+    regions   (w, 4) left, top, right, bottom, the last two exclusive; they may overlap
     ground    background and noise, as from `measure_ground`
     Returns   Spots, brightest first
-    Accuracy  model: of a connected component, what lies in the margin beyond the kernel's reach has
-              no part in its area.
+    Accuracy  model: the area of a connected component leaves out pixels in the margin beyond the
+              kernel's reach.
     """
     kernel, (rows, columns) = plan.kernel, frame.image.shape
     seen = grown_mask(regions, margin(plan) - kernel.half, columns, rows)
@@ -55,7 +55,7 @@ def detect_within(
 
 
 def margin(plan: DetectionPlan) -> int:
-    """Largest distance from a peak of a pixel that the detection uses, pixel.
+    """Pixel: largest distance from a peak to a pixel that the detection uses.
 
     A hot pixel of a dark map uses its neighbours.
     """
@@ -74,7 +74,7 @@ def peak_border(settings: Detection) -> int:
 def star_profile(psf: Psf, kernel: Kernel) -> Floats:
     """Largest fraction of a star's flux in a pixel of the filtered image, by the distance.
 
-    psf      the true one, not that which the tracker assumes
+    psf      the true PSF, not the one that the tracker assumes
     Returns  (k,) at 0, 1, 2, ... pixel along either axis and beyond
     """
     start = (psf.table.shape[0] // 2) % psf.oversampling
@@ -125,11 +125,11 @@ def _filter(
         width = window.shape[1]
         total = np.zeros((bottom - top) * width, np.float32)
         line, many = window.ravel(), (bottom - top) * width - 2 * across
-        # One straight loop over all rows of the window; what it makes between them is left there.
+        # One straight loop over all rows of the window; values between the rows are not used.
         for j in range(kernel.shape[0]):
             for i in range(kernel.shape[1]):
                 weight, start = kernel[j, i], j * width + i
-                part = line[start : start + many]  # or the compiler would look for indices below 0
+                part = line[start : start + many]  # or the compiler would check for indices below 0
                 for n in range(many):
                     total[n] += weight * part[n]
         rounded = total.reshape(bottom - top, width)

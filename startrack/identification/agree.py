@@ -15,7 +15,7 @@ from startrack.identification.seen import Seen, predict, project, see, with_foca
 
 @kernel
 def pair(plane: Floats, place: Floats, radius: Floats) -> tuple[Ints, Ints, Floats]:
-    """Match each star with its nearest spot; of several stars of one spot, keep the nearest.
+    """Match each star with its nearest spot; if stars share a spot, keep the nearest star.
 
     plane    (n, 2) spots, in the image plane
     place    (m, 2) predicted stars, in the image plane
@@ -53,18 +53,19 @@ def pair(plane: Floats, place: Floats, radius: Floats) -> tuple[Ints, Ints, Floa
 
 
 # Chosen by hand.
-ROUNDS = 5  # of matching and fitting, unless the matches stay the same before: trades time
-# Match radius, in sigma of noise and excess of the residuals: a larger one takes more false spots,
-# a smaller one loses stars; a Gaussian in two dimensions exceeds 4 sigma with 0.03 %.
+ROUNDS = 5  # most rounds of matching and fitting; ends when the matches stay the same
+# Match radius, in sigma of noise and excess of the residuals: a larger radius takes more false
+# spots, a smaller one loses stars. A Gaussian in two dimensions exceeds 4 sigma with a probability
+# of 0.03 %.
 REACH = 4.0
-NARROWEST = 1 / 8  # of the match radius: the radius of a round is not smaller
+NARROWEST = 1 / 8  # of the match radius: least radius of a round
 # Scale of Cauchy's weights in sigma; 2.385 has 95 % efficiency for Gaussian residuals (Holland and
 # Welsch 1977, Commun. Statist. A6(9), 813), a smaller one suppresses outliers more.
 PULL = 2.0
 
 
 class Agreed(NamedTuple):
-    """Matches with attitude and scale from them; NaN where the attitude is not observable.
+    """Matches, with attitude and scale from them; NaN if the attitude is not observable.
 
     spot      (k,) indices into `seen`, in rising order
     taken     (k,) indices into `star`
@@ -92,19 +93,19 @@ def agree(
     fewest: int,
     without: int,
 ) -> Agreed:
-    """Match and fit in turns until the matches stay the same.
+    """Match and fit alternately until the matches stay the same.
 
-    The first attitude is wrong by a few pixels, so that a false spot may be matched to a star and
-    keep the fit where half of the stars are missed. Hence residuals above those of most matches
-    get less weight (Cauchy), and the match radius follows the residuals.
+    The first attitude is wrong by a few pixels. A false spot may then be matched to a star, and
+    hold the fit at a place where half of the stars are missed. Hence large residuals get less
+    weight (Cauchy), and the match radius follows the residuals.
 
     direction     (s, 3) unit vectors of stars, ICRS axes
     star          (m,) indices into `direction` of the stars that the image should hold
     place         (m, 2) their expected positions, at the attitude and scale to start from
     rotation      (3, 3) icrs_to_camera to start from, as scale
-    match_radius  1, of the first round in the image plane
+    match_radius  1, radius of the first round in the image plane
     fewest        matches; with fewer it ends
-    without       which of the first matches to leave out of the first fit, -1 for none
+    without       index of the match to leave out of the first fit, -1 for none
     """
     n = len(seen.sigma)
     radius, weight = np.empty(n), np.empty(n)
@@ -153,7 +154,7 @@ def fit_matches(
     """Attitude and scale of given matches, weighted by their noise plus their common excess.
 
     direction   (m, 3) unit vectors of stars, ICRS axes
-    spot, star  (k,) which spot is which star
+    spot, star  (k,) indices of matched spots and stars
     rotation    (3, 3) icrs_to_camera to start from, as scale
     """
     weight, every = np.empty(len(seen.sigma)), np.empty(len(spot), np.int64)
@@ -190,7 +191,7 @@ def _excess(seen: Seen, spot: Ints, taken: Ints, place: Floats) -> float:
 
 
 class Gathered(NamedTuple):
-    """All matches with attitude and scale from them; NaN where the attitude is not observable.
+    """All matches, with attitude and scale from them; NaN if the attitude is not observable.
 
     spot        (k,) in rising order
     star        (k,) of the catalogue
@@ -232,24 +233,24 @@ def gather(
 
 
 # Chosen by hand beside 285,500 skies (experiments/solvers.py), of which seven were false.
-SPARSE = 0.5  # of the spots: the matches are examined where they are fewer
-UNEXPLAINED = 0.5  # of the variance of the noise: and their residuals exceed it by more
-FREE = 5.0  # times the tolerance: standard deviation of the focal length without a belief
-DECISIVE = 1.5  # times the matches: those without one of them are taken where they are more
+SPARSE = 0.5  # of the spots: fewer matches are examined
+UNEXPLAINED = 0.5  # of the noise variance, by which their residuals exceed it
+FREE = 5.0  # times the tolerance: standard deviation of a free focal length
+DECISIVE = 1.5  # times the matches: more matches without one of them are accepted
 
 
 @kernel
 def release(seen: Seen, faint: SkyGrid, magnitude: Floats, held: Gathered, fewest: int) -> Gathered:
-    """The matches with a free focal length, where one false match may have biased it.
+    """The matches with a free focal length, if one false match may have biased it.
 
-    One false match far from the true ones can pull the fit to a wrong focal length. Few other stars
-    are then matched, and their residuals exceed the noise. Without that match all others agree with
-    the true focal length.
+    One false match far from the true ones can pull the fit to a wrong focal length. Then few other
+    stars are matched, and their residuals exceed the noise. Without that match, all others agree
+    with the true focal length.
 
     held     matches that were found within the tolerance of the focal length
     fewest   matches, of `agree`
-    Returns  `held`, or the matches with any focal length where these are DECISIVE times as many;
-             the scale of those is not limited
+    Returns  `held`, or the matches with a free focal length (of any scale) if they are DECISIVE
+             times as many
     """
     if seen.focal == 0 or len(held.spot) >= SPARSE * len(seen.plane):
         return held
@@ -280,8 +281,8 @@ def _brightest(
 ) -> tuple[Ints, Floats]:
     """The brightest stars in the image (m,) and their positions (m, 2).
 
-    At most 2 n + 50 for n spots, chosen by hand: more find fainter stars, but make matches by
-    chance more frequent.
+    At most 2 n + 50 for n spots; by hand: more would include fainter stars, but also more chance
+    matches.
     """
     star, place = predict(seen, faint, rotation, scale)
     most = 2 * len(seen.plane) + 50
@@ -294,7 +295,7 @@ def _brightest(
     return star, place
 
 
-# Corrections of the distortion, each with the focal length found before: distortion is no
+# Number of distortion corrections, each with the last focal length, because distortion is no
 # similarity. Chosen by hand: trades time against convergence.
 FOCAL_ROUNDS = 3
 

@@ -18,7 +18,7 @@ from startrack.identification.index import PatternIndex
 from startrack.identification.parameters import Identification
 from startrack.identification.seen import usable
 
-# Radian across the columns. A larger range takes more tries; the pinhole of a field of 2.5 radian
+# Radian across the columns. A larger range takes more tries. The pinhole with a field of 2.5 radian
 # has its corners 77 degrees off the axis.
 NARROWEST, WIDEST = 1.5 * deg, 90 * deg
 # Relative, of the focal length in each try. Chosen by hand: a larger one needs fewer tries, but the
@@ -80,7 +80,7 @@ def cameras_of(
 
 
 def fisheye(columns: int, rows: int, fov_x: float) -> core.Camera:
-    """A camera whose images lie from its axis as the angle, not as its tangent (equidistant).
+    """An equidistant camera: the distance of an image from the axis is proportional to the angle.
 
     fov_x     radian, edge to edge
     Accuracy  model: OpenCV's radial distortion up to the corners, within 0.03, 0.15, 1.2 and 8 of
@@ -106,14 +106,14 @@ def identify_blind(
 ) -> core.Matches:
     """Try one camera after the other until one is solved: fields from 1.5 to 90 degrees.
 
-    `settings.max_false_probability` is divided by the number of tries, so that it bounds all
-    together.
+    `settings.max_false_probability` is divided by the number of tries, so that it bounds their
+    total.
 
     columns, rows  pixel
     index_of       the index of the stars for a camera, best `PatternIndexes`: thirty are needed
-    settings       its focal tolerance is replaced by that of each try
+    settings       the focal tolerance of each try replaces its own
     tries          cameras with their tolerances; None: `cameras`
-    Returns        as `identify`; where none is solved, that which chance explains the least
+    Returns        as `identify`; if none is solved, the result that chance explains least
     """
     tries = cameras(columns, rows) if tries is None else tries
     count = len(usable(spots))
@@ -130,50 +130,51 @@ def identify_blind(
     return min(unsolved, key=lambda matches: matches.false_probability)
 
 
-# What may be estimated with the attitude, with the standard deviation of its prior: relative focal
-# length, principal point over the width of the image, radial distortion, and what makes the grid of
-# pixels neither square nor rectangular: resampling, a rolling shutter.
+# Unknowns that may be estimated with the attitude, with the standard deviation of their priors:
+# relative focal length, principal point over the width of the image, radial distortion, and unequal
+# pitches and shear of the grid of pixels (by resampling or a rolling shutter).
 PRIORS = {
     "focal": 0.2, "k1": 0.5, "x": 0.03, "y": 0.03, "k2": 0.5, "oblong": 0.05, "shear": 0.05,
 }  # fmt: skip
 NAMES = tuple(PRIORS)
-# The same where the stars show none: what is left out counts in the covariance with these.
+# Standard deviations of unknowns that are not estimated; the covariance counts them.
 UNSEEN = PRIORS | {"k2": 0.2, "oblong": 0.002, "shear": 0.002}
 STAGES = (("focal",), ("focal", "k1"), ("focal", "k1", "x", "y"), ("focal", "k1", "x", "y", "k2"))
-GRID = ("oblong", "shear")  # the last stage, with those before that were kept
-# Of a calibrated camera all that one frame changes, to first order: refraction of the air, focus,
-# resampling. The rest has these standard deviations about the calibration. Chosen by hand: of the
-# calibrations of one series they are about three times the scatter.
+GRID = ("oblong", "shear")  # the last stage, with the earlier stages that were kept
+# Unknowns of one frame of a calibrated camera, to first order: refraction of the air, focus,
+# resampling. The others have these standard deviations about the calibration. Chosen by hand: they
+# are about three times the scatter of calibrations in one series.
 FRAME = ("focal", *GRID)
 CALIBRATED = UNSEEN | {"focal": 3e-4, "k1": 0.03, "x": 2e-3, "y": 2e-3, "k2": 0.2}
-# Match radius of the rounds of a stage: a lens that is not known yet is off by more than a spot.
+# Match radius of the rounds of a stage: an unknown lens displaces stars by more than a spot.
 RADII = (4.0, 2.0, 1.0)
 # Chosen by hand.
 SIGNIFICANT = 10.0  # of Fisher's F: a stage is kept above; a smaller one fits noise
 LEAST_FREE = 8  # coordinates beyond the unknowns, below which a stage is not tried
-LEAST_GRID = 24  # the same of the grid, which few images have: ten stars would fit it by chance
-FLOOR = 0.05  # pixel, of a centroid: no lens is known better
-# Error of the axis that many stars do not make smaller, chosen by hand beside 45 photographs of ten
-# cameras: pixel, and least fraction of the scatter of the residuals beyond their noise, whose cause
-# the model lacks (a tilted lens, the motion of a rolling shutter).
+LEAST_GRID = 24  # the same for the grid: few images need it, ten stars fit it by chance
+FLOOR = 0.05  # pixel, of a centroid: no lens is known more accurately
+# Error of the axis that does not decrease with the number of stars, chosen by hand with 45
+# photographs of ten cameras: pixel, and least fraction of the scatter of residuals beyond their
+# noise. The model lacks the cause of this scatter (a tilted lens, motion with a rolling shutter).
 AXIS, COMMON = 0.05, 0.5
 REFRACTION = 58.3 * core.arcsec  # of tan z, at sea level
-LOWEST = 0.05  # sine of the elevation, below which refraction is not that tangent
+LOWEST = 0.05  # sine of the elevation, below which the tangent law is invalid
 OUTLIER = 2.0  # sigma, beyond which a residual counts less (soft L1)
 BLOCKS, LEAST_IN_BLOCK = (3, 2), 3  # of the jackknife: across, down; stars
-BY_CHANCE = 1.8  # chi-square of its 2 x 5 degrees of freedom over these, which 5 % exceed
-STEPS, CLOSE = 20, 1e-6  # of Gauss-Newton at most; chi-square of the last
-ROUNDS = 8  # of matching and fitting in a stage, unless the matches stay the same before
+BY_CHANCE = 1.8  # chi-square per degree of freedom (2 x 5), exceeded in 5 %
+STEPS, CLOSE = 20, 1e-6  # most Gauss-Newton steps; chi-square of the last one
+ROUNDS = 8  # most rounds of a stage; ends when the matches stay the same
 
 
 class LensFit(NamedTuple):
     """An image with the distortion of its lens.
 
     matches            with the camera that was found and its attitude
-    icrs_to_image      the attitude of the axis through the centre of the image, turned from that of
-                       the camera, whose axis goes through the principal point, by the shortest way
-    covariance         (3, 3) radian^2, of the small rotation about these axes; the unknowns of the
-                       camera are counted, those that the stars do not show by their priors
+    icrs_to_image      attitude of the axis through the image centre. The shortest rotation leads to
+                       it from the camera's attitude, whose axis goes through the principal point
+    covariance         (3, 3) radian^2, of the small rotation about these axes. It includes the
+                       unknowns of the camera; unknowns that the stars do not determine count by
+                       their priors
     residual_rms       pixel, root mean square over both axes of all matches
     """
 
@@ -190,10 +191,10 @@ def fit_lens(
     index: PatternIndex,
     settings: Identification,
 ) -> LensFit:
-    """Estimate what the matches show of the lens, and match more stars with it, in turns.
+    """Estimate the lens from the matches, and match more stars with it, alternately.
 
-    Radial distortion, principal point, a second radial term, and a grid of pixels that is oblong
-    and sheared are added one after the other, each if it is significant with those before. One
+    Radial distortion, principal point, a second radial term, and an oblong and sheared grid of
+    pixels are added in this order; each is kept if it is significant with the earlier ones. One
     image determines a principal point where its field is wide (20 pixels, at 50 degrees and 40
     stars, to 1 pixel).
 
@@ -202,9 +203,9 @@ def fit_lens(
     settings        its `match_radius` holds for the fitted lens
     Raises          ValueError where the matches are not solved.
     Accuracy        model: OpenCV's radial distortion of second order about the principal point.
-                    The boresights of 25 photographs of 50 degrees lie within 0.3 arcmin in the
-                    median, and 0.7 at most, of those with a camera fitted to all of them: 0.9
-                    times the stated sigma in the median, 1.8 at 95 %.
+                    For 25 photographs of 50 degrees, the boresights differ from those with a camera
+                    fitted to all photographs by 0.3 arcmin (median) and 0.7 at most. This is 0.9
+                    times the stated sigma (median), and 1.8 times at 95 %.
     """
     if matches.icrs_to_camera is None:
         raise Refused(f"matches must be solved, got {matches.status}: {matches.reason}")
@@ -220,26 +221,26 @@ def fit_lens(
 
 
 def fit_frame(spots: Spots, matches: core.Matches) -> LensFit:
-    """The attitude of a frame of a calibrated camera, and what its stars show of scale and grid.
+    """The attitude of a frame of a calibrated camera, with the frame's scale and grid of pixels.
 
-    Where they are significant, relative focal length, oblong and sheared grid of this frame are
-    estimated beside the attitude. The air's refraction changes these three: at the zenith distance
-    z it shortens an image by 2.9e-4 along the horizon, and by 2.9e-4 / cos(z)^2 along the vertical
-    (Smart, Textbook on spherical astronomy, section 35: R = 60" tan z). The covariance is as that
-    of `fit_lens`: what residuals have alike for neighbours does not become less with many stars.
+    If they are significant, the frame's relative focal length, and oblong and sheared grid, are
+    estimated with the attitude. The air's refraction changes these three: at the zenith distance z
+    it shortens an image by 2.9e-4 along the horizon, and by 2.9e-4 / cos(z)^2 along the vertical
+    (Smart, Textbook on spherical astronomy, section 35: R = 60" tan z). The covariance is as in
+    `fit_lens`: errors that neighbouring stars share do not average out with many stars.
 
     spots, matches  solved by `identify` with the calibrated camera
     Returns         the camera as calibrated, with this frame's scale and grid
     Raises          ValueError where the matches are not solved.
     Accuracy        model: the noise of a centroid is assumed to be the same without distortion;
-                    refraction beyond its first derivative is left, 0.3 pixel of 1280 in a field of
-                    27 degrees 20 degrees above the horizon, and stated as an error.
+                    refraction beyond its first derivative is not corrected, but stated as an error:
+                    0.3 pixel of 1280 for a field of 27 degrees at 20 degrees above the horizon.
     """
     if matches.icrs_to_camera is None:
         raise Refused(f"matches must be solved, got {matches.status}: {matches.reason}")
     camera, focal = matches.camera, matches.camera.focal_length_px
     centre = np.array([(camera.columns - 1) / 2, (camera.rows - 1) / 2])
-    # A pinhole that sees the stars where they are without distortion, and its middle as it is.
+    # A pinhole camera whose stars lie at their undistorted places, with the same image centre.
     direction = camera.unproject(np.vstack([np.column_stack([spots.x, spots.y]), centre]))
     plane = focal * direction[:, :2] / direction[:, 2:]
     principal_x, principal_y = (-plane[-1]).tolist()
@@ -262,12 +263,13 @@ def fit_frame(spots: Spots, matches: core.Matches) -> LensFit:
 
 
 def _stated(spots: Spots, best: _BlindFit) -> LensFit:
-    """The result of a fit, its covariance as the jackknife over parts of the image shows it."""
+    """The result of a fit, with the covariance from the jackknife over parts of the image."""
     lens = best.lens()
     blocks = _without_blocks(spots, best)
     if len(blocks) < 2:
         return lens
-    # What the model lacks is alike for neighbours, which residuals as a whole do not tell.
+    # Neighbouring stars share errors that the model lacks; the rms of all residuals does not show
+    # it.
     turn = [(_axis(fit.matches) * lens.icrs_to_image.inv()).as_rotvec() for fit in blocks]
     square = float(np.var(turn, axis=0)[:2].sum()) * (len(blocks) - 1)
     more = max(1.0, square / BY_CHANCE / float(np.trace(lens.covariance[:2, :2])))
@@ -310,7 +312,7 @@ def _rematched(
     index: PatternIndex,
     settings: Identification,
 ) -> _BlindFit:
-    """The fit with more unknowns, after the matches have stayed the same."""
+    """The fit with more unknowns, repeated until the matches stay the same."""
     fit = _BlindFit(spots, start.matches, free)
     log_p = math.log(max(start.matches.false_probability, 1e-300))
     for turn in range(ROUNDS):
@@ -340,8 +342,8 @@ def _rematched(
 class _BlindFit:
     """Robust least squares of attitude and camera for given matches, by Gauss-Newton.
 
-    free    names of what is estimated of the camera; the rest stays at its start
-    unseen  standard deviations of the rest, that count in the covariance
+    free    names of the estimated unknowns of the camera; the others keep their start values unseen
+    standard deviations of the others, which the covariance counts
     """
 
     def __init__(
@@ -359,13 +361,13 @@ class _BlindFit:
         noise = (covariance[:, 0, 0] + covariance[:, 1, 1]) / 2
         self.noise = np.where(np.isfinite(noise), noise, 1.0) + FLOOR**2
         self.rotation, self.values = matches.icrs_to_camera, _values_of(matches.camera)
-        # The focal length has its prior about the start, all else about none.
+        # The prior of the focal length is about its start value; all other priors are about zero.
         self.mean = np.zeros(len(NAMES))
         self.mean[0] = self.values[0]
         self.prior = np.array([(PRIORS if name in free else unseen)[name] for name in NAMES])
         self.used = np.concatenate([np.ones(3, bool), [name in free for name in NAMES]])
         self.excess = 0.0
-        for _ in range(2):  # the second time with the weights of the residuals of the first
+        for _ in range(2):  # the second time with weights from the residuals of the first
             self._converge()
             self.excess = self._excess()
         self.matches = replace(
@@ -373,7 +375,7 @@ class _BlindFit:
         )
 
     def _converge(self) -> None:
-        """Gauss-Newton with weights of soft L1, until the steps are small beside the errors."""
+        """Gauss-Newton with soft-L1 weights, until the steps are small compared with the errors."""
         for _ in range(STEPS):
             residual, slopes = self._residual()
             information, right = self._normal(residual, slopes)
@@ -388,7 +390,7 @@ class _BlindFit:
     def _residual(self) -> tuple[Floats, Floats]:
         """Pixel (n, 2), spots minus stars, and the slopes (n, 2, 3 + names) of the stars' places.
 
-        Of a star that is not ahead of the camera far outside, without slopes.
+        A star behind the camera is set far outside, with zero slopes.
         """
         place, slopes = _project(
             self.camera, self.values, self.rotation.apply(self.before.direction)
@@ -417,7 +419,7 @@ class _BlindFit:
         return max(typical - float(np.median(self.noise)), 0.0)
 
     def significant(self, before: tuple[str, ...]) -> bool:
-        """Whether the unknowns that were not free before are significantly different from zero."""
+        """Whether the newly freed unknowns are significantly different from zero."""
         information, _ = self._normal(*self._residual())
         index = np.flatnonzero(self.used)
         covariance = np.linalg.pinv(information[np.ix_(index, index)])
@@ -438,15 +440,16 @@ class _BlindFit:
         return max(1.0, float(cost) / self._freedom) if self._freedom > 0 else 1.0
 
     def lens(self) -> LensFit:
-        """The result, its covariance from the derivatives of all that may be unknown."""
+        """The result; its covariance is from the derivatives by all unknowns."""
         residual, slopes = self._residual()
         information, _ = self._normal(residual, slopes)
-        # Few residuals do not tell their own scatter: the variance of Student's distribution.
+        # With few residuals their scatter is uncertain: hence the variance of Student's
+        # distribution.
         few = self._freedom / (self._freedom - 2) if self._freedom > 2 else 3.0
         covariance = np.linalg.pinv(information) * self._chi_square() * few
         rows = self._turns_of_axis()
         axis_covariance = rows @ covariance @ rows.T
-        # What a residual shares with that of its neighbour is of the place, as the axis is.
+        # Errors that neighbouring stars share depend on the place, like the error of the axis.
         most = OUTLIER * np.sqrt(self.noise + self.excess)[:, None]
         bounded = np.clip(residual, -most, most)
         near = cKDTree(self.place).query(self.place, 2)[1][:, 1]
@@ -460,17 +463,18 @@ class _BlindFit:
         """Turn (3, 3 + names) of the axis through the middle of the image, by the unknowns."""
         camera, turn = self.matches.camera, _centre(self.matches.camera)
         _, slope = _project(camera, self.values, camera.unproject(_middle(camera)))
-        # The direction of the middle moves so that its place stays; about it the camera turns.
+        # The direction of the middle moves so that its place stays; the camera turns about it.
         rows = np.zeros((3, len(self.used)))
         rows[:, :3] = np.eye(3)
         rows[:, 3:] = np.linalg.lstsq(slope[0, :, :3], slope[0, :, 3:])[0]
         return np.asarray(turn.inv().as_matrix() @ rows)
 
     def refraction_left(self) -> Floats:
-        """Turn (3,), radian, by which refraction that is no scale and no squeeze moves the axis.
+        """Turn (3,), radian, of the axis by the refraction that is neither scale nor squeeze.
 
-        The squeeze of the grid tells the zenith's distance, R = 58.3" tan z, and its line in the
-        image, not at which of both ends it lies: the sign is not known.
+        The squeeze of the grid gives the zenith distance, by R = 58.3" tan z, and the line through
+        the zenith in the image. It does not show at which end of the line the zenith lies: the sign
+        is unknown.
         """
         _, oblong, shear = self.values[[0, -2, -1]].tolist()
         squeeze = math.hypot(oblong, shear)
@@ -478,7 +482,7 @@ class _BlindFit:
             return np.zeros(3)
         camera, place = self.matches.camera, np.vstack([self.place, _middle(self.matches.camera)])
         seen = _centre(camera).inv().apply(camera.unproject(place))
-        line = (math.atan2(shear, oblong) + math.pi) / 2  # along which the image is shorter
+        line = (math.atan2(shear, oblong) + math.pi) / 2  # direction of the squeeze
         distance = math.atan(math.sqrt(squeeze / REFRACTION))
         zenith = math.sin(distance) * np.array([math.cos(line), math.sin(line), 0.0])
         zenith[2] = math.cos(distance)
@@ -514,7 +518,7 @@ def _values_of(camera: core.Camera) -> Floats:
 
 
 def _with_values(camera: core.Camera, values: Floats) -> core.Camera:
-    """Inverse of `_values_of`; what is not in it stays."""
+    """Inverse of `_values_of`; other parameters of the camera stay."""
     focal, k1, x, y, k2, oblong, shear = values.tolist()
     grid = core.FieldPolynomial((0.0, oblong / 2, shear), (0.0, 0.0, -oblong / 2))
     return replace(
@@ -532,7 +536,7 @@ def _project(camera: core.Camera, values: Floats, direction: Floats) -> tuple[Fl
     """Places (n, 2) of directions by these values, and their slopes (n, 2, 3 + names).
 
     Slopes by a small rotation about the camera's axes, and by the values. As `Camera.project`,
-    without tangential distortion; NaN for what is not ahead.
+    without tangential distortion; NaN for directions behind the camera.
     """
     focal, k1, x, y, k2, oblong, shear = values.tolist()
     focal, k3 = math.exp(focal), camera.k3
@@ -579,7 +583,7 @@ def _middle(camera: core.Camera) -> Floats:
 
 
 def _centre(camera: core.Camera) -> Rotation:
-    """The shortest turn from the camera's axis to the direction of the middle of its image."""
+    """The shortest rotation from the camera's axis to the direction of the image centre."""
     x, y, z = camera.unproject(_middle(camera))[0]
     apart = math.hypot(x, y)
     turn = np.array([-y, x, 0.0]) * (math.atan2(apart, z) / apart if apart else 0.0)

@@ -1,4 +1,4 @@
-"""The pattern index of a catalogue and a field of view, from a file where there is one."""
+"""The pattern index of a catalogue and a field of view, from a file if one exists."""
 
 import contextlib
 import hashlib
@@ -16,10 +16,10 @@ from startrack.core import Camera, Kept, Stars, private_folder, trusted
 from startrack.identification.grids import SkyGrid, VerificationStars
 from startrack.identification.index import CodeTable, PatternIndex, build_index, indexed_field
 
-FORMAT = 7  # grows with every change of what an index holds or how it is built
+FORMAT = 7  # raise it with every change of the content or the making of an index
 # Files of some 10 MB; a photograph needs up to 26. Chosen by hand: disk against rebuilding.
 KEPT = 60
-HELD = 34  # of 10 MB in memory: all that `identify_blind` takes, up to images of 2 : 1
+HELD = 34  # indexes of 10 MB in memory: all of `identify_blind`, for images up to 2 : 1
 
 
 class _Parts(NamedTuple):
@@ -43,9 +43,9 @@ def cache_folder() -> Path:
 def cached_index(stars: Stars, field_of_view: float, folder: Path) -> PatternIndex:
     """The index of `build_index`, kept in a folder from one run to the next.
 
-    A file is named by a hash of all that the index depends on. It is written atomically, and
-    built again where it cannot be read or is damaged, or another user could have written it. The
-    60 files used last are kept; where the folder cannot be written, nothing is kept.
+    A file is named by a hash of everything that the index depends on. It is written atomically. It
+    is built again if it cannot be read, is damaged, or could have been written by another user. The
+    60 files used last are kept; if the folder is not writable, nothing is kept.
 
     stars          the tracker's catalogue
     field_of_view  radian, of the smaller side of the image
@@ -53,7 +53,7 @@ def cached_index(stars: Stars, field_of_view: float, folder: Path) -> PatternInd
     """
     key = _key(stars, field_of_view)
     path = folder / f"index-{key[:32]}.npz"
-    # What another user could have written is not read.
+    # A file that another user could have written is not read.
     readable = path.is_file() and trusted(folder) and trusted(path)
     index = _read(path, key) if readable else None
     if index is None:

@@ -30,8 +30,8 @@ def log_brightness(
     for spots of magnitude m and stars of magnitude M. The flux of a star is known except for the
     camera's zero point z and errors of variance v: its noise, and the passband for stars of other
     colours. By chance a spot is as bright as the spots of this image are, with the density q. A
-    fraction w of the stars may be as bright as any spot (variable, blended, saturated). Fluxes
-    may be useless, as in saturated photographs, which has the same prior probability as R.
+    fraction w of the stars may be as bright as any spot (variable, blended, saturated). Fluxes may
+    also be useless, as in saturated photographs; this case has prior probability 1/2.
 
     magnitude  (n,) of all spots, NaN where unknown: such a match has the factor 1
     spot_blur  (k,) magnitude, standard deviation of matched spots
@@ -123,22 +123,22 @@ def log_evidence(
     which the camera may detect stars and a few errors of the believed distortion.
 
     By chance the mean of B is 1, so that B exceeds 1 / P with a probability of at most P (Markov's
-    inequality), whatever the number of hypotheses. By Neyman and Pearson's lemma no other test
-    finds more at the same P, as far as the model holds.
+    inequality), whatever the number of hypotheses. By Neyman and Pearson's lemma, no other test
+    finds more at the same P, if the model holds.
 
     Source: Laplace's method for Bayes factors: Kass and Raftery (1995), J. Am. Stat. Assoc. 90,
     773.
 
     square     (k,) squared distances of the matches, in the image plane
     variance   (k,) of the spots' noise along each axis, in the same units
-    brighter   (k,) how many brighter stars the image should hold
+    brighter   (k,) number of brighter stars that the image should hold
     rows       (k, 2, d) derivatives of the positions by the unknowns
     prior      (d, d) prior information on the unknowns
     log_prior  ln of the prior density of the unknowns at their solution
     spots      n
-    stars      how many stars are predicted in the image
+    stars      number of stars predicted in the image
     area       A
-    radius     1, match radius in the image plane without the part due to noise
+    radius     1, match radius in the image plane, without its part for noise
     """
     unknowns = len(prior)
     information = np.empty((unknowns, unknowns))

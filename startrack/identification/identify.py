@@ -15,8 +15,8 @@ from startrack.identification.search import TripleLimits, breadth_first, search
 from startrack.identification.seen import Seen, keep_brightest, see, usable
 from startrack.identification.verify import MatchVerdict, scale_tolerance
 
-# Bound on chance below which a refused hypothesis is reported as ambiguous, not as no match. Chosen
-# by hand: it changes the status alone.
+# Bound on chance below which a refused hypothesis is reported as ambiguous instead of no match.
+# Chosen by hand: it changes only the status.
 PROBABLE = 1e-2
 
 
@@ -27,7 +27,7 @@ def identify(
     index: PatternIndex,
     settings: Identification,
 ) -> Matches:
-    """Find which spot is which star at an unknown attitude (lost in space).
+    """Match spots with stars at an unknown attitude (lost in space).
 
     Triangles of bright spots are looked up by their code. Each triangle found is a hypothesis,
     which the other spots verify. The first hypothesis whose probability by chance is at most
@@ -39,8 +39,8 @@ def identify(
     index     built from these stars, for about this field of view
     Returns   Matches: solved, with the spots in rising order and the least-squares attitude; or
               too few stars, a blank image, ambiguous (the best hypothesis is likely, but its
-              bound on chance is too large), or no match, also where many more spots fit a
-              focal length beyond the tolerance
+              bound on chance is too large), or no match, also if many more spots fit a focal length
+              beyond the tolerance
     Raises    ValueError where the index was built from another number of stars.
     Accuracy  model: the bound on false matches holds for randomly distributed spots; spots of trees
               or clouds are clustered, and so are stars.
@@ -119,7 +119,7 @@ def refined(
 ) -> Matches:
     """The matches of all spots at an accepted attitude.
 
-    Distortion is not a similarity: it is corrected again with each focal length that is found.
+    Distortion is not a similarity, so it is corrected again with each new focal length.
 
     finite    the usable spots
     rotation  (3, 3) icrs_to_camera to start from

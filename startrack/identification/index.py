@@ -25,7 +25,7 @@ MAGNITUDE = 0.4 * np.log(10)  # ln of the flux per magnitude
 def merged(
     stars: core.Stars, resolution: float, pairs: Ints | None = None
 ) -> tuple[core.Stars, Ints]:
-    """Merge stars closer than the resolution, at the centre of their light.
+    """Merge stars closer than the resolution into one star at the centre of their light.
 
     The brightest star of a close group is merged with those within the resolution of it.
 
@@ -120,11 +120,10 @@ TALLEST = math.sqrt(3) / 2  # largest |y| of a code: that of an equilateral tria
 def triangle_code(a: Floats, b: Floats, c: Floats) -> tuple[float, float]:
     """Code of a triangle of directions: position of C over the base from A to B.
 
-    In the plane that touches the sphere in the middle between A and B, with A at (0, 0) and B at
-    (1, 0), C has the position (x, y). Neither a rotation nor a change of scale changes it; a mirror
-    image has another code. A and B are the two directions farthest apart, so that C lies in the
-    lens of the points that are nearer to A and to B than these to each other. Of the two orders
-    of A and B the canonical one has x <= 1/2.
+    The plane touches the sphere in the middle between A and B. With A at (0, 0) and B at (1, 0), C
+    has the position (x, y). Neither rotation nor scale changes it; a mirror image has another code.
+    A and B are the two directions farthest apart, so that C lies in the lens of points that are
+    nearer to A and to B than A is to B. The canonical order of A and B has x <= 1/2.
 
     Source: after Lang et al. (2010), Astron. J. 139, 1782, sect. 2.2, who take four stars and the
     square over the base.
@@ -154,14 +153,14 @@ def separation(a: Floats, b: Floats) -> float:
 # Chosen by hand: smaller cells hold fewer triangles to compare, but more of them must be read.
 CELL = 0.02  # edge of a cell of the code: larger than the errors
 CELLS_X = round(0.5 / CELL)  # cells along x, from 0 to 1/2
-CELLS_Y = 2 * math.ceil(TALLEST / CELL)  # cells along y, as many below the base as above
+CELLS_Y = 2 * math.ceil(TALLEST / CELL)  # cells along y, equal numbers below and above the base
 STRETCH = 0.02  # ln of the ratio of the bases of two neighbouring cells, as CELL
 # Chosen by hand: a wider range makes triangles of more stars of an image, and a larger index.
 SMALLEST = 0.2  # of the field: the noise of a code grows as the inverse of the base
-LARGEST = 1.2  # of the field: few longer ones fit into the diagonal, sqrt(2)
+LARGEST = 1.2  # of the field: few longer bases fit into the diagonal, sqrt(2)
 CELLS_BASE = math.ceil(math.log(LARGEST / SMALLEST) / STRETCH)  # cells along the length of the base
-# Radian, of an index: bases of 1.2 times as much make triangles that the plane which touches the
-# sphere in the middle of a base can hold. Wider images have many such triangles.
+# Radian, widest field of an index: triangles with bases of 1.2 times this still fit the plane that
+# touches the sphere in the middle of the base. Wider images have many such triangles.
 WIDEST = 90 * deg
 POINTS = 512  # resolved across a field: two pixels of 1024; chosen by hand for common cameras
 VOTING_RANK = 40  # stars per field that verify hypotheses; chosen by hand: trades time and memory
@@ -236,9 +235,9 @@ def build_index(
     """Index the triangles of bright stars that a camera can see at once.
 
     The catalogue is thinned to about `stars_per_field` of the brightest stars in every field.
-    Small triangles are made of all of these; those of a longer base only of the brighter ones,
-    whose number per field falls as the inverse of the base, so that bases of all lengths are
-    about equally frequent. Bases are 0.2 to 1.2 of the field.
+    All of these form small triangles. Only brighter stars form triangles with longer bases: their
+    number per field is inversely proportional to the base, so that bases of all lengths are about
+    equally frequent. Bases are 0.2 to 1.2 of the field.
 
     stars            the tracker's catalogue, in any order
     field_of_view    radian, of the smaller side of the image
@@ -310,7 +309,7 @@ def _table(
 
 
 def _order(cell: Indices) -> Ints:
-    """The order that sorts cells; equal ones stay in turn.
+    """The order that sorts cells; equal cells keep their order.
 
     It sorts by the lower 16 bits, then by the upper ones: for 16 bits numpy uses a radix sort.
     """

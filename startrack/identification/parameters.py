@@ -78,22 +78,22 @@ GROUP = "identifications"
 
 @dataclass(frozen=True, eq=False)
 class IdentificationInput:
-    """Spots and the catalogue, of which an identification says what belongs together.
+    """Spots and the catalogue that a user's identification matches.
 
     seen        (n, 3) unit vectors of the spots in camera axes, brightest first, by the camera
                 that the tracker believes
     sigma       (n,) radian, standard deviation of each per axis
     flux        (n,) digital number
     stars       the tracker's catalogue: direction (m, 3) unit vectors in ICRS axes, magnitude_g
-                (m,); the same object in each trial, so that functools.cache holds what a method
-                makes of it
+                (m,); the same object in each trial, so that functools.cache can keep what a method
+                computes from it
     radius      radian, from the boresight to the corners of the frame
     settings    the other keys of tracker.identification
     predicted   (3, 3) icrs_to_camera that a tracker expects in a sequence; None: lost in space
     covariance  (3, 3) radian^2 of that, about the camera's axes; None: lost in space
 
-    The function returns (k, 2) whole numbers: index of a spot, index of its star; none twice.
-    Without rows the sky is not identified
+    The function returns (k, 2) whole numbers: index of a spot, index of its star; no index twice.
+    No rows: the sky is not identified
     """
 
     seen: Floats
@@ -120,7 +120,7 @@ def matches_by_code(
     usable   (n,) indices of the spots that may be matched
     Returns  Matches, with the false probability unknown (NaN); no match where the function matches
              fewer stars than `settings.min_matches`, or two with a prediction
-    Raises   ValueError where the function raises an error, or returns what it must not.
+    Raises   ValueError if the function raises an error, or returns an invalid result.
     """
     name, none = settings.method, np.empty(0, np.int64)
     fewest = settings.min_matches if predicted is None else 2
@@ -158,7 +158,7 @@ def matches_by_code(
 
 
 def _check(name: str, pairs: Floats, spots: int, stars: int) -> None:
-    """Refuse indices of no spot or star, and those that are there twice."""
+    """Refuse indices out of range, and repeated indices."""
     asked = f"{core.POINTS[GROUP]} {name} must return"
     for column, most, what in zip(pairs.T, (spots, stars), ("spots", "stars"), strict=True):
         if (column != np.rint(column)).any() or ((column < 0) | (column >= most)).any():

@@ -32,14 +32,14 @@ from startrack.identification.verify import (
 # Chosen by hand.
 # Tolerance of a code for noise: a larger one takes time, a smaller one loses triangles.
 SIGMAS = 3.5
-# Fraction of matches with the brightest stars below which an accepted hypothesis is checked by
-# `leave_one_out`: a larger one takes time, a smaller one misses fits that a false spot distorted.
+# Fraction of matches with the brightest stars, below which `leave_one_out` checks an accepted
+# hypothesis: a larger one takes time, a smaller one misses fits that a false spot distorted.
 EXPECTED = 0.7
 
 
 @lru_cache(maxsize=128)
 def breadth_first(spots: int, bright: int) -> Ints:
-    """Choices (k, 3) of three of the brightest spots, in the order of the sum of their ranks.
+    """Choices (k, 3) of three bright spots, sorted by the sum of their ranks.
 
     In this order one bright false spot delays the search only a little. Choices of the fainter
     spots follow: the limb of the Moon may be brighter than all stars.
@@ -94,8 +94,8 @@ def search(
         longest, noise, off_axis = _measure(seen, choice)
         if not table.smallest * (1 - seen.focal) <= longest <= table.largest * (1 + seen.focal):
             continue
-        # Off the axis, a wrong focal length is no similarity: it stretches differently along the
-        # radius and across it, by its error times tan^2.
+        # Off the axis, a wrong focal length is no similarity: the stretches along and across the
+        # radius differ by the relative error times tan^2 of the angle.
         error = noise + code_tolerance + 2 * seen.focal * off_axis
         stretch = noise + code_tolerance - math.log1p(-seen.focal) + 2 * seen.focal * off_axis
         shortest = cell_base(longest * math.exp(-stretch), table.smallest)

@@ -75,7 +75,7 @@ def see(spots: Spots, chosen: Ints, camera: Camera, settings: Identification) ->
 
 @lru_cache(maxsize=64)
 def _border(camera: Camera) -> Border:
-    """Around all that a distorted image holds: 16 places along each edge."""
+    """Border of a distorted image in the image plane, from 16 places along each edge."""
     share = np.linspace(0, 1, 16)
     x, y = share * camera.columns - 0.5, share * camera.rows - 0.5
     edges = [np.column_stack([x, 0 * x + end]) for end in (y[0], y[-1])]
@@ -136,7 +136,7 @@ def _see(
 
 @kernel
 def keep_brightest(seen: Seen, count: int) -> Seen:
-    """The first `count` spots alone."""
+    """Only the first `count` spots."""
     return Seen(
         seen.plane[:count],
         seen.direction[:count],
@@ -155,7 +155,7 @@ def keep_brightest(seen: Seen, count: int) -> Seen:
 
 @kernel
 def with_focal(seen: Seen, focal: float) -> Seen:
-    """The same with another relative tolerance of the focal length."""
+    """The same spots with another relative tolerance of the focal length."""
     return Seen(
         seen.plane,
         seen.direction,

@@ -18,7 +18,7 @@ from startrack.identification.seen import Seen, keep_brightest, predict, project
 from startrack.identification.verify import log_evidence_with_prior
 
 # Squared radius of a window over its variance. Chosen by hand: a larger one takes more false spots;
-# one of 3000 true ones lies outside.
+# one of 3000 true spots lies outside.
 WINDOW = 16.0
 FEWEST = 2  # stars that determine an attitude
 MOST_CHAINS = 200  # chosen by hand: trades time against the success with uncertain predictions
@@ -184,14 +184,14 @@ def track(
     covariance: Floats,
     settings: Identification,
 ) -> core.Matches:
-    """Find which spot is which star near a predicted attitude. Two stars may be enough.
+    """Match spots with stars near a predicted attitude. Two stars may be enough.
 
     The evidence is that of `identify`, except that the prior of the attitude is the prediction's
     Gaussian. `settings.max_false_track` bounds the probability that a frame of false spots alone
-    is matched. Where the evidence is too weak, `identify` is called.
+    is matched. If the evidence is too weak, `identify` is called.
 
     spots       brightest first; those without a finite position are left out
-    camera      with the focal length of the last frame, which is held
+    camera      with the focal length of the last frame, which is kept fixed
     predicted   icrs_to_camera at the middle of this exposure
     covariance  (3, 3) radian^2, of the small rotation about the camera's axes
     Returns     as `identify`

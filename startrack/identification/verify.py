@@ -1,4 +1,4 @@
-"""How many spots a hypothesis explains, and the bound on chance."""
+"""The number of spots that a hypothesis explains, and the bound on chance."""
 
 import math
 from typing import NamedTuple
@@ -24,7 +24,7 @@ class MatchVerdict(NamedTuple):
     rotation  (3, 3) icrs_to_camera
     scale     1, true over believed focal length
     matches   number of matched spots, 0 where the hypothesis is refused without a test
-    expected  number of these whose stars are among as many brightest stars of the image
+    expected  number of matches with the k brightest stars of the image, for k matches
     log_p     ln of the bound on chance
     """
 
@@ -92,7 +92,7 @@ def verify(
 def leave_one_out(
     seen: Seen, voters: VerificationStars, verdict: MatchVerdict, fewest: int
 ) -> MatchVerdict:
-    """The best of a verdict and those found with each of its matches left out of the first fit.
+    """The best verdict: this one, or one of those with each match left out of the first fit.
 
     One false spot far from a group of true ones can rotate and scale the fit so that all other
     stars are missed, while the group alone is enough evidence.

@@ -175,7 +175,7 @@ def refuse(case: Case) -> None:
 
 
 def _refuse_crowded(case: Case) -> None:
-    """Refuse designs with so many hot pixels that they displace stars from the list of spots."""
+    """Refuse designs with many hot pixels, which displace stars from the list of spots."""
     pattern = dark_pattern(case)
     if pattern is None:
         return
