@@ -10,7 +10,7 @@ apparent  Catalog, date, observer -> Stars at their apparent places (parallax, a
 sky       Selection -> Sky, which finds the stars around a direction.
 """
 
-from startrack.catalog.apparent import Observer, apparent, earth_observer
+from startrack.catalog.apparent import Observer, aberrate, apparent, earth_observer
 from startrack.catalog.catalog import Catalog
 from startrack.catalog.colour import v_from_g
 from startrack.catalog.readers import read

@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Callable, Iterable
 from concurrent.futures import BrokenExecutor
 from dataclasses import replace
+from datetime import datetime, timedelta
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -27,20 +28,28 @@ from startrack.cli.options import (
 if wanted(__name__):
     from startrack import plots
     from startrack.cli import terminal
-    from startrack.core import Camera, Frame, positive, within
+    from startrack.core import Camera, Frame, arcsec, positive, utc, within
     from startrack.design import Tracker
     from startrack.detection import Detection
     from startrack.identification import Identification, PatternIndexes, fit_frame
     from startrack.io import field_hint, rows_upwards, tetra3_values, to_table, write_solution
     from startrack.montecarlo import pool
-    from startrack.photograph import THRESHOLDS, Photograph, PhotographView, solve_photograph
+    from startrack.photograph import (
+        THRESHOLDS,
+        Photograph,
+        PhotographView,
+        Site,
+        place_photograph,
+        solve_photograph,
+    )
     from startrack.trial import lost_in_space
 
 
 declare = Options(
     "Prints the boresight of each image, its roll, its field of view and the probability of a "
     "false match. The boresight is the direction of the centre of the image, as the catalogue has "
-    "it: refraction of the air and aberration are in it. Without --camera the lens is unknown: its "
+    "it: refraction of the air and aberration are in it. With --place the direction without both "
+    "is printed, too, with azimuth and elevation. Without --camera the lens is unknown: its "
     "distortion is estimated where the stars show it; with it the optical axis is printed, too. "
     "Scale and squeeze of the image that refraction of the air causes are estimated where the "
     "stars show them. Mirrored and "
@@ -72,6 +81,13 @@ declare = Options(
         "calibrated camera, from `calibrate --camera`, or a design with [tracker.camera]",
         Path,
     ),
+    Option("--place LAT LON", "latitude and longitude of the camera, degree", float),
+    Option("--height METRE", "height of the place above the sea (default: 0)", float, 0.0),
+    Option(
+        "--time UTC",
+        "of the exposure, such as 2026-08-21T22:10:05 (default: as the file is stamped, taken as "
+        "UTC)",
+    ),
     Option(
         "--tables DIR",
         "folder for FITS files as astrometry.net writes them: spots (.axy), "
@@ -97,6 +113,7 @@ declare = Options(
 
 BRIGHT = "bright"
 DEEPER = "; a field of a few degrees may need the fainter stars of --catalog deep"
+YEAR_2000, ANY_TIME = datetime(2000, 1, 1), "2000-01-01T00:00:00"  # as frames are stamped
 WIDEST = 240.0  # degree across the columns, of a fisheye
 
 # What all images of a process share: the options of these names, and the function that reads an
@@ -126,6 +143,10 @@ def command(options: argparse.Namespace) -> int:
             within(0, WIDEST, fov=options.fov)
         if options.camera and options.fov is not None:
             raise ValueError("--fov and --camera must not both be given: the camera has its field")
+        if options.place is None and (options.time or options.height):
+            raise ValueError("--time and --height need --place LAT LON")
+        if options.place is not None:
+            _site(options, options.time or ANY_TIME)  # refused before the first image
     _opened.cache_clear()  # files may have changed
     _opened(*(getattr(options, name) for name in SHARED))
     statuses = set()
@@ -200,13 +221,15 @@ def _solved(how: argparse.Namespace, path: Path) -> tuple[dict[str, Any], str, E
         solved = solve_photograph(frame, indexes, identification, hint, how.aspect, upwards)
         if upwards and solved.axis is not None:
             place = "; the rows of the file go upwards, by its ROWORDER"
+    placed, where = _placed(how, frame, solved, camera)
+    place += where
     seen = solved.spots, solved.matches, solved.estimate
     values = (
         tetra3_values(*seen, solved.axis, stars)
         if how.keys == "tetra3"
         else _values(solved, frame.exposure if frame.exposure > 0 else how.exposure or 0.0)
     )
-    result = {"image": str(path), **values}
+    result = {"image": str(path), **values, **placed}
     if how.overlay:
         name = how.overlay / f"{path.stem}.solved.png"
         plots.draw_solution(
@@ -252,6 +275,46 @@ def _with_camera(
     attitude = matches.icrs_to_camera
     estimate = replace(estimate, icrs_to_camera=attitude, covariance=covariance, residual_rms=rms)
     return Photograph(spots, matches, estimate, axis, PhotographView())
+
+
+def _site(how: argparse.Namespace, time: str) -> Site:
+    within(-90, 90, latitude=how.place[0])
+    latitude, longitude = (math.radians(angle) for angle in how.place)
+    return Site(latitude, longitude, utc(time).isot, how.height)
+
+
+def _placed(
+    how: argparse.Namespace, frame: Frame, solved: Photograph, camera: Camera | None
+) -> tuple[dict[str, Any], str]:
+    """Where the camera points by its place and time: for JSON, and words; nothing without."""
+    if how.place is None or solved.axis is None:
+        return {}, ""
+    if how.time is None and not math.isfinite(frame.time):
+        raise ValueError("--time must be given with --place: the file is not stamped")
+    time = how.time or (YEAR_2000 + timedelta(seconds=frame.time)).isoformat()
+    try:
+        placed = place_photograph(solved, _site(how, time), camera)
+    except ValueError as reason:  # the attitude stays
+        return {"place": {"reason": str(reason)}}, f"; no direction without refraction: {reason}"
+    fit = placed.fit
+    angles = {
+        "azimuth_deg": math.degrees(placed.azimuth),
+        "elevation_deg": math.degrees(placed.elevation),
+    }
+    moved = {
+        "refraction_arcsec": placed.refraction / arcsec,
+        "aberration_arcsec": placed.aberration / arcsec,
+    }
+    values = {"time": time, **terminal.attitude_values(fit.icrs_to_image), **angles, **moved}
+    values |= {
+        "residual_rms_px": fit.residual_rms,
+        "sigma_arcsec": [v**0.5 / arcsec for v in fit.covariance.diagonal()],
+    }
+    return {"place": values}, (
+        f"; azimuth {angles['azimuth_deg']:.3f}, elevation {angles['elevation_deg']:.3f} deg; "
+        f"without refraction ({moved['refraction_arcsec']:.1f} arcsec) and aberration "
+        f"({moved['aberration_arcsec']:.1f}): {terminal.pointing_text(fit.icrs_to_image, 4, 3)}"
+    )
 
 
 def _values(solved: Photograph, exposure: float) -> dict[str, Any]:

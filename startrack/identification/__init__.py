@@ -19,9 +19,11 @@ track       Matches from spots and a predicted attitude.
 from startrack.identification.agree import NARROWEST, REACH, Agreed, refit
 from startrack.identification.blind import (
     WIDEST_PINHOLE,
+    LensFit,
     cameras,
     cameras_of,
     fisheye,
+    fit_again,
     fit_frame,
     fit_lens,
     identify_blind,

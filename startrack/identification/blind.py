@@ -262,6 +262,20 @@ def fit_frame(spots: Spots, matches: core.Matches) -> LensFit:
     return lens._replace(matches=replace(lens.matches, camera=own))
 
 
+def fit_again(spots: Spots, matches: core.Matches) -> LensFit:
+    """The attitude and lens of matches that stay, with the unknowns that their camera has.
+
+    spots, matches  as `fit_lens` returns them; directions of stars may have moved a little
+    Raises          ValueError where the matches are not solved.
+    Accuracy        that of `fit_lens`
+    """
+    if matches.icrs_to_camera is None:
+        raise Refused(f"matches must be solved, got {matches.status}: {matches.reason}")
+    values = _values_of(matches.camera)
+    shown = tuple(name for name, value in zip(NAMES[1:], values[1:], strict=True) if value)
+    return _stated(spots, _BlindFit(spots, matches, (*STAGES[0], *shown)))
+
+
 def _stated(spots: Spots, best: _BlindFit) -> LensFit:
     """The result of a fit, with the covariance from the jackknife over parts of the image."""
     lens = best.lens()

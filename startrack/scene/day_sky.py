@@ -9,17 +9,13 @@ from typing import NamedTuple
 import numpy as np
 
 from startrack.core import Floats, Parameters, Range, Refused, Unit, deg, parameter
-from startrack.space import sun_direction
+from startrack.space import horizon_axes, refraction, sun_direction
 
 HIGHEST_SITE = 40e3  # metre
 LOWEST_LINE = 10 * deg  # of a line of sight above the horizontal
 MOST_AEROSOL = 2.0
 DARKEST_CITY, DARKEST = 12.0, 26.0  # V magnitude per square arcsecond
 ROUNDING = 1e-9  # radian
-# Refraction at 45 degrees and sea level, radian, Saemundsson's formula as Meeus (1998) has it,
-# Astronomical Algorithms, 2nd ed., eq. (16.4); the air thins out with the scale of its density.
-REFRACTION, REFRACTION_A, REFRACTION_B = 1.02 / 60 * deg, 10.3, 5.11
-DENSITY_SCALE = 7.0e3  # metre, from the ground to 40 km; 10 % at heights between
 
 
 class SunPlace(NamedTuple):
@@ -150,18 +146,8 @@ class DaySky(Parameters):
     def refraction(self, elevation: float | None = None) -> float:
         """Radian by which the air lifts a star, of the line of sight by default.
 
-            R = 1.02' cot(e + 10.3 / (e + 5.11)) exp(-height / 7 km),   e in degrees
-
-        e is the elevation without air. Source: Saemundsson (1986), Sky and Telescope 72, 70.
-
-        Accuracy  model: 0.1 arcmin at the ground in air of 10 degC and 1010 hPa; 10 % above it.
+        elevation  radian, without air
+        Accuracy   that of `startrack.space.refraction`
         """
-        given = (self.elevation if elevation is None else elevation) / deg
-        angle = (given + REFRACTION_A / (given + REFRACTION_B)) * deg
-        return max(REFRACTION / math.tan(angle), 0.0) * math.exp(-self.height / DENSITY_SCALE)
-
-
-def horizon_axes(latitude: float, longitude: float) -> Floats:
-    """Columns east, north and up (3, 3) in the Earth's axes."""
-    (s, c), (sl, cl) = ((math.sin(x), math.cos(x)) for x in (latitude, longitude))
-    return np.array([[-sl, -s * cl, c * cl], [cl, -s * sl, c * sl], [0.0, c, s]])
+        given = self.elevation if elevation is None else elevation
+        return float(refraction(np.array(given), self.height))

@@ -6,8 +6,8 @@ import numpy as np
 
 from startrack.core import Floats
 from startrack.scene.bodies import moon_irradiance
-from startrack.scene.day_sky import DaySky, SunPlace, horizon_axes
-from startrack.space import AU, EARTH_RADIUS, moon_position, sun_direction
+from startrack.scene.day_sky import DaySky, SunPlace
+from startrack.space import AU, EARTH_RADIUS, horizon_axes, moon_position, sun_direction
 
 
 def moonlight(sky: DaySky, date: str) -> tuple[SunPlace, Floats]:

@@ -3,6 +3,7 @@
 earth    Size, gravity and spin of the Earth; place and line of sight -> angle to its limb; products
          of many vectors that lie component by component.
 bodies   Dates -> Sun, Moon, planets and axes of the Earth: one at a time, and as tables.
+horizon  Place on the Earth -> the axes of its horizon; refraction of the air above it.
 orbit    Elements, two lines or a table of states -> position and velocity over time.
 heat     Orbit, Sun and surfaces -> temperatures of a platform and of heads on it.
 radiation  Orbit and shielding -> particles of the belts and of the Sun behind it, their dose.
@@ -22,6 +23,7 @@ from startrack.space.bodies import (
     body_states,
     distance_to_sun,
     moon_position,
+    rotation_matrices,
     seen_from,
     sun_direction,
     to_itrs,
@@ -49,6 +51,7 @@ from startrack.space.heat import (
     taken_by_platform,
     warmth,
 )
+from startrack.space.horizon import horizon_axes, refraction
 from startrack.space.orbit import (
     Carrier,
     Kepler,

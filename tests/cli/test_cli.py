@@ -87,6 +87,18 @@ def test_simulate_then_solve(call, tmp_path):
     overlap = abs(np.dot(found["icrs_to_camera_xyzw"], made["icrs_to_camera_xyzw"]))
     assert overlap == pytest.approx(1, abs=1e-7)
     assert cv2.imread(found["overlay"]) is not None
+    seen_from = ("--place", 40, 20, "--time", "2026-01-10T22:00")
+    status, (placed,), _ = call("solve", made["fits"], "--fov", 9.5, "--json", *seen_from)
+    assert (status, placed["ra_deg"]) == (0, found["ra_deg"])
+    assert 0 < placed["place"]["elevation_deg"] < 60
+    moved = (placed["place"]["dec_deg"] - found["dec_deg"]) * 3600
+    assert 1 < abs(moved) < placed["place"]["refraction_arcsec"] + 21
+    status, (below,), _ = call(
+        *("solve", made["fits"], "--fov", 9.5, "--json", "--place", 40, 20),
+        *("--time", "2026-01-10T08:00"),
+    )
+    assert (status, below["ra_deg"]) == (0, found["ra_deg"])
+    assert "above the horizon" in below["place"]["reason"]
 
 
 @pytest.mark.slow
@@ -165,6 +177,9 @@ def test_a_bad_image_does_not_stop_the_others(call, tmp_path):
     [
         (["solve"], "IMAGE"),
         (["solve", "x.png", "--fov", "-3"], "fov must be positive"),
+        (["solve", "x.png", "--time", "2026-01-01"], "need --place LAT LON"),
+        (["solve", "x.png", "--place", "91", "0"], "latitude must lie in [-90, 90], got 91"),
+        (["solve", "x.png", "--place", "50", "8", "--time", "noon"], "must be a time such as"),
         (["solve", "x.png", "--fov", "12deg", "--camera", "c.toml"], "must not both be given"),
         (["calibrate", "x.png", "--fov", "12 m"], "an angle in degree, such as 12 or 12deg, got"),
         (["solve", "x.png", "--fov", "12", "--fov-tolerance", "2"], "must lie in"),
