@@ -2,23 +2,24 @@
 
 parameters  Mission: orbit, attitude law, heads, time and requirements, as a mission file gives
             them.
-files       Segments of orbits and attitudes; SPICE kernels of them (SPK, CK).
+files       Segments of orbits and attitudes; their SPICE kernels (SPK, CK).
 messages    CCSDS messages (OEM, AEM) -> segments of orbits and attitudes.
-instants    Mission and instants -> where the spacecraft is, how its law points it, Sun and Moon.
-heads       Heads and instants -> angles to Sun, Moon and Earth, and what makes each head blind.
+instants    Mission and instants -> place and attitude of the spacecraft, Sun and Moon.
+heads       Heads and instants -> angles to Sun, Moon and Earth, and causes of blindness of a head.
 surrogate   Case and ranges of conditions -> the error of a head in any direction of the sky.
 fusion      Errors of several heads -> covariance of their fused attitude; fusion of quaternions;
             relative alignment of two heads in time.
-engine      Mission -> Flown: what blinds each head at every step; error of the fused attitude.
+engine      Mission -> Flown: blindness of each head at every step; error of the fused attitude.
 placement   Plan of a mission -> mountings of its heads that meet its requirements best.
-rendered    Plan of a mission -> trials at its instants: what heads see, and their errors checked.
-frames      Plan of a mission -> trials of all heads together, beside what it expects of them, and
-            the angles between heads before and after a thermal model.
+rendered    Plan of a mission -> trials at its instants: scenes of heads, and a check of their
+errors.
+frames      Plan of a mission -> trials of all heads together beside the expected results, and
+            angles between heads before and after a thermal model.
 exports     Case -> HeadModel: its error as data and C code, for simulators of attitude control;
             an FMU, parameters of Basilisk's starTracker, a block of 42.
-units       Plan of a mission -> temperatures of platform and heads, and the errors of spacecraft
-            whose heads are drawn units.
-store       Plan of a mission -> its flown parts on disk; a run that was stopped goes on.
+units       Plan of a mission -> temperatures of platform and heads, and errors of spacecraft with
+            drawn units as heads.
+store       Plan of a mission -> its flown parts on disk, so that a stopped run continues.
 summary     Flown -> availability, times without an attitude, reacquisition, verdicts; a table with
             a row for each step.
 """

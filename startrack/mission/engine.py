@@ -1,4 +1,4 @@
-"""Mission -> Flown: what blinds each head at every step, and the error of the fused attitude."""
+"""Mission -> Flown: blindness of each head at every step, and the error of the fused attitude."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -37,23 +37,23 @@ CHUNK = 8192  # steps at once: their arrays fit into the cache of a core
 PART = 64 * CHUNK  # steps that are kept together on disk
 SEASONS, PHASES = 52, 36  # parts of the mission and of the orbit, for maps
 BETAS = 72  # parts of the angle from the Sun to the plane of the orbit, for maps
-PLANET_KNOT = 3600.0  # second between two places of the planets
+PLANET_KNOT = 3600.0  # second between two computed places of the planets
 SAMPLED = 4000  # instants from which the range of rates is taken
-MARGIN = 0.02  # relative, of the range of rates
+MARGIN = 0.02  # relative margin on the range of rates
 LEAST_SQUARE = 1e-18  # radian^2, of a head without its platform's motion: 0.0002 arcsec
 WORST = 10  # moments that are listed
-# Of `Flown`, what parts of a mission add up.
+# Fields of `Flown` that are summed over the parts of a mission.
 SUMMED = ("planets", "count", "valid_sum", "known", "square_sum", "head_sum", "exactly", "by_beta")
 
 
 @dataclass(frozen=True, eq=False)
 class MissionPlan:
-    """Values of a mission that are computed once, before its steps.
+    """Values of a mission that are computed once, before the steps.
 
-    motion      where the spacecraft is and how it points
+    motion      place and attitude of the spacecraft
     heads       with their mountings and exclusion angles
-    surrogates  error of each head; empty where only the geometry is asked for
-    stray       stray light of each head; None where it has no baffle
+    surrogates  error of each head; empty if only the geometry is needed
+    stray       stray light of each head; None if it has no baffle
     """
 
     loaded: Loaded
@@ -68,11 +68,11 @@ def plan_of(
 ) -> MissionPlan:
     """The plan of a mission.
 
-    advance called with the number of heads, or the part of it, that is done
-    errors  whether the errors of the heads are computed, too: one survey of the sky for each
+    advance called with the number of heads that are done, or a fraction of a head
+    errors  whether the errors of the heads are also computed: one survey of the sky for each
             design, rate and background
-    Raises  ValueError where a file, the elements or a head cannot be used; ImportError without
-            sgp4 for `orbit.tle`.
+    Raises  ValueError if a file, the elements or a head cannot be used; ImportError without sgp4
+            for `orbit.tle`.
     """
     mission = loaded.mission
     if any(design.case.scene.sky for design in loaded.designs):
@@ -120,7 +120,7 @@ def _advance_heads(advance: Callable[[float], None], heads: int, part: float) ->
 
 
 def groups_of(loaded: Loaded, heads: Sequence[Mounted]) -> list[list[int]]:
-    """Numbers of the heads of the same design, unit, age and temperature, which share an error."""
+    """Groups of heads with the same design, unit, age and temperature, which share an error."""
     groups = dict[Any, list[int]]()
     for h, (head, design) in enumerate(zip(heads, loaded.designs, strict=True)):
         own = design.case, head.age, head.temperature, loaded.mission.heads[h].unit
@@ -169,7 +169,7 @@ class Flown:
     by_beta     (7, BETAS, PHASES) over the angle from the Sun to the plane of the orbit, from -90
                 to 90 degrees, and the orbit: steps, steps with one valid head, with two, valid
                 heads, and the variances about the body's axes, summed over the steps with one
-    chances     for each head, the probability of an attitude at each end of a blinding
+    chances     for each head, the probability of an attitude after each blinding
     """
 
     step: Annotated[float, Unit("s")]
@@ -190,7 +190,7 @@ class Flown:
 
     @property
     def valid(self) -> NDArray[np.intp]:
-        """(m,) number of heads that nothing blinds."""
+        """(m,) number of heads that are not blind."""
         return (self.blind == 0).sum(axis=0)
 
     @property
@@ -201,12 +201,12 @@ class Flown:
 
 @dataclass(frozen=True, eq=False)
 class Chunk:
-    """Some steps of a mission: the instants, the Earth's shadow, what each head sees.
+    """Some steps of a mission: the instants, the Earth's shadow, the view of each head.
 
     errors    for each head (n,) variances across and about (radian^2, with its alignment), and
               probability of an attitude; empty without surrogates
-    moved     for each head (3, n) radian^2 about the axes of its camera, within its errors: the
-              motion of the platform, which has one cause for all heads; None where there is none
+    moved     for each head (3, n) radian^2 about the axes of its camera: the part of its errors by
+              the motion of the platform, which all heads share; None without such motion
     variance  (3, n) radian^2 of the fused attitude about the body's axes, infinite without one;
               None without surrogates
     """
@@ -248,7 +248,7 @@ def at(plan: MissionPlan, instants: Instants, first: int = 0) -> Chunk:
 
 
 def own_errors(chunk: Chunk) -> list[tuple[Floats, Floats]]:
-    """Variances (n,) across and about of each head, without the motion of the platform in them."""
+    """Variances (n,) across and about of each head, without the motion of the platform."""
     if chunk.moved is None:
         return [(across, about) for across, about, _ in chunk.errors]
     return [
@@ -273,7 +273,7 @@ def platform_motions(plan: MissionPlan, chunk: Chunk) -> list[Floats] | None:
 def conditions_of(
     plan: MissionPlan, h: int, instants: Instants, seen: HeadView, shadow: Shadow
 ) -> Conditions:
-    """Conditions at some instants that the error of a head depends on."""
+    """Conditions at some instants on which the error of a head depends."""
     head, stray = plan.heads[h], plan.stray[h]
     background = stray(seen, shadow) if stray else None
     warmer, age = head.warmer(instants.phase), head.aged(instants.second)
@@ -293,7 +293,8 @@ def fly(plan: MissionPlan, advance: Advance = lambda _: None) -> Flown:
 
 
 def parts_of(steps: int) -> list[tuple[int, int]]:
-    """First step and number of steps of each part of a mission, which are computed one by one."""
+    """First step and number of steps of each part of a mission; the parts are computed
+    separately."""
     return [(first, min(PART, steps - first)) for first in range(0, steps, PART)]
 
 
@@ -341,7 +342,7 @@ def fly_part(plan: MissionPlan, first: int, count: int) -> Flown:
 
 
 def merged(parts: Sequence[Flown]) -> Flown:
-    """A mission of its parts in their order."""
+    """A mission merged from its parts, in order."""
 
     def each(name: str) -> Floats:
         return np.array([getattr(part, name) for part in parts])

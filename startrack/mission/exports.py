@@ -34,10 +34,10 @@ from startrack.population import unit_of
 # Pixels that a star moves in an exposure at the rates of the table, besides 0; chosen by hand.
 SMEARS: tuple[float, ...] = (0.1, 0.3, 0.7, 1.5, 3.0, 6.0, 12.0)
 LEAST = 0.5  # availability below which the table of rates ends
-# Stars' errors over a pixel repeat with it, and are unlike after a fraction of it; chosen by hand.
+# Errors of stars repeat from pixel to pixel, and decorrelate over a fraction of it; chosen by hand.
 PIXEL_LENGTH = 0.5  # pixel
 ENVIRONMENTS = 24  # of a unit
-AT_REST = 400  # of the unit of the model, for its swing; chosen by hand: some seconds
+AT_REST = 400  # environments of the model's unit, for its swing; by hand: some seconds
 SWING_KNOWN = (2 * AT_REST) ** -0.5  # relative sigma of the rms of this number of normal draws
 RANKS = {"middle": 0.5, "95": 0.95, "worst": 1.0, "designed": math.nan}
 CLASSES = {  # of the model, by those of ECSS-E-ST-60-20C
@@ -74,12 +74,12 @@ class HeadModel:
                    error, FOV spatial error
     available      (r,) 1, fraction of the sky and time with an attitude
     bias, swing    radian rms, across and about: constant, and thermo-elastic over an orbit
-    platform       radian rms, across and about: the motion of the platform in an exposure, one
-                   for all of its heads, which is in none of the other errors
-    unit           which unit of the design it is, at which age, a phrase
+    platform       radian rms, across and about: the motion of the platform in an exposure, which
+                   all heads share; the other errors do not include it
+    unit           phrase: the unit of the design, and its age
     begin          radian rms at rest on its first day: class -> (across, about)
-    left_out       what the design has and the model lacks, a sentence each
-    pixel_length, field_length   radian that the boresight turns while these errors change
+    left_out       sentences: effects of the design that the model lacks
+    pixel_length, field_length   radian, turn of the boresight over which these errors change
     sun, moon, limb  radian, exclusion angles
     """
 
@@ -139,14 +139,14 @@ def head_model(
 ) -> HeadModel:
     """The error model of one unit of a design, by its analytic budget at each rate.
 
-    choice    None: the unit of 20 that 95 % do not exceed, at the end of life. A design whose units
-              do not differ has only the unit as designed.
+    choice    None: the 95 % unit of 20, by rms error, at the end of life. A design whose units do
+              not differ has only the unit as designed.
     progress  called with 1 for each unit, and for each rate of at most `len(SMEARS)`
-    Raises    ValueError where the budget refuses the case, or no field has an attitude at rest.
-    Accuracy  model: that of `budget.unit_budgets` for the variances; that errors over the pixel and
-              the field are Gauss-Markov, with half a pixel and a field as their lengths, is an
-              assumption. A roll counts as no rate. Faster than the table, whose smear ends at 12
-              pixels, there is no attitude. A bias is drawn with the rms that the unit's bias has.
+    Raises    ValueError if the budget refuses the case, or if no field has an attitude at rest.
+    Accuracy  model: variances as in `budget.unit_budgets`. Assumed: errors over pixel and field are
+              Gauss-Markov, with lengths of half a pixel and of a field. A roll counts as no rate.
+              Above the rates of the table, which ends at a smear of 12 pixels, there is no
+              attitude. A bias is drawn with the rms of the unit's bias.
     """
     choice = choice or UnitChoice()
     step = progress or (lambda done: None)
@@ -251,7 +251,7 @@ def _unit_of(rest: Case, choice: UnitChoice, step: Advance) -> _Unit:
 def _designed(case: Case) -> Classes:
     budget = analytic(case)
     terms = {term: np.asarray(budget.term(term)) for term in Term}
-    # A term of the whole design has one value across, and one about.
+    # A term of the whole design has one value across and one value about.
     errors = {term: np.array([rms[0], rms[0], rms[1]]) for term, rms in terms.items()}
     return _classes(errors, float(budget.availability))
 
@@ -266,7 +266,7 @@ def _classes(terms: Mapping[Term, Floats], available: float) -> Classes:
 
 
 def _over_rates(case: Case, unit: _Unit, step: Advance) -> tuple[list[float], list[Classes]]:
-    """The rates of the table, up to the last at which half of the sky has an attitude."""
+    """The rates of the table, up to the last rate with an attitude in half of the sky."""
     pixel = 1 / case.instrument.camera.focal_length_px / case.instrument.detector.exposure
     rates, classes = [0.0], [unit.rest]
     for smear in SMEARS:
@@ -286,7 +286,7 @@ def _over_rates(case: Case, unit: _Unit, step: Advance) -> tuple[list[float], li
 
 
 def write_model(folder: Path, model: HeadModel) -> list[Path]:
-    """Write the model as JSON and as C; the C is in two files that are the same for all designs.
+    """Write the model as JSON and as C; two of the C files are equal for all designs.
 
     Returns  the files
     """
@@ -339,7 +339,7 @@ def _data(model: HeadModel) -> str:
 
 
 def said_of(model: HeadModel) -> str:
-    """Sentences on the unit of a model, and on what the model lacks."""
+    """Sentences on the unit of a model, and on the effects that the model lacks."""
     return " ".join(f"{text[:1].upper()}{text[1:]}." for text in (model.unit, *model.left_out))
 
 
@@ -389,12 +389,12 @@ VARIABLES = (
 def write_fmu(path: Path, model: HeadModel) -> bool:
     """Write the model as an FMU: description, sources, and the library for this platform.
 
-    Frames are taken at multiples of the model's period; outputs are those of the last frame, and
-    the latency is not applied. An FMU without a library for its platform is compiled by tools that
-    can, from its sources.
+    Frames are taken at multiples of the model's period. Outputs are those of the last frame; the
+    latency is not applied. If an FMU has no library for a platform, some tools can compile its
+    sources.
 
-    Returns  whether a C compiler was found, so that it holds a library for this platform
-    Raises   ValueError where the compiler refuses the sources.
+    Returns  whether a C compiler was found; the FMU then contains a library for this platform
+    Raises   ValueError if the compiler refuses the sources.
     """
     files = model_sources(model)
     files[FMU_SOURCE] = (Path(__file__).parent / FMU_SOURCE).read_text(encoding="utf-8")
@@ -492,8 +492,8 @@ def one_process(model: HeadModel, rate: float) -> list[tuple[float, float]]:
     """Noise, pixel and field error together as one first-order process, across and about.
 
     Returns   radian rms, and the correlation from frame to frame
-    Accuracy  model: beyond one frame the correlation falls faster than that of the sum, which has
-              a slow part; bias and thermo-elastic swing are left out.
+    Accuracy  model: beyond one frame the correlation falls faster than the true one, which has a
+              slow part; bias and thermo-elastic swing are left out.
     """
     process = []
     for k in (0, 1):
@@ -582,7 +582,7 @@ def configure(sensor, dcm_cb):
 def write_42(path: Path, model: HeadModel, field: tuple[float, float], rate: float) -> None:
     """Write the star tracker's block of a spacecraft file (SC_*.txt) of the simulator 42.
 
-    42 has white noise, so that all errors that change count as such; bias and swing are left out.
+    42 has white noise, so all varying errors count as white noise; bias and swing are left out.
 
     field  radian, along columns and rows
     rate   radian / second across the boresight

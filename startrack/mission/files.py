@@ -1,4 +1,4 @@
-"""Segments of orbits and attitudes; SPICE kernels of them (SPK, CK; extra `spice`)."""
+"""Segments of orbits and attitudes; their SPICE kernels (SPK, CK; extra `spice`)."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -17,7 +17,7 @@ BODY = -999  # number of the spacecraft in files that are written
 EARTH, FRAME = 399, "J2000"  # the axes of ICRS in SPICE
 TICKS = 65536  # a second, of the clock of a written CK
 ORBIT_STEP, ATTITUDE_STEP = 60.0, 1.0  # second between two states that are read
-# By which TDB differs from TT, as the leap second kernel naif0012.tls of NAIF has it.
+# Difference between TDB and TT, by the leap second kernel naif0012.tls of NAIF.
 DELTET = {"DELTA_T_A": [32.184], "K": [1.657e-3], "EB": [1.671e-2], "M": [6.239996, 1.99096871e-7]}
 LARGEST_CLOCK = 2**26  # byte
 MOST = 2_000_000  # states of a file
@@ -67,13 +67,14 @@ Segment = TypeVar("Segment", OrbitSegment, AttitudeSegment)
 
 
 def seconds_after(begin: str, date: Any) -> Floats:
-    """SI seconds of astropy's Time after a time, UTC: not seconds of its own scale."""
+    """SI seconds of astropy's Time after a time in UTC, not seconds of its own scale."""
     with installed_tables():
         return np.asarray((date.tai - utc(begin).tai).sec)
 
 
 def joined(path: Path, segments: Sequence[Segment]) -> tuple[Segment, ...]:
-    """The segments, checked: two or more rows at rising times in each, none over the next.
+    """The segments, checked: each has two or more rows at rising times and does not overlap the
+    next.
 
     A segment may begin when the one before ends.
 
@@ -96,7 +97,7 @@ def joined(path: Path, segments: Sequence[Segment]) -> tuple[Segment, ...]:
 
 @contextmanager
 def _kernel(path: Path) -> Iterator[tuple[Any, str]]:
-    """The package, and the name of a new file that stands in the place of `path` in the end."""
+    """The package, and the name of a new file that replaces `path` at the end."""
     with _spice(str(path)) as spice, whole(path) as draft:
         draft.unlink(missing_ok=True)
         yield spice, str(draft)
@@ -106,7 +107,7 @@ def _kernel(path: Path) -> Iterator[tuple[Any, str]]:
 def _spice(what: str) -> Iterator[Any]:
     """The package, with nothing loaded; its errors as sentences.
 
-    Raises  ImportError without it; ValueError where it refuses a file.
+    Raises  ImportError without it; ValueError if it refuses a file.
     """
     needed = f"{what} needs spiceypy: python -m pip install 'startrack[spice]'"
     spiceypy = optional_package("spiceypy", needed)
@@ -162,7 +163,7 @@ def write_spk(path: Path, date: Any, place: Floats, speed: Floats) -> None:
 
 
 def read_spk(path: Path, step: float = ORBIT_STEP) -> tuple[OrbitSegment, ...]:
-    """The states of the one body of an SPK, relative to the Earth, at equal steps.
+    """The states of the only body in an SPK, relative to the Earth, at equal steps.
 
     Segments are those of the file, so that no state is interpolated across a manoeuvre.
 
@@ -227,7 +228,7 @@ def write_ck(path: Path, date: Any, quaternion: Floats) -> None:
 
 
 def read_ck(path: Path, step: float = ATTITUDE_STEP) -> tuple[AttitudeSegment, ...]:
-    """The attitudes of the one instrument of a CK; its clock is beside it (.tsc).
+    """The attitudes of the only instrument in a CK; its clock file is in the same folder (.tsc).
 
     Segments, and the intervals in which they are interpolated, are those of the file. The attitudes
     of a single segment of type 3 are its records; those of other segments are read at equal steps.
@@ -275,7 +276,8 @@ def read_ck(path: Path, step: float = ATTITUDE_STEP) -> tuple[AttitudeSegment, .
 
 
 def _require_kernel(path: Path, kind: str) -> None:
-    """Refuse what is no binary kernel of a kind: SPICE would load what a text kernel names."""
+    """Refuse files that are no binary kernel of a kind: SPICE would load the files that a text
+    kernel names."""
     with open(regular_file(path, f"a {kind}"), "rb") as file:
         begin = file.read(8)
     if begin not in (f"DAF/{kind}".ljust(8).encode(), b"NAIF/DAF"):

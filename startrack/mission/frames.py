@@ -37,21 +37,21 @@ def frames_of(
 ) -> Rows:
     """Trials of all heads of a mission together, at random instants of it.
 
-    A head that is blind is not tried. What the structure of a head turns it by, at the
-    temperatures and the place of the orbit then, is beside the errors: a sky that its tracker
-    takes for turned.
+    A blind head is not tried. The turn of a head by its structure, at the temperatures and the
+    place of the orbit at that time, is listed separately from the errors: to its tracker the sky
+    seems turned.
 
     plan     with errors
     count    of instants
     advance  called with 1 after each of them
     Returns  (instants * heads,): second, number of the head, `Blind`, whether it found an attitude
-             and whether that is false, its error and the turn of its structure, what the mission
-             expects (without the alignment of the head), kelvin above the head's mean, place of
-             the orbit (radian)
-    Raises   Refused where the fidelity refuses a design.
-    Accuracy  model: attitudes by the laws of the mission, not those of a control loop; heads whose
-              designs have the jitter of one platform see that of the first about its axes, of one
-              realisation; jitter of other designs is drawn for each.
+             and whether this attitude is false, its error, the turn of its structure, the error
+             expected by the mission (without the alignment of the head), kelvin above the head's
+             mean, place of the orbit (radian)
+    Raises   Refused if the fidelity refuses a design.
+    Accuracy  model: attitudes by the laws of the mission, not by a control loop. Heads whose
+              designs have jitter of the platform share one realisation of the first such head's
+              jitter; jitter of other designs is drawn for each head.
     """
     whole(1, 10**6, count=count)
     mission, heads = plan.loaded.mission, len(plan.heads)
@@ -90,7 +90,7 @@ def frames_of(
 
 
 def _moved_together(plan: MissionPlan, scene: HeadScene, h: int, streams: Streams) -> HeadScene:
-    """The scene of a head whose jitter is that of the platform, one for all such heads."""
+    """The scene of a head with the platform's jitter, which all such heads share."""
     designs = plan.loaded.designs
     motions = [
         replace(design.case.instrument.motion, rate_x=0.0, rate_y=0.0, rate_z=0.0)
@@ -110,11 +110,11 @@ def _moved_together(plan: MissionPlan, scene: HeadScene, h: int, streams: Stream
 
 @dataclass(frozen=True)
 class Agreement:
-    """Frames of a head beside what its mission expects.
+    """Frames of a head compared with the expectation of its mission.
 
-    tried         frames in which nothing blinds the head;  right  with a right attitude
-    expected      number of right ones by the mission
-    deviations    right less expected, in standard deviations
+    tried         frames in which the head is not blind; right: with a right attitude
+    expected      number of right attitudes by the mission
+    deviations    right minus expected, in standard deviations
     across, about  rms of the errors over the expected one, and its standard error; NaN without
                    attitudes
     """
@@ -128,7 +128,7 @@ class Agreement:
 
 
 def agreement(table: Rows, head: int) -> Agreement:
-    """Distance of the frames of a head from what its mission expects of them.
+    """Comparison of the frames of a head with the expectation of its mission.
 
     table  of `frames_of`
     """
@@ -155,8 +155,8 @@ class Between:
 
     frames  in which both have an attitude
     before  as measured
-    after   less a model of it by the temperatures of both heads and the place of the orbit, on
-            frames that it was not fitted to
+    after   minus a model by the temperatures of both heads and the place of the orbit, on frames
+            outside the fit
     """
 
     frames: int
@@ -165,11 +165,11 @@ class Between:
 
 
 def between(plan: MissionPlan, table: Rows, first: int, second: int) -> Between:
-    """The angle between two heads as their attitudes give it, before and after a thermal model.
+    """The angle between two heads by their attitudes, before and after a thermal model.
 
-    The model is `relative_alignment`, of a constant, sine and cosine of the place of the orbit and,
-    where the mission has temperatures, those of both heads; it is fitted to the first, third and
-    further even tenths of the frames, and judged on the others.
+    The model is `relative_alignment` with a constant, sine and cosine of the place of the orbit
+    and, if the mission has temperatures, those of both heads. It is fitted to the first, third,
+    fifth, ... tenth of the frames, and judged on the others.
 
     table   of `frames_of`
     Raises  Refused where too few frames have both attitudes.

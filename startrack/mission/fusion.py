@@ -22,9 +22,10 @@ def fused_variance(
         P = (sum_h V_h^-1)^-1,   V_h^-1 = (I - b b^T) / across + b b^T / about
         P + M M^T + C,   M = P sum_h V_h^-1 S_h
 
-    with the sum over the valid heads, b the boresight of each, S_h what the motion of the platform
-    moves each by, which has one cause for all, and C the errors that all heads share. Where all S_h
-    are one matrix S, M is S: no fusion reduces what is common, and it counts once.
+    The sum is over the valid heads; b is the boresight of each. S_h is the response of a head to
+    the motion of the platform, which all heads share. C is the covariance of errors that all heads
+    share. If all S_h equal one matrix S, M is S: fusion does not reduce a common error, which
+    counts once.
 
     boresights     (3,) unit vectors in body axes, of each head
     across, about  (n,) radian^2 of each head, independent between heads
@@ -73,12 +74,12 @@ def _inverse(boresight: Floats, across: Floats, about: Floats) -> Floats:
 
 
 def platform_motion(camera_to_body: Floats, rms: Floats) -> Floats:
-    """(..., 3, 3) radian, what moves a head about the body's axes by unit motions about them.
+    """(..., 3, 3) radian, response of a head to unit motions of the platform about the body's axes.
 
         S = A diag(rms) A^T
 
-    The root of its covariance that is symmetric: heads whose designs have the same motion of the
-    platform, the same about all axes, have the same S, and what each measures keeps its own rms.
+    It is the symmetric root of the covariance. Heads whose designs have the same isotropic motion
+    of the platform have the same S; each head keeps the rms of its own design.
 
     camera_to_body  (3, 3) matrix A
     rms             (..., 3) radian about the axes of the camera
@@ -93,7 +94,7 @@ def fuse(
 
         x = P sum_h V_h^-1 log(q_h q_0^-1),   P = (sum_h V_h^-1)^-1,   q = exp(x) q_0
 
-    repeated from q_0 = q_1 until it stands still: the maximum of likelihood for small errors.
+    repeated from q_0 = q_1 until it converges: the maximum of likelihood for small errors.
     Source: Markley and Crassidis (2014), Fundamentals of Spacecraft Attitude Determination and
     Control, section 5.5, for the error vector and its covariance.
 
@@ -130,13 +131,13 @@ def head_covariance(camera_to_body: Rotation, across: float, about: float) -> Fl
 @printed
 @dataclass(frozen=True, eq=False)
 class RelativeAlignment:
-    """Alignment of a second head against a first, as a linear model of what it depends on.
+    """Alignment of a second head against a first, as a linear model of features.
 
         rotation vector = sum_k features_k coefficient_k,   about the body's axes
 
     coefficient  (k, 3) radian per unit of each feature
     covariance   (k, k) of the coefficients about each axis, over `noise`
-    noise        (3, 3) radian^2, of what the model leaves of a single pair of attitudes
+    noise        (3, 3) radian^2, residual of the model for a single pair of attitudes
     """
 
     coefficient: Floats
@@ -149,14 +150,14 @@ class RelativeAlignment:
         return features @ self.coefficient, spread[:, None, None] * self.noise
 
     def corrected(self, second: Rotation, features: Floats) -> Rotation:
-        """Attitudes (n,) of the second head as the first would see them."""
+        """Attitudes (n,) of the second head, corrected to agree with the first."""
         return Rotation.from_rotvec(-self(features)[0]) * second
 
 
 def relative_alignment(first: Rotation, second: Rotation, features: Floats) -> RelativeAlignment:
-    """Fit how two heads differ, by least squares over simultaneous attitudes.
+    """Fit the difference of two heads by least squares over simultaneous attitudes.
 
-    The part of a drift that both heads share is not seen, and stays in the fused attitude.
+    A drift that both heads share is not visible, and stays in the fused attitude.
     Features such as a temperature, its change, or sine and cosine of the orbit's phase describe a
     thermo-elastic drift; a column of ones is its bias.
 
@@ -164,8 +165,8 @@ def relative_alignment(first: Rotation, second: Rotation, features: Floats) -> R
     features       (n, k), n > k
     Raises         ValueError where there are too few attitudes, or features that depend on each
                    other.
-    Accuracy       model: rotations of arcseconds, whose noise does not depend on time; what the
-                   features do not describe counts as white noise.
+    Accuracy       model: rotations of arcseconds, whose noise does not depend on time; changes that
+                   the features do not describe count as white noise.
     """
     features = np.atleast_2d(np.asarray(features, float))
     count, parts = features.shape

@@ -1,4 +1,4 @@
-"""Heads and instants -> angles to Sun, Moon, Earth and structure, and what makes a head blind."""
+"""Heads and instants -> angles to Sun, Moon, Earth and structure; causes of a head's blindness."""
 
 import itertools
 import math
@@ -30,15 +30,15 @@ TEMPERATURES = {
     "instrument.thermal": "lens",
     "instrument.residual": "temperature",
 }
-ANGLES: Floats = np.arange(0.5, 120.0, 0.5) * deg  # at which a baffle's exclusion is sought
+ANGLES: Floats = np.arange(0.5, 120.0, 0.5) * deg  # for the search of a baffle's exclusion
 DESIGN_TEMPERATURE = HeadTemperature()
 
 
 def faces_of(structure: Sequence[Obstacle], instants: Instants) -> list[Floats]:
-    """Rectangles of the structure in body axes, (4, 3, n) metre, or (4, 3, 1) where they stand.
+    """Rectangles of the structure in body axes, (4, 3, n) metre, or (4, 3, 1) if they are fixed.
 
     A panel that follows the Sun turns about its hinge until its normal is as near to the Sun as
-    that allows; a side of a box never turns.
+    possible; a side of a box never turns.
     """
     faces = []
     for obstacle in structure:
@@ -96,8 +96,8 @@ def _turned(axis: Floats, arm: Floats, turn: Floats) -> Floats:
 def nearest(faces: Sequence[Floats], position: Floats, boresight: Floats) -> Floats:
     """Angle from a line of sight to the nearest point of the structure.
 
-    The angle to a rectangle is zero where the line meets it; else that to the nearest of its four
-    edges, which are arcs of great circles as seen from the head.
+    The angle to a rectangle is zero if the line meets it. Otherwise it is the angle to the nearest
+    of its four edges, which are arcs of great circles seen from the head.
 
     faces      of `faces_of`
     position   (3,) metre, of the head's aperture;  boresight  (3,) in body axes
@@ -164,7 +164,7 @@ class BlindingLimits:
 @printed
 @dataclass(frozen=True, eq=False)
 class Mounted:
-    """A head as the engine needs it.
+    """Values of a head for the engine.
 
     name      of the head
     axes      (3, 3) matrix camera_to_body; its third column is the boresight
@@ -172,8 +172,7 @@ class Mounted:
     drift     radian^2, variances across and about the boresight of its alignment: bias and swing
     field     radian, half diagonal of its field
     position  (3,) metre in body axes
-    age       second in orbit at the begin of the mission; None: its design has no law of age, or
-              is as it is at all times
+    age       second in orbit at the begin of the mission; None: its design does not change with age
     temperature    its temperature over the orbit
     moved     (3,) radian^2 about the camera's axes, of the motion of the platform in an exposure
     """
@@ -189,7 +188,7 @@ class Mounted:
     moved: Floats = data_field(default_factory=lambda: np.zeros(3))
 
     def aged(self, second: Floats) -> Floats | None:
-        """(n,) second in orbit, at times after the begin of the mission."""
+        """(n,) second in orbit of a head, at times after the begin of the mission."""
         return None if self.age is None else self.age + second
 
     def warmer(self, phase: Floats) -> Floats | None:
@@ -232,7 +231,7 @@ def mount(head: Head, case: Case) -> Mounted:
 
 
 def state_of(case: Case, head: Head, seed: int, age: float | None, warmer: float) -> Case:
-    """The design of a head, or its unit, at an age and a temperature that its tracker knows not.
+    """The design of a head, or its unit, at an age and a temperature unknown to its tracker.
 
     age     second in orbit; None: as the design
     warmer  kelvin above the design's temperature
@@ -266,9 +265,9 @@ def _drift(mounting: Mounting) -> tuple[float, float]:
 
 
 def limits_of(head: Head, case: Case) -> BlindingLimits:
-    """The angles at which a head is blind: its own, else of its design's baffle, else of the field.
+    """The angles at which a head is blind: given, else of its design's baffle, else of the field.
 
-    Raises  ValueError where the baffle keeps a body out at no angle.
+    Raises  ValueError if the baffle keeps a body out at no angle.
     """
     given, half = head.exclusion, case.instrument.camera.half_diagonal
     least = {"sun": half + SUN_RADIUS, "moon": half + MOON_RADIUS, "earth": half}
@@ -316,7 +315,8 @@ class Shadow:
 
 
 def shadow_of(instants: Instants, structure: Sequence[Obstacle] = ()) -> Shadow:
-    """Eclipses by the ellipsoid of the Earth, without refraction; where the structure is."""
+    """Eclipses by the ellipsoid of the Earth, without refraction; and the places of the
+    structure."""
     earth = EarthSeen(instants.place, instants.pole, instants.sun)
     hidden = []
     for body in (instants.sun, instants.moon):
@@ -336,7 +336,7 @@ def in_anomaly(radiation: MissionRadiation, instants: Instants) -> Flags | None:
 
 
 def look(head: Mounted, instants: Instants, shadow: Shadow, saa: Flags | None) -> HeadView:
-    """The angles of one head, and why it is blind.
+    """The angles of one head, and the causes of its blindness.
 
     saa  (n,) where the anomaly blinds it; None: nowhere
     """

@@ -1,4 +1,4 @@
-"""Mission and instants -> where the spacecraft is, how it points, and where Sun and Moon are."""
+"""Mission and instants -> place and attitude of the spacecraft, directions of Sun and Moon."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ from startrack.mission.messages import read_aem, read_oem
 from startrack.mission.parameters import Attitude, Mission, MissionOrbit, ScanLaw
 from startrack.space import cross, dot, times, unit
 
-# Between these times, positions follow from polynomials.
+# Positions are interpolated between these times.
 ORBIT_KNOT = 60.0  # second; six points: 3 mm in a low orbit
 BODY_KNOT = 600.0  # second; straight lines: 0.1 arcsec for the Moon
-LONGEST_RATE_STEP = 20.0  # second between two attitudes from which a rate follows
+LONGEST_RATE_STEP = 20.0  # second between two attitudes that give a rate
 
 
 @printed
@@ -45,7 +45,7 @@ class Place:
     greenwich    (n,) radian, mean sidereal time
     sun_place, moon_place  metre from the Earth's centre
     earth_speed  metre / second, barycentric
-    after        second, by which these instants follow those that a rate is asked for at
+    after        second by which these instants lie after the instants of a requested rate
     """
 
     second: Floats
@@ -60,7 +60,7 @@ class Place:
     after: float = 0.0
 
     def cut(self, count: int) -> Place:
-        """The first of them."""
+        """The first `count` instants."""
         names = (field.name for field in fields(self) if field.name != "after")
         return replace(self, **{name: getattr(self, name)[..., :count] for name in names})
 
@@ -88,7 +88,7 @@ def _nadir(attitude: Attitude, _begin: str) -> Law:
 
 
 def _downwards(yaw: str, place: Place, z: Floats) -> Floats:
-    """Axes with z as given, and x as near as possible to where the yaw wants it."""
+    """Axes with a given z, and x as near as possible to its direction by the yaw law."""
     if yaw == "sun":
         ahead = place.sun_place - place.place
     elif yaw == "ground":

@@ -40,8 +40,8 @@ QUATERNIONS = {
 CONJUGATE = np.array([-1.0, -1.0, -1.0, 1.0])
 NORM = 1e-3  # by which the norm of a quaternion in a file may differ from 1
 HIGHEST_DEGREE = 15
-# Of a row: its speed, metre / second, and the part of the way to the next one by which the mean of
-# both speeds may miss that. In a low orbit this is a step of half an hour.
+# Limits of a row: speed, metre / second; and relative distance to the next place by which the mean
+# of both speeds may miss it. In a low orbit this allows a step of half an hour.
 FASTEST, MISSED = 1e5, 0.4
 
 

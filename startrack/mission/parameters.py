@@ -32,7 +32,7 @@ LAWS = ("nadir", "inertial", "sun", "target", "aem")
 YAWS = ("velocity", "ground", "sun")
 MOST_STEPS = 10**8
 
-LEAST_TRIALS = 20  # of which half fit a correction and half check it
+LEAST_TRIALS = 20  # half of them fit a correction, half check it
 OLDEST = 100 * YEAR  # second, of a head
 UNIT_NORM = 1e-3  # by which the norm of a quaternion in a file may differ from one
 
@@ -184,8 +184,8 @@ class HeadTemperature(Parameters):
 
         offset + swing sin(phase of the orbit from the ascending node + ahead)
 
-    It moves the temperatures of the detector (`instrument.detector.thermal`), of the lens
-    (`instrument.thermal`) and of the displacements of the field (`instrument.residual`), where the
+    It changes the temperatures of the detector (`instrument.detector.thermal`), of the lens
+    (`instrument.thermal`) and of the displacements of the field (`instrument.residual`), if the
     design has them.
     """
 
@@ -425,9 +425,9 @@ class KeepClear(Parameters):
 class Obstacle(Parameters):
     """A box or a panel of the spacecraft, in body axes.
 
-    It blinds a head where it reaches into the half diagonal of its field, and where the Sun shines
-    on the spacecraft within the head's `clear` angle, dark sides too. It does not hide stars, Sun,
-    Moon or Earth from a head.
+    It blinds a head in two cases: if it reaches into the half diagonal of the head's field; and if
+    it is within the head's `clear` angle while the Sun shines on the spacecraft, on dark sides too.
+    It does not hide stars, Sun, Moon or Earth from a head.
     """
 
     name: str = parameter("for messages")

@@ -30,11 +30,11 @@ from startrack.optimise import Search, minimise
 from startrack.space import GM
 
 WINDOWS, POINTS = 96, 100  # orbits over the mission, and instants in each
-GRID = 10 * deg  # between the directions that are tried for each head in turn
-COARSE = 15 * deg  # the same, where many searches are compared
+GRID = 10 * deg  # between the directions tried for each head in turn
+COARSE = 15 * deg  # the same, when many searches are compared
 DENSITY = 950.0  # kg / m^3, median of seven trackers that were built (see `Requirements.density`)
-ROUNDS = 6  # in which each head is moved in turn, at most
-REACH = 20 * deg  # from there, in which nlopt searches
+ROUNDS = 6  # most rounds in which each head is moved in turn
+REACH = 20 * deg  # range of nlopt's search around that
 EVALUATIONS = 400
 MISSED = 10.0  # weight of a requirement that is missed, to one that is met; chosen by hand
 MET = 0.1  # weight of a requirement that is met, to the error; chosen by hand
@@ -46,7 +46,7 @@ FINE: Floats = np.arange(0.2, 90.0, 0.2) * deg  # at which their exclusion angle
 
 @dataclass(frozen=True, eq=False)
 class PlacementSamples:
-    """Some orbits of a mission, at instants that follow each other within each.
+    """Some orbits of a mission, each with consecutive instants.
 
     step      second between two of them
     windows   number of orbits
@@ -66,8 +66,8 @@ class PlacementQuality:
 
     longest    second, longest time without a valid head within one orbit of the samples
     one, two   fraction of the time with at least one, and two, valid heads
-    error      radian, rms about the worst body axis where a head is valid; infinite where none is
-    keep_out   radian, by which boresights lie inside keep-out cones, summed
+    error      radian, rms about the worst body axis while a head is valid; infinite if none is
+    keep_out   radian, sum of the depths of boresights inside keep-out cones
     """
 
     longest: float
@@ -107,7 +107,7 @@ class PlacementQuality:
 
 
 def sample(plan: MissionPlan) -> PlacementSamples:
-    """Orbits that lie evenly over the mission."""
+    """Orbits evenly distributed over the mission."""
     mission = plan.loaded.mission
     first = plan.motion.at(0.0, 1.0, 2)
     place, speed = (float(np.linalg.norm(vector[:, 0])) for vector in (first.place, first.speed))
@@ -146,8 +146,8 @@ class Placement:
     """Mountings that were found.
 
     mission        with azimuth and elevation of each head
-    before, after  what the file's and these mountings are worth, at the samples
-    evaluations    sets of mountings that were tried
+    before, after  quality of the file's mountings and of these mountings, at the samples
+    evaluations    number of sets of mountings that were tried
     ending         of nlopt's search
     """
 
@@ -172,7 +172,7 @@ def place(
     plan      with errors
     advance   called with the number of evaluations after each of them
     grid_step    radian between directions of the grid; None: 10 degrees
-    evaluations  of nlopt, at most; 0: the best of the grid is the result
+    evaluations  largest number for nlopt; 0: the best of the grid is the result
     Accuracy  model: 96 orbits of the mission, at 100 instants each; each head has its mean error
               over the sky at all times. Numerical: nlopt ends at steps of 0.04 degrees; the search
               may end in an optimum that is not the best of all.
@@ -222,7 +222,7 @@ def place(
 
 
 def moved_plan(plan: MissionPlan, mission: Mission) -> MissionPlan:
-    """The plan with the mountings of another mission, and all else as it was."""
+    """The plan with the mountings of another mission, otherwise unchanged."""
     heads = tuple(
         replace(head, axes=moved.mounting.as_matrix())
         for head, moved in zip(plan.heads, mission.heads, strict=True)
@@ -232,11 +232,11 @@ def moved_plan(plan: MissionPlan, mission: Mission) -> MissionPlan:
 
 @dataclass(frozen=True)
 class Trade:
-    """So many heads with such baffles, placed by a coarse search.
+    """A number of heads with a baffle, placed by a coarse search.
 
     heads    number of heads
-    angle    radian, from which on the baffle keeps the Sun out: the exclusion angle of the Sun
-    length   metre, of the baffle before the lens; the longest, where designs differ
+    angle    radian, the exclusion angle of the Sun by the baffle
+    length   metre, of the baffle before the lens; the longest if designs differ
     mass     kilogram, of all heads with their baffles
     quality  at the samples of the search
     met      whether the requirements of the mission are met at these samples
@@ -256,17 +256,17 @@ def trades(
     angles: Sequence[float],
     advance: Advance = lambda _: None,
 ) -> list[Trade]:
-    """Each number of heads with each angle of the baffle, at the mountings that a search finds.
+    """Each number of heads with each angle of the baffle, at the mountings found by a search.
 
-    Heads beyond those of the mission are repeated in their order. The tube of a design that has one
-    (`instrument.tube`) gets the length whose exclusion angle of the Sun this is: the exclusion
-    angles of Moon and Earth and the mass follow from it. Of other designs, length and mass are by
-    the cost laws (`Requirements`), with the density of built trackers where there is none, and the
-    exclusion angles of Moon and Earth stay.
+    For more heads than in the mission, its heads are repeated in order. If a design has a tube
+    (`instrument.tube`), the tube gets the length with this exclusion angle of the Sun; the
+    exclusion angles of Moon and Earth and the mass follow from it. For other designs, length and
+    mass are from the cost laws (`Requirements`), by default with the density of built trackers, and
+    the exclusion angles of Moon and Earth stay.
 
     advance  called with 1 after each of them
-    Raises   ValueError where an angle lies in the field of a head, or is that of no tube from a
-             quarter to four times the length of the design's.
+    Raises   ValueError if an angle lies in the field of a head, or if no tube from a quarter to
+             four times the design's length has it.
     """
     results = []
     for count in counts:
@@ -307,21 +307,21 @@ def lightest(
     advance: Advance = lambda _: None,
     evaluations: int = EVALUATIONS,
 ) -> list[tuple[Trade, Placement]]:
-    """The lightest heads and baffles, of each number of heads, that meet the requirements.
+    """The lightest baffles and the placement that meet the requirements, for each number of heads.
 
-    Directions of all heads and the angle of their baffles together: from the mountings of a coarse
-    search with the longest baffle, and with the shortest, nlopt (Sbplx) searches the least of
+    Directions of all heads and the angle of their baffles are searched together. From the mountings
+    of a coarse search with the longest baffle, and with the shortest, nlopt (Sbplx) minimises
 
         mass / mass with the longest baffle + score of what is missed
 
-    and a last search, at that angle, of the best error.
+    A last search, at that angle, minimises the error.
 
     angles       radian, shortest and longest exclusion angle of the Sun that a baffle may have
     advance      called with 1 after each number of heads
-    evaluations  of each of these searches
+    evaluations  number for each of these searches
     Returns      in the order of `counts`; a Trade says whether the requirements are met
     Raises       ValueError as `trades`, or where the two do not increase
-    Accuracy     as `place`; of tubes, angles are between those of 9 lengths, within 0.2 degrees.
+    Accuracy     as `place`; angles of tubes are interpolated between 9 lengths, within 0.2 degrees.
     """
     if not angles[0] < angles[1]:
         raise Refused(f"angles must increase, got {angles[0] / deg:.3g}, {angles[1] / deg:.3g} deg")
@@ -415,15 +415,15 @@ class _Around:
         return [line / np.linalg.norm(line) for line in turned]
 
     def blind(self, lines: Sequence[Floats], sun: float | None = None) -> list[Flags]:
-        """When heads along some directions are blind, behind baffles with an exclusion angle of the
-        Sun (radian); None: each with its own."""
+        """Times at which heads along some directions are blind, with baffles of an exclusion angle
+        of the Sun (radian); None: each with its own."""
         heads = self.plan.heads
         if sun is not None:
             heads = _mounted_behind(self.plan, sun)
         return [blind_at(self.samples, *pair) for pair in zip(heads, lines, strict=True)]
 
     def worth(self, lines: Sequence[Floats], blind: Sequence[Flags]) -> PlacementQuality:
-        """Quality of heads along some directions that are blind at some samples."""
+        """Quality of heads along some directions, given the samples at which they are blind."""
         mission, samples = self.plan.loaded.mission, self.samples
         valid = [~hidden for hidden in blind]
         many = np.sum(valid, axis=0)
@@ -447,7 +447,7 @@ class _Around:
         return PlacementQuality(longest, *fractions, math.sqrt(float(square)), inside_cones)
 
     def quality(self, coordinates: Floats, sun: float) -> PlacementQuality:
-        """The same at coordinates, with an exclusion angle of the Sun (radian)."""
+        """Quality at coordinates, with an exclusion angle of the Sun (radian)."""
         lines = self.moved(coordinates)
         return self.worth(lines, self.blind(lines, sun))
 
@@ -462,7 +462,7 @@ def _mounted_at(mission: Mission, lines: Sequence[Floats]) -> Mission:
 
 
 def _with_heads(plan: MissionPlan, count: int, angle: float) -> MissionPlan:
-    """The plan with `count` heads, whose exclusion angle of the Sun is that of the baffle."""
+    """The plan with `count` heads behind baffles with an exclusion angle of the Sun."""
     of = [k % len(plan.heads) for k in range(count)]
     heads = []
     for n, k in enumerate(of):
@@ -497,7 +497,7 @@ def _with_heads(plan: MissionPlan, count: int, angle: float) -> MissionPlan:
 
 
 def _mounted_behind(plan: MissionPlan, angle: float) -> tuple[Mounted, ...]:
-    """The heads of a plan behind baffles that keep the Sun out from an angle on."""
+    """The heads of a plan behind baffles with an exclusion angle of the Sun."""
     changed = []
     for mounted_head, head, design in zip(
         plan.heads, plan.loaded.mission.heads, plan.loaded.designs, strict=True
@@ -510,10 +510,9 @@ def _mounted_behind(plan: MissionPlan, angle: float) -> tuple[Mounted, ...]:
 
 
 def _behind(head: Head, case: Case, angle: float) -> tuple[Head, Case]:
-    """A head, and its design behind a baffle with a given exclusion angle to the Sun.
+    """A head, and its design, behind a baffle with a given exclusion angle of the Sun.
 
-    The tube, if there is one, gets the length that this angle needs, and Moon and Earth the
-    exclusion angles that follow from it.
+    A tube gets the length with this angle; the exclusion angles of Moon and Earth follow from it.
     """
     given = replace(head.exclusion, sun=angle)
     if case.instrument.tube is None:
@@ -560,7 +559,7 @@ def _tubes(case: Case, altitude: float) -> tuple[Floats, Floats]:
 
 
 def _baffle_length(case: Case, angle: float) -> float:
-    """Metre, of a tube, or of a baffle that leaves the field free by the law of `Requirements`."""
+    """Metre, of a tube, or of a baffle outside the field by the law of `Requirements`."""
     if tube := case.instrument.tube:
         return tube.length
     field = math.tan(case.instrument.camera.half_diagonal)
@@ -603,13 +602,13 @@ def sphere(step: float) -> Floats:
 def map_of(
     plan: MissionPlan, head: int, step: float = 5 * deg
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Blind time of one head, and the search's score, over all directions of its boresight.
+    """Blind time of one head, and score of the search, over all directions of its boresight.
 
     plan     with errors
     step     radian between two of them
     Returns  (n, 3) directions in body axes; (n,) fraction of the time in which the head is blind;
-             (n,) second, the longest such time within an orbit; (n,) score of all heads together
-             with the others where they are, the less the better
+             (n,) second, the longest such time within an orbit; (n,) score of all heads with the
+             others at their places; smaller is better
     """
     samples, lines, needs = sample(plan), sphere(step), plan.loaded.mission.requirements
     around = _Around(plan, samples, [head_.boresight for head_ in plan.heads])

@@ -1,4 +1,4 @@
-"""Plan of a mission -> trials at its instants: what each head sees, and its errors checked."""
+"""Plan of a mission -> trials at its instants: scenes of heads, and a check of their errors."""
 
 import math
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ from startrack.space import hit_map
 from startrack.trial import run_trial
 
 DIGITS = 7  # of rates in radian / second; 0.02 arcsec / s
-CANDIDATES = 4000  # instants of the mission, from which those of trials are taken
+CANDIDATES = 4000  # instants of the mission, from which those of trials are chosen
 PRIOR = 0.2  # standard deviation of a coefficient of the correction before trials; chosen by hand
 STEPS = 50  # of the fit
 
@@ -30,8 +30,8 @@ class HeadScene:
                     stray light of its baffle
     icrs_to_camera  its true attitude
     blind           Blind, as a number; 0 where it is valid
-    across, about   radian, rms error that the mission expects, with the alignment of the head
-    solved          1, probability of an attitude that it expects
+    across, about   radian, rms error expected by the mission, with the alignment of the head
+    solved          1, expected probability of an attitude
     """
 
     case: Case
@@ -74,7 +74,7 @@ def scene_at(plan: MissionPlan, chunk: Chunk, h: int, k: int) -> HeadScene:
 
 
 def hit_at(plan: MissionPlan, case: Case, chunk: Chunk, k: int) -> Case:
-    """The case whose detector is hit by the trapped particles of an instant of a chunk, too."""
+    """The case with additional hits by the trapped particles at an instant of a chunk."""
     mission, detector = plan.loaded.mission, case.instrument.detector
     if mission.radiation.hits is None:
         return case
@@ -85,7 +85,7 @@ def hit_at(plan: MissionPlan, case: Case, chunk: Chunk, k: int) -> Case:
     if not rate:
         return case
     own = detector.hits or Hits(0.0, charge)
-    # All tracks have the mean charge of both.
+    # All tracks have the mean charge of both kinds of particles.
     charge = (own.rate * own.charge + rate * charge) / (own.rate + rate)
     hits = replace(own, rate=own.rate + rate, charge=charge)
     return replaced_all(case, {"instrument.detector.hits": hits}).unit_of(case.design or case)
@@ -93,16 +93,16 @@ def hit_at(plan: MissionPlan, case: Case, chunk: Chunk, k: int) -> Case:
 
 @dataclass(frozen=True)
 class Checked:
-    """Trials at instants of a mission, beside the errors that it expects of some heads.
+    """Trials at instants of a mission, compared with its expected errors for some heads.
 
     A ratio is the rms error of the trials over the expected one, with its standard error.
 
     heads         numbers of the heads
-    trials        that were run, at instants at which nothing blinds the head
+    trials        number of trials, at instants at which the head is not blind
     attitudes     trials with a right attitude;  expected  their number by the budget
     across, about     ratio, of the budget
-    corrected_across, corrected_about   the same of all trials, each half of them with the
-                  correction that the other half fits
+    corrected_across, corrected_about   the same for all trials, each half with the correction
+                                        fitted to the other half
     """
 
     heads: tuple[int, ...]
@@ -118,14 +118,14 @@ class Checked:
 def checked(
     plan: MissionPlan, advance: Advance = lambda _: None
 ) -> tuple[MissionPlan, tuple[Checked, ...]]:
-    """The plan with its surrogates corrected by trials, and how far they were off.
+    """The plan with its surrogates corrected by trials, and the errors of the surrogates.
 
-    The trials of a design lie at instants of the mission that are spread evenly over the rate, the
-    background, the number of stars, the temperature and the age of its heads, one after the other.
+    The trials of a design are at instants of the mission that are spread evenly over the rate, then
+    over the background, the number of stars, the temperature and the age of its heads, in turn.
 
     advance  called with 1 after each trial
-    Returns  the plan itself and nothing where the mission asks for no trials
-    Raises   ValueError where the fidelity refuses the design, or too few trials have an attitude.
+    Returns  the plan itself and nothing if the mission has no check by trials
+    Raises   ValueError if the fidelity refuses the design, or if too few trials have an attitude.
     """
     mission = plan.loaded.mission
     count, every = mission.check.trials, max(mission.time.steps // CANDIDATES, 1)
@@ -174,7 +174,7 @@ def _checked(
 
 
 def judged_by_the_other_half(ratio: Floats, values: dict[str, Floats]) -> Floats:
-    """Ratios (n, 2) over their correction, which the other half of them fits; even and odd rows."""
+    """Ratios (n, 2) over their correction, which is fitted to the other half (even or odd rows)."""
     half, left = np.arange(len(ratio)) % 2 == 0, ratio.copy()
     for here in (half, ~half):
         other = fitted(ratio[~here], {name: value[~here] for name, value in values.items()})

@@ -1,20 +1,19 @@
 """Many trials: workers, store, resume, precision, variance reduction, rare events.
 
 workers     Executors: this process, a pool of processes that survives crashes, Dask, MPI.
-attitudes   Attitudes of trials: random, at Sobol points, in each region of the sky in turn, or more
-            of them where an event is likelier.
+attitudes   Attitudes of trials: random, at Sobol points, region by region, or denser where an event
+            is likelier.
 estimate    Values of trials, control variates, outcomes of faster fidelities -> a mean with its
             standard error.
 control     Case, attitude and image of a trial -> its linearised error, and the exact mean of it.
 sampling    Sampling: fidelity and attitudes of the trials of a campaign, and their control variate.
 run         Many trials of one case over workers: the same numbers for any number of them.
 store       One SQLite file that holds a campaign; its trials as CSV or Parquet.
-causes      Outcomes of trials -> the status of each, why it is so, where it looked, and what was
-            near.
+causes      Outcomes of trials -> status, reason, boresight and nearby bodies of each trial.
 comparison  The same trials of two campaigns, or at each fidelity -> their statistics side by side,
             and the differences.
-resume      Do the trials that a store lacks: the same bytes, however often it was interrupted; a
-            Watch on it from time to time; until the interval of a statistic is narrow enough.
+resume      Run the trials that a store lacks, with the same bytes after any interruptions, until
+            the interval of a statistic is narrow enough; a Watch reports the progress.
 sketch      Outcomes of any number of trials -> a Sketch of fixed size: moments, quantiles, tails.
 merge       Stores of parts of a campaign -> one store, with the same bytes in any order of the
             parts.

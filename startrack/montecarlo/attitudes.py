@@ -14,7 +14,8 @@ from startrack.observation import random_attitudes, rotations_from_cube
 class Regions(Parameters):
     """Bands of equal height in the sine of the declination, cut by hours of right ascension.
 
-    Archimedes: a band of a sphere has the area of its height, so that all cells are equal.
+    Archimedes: the area of a band of a sphere is proportional to its height, so all cells are
+    equal.
     """
 
     bands: int = parameter(limit=Range(1, 1000), default=6)
@@ -34,7 +35,8 @@ class Regions(Parameters):
         )
 
     def place(self, cell: Ints, fraction: Floats) -> Floats:
-        """Directions (n, 3), uniform in their cells where the fractions (n, 2) in [0, 1) are so."""
+        """Directions (n, 3) from fractions (n, 2) in [0, 1); uniform fractions are uniform in the
+        cells."""
         band, sector = np.divmod(cell, self.sectors)
         z = 2 * (band + fraction[:, 0]) / self.bands - 1
         angle = 2 * math.pi * (sector + fraction[:, 1]) / self.sectors
@@ -49,7 +51,7 @@ class Regions(Parameters):
         )
 
 
-REPLICATES = 16  # independent scrambles, whose scatter gives the error; chosen by hand
+REPLICATES = 16  # independent scrambles; their scatter gives the error; by hand
 
 
 def at_random(seed: int, numbers: Sequence[int]) -> Rotation:
@@ -60,7 +62,7 @@ def at_random(seed: int, numbers: Sequence[int]) -> Rotation:
 def by_sobol(seed: int, numbers: Sequence[int]) -> Rotation:
     """Attitudes of scrambled Sobol points, each uniform over all rotations.
 
-    Trial n is at point n // 16 of scramble n % 16, so that each of the 16 is a separate sample.
+    Trial n is at point n // 16 of scramble n % 16, so that each scramble is a separate sample.
 
     Source: Owen (1998), J. Complexity 14, 466.
     """
@@ -75,7 +77,7 @@ def by_sobol(seed: int, numbers: Sequence[int]) -> Rotation:
 def towards(boresight: Floats, roll: Floats) -> Rotation:
     """Attitudes icrs_to_camera with these boresights (n, 3), rotated about them by (n,) radian."""
     x, y, z = boresight.T
-    # Right ascension and declination take the camera's +z there; the roll is taken first.
+    # Right ascension and declination turn the camera's +z there, after the roll.
     turn = np.column_stack([np.arctan2(y, x), np.arccos(np.clip(z, -1, 1)), roll])
     return Rotation.from_euler("ZYZ", turn).inv()
 
@@ -91,20 +93,20 @@ def _points(seed: int, replicate: int, index: Ints) -> Floats:
     return np.asarray(engine.random(count)[index - first])
 
 
-DEFENCE = 0.2  # fraction of the trials in all regions alike, so that no weight exceeds 5
+DEFENCE = 0.2  # fraction of uniformly distributed trials, so that no weight exceeds 5
 
 
 def chances(score: Floats) -> Floats:
     """Probability of trials in each region.
 
-    A defensive mixture: a part uniform, the others in proportion to the scores.
+    A defensive mixture: a part is uniform, the rest is proportional to the scores.
 
         q_k = d / K + (1 - d) s_k / sum s
 
     Source: Hesterberg (1995), Technometrics 37(2), 185.
 
-    score    (K,) not negative, rough likelihood of the event there; any is valid, a good one
-             reduces the variance
+    score    (K,) not negative, rough likelihood of the event in each region; any score is valid, a
+             good one reduces the variance
     Returns  (K,) 1, sums to 1
     """
     total = float(score.sum())
@@ -118,8 +120,8 @@ def where_likely(
 ) -> tuple[Rotation, Floats]:
     """Attitudes icrs_to_camera, more of them where `chance` is larger, and their weights.
 
-    Returns  attitudes; (n,) 1, uniform density over that drawn from. The mean of weight times
-             indicator is the probability of the event, for any chances.
+    Returns  attitudes; weights (n,) 1, the uniform density over the sampled density. The mean of
+             weight times indicator is the probability of the event, for any chances.
     """
     fraction = np.array([Streams(seed, number)("rare").random(4) for number in numbers])
     cell = np.searchsorted(np.cumsum(chance)[:-1], fraction[:, 0], side="right")

@@ -1,4 +1,4 @@
-"""Outcomes of trials -> the status of each, why it is so, where it looked, and what was near."""
+"""Outcomes of trials -> status, reason, boresight and nearby bodies of each trial."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -14,7 +14,7 @@ from startrack.io import celestials
 from startrack.metrics import STATED, STATED_ALONE, ErrorLimits, correct
 from startrack.scene import BODIES, SUN_RADIUS, body_angles
 
-DISC = math.asin(SUN_RADIUS / 1.496e11)  # radian, of the Sun, and near that of the Moon
+DISC = math.asin(SUN_RADIUS / 1.496e11)  # radian, of the Sun, and nearly of the Moon
 
 
 class Ending(StrEnum):
@@ -24,7 +24,7 @@ class Ending(StrEnum):
     blinded                     no attitude, and a light among Sun, Moon and Earth is in the field
                                 or nearer than its keep-out angle
     too few stars               no attitude, with fewer spots than the identification needs
-    no match                    no attitude, with spots enough
+    no match                    no attitude, with enough spots
     """
 
     CORRECT = "correct"
@@ -62,12 +62,13 @@ def endings(
     limits: ErrorLimits = STATED_ALONE,
     keep_out: KeepOut | None = None,
 ) -> Endings:
-    """End of each trial by its outcome, without repeating it.
+    """End of each trial from its outcome, without running it again.
 
     icrs_to_camera  true attitude of each
     limits          of a correct attitude
-    keep_out        angles at which a body blinds; None: where it is in the field
-    Accuracy        model: a trial counts as blinded by where the bodies are, not by its image.
+    keep_out        angles within which a body blinds; None: only in the field
+    Accuracy        model: the positions of the bodies, not the image, decide whether a trial is
+    blinded.
     """
     right = correct(outcomes, limits)
     lines = icrs_to_camera.inv().apply([0.0, 0.0, 1.0])
@@ -108,7 +109,7 @@ def _ending(
 
 
 def _blinding(case: Case, around: Mapping[str, float], keep_out: KeepOut | None) -> str:
-    """The nearest body that blinds, or nothing."""
+    """The nearest blinding body; empty if there is none."""
     corner = case.instrument.camera.half_diagonal
     limits = {"sun": corner + DISC, "moon": corner + DISC, "earth": corner}
     limits |= keep_out.angles if keep_out else {}
@@ -124,7 +125,7 @@ COLUMNS = ("ra_deg", "dec_deg", "roll_deg", "rate_deg_per_s", "sun_deg", "moon_d
 
 
 def with_causes(case: Case, outcomes: Rows, icrs_to_camera: Rotation, ends: Endings) -> Rows:
-    """The table of outcomes with where each looked, how it ended, and why.
+    """The table of outcomes with the boresight, end and reason of each trial.
 
     Returns  (n,) structured array: the fields of the outcomes; right ascension and declination of
              the boresight, roll, slew rate, angles to Sun, Moon and the Earth's limb, in degree;

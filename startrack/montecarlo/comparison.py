@@ -22,7 +22,7 @@ STATISTICS = (
 
 
 class Difference(NamedTuple):
-    """One statistic of two campaigns, with the 95 % interval of how they differ.
+    """One statistic of two campaigns, with the 95 % interval of their difference.
 
     name           in words
     first, second  its values: radian, or a fraction for the availability
@@ -44,15 +44,15 @@ def differences(
     ),
     paired: bool = True,
 ) -> list[Difference]:
-    """Errors and availability of two campaigns, the ratios of errors, and how availability differs.
+    """Errors and availability of two campaigns: ratios of errors, and difference of availability.
 
-    Errors: over the trials that both solved, where paired; intervals as for `Objective.ratio`,
-    those of levels without bounds where the trials are too few.
-    Availability: Agresti and Min (2005), Statist. Med. 24, 729, for pairs; else the two exact
-    intervals as those of independent fractions (Newcombe 1998, Statist. Med. 17, 873, method 10).
+    Errors: if paired, over the trials that both solved; intervals as for `Objective.ratio`. Levels
+    have unbounded intervals if there are too few trials. Availability: Agresti and Min (2005),
+    Statist. Med. 24, 729, for pairs; else from the two exact intervals of independent fractions
+    (Newcombe 1998, Statist. Med. 17, 873, method 10).
 
-    first, second  outcomes; where paired, of the same trials in the same order
-    limits         of a correct attitude, of each
+    first, second  outcomes; if paired, of the same trials in the same order
+    limits         of a correct attitude, for each campaign
     """
     right = metrics.correct(first, limits[0]), metrics.correct(second, limits[1])
     return [*_errors(first, second, paired), _availability(*right, paired)]
@@ -93,10 +93,10 @@ class FidelityResult(NamedTuple):
     """One fidelity, on some trials.
 
     fidelity    its name
-    seconds     of CPU for a trial; the first one, which fills the caches, is not counted
-    summary     of its trials; None where it cannot simulate the design
+    seconds     of CPU for a trial, without the first one, which fills the caches
+    summary     of its trials; None if it cannot simulate the design
     difference  radian, rms per axis of its errors across minus those of the fidelity `frame`
-    refusal     why it cannot, or nothing
+    refusal     the reason, or empty
     """
 
     fidelity: Fidelity

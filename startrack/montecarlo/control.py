@@ -16,10 +16,10 @@ from startrack.observation import detection_plan
 from startrack.response import knowledge_of
 from startrack.trial import pattern_indexes
 
-FEWEST = 3  # stars; two observe an attitude, one more checks it
+FEWEST = 3  # stars; two determine an attitude, one more checks it
 SAME = 2.0  # pixel, between two stars that make one spot
-NEAR = 2.0  # pixel, beyond the border, where a spot's star may lie
-FULL = 0.8  # of the full well, from which on a pixel's number is no linear function of its light
+NEAR = 2.0  # pixel beyond the border, within which a spot's star may lie
+FULL = 0.8  # of the full well; above, a pixel's number is not linear in its light
 
 
 class Control(NamedTuple):
@@ -42,17 +42,16 @@ def control(
 
         error = e0 + G sum_p g_p (N_p - mean N_p),   variance = sum_p (G g_p)^2 var N_p
 
-    G the weighted least squares of the attitude, g_p the slope of a centroid by pixel p. Which
-    stars take part and what weighs them depends on the attitude alone, never on the noise, so
-    that mean and variance are those of a fixed linear function of independent pixels.
+    G is the weighted least-squares gain of the attitude, g_p the derivative of a centroid by pixel
+    p. The choice of stars and their weights depend only on the attitude, never on the noise. Mean
+    and variance are therefore those of a fixed linear function of independent pixels.
 
     electrons  (rows, columns) expected, as `expected` gives them
     image      (rows, columns) digital numbers drawn from them
-    Returns    None where fewer than three stars are bright enough
+    Returns    None if fewer than three stars are bright enough
     Raises     ValueError for pixels that depend on each other, or a non-linear converter.
-    Accuracy   numerical: mean and variance of a number take rounding as even noise of 1/12, which
-               is right to 1e-8 where the noise is over 1 digital number; saturated pixels are left
-               out.
+    Accuracy   numerical: rounding counts as uniform noise of variance 1/12, which is right within
+               1e-8 for noise above 1 digital number; saturated pixels are left out.
     """
     detector, camera = case.instrument.detector, case.instrument.camera
     mean, variance = _law(detector, electrons)
@@ -94,7 +93,7 @@ def control(
 
 
 def _apart(pixel: Floats, distance: float, answer: Callable[[Flags], Response]) -> Response:
-    """Responses of stars in groups, so that none responds to changes in the pixels of another."""
+    """Responses of stars, computed in groups without shared pixels."""
     near = np.tril(np.abs(pixel[:, None] - pixel).max(axis=2) < distance, -1)
     parts, left = [], np.ones(len(pixel), bool)
     while left.any():
@@ -129,7 +128,7 @@ def _merged(place: Floats) -> Flags:
 
 
 def _by_pixel(answer: Response, gain: Floats, columns: int) -> tuple[Ints, Floats]:
-    """Pixels (m,) as indices of the flat image, and the slope of the attitude by each, (3, m)."""
+    """Pixels (m,) as indices of the flat image, and derivatives (3, m) of the attitude by them."""
     slope = np.einsum("kna,naji->knji", gain, answer.slope).reshape(3, -1)
     step = np.arange(answer.slope.shape[-1])
     rows = (answer.corner[:, 1, None] + step)[:, :, None]
@@ -140,7 +139,8 @@ def _by_pixel(answer: Response, gain: Floats, columns: int) -> tuple[Ints, Float
 
 
 def _law(detector: Detector, electrons: Floats) -> tuple[Floats, Floats]:
-    """Mean and variance of the numbers of independent pixels, far from the converter's ends."""
+    """Mean and variance of the numbers of independent pixels, away from the limits of the
+    converter."""
     require_independent_pixels(detector)
     if detector.nonlinearity or detector.adc_inl or detector.hits:
         raise Refused("a control variate needs a detector without nonlinearity, adc_inl and hits")
@@ -183,7 +183,7 @@ def _inside(
 
 
 def _gain(direction: Floats, covariance: Floats, case: Case, attitude: Rotation) -> Floats:
-    """(3, n, 2) radian per pixel: slope of the attitude by its centroids.
+    """(3, n, 2) radian per pixel: derivative of the attitude by its centroids.
 
     A tracker that refines its focal length fits it together with the attitude.
     """

@@ -34,9 +34,9 @@ class Mean(NamedTuple):
         return Interval(self.value, self.value - half, self.value + half)
 
     def root(self, confidence: float = 0.95) -> Interval:
-        """The interval of the root: of an rms, where the mean is one of squares.
+        """The interval of the root: for a mean of squares, the interval of the rms.
 
-        Few values with a control may estimate a square below zero; its root is taken as zero.
+        With few values and a control, a mean square may be negative; its root is set to zero.
         """
         square = self.interval(confidence)
         return Interval(*(math.sqrt(max(end, 0.0)) for end in vars(square).values()))
@@ -49,9 +49,9 @@ def plain(values: Floats) -> Mean:
 
 
 def replicated(values: Floats, replicate: Ints) -> Mean:
-    """Mean of values that are independent only between replicates (n,), all equally many.
+    """Mean of values that are independent only between replicates (n,) of equal size.
 
-    The scatter of the replicates' means is valid however their points depend on each other.
+    The scatter of the replicates' means is valid for any dependence of points within a replicate.
     """
     count = np.bincount(replicate)
     if len(np.unique(count[count > 0])) != 1:
@@ -64,8 +64,8 @@ def controlled(values: Floats, controls: Floats) -> Mean:
 
         mean of v - c b,   b by least squares from the other folds
 
-    With b from the same values the mean would have a bias of about 1 / n; with b from the others
-    it has none, whatever b is.
+    With b from the same values, the mean would have a bias of about 1 / n; with b from the other
+    folds it has no bias.
 
     Source: Glasserman (2004), Monte Carlo Methods in Financial Engineering, section 4.1.
     """
@@ -83,7 +83,8 @@ def explained(values: Floats, controls: Floats) -> Floats:
 
 
 def two_levels(fine: Floats, coarse: Floats, rest: Mean, controls: Floats | None = None) -> Mean:
-    """Mean of fine values (n,), by coarse ones of the same trials and the coarse mean of others.
+    """Mean of fine values (n,), with coarse values of the same trials and the coarse mean of
+    others.
 
         mean(fine - b (coarse - rest)),   b from the other folds
 
@@ -97,7 +98,7 @@ def two_levels(fine: Floats, coarse: Floats, rest: Mean, controls: Floats | None
     if controls is not None:
         beside = np.column_stack([beside, controls])
     first = controlled(fine, beside)
-    # All folds use the same rest, whose error is common to them.
+    # All folds use the same rest, so they share its error.
     second = float(_slope(fine, beside)[0]) * rest.error
     error = math.hypot(first.error, second)
     freedom = error**4 / max(first.error**4 / first.freedom + second**4 / rest.freedom, 1e-300)
@@ -122,14 +123,15 @@ def mean_square(outcomes: Rows, about: bool = False, sobol: bool = False) -> Mea
 
         q = sum S / sum A,   error(q) = error(S - q A) / mean A
 
-    S the square of a trial's error, or 0 without a correct attitude; A whether it has one. A
-    control is subtracted from S - q A.
+    S is the square of a trial's error, or 0 without a correct attitude; A is 1 with a correct
+    attitude, else 0. A control is subtracted from S - q A.
 
     Source: Cochran (1977), Sampling Techniques, eq. (2.46), for the error of a ratio.
 
-    outcomes  with `surplus_across` and `surplus_about` where trials have a control
-    sobol     whether they are at the points of `by_sobol`: only whole rounds of all scrambles count
-    Raises    NaN where too few trials have a correct attitude.
+    outcomes  with `surplus_across` and `surplus_about` if trials have a control
+    sobol     whether they are at the points of `by_sobol`: only complete rounds of all scrambles
+              count
+    Raises    nothing; NaN if too few trials have a correct attitude.
     Accuracy  numerical: a ratio is biased by 1 / n of its error's square.
     """
     if sobol:
@@ -147,18 +149,18 @@ def mean_square(outcomes: Rows, about: bool = False, sobol: bool = False) -> Mea
 
 
 def combined(levels: Sequence[tuple[Rows, Fidelity]], about: bool = False) -> Mean:
-    """`mean_square` of the first level, with the faster ones that follow, each of more trials.
+    """`mean_square` of the first level, with the help of faster levels that have more trials.
 
         mean(S0 - b S1) + b (mean(S1 - c S2) + c mean(S2))
 
-    where each mean is over different trials, and b and c come from other trials, so that there is
-    no bias, whatever the faster levels leave out. A trial of `spots` or `covariance` has other
+    Each mean is over different trials, and b and c come from other trials. So there is no bias,
+    even if the faster levels leave out effects. A trial of `spots` or `covariance` has other
     errors; its control is the variance that it states for its attitude.
 
-    levels  outcomes at random attitudes, finest first, of the same case and seed; those with a
+    levels  outcomes at random attitudes, finest first, of the same case and seed; outcomes with a
             control use it, too
-    Raises  ValueError where a level has fewer than 16 separate trials, or shares fewer with the
-            one before.
+    Raises  ValueError if a level has fewer than 16 separate trials, or shares fewer with the level
+            before.
     """
     finest = levels[0][0]
     fraction = float(_correct(finest).mean()) if len(finest) else 0.0
@@ -211,6 +213,6 @@ def _correct(outcomes: Rows) -> Flags:
 
 
 def _whole_rounds(outcomes: Rows) -> Rows:
-    """Without the points that not all scrambles have."""
+    """Without the points of incomplete rounds."""
     turn, points = np.unique(outcomes["trial"] // REPLICATES, return_counts=True)
     return outcomes[np.isin(outcomes["trial"] // REPLICATES, turn[points == REPLICATES])]

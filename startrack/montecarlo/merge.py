@@ -17,7 +17,7 @@ from startrack.montecarlo.store import STORE, Store
 from startrack.population import AS_DESIGNED
 
 BLOCK = AS_DESIGNED.block  # trials
-WITHOUT_TRIALS = "campaign"  # the row of `about` that changes no trial
+WITHOUT_TRIALS = "campaign"  # row of `about` that does not affect trials
 
 
 @printed
@@ -25,7 +25,8 @@ class Merged(NamedTuple):
     """Contents of a merged store.
 
     trials    number of different trials
-    repeated  runs of trials that were, equal, in several parts: first, and that behind the last
+    repeated  runs of trials that several parts have, with equal outcomes: first number, end number
+    (exclusive)
     missing   runs of trials that no part has, likewise
     """
 
@@ -51,14 +52,14 @@ def merge_stores(
 ) -> Merged:
     """Write one store of all trials of several.
 
-    Blocks are cut anew where the numbers of trials divide by BLOCK, sessions are in order of time.
+    Blocks are cut again at multiples of BLOCK; sessions are in order of time.
 
     progress  called with the number of parts that were just read
-    partial   whether numbers of trials may be missing between those of the parts, and from 0 on
-    count     of trials that the campaign has; None: as many as its parts
-    Raises    ValueError, with the file, where a part is none, of another campaign, or has a trial
-              whose outcome differs from that of another part; Refused with the numbers of trials
-              that are missing.
+    partial   whether trial numbers may be missing, before and between those of the parts
+    count     number of trials of the campaign; None: as many as its parts have
+    Raises    ValueError, with the file, if a part is no store, is of another campaign, or has a
+              trial with an outcome other than another part's; Refused with the numbers of missing
+              trials.
     """
     read = []
     for part in sorted(parts):
@@ -115,14 +116,14 @@ def _write(base: Database, parts: list[_Part]) -> Merged:
             execute("INSERT INTO blocks VALUES (?, ?, ?)", (first, len(table), data))
             execute("INSERT INTO checksums VALUES (?, ?)", (first, stores.checksum(data)))
         for failure in sorted({tuple(failure) for part in parts for failure in part.failures}):
-            # Where several parts failed at the same trial, the first report in their order stays.
+            # If several parts failed at the same trial, the report of the first part stays.
             if not any(numbers.start <= failure[0] < numbers.stop for numbers in done):
                 stores.write_failure(execute, failure)
     return Merged(trials, tuple(touching_runs(repeated)))
 
 
 def _blocks(parts: list[_Part], repeated: list[tuple[int, int]]) -> Iterator[Rows]:
-    """All trials in order, in blocks that end where the numbers divide by BLOCK, or at a gap."""
+    """All trials in order, in blocks that end at multiples of BLOCK or at a gap."""
     waiting: Rows | None = None
     for table in _runs(parts, repeated):
         if waiting is not None:
@@ -142,11 +143,11 @@ def _blocks(parts: list[_Part], repeated: list[tuple[int, int]]) -> Iterator[Row
 
 
 def _runs(parts: list[_Part], repeated: list[tuple[int, int]]) -> Iterator[Rows]:
-    """Outcomes of blocks in order of trial, without those that came before."""
+    """Outcomes of blocks in order of trial, without repeated trials."""
     order = sorted(
         (numbers.start, numbers.stop, n) for n, part in enumerate(parts) for numbers in part.done
     )
-    before: Rows | None = None  # what trials that come again are compared with
+    before: Rows | None = None  # repeated trials are compared with these
     end, opened = 0, {}
     for first, stop, number in order:
         if number not in opened:

@@ -1,6 +1,6 @@
-"""Do the trials that a store lacks, until a statistic is known well enough; watch it.
+"""Run the trials that a store lacks, until a statistic is precise enough; watch the progress.
 
-The bytes are the same, however often it was interrupted.
+The bytes do not depend on interruptions.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from startrack.montecarlo.run import BLOCKS_PER_WORKER, blocks
 from startrack.montecarlo.store import Store
 
 STATISTICS = ("across", "about", "availability", "across-99.73")
-GROWTH = 1.2, 4.0  # least and largest factor from one test of the interval to the next; by hand
+GROWTH = 1.2, 4.0  # least and largest factor of trials from one test to the next; by hand
 
 
 class Precision(Parameters):
@@ -60,7 +60,7 @@ class Precision(Parameters):
     def interval(self, outcomes: Rows) -> metrics.Interval:
         """The statistic of structured outcomes; errors over solved trials that are not false.
 
-        An rms uses the controls of its trials, where they have them.
+        An rms uses the controls of its trials, if they have any.
         """
         solved = outcomes[outcomes["solved"] & ~outcomes["false"]]
         if self.statistic == "availability":
@@ -80,10 +80,11 @@ class Precision(Parameters):
         return half_width(self.interval(outcomes)) <= self.relative
 
     def next_size(self, outcomes: Rows, trials: int) -> int:
-        """Number of trials at the next test of the interval, after one at the outcomes of `trials`.
+        """Number of trials at the next test of the interval, after a test with the outcomes of
+        `trials`.
 
-        A function of outcomes alone, so that a campaign stops at the same trial however it was
-        interrupted. Each test may stop too early by chance: there are few.
+        It depends only on outcomes, so that a campaign stops at the same trial with any
+        interruptions. There are few tests, because each may stop too early by chance.
         """
         factor = (half_width(self.interval(outcomes)) / self.relative) ** 2
         factor = min(max(factor, GROWTH[0]), GROWTH[1]) if math.isfinite(factor) else GROWTH[1]
@@ -101,12 +102,12 @@ def half_width(interval: metrics.Interval) -> float:
 def quantile_interval(
     values: Floats, fraction: float, confidence: float = 0.95
 ) -> metrics.Interval:
-    """A quantile of values that are not negative, with the interval of `level_interval`.
+    """A quantile of non-negative values, with the interval of `level_interval`.
 
     fraction  in (0, 1)
-    Returns  the least value that this fraction does not exceed; its interval is unbounded above
-             where there are too few values
-    Accuracy  NaN where there is no value. The coverage is at least the confidence.
+    Returns  the least value that this fraction does not exceed; its interval is unbounded above if
+             there are too few values
+    Accuracy  NaN without values. The coverage is at least the confidence.
     """
     if len(values) == 0:
         return metrics.Interval(math.nan, math.nan, math.nan)
@@ -118,8 +119,8 @@ def quantile_interval(
 FIRST_TEST = 200  # trials, at the first test of the precision; chosen by hand
 MOST_FAILURES = 10  # blocks
 SECONDS = 1.0  # least time between two updates of a Watch
-FRACTION = 0.01  # of the time, that its updates may take
-# The line of a traceback that names what was raised, as those that Python writes.
+FRACTION = 0.01  # of the time, upper limit for its updates
+# The line of a traceback that names the exception, in Python's format.
 RAISED = re.compile(r"[A-Za-z_][\w.]*(Error|Exception|Executor|Warning|Pool)\b")
 
 
@@ -134,17 +135,17 @@ def resume(
     block: int | None = None,
     first: int = 0,
 ) -> Rows:
-    """The outcomes of the first trials of a store, after doing those that it lacks.
+    """The outcomes of the first trials of a store, after running those that it lacks.
 
-    trials     how many; with `precision` at most
-    precision  stop at the first test that finds this precision. Tests are at numbers of trials
-               that depend on the outcomes alone.
+    trials     number of trials; with `precision` the largest number
+    precision  stop at the first test that finds this precision. The numbers of trials at tests
+               depend only on the outcomes.
     seconds    submit no block after this time; only this makes results depend on speed
     progress   called with the number of trials that were just done
-    block      trials that go to a worker and to disk at a time, at most; None: `Sampling.block`
+    block      largest number of trials for a worker, and for a write; None: `Sampling.block`
     first      number of the first trial, without `precision`
-    Returns    (n,) structured array in order of trial, without those of blocks that failed
-    Raises     ValueError where more than 10 blocks fail, or all; OSError where the disk is full.
+    Returns    (n,) structured array in order of trial, without failed blocks
+    Raises     ValueError if more than 10 blocks fail, or all; OSError if the disk is full.
     """
     whole(1, 10**9, trials=trials)
     block = store.sampling.block if block is None else block
@@ -152,7 +153,7 @@ def resume(
     whole(0, 0 if precision else 2**62, first=first)
     if seconds is not None:
         positive(seconds=seconds)
-    end = None if seconds is None else time.monotonic() + seconds  # no clock jumps
+    end = None if seconds is None else time.monotonic() + seconds  # no jumps of the clock
     size = min(FIRST_TEST, trials) if precision else trials
     while True:
         size_of_block = min(block, -(-size // (workers * BLOCKS_PER_WORKER)))
@@ -237,9 +238,9 @@ class Watch:
         """Begin to watch.
 
         precision  of which statistic; remaining_s is the time to reach it
-        most       trials
-        show       called with the number of trials that just ended, and a sentence or nothing
-        log        file to append to, made where it is missing
+        most       largest number of trials
+        show       called with the number of trials that just ended, and a sentence or None
+        log        file to append to; it is created if missing
         """
         self._store, self._precision, self._most, self._show = store, precision, most, show
         self._held = sum(len(block) for block in store.done())
@@ -249,7 +250,7 @@ class Watch:
         self._log = log.open("a", encoding="utf-8") if log else None
 
     def __call__(self, trials: int) -> None:
-        """Count trials that ended; those that failed are not in the store."""
+        """Count trials that ended; failed trials are not in the store."""
         now = time.monotonic()
         if now < self._next:
             self._show(trials, "")
@@ -262,7 +263,7 @@ class Watch:
         self._next = now + max(SECONDS, (time.monotonic() - now) / FRACTION)
 
     def values(self) -> dict[str, Any]:
-        """Progress and statistic now; None for what is not known."""
+        """Progress and statistic at this time; None for unknown values."""
         seconds = time.monotonic() - self._began
         outcomes = self._store.outcomes()
         done = len(outcomes)

@@ -15,18 +15,17 @@ from startrack.montecarlo.workers import Serial
 from startrack.population import AS_DESIGNED, AsDesigned, Units
 from startrack.trial import OUTCOMES
 
-BLOCKS_PER_WORKER = 4  # so that no worker waits long for the last one; chosen by hand
-UNDER_WAY = 3  # blocks per worker that are submitted ahead, so that none waits for the main process
+BLOCKS_PER_WORKER = 4  # so that workers end at about the same time; chosen by hand
+UNDER_WAY = 3  # blocks per worker that are submitted ahead, so that none waits
 FRAMES = Sampling()
-TRIES = 3  # after which a block is given up
+TRIES = 3  # tries, after which a block is given up
 
 
 class Block(NamedTuple):
     """A block of trials.
 
     numbers  the trials
-    result   what was made of them, such as their outcomes, in order, or the error that the last try
-             raised
+    result   results of the trials in order, such as outcomes; or the error that the last try raised
     """
 
     numbers: range
@@ -47,14 +46,14 @@ def run(
     """The outcomes of trials first ... first + trials - 1.
 
     progress  called with the number of trials that just ended
-    units     how the trials go over units; or all are of the unit as designed
+    units     order of the trials over units; or the unit as designed for all
     Returns   (trials,) structured array: `trial` and the fields of Outcome, in order of trial
-    Accuracy  what a trial raises, which a sky that cannot be solved does not; BrokenExecutor where
-              a block of trials kills its worker each time.
+    Accuracy  raises the errors of a trial (an unsolved sky is none); BrokenExecutor if a block of
+              trials kills its worker each time.
     """
     whole(1, 10**9, trials=trials)
     size = -(-trials // (workers * BLOCKS_PER_WORKER))
-    size = -(-size // units.trials) * units.trials  # a unit is made once
+    size = -(-size // units.trials) * units.trials  # each unit is made once
     end = first + trials
     plan = [range(at, min(at + size, end)) for at in range(first, end, size)]
     outcomes = np.empty(trials, OUTCOMES)
@@ -69,17 +68,17 @@ def run(
 
 
 def warm(case: Case, sampling: Sampling = FRAMES) -> None:
-    """Run a trial in this process: numba compiles what workers then find in its cache on disk.
+    """Run a trial in this process: numba compiles kernels, which workers then load from its cache.
 
-    Raises  Refused, ImportError, MemoryError or OSError, where no trial of the case can be run;
-            what else may be raised by this trial alone is left to the trials.
+    Raises  Refused, ImportError, MemoryError or OSError, if no trial of the case can be run. Other
+            errors may concern this trial alone, and are left to the trials.
     """
-    # Plans between which units lie take minutes, and each worker has its own.
+    # Plans at the nodes of units take minutes, and each worker makes its own.
     sampling = replace(sampling, units=sampling.units.anew)
     try:
         sampling.trials(case, 0, range(1))
     except (Refused, ImportError, MemoryError, OSError) as error:
-        error.__notes__ = []  # of this trial, which is none of the campaign's
+        error.__notes__ = []  # notes name this trial, which is not in the campaign
         raise
     except Exception:
         return
@@ -96,15 +95,15 @@ def blocks(
 ) -> Iterator[Block]:
     """Blocks of trials as they end, in no order.
 
-    A block whose worker died is repeated alone, because any block then running may have ended it;
-    one that ends three workers when alone is given up. So is the one that raises an error
-    in each of its `tries`.
+    A block whose worker died is repeated alone, because any of the running blocks may be the cause.
+    A block that ends three workers when alone is given up. So is a block that raises an error in
+    each of its `tries`.
 
     plan  ranges of numbers of trials, submitted one by one as workers become free
-    make  makes something of the trials of a range of a case, such as their outcomes
+    make  function of a case and a range of trials -> result, such as outcomes
     """
     waiting = iter(plan)
-    failed = dict[range, int]()  # how often each has failed
+    failed = dict[range, int]()  # number of failures of each
     again = deque[range]()
     suspects = deque[range]()
     futures = dict[Future[Any], range]()
@@ -149,9 +148,9 @@ def blocks(
 
 
 def missing_runs(runs: list[tuple[int, int]], count: int | None = None) -> list[tuple[int, int]]:
-    """Numbers from 0 on that no run has: first, and that behind the last.
+    """Numbers from 0 on that no run has: first number, end number (exclusive).
 
-    count  of all numbers; None: what may follow the last run is not known, and not counted
+    count  number of all trials; None: numbers after the last run are not counted
     """
     held = touching_runs(runs)
     ends = [0] + [end for _, end in held]
@@ -163,10 +162,10 @@ def missing_runs(runs: list[tuple[int, int]], count: int | None = None) -> list[
 def require_whole(
     runs: list[tuple[int, int]], count: int | None = None, partial: bool = False
 ) -> tuple[tuple[int, int], ...]:
-    """The numbers that are missing, as `missing_runs`.
+    """The missing numbers, as `missing_runs`.
 
-    partial  whether some may be
-    Raises   Refused, with these numbers, where none may; where runs have numbers beyond the count
+    partial  whether numbers may be missing
+    Raises   Refused, with these numbers, if none may be missing; or if runs exceed the count
     """
     end = max((end for _, end in runs), default=0)
     if count is not None and count < end:
@@ -186,7 +185,7 @@ def require_whole(
 
 
 def touching_runs(runs: list[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Runs in order, those that touch or overlap as one."""
+    """Runs in order; touching or overlapping runs are joined."""
     merged: list[tuple[int, int]] = []
     for first, end in sorted(runs):
         if merged and first <= merged[-1][1]:

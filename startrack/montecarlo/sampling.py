@@ -25,8 +25,8 @@ def sample_controlled(
 ) -> tuple[Rows, Rows]:
     """Outcomes (n,) of whole frames at chosen attitudes, and the `Control` of each.
 
-    A trial without a control, for lack of bright stars, has one of zero with variance zero. The
-    attitude alone decides this, so that there is no bias.
+    A trial without a control, for lack of bright stars, has a control of zero with variance zero.
+    This depends only on the attitude, so there is no bias.
     """
     outcomes = np.empty(len(numbers), OUTCOMES)
     controls = np.zeros(len(numbers), CONTROLS)
@@ -43,7 +43,7 @@ def sample_controlled(
 
 
 def squares(outcomes: Rows, about: bool = False) -> Floats:
-    """Radian^2, whose mean is the square of the rms across (per axis) or about the boresight.
+    """Radian^2 for each trial; the mean is the square of the rms across (per axis) or about.
 
     Trials without a correct attitude count as zero; divide by the availability.
     """
@@ -75,7 +75,7 @@ class Sampling(Parameters):
     fidelity   of each trial
     attitudes  "random": independent; "sobol": scrambled points that fill the sphere evenly
     control    whether each has a control variate, which needs whole frames
-    units      how the trials go over units that differ; or all are of the unit as designed
+    units      order of the trials over different units; or the unit as designed for all
     """
 
     fidelity: Fidelity = Fidelity.FRAME
@@ -97,12 +97,12 @@ class Sampling(Parameters):
 
     @property
     def block(self) -> int:
-        """Trials that go to a worker and to disk at a time, at most."""
+        """Largest number of trials for a worker, and for a write to disk."""
         return self.units.block
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """`trial`, the fields of Outcome, and with a control its surplus (radian^2)."""
+        """`trial`, the fields of Outcome, and, with a control, its surplus (radian^2)."""
         return np.dtype(OUTCOMES.descr + SURPLUS) if self.control else self.units.dtype
 
     def attitudes_of(self, seed: int, numbers: Sequence[int]) -> Rotation:
@@ -110,7 +110,7 @@ class Sampling(Parameters):
         return (by_sobol if self.attitudes == "sobol" else at_random)(seed, numbers)
 
     def trials(self, case: Case, seed: int, numbers: Sequence[int]) -> Rows:
-        """Outcomes (n,) of some trials, each independent of which others are run.
+        """Outcomes (n,) of some trials; each does not depend on which others are run.
 
         Raises  as `startrack.run_trials` and `control`
         """

@@ -1,6 +1,6 @@
 """Outcomes of any number of trials -> a Sketch of fixed size: moments, quantiles, tails.
 
-Sketches of parts of a campaign add to that of the whole, with the same bytes in any order.
+Sketches of parts of a campaign add up to the sketch of the whole, with equal bytes in any order.
 """
 
 from __future__ import annotations
@@ -31,17 +31,17 @@ from startrack.montecarlo.store import difference
 
 FORMAT = "startrack sketch 2"
 EARLIER = "startrack sketch 1"  # without a checksum
-LARGEST = 2**27  # byte; the usual has 1 MB
-# What reading another file as a sketch raises.
+LARGEST = 2**27  # byte; a usual sketch has 1 MB
+# Errors of reading another file as a sketch.
 DAMAGED = ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError
-HALVES = 9  # bits of the fraction that a bin is named by: 512 bins an octave
-BITS = 52 - HALVES  # of a float, behind those
-RELATIVE = 2.0 ** -(HALVES + 1)  # largest error of a value by its bin, over the value
-UNIT = 1074  # sums are whole numbers of 2^-1074, as all floats are
+HALVES = 9  # leading fraction bits that name a bin: 512 bins per octave
+BITS = 52 - HALVES  # remaining fraction bits of a float
+RELATIVE = 2.0 ** -(HALVES + 1)  # largest relative error of a value by its bin
+UNIT = 1074  # sums are integers in units of 2^-1074, as all floats are
 BLOCK = 8192  # trials that a worker sketches at a time; chosen by hand: a second of work
 SAVED_EVERY = 20.0  # second
 COUNTS = ("trials", "solved", "false", "judged", "correct", "beyond", "stars")
-# Of the attitudes that are solved and not false: sums of powers, and what is in bins.
+# For attitudes that are solved and not false: sums of powers, and values in bins.
 SUMS = ("x", "y", "z", "across^2", "across^4", "about^2", "about^4", "nees")
 BINNED = ("x", "-x", "y", "-y", "z", "-z", "across", "nees")
 
@@ -49,7 +49,7 @@ BINNED = ("x", "-x", "y", "-y", "z", "-z", "across", "nees")
 @printed
 @dataclass(eq=False)
 class Bins:
-    """Numbers of positive values, in bins that the first bits of a float name.
+    """Numbers of positive values in bins; a bin is named by the first bits of a float.
 
     index  (k,) rising; bin i holds the values from `edge(i)` to below `edge(i + 1)`
     count  (k,)
@@ -60,12 +60,12 @@ class Bins:
 
     @classmethod
     def of(cls, values: Floats) -> Bins:
-        """Count values; those that are not positive are in no bin."""
+        """Count values in bins; values that are not positive are in no bin."""
         positive = np.ascontiguousarray(values[values > 0], np.float64)
         return cls(*np.unique(positive.view(np.int64) >> BITS, return_counts=True))
 
     def with_those(self, other: Bins) -> Bins:
-        """The bins of both."""
+        """The sum of both."""
         index = np.concatenate([self.index, other.index])
         if not len(index):
             return self
@@ -81,8 +81,8 @@ class Sketch:
     """Summary of trials in constant memory.
 
     about   the campaign: design, seed, sampling, limits of a correct attitude, software
-    ranges  first trial, and that behind the last, of each unbroken run of trials; in order
-    counts  by the names of COUNTS; "judged": solved and not false; "stars": the sum of theirs
+    ranges  first trial and end (exclusive) of each unbroken run of trials, in order
+    counts  by the names of COUNTS; "judged": solved and not false; "stars": sum of their stars
     sums    by the names of SUMS, exact, in units of 2^-1074; errors in radian
     bins    by the names of BINNED; "-x": the sizes of negative x
     worst   largest error across of a judged attitude, radian, and minus its trial; the first of
@@ -102,9 +102,9 @@ class Sketch:
         return self.counts["trials"]
 
     def add(self, other: Sketch) -> None:
-        """Take in the trials of another sketch of the same campaign.
+        """Add the trials of another sketch of the same campaign.
 
-        Raises  ValueError where it is of another campaign, or has trials that this one has.
+        Raises  ValueError if it is of another campaign, or has trials that this sketch has.
         """
         if other.about != self.about:
             raise ValueError(f"it is of another campaign: {difference(other.about, self.about)}")
@@ -139,15 +139,15 @@ class Sketch:
     def quantile(self, name: str, fraction: float) -> metrics.Interval:
         """A quantile of "across" or "nees" over the judged attitudes, and of |x|, |y| or |z|.
 
-        Returns   the middle of its bin; bounds that hold the true quantile with 95 % confidence,
-                  the errors by the bins included; unbounded above where trials are too few
+        Returns   the middle of its bin; bounds that contain the true quantile with 95 % confidence,
+                  including errors by the bins; unbounded above if there are too few trials
         Accuracy  numerical: RELATIVE (0.1 %) of the value. statistical: ranks of a binomial law.
         """
         bins = self.bins[name].with_those(self.bins.get(f"-{name}", Bins()))
         count = self.counts["judged"]
         if not count:
             return metrics.Interval(math.nan, math.nan, math.nan)
-        zero = count - int(bins.count.sum())  # of the values, which come first
+        zero = count - int(bins.count.sum())  # zeros, which come first
         up_to = np.cumsum(bins.count) + zero
 
         def bounds(rank: int) -> tuple[float, float]:
@@ -182,7 +182,7 @@ def edge(index: int) -> float:
 def about_of(
     case: Case, seed: int, sampling: Sampling, limits: metrics.ErrorLimits
 ) -> dict[str, Any]:
-    """Description that sketches of one campaign have in common, as in JSON."""
+    """Description that sketches of one campaign share, as in JSON."""
     about = {
         "case": to_table(case),
         "inputs": inputs_of(case),
@@ -255,7 +255,7 @@ def exact_sum(values: Floats) -> int:
     total = 0
     for power in np.unique(exponent):
         part = mantissa[exponent == power]
-        # In halves, of which a block has too few to overflow.
+        # In two halves; a block is too short for them to overflow.
         both = (int((part >> 26).sum()) << 26) + int((part & (2**26 - 1)).sum())
         shift = int(power) - 53 + UNIT
         total += both << shift if shift >= 0 else both >> -shift
@@ -263,7 +263,7 @@ def exact_sum(values: Floats) -> int:
 
 
 def _joined(ranges: list[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Runs of trials in order, those that touch as one.
+    """Runs of trials in order; touching runs are joined.
 
     Raises  ValueError where two overlap.
     """
@@ -274,7 +274,7 @@ def _joined(ranges: list[tuple[int, int]]) -> list[tuple[int, int]]:
 
 
 def save_sketch(path: Path, sketch: Sketch) -> None:
-    """Write a sketch as JSON: the same bytes for the same trials, whatever parts they came in."""
+    """Write a sketch as JSON: equal bytes for equal trials, for any division into parts."""
     table = {
         "format": FORMAT,
         "about": sketch.about,
@@ -298,7 +298,7 @@ def _checksum(table: dict[str, Any]) -> str:
 
 
 def load_sketch(path: Path) -> Sketch:
-    """Read a sketch. Raises ValueError, one sentence with the file, where it is none."""
+    """Read a sketch. Raises ValueError, one sentence with the file, if it is no sketch."""
     data = read_bytes(path, "a sketch of trials", LARGEST)
     try:
         table = json.loads(data)
@@ -343,15 +343,15 @@ def resume_sketch(
     progress: Advance | None = None,
     block: int = BLOCK,
 ) -> Sketch:
-    """The sketch of trials, after doing those that the file lacks.
+    """The sketch of trials, after running those that the file lacks.
 
-    The file is written again from time to time, so that the same call continues after an
-    interruption, with the same bytes in the end.
+    The file is rewritten from time to time, so that the same call continues after an interruption,
+    with the same bytes at the end.
 
     limits    of a correct attitude
-    progress  called with the number of trials that were just done, and of those that were held
-    Raises    ValueError where the file is none, of another campaign, or has other trials, too;
-              RuntimeError where a trial fails.
+    progress  called with the number of trials that were just done, or were in the file
+    Raises    ValueError if the file is no sketch, of another campaign, or also has other trials;
+              RuntimeError if a trial fails.
     """
     sketch = Sketch(about_of(case, seed, sampling, limits))
     if path.exists():
@@ -395,8 +395,8 @@ def merge_sketches(
 
     progress  called with the number of files that were just read
     partial, count  as for `merge_stores`
-    Raises  ValueError, with the file, where it is none, of another campaign, or has trials that
-            another has; Refused with the numbers of trials that are missing.
+    Raises  ValueError, with the file, if it is no sketch, of another campaign, or has trials that
+            another file has; Refused with the numbers of missing trials.
     """
     every = list(paths)
     merged = load_sketch(every[0])

@@ -28,9 +28,9 @@ from startrack.population import stored_units
 from startrack.trial import OUTCOMES
 
 LARGEST_TRIAL = 1024  # byte
-ABOUT = -1  # in place of a block, in the table of checksums: the table `about`
-SESSION = -(2**62)  # likewise: of session n, at SESSION - n
-FAILED = -2  # likewise: of a failure that begins with trial n, at FAILED - n
+ABOUT = -1  # stands for a block in the table of checksums: the table `about`
+SESSION = -(2**62)  # likewise: session n is at SESSION - n
+FAILED = -2  # likewise: a failure from trial n is at FAILED - n
 FULL = math.pi * (1 + 1e-9)  # radian
 HUGE = 1e100
 PACKAGES = ("numpy", "scipy", "numba", "astropy", "opencv-contrib-python-headless")
@@ -72,14 +72,14 @@ CREATE TABLE IF NOT EXISTS failures (
 class Store:
     """A campaign on disk, open for one process at a time.
 
-    Each block is committed whole to a write-ahead log before the next: a process that is killed
-    at any instant leaves a file with all blocks that it had kept. A loss of power may cost the last
-    seconds, which are then repeated, never the file.
+    Each block is committed completely to a write-ahead log before the next. A process that is
+    killed at any instant leaves a file with all committed blocks. A loss of power may lose the last
+    seconds, which are then repeated, but never the file.
 
     case      of the trials
     seed      of all its random numbers
     sampling  of the trials
-    code      that the case names, with the files that the trials were begun with
+    code      that the case names, with the files with which the trials were begun
     """
 
     def __init__(
@@ -96,8 +96,8 @@ class Store:
         seed  likewise
         sampling  likewise, where the case is given
 
-        Raises  ValueError where the file is no store, of another version, or holds another case
-                or seed; OSError where it cannot be opened or another process has it.
+        Raises  ValueError if the file is no store, is of another version, or holds another case or
+                seed; OSError if it cannot be opened or another process uses it.
         """
         self.path = path
         self._checked = set[Any]()
@@ -114,7 +114,7 @@ class Store:
             about = self._about()
             self.seed = int(about["seed"])
             whole(0, 2**63 - 1, seed=self.seed)
-            # Stores from before there was a choice hold random attitudes without controls.
+            # Old stores without this choice hold random attitudes without controls.
             self.sampling = Sampling(
                 Fidelity(about["fidelity"]),
                 about.get("attitudes", "random"),
@@ -126,7 +126,7 @@ class Store:
             self.case: Case = from_table(Case, json.loads(about["case"]))
             held_code = json.loads(about.get("code", "[]"))
             self.code = tuple(core.Code(*map(str, text)) for text in held_code)
-            # Stores without them are from before each block had to have a checksum.
+            # Stores without checksums are older than the requirement of one for each block.
             self._checksums = "inputs" in about
             self._inputs: dict[str, str] = json.loads(about.get("inputs", "{}"))
             if not set(OUTCOMES.names or ()) <= set(self.dtype.names or ()):
@@ -146,7 +146,7 @@ class Store:
 
     @contextmanager
     def _damage(self) -> Iterator[None]:
-        """Raise what contents cannot be used as damage; it says which trials can be saved."""
+        """Report unusable contents as damage, with the trials that can be saved."""
         try:
             yield
         except OSError:
@@ -176,9 +176,9 @@ class Store:
         self.require_inputs()
 
     def require_inputs(self) -> None:
-        """Refuse to run trials with other files or code than those of the trials that are held.
+        """Refuse to run trials with files or code other than those of the stored trials.
 
-        Raises  ValueError where one of them differs, or where code may not run.
+        Raises  ValueError if a file or code differs, or if code may not run.
         """
         before, now = self._inputs, inputs_of(self.case)
         for name in before.keys() | now.keys():
@@ -191,13 +191,13 @@ class Store:
 
     @property
     def campaign(self) -> Campaign | None:
-        """The question that was put to the case; None where there was none."""
+        """The campaign as text; None if there is none."""
         table = self._database.read("SELECT value FROM about WHERE name = 'campaign'")
         with self._damage():
             return from_table(Campaign, json.loads(table[0][0])) if table else None
 
     def keep_campaign(self, campaign: Campaign) -> None:
-        """Keep the question, in place of an earlier one: it changes no trial."""
+        """Keep the campaign instead of an earlier one: it changes no trial."""
         row = {"campaign": json.dumps(to_table(campaign), sort_keys=True)}
         with self._database.transaction() as execute:
             write_about(execute, self._about() | row)
@@ -214,23 +214,24 @@ class Store:
             _forget_failures(execute, range(first, first + len(outcomes)))
 
     def keep_failure(self, numbers: range, report: str) -> None:
-        """Commit that a block failed, and how; in place of what failed in it before."""
+        """Commit that a block failed, with the report; it replaces earlier failures in this
+        block."""
         row = (numbers.start, len(numbers), self.seed, report)
         with self._database.transaction() as execute:
             _forget_failures(execute, numbers)
             write_failure(execute, row)
 
     def done(self) -> list[range]:
-        """The trials that are kept, a range a block, in order.
+        """The stored trials in order, one range for each block.
 
-        Raises  ValueError where a block of them is damaged; as `outcomes`.
+        Raises  ValueError if a block is damaged; as `outcomes`.
         """
         return [numbers for numbers, _ in self._blocks()]
 
     def failures(self) -> list[tuple[range, str]]:
-        """The blocks that failed each time, with their tracebacks.
+        """The blocks that failed in all tries, with their tracebacks.
 
-        Raises  ValueError where one of them, or that there is one, is damage.
+        Raises  ValueError if the record of a failure is damaged.
         """
         rows = self._database.read("SELECT first, trials, seed, report FROM failures")
         sums = self._sums() if rows and self._checksums else {}
@@ -249,7 +250,7 @@ class Store:
         sums, made, rows = self._sums(), list[tuple[str, Mapping[str, str]]](), set[int]()
         with self._damage():
             for row, began, text in self._database.read(query):
-                digest = sums.get(SESSION - row)  # None: of an earlier version
+                digest = sums.get(SESSION - row)  # None: written by an earlier version
                 if digest is not None and digest != _checksum_of((began, text)):
                     raise ValueError(f"session {row} is not as it was written")
                 origin = {str(name): str(value) for name, value in json.loads(text).items()}
@@ -262,10 +263,10 @@ class Store:
         return made
 
     def outcomes(self, trials: int | None = None) -> Rows:
-        """Outcomes of the first `trials` trials (None: of all) that are kept, in order of trial.
+        """Outcomes of the first `trials` stored trials (None: of all), in order of trial.
 
-        Raises  ValueError where a block is damaged: its checksum is wrong, or what it holds is no
-                outcome of its trials. The message says how many of the others are whole.
+        Raises  ValueError if a block is damaged: its checksum is wrong, or its content is no
+                outcome of its trials. The message says how many of the other trials are valid.
         """
         end = 2**63 - 1 if trials is None else trials
         some = (data for numbers, data in self._blocks() if numbers.start < end)
@@ -274,7 +275,8 @@ class Store:
         return table[: np.searchsorted(table["trial"], end)]
 
     def _blocks(self) -> list[tuple[range, bytes]]:
-        """The blocks in order, all of them checked; those checked before are not checked again."""
+        """The blocks in order, all checked; blocks that were checked before are not checked
+        again."""
         rows = self._database.read("SELECT first, trials, outcomes FROM blocks ORDER BY first")
         sums: dict[Any, Any] | None = None
         blocks, damaged, last = list[tuple[range, bytes]](), list[Any](), 0
@@ -303,7 +305,7 @@ class Store:
         return blocks
 
     def _sums(self) -> dict[Any, Any]:
-        # Stores from before there were checksums, and opened only to be read, lack the table.
+        # Stores older than checksums lack the table if they are opened only to be read.
         if not self._database.read("SELECT 1 FROM sqlite_master WHERE name = 'checksums'"):
             return {}
         return dict(self._database.read("SELECT first, checksum FROM checksums"))
@@ -325,9 +327,9 @@ def checksum(data: bytes) -> bytes:
 
 
 def fault(first: Any, trials: Any, data: Any, expected: Any, dtype: np.dtype[Any]) -> str:
-    """Fault in the outcomes of a block, in words; empty where there is none.
+    """Fault in the outcomes of a block, in words; empty without a fault.
 
-    expected  their checksum; None where the block was kept without one
+    expected  their checksum; None if the block was stored without one
     """
     if not all(isinstance(number, int) and 0 <= number < 2**62 for number in (first, trials)):
         return "its numbers are none"
@@ -342,7 +344,7 @@ def fault(first: Any, trials: Any, data: Any, expected: Any, dtype: np.dtype[Any
 
 
 def impossible(table: Rows) -> str:
-    """Value of an outcome that no trial can have, in words; empty where there is none."""
+    """Impossible value of an outcome, in words; empty without one."""
     for name in ("solved", "false"):
         if (table[name].view(np.uint8) > 1).any():
             return f"{name} is neither true nor false"
@@ -377,7 +379,7 @@ def _begin(case: Case, seed: int, sampling: Sampling, execute: Execute) -> None:
 
 
 def write_about(execute: Execute, about: Mapping[str, str]) -> None:
-    """Write what a store says of its trials, with a checksum of all of it."""
+    """Write the description of a store's trials, with a checksum."""
     for row in about.items():
         execute("INSERT OR REPLACE INTO about VALUES (?, ?)", row)
     execute(
@@ -391,7 +393,7 @@ def _checksum_of(value: Sequence[Any]) -> bytes:
 
 
 def write_session(execute: Execute, session: Sequence[Any]) -> None:
-    """Write when and by what a store was worked on, with a checksum."""
+    """Write a session: time, software and machine, with a checksum."""
     row = execute("INSERT INTO sessions VALUES (?, ?)", session).lastrowid or 0
     execute("INSERT INTO checksums VALUES (?, ?)", (SESSION - row, _checksum_of(session)))
 
@@ -407,7 +409,7 @@ def write_failure(execute: Execute, row: Sequence[Any]) -> None:
 
 
 def _forget_failures(execute: Execute, numbers: range) -> None:
-    # With another number of workers, blocks have other sizes: one may hold several that failed.
+    # With another number of workers, blocks have other sizes: a block may include several failures.
     within = "DELETE FROM failures WHERE first < ? AND first + trials > ?"
     execute(within, (numbers.stop, numbers.start))
     execute(
@@ -418,7 +420,7 @@ def _forget_failures(execute: Execute, numbers: range) -> None:
 
 
 def difference(stored: Any, asked: Any, place: str = "") -> str:
-    """First difference of a stored table from another; empty where they are equal."""
+    """First difference of a stored table from another; empty if they are equal."""
     if isinstance(stored, dict) and isinstance(asked, dict):
         for key in sorted(stored.keys() | asked.keys()):
             inner = f"{place}.{key}" if place else key
@@ -429,7 +431,7 @@ def difference(stored: Any, asked: Any, place: str = "") -> str:
 
 
 def export(path: Path, outcomes: Rows) -> None:
-    """Write CSV or Parquet, as the name ends.
+    """Write CSV or Parquet, by the ending of the name.
 
     Raises  ValueError for another ending; ImportError for Parquet without pyarrow.
     """

@@ -24,7 +24,7 @@ class Serial(Executor):
     """The executor of one worker: this process."""
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Call at once; the result of the future raises what the call raised."""
+        """Call at once; the result of the future raises the exception of the call."""
         future: Future[Any] = Future()
         try:
             future.set_result(fn(*args, **kwargs))
@@ -39,15 +39,15 @@ class Serial(Executor):
         timeout: float | None = None,
         chunksize: int = 1,
     ) -> Iterator[Any]:
-        """Call when the result is needed, so that a caller that counts results sees progress."""
+        """Call when the result is needed, so that a caller who counts results sees progress."""
         return map(fn, *iterables)
 
 
 class Recorded(SpawnContext):
-    """Starts processes, and knows them all.
+    """Starts processes, and records all of them.
 
-    method  "spawn", with a fresh interpreter, as forks of one with threads can hang; or another
-            one of `multiprocessing`
+    method  "spawn", with a fresh interpreter, because forks of a process with threads can hang; or
+            another method of `multiprocessing`
     """
 
     def __init__(self, method: str = "spawn") -> None:
@@ -56,7 +56,7 @@ class Recorded(SpawnContext):
         self.processes = list[Any]()
 
     def Process(self, *args: Any, **options: Any) -> Any:  # type: ignore[override]
-        """A process, not started yet."""
+        """A process that is not yet started."""
         process = multiprocessing.get_context(self.method).Process(*args, **options)  # type: ignore[attr-defined]
         self.processes.append(process)
         return process
@@ -65,8 +65,8 @@ class Recorded(SpawnContext):
 class Lasting(Executor):
     """A pool of processes that outlives its workers.
 
-    The standard pool is unusable after one worker died. This one fails the calls that were
-    running, with BrokenExecutor, and accepts new ones: the caller submits them again.
+    The standard pool is unusable after one worker died. This pool fails the running calls, with
+    BrokenExecutor, and accepts new calls: the caller submits them again.
     """
 
     def __init__(self, workers: int):
@@ -83,7 +83,7 @@ class Lasting(Executor):
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Call in one of the processes.
 
-        Raises  OSError where no process can be started.
+        Raises  OSError if no process can be started.
         """
         try:
             future = self._pool.submit(fn, *args, **kwargs)
@@ -100,8 +100,8 @@ class Lasting(Executor):
             self._broken = True
 
     def _end_broken(self) -> None:
-        # Trap: the standard pool ends its processes when one dies, but not one that it starts at
-        # the same time, for which it then waits for ever.
+        # Trap: the standard pool ends its processes when one dies, except a process that it starts
+        # at the same time; it then waits for that process for ever.
         for process in self._context.processes:
             if process.pid is not None:
                 process.kill()
@@ -109,9 +109,9 @@ class Lasting(Executor):
         self._broken = False
 
     def kill(self) -> None:
-        """End the processes at once, whatever they do: what they did not return is lost."""
-        # Trap: the thread of the standard pool of Python 3.11 fails all calls of a broken pool, and
-        # fails itself at one that was cancelled. So it forgets these first.
+        """End the processes at once; results that were not returned are lost."""
+        # Trap: the thread of Python 3.11's standard pool fails all calls of a broken pool, and
+        # itself fails at a cancelled call. So cancelled calls are removed first.
         self._pool.shutdown(wait=False, cancel_futures=True)
         for process in self._context.processes:
             process.kill()
@@ -149,7 +149,7 @@ def one_thread() -> None:
 def _begin_worker() -> None:
     one_thread()
     begin_limited()
-    # Or Python looks for garbage in all that is imported, now and then and at the end: 0.3 s.
+    # Otherwise Python searches all imported objects for garbage, repeatedly and at the end: 0.3 s.
     gc.freeze()
     atexit.register(gc.freeze)
     # Ctrl-C goes to all processes of the terminal; the main process alone handles it.
@@ -168,11 +168,11 @@ def _end_with_main() -> None:
 
 
 class Certificates(NamedTuple):
-    """Files in PEM that a Dask cluster is reached with by TLS.
+    """PEM files with which a Dask cluster is reached by TLS.
 
     authority    certificate of the authority that has signed those of all machines
     certificate  of this one
-    key          private, of this one
+    key          private key of this one
     """
 
     authority: Path
@@ -212,7 +212,7 @@ def cluster(address: str, certificates: Certificates | None = None) -> Iterator[
 def dask_pool(address: str, certificates: Certificates | None = None) -> Iterator[Executor]:
     """The workers of a Dask cluster, by the address of its scheduler (tcp://host:port).
 
-    certificates  for tls://host:port, which encrypts, and lets in only who has one
+    certificates  for tls://host:port, which encrypts, and admits only holders of a certificate
 
     Raises  ImportError without the extra `dask`; OSError where no scheduler answers; ValueError
             where a worker has another version of startrack, numba or NumPy.
@@ -260,7 +260,7 @@ def mpi_pool() -> Iterator[Executor]:
             "-m startrack.cli montecarlo ..."
         )
     with MPIPoolExecutor(initializer=one_thread) as executor:
-        # As many calls as workers, though one may get two of them: they start from one command.
+        # One call for each worker, though a worker may get two: all start from one command.
         calls = [executor.submit(versions) for _ in range(MPI.COMM_WORLD.Get_size() - 1)]
         require_same_versions({str(n + 1): call.result() for n, call in enumerate(calls)})
         yield executor

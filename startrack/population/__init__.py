@@ -1,10 +1,10 @@
 """Units of a design: their draws, their calibrations, and fast trials over many of them.
 
-calibrate  Camera of a unit -> the camera model and alignment that its calibration finds, by running
-           the estimator or by drawing from its covariance.
-unit       Case, seed, moment -> the case of one unit, with what its tracker was calibrated to.
+calibrate  Camera of a unit -> camera model and alignment by its calibration, which is run or drawn
+           from its covariance.
+unit       Case, seed, moment -> the case of one unit, with its tracker's calibration.
 nodes      Case -> plans at nodes of the numbers that vary, and the plan of any unit between them.
-yields     Units -> outcomes of trials of many; error of each, yield, and what made one bad.
+yields     Units -> outcomes of trials over many units; error of each, yield, causes of a bad unit.
 """
 
 from startrack.population.calibrate import calibrated, drawn, left_over

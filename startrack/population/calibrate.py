@@ -1,4 +1,4 @@
-"""Camera of a unit -> the camera model and alignment that its calibration finds, run or drawn."""
+"""Camera of a unit -> camera model and alignment by its calibration, which is run or drawn."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -13,22 +13,22 @@ from startrack.attitude import UNKNOWNS, Calibration, calibrate, camera_slopes, 
 from startrack.core import Camera, Floats, Ints
 from startrack.design import CameraCalibration
 
-# Prior standard deviations, wide beside what units differ by; as in `Calibration`.
+# Prior standard deviations, wide compared with differences between units; as in `Calibration`.
 FOCAL, PRINCIPAL, DISTORTION = 0.02, 50.0, 1.0
-LEAST_NOISE = 1e-4  # pixel; below it the fit is as good
-FEW = 1e-3  # of the mean weight of a map's nodes, for those that few places are near
-Draws = Callable[[str], np.random.Generator]  # a generator by what it is for, as `Streams`
+LEAST_NOISE = 1e-4  # pixel; less noise does not improve the fit
+FEW = 1e-3  # of the mean weight of a map's nodes, for nodes with few places near
+Draws = Callable[[str], np.random.Generator]  # purpose -> generator, as `Streams`
 LATTICE = 9  # places along each side, over which an alignment is fitted
 
 
 def calibrated(
     camera: Camera, design: Camera, settings: CameraCalibration, streams: Draws
 ) -> Camera:
-    """The camera model that a calibration finds, by running it: `calibrate` on stars as measured.
+    """The camera model of a calibration that is run: `calibrate` on measured stars.
 
-    camera   of the unit as it is at the calibration, with its residual
-    design   from which the fit starts; of a recursive one the camera as it is known, whose
-             principal point is held
+    camera   of the unit at the calibration, with its residual
+    design   camera from which the fit starts; for a recursive calibration the estimated camera,
+             with a fixed principal point
     streams  of the unit
     """
     spots, matches = [], []
@@ -47,14 +47,13 @@ def drawn(camera: Camera, design: Camera, settings: CameraCalibration, streams: 
         estimate - truth = G residual + C (H^T M K (truth - design) - P (truth - design)) + N(0, C)
         C = (H^T M H + P)^-1
 
-    with the slopes H by the fitted parameters and K by the fixed ones, at the design, M the inverse
-    of the measurements' covariance without the part that an attitude absorbs, and P that of the
-    priors.
-    On the ground the positions are known and the residual there acts through the gain G; in orbit
-    stars are anywhere and the residual counts as noise of its rms over the frame. Arguments as
-    `calibrated`.
+    H and K are the derivatives at the design by the fitted and by the fixed parameters. M is the
+    inverse covariance of the measurements without the part that an attitude absorbs. P is the
+    inverse covariance of the priors. On the ground the positions are known, and the residual at
+    them acts through the gain G. In orbit stars are anywhere, and the residual counts as noise with
+    its rms over the frame. Arguments as `calibrated`.
 
-    Accuracy  the rms displacement that is left over the frame is that of `calibrated` within 5 %.
+    Accuracy  the rms displacement over the frame after it agrees with `calibrated` within 5 %.
     """
     fit = _fit(design.ideal, settings)
     random = streams("calibration of the camera")
@@ -81,9 +80,9 @@ def drawn(camera: Camera, design: Camera, settings: CameraCalibration, streams: 
 
 
 def _mapped(camera: Camera, model: Camera, settings: CameraCalibration, streams: Draws) -> Camera:
-    """A camera model with the map that a calibration fits to what the model leaves.
+    """A camera model with the map that a calibration fits to the residuals of the model.
 
-    At the places of the calibration, measured with noise of their own.
+    The residuals are measured at the places of the calibration, with independent noise.
     """
     if not settings.nodes:
         return model
@@ -104,14 +103,14 @@ def _mapped(camera: Camera, model: Camera, settings: CameraCalibration, streams:
 
 
 def alignment(camera: Camera, believed: Camera) -> Rotation:
-    """The turn true_to_believed that fits what both cameras see over the frame best."""
+    """The rotation true_to_believed with which both cameras agree best over the frame."""
     pixel = _lattice(camera)
     turn, _ = Rotation.align_vectors(believed.unproject(pixel), camera.unproject(pixel))
     return turn
 
 
 def left_over(camera: Camera, believed: Camera) -> Floats:
-    """Displacements (n, 2) pixel over the frame that a calibration leaves, without a turn."""
+    """Displacements (n, 2) pixel over the frame after a calibration, without a common turn."""
     pixel = _lattice(camera)
     turned = alignment(camera, believed).apply(camera.unproject(pixel))
     return pixel - believed.project(turned)
@@ -134,7 +133,7 @@ def _frames(
 def _shown(
     camera: Camera, pixel: Floats, settings: CameraCalibration, random: np.random.Generator
 ) -> Floats:
-    """Directions (n, 3) that a catalogue or a collimator states of stars at some places."""
+    """Directions (n, 3) of stars at some places, as a catalogue or a collimator states them."""
     direction = camera.unproject(pixel)
     if settings.place == "ground" and settings.direction:
         turn = settings.direction * random.standard_normal(direction.shape)
@@ -180,11 +179,11 @@ def _priors(settings: CameraCalibration) -> Calibration:
 class _CalibrationFit(NamedTuple):
     """A linear fit of the camera.
 
-    free    (k,) indices of the fitted ones of UNKNOWNS
+    free    (k,) indices of the fitted UNKNOWNS
     normal  (8, 8) of UNKNOWNS for a noise of one pixel, without the part of the attitudes
     prior   (k, k)
     noise   pixel rms per axis
-    gain    (k, 2 n) change of the unknowns by the places on the ground, pixel
+    gain    (k, 2 n) derivative of the unknowns by the places on the ground, pixel
     """
 
     free: Ints
@@ -218,7 +217,7 @@ def _fit(design: Camera, settings: CameraCalibration) -> _CalibrationFit:
 
 
 def _slopes(camera: Camera, pixel: Floats) -> Floats:
-    """Slopes (2 n, 8) of places by UNKNOWNS, x and y of each star, without the part of a turn."""
+    """Derivatives (2 n, 8) of places by UNKNOWNS, x and y of each star, without a common turn."""
     by_camera, by_turn = camera_slopes(camera, camera.unproject(pixel))
     rows, turn = by_camera.reshape(-1, len(UNKNOWNS)), by_turn.reshape(-1, 3)
     return np.asarray(rows - turn @ np.linalg.lstsq(turn, rows, rcond=None)[0])

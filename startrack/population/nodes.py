@@ -18,22 +18,22 @@ from startrack.trial import (
     view_of,
 )
 
-NODES = 9  # of each number, evenly over its range; cubic between the four nearest
-WIDEST = 3.5  # standard normal deviate, to which a range reaches; beyond, it is the last
-LOG_RANGE = 3.0  # ratio of the ends of a range, from which on nodes are spaced in the logarithm
-LOST = -50.0  # sigma below the threshold, of a star that is never measured
-SMALL = 0.02  # relative change of the focal length, below which images of stars are as designed
+NODES = 9  # nodes of each number, evenly over its range; cubic between the four nearest
+WIDEST = 3.5  # standard normal deviate at the ends of a range; beyond, the end counts
+LOG_RANGE = 3.0  # ratio of the ends of a range, above which nodes have logarithmic steps
+LOST = -50.0  # sigma relative to the threshold, for a star that is never measured
+SMALL = 0.02  # relative change of the focal length, below which star images do not change
 FOCAL = "instrument.optics.focal_length"
-# What moves the places of stars, and nothing else of them.
+# Parameters that change only the places of stars.
 PLACES = (
     *(f"instrument.optics.{name}" for name in ("principal_x", "principal_y")),
     *(f"instrument.optics.{name}" for name in ("k1", "k2", "k3", "p1", "p2")),
     *("instrument.mounting.", "instrument.residual.", "instrument.delay"),
 )
 TRANSMISSION = "instrument.optics.transmission"
-# What changes the noise of stars behind a lens table, and their detection, but not their images.
+# Parameters that change noise and detection of stars with a lens table, but not their images.
 NOISE = (TRANSMISSION, "instrument.detector.read_noise", "instrument.detector.dark_current")
-# What changes the images of stars, except what moves places and TRANSMISSION.
+# Parameters that change the images of stars, except those of places and TRANSMISSION.
 IMAGES = (
     "instrument.optics.",
     "instrument.thermal.",
@@ -70,7 +70,7 @@ class Axis(NamedTuple):
 
 
 def of_places(case: Case, name: str) -> bool:
-    """Whether a number that varies moves the places of stars alone."""
+    """Whether a number that varies changes only the places of stars."""
     if name == FOCAL:
         low, high = range_of(case, name)
         focal = case.instrument.optics.focal_length
@@ -82,8 +82,8 @@ def of_places(case: Case, name: str) -> bool:
 def imaged_alike(case: Case) -> bool:
     """Whether a lens table gives all units the images of the design, except for their places.
 
-    A relative difference of what the design has none of, such as its blur, is none. Kept for the 8
-    last cases.
+    A relative change of a value that is zero in the design, such as its blur, changes nothing.
+    Cached for the last 8 cases.
     """
     return case.instrument.optics.tabulated and not any(
         variation.name.startswith(IMAGES)
@@ -95,7 +95,7 @@ def imaged_alike(case: Case) -> bool:
 
 
 def coordinate(case: Case, design: Case, name: str) -> float:
-    """The value of a number; of a curve, its factor to that of the design."""
+    """The value of a number; for a curve, its factor on the curve of the design."""
     quantity = found_at(case, name)
     if isinstance(quantity, Curve):
         return max(quantity.value) / max(found_at(design, name).value)
@@ -103,7 +103,7 @@ def coordinate(case: Case, design: Case, name: str) -> float:
 
 
 def range_of(case: Case, name: str) -> tuple[float, float]:
-    """Range of a number, or of the factor of a curve, in a lifetime."""
+    """Range of a number, or of the factor on a curve, over the lifetime."""
     quantity, z = found_at(case, name), np.linspace(-WIDEST, WIDEST, 29)
     start = 1.0 if isinstance(quantity, Curve) else float(quantity)
     relative = np.zeros(2)
@@ -128,12 +128,12 @@ def range_of(case: Case, name: str) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class UnitPlans:
-    """The plan of any unit: that of the design, and what each number changes of it.
+    """The plan of any unit: the plan of the design plus its change by each number.
 
         plan = plan of the design + sum over numbers (plan at its value - plan of the design)
 
-    Between the nodes the change by each number is a cubic polynomial. Numbers that move places
-    alone change the camera, which each unit has its own.
+    Between the nodes the change by each number is a cubic polynomial. Numbers that change only
+    places change the camera instead; each unit has its own camera.
 
     case    the design
     limits  the stars of all plans
@@ -141,7 +141,7 @@ class UnitPlans:
     parts   arrays of the plan that change
     axes    numbers that change them
     change  of each axis: (k, ...) differences of each part from that of the design
-    last    the plan of the last unit, by its values of the axes
+    last    cache of the last plan, by the unit's values of the axes
     """
 
     case: Case
@@ -155,10 +155,10 @@ class UnitPlans:
     def of(self, unit: Case) -> SpotPlan:
         """The plan of a unit of this design.
 
-        Accuracy  the rms error of a unit is that of its own plan within 3 %.
+        Accuracy  the rms error of a unit agrees with that by its exact plan within 3 %.
         """
         at = tuple(coordinate(unit, self.case, axis.name) for axis in self.axes)
-        if at not in self.last:  # from environment to environment, it is mostly the same
+        if at not in self.last:  # mostly equal from environment to environment
             parts = self.parts
             for axis, value, change in zip(self.axes, at, self.change, strict=True):
                 weight = axis.weights(value)
@@ -173,9 +173,9 @@ class UnitPlans:
 
 
 def unit_plans(case: Case, age: float = 0.0) -> UnitPlans:
-    """Measure the stars of a design at the nodes of all numbers that vary; kept for the 2 last.
+    """Measure stars of a design at the nodes of all numbers that vary; cached for the last 2.
 
-    age     second, of the detector where it has an ageing law
+    age     second, of the detector if it has an ageing law
     Raises  ValueError where fidelity covariance cannot compute the design, or a number.
     """
     return _unit_plans(case, age if case.instrument.detector.age else 0.0)
@@ -190,7 +190,7 @@ def _unit_plans(case: Case, age: float) -> UnitPlans:
         if name.startswith("catalog."):
             raise Refused(f"{name} must not vary in fidelity covariance; choose frame or window")
     axes = [_axis(case, name) for name in names if not of_places(case, name)]
-    unit = bare.unit_of(case)  # in which nothing differs
+    unit = bare.unit_of(case)  # equal to the design
     cases = [[_at(case, bare, axis.name, value) for value in axis.values()] for axis in axes]
     faintest, brightest, stars = zip(*map(limits_of, sum(cases, [unit])), strict=True)
     limits = FluxLimits(min(faintest), max(brightest), max(stars, key=len))
@@ -215,7 +215,7 @@ def _axis(case: Case, name: str) -> Axis:
 
 
 def _at(case: Case, bare: Case, name: str, value: float) -> Case:
-    """A unit of the case with another value of a number of its truth, or factor of a curve."""
+    """A unit of the case with another true value of a number, or another factor on a curve."""
     old: Any = found_at(case, name)
     new: Any = float(value)
     if isinstance(old, Curve):
@@ -224,7 +224,7 @@ def _at(case: Case, bare: Case, name: str, value: float) -> Case:
 
 
 def _parts(plan: SpotPlan) -> list[Floats]:
-    """The arrays of a plan that change from unit to unit, on scales on which they add."""
+    """The arrays of a plan that change from unit to unit, on additive scales."""
     _, bias, root, light, above, kept, least = plan.response
     return [
         plan.field.flux,

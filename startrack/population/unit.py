@@ -1,4 +1,4 @@
-"""Case, seed, moment -> the case of one unit, with what its tracker was calibrated to."""
+"""Case, seed, moment -> the case of one unit, with its tracker's calibration."""
 
 from dataclasses import replace
 from functools import lru_cache
@@ -17,9 +17,9 @@ RESIDUAL_SEED = "instrument.residual.seed"
 def unit_of(case: Case, seed: int, moment: Moment, run: bool = False) -> Case:
     """The case of a unit at a moment of its life: truth as drawn, beliefs as calibrated.
 
-    moment  whose unit -1 is the unit as designed, in which nothing varies
+    moment  of a unit; unit -1 is the unit as designed, without variations
     run     whether its calibration is run; false: drawn from its covariance
-    Raises  ValueError with unit and name, where a parameter refuses what was drawn.
+    Raises  ValueError with unit and name, if a parameter refuses a drawn value.
     """
     unit = _built(case, seed, moment)
     return unit if unit.design is None else _believing(unit, case, seed, moment, run)
@@ -39,18 +39,19 @@ def _of_places(case: Case) -> frozenset[str]:
 
 
 def placed(case: Case, like: Case, seed: int, moment: Moment) -> Case:
-    """A unit with the places of stars of `unit_of`, which otherwise is another unit.
+    """A unit with the star places of `unit_of`, and all other values of another unit.
 
-    Much faster than `unit_of`, because no part of the case is checked again.
+    It is much faster than `unit_of`, because no part of the case is checked again.
 
-    case  the design, whose `imaged_alike` holds
-    like  a unit of it
+    case  the design, for which `imaged_alike` is true
+    like  the other unit
     """
     return _believing(_with_places(case, like, seed, moment), case, seed, moment, run=False)
 
 
 def _believing(unit: Case, case: Case, seed: int, moment: Moment, run: bool) -> Case:
-    """A unit whose tracker believes what its calibration finds; as it is where there is none."""
+    """A unit whose tracker believes the result of its calibration; unchanged without
+    calibration."""
     if case.tracker.calibration is None:
         return unit
     camera, mounting = _calibrated_once(case, seed, moment.unit, run)
@@ -75,13 +76,14 @@ def _imaged_as(unit: Case, case: Case) -> Case:
 
 
 def middle_of(case: Case, age: float) -> Case | None:
-    """The unit whose noise and detection represent those of all units; None: there is none.
+    """The unit whose noise and detection represent all units; None: there is no such unit.
 
-    There is one behind a lens table, where measuring each unit would take as long as measuring the
-    design, if units differ by places of stars and noise alone; the noise is that of the middle.
+    It is used with a lens table, because measuring each unit would take as long as measuring the
+    design. Units may then differ only in places of stars and in noise; all have the noise of the
+    middle unit.
 
     age  second
-    Accuracy  3 % of a unit's rms, of three units of the nanosatellite five years old
+    Accuracy  3 % of a unit's rms, for three units of the nanosatellite at an age of five years
     """
     if not imaged_alike(case):
         return None
@@ -95,7 +97,7 @@ def middle_of(case: Case, age: float) -> Case | None:
 
 @lru_cache(maxsize=64)
 def _calibrated_once(case: Case, seed: int, number: int, run: bool) -> tuple[Camera, Mounting]:
-    """Camera and mounting that the calibration of a unit finds; kept for the 64 last units."""
+    """Camera and mounting by the calibration of a unit; cached for the last 64 units."""
     settings = case.tracker.calibration
     assert settings
     launched = settings.place != "ground"
@@ -111,7 +113,7 @@ def _calibrated_once(case: Case, seed: int, number: int, run: bool) -> tuple[Cam
 
 @lru_cache(maxsize=64)
 def _followed(case: Case, seed: int, moment: Moment, run: bool) -> Camera:
-    """Camera that a recursive calibration knows at a moment; kept for the 64 last moments."""
+    """Camera by a recursive calibration at a moment; cached for the last 64 moments."""
     settings = case.tracker.calibration
     assert settings
     believed, _ = _calibrated_once(case, seed, moment.unit, run)
@@ -125,7 +127,8 @@ def _followed(case: Case, seed: int, moment: Moment, run: bool) -> Camera:
 
 
 def _as_calibrated(case: Case, seed: int, moment: Moment, warmer: float) -> Case:
-    """A unit as its calibration sees it, where its residual is warmer than at its reference."""
+    """A unit as its calibration sees it, with its residual at the temperature of the
+    calibration."""
     if imaged_alike(case):
         built = _with_places(case, _as_imaged(case), seed, moment)
     else:

@@ -1,4 +1,4 @@
-"""Units -> outcomes of trials of many, error of each, yield, and what made one of them bad."""
+"""Units -> outcomes of trials over many units, error of each, yield, causes of a bad unit."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -28,18 +28,18 @@ from startrack.population.unit import unit_of
 from startrack.trial import OUTCOMES, outcomes, run_trials
 
 ENVIRONMENTS = 10  # of each unit
-# A row of a table of trials of units: of which, and in which environment.
+# A row of a table of trials of units: unit and environment.
 UNITS: np.dtype[np.void] = np.dtype(
     [*OUTCOMES.descr, ("unit", np.int64), ("environment", np.int64)]
 )
 
 
 class AsDesigned(Parameters):
-    """All trials are of the unit as designed: a population of one."""
+    """All trials use the unit as designed: a population of one."""
 
     dtype: ClassVar[np.dtype[Any]] = OUTCOMES
     block: ClassVar[int] = 64  # trials: a second of work, 83 bytes a trial on disk; by hand
-    trials: ClassVar[int] = 1  # that are best done by one worker
+    trials: ClassVar[int] = 1  # least number for one worker
     words: ClassVar[tuple[str, ...]] = ()
     stored: ClassVar[dict[str, str]] = {}
 
@@ -68,12 +68,12 @@ AS_DESIGNED = AsDesigned()
 
 
 class Units(Parameters):
-    """Order of a campaign's trials over units: those of each one after the other.
+    """Order of a campaign's trials over units: all trials of one unit, then of the next.
 
-    trials        of each unit
-    environments  of each unit, over which its trials are divided evenly
+    trials        number for each unit
+    environments  number for each unit; its trials are divided evenly over them
     age           second, of all units
-    exact         whether fidelity covariance measures the stars of each unit anew; false: their
+    exact         whether fidelity covariance measures the stars of each unit again; false: their
                   response is interpolated between nodes (`UnitPlans`), which is faster for more
                   than some hundred units
     """
@@ -92,18 +92,18 @@ class Units(Parameters):
 
     @property
     def words(self) -> tuple[str, ...]:
-        """The order, as the text of a campaign names it."""
+        """The order in words, as in the text of a campaign."""
         environments = f"{self.environments} environments at {self.age / YEAR:g} yr"
         return (f"{self.trials} trials a unit in {environments}",)
 
     @property
     def stored(self) -> dict[str, str]:
-        """The order, as a file of trials has it; see `stored_units`."""
+        """The order as stored in a file of trials; see `stored_units`."""
         return {"units": json.dumps(asdict(self))}
 
     @property
     def anew(self) -> "Units":
-        """The same order, in which the stars of each unit are measured anew."""
+        """The same order, with the stars of each unit measured again."""
         return replace(self, exact=True)
 
     def case_of(self, case: Case, seed: int, number: int) -> Case:
@@ -130,7 +130,7 @@ class Units(Parameters):
 
 
 def stored_units(about: Mapping[str, str]) -> AsDesigned | Units:
-    """Inverse of `stored`, from all that a file says of its trials."""
+    """Inverse of `stored`, from the description of trials in a file."""
     return Units(**json.loads(about["units"])) if "units" in about else AS_DESIGNED
 
 
@@ -146,7 +146,7 @@ def unit_trials(
 
     icrs_to_camera  a true attitude for each; None: random ones
     Returns  (n,) structured array: the fields of `run_trials`, the unit, and its environment
-    Raises   as `run_trials`; ValueError where a parameter refuses what was drawn for a unit.
+    Raises   as `run_trials`; ValueError if a parameter refuses a value drawn for a unit.
     """
     table = np.empty(len(numbers), UNITS)
     fast = fidelity is Fidelity.COVARIANCE and not units.exact
@@ -171,7 +171,7 @@ class PerUnit(NamedTuple):
     """Errors of n units over their environments.
 
     unit           (n,) number
-    across, about  (n,) radian, rms per axis of the solved trials; NaN where none is
+    across, about  (n,) radian, rms per axis of the solved trials; NaN without such trials
     """
 
     unit: Ints
@@ -180,25 +180,25 @@ class PerUnit(NamedTuple):
 
     @property
     def worst(self) -> int | None:
-        """Number of the unit whose rms across is largest; None where no unit has an rms."""
+        """Number of the unit with the largest rms across; None if no unit has an rms."""
         if not np.isfinite(self.across).any():
             return None
         return int(self.unit[np.nanargmax(self.across)])
 
     def meets(self, table: Rows, objective: Objective, limit: float) -> Interval:
-        """Yield: share of the units whose objective is at most a limit, with its 95 % interval.
+        """Yield: fraction of the units with an objective not above a limit, with its 95 % interval.
 
         table  of the trials of these units
         limit  radian
-        Accuracy  statistical: a unit's objective is that of its trials, whose scatter smears the
-                  limit by 1 / sqrt(2 trials) of it.
+        Accuracy  statistical: a unit's objective is estimated from its trials; the scatter of this
+                  estimate smears the limit by the fraction 1 / sqrt(2 trials).
         """
         errors = unit_errors(objective, table, table["unit"])
         return fraction_interval(int((errors <= limit).sum()), len(errors))
 
 
 def unit_errors(objective: Objective, outcomes: Rows, unit: Ints) -> Floats:
-    """The objective of each unit over its trials, radian; NaN where none is solved.
+    """The objective of each unit over its trials, radian; NaN if no trial is solved.
 
     unit     (n,) of each trial
     Returns  in order of the units' numbers
@@ -217,15 +217,15 @@ def per_unit(table: Rows) -> PerUnit:
 
 
 def explain(case: Case, seed: int, units: Units, unit: int) -> list[tuple[str, float]]:
-    """Change of a unit's rms across if each number that varies is as designed instead.
+    """Change of a unit's rms across if each varying number in turn has its designed value.
 
-    On the same sky and noise, in fidelity covariance. The residual field counts as one; the tracker
-    still weights its stars as if it were there.
+    Sky and noise stay the same, in fidelity covariance. The residual field counts as one number;
+    the tracker still weights its stars as if the field were present.
 
-    Returns  name of each number and scope, and the relative change, the greatest gain first
+    Returns  name and scope of each number, and the relative change, largest reduction first
     Raises   ValueError where fidelity covariance cannot compute the design.
     """
-    # What follows from the structure is declared, so that each number can be left out alone.
+    # Variations that follow from the structure are declared, so that each can be left out alone.
     alone = replace(case.instrument, structure=None)
     case = replace(case, variation=case.varying, instrument=alone)
     numbers = list(range(unit * units.trials, (unit + 1) * units.trials))
@@ -244,7 +244,7 @@ def explain(case: Case, seed: int, units: Units, unit: int) -> list[tuple[str, f
 
 
 def _rms(case: Case, other: Case, seed: int, units: Units, numbers: list[int]) -> float:
-    """Radian, rms across of trials of a unit of another case, by the plans of a case."""
+    """Radian, rms across over the trials of a unit of another case, with the plans of a case."""
     plans, across = unit_plans(case, units.age), Objective("across")
     squares = []
     for environment in range(units.environments):

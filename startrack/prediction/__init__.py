@@ -1,10 +1,10 @@
-"""How sure a prediction is: designs with values that are not known -> errors with intervals.
+"""Uncertainty of predictions: designs with unknown values -> errors with intervals.
 
 draws    Design file -> draws of its unknown values, each with the classes of error of its units.
 as_designed  Design file -> errors of the unit as designed, by formula, in draws of its unknowns.
 surface  Draws -> the logarithm of each class of error, linear in the scores of the unknowns.
-learn    Surface and told figures -> the law of each unknown under these figures.
-predict  Design file -> Prediction: median and intervals of each figure, and what makes their width.
+learn    Surface and told figures -> the distribution of each unknown given these figures.
+predict  Design file -> Prediction: median and intervals of each figure, and causes of their width.
 """
 
 from startrack.prediction.as_designed import DesignedDraw, DesignedDraws, draw_as_designed

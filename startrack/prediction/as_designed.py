@@ -32,11 +32,11 @@ class DesignedDraw(NamedTuple):
 @printed
 @dataclass(frozen=True)
 class DesignedDraws:
-    """Draws of what is not known of a design.
+    """Draws of the unknown values of a design.
 
-    unknowns  number of values that are not known
-    middle    with all of them at their middle
-    draws     with others, of equal weight
+    unknowns  number of unknown values
+    middle    the draw with all of them at their middle values
+    draws     draws with other values, of equal weight
     """
 
     unknowns: int
@@ -45,7 +45,7 @@ class DesignedDraws:
 
     @property
     def factors(self) -> Floats:
-        """(n, 2) errors of each draw over those of the middle; NaN where it has no attitude."""
+        """(n, 2) errors of each draw over errors of the middle draw; NaN without an attitude."""
         return np.array([draw.errors / self.middle.errors for draw in self.draws])
 
     @property
@@ -69,12 +69,12 @@ def draw_as_designed(
 ) -> DesignedDraws:
     """Errors of the unit as designed, by its analytic budget, in draws of all unknowns.
 
-    The draws are those of `draw_unknowns`: two designs of one seed have the same quantiles of
-    unknowns of the same name, so that their ratio is known better than either error.
+    The draws are those of `draw_unknowns`. Two designs with one seed have equal quantiles for
+    unknowns of the same name, so that the ratio of their errors is more certain than either error.
 
     progress  called with 1 after each draw
     Raises    what `load_design` raises of the file.
-    Accuracy  that of `analytic`; what varies from unit to unit is not in it.
+    Accuracy  as `analytic`; variations from unit to unit are not included.
     """
     whole(1, 10**4, count=count)
     unknowns = load_design(path, changes).unknowns

@@ -16,31 +16,32 @@ from startrack.design import Case, Design, Moment, Unknown, load_design, stratif
 from startrack.population import left_over, unit_of
 from startrack.verification import expected_in_frames, expected_of_star
 
-# Of each unit. Chosen by hand: the error of so few is in the scatter of the surface, and small
-# compared with the width of most laws.
+# Fields of each unit. By hand: the error from their small number is in the surface's scatter, and
+# small compared with the width of most laws.
 ENVIRONMENTS, FIELDS = 1, 32
-ALL_FIELDS = 512  # of the middle; as many as `analytic` takes
-# The mean over these few fields is off by a factor that is nearly the same for all draws. It is
-# known for the middle, whose budget over as many fields as `startrack budget` takes is computed,
-# too. Of three shipped designs noise was 5 to 12 % off before and 2 % at most after.
+ALL_FIELDS = 512  # fields of the middle draw; as many as in `analytic`
+# The mean over these few fields is wrong by a factor that is nearly equal for all draws. This
+# factor is computed for the middle draw, by a second budget over as many fields as in `startrack
+# budget`. For three shipped designs the error of the noise was 5 to 12 % before the correction, and
+# 2 % at most after it.
 BY_FIELDS = Term.NOISE, Term.PIXEL, Term.FIELD
-RESIDUAL = "residual"  # a told figure; it takes time, and is computed where it is told alone
-MIDDLE = -1  # number of the draw of which all unknowns have their middle values
+RESIDUAL = "residual"  # a told figure that takes time; it is computed only if it is told
+MIDDLE = -1  # number of the draw with all unknowns at their middle values
 
 
 @printed
 class Draw(NamedTuple):
-    """One value of each unknown, and what the design makes of them.
+    """One value of each unknown, and the resulting errors of the design.
 
     number        of the draw; -1: all unknowns have their middle values
-    unknowns      of the design as drawn: a file that is one of several may have others
+    unknowns      of the design as drawn; they may differ if one of several files is included
     quantile      of each, in (0, 1), by its name
     terms         radian (2,), rms over units of each class of error: per axis across the boresight,
                   and about it
     availability  1, mean of the units
-    refused       why the design has no errors; empty where it has
-    frames        figures that frames measure, by name, of `expected_in_frames`; "residual", and
-                  those of stars of a magnitude, where the design is told one
+    refused       reason why the design has no errors; empty if it has errors
+    frames        figures that frames measure, by name, of `expected_in_frames`; also "residual" and
+                  figures of stars of a magnitude, if the design is told one
     """
 
     number: int
@@ -64,26 +65,26 @@ def draw_unknowns(
     middle: bool = True,
     watch: Callable[[Draw], None] | None = None,
 ) -> list[Draw]:
-    """The draw of the middle, first, and draws of all unknowns.
+    """The middle draw, then draws of all unknowns.
 
-    The quantiles of an unknown lie one in each of `count` equal parts of (0, 1), in an order that
-    depends on the seed and its name alone (Latin hypercube, McKay et al. 1979, Technometrics 21,
-    239). Each draw has other units, so that the mean over draws is not that of one set of units.
+    Each of `count` equal parts of (0, 1) holds one quantile of an unknown. Their order depends only
+    on the seed and the unknown's name (Latin hypercube, McKay et al. 1979, Technometrics 21, 239).
+    Each draw has different units, so that the mean over draws does not depend on one set of units.
 
     units     of each draw
-    age       second; None: that of the end of life
-    executor  whose workers compute the draws but that of the middle, which this process computes
-              before they start, so that it is known soon; None: this process computes all
+    age       second; None: the end of life
+    executor  whose workers compute the draws. This process computes the middle draw first, so that
+              it is available soon; None: this process computes all
     progress  called with 1 after each draw
-    middle    whether the draw of the middle is among them; then the others' noise, pixel and field
-              errors are corrected for their few fields of the sky
-    watch     called with the draw of the middle
-    Raises    what `load_design` raises of the file; a design as drawn that has no budget, because
-              no field can be solved or a value is out of its limits, is a draw with `refused`.
+    middle    whether the middle draw is included; then the noise, pixel and field errors of the
+              others are corrected for their few fields of the sky
+    watch     called with the middle draw
+    Raises    as `load_design` for the file. If a drawn design has no budget, because no field can
+              be solved or a value is out of its limits, its draw has `refused`.
     """
     whole(1, 10**4, count=count)
     whole(1, 10**4, units=units)
-    load_design(path, changes)  # what is wrong with the file is no matter of a draw
+    load_design(path, changes)  # raises errors of the file itself, before any draw
     plan = _DrawPlan(path, tuple(changes), seed, count, units, age)
     draws, factors = list[Draw](), dict[Term, Floats]()
     if middle:
@@ -105,7 +106,7 @@ def draw_unknowns(
 
 
 def _factors(fine: Draw, coarse: Draw) -> dict[Term, Floats]:
-    """By what classes of error over few fields are multiplied, (2,) each; 1 where one is zero."""
+    """Factors (2,) on each class of error over few fields; 1 if the class is zero."""
     return {
         term: np.divide(
             fine.terms[term], coarse.terms[term], np.ones(2), where=coarse.terms[term] > 0
@@ -127,7 +128,7 @@ class _DrawPlan(NamedTuple):
 
 
 def _draw(plan: _DrawPlan, number: int, fields: int = FIELDS) -> Draw:
-    """The draw of a number; MIDDLE: all unknowns have their middle values."""
+    """The draw with a number; MIDDLE: all unknowns have their middle values."""
     seed, units, quantiles = plan.seed, plan.units, dict[str, float]()
     try:
         design = drawn_design(plan.path, plan.changes, seed, number, plan.draws, quantiles)
@@ -157,7 +158,7 @@ def drawn_design(
 ) -> Design:
     """The design with the values of one draw of many; its number is -1 for the middle.
 
-    quantiles  to which that of each unknown is added, by its name
+    quantiles  mapping to which the quantile of each unknown is added, by its name
     """
 
     def quantile(name: str) -> float | None:
@@ -170,9 +171,9 @@ def drawn_design(
 
 
 def drawn_cases(path: Path, seed: int, count: int, changes: Sequence[str] = ()) -> list[Case]:
-    """The design with other values of what is not known, for each draw of `draw_unknowns`.
+    """The design with other values of its unknowns, for each draw of `draw_unknowns`.
 
-    Raises  Refused where a value that is drawn is out of its limits; as `load_design`.
+    Raises  Refused if a drawn value is out of its limits; as `load_design`.
     """
     whole(1, 10**4, count=count)
     return [drawn_design(path, changes, seed, number, count, {}).case for number in range(count)]
@@ -193,9 +194,9 @@ def _terms(
 
 
 def _residual(case: Case, seed: int, first: int, units: int) -> float:
-    """Pixel rms of an axis, over units and the frame: displacements that a calibration leaves.
+    """Pixel rms per axis, over units and the frame: displacements that remain after calibration.
 
-    At the begin of life, in an environment of each unit; zero where all units are as believed.
+    At the begin of life, in one environment of each unit; zero if all units are as believed.
     """
     if not case.differs:
         return 0.0

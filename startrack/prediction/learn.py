@@ -1,4 +1,4 @@
-"""Surface of errors and told figures -> the law of each unknown under these figures."""
+"""Surface of errors and told figures -> the distribution of each unknown given these figures."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ from startrack.io import to_table
 from startrack.optimise import Chains, Ensembles, draw, thinned
 from startrack.prediction.surface import FrameSurface, PredictionSurface
 
-# The classes of error of each figure that may be told, as budgets name them.
+# The classes of error in each figure that may be told, by their names in budgets.
 TERMS = dict(zip(ERROR_FIGURES, PUBLISHED.values(), strict=True))
 START = 0.5  # standard deviation of the scores at which the walkers start
 HOW = Ensembles(count=2, stretch=500, most_steps=10_000)
 LEAST_FACTOR = 1.001  # of a law, which must be above 1
-# Ratio of the spread of an unknown to that before, and its shift, from and up to which the figures
-# count as silent on it. Chosen by hand.
+# The figures count as silent on an unknown if the ratio of its spread to the earlier spread is at
+# least this, and its shift is at most this. Chosen by hand.
 SILENT, UNMOVED = 0.9, 0.2
-FAR = 2.0  # standard deviations of a shift into the tails of a law; chosen by hand
+FAR = 2.0  # standard deviations: larger shifts lead into the tails of a law; by hand
 NOT_A_CHANCE = 1e-3  # probability of a value of a choice, below which it is left out
 
 
 class Lesson(NamedTuple):
-    """Knowledge of an unknown after figures were told.
+    """Distribution of an unknown after figures were told.
 
-    unknown    with its law from then on, without its correlations with others
-    narrowing  1, spread of its score, relative to that before
-    shift      change of its mean, in standard deviations of its law before; of a choice, the
-               largest change of the probability of a value
+    unknown    with its new distribution, without correlations with other unknowns
+    narrowing  1, spread of its score over the earlier spread
+    shift      change of its mean, in standard deviations of its earlier distribution; for a choice,
+               the largest change of the probability of a value
     """
 
     unknown: Unknown
@@ -45,7 +45,7 @@ class Lesson(NamedTuple):
 
     @property
     def far(self) -> bool:
-        """Whether its law now lies in the tails of its law before."""
+        """Whether its new distribution lies in the tails of the earlier one."""
         return abs(self.shift) > FAR
 
     @property
@@ -59,7 +59,7 @@ class Learned:
     """The unknowns of a design under told figures.
 
     told     the figures
-    lessons  one for each unknown; where the figures are silent on it, with the law from before
+    lessons  one for each unknown; if the figures are silent on it, with its earlier distribution
     chains   of the unknowns' normal scores
     """
 
@@ -73,17 +73,16 @@ class Learned:
 
 
 def learn(surface: PredictionSurface, told: Sequence[Told], seed: int) -> Learned:
-    """Sample the unknowns of a design under figures of its error.
+    """Sample the unknowns of a design given figures of its error.
 
         p(x | told) ~ p(x) prod_i N(ln value_i; ln figure_i(x), (ln factor_i)^2 + scatter_i^2)
 
-    The variable x of each unknown is the normal score of its quantile, whose law before is the
-    standard normal one; the value of a choice follows from it, too. The scatter is that of the
-    surface.
+    The variable x of each unknown is the normal score of its quantile, with a standard normal
+    prior; the value of a choice also follows from x. The scatter is the scatter of the surface.
 
-    Raises    Refused where nothing is unknown, or the design has no error of a told class, or no
+    Raises    Refused if nothing is unknown, or if the design has no error of a told class or no
               such figure of frames.
-    Accuracy  model: a figure is that of the middle of all units. numerical: see
+    Accuracy  model: a figure counts for the middle of all units. numerical: see
               `Chains.reason_unconverged`.
     """
     if not surface.unknowns:
@@ -117,7 +116,8 @@ def learn(surface: PredictionSurface, told: Sequence[Told], seed: int) -> Learne
 
 
 def _of_errors(surface: PredictionSurface, told: Told, errors: Floats) -> Floats:
-    """Minus the logarithm of the likelihood (n,) of a told error, by errors (n, t, 2) in radian."""
+    """Minus the logarithm of the likelihood (n,) of a told error, from errors (n, t, 2) in
+    radian."""
     which = surface.counted(TERMS[told.figure])
     square = errors[:, which] ** 2
     expected, weight = told.of_heads(np.sqrt(square.sum(axis=1)))
@@ -137,7 +137,7 @@ def _of_frames(frames: FrameSurface, told: Told, scores: Floats) -> Floats:
 
 
 def _lesson_of_choice(unknown: Unknown, score: Floats) -> Lesson:
-    """Knowledge of a choice by samples of its score: the probabilities of its values."""
+    """Lesson on a choice from samples of its score: the probabilities of its values."""
     positions = unknown.positions(ndtr(score))
     after = np.bincount(positions, minlength=len(unknown.weights)) / len(score)
     before = np.array(unknown.weights)
@@ -153,7 +153,7 @@ def _lesson_of_choice(unknown: Unknown, score: Floats) -> Lesson:
 
 
 def _lesson(unknown: Unknown, score: Floats) -> Lesson:
-    """Knowledge of an unknown by samples of its score."""
+    """Lesson on an unknown from samples of its score."""
     if unknown.choice:
         return _lesson_of_choice(unknown, score)
     values, law = unknown.numbers(ndtr(score)), dict[str, Any]()
@@ -162,7 +162,7 @@ def _lesson(unknown: Unknown, score: Floats) -> Lesson:
         factor = max(math.exp(float(logarithm.std())), LEAST_FACTOR)
         median = _rounded(math.exp(float(logarithm.mean())))
         law = {"median": unknown.written(median), "factor": _rounded(factor)}
-    else:  # the even law of the same mean and variance
+    else:  # the uniform law of the same mean and variance
         middle, half = float(values.mean()), math.sqrt(3) * float(values.std())
         ends = {"low": middle - half, "high": middle + half}
         law = {key: unknown.written(_rounded(end)) for key, end in ends.items()}
@@ -174,11 +174,11 @@ def _rounded(value: float) -> float:
 
 
 def save_posterior(path: Path, design: Path, learned: Learned) -> None:
-    """Write a design file that includes another one, with the laws that told figures leave.
+    """Write a design file that includes another one, with the distributions after told figures.
 
-    The laws contain the information of these figures, so the file has none of them; others may be
-    added. Where a design includes one of several files, the probabilities of these files stay as in
-    `design`; the learned ones are written as a comment.
+    The distributions contain the information of these figures. The file therefore has none of them;
+    new figures may be added. If a design includes one of several files, the probabilities of these
+    files stay as in `design`; the learned ones are written as a comment.
     """
     table = dict[str, Any](told=[])
     comments = [f"{figure.name} was told" for figure in learned.told]

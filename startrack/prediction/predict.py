@@ -1,4 +1,4 @@
-"""Design file -> Prediction: median and intervals of each figure, and what makes their width."""
+"""Design file -> Prediction: median and intervals of each figure, and causes of their width."""
 
 from __future__ import annotations
 
@@ -19,19 +19,20 @@ from startrack.prediction.learn import Learned, learn
 from startrack.prediction.surface import PredictionSurface, columns_of, fit_surface
 
 DRAWS, UNITS = 32, 3  # of a prediction, and units of each draw; chosen by hand: 20 s on two cores
-# Of the logarithm: all draws see the same 32 fields of the sky. What the middle is off with them
-# corrects all, and leaves 2 % at most of three shipped designs (`BY_FIELDS` of draws.py).
+# Error of the logarithm: all draws see the same 32 fields of the sky. The error of the middle draw
+# with these fields corrects all draws; 2 % at most remain for three shipped designs (`BY_FIELDS` of
+# draws.py).
 COMMON = 0.02
 AXES = ("across", "about")
-SAMPLES = 8192  # of the surface: quantiles of 95 % are known to 3 % of the width
-PARTS = 32  # of these, by the score of an unknown, whose means say what it makes of the variance
+SAMPLES = 8192  # of the surface: 95 % quantiles are known within 3 % of the width
+PARTS = 32  # parts of these by the score of an unknown; their means give its variance
 QUANTILES = (0.5, 0.16, 0.84, 0.025, 0.975)
-ACCURACY = "and thermo-elastic: accuracy"  # the figure whose width is explained
+ACCURACY = "and thermo-elastic: accuracy"  # figure with an explained width
 OTHERS = "fields, units, and what is not linear"
 
 
 class PredictedFigure(NamedTuple):
-    """A figure as datasheets state it, about one axis: rms over units, radian per axis (1 sigma).
+    """A figure as in datasheets, about one axis: rms over units, radian per axis (1 sigma).
 
     figure   name in `PUBLISHED`, with the classes of error that it counts
     axis     "across" (per axis) or "about"
@@ -41,8 +42,8 @@ class PredictedFigure(NamedTuple):
     high_68  84 % lie below
     low_95   2.5 % lie below
     high_95  97.5 % lie below
-    causes   unknowns and the fraction of the variance of its logarithm that each makes alone,
-             largest first
+    causes   unknowns, and the fraction of the variance of its logarithm by each alone, largest
+             first
     """
 
     figure: str
@@ -57,7 +58,7 @@ class PredictedFigure(NamedTuple):
 
     @property
     def factor(self) -> float:
-        """Factor about the median that holds 68 %: the root of the ratio of its ends."""
+        """Factor around the median that contains 68 %: the root of the ratio of the ends."""
         return float(np.sqrt(self.high_68 / self.low_68))
 
 
@@ -66,16 +67,16 @@ class PredictedFigure(NamedTuple):
 class Prediction:
     """Predicted errors of a design with values that are not known.
 
-    figures       each figure about each axis, of those that count a class of error of the design
+    figures       each figure about each axis, if it counts a class of error of the design
     unknowns      with their laws
     age           second
     draws, units  number of draws, and units of each
-    lost          fraction of the draws in which the design has no attitude anywhere, or a value
-                  out of its limits; the figures are of the others
+    lost          fraction of the draws without an attitude anywhere, or with a value out of its
+                  limits; the figures are those of the other draws
     reasons       why, with the number of draws
     availability  1, least, median and largest over the draws
     surface       of the classes of error
-    learned       what told figures say of the unknowns; None: none was told
+    learned       the unknowns given the told figures; None: no figure was told
     """
 
     figures: tuple[PredictedFigure, ...]
@@ -107,22 +108,22 @@ def predict(
     progress: Advance | None = None,
     watch: Callable[[Draw], None] | None = None,
 ) -> Prediction:
-    """Predict the errors of a design with values that are not known.
+    """Predict the errors of a design with unknown values.
 
     Each draw has one value of each unknown, and the analytic budgets of a few units. A surface
-    through the draws (`fit_surface`) gives the distribution of each figure. Where the design file
-    has `[[told]]` figures, the unknowns are estimated under them first (`learn`).
+    through the draws (`fit_surface`) gives the distribution of each figure. If the design file has
+    `[[told]]` figures, the unknowns are first estimated with them (`learn`).
 
     path      of the design file
     changes   values over those of the file, as for `load_design`
     age       second; None: the end of life
     executor  whose workers compute the draws; None: this process
     progress  called with 1 after each draw
-    watch     called with the draw of the middle, before the others are computed
-    Raises    Refused where nothing is unknown, or too few draws have an attitude.
-    Accuracy  model: that of `unit_budgets` and `fit_surface`. numerical: of errors that are
-              products of powers of 6 or 12 unknowns, with a scatter of 10 %, the ends of both
-              intervals scatter by 2 % of its width with 32 draws.
+    watch     called with the middle draw, before the others are computed
+    Raises    Refused if nothing is unknown, or if too few draws have an attitude.
+    Accuracy  model: as `unit_budgets` and `fit_surface`. numerical: with 32 draws, the ends of both
+              intervals scatter by 2 % of the width, for errors that are products of powers of 6 or
+              12 unknowns with a scatter of 10 %.
     """
     design = load_design(path, changes)
     if not design.unknowns:
@@ -143,10 +144,10 @@ def prediction_of(
     told: Sequence[Told] = (),
     common: float = 0.0,
 ) -> Prediction:
-    """The prediction that draws give; units and age are those of the draws.
+    """The prediction from draws; units and age are those of the draws.
 
-    told    figures under which the unknowns are estimated (`learn`); none: they have their laws
-    common  error that all draws have in common, as in `fit_surface`
+    told    figures with which the unknowns are estimated (`learn`); none: their prior distributions
+    common  error that all draws share, as in `fit_surface`
     """
     drawn = [draw for draw in draws if draw.number != MIDDLE]
     middle = next((draw for draw in draws if draw.number == MIDDLE), None)
@@ -201,7 +202,7 @@ def _figure(
 def _causes(
     surface: PredictionSurface, scores: Floats, logarithm: Floats
 ) -> tuple[tuple[str, float], ...]:
-    """Fraction of the variance that each unknown makes alone, largest first.
+    """Fraction of the variance by each unknown alone, largest first.
 
         S_i = Var(E[y | x_i]) / Var(y)
 

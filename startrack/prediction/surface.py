@@ -13,15 +13,15 @@ from startrack.core import Floats, Refused, Streams, arcsec, printed
 from startrack.design import Unknown, stratified
 from startrack.prediction.draws import Draw
 
-LEAST = 1e-6 * arcsec  # radian, of a class of error, whose logarithm is taken
+LEAST = 1e-6 * arcsec  # radian, least class of error for the logarithm
 FINEST = 1e-12  # of a quantile
-SPARE = 3  # draws beyond the unknown coefficients, below which nothing is fitted; chosen by hand
+SPARE = 3  # least number of draws minus unknown coefficients for a fit; chosen by hand
 
 
 @printed
 @dataclass(frozen=True, eq=False)
 class FrameSurface:
-    """Figures that frames measure of a design, as a function of its unknown values.
+    """Figures of a design that frames measure, as a function of its unknown values.
 
     names     of the figures, all of them above zero in all draws
     constant  (f,) ln figure
@@ -42,16 +42,16 @@ class PredictionSurface:
 
         ln(error) = constant + slope . scores + scatter z
 
-    with a score for each unknown: the standard normal number of its quantile; of a choice of
-    numbers their logarithm; of another choice one score for each value except the first: 1 where
-    it is taken, else 0.
+    Each unknown has a score: the standard normal number of its quantile; for a choice of numbers,
+    the logarithm of the number. Any other choice has one score for each value except the first: 1
+    if this value is chosen, else 0.
 
     unknowns  whose scores these are
     terms     classes of error
     constant  (t, 2) ln radian, across and about
     slope     (t, 2, k)
     scatter   (t, 2) by nonlinear terms, by the few units of a draw, and by errors that all draws
-              have in common
+              share
     frames    figures that frames measure, with ln(figure) likewise
     """
 
@@ -63,7 +63,7 @@ class PredictionSurface:
     frames: FrameSurface
 
     def counted(self, terms: Sequence[Term]) -> list[int]:
-        """Classes of its errors that are among some."""
+        """The given classes of error that the surface has."""
         return [place for place, term in enumerate(self.terms) if term in terms]
 
     def figure(self, errors: Floats, terms: Sequence[Term]) -> Floats:
@@ -97,12 +97,12 @@ class PredictionSurface:
 def fit_surface(draws: Sequence[Draw], common: float = 0.0) -> PredictionSurface:
     """The surface through draws that have errors, by least squares.
 
-    common    standard deviation of the logarithm of an error that all draws have in common, which
-              their scatter does not show; it is added to the scatter
-    Raises    Refused where there are too few of them for as many unknowns.
-    Accuracy  model: errors are products of powers of the unknown values, as for most laws of noise
-              and of displacements; deviations are in the scatter. An unknown that only some of
-              several files have counts as if all had it.
+    common    standard deviation of the logarithm of an error that all draws share; their scatter
+              does not show it, so it is added to the scatter
+    Raises    Refused if there are too few draws for the number of unknowns.
+    Accuracy  model: errors are products of powers of the unknown values, as in most laws of noise
+              and of displacements; deviations are in the scatter. If only some of several files
+              have an unknown, it counts as if all had it.
     """
     some = [draw for draw in draws if not draw.refused]
     unknowns = unknowns_of(some)

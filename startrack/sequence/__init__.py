@@ -2,9 +2,9 @@
 
 parameters  Sequence: profile of the platform, period of the frames, and settings of the filter.
 flight      Profile and jitter -> true motion of each frame, and output of the gyroscope.
-recording   Frames of a sequence, and images of its stars -> the files that keep them.
+recording   Frames of a sequence, and images of its stars -> files.
 frames      True flight of a head -> its frames, as the flight software gets them.
-lasting     Camera and attitude -> what of the attitude's error lasts from frame to frame.
+lasting     Camera and attitude -> the part of the attitude's error that lasts from frame to frame.
 tracker_state  Attitudes of the heads -> the state of the tracker between two frames.
 head        One head in a sequence: the attitude of each of its frames.
 camera_loop  Attitude and rate -> a frame and the tracker's attitude, one after the other.

@@ -1,7 +1,7 @@
 """Attitude and rate -> a frame and the tracker's attitude, one after the other, for a control loop.
 
-A simulator of a spacecraft, or a test bench, asks for frames while it runs, in place of a profile
-that is known before.
+A simulator of a spacecraft, or a test bench, requests frames while it runs; the profile of
+attitudes is not known before.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from startrack.sequence.head import run_on_frame
 class SeenFrame:
     """A frame, and the attitude that the tracker estimates from it.
 
-    number    of the frame: that of the trial whose noise it has
+    number    of the frame, and of the trial with the same noise
     frame     digital numbers (rows, columns)
     estimate  of the attitude icrs_to_camera at the middle of the exposure
     spots     number of spots that the tracker found
@@ -37,17 +37,17 @@ class SeenFrame:
 
 
 class CameraLoop:
-    """The camera and the flight software of a design, frame by frame at attitudes that are given.
+    """The camera and the flight software of a design, frame by frame at given attitudes.
 
-    A frame at the rate of the design has the same numbers as the trial of its number at that
-    attitude (`startrack simulate`), whatever was asked before.
+    A frame at the rate of the design equals the trial with its number at that attitude (`startrack
+    simulate`). It does not depend on earlier frames.
 
     case  of a matrix detector
     seed  of all random numbers
     Raises    Refused for a detector of lines.
-    Accuracy  model: that of a trial in whole frames. Each frame is drawn by itself: with residual
-              charge, the frame before moved as this one; pixels that flicker, and jitter, have no
-              memory from one frame to the next. Without a prediction the tracker searches the
+    Accuracy  model: that of a trial in whole frames. Each frame is drawn independently: with
+              residual charge, the frame before has the same motion; flickering pixels and jitter
+              have no memory from frame to frame. Without a prediction the tracker searches the
               whole sky in each frame.
     """
 

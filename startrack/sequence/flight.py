@@ -18,11 +18,12 @@ from startrack.sequence.parameters import Gyro, Leg, Sequence
 def attitudes(legs: tuple[Leg, ...], start: Rotation, time: Floats) -> Rotation:
     """The attitude icrs_to_camera of the profile, without jitter.
 
-    A camera that turns at the rate w sees the sky turn back: A(t + s) = exp(-[w]x s) A(t).
+    A camera that turns at the rate w sees the sky turn the opposite way: A(t + s) = exp(-[w]x s)
+    A(t).
 
     start  attitude at time 0
     time   (m,) second, from 0 on; after the last leg its rate continues
-    Accuracy  numerical: rounding alone, because the rotation of a leg is a closed form.
+    Accuracy  numerical: only rounding, because the rotation of a leg is a closed form.
     """
     begin, rate = _begins(legs), _rates(legs)
     corner = [start]
@@ -57,7 +58,7 @@ class SequenceFlight:
 
     time      (m,) second, the middle of each exposure, of its middle row
     attitude  (m,) icrs_to_camera then
-    turns     (m,) how the camera moves about these times
+    turns     (m,) motion of the camera around these times
     """
 
     time: Annotated[Floats, Unit("s")]
@@ -76,9 +77,9 @@ def flight(
     """Draw the jitter once for the whole sequence, so that it continues from frame to frame.
 
     start   attitude at time 0, before the jitter
-    Raises    ValueError where the frames come faster than their exposures allow, or the legs are
-              shorter than one frame.
-    Accuracy  model: a frame in which a leg ends moves at the rate of its middle to its end; the
+    Raises    ValueError if the period is shorter than the exposures allow, or the legs are shorter
+              than one frame.
+    Accuracy  model: a frame in which a leg ends keeps the rate of its middle until its end; the
               rotations of slew and jitter in one exposure are added, as in
               `MotionRealisation.at`. Broadband jitter has the covariance of its spectrum at all
               times, by one line a band for the whole sequence: the power of a band does not vary
@@ -114,8 +115,8 @@ def _times(instrument: Instrument, sequence: Sequence) -> Floats:
 def gyro_rates(flight: SequenceFlight, gyro: Gyro, streams: Streams) -> Floats:
     """Mean rates from each frame to the next, as the gyroscope measures them.
 
-    White noise of the rate and a bias that walks at random; the mean of the walk over a step and
-    its end are drawn together, so that the step's length does not matter.
+    White noise of the rate, and a bias with a random walk. The mean of the walk over a step and its
+    end are drawn jointly, so that the result is exact for any step.
 
     Source: Farrenkopf (1978), J. Guidance and Control 1(4), 282.
 
@@ -137,10 +138,10 @@ def gyro_rates(flight: SequenceFlight, gyro: Gyro, streams: Streams) -> Floats:
 
 
 def exposure_rates(flight: SequenceFlight, shown: Floats) -> Floats:
-    """Rates (m, 3) in the exposures, as the gyroscope that showed mean rates measures them.
+    """Rates (m, 3) in the exposures, with the errors of a gyroscope that showed mean rates.
 
-    The slew's rate, with the gyroscope's error of the step before; in the first exposure with that
-    of the step after.
+    It is the slew's rate plus the gyroscope's error of the step before; in the first exposure, of
+    the step after.
 
     shown  (m - 1, 3) radian / second, as `gyro_rates` gives them
     """

@@ -18,12 +18,12 @@ from startrack.scene import date_of
 from startrack.sequence.flight import SequenceFlight
 from startrack.sequence.recording import Recording
 
-NUMBER_OF_FRAMES = 2**32  # distance between the trial numbers of two sequences
-NUMBER_OF_HEAD = 2**21  # between the numbers of the sequences of two heads
+NUMBER_OF_FRAMES = 2**32  # difference between the trial numbers of two sequences
+NUMBER_OF_HEAD = 2**21  # difference between the numbers of the sequences of two heads
 
 
 class FrameView(NamedTuple):
-    """Data that a tracker may look at: spots (of what smear it believes), and a whole frame or
+    """Data that a tracker may read: spots (for the smear that it believes), and a whole frame or
     none.
     """
 
@@ -34,7 +34,7 @@ class FrameView(NamedTuple):
 def whole_frames(
     case: Case, true: SequenceFlight, seed: int, number: int, recording: Recording | None, name: str
 ) -> Iterator[FrameView]:
-    """Views of whole frames, each written before it is used where a recording keeps them."""
+    """Views of whole frames; if a recording keeps them, each is written before it is used."""
     for frame in _kept(case, true, seed, number, recording, name):
         yield view_of(case, frame)
 
@@ -56,7 +56,7 @@ def windows(
     recording: Recording | None,
     fidelity: Fidelity,
 ) -> Iterator[FrameView]:
-    """Views of windows of each frame, whose numbers are those of the whole frames."""
+    """Views of windows of each frame; their numbers equal those of the whole frames."""
     needs = {
         "fidelity must be frame or window in a sequence": fidelity is not Fidelity.WINDOW,
         "fidelity must be frame where frames or images of stars are kept": recording is not None,
@@ -80,7 +80,7 @@ def _sky(seed: int, number: int) -> core.Streams:
 def _kept(
     case: Case, true: SequenceFlight, seed: int, number: int, recording: Recording | None, name: str
 ) -> Iterator[core.Frame]:
-    """The frames of a flight, each written before it is used where they are kept."""
+    """The frames of a flight; if they are kept, each is written before it is used."""
     if recording is None or recording.format is None:
         yield from (frame for frame, _ in _frames(case, true, seed, number))
         return
@@ -100,7 +100,7 @@ def _kept(
 def _frames(
     case: Case, true: SequenceFlight, seed: int, number: int
 ) -> Iterator[tuple[core.Frame, core.Stars]]:
-    """The frames of a flight, each with other noise, and residual charge of the one before."""
+    """The frames of a flight, each with new noise and the residual charge of the frame before."""
     instrument, camera = case.instrument, case.instrument.camera
     detector, before = instrument.detector, None
     state = flickering(detector, core.Streams(seed, number))

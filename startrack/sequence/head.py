@@ -1,4 +1,4 @@
-"""One head in a sequence: the attitude of each of its frames, and what it keeps between them."""
+"""One head in a sequence: the attitude of each of its frames, and its memory between frames."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from startrack.trial import Images
 
 
 class FlownHead:
-    """One head in a sequence: its frames, and what it keeps from one to the next.
+    """One head in a sequence: its frames, and its memory from frame to frame.
 
     number   0: the camera of the design
     turn     true rotation to its axes from those of the camera of the design
     views    of its frames, one after the other
-    parts    (3, 3, 3) radian^2, of its last attitude's covariance, as `lasting_parts`
-    spots    number of them in its last frame
+    parts    (3, 3, 3) radian^2, lasting parts of its last attitude's covariance, `lasting_parts`
+    spots    number of spots in its last frame
     """
 
     def __init__(
@@ -85,7 +85,8 @@ class FlownHead:
     def _learn(
         self, estimate: core.Estimate, spots: core.Spots, matches: core.Matches
     ) -> core.Estimate:
-        """Calibrate the camera with a frame; its attitude with the doubt of the camera before."""
+        """Calibrate the camera with a frame; add the camera's earlier uncertainty to the
+        attitude."""
         assert self._learnt
         assert self._filter
         learnt = self._learnt.later(self._filter, self._since)
@@ -110,13 +111,13 @@ def run_on_frame(
     images: Images,
     alone: bool,
 ) -> tuple[core.Spots, core.Matches, core.Estimate, Images]:
-    """Run the flight software on a frame, with a prediction or without.
+    """Run the flight software on a frame, with or without a prediction.
 
     predicted  attitude, and its covariance (3, 3) radian^2; None: no prediction
     rate       (3,) radian / second, that is believed
-    images  of its stars, where the frame before left them; the last of the result: this one
-    alone   whether the rate of a prediction is not known, so that a tracker which takes its rate
-            from the images does so again, and searches the whole sky
+    images  images of its stars from the frame before; the last result is those of this frame
+    alone   whether the rate of a prediction is unknown; then a tracker that measures its rate from
+            the images does so again and searches the whole sky
     """
     tracker, frame, knowledge = case.tracker, view.frame, response.knowledge_of(case)
     if alone and tracker.rate == "images":
@@ -151,8 +152,8 @@ def heads_of(
     recording: Recording | None,
     fidelity: Fidelity,
 ) -> Iterator[FlownHead]:
-    """The camera of the design, and the further heads, whose alignments are drawn."""
-    # As trials in windows, whose pixels that flicker need the whole frame.
+    """The camera of the design, and the further heads with drawn alignments."""
+    # As for trials in windows: flickering pixels need the whole frame.
     whole_alone = fidelity is Fidelity.WINDOW and case.instrument.detector.flickers
     if sequence.heads and case.design is not None:
         raise Refused("heads must be left out of a sequence of a unit, which is one camera")

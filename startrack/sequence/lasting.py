@@ -1,4 +1,5 @@
-"""Camera and attitude -> what of the attitude's error lasts from frame to frame, and how far."""
+"""Camera and attitude -> the part of the attitude's error that lasts from frame to frame; its
+range."""
 
 from __future__ import annotations
 
@@ -10,14 +11,14 @@ from startrack import core, response
 from startrack.core import Floats
 from startrack.design import Case
 
-# Of a pixel, that stars move while their errors over it change; chosen by hand.
+# Fraction of a pixel, motion of stars over which their pixel errors change; chosen by hand.
 PIXEL_LENGTH = 0.5
 
 
 def error_lengths(case: Case) -> Floats:
-    """Radian (2,) that a camera turns while errors over pixels, and over the field, change.
+    """Radian (2,), turn of a camera over which errors over pixels, and over the field, change.
 
-    Half a pixel, and half of the field's smaller side.
+    They are half a pixel, and half of the field's smaller side.
     """
     camera = case.believed_camera
     half = math.atan(min(camera.columns, camera.rows) / 2 / camera.focal_length_px)
@@ -27,17 +28,17 @@ def error_lengths(case: Case) -> Floats:
 def lasting_parts(
     case: Case, spots: core.Spots, matches: core.Matches, estimate: core.Estimate
 ) -> Floats:
-    """Lasting parts of a measured attitude's covariance (3, 3, 3): over pixels in x, in y, and over
+    """Lasting parts (3, 3, 3) of a measured attitude's covariance: over pixels in x, in y, and over
     the field.
 
-    Of least squares with the weights w of stars, of whose variance a fraction f lasts,
+    For least squares with weights w of stars, and a lasting fraction f of their variance,
 
         P [sum w f (J_x J_x' + J_y J_y')] P,   P^-1 = sum w (J_x J_x' + J_y J_y')
 
-    with the slopes J_x and J_y of a star's place by turns about the axes, of which an error in x
-    has the first and one in y the second; in proportion to what the estimate states of itself.
+    J_x and J_y are the derivatives of a star's x and y by turns about the axes; errors in x use
+    J_x, and errors in y use J_y. The result is scaled to the covariance that the estimate states.
 
-    Accuracy  model: jitter is new in each frame; what a calibration leaves is of the field.
+    Accuracy  model: jitter is independent in each frame; calibration residuals belong to the field.
     """
     assert estimate.icrs_to_camera is not None
     noise = np.trace(spots.covariance[matches.spot], axis1=1, axis2=2) / 2
@@ -58,7 +59,7 @@ def lasting_parts(
     # User code states its covariance itself.
     shared = None if core.is_code(case.tracker.attitude.method) else knowledge.shared
     still = estimate.covariance - np.diag(shared.turn) if shared else estimate.covariance
-    # Triangles of P^-1 and of the inverse of what is stated: P is stretched to it.
+    # Triangles of P^-1 and of the inverse of the stated covariance, to which P is scaled.
     fit = np.linalg.cholesky(summed(weight, in_x, in_y))
     stretch = np.linalg.solve(np.linalg.cholesky(np.linalg.inv(still)).T, np.linalg.inv(fit))
     share = weight / (noise + systematic + hot)

@@ -43,7 +43,7 @@ class Leg(Parameters):
 
 
 class Gyro(Parameters):
-    """A gyroscope, the same on each axis; the filter knows these numbers, not the drawn errors."""
+    """A gyroscope with three equal axes; the filter knows these numbers, not the drawn errors."""
 
     angle_random_walk: float = parameter(
         "radian / second^(1/2), white noise of the rate",
@@ -70,8 +70,8 @@ class Gyro(Parameters):
 class SequenceHead(Parameters):
     """A further head of the tracker: another camera of the same make on the same bench.
 
-    Its axes are those of the camera of the design, turned by the rotation vector (x, y, z) about
-    these; its detector and the residual of its lens have seeds of their own.
+    Its axes are those of the design's camera, turned by the rotation vector (x, y, z) about them.
+    Its detector and the residual of its lens have separate seeds.
     """
 
     x: float = parameter(TURN, unit=Unit("rad", "deg"), limit=FINITE, default=0.0)
@@ -87,7 +87,7 @@ class SequenceHead(Parameters):
 
     @property
     def to_head(self) -> Rotation:
-        """The rotation from the camera's axes to those of the head, as it is known."""
+        """The believed rotation from the camera's axes to those of the head."""
         return Rotation.from_rotvec([-self.x, -self.y, -self.z])
 
 

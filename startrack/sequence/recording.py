@@ -1,4 +1,4 @@
-"""Frames of a sequence, and images of its stars -> the files that keep them."""
+"""Frames of a sequence, and images of its stars -> files."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from startrack.trial import Images
 
 @dataclass(frozen=True)
 class Recording:
-    """Files that keep what a tracker saw in sequences.
+    """Files of the frames and star images of sequences.
 
     folder  of sequence-0001.csv and so on, and of the frames
     format  of the frames, one of FORMATS of `startrack.io`, with their times and true attitudes;
@@ -36,7 +36,7 @@ class Recording:
 
 
 class StarRecording:
-    """Images of matched stars, and where they were."""
+    """Images of matched stars, and their places."""
 
     def __init__(self, case: Case) -> None:
         self._half = case.tracker.box.size // 2
@@ -52,7 +52,7 @@ class StarRecording:
         matches: core.Matches,
         images: Images,
     ) -> None:
-        """Images are where the tracker has them, or about the pixel nearest to the spot."""
+        """Images are those of the tracker's boxes, or around the pixel nearest to the spot."""
         rows, columns = frame.image.shape
         for spot, star in zip(matches.spot.tolist(), matches.star.tolist(), strict=True):
             x, y = float(spots.x[spot]), float(spots.y[spot])

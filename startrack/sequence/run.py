@@ -31,7 +31,7 @@ from startrack.sequence.tracker_state import (
 )
 
 AXES = "xyz"
-MEAN_POINTS = 64  # of an exposure, whose mean attitude is asked for
+MEAN_POINTS = 64  # points in an exposure for its mean attitude
 # A row of the table of a sequence: one frame of one head.
 OF_FILTER = ("filtered", "filtered_sigma", "alignment", "alignment_sigma")
 FRAMES: np.dtype[np.void] = np.dtype(
@@ -53,7 +53,7 @@ class Mode(IntEnum):
     SEARCHING = 0  # no prediction, not solved
     ACQUIRED = 1  # solved without a prediction, or against it
     TRACKED = 2  # solved, as predicted, by one head at least
-    COASTED = 3  # not solved, or against what a gyroscope predicts; the prediction alone
+    COASTED = 3  # not solved, or contradicts a gyroscope: prediction alone
 
 
 def run(
@@ -64,7 +64,7 @@ def run(
     recording: Recording | None = None,
     fidelity: Fidelity = Fidelity.FRAME,
 ) -> Rows:
-    """One sequence from a random attitude, by a tracker without an attitude at its start.
+    """One sequence from a random attitude; the tracker has no attitude at the start.
 
     recording  what is kept of the frames, and where; None: nothing
     fidelity   of the frames: whole, or windows of them; whole where pixels flicker
@@ -75,11 +75,10 @@ def run(
              alignment of a further head about its axes; NaN where there is none
     Raises    those of `flight` and of the chain's rooms; Refused that names what windows cannot
               do, or heads of a unit.
-    Accuracy  model: the tracker gets each frame at the end of its exposure. A swing of the
-              mounting stays where it is for the whole sequence, at a random phase; the mounting
-              is that of the bench which all heads stand on, and moves them together. Windows have
-              the accuracy of `spots_in_windows`, and a residual charge as if the camera had turned
-              before as it turns now.
+    Accuracy  model: the tracker gets each frame at the end of its exposure. A swing of the mounting
+              has one random phase for the whole sequence. The mounting is that of the bench under
+              all heads, and moves them together. Windows have the accuracy of `spots_in_windows`;
+              their residual charge assumes that the frame before had the same rate.
     """
     streams = core.Streams(seed, number)
     true = flight(case.instrument, sequence, observation.random_attitude(streams), streams)
@@ -88,7 +87,7 @@ def run(
     heads = list(heads_of(case, sequence, true, seed, number, recording, fidelity))
     table = np.empty((len(true.time), len(heads)), FRAMES)
     tracker, asked = TrackerState(), asked_of(case, true, streams)
-    # Code of a user's own states its covariance itself.
+    # User code states its covariance itself.
     stated = not core.is_code(case.tracker.attitude.method)
     moved = observation.platform_jitter(case) if stated else None
     step, lengths = 0.0, error_lengths(case)
@@ -154,10 +153,10 @@ def fly_sequences(
 
 
 def asked_of(case: Case, true: SequenceFlight, streams: core.Streams) -> Rotation:
-    """The attitudes that a tracker must report in a flight, so that the spacecraft's are correct.
+    """The attitudes that a tracker must report in a flight to be free of error.
 
-    As `observation.reference_attitude`: at late time tags, as the mean over exposures, in the axes
-    of a mounting that the tracker does not know.
+    As in `observation.reference_attitude`: at late time tags, or as the mean over exposures, in the
+    axes of the camera as the tracker believes it mounted.
     """
     when = np.array([case.time_tag_error])
     if case.tracker.reference == "mean":

@@ -23,22 +23,22 @@ from startrack.sequence.run import Mode
 class Tracking:
     """Statistics of many sequences; the intervals hold with 95 % confidence.
 
-    Frames are those of the camera of the design; further heads show in the filter.
+    Frames are those of the camera of the design; further heads act through the filter.
 
     known            fraction of frames after which the filter is within half a degree of the truth
-    across, about    radian, rms of the filter's error after these frames where they measured it,
-                     per axis across and about the boresight
+    across, about    radian, rms of the filter's error after these frames if they measured an
+                     attitude, per axis across and about the boresight
     single           radian, rms per axis across the boresight of such frames alone
-    coasted          radian, rms of the filter's error across where it coasts, however far off
+    coasted          radian, rms of the filter's error across while it coasts, of any size
     beyond           fraction of frames after which the filter states an attitude that is half a
                      degree off or more
     worst            radian, largest error of the filter, of all frames and axes together
-    losses_per_hour  times that a known attitude was dropped or contradicted, per hour; NaN for
+    losses_per_hour  rate at which a known attitude is dropped or contradicted, per hour; NaN for
                      sequences of one frame, which have no duration
     reacquisition    second, mean time from a loss to the next attitude of the frames; losses that
                      last to the end of their sequence are left out
-    sequences        number of sequences; the intervals of errors and fractions assume that they,
-                     not the frames, are independent
+    sequences        number of sequences; the intervals of errors and fractions assume independent
+                     sequences, not independent frames
     alignment        radian, rms error per axis of the alignments of further heads, as the filter
                      knows them after the last frame of each sequence; NaN without such heads, or
                      without an attitude
@@ -121,7 +121,7 @@ def _error(table: Rows) -> Floats:
 
 
 def _means(apart: list[Rows], choice: Callable[[Rows], Flags] | None, *names: str) -> Floats:
-    """Mean square over the chosen frames (None: all) of each sequence that has any."""
+    """Mean square over the chosen frames (None: all) of each sequence that has such frames."""
     squares = []
     for sequence in apart:
         square = np.mean([sequence[name] ** 2 for name in names], axis=0)
@@ -134,13 +134,14 @@ def _means(apart: list[Rows], choice: Callable[[Rows], Flags] | None, *names: st
 
 
 def _span(sequence: Rows) -> float:
-    """Second that a sequence lasts, its last frame as long as the others."""
+    """Second: duration of a sequence; its last frame counts as long as the others."""
     time = sequence["time"]
     return float((time[-1] - time[0]) * len(time) / max(len(time) - 1, 1))
 
 
 def _losses(sequence: Rows) -> list[float]:
-    """For each loss of a known attitude, the time to the next one; infinite where none comes."""
+    """For each loss of a known attitude, the time to the next attitude; infinite if none
+    follows."""
     waits, mode, time = [], sequence["mode"], sequence["time"]
     for k in range(1, len(mode)):
         if mode[k - 1] == Mode.SEARCHING or mode[k] in (Mode.TRACKED, Mode.COASTED):
@@ -155,7 +156,7 @@ def _losses(sequence: Rows) -> list[float]:
 def _known_fraction(apart: list[Rows]) -> Interval:
     """Mean fraction of frames after which the attitude is known."""
     good = np.array([float(_known(sequence).mean()) for sequence in apart])
-    if good.min() == 1 or good.max() == 0:  # no scatter to estimate from: count the sequences
+    if good.min() == 1 or good.max() == 0:  # no scatter: count the sequences
         return fraction_interval(int(good.sum()), len(good))
     return _mean(good)
 

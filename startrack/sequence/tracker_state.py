@@ -14,7 +14,7 @@ from startrack.core import Floats
 from startrack.sequence.parameters import Sequence
 
 GATE = 30.7  # chi-square of 3 degrees of freedom, exceeded once in a million by noise alone
-FASTEST = 10.0  # sigma of the rate at the start, that two frames may show
+FASTEST = 10.0  # sigma of the rate at the start: largest rate that two frames may show
 Estimates = collections.abc.Sequence[core.Estimate]
 
 
@@ -22,13 +22,13 @@ Estimates = collections.abc.Sequence[core.Estimate]
 class TrackerState:
     """State of the tracker between two frames.
 
-    state   of the filter, None without any attitude yet; after a loss, too, without a gyroscope
-    lasting (heads, 3, 3, 3) radian^2, what of the last attitude's error of each head lasts, as
+    state   of the filter; None before the first attitude and, without a gyroscope, after a loss
+            lasting (heads, 3, 3, 3) radian^2, lasting part of each head's last attitude error, as
             `lasting_parts`
-    missed  frames without an attitude that was used, since the last one
+    missed  number of frames since the last one whose attitude was used
     fresh   whether the last frame started the filter, or ended a loss
-    lost    whether there were too many of these for the attitude to be predicted; the filter of a
-            gyroscope goes on, so that its bias and its axes stay known
+    lost    whether too many frames were missed to predict the attitude; the filter of a gyroscope
+            continues, so that its bias and its axes stay known
     """
 
     state: attitude.State | None = None
@@ -39,7 +39,7 @@ class TrackerState:
 
     @property
     def predicted(self) -> attitude.State | None:
-        """The state about which the tracker looks for stars; None where it knows no attitude."""
+        """The state around which the tracker searches for stars; None without a known attitude."""
         return None if self.lost else self.state
 
 
@@ -48,8 +48,8 @@ def predict_state(
 ) -> TrackerState:
     """Predict the state at the next frame.
 
-    Without a gyroscope the filter assumes one that reads zero: its bias is then minus the rate of
-    the camera, and its random walk the angular acceleration.
+    Without a gyroscope the filter assumes a gyroscope that reads zero: its bias is then minus the
+    camera's rate, and its random walk the angular acceleration.
 
     shown    (3,) radian / second, output of the gyroscope; None without one
     step     second
@@ -64,7 +64,7 @@ def predict_state(
     turn, keep = tracker.state.rate_of(rate) * step, []
     for head in range(len(tracker.lasting)):
         x, y, z = np.abs(tracker.state.to_head(head).apply(turn))
-        # A turn about x moves stars along y, one about z those off the middle along both.
+        # A turn about x moves stars along y; a turn about z moves stars off the middle along both.
         along = lengths[1] / 2 * z
         moved = np.array([y + along, x + along, np.hypot(x, y) + z / 2])
         keep.append(np.exp(-moved / lengths[[0, 0, 1]]))
@@ -78,10 +78,10 @@ def predict_state(
 def doubted(
     before: TrackerState, predicted: TrackerState, step: float, sequence: Sequence, lengths: Floats
 ) -> TrackerState:
-    """The prediction of a frame that has no attitude, though the frame before it had one.
+    """The prediction for a frame without an attitude, if the frame before had one.
 
-    A manoeuvre that the tracker was not told of may have begun: without a gyroscope, its rate may
-    have changed by `initial_rate_sigma` at some time since the frame before.
+    An unannounced manoeuvre may have begun: without a gyroscope, the rate may have changed by
+    `initial_rate_sigma` at some time since the frame before.
 
     before     the state at that frame
     predicted  the prediction, which holds with a gyroscope and in later frames
@@ -97,7 +97,7 @@ def doubted(
 def known_rate(state: attitude.State | None, shown: Floats | None) -> Floats:
     """Rate of the camera (3,), radian / second, that the tracker knows in an exposure.
 
-    That of its gyroscope without its estimated errors, or of its filter; zero where it has neither.
+    It is the gyroscope's rate without estimated errors, or the filter's rate; zero without both.
 
     shown  (3,) radian / second, of the gyroscope; None without one
     """
@@ -114,9 +114,10 @@ def update_state(
 ) -> TrackerState:
     """Update with the attitudes of all heads, or coast for at most `max_coasted_frames` frames.
 
-    An attitude that contradicts the prediction is left out where one of another head agrees with
-    it. Where none agrees, the first restarts the filter, because stars were measured and the
-    prediction was not; but by a gyroscope it was, and then the frames count as missed.
+    An attitude that contradicts the prediction is left out if an attitude of another head agrees
+    with it. If none agrees, the first attitude restarts the filter, because it was measured and the
+    prediction was not. A prediction by a gyroscope was measured, too: then the frames count as
+    missed.
 
     estimates  of the frames of one time, one for each head
     parts      (heads, 3, 3, 3) of the covariance of each attitude, as `lasting_parts`
@@ -138,10 +139,10 @@ def update_state(
         head, *others = solved
         first = replace(estimates[head], covariance=estimates[head].covariance - own)
         state = _started(first, sequence, parts[head], head)
-        # Until the others have measured an attitude: their errors are alike.
+        # Until the other heads have measured an attitude, their errors are assumed equal.
         fresh, lasting = True, np.array([parts[head]] * len(estimates))
         agreeing = [k for k in others if not _contradicts(state, estimates[k], k)]
-        # Of an attitude that nothing was known of, what is common adds to what is independent.
+        # For a first attitude, common errors add to independent ones.
         state = _corrected(state, estimates, agreeing, parts, own, None)
         covariance = state.covariance.copy()
         covariance[:3, :3] += own
@@ -197,11 +198,12 @@ def from_two_frames(
     sequence: Sequence,
     lengths: Floats,
 ) -> TrackerState:
-    """The prediction of a frame by the rate that its attitude and that of the frame before give.
+    """The prediction of a frame by the rate between its attitude and the attitude of the frame
+    before.
 
-    A filter without gyroscope that has seen one frame knows its rate within `initial_rate_sigma`
-    about zero. The second attitude says it, whatever it is: the prediction is made again about it,
-    and the update weighs both.
+    A filter without gyroscope knows its rate after one frame only within `initial_rate_sigma` about
+    zero. The second attitude determines the rate: the prediction is made again with it, and the
+    update weights both.
 
     before  the state after the first attitude
     head    that measured the second one

@@ -1,9 +1,9 @@
 """Whether a design meets its requirements, by formulas, by analysis and by trials.
 
-accuracy  Budget, outcomes of trials, case -> the statistic that a requirement is about, and its
+accuracy  Budget, outcomes of trials, case -> the statistic that a requirement limits, and its
           margin.
-cases     Design and campaign -> every case that is judged: conditions and keep-out angles; the
-          trials that count.
+cases     Design and campaign -> all cases to judge (conditions, keep-out angles), and the trials
+          that count.
 decide    Outcomes, a requirement -> bounds at a look, and whether they decide it.
 verify    Design, campaign -> a verdict on each requirement, by analysis and by trials, and the
           table of them.
@@ -12,10 +12,9 @@ units     Design, campaign, units -> a verdict on each requirement by its yield.
 windows_of_flight  Images of stars that a tracker sent down: files of windows, and windows cut from
           whole frames.
 figures   Windows of flight -> measured figures: centroids, light, noise, photon transfer, image.
-frame_figures  What frames measure of a design, and the same by the design itself.
-prediction  Case and windows of flight -> the images that the design makes of the same stars and
-          paths.
-flown     Windows of flight and the design -> each figure as predicted and as seen.
+frame_figures  Figures measured from frames, and the same figures predicted by the design.
+prediction  Case and windows of flight -> images by the design for the same stars and paths.
+flown     Windows of flight and the design -> each figure, predicted and measured.
 """
 
 from startrack.verification.accuracy import (

@@ -1,4 +1,4 @@
-"""Budget, outcomes of trials, case -> the statistic that a requirement is about, and its margin."""
+"""Budget, outcomes of trials, case -> the statistic that a requirement limits, and its margin."""
 
 import math
 from collections.abc import Iterator
@@ -20,8 +20,8 @@ from startrack.motion import blur
 from startrack.observation import detection_plan, psf_of, throughput
 from startrack.scene import illuminate
 
-# Whose worst counts where a requirement holds in the worst part of the sky. Chosen by hand: more
-# are smaller parts and need more trials, as each must have its own.
+# Regions for requirements on the worst part of the sky. Chosen by hand: more regions are smaller
+# and need more trials, because each region needs its own.
 REGIONS = Regions(3, 4)
 
 
@@ -33,7 +33,7 @@ def expected_error(objective: Objective, budget: Budget[ErrorLaw]) -> float:
     Per axis:   `ErrorLaw.level`
     A sum:      of the rms errors, by their weights
 
-    Accuracy  model: errors that are normal in each field; by their length, also of equal variance
+    Accuracy  model: normal errors in each field; for the length of errors, also equal variances
               about the axes.
     """
     return expected_of(objective, budget.whole.spread)
@@ -66,9 +66,9 @@ def units_expected(objective: Objective, budgets: UnitBudgets) -> Floats:
 
 
 def yield_of(accuracy: Accuracy, errors: Floats, part: float = 1.0) -> Interval:
-    """Share of the units whose errors (n,) meet a limit, with its interval.
+    """Fraction of the units whose errors (n,) meet a limit, with its interval.
 
-    part  of the units, that is as good as all, were each known by many trials
+    part  fraction of units that counts as all, as if each were known by many trials
     """
     return fraction_interval(part * int((errors <= accuracy.most).sum()), part * len(errors))
 
@@ -78,7 +78,7 @@ def expected_over(objective: Objective, law: ErrorLaw, sky: str) -> float:
 
     law     of `analytic`, end to end
     sky     "whole" or "worst"
-    Returns  radian; infinite in the worst region where one expects no attitude
+    Returns  radian; infinite in the worst region if no attitude is expected in it
     """
     if sky == "whole":
         return expected_of(objective, law)
@@ -98,12 +98,12 @@ def _parts(law: ErrorLaw) -> Iterator[ErrorLaw | None]:
 
 
 def expected_availability(needs: Requirements, budget: Budget[ErrorLaw]) -> float:
-    """The fraction of attitudes that are solved and within what is required of a single one.
+    """The fraction of attitudes that are solved and within the limits of a correct attitude.
 
         sum_i weight_i P(1, A^2 / (2 across_i)) P(1/2, B^2 / (2 about_i)) * solved
 
-    with the limits A and B of `Requirements.limits`, and the mean squares per axis in field i;
-    where none is required, within what the tracker states.
+    with the limits A and B of `Requirements.limits`, and the mean squares per axis in field i.
+    Without limits, an attitude must be within its stated errors.
 
     Accuracy  model: normal errors in each field, independent across and about the boresight.
     """
@@ -134,9 +134,7 @@ def measured_over(objective: Objective, outcomes: Rows, boresight: Floats, sky: 
 
 
 def margin(limit: float, value: float) -> float:
-    """Margin of an error to its limit, as a fraction of the limit; minus infinity where there is
-    none.
-    """
+    """Margin of an error to its limit, as a fraction of the limit; minus infinity if unknown."""
     return 1 - value / limit if math.isfinite(value) else -math.inf
 
 
@@ -151,17 +149,17 @@ def expected_margins(needs: Requirements, budget: Budget[ErrorLaw]) -> dict[str,
     return by_name | {"availability": available - needs.min_availability}
 
 
-# Chosen by hand: finer ones cost a count of the stars in every field for each new focal length.
+# Chosen by hand: finer steps need a count of the stars in all fields for each focal length.
 FIELDS = 1024  # attitudes at which stars are counted
 FOCAL_STEP = 1.05  # ratio of the focal lengths at which they are counted
-FIRST_STARS = 4  # times those that fields need on average, of which the brightest are counted first
-MAGNITUDES = np.linspace(-2, 12, 57)  # between which the limit is interpolated
+FIRST_STARS = 4  # times the mean need of a field: number of bright stars that count first
+MAGNITUDES = np.linspace(-2, 12, 57)  # magnitudes for the interpolation of the limit
 
 
 def margins(requirements: Requirements, case: Case) -> dict[str, float]:
-    """Margin to each limit, as a fraction of the limit (stars: magnitude); negative, not met.
+    """Margin to each limit, as a fraction of the limit (stars: magnitude); negative: not met.
 
-    Without accuracy and availability, which need trials.
+    Accuracy and availability, which need trials, are not included.
     """
     stars = min(limiting_magnitude(case), case.believed_catalog.limit_g)
     stars -= needed_magnitude(case, requirements.min_stars, requirements.sky_fraction)
@@ -170,7 +168,7 @@ def margins(requirements: Requirements, case: Case) -> dict[str, float]:
 
 
 def cost_margins(requirements: Requirements, case: Case) -> dict[str, float]:
-    """The `margins` of what a design costs and how often it measures, in a millisecond."""
+    """The `margins` of costs and update rate of a design; takes a millisecond."""
     rate = case.instrument.detector.update_rate
     limits = {
         "volume": (requirements.volume, requirements.max_volume),
@@ -207,7 +205,7 @@ def limiting_magnitude(case: Case) -> float:
     psf = psf_of(case.instrument)
     sharpness = float((psf.table**2).sum()) / psf.oversampling**2
     smear = blur(case.instrument.motion, detector.exposure)
-    # A straight line of this length has the same blur.
+    # A straight line of this length gives the same blur.
     length = np.sqrt(12) * float(np.hypot(smear[0], smear[1])) / np.sqrt(pixel)
     sharpness /= np.sqrt(1 + length**2 * sharpness)
     signal = star * detector.integration * np.sqrt(sharpness)
@@ -219,9 +217,9 @@ def limiting_magnitude(case: Case) -> float:
 def needed_magnitude(case: Case, stars: int, fraction: float) -> float:
     """The limiting G at which `fraction` of the attitudes have `stars` stars in the field.
 
-    Stars of the source of the tracker's catalogue count, however deep it was cut.
+    All stars of the source of the tracker's catalogue count, also beyond its magnitude limit.
 
-    Accuracy  numerical: 0.02 mag between the focal lengths at which stars are counted.
+    Accuracy  numerical: 0.02 mag by interpolation between focal lengths.
     """
     camera, source = case.instrument.camera, case.believed_catalog
     every = replace(source, limit_g=LIMITS.get(source.source, FAINTEST_G))
@@ -237,10 +235,10 @@ def needed_magnitude(case: Case, stars: int, fraction: float) -> float:
 def _needed(
     catalog: Selection, columns: int, rows: int, step: int, stars: int, fraction: float
 ) -> float:
-    """Limiting magnitude that is needed at a focal length of FOCAL_STEP**step pixels."""
+    """Required limiting magnitude at a focal length of FOCAL_STEP**step pixels."""
     camera = Camera(columns, rows, FOCAL_STEP**step)
     sky, axes = open_sky(catalog), attitudes(FIELDS).as_matrix()
-    # Too few stars in the whole source: a magnitude beyond its limit.
+    # If the whole source has too few stars: a magnitude beyond its limit.
     faintest, left = np.full(FIELDS, catalog.limit_g + 1), np.arange(FIELDS)
     # The stars are in order of brightness: these hold a few times the stars that a field needs.
     sphere = 4 * math.pi * camera.focal_length_px**2
@@ -263,7 +261,7 @@ def _needed(
 def limited(
     needs: Requirements, name: str, margin: float, needed: float = math.nan
 ) -> tuple[str, str]:
-    """Value and limit of a margin, with their unit; empty where the margin has no limit.
+    """Value and limit of a margin, with their unit; empty if the margin has no limit.
 
     needed  G, of `needed_magnitude`
     """

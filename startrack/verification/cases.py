@@ -1,4 +1,4 @@
-"""Design and campaign -> every case that is judged, and the trials that count."""
+"""Design and campaign -> all cases to judge, and the trials that count."""
 
 import math
 from dataclasses import replace
@@ -13,10 +13,10 @@ from startrack.scene import BODIES, body_angles
 
 
 def cases(case: Case, campaign: Campaign) -> tuple[tuple[Judged, ...], tuple[str, ...]]:
-    """The cases in which a design is judged, and why others that it must be judged in are not.
+    """The cases in which a design is judged, and the reasons for required cases that cannot be.
 
-    Those of `Campaign.judged`; and, for each keep-out angle, the sky with the stray light of the
-    body at this angle: the Sun, the full Moon, or the sunlit Earth.
+    They are the cases of `Campaign.judged` and, for each keep-out angle, the sky with the stray
+    light of the body at this angle: the Sun, the full Moon, or the sunlit Earth.
 
     Accuracy  model: that of `exclusions`; the stray light is uniform over the field.
     """
@@ -61,8 +61,8 @@ def boresights(seed: int, outcomes: Rows) -> Floats:
 def counted(needs: Requirements, case: Case, seed: int, outcomes: Rows) -> Rows:
     """The outcomes that count in errors and availability.
 
-    All; or, where blinded trials are left out, those in which no light of the scene among Sun, Moon
-    and Earth is nearer to the boresight than its keep-out angle.
+    All outcomes count, unless blinded trials are left out. A trial is blinded if the Sun, the Moon
+    or the Earth is a light of the scene and nearer to the boresight than its keep-out angle.
 
     seed  of the trials, which have random attitudes
     """

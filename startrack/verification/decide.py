@@ -21,8 +21,8 @@ from startrack.metrics import (
 )
 from startrack.verification.accuracy import REGIONS, measured_over
 
-FEWEST = 10  # solved trials in the sky or a region, below which an rms has no bounds
-MOST = 10**9  # trials, beyond which no number of them is named
+FEWEST = 10  # least number of solved trials in sky or region for bounds of an rms
+MOST = 10**9  # trials; a larger required number is not stated
 
 
 class Answer(StrEnum):
@@ -34,12 +34,12 @@ class Answer(StrEnum):
 
     @property
     def loud(self) -> str:
-        """Its word, in capitals unless it is a pass."""
+        """The answer as a word, in capitals unless it is a pass."""
         return self.value if self is Answer.PASS else self.value.upper()
 
 
 def answer_of(parts: Sequence[Answer], left: object) -> Answer:
-    """Answer of several requirements: fail where one fails, pass where all pass."""
+    """Answer of several requirements: fail if one fails, pass if all pass."""
     if Answer.FAIL in parts:
         return Answer.FAIL
     shown = not left and all(answer is Answer.PASS for answer in parts)
@@ -47,14 +47,14 @@ def answer_of(parts: Sequence[Answer], left: object) -> Answer:
 
 
 class Looks(Parameters):
-    """Numbers of trials at which a requirement is tested, and the errors that the tests may make.
+    """Numbers of trials at which a requirement is tested, and the error probabilities of the tests.
 
         n_k = first 2^k,  k = 0 .. K - 1;   a test may wrongly pass with alpha / K at each look, and
         wrongly fail with alpha / (K m)
 
-    so that a requirement that is not met passes at any look with at most alpha, and any of m
-    requirements that are met fails at any look with at most alpha (Bonferroni): both answers of the
-    whole verification, too, are wrong with at most alpha each, as it passes only where all m do.
+    So an unmet requirement passes at some look with a probability of at most alpha, and one of m
+    met requirements fails at some look with at most alpha (Bonferroni). The whole verification
+    passes only if all m pass; so its pass and its fail, too, are each wrong with at most alpha.
 
     first  trials at the first look
     most   trials at the last
@@ -78,12 +78,12 @@ class Looks(Parameters):
         return sizes
 
     def tails(self, claims: int) -> tuple[float, float]:
-        """Probabilities of passing and of failing wrongly, at one look, of one of m claims."""
+        """Probabilities of a wrong pass and of a wrong fail at one look, for one of m claims."""
         return tails(len(self.sizes), self.alpha, claims)
 
 
 def tails(looks: int, alpha: float, claims: int) -> tuple[float, float]:
-    """Like `Looks.tails`, of a number of looks: alpha / K, and alpha / (K m)."""
+    """`Looks.tails` for a number of looks: alpha / K, and alpha / (K m)."""
     tail = alpha / looks
     return tail, tail / max(claims, 1)
 
@@ -111,8 +111,8 @@ def decide(
 ) -> tuple[dict[str, tuple[Interval, int]], Evidence]:
     """The bounds of each claim at the look that decides it, or at the last one.
 
-    evidence  trials, by their number
-    bounds    of a claim
+    evidence  number of trials -> their outcomes
+    bounds    claim -> its bounds
     Returns   bounds and number of trials, by the names of claims; the evidence at the last look
     """
     decided = dict[str, tuple[Interval, int]]()
@@ -134,7 +134,7 @@ class Claim:
     """A requirement that trials can show.
 
     accuracy  the limit on an error; None for the availability
-    least     fraction of correct attitudes, where it is the availability
+    least     fraction of correct attitudes, for the availability
     limits    of a correct attitude
     sky       "whole", or "worst" for an error in the worst region
     """
@@ -155,16 +155,16 @@ class Claim:
         return self.accuracy.most if self.accuracy else self.least
 
     def bounds(self, outcomes: Rows, boresight: Floats, passing: float, failing: float) -> Interval:
-        """Its value by trials; the bound that can pass it, and the one that can fail it.
+        """The value by trials, the bound that decides a pass, and the bound that decides a fail.
 
         passing, failing  probabilities that each bound does not hold
-        Accuracy          availability and levels: exact for any distribution, a level per axis with
-                          the two axes of a trial as one. rms: by `mean_bounds`, with a third of
-                          the probability for the bound that passes and half for the one that fails.
-                          Measured, in verifications of 5 % over 100 to 800 (1,000 to 8,000) trials:
-                          passes wrongly in 1.6 % (1.3); for errors whose size varies over the sky
-                          by a factor of e^0.5 (1 sigma), in 5.0 % (2.6); by e^0.8, in 9.9 % (6.9).
-                          Fails wrongly in at most 2.1 %.
+        Accuracy          availability and levels: exact for any distribution; for a level per axis,
+                          the two axes of a trial count as one. rms: by `mean_bounds`, with a third
+                          of the probability for the bound that passes and half for the one that
+                          fails. Measured in verifications of 5 % over 100 to 800 (1,000 to 8,000)
+                          trials: wrong passes in 1.6 % (1.3). If the size of errors varies over the
+                          sky by a factor of e^0.5 (1 sigma), in 5.0 % (2.6); by e^0.8, in 9.9 %
+                          (6.9). Wrong fails in at most 2.1 %.
         """
         if self.accuracy is None:
             met = correct(outcomes, self.limits)
@@ -177,7 +177,7 @@ class Claim:
             region = REGIONS.of(boresight)
             parts = [outcomes[region == number] for number in range(len(REGIONS))]
             failing_each = failing / len(REGIONS)
-        # All regions must pass, and one that fails is enough.
+        # A pass needs all regions; a fail needs only one.
         ends = [_error_bounds(self.accuracy, part, passing, failing_each) for part in parts]
         return Interval(value, max(low for low, _ in ends), max(high for _, high in ends))
 
@@ -189,15 +189,15 @@ class Claim:
         return Answer.PASS if passes else Answer.FAIL if fails else Answer.NOT_SHOWN
 
     def margin(self, value: float) -> float:
-        """Margin of an error as a fraction of its limit, of the availability as it is."""
+        """Margin of an error as a fraction of its limit; for the availability, the difference."""
         return 1 - value / self.limit if self.accuracy else value - self.limit
 
     def needed(
         self, outcomes: Rows, boresight: Floats, passing: float, failing: float
     ) -> int | None:
-        """Number of trials that would decide it, if further ones are like these.
+        """Number of trials that would decide it, if further trials are like these.
 
-        None where no number would: the value is the limit, or nothing is known.
+        None if no number would: the value equals the limit, or there is no value.
         """
         if self.accuracy is None:
             hits = int(correct(outcomes, self.limits).sum())
@@ -217,7 +217,7 @@ class Claim:
         more = len(outcomes) / len(finite)  # trials for each error that counts
         objective = self.accuracy.objective
         fraction = objective.fraction
-        # As a mean square per axis, in which `Objective.squares` are.
+        # As a mean square per axis, like `Objective.squares`.
         limit = self.accuracy.most**2 / (len(objective.summed) if objective.radial else 1)
         if fraction is not None:
             enough = _needed_hits(float((finite <= limit).mean()), fraction, passing, failing)
@@ -226,7 +226,7 @@ class Claim:
             if mean == limit:
                 return None
             low, high = mean_bounds(finite, failing / 2, passing / 3)
-            # Bounds close in as one over the root of the number.
+            # The width of bounds is inversely proportional to the root of the number.
             beyond = ((high if mean < limit else low) - mean) / (limit - mean)
             enough = max(FEWEST, math.ceil(len(finite) * beyond**2))
         return None if enough is None or enough * more > MOST else math.ceil(enough * more)
@@ -234,7 +234,7 @@ class Claim:
 
 @dataclass(frozen=True)
 class YieldClaim:
-    """That a fraction of the units of a design keeps a limit on an error.
+    """Claim that a fraction of the units of a design meets a limit on an error.
 
     least  1, of the units
     """
@@ -242,12 +242,13 @@ class YieldClaim:
     least: float
 
     def bounds(self, met: Flags, passing: float, failing: float, part: float = 1.0) -> Interval:
-        """The yield of n units, the bound that can pass it, and the one that can fail it.
+        """The yield of n units, the bound that decides a pass, and the bound that decides a fail.
 
-        met               (n,) whether each unit keeps the limit
+        met               (n,) whether each unit meets the limit
         passing, failing  probabilities that each bound does not hold
-        part              of the units, that is as good as all, were each known by many trials
-        Accuracy          exact; where a unit's error is that of few trials, of the yield with it
+        part              fraction of units that counts as all, as if each were known by many trials
+        Accuracy          exact; if a unit's error is from few trials, for the yield of these
+        measured errors
         """
         hits, n = part * int(met.sum()), part * len(met)
         low = fraction_interval(hits, n, 1 - 2 * passing).low
@@ -259,15 +260,16 @@ class YieldClaim:
         return Answer.PASS if passes else Answer.FAIL if fails else Answer.NOT_SHOWN
 
     def most_beyond(self, n: int, passing: float) -> int:
-        """Most of n units that may exceed the limit where the yield is shown; 0 at least."""
+        """Largest number of n units that may exceed the limit while the yield is still shown."""
         return max(0, int(scipy.stats.binom.ppf(passing, n, 1 - self.least)) - 1)
 
     def margin(self, value: float) -> float:
-        """Margin of a yield to the one that is required."""
+        """Margin of a yield to the required yield."""
         return value - self.least
 
     def needed(self, share: float, passing: float, failing: float) -> int | None:
-        """Number of units that would decide it, if further ones are like these; None: no number."""
+        """Number of units that would decide it, if further units are like these; None: no
+        number."""
         return _needed_hits(share, self.least, passing, failing)
 
 
@@ -278,14 +280,14 @@ def claims_of(needs: Requirements) -> list[Claim]:
 
 
 def _finite(squares: Floats) -> Floats:
-    """Those (n,) or (n, axes) of attitudes that are not missing; n may be 0."""
+    """The values (n,) or (n, axes) that are not missing; n may be 0."""
     return squares[np.isfinite(squares).all(axis=tuple(range(1, squares.ndim)))]
 
 
 def _error_bounds(
     accuracy: Accuracy, outcomes: Rows, passing: float, failing: float
 ) -> tuple[float, float]:
-    """Lower bound, which fails, and upper bound, which passes; radian."""
+    """Lower bound, which decides a fail, and upper bound, which decides a pass; radian."""
     objective = accuracy.objective
     squares = objective.squares(outcomes)
     finite = _finite(squares)
@@ -300,7 +302,8 @@ def _error_bounds(
 
 
 def _needed_hits(share: float, required: float, passing: float, failing: float) -> int | None:
-    """Trials with a fraction of hits `found` that show that it is at least, or below, required."""
+    """Number of trials with which a fraction of hits `found` shows that it is, or is not,
+    `required`."""
 
     def passes(n: int) -> bool:
         hits = math.floor(share * n)
@@ -314,7 +317,8 @@ def _needed_hits(share: float, required: float, passing: float, failing: float) 
 
 
 def _least(shows: Callable[[int], bool]) -> int | None:
-    """About the least number that shows something which all larger ones show, too."""
+    """Approximate least number for which a condition holds that also holds for all larger
+    numbers."""
     high = 2
     while not shows(high):
         high *= 2

@@ -18,19 +18,19 @@ from startrack.verification.windows_of_flight import BORDER, FEWEST_IMAGES, Wind
 PHASES = 10  # of a pixel, of the curve of the centroid
 CELLS = 4  # of a pixel along each side, of the mean images
 FEWEST = 20  # exposures of a cell
-MEMBERS = 60  # exposures of a cell whose images are averaged in the model
-CLEAR = 0.2  # of the median light, by which an exposure may be off
-ROUNDING = 1 / 12  # of numbers, their variance
-THIRD = np.array([1.0, -3.0, 3.0, -1.0]) / math.sqrt(20)  # keeps white noise, takes off a parabola
-GROUP = 150  # differences of one pixel at one level, of the photon transfer
-CLIP = 5.0  # sigma, of a difference that is left out
-PULL = 4.0  # sigma, of a group that is left out: its pixel flickered
-SEEN_TOGETHER = 0.5  # of a star's exposures, in which another shows the common motion
-LONGEST_GAP = 3.0  # of the usual time between exposures, over which a place is interpolated
+MEMBERS = 60  # most exposures of a cell whose images the model averages
+CLEAR = 0.2  # of the median light: largest deviation of an exposure
+ROUNDING = 1 / 12  # variance by rounding of numbers
+THIRD = np.array([1.0, -3.0, 3.0, -1.0]) / math.sqrt(20)  # keeps white noise, removes a parabola
+GROUP = 150  # differences of one pixel at one level, in the photon transfer
+CLIP = 5.0  # sigma; larger differences are left out
+PULL = 4.0  # sigma; groups with more are left out: their pixel flickers
+SEEN_TOGETHER = 0.5  # of a star's exposures: least part with another star for the common motion
+LONGEST_GAP = 3.0  # times the usual time between exposures, over which places are interpolated
 
 
 class Centroids(NamedTuple):
-    """First moments of the images of one star, of exposures in which it was seen.
+    """First moments of the images of one star, for exposures in which it was seen.
 
     place   (n, 2) pixel (x, y)
     total   (n,) digital number of the image above its background
@@ -44,7 +44,7 @@ class Centroids(NamedTuple):
 def centroids(windows: Windows, box: detection.Box) -> Centroids:
     """First moments as the tracker takes them, of its images of `box.size` pixels.
 
-    Exposures without the star, whose light is off by a fifth of the median, are left out.
+    Exposures whose light deviates from the median by 20 % do not show the star and are left out.
     """
     light, corner = _light(windows, box)
     total = light.sum(axis=(1, 2))
@@ -59,7 +59,7 @@ def centroids(windows: Windows, box: detection.Box) -> Centroids:
 
 
 def is_steady(windows: Windows, box: detection.Box) -> bool:
-    """Whether its centroids can be taken, with and without each block of time."""
+    """Whether centroids can be measured, with all blocks of time and without each of them."""
     total = _light(windows, box)[0].sum(axis=(1, 2))
     parts = [total, *(total[left] for (left,) in without_blocks([windows.time]))]
     return all(
@@ -83,7 +83,7 @@ def _light(windows: Windows, box: detection.Box) -> tuple[Floats, Ints]:
 
 
 def level_of(windows: Windows, box: detection.Box) -> Floats:
-    """The background (n,) of a pixel that the tracker takes off."""
+    """The background (n,) of a pixel that the tracker subtracts."""
     if windows.background is not None:
         return np.asarray(windows.background, float)
     if box.background == "none" or windows.number.shape[1] < 8:
@@ -95,9 +95,9 @@ def level_of(windows: Windows, box: detection.Box) -> Floats:
 class MeasuredWindows(NamedTuple):
     """Measured figures of one star.
 
-    scalar  name: value, of `KEYS` less the curve
-    curve   (2, PHASES) pixel, of the place along x and y less its mean, over the phase of the
-            pixel; NaN where the star was not
+    scalar  name: value, for all of `KEYS` except the curve
+    curve   (2, PHASES) pixel, place along x and y minus its mean, over the phase in the pixel; NaN
+            at phases without the star
     """
 
     scalar: dict[str, float]
@@ -111,23 +111,23 @@ def measure(
 
     read_noise  digital number, of the design, for the offset
 
-    temporal    pixel rms of an axis, of third differences in time between exposures whose image
-                did not move, of the place less the motion that all stars share
-    total       pixel rms of an axis, of that place over all the time, less a cubic in time and
-                what is proportional to the common motion; both times sqrt(k / (k - 1)) of k stars,
-                so that two stars share one figure
+    temporal    pixel rms per axis, of the place minus the motion that all stars share, by third
+                differences in time between exposures whose image did not move
+    total       pixel rms per axis, of that place over the whole time, minus a cubic in time and a
+                part proportional to the common motion. Both are multiplied by sqrt(k / (k - 1)) for
+                k stars, so that two stars share one figure
     curve       of the same, over the place in the pixel
     moves       steps of an image along an axis, in an exposure
     background  digital number; brightness in digital numbers a second and exposure
     gain, read_noise  electron a number, and number: see `gain_in_flight`; NaN where it refuses
-    offset      digital number, at which the variance is that of the design's read noise: of numbers
-                less their offset, zero
-    acquired    share of the exposures in which the search finds the star, of those with its light
-    image       1, of the peak: worst pixel of the mean images of cells of phase less the design's
-                image at fitted place and flux, of all stars alone; NaN without `psf`
+    offset      digital number at which the variance equals the design's read noise; zero if the
+                offset was already subtracted
+    acquired    fraction of the exposures with the star's light in which the search finds it
+    image       1, of the peak: worst pixel of the mean images in phase cells minus the design's
+                image at the fitted place and flux, over all stars; NaN without `psf`
 
-    One star alone has its own motion in its temporal scatter, and no total and no curve; a star
-    that no other is seen with has none of the three.
+    With only one star, the temporal scatter contains the motion, and there is no total and no
+    curve. A star that is never seen together with others has none of the three.
     """
     seen = [centroids(star, box) for star in stars]
     residual, still = _about_common([track.place for track in seen], seen)
@@ -162,11 +162,11 @@ def measure(
 
 
 def _about_common(places: list[Floats], seen: list[Centroids]) -> tuple[list[Floats], list[Any]]:
-    """Places (n, 2) of each star less the common motion, and third differences without a move.
+    """Places (n, 2) of each star minus the common motion, and third differences without a move.
 
-    The motion is that of the star and of those others that are seen in half of its exposures, in
-    the exposures of which all have one before and one after; NaN in the rest, and for a star that
-    no other was seen with.
+    The motion is the mean over the star and all stars that are seen in half of its exposures. It is
+    known at exposures for which all of them have one before and one after. It is NaN at other
+    exposures, and for a star that is never seen together with others.
     """
     times = [track.windows.time for track in seen]
     moved = [still(track.windows) for track in seen]
@@ -185,7 +185,7 @@ def _about_common(places: list[Floats], seen: list[Centroids]) -> tuple[list[Flo
         others = [
             np.column_stack([np.interp(time, times[k], p) for p in places[k].T]) for k in members
         ]
-        # Third differences in which another star's image moved have its step.
+        # Third differences in which another star's image moved contain its step.
         quiet = [np.interp(time[:-3], times[k][:-3], moved[k]) > 0.999 for k in members]
         common = np.mean(others, axis=0)
         common = common - common[together].mean(axis=0)
@@ -202,7 +202,7 @@ def _about_common(places: list[Floats], seen: list[Centroids]) -> tuple[list[Flo
 
 
 def _between(time: Floats, other: Floats) -> Flags:
-    """Whether a star has exposures at times (n,) of another, or near before and after them."""
+    """Whether a star has exposures at, or shortly before and after, times (n,) of another star."""
     near = LONGEST_GAP * np.median(np.diff(other))
     after = np.searchsorted(other, time)
     last = len(other) - 1
@@ -221,7 +221,7 @@ def still(windows: Windows) -> Any:
 
 
 def third_differences(values: Floats) -> Floats:
-    """Third differences (n - 3, ...) in time, of the variance of white noise."""
+    """Third differences (n - 3, ...) in time, scaled to keep the variance of white noise."""
     count = len(values) - 3
     return np.asarray(sum(w * values[k : k + count] for k, w in enumerate(THIRD)))
 
@@ -236,7 +236,7 @@ def _curve(place: Floats, off: Floats) -> Floats:
 
 
 def known_mean(values: Floats, axis: int) -> Floats:
-    """Mean of what is a number; NaN where nothing is."""
+    """Mean of the values that are not NaN; NaN without such values."""
     finite = np.isfinite(values)
     many = finite.sum(axis=axis)
     total = np.where(finite, values, 0.0).sum(axis=axis)
@@ -257,11 +257,11 @@ def gain_in_flight(windows: Windows) -> tuple[float, float]:
         variance = read noise^2 + 1/12 + mean / gain
 
     Variances are those of third differences in time of one pixel, between exposures whose image did
-    not move, in groups of equal level; a line is fitted with weights. Groups that scatter more than
-    four standard deviations above it are left out: their pixels flicker, or a star moved by jumps.
+    not move, in groups of equal level; a line is fitted with weights. Groups more than four
+    standard deviations above the line are left out: their pixels flicker, or a star jumped.
 
     Raises    Refused where there are fewer than eight groups.
-    Accuracy  model: the mean has no background of its own; nonlinearity left out.
+    Accuracy  model: the mean has no offset; nonlinearity is left out.
     """
     rest, slope = _transfer_line(windows)
     return 1 / slope, _read_noise(rest)
@@ -273,7 +273,7 @@ def _read_noise(rest: float) -> float:
 
 
 def _transfer_line(windows: Windows) -> tuple[float, float]:
-    """Variance where there is no light, and how much it grows with the mean; digital numbers."""
+    """Variance without light, and its slope over the mean; digital numbers."""
     calm = still(windows)
     number = windows.number.reshape(len(windows.number), -1)
     level = (number[:-3] + number[1:-2] + number[2:-1] + number[3:])[calm] / 4
@@ -300,7 +300,8 @@ def _transfer_line(windows: Windows) -> tuple[float, float]:
 
 
 def image_difference(seen: Centroids, box: detection.Box, psf: core.Psf) -> float:
-    """Worst pixel of the mean images of phase cells less the design's image, of the peak."""
+    """Worst pixel of the mean images in phase cells minus the design's image, relative to the
+    peak."""
     light, corner = _light(seen.windows, box)
     size = light.shape[1]
     middle = corner + (size - 1) / 2
@@ -321,7 +322,7 @@ def image_difference(seen: Centroids, box: detection.Box, psf: core.Psf) -> floa
 
 
 def _fitted(image: Floats, start: Floats, spread: Floats, psf: core.Psf) -> Floats:
-    """An image less that of a star at the place and of the flux that fit best."""
+    """An image minus the image of a star at the best-fitting place and flux."""
     size = len(image)
     far = (size - 1) / 2 + BORDER
     inner = slice(BORDER, BORDER + size)

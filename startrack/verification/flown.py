@@ -1,7 +1,7 @@
-"""Images of stars that a tracker sent down, and its design -> each figure as predicted and as seen.
+"""Images of stars that a tracker sent down, and its design -> each figure, predicted and measured.
 
-Both are measured by the same code: what the design predicts are images that it would have made of
-the same stars on the same paths, on detectors of other pixels.
+Both are measured by the same code. The design predicts the images that it would have made of the
+same stars on the same paths, on detectors with other pixels.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from startrack.verification.figures import centroids, is_steady, known_mean, mea
 from startrack.verification.prediction import fraction_in_box, simulate
 from startrack.verification.windows_of_flight import Windows, blocks_of, jackknife_sigma
 
-OFF = 1.5  # of half of its interval, beyond which an offset is not zero: 3 sigma
-# What each figure depends on in a design; those first that are usually known worst.
+OFF = 1.5  # of half of its interval: a larger offset is not zero (3 sigma)
+# Keys of the design that each figure depends on, usually least known first.
 KEYS = {
     "background": "instrument.detector.dark_current, .thermal, .age; scene.background_g",
     "brightness": "instrument.optics.transmission, instrument.detector.quantum_efficiency",
@@ -45,11 +45,11 @@ SCALED = (
 
 
 class FlightDifference(NamedTuple):
-    """One figure of one star: as seen and as predicted, and what it points to in the design.
+    """One figure of one star: measured and predicted, and the keys of the design behind it.
 
     seen       95 % by a jackknife over eight blocks of time
-    predicted  median of the devices drawn, and the interval that holds a further one with 95 %
-    untested   why the two cannot differ by the design; empty: they can
+    predicted  median of the drawn devices, and the 95 % interval for a further device
+    untested   why this figure does not test the design; empty: it does
     """
 
     star: str
@@ -61,13 +61,13 @@ class FlightDifference(NamedTuple):
 
     @property
     def ratio(self) -> float:
-        """Predicted over seen; NaN where either is none."""
+        """Predicted over measured; NaN if either is missing."""
         either = self.predicted.value and self.seen.value
         return self.predicted.value / self.seen.value if either else math.nan
 
     @property
     def differs(self) -> bool:
-        """Whether the intervals do not meet, of what the comparison tests."""
+        """Whether a tested figure has intervals that do not overlap."""
         if self.untested:
             return False
         return self.predicted.low > self.seen.high or self.predicted.high < self.seen.low
@@ -77,8 +77,8 @@ class FlightDifference(NamedTuple):
 class FlightComparison(NamedTuple):
     """A comparison of all stars.
 
-    curves  star: as seen and as predicted (2, PHASES), mean of the devices, pixel
-    left    names of stars that are left out: no steady light, in images as seen or as predicted
+    curves  star: measured and predicted (2, PHASES), mean over the devices, pixel
+    left    names of stars left out for lack of steady light, in measured or predicted images
     """
 
     differences: list[FlightDifference]
@@ -96,17 +96,17 @@ def compare_flown(
 ) -> FlightComparison:
     """Measure images in flight and those that the design predicts, by the same code.
 
-    Predicted images have the brightness of the flown images, so that it tests nothing, except for a
-    star with `magnitude_g`: its predicted brightness follows from this magnitude, and tests
-    transmission and quantum efficiency. Background and read noise are not tested where the images
-    have another offset than the design. Stars without steady light, as seen or as predicted, are
-    left out.
+    Predicted images take their brightness from the flown images, so that brightness tests nothing.
+    The exception is a star with `magnitude_g`: its predicted brightness follows from this
+    magnitude, and tests transmission and quantum efficiency. Background and read noise are not
+    tested if the images and the design have different offsets. Stars without steady light, measured
+    or predicted, are left out.
 
-    unknown   the design with other values of what is not known, one for each device, so that the
-              predicted intervals hold them; none: all devices are of `case`
-    Raises    Refused where no star is left, and behind a mosaic of colour filters; as `simulate`.
-    Accuracy  model: of the light by a magnitude that of `photon_irradiance`, for a sunlike star;
-              flown images are compared with the image of a star of `case` alone.
+    unknown   the design with other values of its unknowns, one for each device, so that the
+              predicted intervals include them; none: all devices are of `case`
+    Raises    Refused if no star is left, or for a mosaic of colour filters; as `simulate`.
+    Accuracy  model: light by a magnitude as in `photon_irradiance`, for a sunlike star; flown
+              images are compared only with the image of a star of `case`.
     """
     if case.instrument.detector.mosaic is not None:
         raise Refused("instrument.detector.mosaic must be left out: predicted images have none")
@@ -154,7 +154,7 @@ def _all_steady(images: Sequence[Windows], box: Box) -> bool:
 
 
 def _by_design(case: Case, cases: Sequence[Case]) -> dict[str, Floats]:
-    """Figures (n,) that follow from each of the cases without an image; offset is over `case`'s."""
+    """Figures (n,) of each of the cases that need no image; the offset is relative to `case`."""
     detectors = [one.instrument.detector for one in cases]
     gain = np.array([detector.electrons_per_dn for detector in detectors])
     return {
@@ -167,7 +167,7 @@ def _by_design(case: Case, cases: Sequence[Case]) -> dict[str, Floats]:
 
 
 def _light_by_magnitude(case: Case, star: Windows) -> float:
-    """Light of a sunlike star of this G over that of the predicted images."""
+    """Light of a sunlike star of this G over the light of the predicted images."""
     injected = float(np.median(centroids(star, case.tracker.box).total))
     injected *= case.instrument.detector.electrons_per_dn
     image = fraction_in_box(psf_of(case.instrument), case.tracker.box)
@@ -175,7 +175,7 @@ def _light_by_magnitude(case: Case, star: Windows) -> float:
 
 
 def _of_known_offset(differences: list[FlightDifference]) -> list[FlightDifference]:
-    """The differences; where the offset differs, those of background and read noise are not tested:
+    """The differences; if the offset differs, background and read noise are not tested, because
     both are figures of numbers without light.
     """
     off = {
@@ -197,20 +197,20 @@ def _of_known_offset(differences: list[FlightDifference]) -> list[FlightDifferen
 
 
 def _distance(value: float, interval: Interval) -> float:
-    """How far a value lies outside an interval."""
+    """Distance of a value from an interval; zero inside."""
     return max(interval.low - value, value - interval.high, 0.0)
 
 
 def _jackknifed(value: float, parts: list[float]) -> Interval:
-    """95 % by leaving out each block of time in turn."""
+    """95 % interval by leaving out each block of time in turn."""
     sigma = jackknife_sigma(parts)
     return Interval(value, value - 1.96 * sigma, value + 1.96 * sigma)
 
 
 def _of_devices(values: Floats) -> Interval:
-    """Median of the devices (n,), and the interval that holds a further one with 95 %.
+    """Median of the devices (n,), and the 95 % interval for a further device.
 
-    By Student's law, of positive values that of their logarithms; open where there is one device.
+    By Student's law; for positive values, of their logarithms; unbounded for one device.
     """
     known = values[np.isfinite(values)]
     if not len(known):
@@ -224,5 +224,5 @@ def _of_devices(values: Floats) -> Interval:
     )
     ends = normal.mean() + np.array([-half, half])
     low, high = np.exp(ends) if positive else ends
-    # Devices that are alike differ by rounding.
+    # Equal devices differ by rounding.
     return Interval(value, min(float(low), value), max(float(high), value))

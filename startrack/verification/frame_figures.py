@@ -1,6 +1,6 @@
-"""What frames of a tracker measure of its design, and the same figures by the design itself.
+"""Figures measured from frames of a tracker, and the same figures predicted by the design.
 
-Both are reduced by the same code, so that a design can be estimated under them (`Told`).
+Both are reduced by the same code, so that a design can be estimated from them (`Told`).
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ from startrack.verification.windows_of_flight import (
 
 SIDE = 8  # pixel, of the images whose corners give the background
 SUBPIXELS = 4  # places of a star in a pixel, along each axis
-# Of the logarithm of a figure, what reduction and formula differ by; by frames of drawn designs.
+# Difference between reduction and formula, of a figure's logarithm; from frames of drawn designs.
 LEAST_SIGMA = {"star signal": 0.01, "image width": 0.01}
-LEAST_KEPT = 1e-3  # chance with which a tracker measures a star of a figure
-LEAST_MOTION = 1e-3  # pixel, of a common motion that is told
-FEWEST_STILL = 16  # third differences between images that stay
-OFF_RATE = 0.01  # of the time between frames, by which it may differ from that of the design
+LEAST_KEPT = 1e-3  # least probability that a tracker measures a star of a figure
+LEAST_MOTION = 1e-3  # pixel, least common motion that is told
+FEWEST_STILL = 16  # third differences between images that do not move
+OFF_RATE = 0.01  # largest relative difference of the time between frames from the design
 
 
 class Reduced(NamedTuple):
@@ -70,13 +70,13 @@ def reduced(images: Floats, size: int) -> Reduced:
 
 
 def expected_in_frames(case: Case) -> dict[str, float]:
-    """Figures that frames measure, by the design, as `told_by_frames` defines them.
+    """Figures that frames measure, predicted by the design, as `told_by_frames` defines them.
 
-    With those of other measurements: the limiting magnitude of `limiting_magnitude`, and PRNU and
-    full well of a photon transfer.
+    Figures of other measurements are added: the limiting magnitude of `limiting_magnitude`, and
+    PRNU and full well of a photon transfer.
 
-    Empty where lines scan. Raises  Refused where the design has no image.
-    Accuracy  model: pixels alike; one image for the whole field; jitter by user code left out.
+    Empty for scanned lines. Raises Refused if the design has no image.
+    Accuracy  model: equal pixels; one image for the whole field; jitter by user code left out.
               numerical: of a star's light and width 1e-3, by 16 places in the pixel.
     """
     instrument = case.instrument
@@ -102,9 +102,9 @@ def expected_in_frames(case: Case) -> dict[str, float]:
 
 
 def _reduced_stars(case: Case) -> Reduced:
-    """Light, as a fraction of all, and width of stars in the tracker's box, over places in a pixel.
+    """Light (fraction) and width of stars in the tracker's box, averaged over places in a pixel.
 
-    The middle of the image lies between pixels, of a cell on one.
+    The middle of an image lies between pixels; the middle of a cell is on a pixel.
     """
     place = (np.arange(SUBPIXELS) + 0.5) / SUBPIXELS - 1
     places = np.stack(np.meshgrid(place, place), axis=-1).reshape(-1, 2)
@@ -113,14 +113,14 @@ def _reduced_stars(case: Case) -> Reduced:
 
 
 def expected_of_star(case: Case, figure: str, magnitude: float) -> float:
-    """Figure of a sunlike star of Gaia's G, by the design.
+    """Figure of a sunlike star of Gaia's G, predicted by the design.
 
         SNR = N / sqrt(F^2 (N + n sky) + sum_i w_i^2 noise^2),  N its light in the tracker's box
 
-    with the weights w of the n pixels of the box; "centroid noise", pixel rms of an axis, is the
-    temporal noise of the tracker's centroids as budgets have it.
+    with the weights w of the n pixels of the box. "centroid noise", pixel rms per axis, is the
+    temporal noise of the tracker's centroids as in budgets.
 
-    Raises    Refused where lines scan, or the tracker detects no star of the magnitude.
+    Raises    Refused for scanned lines, or if the tracker detects no star of the magnitude.
     """
     if case.instrument.detector.scan:
         raise Refused(f"told: {figure} must be left out where lines scan")
@@ -141,7 +141,7 @@ def expected_of_star(case: Case, figure: str, magnitude: float) -> float:
 
 
 def _passed(rate: float) -> Callable[[Floats], Floats]:
-    """Power of a sinusoid that third differences of images at a rate keep."""
+    """Fraction of a sinusoid's power that third differences of images at a rate keep."""
     lag = np.arange(len(THIRD))
     return lambda hertz: (
         np.abs(np.exp(-2j * np.pi * np.multiply.outer(np.asarray(hertz), lag) / rate) @ THIRD) ** 2
@@ -149,18 +149,18 @@ def _passed(rate: float) -> Callable[[Floats], Floats]:
 
 
 def told_by_frames(case: Case, stars: Sequence[Windows], source: str = "") -> list[Told]:
-    """Figures measured in frames of a tracker at rest, with errors, to learn a design from.
+    """Figures measured in frames of a tracker at rest, with their errors, to learn a design.
 
         read noise     digital number, by the darker pixels about the stars and the design's gain
         star signal    digital number of an exposure: light of a sunlike star of G = 0 in the box,
-                       of stars with `magnitude_g`
+                       from stars with `magnitude_g`
         image width    pixel, root of the second moment of the light in the box, mean of both axes
-        common motion  pixel rms of an axis, of third differences in time of the place of all stars
-                       between frames at the update rate, without the noise of the centroids
+        common motion  pixel rms per axis, of third differences in time of the mean place of all
+                       stars between frames at the update rate, without centroid noise
 
     stars   with images of 8 x 8 pixels
-    Returns  figures that the frames determine; those of unknown error are left out
-    Raises    Refused where the images are smaller.
+    Returns  figures that the frames determine; figures with unknown errors are left out
+    Raises    Refused if the images are smaller.
     Accuracy  model: the error is from a jackknife over eight blocks of time; errors of magnitudes
               and differences between pixels are not included.
     """
@@ -211,9 +211,9 @@ def _seen(case: Case, stars: Sequence[Windows]) -> dict[str, float]:
 def _dark_variance(star: Windows, electrons: float) -> float:
     """Variance of pixels without light, digital number^2, from the darker half of a star's window.
 
-    Third differences in time, less the noise of their light by the gain of the design; a star
-    that moves from frame to frame changes bright pixels, and would spoil a photon transfer. NaN
-    where the image moves too often.
+    By third differences in time, minus the noise of their light by the gain of the design. Bright
+    pixels change when a star moves from frame to frame, which would spoil a photon transfer. NaN if
+    the image moves too often.
     """
     number, calm = star.number.reshape(len(star.number), -1), still(star)
     if calm.sum() < FEWEST_STILL:
@@ -225,7 +225,7 @@ def _dark_variance(star: Windows, electrons: float) -> float:
 
 
 def _common_motion(case: Case, seen: Sequence[Centroids]) -> float:
-    """Pixel rms of an axis; NaN where frames do not come at the update rate, or hold one star."""
+    """Pixel rms per axis; NaN if frames are not at the update rate, or have only one star."""
     times, counts = np.unique(
         np.concatenate([track.windows.time for track in seen]), return_counts=True
     )

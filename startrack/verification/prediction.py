@@ -1,4 +1,4 @@
-"""Case and windows of flight -> the images that the design makes of the same stars and paths."""
+"""Case and windows of flight -> images by the design for the same stars and paths."""
 
 from __future__ import annotations
 
@@ -34,17 +34,17 @@ def simulate(
     progress: Advance | None = None,
     unknown: Sequence[Case] = (),
 ) -> list[list[Windows]]:
-    """Images that the design makes of the same stars on the same paths.
+    """Images by the design for the same stars on the same paths.
 
     Brightness and path of each star are measured in its flown images: the median of its light, and
     its centroids smoothed over SMOOTH exposures. Pixels, noise and flicker of the design are drawn.
-    The offset of `case` is taken off all images, as it was off the flown ones.
+    The offset of `case` is subtracted from all images, as in the flown ones.
 
-    devices  number of draws of the pixels;  progress  called with 1 after each star
-    unknown  the design with other values of what is not known, one for each device; none: all
-             devices are of `case`
+    devices  number of draws of the pixels; progress called with 1 after each star
+    unknown  the design with other values of its unknowns, one for each device; none: all devices
+             are of `case`
     Returns  [device][star], in windows that `tracker.box` places, 8 x 8 pixels each
-    Raises   Refused for another number of `unknown` than of devices
+    Raises   Refused if the numbers of `unknown` and of devices differ
     Accuracy  model: one mean image for the whole field; a star does not move within an exposure;
               paths have the errors of the centroids, some hundredths of a pixel.
     """
@@ -69,7 +69,7 @@ def simulate(
 
 
 def _of_device(streams: core.Streams, device: int) -> core.Streams:
-    """Streams of one of several detectors that see a star apart."""
+    """Streams of one of several detectors that see a star separately."""
     seed = int(streams(f"device {device}").integers(2**31))
     return core.Streams(seed, streams.trial)
 
@@ -81,7 +81,7 @@ def _smoothed(place: Floats) -> Floats:
 
 
 def fraction_in_box(psf: core.Psf, box: detection.Box) -> float:
-    """Fraction of a star's light in its image, the star in the middle."""
+    """Fraction of a star's light inside its image, with the star in the middle."""
     image = np.zeros((box.size + 2 * BORDER, box.size + 2 * BORDER))
     middle = np.array([(len(image) - 1) / 2])
     stamp(image, psf, middle, middle, np.ones(1))
@@ -94,7 +94,7 @@ def _drawn(
 ) -> list[Windows]:
     """One star on detectors side by side, each a tile of one frame.
 
-    path    (n, 2) pixel;  offset  digital number, that is taken off the images
+    path    (n, 2) pixel; offset digital number, which is subtracted from the images
     """
     seen, share = star.windows, fraction_in_box(psf_of(case.instrument), case.tracker.box)
     flux = float(np.median(star.total)) / share * case.instrument.detector.electrons_per_dn

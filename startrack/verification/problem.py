@@ -17,22 +17,23 @@ TRIALS = "trials"
 
 @dataclass(frozen=True)
 class LimitClaim:
-    """That a value that trials decide keeps its limit."""
+    """Claim that a value, decided by trials, meets its limit."""
 
     name: str
     margin: Margin
 
     def answer(self, bounds: Interval) -> Answer:
-        """Decision by the bound that can fail it (low) and the one that can pass it (high)."""
+        """Decision by the bound that decides a fail (low) and the bound that decides a pass
+        (high)."""
         if self.margin._replace(value=bounds.high).relative >= 0:
             return Answer.PASS
         fails = self.margin._replace(value=bounds.low).relative < 0
         return Answer.FAIL if fails else Answer.NOT_SHOWN
 
     def needed(self, bounds: Interval, number: int) -> int | None:
-        """Number of trials that would decide it, if further ones are like these; None: none would.
+        """Number of trials that would decide it, if further trials are like these; None: no number.
 
-        Bounds close in as one over the root of the number.
+        The width of bounds is inversely proportional to the root of the number.
         """
         gap = self.margin.limit - bounds.value
         met = self.margin._replace(value=bounds.value).relative >= 0
@@ -51,12 +52,12 @@ def verify_problem(
 ) -> Verification:
     """Judge each limit of a problem: costs by their formulas, the others by trials.
 
-    At the numbers of `looks`, until all are decided: see `Looks` for the probability that an answer
-    is wrong; it holds as exactly as the problem's intervals do.
+    Trials are judged at the numbers of `looks` until all limits are decided. See `Looks` for the
+    probability of a wrong answer; it is as exact as the problem's intervals.
 
-    rows    of a number of trials, which must not have tuned the design
+    rows    number of trials -> their rows, which must not have tuned the design
     watch   called with each number of trials before these are run
-    Raises  Refused where a trial cannot be run.
+    Raises  Refused if a trial cannot be run.
     """
     verdicts = [_by_formula(name, margin) for name, margin in problem.costs().items()]
     verdicts += _by_trials(problem, rows, looks, watch)
@@ -74,7 +75,7 @@ def _by_trials(
     problem: Problem, rows: Callable[[int], Rows], looks: Looks, watch: Callable[[int], None] | None
 ) -> Iterator[Verdict]:
     expected, note = _expected(problem)
-    # Which limits there are, two trials say.
+    # Two trials show which limits exist.
     limits = {name: margins[0] for name, margins in problem.judge(rows(2)).margins.items()}
     claims = [LimitClaim(name, margin) for name, margin in limits.items()]
     if not claims:

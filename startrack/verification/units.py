@@ -15,11 +15,11 @@ from startrack.verification.cases import cases, counted
 from startrack.verification.decide import Answer, YieldClaim, answer_of
 
 UnitTrials = Callable[[Case, Units], Rows]
-USUAL = 0.95  # of the units, where a campaign does not say how many must be good
+USUAL = 0.95  # of the units, if a campaign does not state the required fraction
 ENVIRONMENTS = 4  # of each unit; chosen by hand: time against the rms of a unit
 
 
-FEWEST_TRIALS = 8  # of a unit, whose scatter smears a limit by 18 %
+FEWEST_TRIALS = 8  # least trials of a unit; their scatter smears a limit by 18 %
 
 
 @dataclass(frozen=True)
@@ -27,9 +27,9 @@ class YieldVerdict:
     """The yield of a requirement in one condition at one age.
 
     age     second
-    share   of the units that meet it, with the bound that can fail it, and the one that can pass it
+    share   fraction of units that meet it, with the bounds that decide a fail and a pass
     answer  pass, fail or not shown
-    needed  number of units that would do where it is not shown; None where none would
+    needed  number of units that would decide it if it is not shown; None: no number
     """
 
     age: float
@@ -44,9 +44,9 @@ class UnitRow:
 
     condition  its name
     name       of the requirement
-    statistic  of each unit that is limited, in words
+    statistic  in words, of each unit, that is limited
     limit      radian, or a fraction
-    least      1, of the units, that must meet it
+    least      1, fraction of the units that must meet it
     ages       at the begin and at the end of life
     """
 
@@ -60,7 +60,7 @@ class UnitRow:
 
 @dataclass(frozen=True)
 class StatedErrors:
-    """Errors over units as data sheets state them, by the trials of the design's own condition.
+    """Errors over units as data sheets state them, from trials in the design's own condition.
 
     age        second
     with_bias  (3,) radian, rms over all units and trials
@@ -80,7 +80,7 @@ def _stated(outcomes: Rows, how: Units) -> StatedErrors:
     mean = np.zeros((len(count), 3))
     np.add.at(mean, place, errors)
     left = errors - (mean / count[:, None])[place]
-    # A mean of n trials takes 1 / n of their variance.
+    # The mean of n trials contains 1 / n of their variance.
     freed = max(len(used) - len(count), 1)
     with_bias = np.sqrt((errors**2).sum(axis=0) / max(len(used), 1))
     return StatedErrors(how.age, with_bias, np.sqrt((left**2).sum(axis=0) / freed))
@@ -93,7 +93,7 @@ class UnitVerification:
     rows    in order of the conditions
     count   units
     trials  of each
-    alpha   probability that any pass is wrong, and that any fail is
+    alpha   probability of any wrong pass, and of any wrong fail
     left    conditions that could not be judged, and why
     stated  errors at each age
     """
@@ -106,7 +106,7 @@ class UnitVerification:
     stated: tuple[StatedErrors, ...] = ()
 
     def at(self, number: int) -> Answer:
-        """Answer of all requirements at one age: fail where one fails, pass where all pass."""
+        """Answer of all requirements at one age: fail if one fails, pass if all pass."""
         return answer_of([row.ages[number].answer for row in self.rows], self.left)
 
     @property
@@ -116,26 +116,26 @@ class UnitVerification:
 
 
 def trials_of_a_unit(campaign: Campaign) -> int:
-    """Trials by which each unit is judged, at least 8: their noise is not taken off."""
+    """Number of trials by which each unit is judged, at least 8: their noise is not removed."""
     return max(campaign.trials_per_unit, FEWEST_TRIALS)
 
 
 def verify_units(
     case: Case, campaign: Campaign, trials: UnitTrials, count: int, seed: int
 ) -> UnitVerification:
-    """Judge each error that is limited, and the availability, by the units of a design.
+    """Judge each limited error, and the availability, by the units of a design.
 
-    A unit meets a limit where its own trials do; it meets the availability where so large a
-    fraction of its trials has a correct attitude. The yield must be at least `units` of the
-    campaign, or 95 %. Each of the two ages is tested once, with the probabilities of a wrong answer
-    that `Looks` has for one look.
+    A unit meets a limit if the statistic of its own trials meets it. It meets the availability if
+    the required fraction of its trials has a correct attitude. The yield must be at least `units`
+    of the campaign, or 95 %. Each of the two ages is tested once, with the error probabilities of
+    `Looks` for one look.
 
-    trials    gives the outcomes of the trials of units of a case, which must not have tuned it
+    trials    function that gives outcomes of trials of units of a case; they must not have tuned it
     count     units
     seed      of these trials
-    Raises    ValueError where the units of the design are all alike, or a trial cannot be run.
-    Accuracy  of a unit, that of its trials: the scatter of an rms from n of them smears the limit
-              by 1 / sqrt(4 n) of it across, and an availability has steps of 1 / n.
+    Raises    ValueError if all units of the design are equal, or if a trial cannot be run.
+    Accuracy  the scatter of a unit's rms from n trials smears the limit across by 1 / sqrt(4 n) of
+              it, and a unit's availability has steps of 1 / n.
     """
     units = replace(campaign, units=campaign.units or USUAL)
     judged, left = cases(case, units)
@@ -243,7 +243,7 @@ def _stated_text(errors: StatedErrors) -> str:
 
 
 def unit_text(verified: UnitVerification) -> str:
-    """The table of yields, begin and end of life side by side, and what it means."""
+    """The table of yields, begin and end of life side by side, and its meaning."""
     ages = [f"{verdict.age / YEAR:g} yr" for verdict in verified.rows[0].ages]
     head = ["condition", "requirement", "limit"]
     table = [[*head, *(cell for age in ages for cell in (f"yield, {age} (%)", "verdict"))]]

@@ -20,7 +20,7 @@ from startrack.verification.cases import boresights, cases, counted
 from startrack.verification.decide import Answer, Claim, Looks, answer_of, claims_of, decide
 from startrack.verification.decide import tails as tails_of_looks
 
-SHOWN = 0.95  # confidence of the intervals of a summary
+SHOWN = 0.95  # confidence of intervals in a summary
 Trials = Callable[[Case, int], Rows]
 FORMULA = "formula"
 
@@ -31,16 +31,16 @@ class Verdict:
 
     condition  its name
     name       of the requirement
-    statistic  what is limited, in words
+    statistic  the limited statistic, in words
     limit      radian, or a fraction; NaN for a requirement by formula
-    analysis   its value by the analytic budget; NaN where there is none
-    trials     its value by trials, with the bound that can fail it and the one that can pass it;
-               None where it needs no trials
+    analysis   its value by the analytic budget; NaN without a budget
+    trials     its value by trials, with the bounds that decide a fail and a pass; None if it needs
+               no trials
     number     of trials
-    margin     as a fraction of the limit (stars: magnitude; availability: as it is), by trials
-               where there are any
+    margin     as a fraction of the limit (stars: magnitude; availability: difference), by trials if
+               there are any
     answer     pass, fail or not shown
-    needed     number of trials that would do where it is not shown; None where none would
+    needed     number of trials that would decide it if it is not shown; None: no number
     note       why there is no value, or empty
     unit       of limit and values as a text; none: radian or a fraction
     shown      value and limit by formula with their units, of a requirement that needs no trials
@@ -76,7 +76,7 @@ class Verification:
 
     @property
     def answer(self) -> Answer:
-        """Fail where one fails, pass where all pass."""
+        """Fail if one fails, pass if all pass."""
         return answer_of([verdict.answer for verdict in self.verdicts], self.left)
 
 
@@ -90,14 +90,15 @@ def verify(
 ) -> Verification:
     """Judge each requirement of a campaign on a design, in each condition.
 
-    Those on mass, power and the like by their formulas. Error and availability by trials, at the
-    numbers of `looks`, until all of a condition are decided: see `Looks` for the probability that
-    an answer is wrong, and `Claim.bounds` for how exactly it holds.
+    Requirements on mass, power and the like are judged by formulas. Error and availability are
+    judged by trials, at the numbers of `looks`, until all requirements of a condition are decided.
+    See `Looks` for the probability of a wrong answer, and `Claim.bounds` for its accuracy.
 
-    trials      gives the outcomes of trials of a case, which must not have tuned the design
+    trials      function that gives outcomes of trials of a case; they must not have tuned the
+                design
     seed        of these trials
     watch       called with each condition and its number of trials before these are run
-    Raises      ValueError where a condition does not fit the case, or a trial cannot be run.
+    Raises      ValueError if a condition does not fit the case, or if a trial cannot be run.
     """
     looks = looks or Looks(alpha=1 - campaign.requirements.confidence)
     judged, left = cases(case, campaign)
@@ -166,10 +167,10 @@ def number_of_claims(judged: Iterable[Judged]) -> int:
 def bounds_of_errors(
     needs: Requirements, outcomes: Rows, boresight: Floats, claims: int = 1
 ) -> list[tuple[Claim, Interval]]:
-    """Errors that are limited, with the bounds by which one look at trials judges them.
+    """Limited errors, with the bounds by which one look at trials judges them.
 
     boresight  (n, 3) of the outcomes, ICRS
-    claims     number of all that are judged together
+    claims     number of claims that are judged together
     """
     tails = tails_of_looks(1, 1 - needs.confidence, claims)
     limits = [claim for claim in claims_of(needs) if claim.accuracy]
@@ -271,7 +272,7 @@ def verdict_table(verified: Verification) -> Table:
 
 
 def verdict_notes(verified: Verification) -> list[str]:
-    """Meaning of the table, and the effects that it leaves out."""
+    """Notes on the meaning of the table, and the effects that it leaves out."""
     rows = verified.verdicts
     lines = list(dict.fromkeys(f"{row.name}: {row.statistic}" for row in rows if row.trials))
     lines += [f"{row.condition}: {row.note}" for row in rows if row.note]
@@ -312,7 +313,7 @@ def verification_values(verified: Verification, table: Table) -> dict[str, Any]:
 
 
 def answer_text(verdict: Verdict) -> str:
-    """Its word, and the number of trials that would do where it is not shown."""
+    """The answer as a word; if it is not shown, also the number of trials that would decide it."""
     if verdict.trials is None or verdict.answer is not Answer.NOT_SHOWN:
         return verdict.answer.loud
     enough = f"about {verdict.needed} trials" if verdict.needed else "no number of trials"

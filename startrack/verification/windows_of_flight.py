@@ -21,7 +21,7 @@ from startrack.trial import lost_in_space, pattern_indexes
 
 BLOCKS = 8  # of time, of the jackknife
 FEWEST_IMAGES = 4 * BLOCKS  # of a star
-BORDER = 8  # pixel about a path, of the detector that is drawn
+BORDER = 8  # pixel around a path, margin of the drawn detector
 FOLLOWED = 8  # stars of whole frames, the brightest
 APART = 2.0 * BORDER  # pixel, between two stars that are followed
 NEAR = 2.0  # pixel, within which a spot is that of a star
@@ -33,11 +33,10 @@ class Windows(core.Parameters, eq=False):
     time        (n,) second, rising
     number      (n, s, s) digital number less the offset, rows upwards in y
     corner      (n, 2) pixel (x, y) of the first pixel of each image
-    background  (n,) digital number of a pixel, that the tracker takes off; None: not known
-    magnitude   that the tracker states; NaN: not known
-    magnitude_g G of a sunlike star of its light, by a catalogue and not by these images; NaN: not
-                known
-    acquired    (n,) whether a search of the frame finds the star; None: not known
+    background  (n,) digital number of a pixel that the tracker subtracts; None: unknown
+    magnitude   stated by the tracker; NaN: unknown magnitude_g G of a sunlike star of equal light,
+                from a catalogue and not from these images; NaN: unknown
+    acquired    (n,) whether a search of the frame finds the star; None: unknown
     """
 
     name: str
@@ -87,12 +86,12 @@ class Windows(core.Parameters, eq=False):
 def read_windows(path: Path, names: Sequence[str] = ()) -> list[Windows]:
     """The stars of a file of numpy arrays (npz) or of FITS tables.
 
-    names  of the stars to read; none: all that have images enough
+    names  of the stars to read; none: all stars with enough images
 
-    npz   `time`, `number` (or `raw_adu`), `col0`, `row0` and maybe `background` (or `bkg_adu`),
-          `magnitude` (or `obc_mag`), `magnitude_g` and `acquired`, each behind the name of its star
-          and "_" where there are several
-    FITS  a table of a star each, whose columns have these names
+    npz   `time`, `number` (or `raw_adu`), `col0`, `row0` and optionally `background` (or
+          `bkg_adu`), `magnitude` (or `obc_mag`), `magnitude_g` and `acquired`, each prefixed by the
+          name of its star and "_" if there are several
+    FITS  one table for each star, with columns of these names
     Raises  ValueError, in one sentence with the path, where it has no star or a column is missing.
     """
     tables = _fits_tables(path) if path.suffix.lower() != ".npz" else _arrays(path)
@@ -156,16 +155,17 @@ def windows_of_frames(
 ) -> list[Windows]:
     """Windows of 8 x 8 pixels of the brightest stars of whole frames, in the order of time.
 
-    The tracker's search finds the stars in the first frame; from there on its box follows each, and
-    its search says in each frame whether it would have acquired the star. Stars that come near the
-    border are left out. Frames without time stamps are taken at the update rate of the detector.
+    The tracker's search finds the stars in the first frame. From then on its box follows each star,
+    and its search shows in each frame whether it would have acquired the star. Stars that come near
+    the border are left out. Frames without time stamps are assumed to be at the detector's update
+    rate.
 
     progress    called with 1 after each frame
-    dark_frame  of the detector, of which a tracker with a dark map makes it; the windows hold the
-                numbers as they are
-    Raises      Refused where the frames are not of the design's detector, are too few, or hold no
-                star away from the border; where some have no time stamp, or these do not rise;
-                where a tracker with a dark map has no dark frame, or one without has.
+    dark_frame  of the detector, from which a tracker with a dark map makes its map; the windows
+                hold uncorrected numbers
+    Raises      Refused if the frames are not of the design's detector, are too few, or have no star
+                away from the border; if only some have time stamps, or these do not rise; and if a
+                dark frame is missing for a dark map, or given without one.
     """
     detector, box, settings = case.instrument.detector, case.tracker.box, case.tracker.detection
     if (dark_frame is None) != (settings.dark_map is None):
@@ -221,7 +221,7 @@ def blocks_of(stars: Sequence[Windows]) -> Iterable[list[Windows]]:
 
 
 def without_blocks(times: Sequence[Floats]) -> Iterable[list[Flags]]:
-    """Which times (n,) of each star are left without each of eight blocks of time."""
+    """For each of eight blocks of time: which times (n,) of each star lie outside the block."""
     begin, end = min(time[0] for time in times), max(time[-1] for time in times)
     edges = np.linspace(begin, end, BLOCKS + 1)
     for low, high in pairwise(edges):
@@ -235,13 +235,13 @@ def jackknife_sigma(parts: Sequence[float] | Floats) -> float:
 
 
 def with_magnitudes(stars: Sequence[Windows], frame: core.Frame, case: Case) -> list[Windows]:
-    """Windows of whole frames with the magnitudes of the catalogue, where the tracker knows stars.
+    """Windows of whole frames with the magnitudes of the catalogue, for identified stars.
 
-    The tracker finds its attitude from the first frame, lost in space; a star of the windows that
-    it matched has the G of the catalogue, with its colour in the band of the camera. Without an
-    attitude, and of stars that it did not match, magnitudes stay as they were.
+    The tracker finds its attitude from the first frame, lost in space. A star of the windows that
+    it matched gets the G of the catalogue, corrected for its colour in the band of the camera. The
+    magnitudes of other stars, or of all stars without an attitude, do not change.
 
-    Accuracy  model: of a single star, without the light of its neighbours.
+    Accuracy  model: single stars, without the light of their neighbours.
     """
     indexes = pattern_indexes(case.believed_catalog)
     plan_psf = psf_of(case.instrument)
@@ -286,7 +286,7 @@ def _require_rising(name: str, time: Floats) -> None:
 
 
 def _first_corners(spots: core.Spots, size: tuple[int, int]) -> Ints:
-    """Middles (m, 2) of the images of the brightest spots, which are no neighbours."""
+    """Middles (m, 2) of the images of the brightest spots that have no close neighbours."""
     place = np.column_stack([spots.x, spots.y])
     inside = ((place > APART) & (place < np.array(size[::-1]) - APART)).all(axis=1)
     chosen = list[int]()
@@ -308,12 +308,12 @@ def acquired_in(frame: core.Frame, corner: Ints, plan: detection.DetectionPlan) 
 def followed_stars(
     frame: core.Frame, corner: Ints, box: detection.Box, plan: detection.DetectionPlan
 ) -> Ints:
-    """Places of the tracker's boxes after a frame; those that lose their star stay."""
+    """Places of the tracker's boxes after a frame; a box that loses its star stays."""
     after = detection.follow(frame, corner, box, plan).corner
     return np.where(after < 0, corner, after)
 
 
 def cut_out(image: Any, corner: Ints, offset: float) -> Floats:
-    """Windows (m, 8, 8) of a frame about corners (m, 2), less an offset, digital number."""
+    """Windows (m, 8, 8) of a frame about corners (m, 2), minus an offset, digital number."""
     parts = [image[y - 4 : y + 4, x - 4 : x + 4] for x, y in corner]
     return np.asarray(parts, float) - offset
