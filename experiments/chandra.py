@@ -43,7 +43,15 @@ from startrack.calibration import (
     read_star_table,
 )
 from startrack.core import ZERO_CELSIUS, Floats
-from startrack.detection import Box, DarkFrames, DarkMap, Detection, plan_detection, take
+from startrack.detection import (
+    Box,
+    DarkFrames,
+    DarkMap,
+    Detection,
+    level_of_image,
+    plan_detection,
+    take,
+)
 from startrack.detector import (
     CHANDRA_ACA,
     Detector,
@@ -57,6 +65,7 @@ from startrack.detector import (
 )
 from startrack.io import save_json
 from startrack.observation import psf_of
+from startrack.prediction import drawn_cases
 from startrack.verification import (
     FlightComparison,
     Windows,
@@ -70,23 +79,31 @@ LAUNCH = 1999.56
 SCALE = 5.9 / 5
 # Published: 5263 electron / s of a star of 10.32 mag (sot/chandra_aca, transform.py).
 RATE, ZERO = 5263.0 * SCALE, 10.32
-FAINTEST = 11.2  # mag, beyond which a box takes nothing (sot/proseco, its limit since 2019)
+# The faintest star that a box accepts (sot/proseco, catalog.py and acq.py): 1.5 mag fainter than
+# its star; since June 2019 11.2 mag; since the middle of 2022 also the limit at which the bench
+# counts 50 hits.
+FAINTER, FAINTEST, CLIPPED, COUNTED = 1.5, 11.2, 2019.45, 2022.5
+HITS = Path(__file__).parents[1] / "tests/oracle/chandra_hits.json"
+HITS_YEAR = 2021.2  # of these limits
+PUBLISHED_HIT = 0.25  # of the light of the faintest star, from which on a block is a hit
 WITHIN = 7.0  # arcsec from its place, at which a star counts as acquired; assumed
 BENCH_WITHIN = 2.0  # the same on the bench, whose criterion is not published; chosen on its cells
 # Published zodiacal light of 19 calibrations, 1.28 to 2.62 electron / s in a pixel (cxc.cfa.harvard
 # .edu/mta/ASPECT/dark_cal/2011_dec).
 SKY = 1.72 * SCALE
+OTHER_YEARS, OTHER_MAGNITUDES = (2017.5, 2019.5, 2021.5, 2022.5), (9.0, 9.75, 10.5)
 MAGNITUDES = (9.0, 9.25, 9.5, 9.75, 10.0, 10.25, 10.5)
 WARMEST, COLDEST = 0, -13
 PUBLISHED_CENTROID = 0.06  # arcsec, of the flight's page on image reconstruction
 GUIDE = (7.0, 7.5, 8.0, 8.5, 9.0, 9.5)  # mag, of guide stars; as in validation.py
 # After the first comparison, see docs/figures/flight.md.
-SCATTER = 0.3  # mag rms, of a star in the camera about its catalogue
 EASY = (8.0, -8)  # mag and degC: up to there, what is not acquired is lost to other causes
 # The centroids were published early in the mission.
 GUIDE_YEAR, GUIDE_CELSIUS = 2005.0, -19.0
 GUIDE_SIZE = 6  # pixel, of the images of guide stars then
 DEVICES = 16  # detectors drawn for each observation
+YEAR, TEMPERATURE = "instrument.detector.age.year", "instrument.detector.thermal.temperature"
+FID_SCALE = 32  # numbers of the files of 8 x 8 images, over those of the camera
 UNREPLACED = 1e9  # sigma: the dark map is subtracted, and no pixel takes its neighbours' mean
 
 
@@ -101,8 +118,10 @@ def main() -> None:
             dark_current,
             flicker,
             image,
+            hits,
             acquisition,
             bench,
+            foreseen,
             centroid,
             raw,
             drift,
@@ -289,21 +308,61 @@ def star_psf() -> Any:
 
 
 def star_field(
-    detector: Detector, magnitude: float, apart: int, seed: int, scatter: float = 0.0
+    detector: Detector, magnitude: float, apart: int, seed: int
 ) -> tuple[Frame, Floats, float]:
-    """A frame of stars of one magnitude on a lattice: frame, places and flux in numbers.
-
-    scatter  mag rms, of the stars about it
-    """
+    """A frame of stars of one magnitude on a lattice: frame, places and flux in numbers."""
     streams, side = Streams(seed, 0), detector.columns
     line = np.arange(apart / 2 + 8, side - apart / 2 - 8, apart)
     place = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
     place = place + streams("places of stars").uniform(-0.5, 0.5, place.shape)
     electrons = RATE * 10 ** (-0.4 * (magnitude - ZERO)) * detector.exposure
     expected = np.asarray((dark(detector) + SKY) * detector.exposure)
-    each = electrons * 10 ** (-0.4 * streams("magnitudes").normal(0, scatter, len(place)))
-    stamp(expected, star_psf(), place[:, 0], place[:, 1], each)
+    stamp(expected, star_psf(), place[:, 0], place[:, 1], np.full(len(place), electrons))
     return frame_of(expected, detector, streams), place, electrons / detector.electrons_per_dn
+
+
+def faintest(year: float, celsius: float, magnitude: float, half_width: float) -> float:
+    """Magnitude of the faintest star that a box about a star accepted in a year.
+
+    That of the star where the limit of hits is brighter.
+    """
+    limits = [magnitude + FAINTER]
+    if year >= CLIPPED:
+        limits.append(FAINTEST)
+    if year >= COUNTED:
+        limits.append(limit_of_hits(celsius, half_width))
+    return max(min(limits), magnitude + 0.01)
+
+
+def limit_of_hits(celsius: float, half_width: float) -> float:
+    """Magnitude limit at which the bench counts 50 hits, as the flight takes it."""
+    table = json.loads(HITS.read_text(encoding="utf-8"))["limits"]
+    of_widths = [
+        float(np.interp(celsius, table["celsius"], column))
+        for column in np.transpose(table["magnitude"])
+    ]
+    return float(np.interp(half_width, table["half_width"], of_widths))
+
+
+def hits(data: dict[str, Any], quick: bool) -> dict[str, Any]:
+    """Blocks above the limit of a hit in drawn dark maps where the bench counts 50 hits."""
+    case = load_design(shipped("trackers/chandra-aca.toml")).case
+    focal, hit = case.instrument.camera.focal_length_px, case.tracker.box.hit
+    points = json.loads(HITS.read_text(encoding="utf-8"))["points"]
+    shares, counted = (hit, PUBLISHED_HIT), []
+    for celsius, half_width, limit in points[:: 12 if quick else 1]:
+        detector = device(HITS_YEAR, celsius)
+        number = np.asarray(dark(detector)) + SKY
+        blocks = number.reshape(512, 2, 512, 2).sum(axis=(1, 3))
+        light = RATE * 10 ** (-0.4 * (limit - ZERO))
+        size = (math.tan(half_width * arcsec) * focal) ** 2  # of a box, in blocks
+        counted.append([size * float((blocks > share * light).mean()) for share in shares])
+    counts = np.log(counted)
+    return {
+        "hits_counted": np.exp(counts.mean(axis=0)).tolist(),
+        "hits_spread": counts.std(axis=0).tolist(),
+        "hits_points": len(counts),
+    }
 
 
 def acquired(
@@ -313,35 +372,28 @@ def acquired(
     half_width: float,
     stars: int,
     columns: int | None = None,
-    scatter: float = SCATTER,
-    within: float = WITHIN,
-    **changes: Any,
-) -> tuple[int, int, int]:
-    """Stars that were acquired, false ones that were taken, and all; of part of the columns.
+) -> Floats:
+    """Distances (n,) from stars at which something was taken for them, arcsec; NaN: nothing was.
 
-    scatter  mag rms, of the stars about their catalogue
-    within   arcsec from its place, at which a star counts as acquired
+    stars    at least
+    columns  of the detector, if not all
     """
     design = load_design(shipped("trackers/chandra-aca.toml")).case
     focal = design.instrument.camera.focal_length_px
     reach = math.tan(half_width * arcsec) * focal
-    faintest = min(1.5, FAINTEST - magnitude)
-    box = replace(design.tracker.box, half_width=half_width * arcsec, fainter=faintest)
-    box = replace(box, **changes)
-    plan, good, false, total, seed = plan_detection(Detection(), star_psf()), 0, 0, 0, 0
-    while total < stars:
+    fainter = faintest(year, celsius, magnitude, half_width) - magnitude
+    box = replace(design.tracker.box, half_width=half_width * arcsec, fainter=fainter)
+    plan, far, seed = plan_detection(Detection(), star_psf()), np.empty(0), 0
+    while len(far) < stars:
         detector = device(year, celsius, device_seed=seed)
         if columns:
             detector = replace(detector, columns=columns, rows=columns)
-        frame, place, flux = star_field(
-            detector, magnitude, math.ceil(2 * reach) + 14, seed, scatter
-        )
+        frame, place, flux = star_field(detector, magnitude, math.ceil(2 * reach) + 14, seed)
         error = Streams(seed, 1)("expected attitude").normal(0, box.prior * focal, place.shape)
         taken = take(frame, place + error, np.full(len(place), flux), reach, box, plan)
-        off = np.hypot(taken.x - place[:, 0], taken.y - place[:, 1]) / focal / arcsec
-        good, false = good + int((off < within).sum()), false + int((off >= within).sum())
-        total, seed = total + len(place), seed + 1
-    return good, false, total
+        off = np.hypot(taken.x - place[:, 0], taken.y - place[:, 1])
+        far, seed = np.append(far, off / focal / arcsec), seed + 1
+    return far
 
 
 def acquisition(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
@@ -362,18 +414,10 @@ def acquisition(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
         if quick and (magnitude != MAGNITUDES[-1] or celsius != WARMEST):
             continue
         half = one["half_width_arcsec"]
-        good, false, total = acquired(2025.0, celsius, magnitude, half, stars, columns)
-        rows.append(
-            [
-                magnitude,
-                celsius,
-                half,
-                one["probability"],
-                other * good / total,
-                false / total,
-                total,
-            ]
-        )
+        far = acquired(2025.0, celsius, magnitude, half, stars, columns)
+        good, false = float((far < WITHIN).mean()), float((far >= WITHIN).mean())
+        seen = one["probability"]
+        rows.append([magnitude, celsius, half, seen, other * good, false, len(far)])
     off = np.array([row[4] - row[3] for row in rows])
     return {
         "acquisition_worst": float(np.abs(off).max()),
@@ -388,20 +432,16 @@ def acquisition(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
 def bench(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
     """Probability of acquisition on a bench with the camera's electronics, year by the file.
 
-    Predicted as in flight, nothing changed, and with limits that were chosen on these cells.
+    Predicted with the tolerance assumed in flight, and with one that was chosen on these cells.
     """
     rows, stars, columns = [], 9 if quick else 100, 256 if quick else None
     for path in data.get("bench", ()):
         year = float(re.findall(r"\d{4}", path.name)[0]) + 0.5
         cells = json.loads(path.read_text(encoding="utf-8"))["rows"]
         for magnitude, celsius, half, good, tried in cells[:: 100 if quick else 1]:
-            of_cell = year, celsius, magnitude, half, stars, columns
-            chosen, _, total = acquired(*of_cell, 0.0, BENCH_WITHIN, fainter=1.5)
-            flight, _, total_flight = acquired(*of_cell)
-            seen = good / tried
-            rows.append(
-                [magnitude, celsius, half, seen, chosen / total, flight / total_flight, tried]
-            )
+            far = acquired(year, celsius, magnitude, half, stars, columns)
+            chosen, flight = (float((far < within).mean()) for within in (BENCH_WITHIN, WITHIN))
+            rows.append([magnitude, celsius, half, good / tried, chosen, flight, tried])
     if not rows:
         return None
     seen, chosen, as_flown, tries = np.array(rows).T[3:]
@@ -420,6 +460,18 @@ def bench(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
     }
 
 
+def foreseen(data: dict[str, Any], quick: bool) -> dict[str, Any]:
+    """Probability of acquisition on benches of years that were not looked at: year, degC, and of
+    each magnitude.
+    """
+    stars, columns, rows = (9, 256, []) if quick else (200, None, [])
+    for year in OTHER_YEARS[:: 3 if quick else 1]:
+        for celsius in (-11.0, -5.0, -1.0):
+            found = [acquired(year, celsius, m, 120.0, stars, columns) for m in OTHER_MAGNITUDES]
+            rows.append([year, celsius, *(float((far < BENCH_WITHIN).mean()) for far in found)])
+    return {"foreseen_rows": rows}
+
+
 def by_counting(probability: Floats, tries: Floats, within: float) -> float:
     """Share of cells within a distance of their own probability, by chance of the tries alone."""
     low = stats.binom.cdf(np.ceil(tries * (probability - within)) - 1, tries, probability)
@@ -430,6 +482,7 @@ def by_counting(probability: Floats, tries: Floats, within: float) -> float:
 def raw(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
     """Figures of guide stars' pixels, predicted over seen, of each observation."""
     rows, curves, files, budgets = [], {}, data.get("raw", ()), []
+    levels = []
     for path in files:
         with np.load(path) as file:
             celsius = float(file["ccd_celsius"])
@@ -439,8 +492,12 @@ def raw(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
         year = 1998.0 + stars[0].time[0] / (365.25 * 86400)  # of the observatory's clock
         case = load_design(shipped("trackers/chandra-aca.toml")).case
         case = replace(case, instrument=replace(case.instrument, detector=device(year, celsius)))
-        flown = compare_flown(case, stars, 2 if quick else DEVICES)
+        sets = [f"{YEAR}={year}", f'{TEMPERATURE}="{celsius} degC"']
+        count = 2 if quick else DEVICES
+        unknown = drawn_cases(shipped("trackers/chandra-aca.toml"), 0, count, sets)
+        flown = compare_flown(case, stars, count, unknown=unknown)
         budgets.append(by_budget(case, stars, flown))
+        levels += fid_levels(path, case.tracker.box)
         prefix = f"{path.stem} " if len(files) > 1 else ""
         for row in flown.differences:
             bounds = [*vars(row.seen).values(), *vars(row.predicted).values()]
@@ -469,8 +526,25 @@ def raw(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
         "read_noise_ratio": float(np.mean([*ratios("read_noise").values()])),
         "gain_ratio": float(np.mean([*ratios("gain").values()])),
         "raw_rows": rows,
+        "raw_fid_levels": levels,
         "raw_shapes": [[star, *pair] for star, pair in curves.items()],
     }
+
+
+def fid_levels(path: Path, box: Box) -> list[list[Any]]:
+    """Backgrounds of fid lights by the rule of the design, and by the middle half, less those that
+    the camera sent down: name, median difference of each and rms of the first; numbers.
+    """
+    rows = []
+    for light in read_windows(path):
+        if light.number.shape[1] == 8 and light.background is not None:
+            images = light.number / FID_SCALE
+            off = [
+                level_of_image(images, one, 0.0) - light.background
+                for one in (box, replace(box, background="dynamic"))
+            ]
+            rows.append([light.name, *(float(np.median(one)) for one in off), float(off[0].std())])
+    return rows
 
 
 def by_budget(case: Case, stars: Sequence[Windows], flown: FlightComparison) -> dict[str, float]:

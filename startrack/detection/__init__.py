@@ -30,7 +30,16 @@ box          An image, and expected places of stars -> the brightest image in a 
 expectation  Image of expected numbers, and its stars -> their expected detection and measurement.
 """
 
-from startrack.detection.box import Box, Taken, box_reach, corner_level, follow, image_mask, take
+from startrack.detection.box import (
+    Box,
+    Taken,
+    box_reach,
+    corner_level,
+    follow,
+    image_mask,
+    level_of_image,
+    take,
+)
 from startrack.detection.connect import Peaks
 from startrack.detection.detect import detect, detect_near
 from startrack.detection.expectation import (

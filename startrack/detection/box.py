@@ -27,11 +27,12 @@ from startrack.detection.pixels import PixelGain, corrected, gain_of
 from startrack.detection.plan import DetectionPlan
 
 SIZES = (4, 6, 8)
-BACKGROUNDS = ("dynamic", "none")
+BACKGROUNDS = ("dynamic", "clipped", "none")
 # Pixels of the dynamic background, from the pixel right below the middle: two at each end of the
 # first and the last row of 8 x 8.
 CORNERS = tuple((row, column) for row in (-4, 3) for column in (-4, -3, 2, 3))
 MIDDLE = slice(2, 6)  # of eight sorted pixels; their mean is the background, without outliers
+FAR, FAR_NUMBERS = 1.5, 10.0  # of their mean, and digital numbers, from which on a pixel is clipped
 ROUNDS = 4  # iterations of moving the image until the star is in its middle
 IMAGE = 8  # pixel, size of the largest image; the search needs pixels around it
 CORNER_ROWS, CORNER_COLUMNS = np.transpose(CORNERS) + IMAGE // 2  # of the largest image
@@ -44,15 +45,20 @@ class Box(Parameters):
     """Search boxes around expected places of stars, as in trackers that are commanded which stars
     to take.
 
-    In each box, images of `size` pixels a side are compared. Among the images whose magnitude
-    agrees with the star within the limits, the one with most light above the background is taken;
-    it may be a hot pixel or another star. The image is then moved until its first moment lies in
-    its middle. It keeps its place from one exposure of a sequence to the next. If the moment is
-    more than `moves` from its middle, the image moves by a pixel in the next exposure.
+    The numbers of a box, less the offset, are added in blocks of 2 x 2 pixels. A block is a hit if
+    its light exceeds `hit` times the light of the faintest accepted star. If there are more than
+    `hits`, the others are dropped, evenly over the box, and the star may be among them. An image of
+    `size` pixels a side is read at each hit that exceeds the hits beside it; it is moved until its
+    first moment lies in its middle. Among the images whose magnitude agrees with the star within
+    the limits, the brightest is taken; it may be a hot pixel or another star. The image keeps its
+    place from one exposure of a sequence to the next. If the moment is more than `moves` from its
+    middle, the image moves by a pixel in the next exposure.
 
-    Source: the method is that of Chandra's aspect camera (Proposers' Observatory Guide, chapter 5),
-    and so are the eight pixels of the background (sot/proseco, characteristics.py); the way of
-    averaging them is assumed.
+    Source: the method is that of Chandra's aspect camera. Published are the blocks, their limit and
+    the images (sot/proseco, acq.py), that the number of hits is limited (analysis/maxmag), the
+    eight pixels of the background (characteristics.py) and their clipping (annie-lite.py). `hit`
+    and `hits` fit the conditions under which its bench counts 50 hits (docs/figures/flight.md).
+    Which hits are dropped, and how neighbouring hits are merged, is assumed.
     """
 
     half_width: float = parameter(
@@ -60,12 +66,23 @@ class Box(Parameters):
     )
     size: int = parameter("pixel, side of an image: 4, 6 (without its corners) or 8", default=6)
     background: str = parameter(
-        '"dynamic": middle half of eight pixels at the corners of 8 x 8; "none": 0',
+        '"dynamic": middle half of eight pixels at the corners of 8 x 8; "clipped": mean of those '
+        "of the eight within 1.5 times their mean of it, or within 10 digital numbers, the "
+        'farthest left out first; "none": 0',
         limit=core.Range(choices=BACKGROUNDS),
         default="dynamic",
     )
     fainter: float = parameter(APPARENT, limit=POSITIVE, default=1.5)
     brighter: float = parameter(APPARENT, limit=POSITIVE, default=1.5)
+    hit: float = parameter(
+        "light of a block of 2 x 2 pixels, of that of the faintest star that is accepted, above "
+        "which it is a hit",
+        limit=core.Range(0.01, 10),
+        default=0.5,
+    )
+    hits: int = parameter(
+        "blocks of a box at most, of which images are read", limit=core.Range(1, 10_000), default=28
+    )
     moves: float = parameter(
         "pixel, of the moment from the middle, from which on an image moves",
         limit=core.Range(0.4, 2.0),
@@ -173,14 +190,17 @@ def take(
     return _taken(measured)
 
 
-def follow(frame: core.Frame, corner: Ints, box: Box, plan: DetectionPlan) -> Taken:
-    """Measure images at their places, without comparison with the catalogue.
+def follow(frame: core.Frame, corner: Ints, box: Box, plan: DetectionPlan) -> Ints:
+    """Places of images in the next exposure, without comparison with the catalogue.
 
     corner   (m, 2) pixel, as `Taken` of the exposure before has it
-    Returns  as `take`; NaN if an image leaves the frame, has no light or has lost its star
+    Returns  (m, 2) likewise; -1 if an image leaves the frame, has no light or has lost its star
     """
-    place = np.asarray(corner, float) - 0.5
-    return take(frame, place, np.ones(len(corner)), 1.0, box, plan, corner)
+    image = np.asarray(frame.image, np.float32)
+    if plan.correction is not None:
+        image = corrected(image, plan.correction, plan.settings.saturation)
+    seen = _moments(image, np.asarray(corner), box, gain_of(frame, 0.0).offset)
+    return np.where(np.isfinite(seen.total)[:, None], corner + _steps(seen.moment, box), -1)
 
 
 def _taken(measured: list[tuple[float, ...]]) -> Taken:
@@ -210,6 +230,8 @@ def star_image(psf: core.Psf, box: Box) -> StarImage:
             light = pixel[inner, inner]
             if box.background == "dynamic":
                 light = light - corner_level(pixel)
+            if box.background == "clipped":
+                light = light - pixel[CORNER_ROWS, CORNER_COLUMNS].mean()
             sums.append((light * mask).sum())
             moments.append(_moment(light * mask) - (x, y))
     weight = np.outer(share, share).ravel() / share.sum() ** 2
@@ -256,7 +278,7 @@ def _search(
     image: Singles,
     at: Floats,
     flux: float,
-    half_side: float,
+    reach: float,
     box: Box,
     expected: StarImage,
     offset: float,
@@ -266,41 +288,111 @@ def _search(
     # The middle of an even image lies between pixels.
     if not (np.abs(at) < rows + columns).all():
         return None
-    low = np.ceil(at - half_side).astype(int)
-    high = np.floor(at + half_side).astype(int) + 1
-    half = IMAGE // 2
+    low = np.ceil(at - reach).astype(int)
+    side = np.floor(at + reach).astype(int) + 1 - low
+    high, half = low + side + side % 2, IMAGE // 2
     if (low < half).any() or high[0] > columns - half or high[1] > rows - half:
         return None
-    window = image[low[1] - half : high[1] + half, low[0] - half : high[0] + half]
-    level = _background(window, box, offset)
-    light = (_core(window, box.size) - image_mask(box.size).sum() * level) / expected.fraction
+    level = np.float32(offset if math.isfinite(offset) else 0.0)
+    window = image[low[1] : high[1], low[0] : high[0]] - level
+    blocks = window.reshape(len(window) // 2, 2, -1, 2).sum(axis=(1, 3))
     least, most = flux * 10 ** (-0.4 * box.fainter), flux * 10 ** (0.4 * box.brighter)
+    corner = low + 2 * _peaks(blocks, box.hit * least, box.hits) + 1
+    for _ in range(ROUNDS):
+        seen = _moments(image, corner, box, offset)
+        step = _steps(seen.moment, box)
+        if not step.any():
+            break
+        corner = corner + step
+    light = seen.total / expected.fraction
     light = np.where((light >= least) & (light <= most), light, -np.inf)
-    best = int(np.argmax(light))
-    row, column = divmod(best, light.shape[1])
-    if not np.isfinite(light[row, column]):
+    if not np.isfinite(light).any():
         return None
-    return int(low[0] + column), int(low[1] + row)
+    best = corner[int(np.argmax(light))]
+    return int(best[0]), int(best[1])
 
 
-def _core(window: Singles, size: int) -> Singles:
-    """Sums of images: one image for each pixel of a window without border, as its upper middle
-    pixel."""
-    half, side = IMAGE // 2, size // 2
-    # The anchor of an even kernel is the pixel right below the middle.
-    mask = image_mask(size).astype(np.float32)
-    sums = cv2.filter2D(window, cv2.CV_32F, mask, anchor=(side, side))
-    return np.asarray(sums[half:-half, half:-half], np.float32)
+def _peaks(blocks: Singles, limit: float, most: int) -> Ints:
+    """Column and row (m, 2) of blocks above a limit that no other beside them exceeds."""
+    hits = np.flatnonzero(blocks > limit)
+    if len(hits) > most:
+        hits = hits[np.arange(most) * len(hits) // most]
+    kept = np.zeros_like(blocks)
+    kept.ravel()[hits] = blocks.ravel()[hits]
+    row, column = np.nonzero((kept > 0) & (kept == cv2.dilate(kept, np.ones((3, 3), np.uint8))))
+    return np.column_stack([column, row])
 
 
-def _background(window: Singles, box: Box, offset: float) -> Singles:
-    """Background of each pixel of a window without its border."""
-    half = IMAGE // 2
-    rows, columns = window.shape[0] - 2 * half, window.shape[1] - 2 * half
+class _ImageLight(NamedTuple):
+    """Light of images.
+
+    level   (m,) digital number, of the background of a pixel
+    total   (m,) digital number above it; NaN for images beyond the frame, without light or with a
+            moment beyond them
+    moment  (m, 2) pixel (x, y), first moments from the middles; zero for these images
+    """
+
+    level: Floats
+    total: Floats
+    moment: Floats
+
+
+def _moments(image: Singles, corner: Ints, box: Box, offset: float) -> _ImageLight:
+    """Light of images whose pixels right below their middles are `corner` (m, 2)."""
+    rows, columns = image.shape
+    side, half = box.size // 2, IMAGE // 2
+    inside = ((corner >= half) & (corner <= np.array([columns, rows]) - half)).all(axis=1)
+    near, inner = np.arange(-half, half), slice(half - side, half + side)
+    column, row = corner[inside].T[:, :, None, None]
+    window = image[row + near[:, None], column + near]
+    background = level_of_image(window, box, offset)
+    light = (window[:, inner, inner].astype(float) - background[:, None, None]) * image_mask(
+        box.size
+    )
+    step, found = np.arange(box.size) - (box.size - 1) / 2, light.sum(axis=(1, 2))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        at = np.column_stack([light.sum(axis=1) @ step, light.sum(axis=2) @ step]) / found[:, None]
+    good = (found > 0) & (np.abs(at) <= side).all(axis=1)
+    level, total = np.full((2, len(corner)), math.nan)
+    seen = _ImageLight(level, total, np.zeros((len(corner), 2)))
+    seen.level[inside] = background
+    seen.total[inside] = np.where(good, found, math.nan)
+    seen.moment[inside] = np.where(good[:, None], at, 0.0)
+    return seen
+
+
+def _steps(moment: Floats, box: Box) -> Ints:
+    """Pixels (m, 2) by which images with these moments move."""
+    far = np.sign(moment) * np.maximum(np.rint(np.abs(moment)), 1.0)
+    return np.where(np.abs(moment) > box.moves, far, 0.0).astype(np.int64)
+
+
+def level_of_image(pixel: NDArray[Any], box: Box, offset: float) -> Any:
+    """Background (...) of a pixel in images (..., 8, 8) of digital numbers with their offset."""
+    level = offset if math.isfinite(offset) else 0.0
     if box.background == "none":
-        return np.full((rows, columns), offset if math.isfinite(offset) else 0.0, np.float32)
-    parts = [window[half + r : half + r + rows, half + c : half + c + columns] for r, c in CORNERS]
-    return np.asarray(np.sort(np.stack(parts), axis=0)[MIDDLE].mean(axis=0))
+        return np.full(pixel.shape[:-2], level)
+    if box.background == "dynamic":
+        return corner_level(pixel)
+    return level + clipped_level(pixel.astype(float) - level)
+
+
+def clipped_level(pixel: NDArray[Any]) -> Any:
+    """The clipped background (...) of images (..., 8, 8) of digital numbers without offset.
+
+    Of the eight pixels the farthest from their mean is left out while it is farther than 1.5 times
+    that mean and than 10 numbers.
+    """
+    value = pixel[..., CORNER_ROWS, CORNER_COLUMNS]
+    kept = np.ones(value.shape, bool)
+    while True:
+        mean = value.mean(axis=-1, where=kept, keepdims=True)
+        far = np.where(kept, np.abs(value - mean), -1.0)
+        clipped = far > np.maximum(FAR * mean, FAR_NUMBERS)
+        clipped &= np.arange(len(CORNERS)) == far.argmax(axis=-1)[..., None]
+        if not clipped.any():
+            return mean[..., 0]
+        kept &= ~clipped
 
 
 def _settled(
@@ -321,26 +413,16 @@ def _measure(
     image: Singles, corner: tuple[int, int], box: Box, expected: StarImage, gain: PixelGain
 ) -> tuple[float, ...]:
     """Place, flux, covariance (xx, xy, yy), sigma of the flux, and the next corner of an image."""
-    rows, columns = image.shape
-    column, row = corner
-    side, half, mask = box.size // 2, IMAGE // 2, image_mask(box.size)
-    if not (half <= column <= columns - half and half <= row <= rows - half):
+    seen = _moments(image, np.array([corner]), box, gain.offset)
+    total, moment = float(seen.total[0]), seen.moment[0]
+    if not math.isfinite(total):
         return NOTHING
-    window = image[row - half : row + half, column - half : column + half]
-    raw = window[half - side : half + side, half - side : half + side].astype(float)
-    level = gain.offset if math.isfinite(gain.offset) else 0.0
-    if box.background == "dynamic":
-        level = float(corner_level(window))
-    light = (raw - level) * mask
-    total = float(light.sum())
-    moment = _moment(light) if total > 0 else np.full(2, np.inf)
-    if np.abs(moment).max() > side:
-        return NOTHING
-    far = np.sign(moment) * np.maximum(np.rint(np.abs(moment)), 1.0)
-    step = np.where(np.abs(moment) > box.moves, far, 0.0)
+    (column, row), side, mask = corner, box.size // 2, image_mask(box.size)
+    raw = image[row - side : row + side, column - side : column + side].astype(float)
+    step = _steps(moment, box)
     place = np.array([column, row]) - 0.5 + moment - expected.moment
     noise = gain.read_noise**2 + np.maximum(raw - gain.offset, 0) / gain.light
-    noise = np.where(np.isfinite(noise), noise, level) * mask
+    noise = np.where(np.isfinite(noise), noise, float(seen.level[0])) * mask
     away = np.arange(box.size) - (box.size - 1) / 2
     dx, dy = np.meshgrid(away - moment[0], away - moment[1])
     pairs = (dx, dx), (dx, dy), (dy, dy)

@@ -190,6 +190,7 @@ MOST_NUMBERS = 4096
 # Bits. A cell in the tails holds several limits, and its pixels take 20 times as long as others;
 # tables of more cells do not fit into a cache.
 LEAST_CELLS, MOST_CELLS = 10, 12
+FEWEST_PIXELS = 2**14  # of a frame with tables
 MOST_TERMS = 100_000_000  # of the sums behind a table, a tenth of a second
 
 
@@ -240,6 +241,8 @@ def tables_for(mean: Floats, law: SignalLaw, wings: float = 0.1) -> Tables:
     mean   (rows, columns) electron
     wings  standard deviations above the highest level that are included
     """
+    if mean.size < FEWEST_PIXELS:
+        return EMPTY
     sample = mean.ravel()[:: mean.size // 4096 | 1]  # odd step, to visit all columns
     low, middle, high = np.quantile(np.maximum(sample, 0.0), [0.002, 0.5, 0.99])
     spread = math.sqrt(middle + law.noise**2)
@@ -250,7 +253,7 @@ def tables_for(mean: Floats, law: SignalLaw, wings: float = 0.1) -> Tables:
     last = min(math.floor((high + wings * spread) / spacing) + 1, first + MOST_LEVELS)
     first, last = first // BLOCK, -(-last // BLOCK)
     # A pixel that is drawn alone takes 60 ns; making a level takes about 100 microseconds.
-    if mean.size < 2**14 or mean.size < 64 * (last - first) * BLOCK:
+    if mean.size < 64 * (last - first) * BLOCK:
         return EMPTY
     return build(law, first * BLOCK, (last - first) * BLOCK + 1, spacing)
 

@@ -89,7 +89,9 @@ def level_of(windows: Windows, box: detection.Box) -> Floats:
     if box.background == "none" or windows.number.shape[1] < 8:
         return np.zeros(len(windows.time))
     cut = windows.number.shape[1] // 2 - 4
-    return np.asarray(detection.corner_level(windows.number[:, cut : cut + 8, cut : cut + 8]))
+    return np.asarray(
+        detection.level_of_image(windows.number[:, cut : cut + 8, cut : cut + 8], box, 0)
+    )
 
 
 class MeasuredWindows(NamedTuple):

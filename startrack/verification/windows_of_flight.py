@@ -309,7 +309,7 @@ def followed_stars(
     frame: core.Frame, corner: Ints, box: detection.Box, plan: detection.DetectionPlan
 ) -> Ints:
     """Places of the tracker's boxes after a frame; a box that loses its star stays."""
-    after = detection.follow(frame, corner, box, plan).corner
+    after = detection.follow(frame, corner, box, plan)
     return np.where(after < 0, corner, after)
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from startrack.core import Frame, arcsec
 from startrack.detection import Box, Detection, box_reach, plan_detection, take
-from startrack.detection.box import star_image
+from startrack.detection.box import clipped_level, star_image
 from startrack.detection.star_model import gaussian_psf
 
 SIGMA = 1.2
@@ -46,9 +46,13 @@ def test_the_scatter_is_as_stated():
     """Of 400 stars with their noise; the mean square over the stated one, false alarm 1e-4."""
     rng = np.random.default_rng(4)
     places = np.array([(x, y) for x in range(20, 420, 20) for y in range(20, 420, 20)], float)
+    places += rng.uniform(-0.5, 0.5, places.shape)
     stars = np.column_stack([places, np.full(len(places), 2000.0)])
+    frame = image(stars, seed=5, side=440)
+    sky = image(stars, noise=0.0, side=440).image - 100
+    frame.image[...] += rng.poisson(sky) - sky
     taken = take(
-        image(stars, seed=5, side=440),
+        frame,
         places + rng.uniform(-3, 3, places.shape),
         np.full(len(places), 2000.0),
         6.0,
@@ -56,8 +60,7 @@ def test_the_scatter_is_as_stated():
         PLAN,
     )
     square = (taken.x - places[:, 0]) ** 2 / taken.covariance[:, 0, 0]
-    # The stars lie at one place in their pixels, where the image cuts off less than on average.
-    assert 0.6 < square.mean() < 1.35
+    assert 0.75 < square.mean() < 1.35
 
 
 def test_the_brightest_within_the_limits_is_taken():
@@ -85,6 +88,39 @@ def test_a_dynamic_background_takes_off_a_slope_and_a_hot_corner():
         taken = take(frame, np.array([[40.0, 51.0]]), np.array([2000.0]), 2.0, box, PLAN)
         good = taken.found[0] and np.hypot(taken.x[0] - 40.3, taken.y[0] - 50.8) < 0.2
         assert good == works, background
+
+
+@pytest.mark.parametrize(
+    ("pixels", "level"),
+    [
+        ([0, 0, 0, 0, 0, 0, 0, 100], 0),  # 100 is 87.5 from the mean of 12.5
+        ([0, 0, 0, 0, 0, 0, 0, 11], 11 / 8),  # within 10 numbers
+        ([20, 20, 20, 20, 20, 20, 20, 60], 25),  # within 1.5 times the mean
+        ([20, 20, 20, 20, 20, 20, 60, 200], 25.714),  # without 200, of a mean of 47.5, 60 stays
+        ([-4, -4, -4, -4, -4, -4, -4, 4], -3),
+    ],
+)
+def test_the_clipped_background_is_that_of_the_published_rule(pixels, level):
+    """By hand: the farthest is left out while it is off by 1.5 times the mean, and by 10."""
+    value = np.full((2, 8, 8), 1e6)
+    for n, (row, column) in enumerate((r, c) for r in (0, 7) for c in (0, 1, 6, 7)):
+        value[:, row, column] = pixels[n]
+    assert clipped_level(value) == pytest.approx([level] * 2, abs=1e-3)
+
+
+def test_more_hits_than_are_kept_drop_the_star():
+    """A box of 12 x 12 blocks, some 25 of them as bright as a hit."""
+    true = np.array([[40.3, 50.8]])
+    frame = image([(*true[0], 3000.0)])
+    for x in range(30, 52, 4):
+        for y in range(40, 62, 4):
+            if max(abs(x - 40), abs(y - 51)) > 4:
+                frame.image[y, x] += 800
+    found = {}
+    for hits in (4, 1000):
+        taken = take(frame, true, np.array([3000.0]), 12.0, Box(hits=hits, hit=0.5), PLAN)
+        found[hits] = np.hypot(taken.x[0] - true[0, 0], taken.y[0] - true[0, 1]) < 0.3
+    assert found == {4: False, 1000: True}
 
 
 def test_boxes_beyond_the_frame_find_nothing():
