@@ -464,7 +464,8 @@ def foreseen(data: dict[str, Any], quick: bool) -> dict[str, Any]:
     """Probability of acquisition on benches of years that were not looked at: year, degC, and of
     each magnitude.
     """
-    stars, columns, rows = (9, 256, []) if quick else (200, None, [])
+    rows: list[list[float]] = []
+    stars, columns = (9, 256) if quick else (200, None)
     for year in OTHER_YEARS[:: 3 if quick else 1]:
         for celsius in (-11.0, -5.0, -1.0):
             found = [acquired(year, celsius, m, 120.0, stars, columns) for m in OTHER_MAGNITUDES]
