@@ -48,13 +48,13 @@ def text_of(a: dict[str, Any], b: dict[str, Any]) -> str:
         quarter=a["hits_counted"][1],
         hits_spread=100 * a["hits_spread"][0],
         quarter_spread=100 * a["hits_spread"][1],
-        fid_clipped=" and ".join(f"{abs(row[1]):.1f}" for row in levels),
+        fid_clipped=" and ".join(f"{abs(row[1]):.2f}" for row in levels),
         fid_middle=" and ".join(f"{row[2]:.1f}" for row in levels),
         **_stars(bounds),
         total_low=bounds["s4", "total"][4] / bounds["s4", "total"][0],
         total_high=bounds["s4", "total"][5] / bounds["s4", "total"][0],
         foreseen_rows="\n".join(
-            f"| {year:.0f} | {celsius:.0f} | " + " | ".join(f"{one:.2f}" for one in found) + " |"
+            f"| {int(year)} | {celsius:.0f} | " + " | ".join(f"{one:.2f}" for one in found) + " |"
             for year, celsius, *found in a["foreseen_rows"]
         ),
         counting_0_1=100 * a["bench_counting_0_1"],
