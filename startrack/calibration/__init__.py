@@ -1,8 +1,8 @@
 """Camera and detector from data: least squares (of `startrack.attitude`) and emcee.
 
 star_table       Table of stars (CSV, FITS, VOTable) -> their directions, pixels and temperatures.
-field            Table of stars -> the cameras of several orders that fit it, and which order the
-                 stars bear.
+field            Table of stars -> fitted cameras of several orders, and the order that the stars
+                 support.
 psf_width        Frames, spots -> the likelihood of each width of the PSF.
 posterior        Identified spots of one camera -> samples of its camera model (emcee).
 photon_transfer  Flat and dark frames -> samples of the detector's constants

@@ -1,4 +1,4 @@
-"""Table of stars -> the cameras of several orders that fit it, and which order the stars bear."""
+"""Table of stars -> fitted cameras of several orders, and the order that the stars support."""
 
 import math
 from collections.abc import Sequence
@@ -13,19 +13,19 @@ from startrack.attitude import UNKNOWNS, camera_slopes, huber_weights, moved_cam
 from startrack.calibration.star_table import StarTable, angles_of
 from startrack.core import Advance, Flags, Floats, Ints, Refused, Unit, printed
 
-# What each model adds to a pinhole; for a digit the polynomial of that order.
+# Terms that each model adds to a pinhole; a digit is the order of a polynomial.
 OPENCV = {"none": (), "radial": ("k1",), "full": ("k1", "k2", "p1", "p2")}
 MODELS = (*OPENCV, "1", "2", "3")
-HELD = "held"  # a camera that is known, whose attitude alone is fitted
+HELD = "held"  # a known camera; only its attitude is fitted
 POLYNOMIAL_TERMS = {"1": 3, "2": 6, "3": 10}
 WARM_TERMS = 3  # 1, u and v grow with temperature: the boresight, and the scale along both axes
-OUTLIER = 6.0  # robust sigma, beyond which a residual is left out; chosen by hand: noise has none
+OUTLIER = 6.0  # robust sigma, beyond which a residual is left out; noise has none; by hand
 MOST_STEPS = 40
 SMALLEST_STEP = 1e-4  # sigma
-LEAST_RANK = 1e-12  # of the largest eigenvalue, where columns have one size
+LEAST_RANK = 1e-12  # of the largest eigenvalue, for columns of equal size
 FOLDS = 10
 LEAST_PER_UNKNOWN = 1.5  # measurements; a model of more unknowns is not tried
-SIZES = 128  # pixel, in whose multiples an array is assumed that holds all places
+SIZES = 128  # pixel: the assumed array is a multiple of this that holds all places
 
 
 class Order(NamedTuple):
@@ -40,7 +40,7 @@ class Order(NamedTuple):
 
     @property
     def unknowns(self) -> int:
-        """Number of parameters, those of the attitude with them."""
+        """Number of parameters, including those of the attitude."""
         if self.model == HELD:
             return 3
         own = 4 + len(OPENCV[self.model]) if self.model in OPENCV else 0
@@ -48,7 +48,7 @@ class Order(NamedTuple):
 
     @property
     def turned(self) -> bool:
-        """Whether the attitude is an unknown of its own: a polynomial has one in its terms."""
+        """Whether the attitude is a separate unknown: a polynomial contains it in its terms."""
         return self.model in OPENCV or self.model == HELD
 
     def __str__(self) -> str:
@@ -70,8 +70,8 @@ class FieldFit:
     attitude     from the axes of the table to those of the camera
     names        of the unknowns: rotation_x, _y, _z (radian, about the camera's axes),
                  focal_length_px, k1, ..., polynomial.x[0], ..., polynomial.y_per_kelvin[2]
-    covariance   of these; attitude and focal length of a polynomial are held, for the polynomial
-                 has shift, rotation and scale of its own
+    covariance   of these; with a polynomial, attitude and focal length are fixed, because its terms
+                 contain shift, rotation and scale
     residual     (n, 2) pixel, of all stars of the table
     weight       (n,) 1, robust weight of each star; 0 for an outlier
     """
@@ -92,14 +92,14 @@ class FieldFit:
 
 @printed
 class Unseen(NamedTuple):
-    """Residuals on stars that a fit has not seen.
+    """Residuals on stars outside the fit.
 
-    order    which camera was fitted
+    order    order of the fitted camera
     angle    (n, 2) radian, measured minus true, along the angles of the table; right ascension
              times the cosine of the declination
     pixel    (n, 2) pixel, along columns and rows
     inlier   (n,) within OUTLIER robust sigma
-    mean_square, standard_error  pixel^2 of an axis, over the inliers; the error is that over folds
+    mean_square, standard_error  pixel^2 per axis, over the inliers; the error is from the folds
     """
 
     order: Order
@@ -116,9 +116,10 @@ class Unseen(NamedTuple):
 
 
 def assumed_array(table: StarTable) -> tuple[int, int, tuple[float, float]]:
-    """Columns, rows, and the place of the first pixel's centre, where none are given.
+    """Default columns, rows, and place of the first pixel's centre.
 
-    Places below -0.5 are counted from the middle of the array, others from its first pixel.
+    If some places are below -0.5, places count from the middle of the array, else from its first
+    pixel.
     """
     low, high = table.pixel.min(axis=0), table.pixel.max(axis=0)
     if (low < -0.5).any():
@@ -133,8 +134,8 @@ def fit_field(
 ) -> FieldFit:
     """Robust least squares of a camera and its attitude.
 
-    Residuals beyond two robust sigma, from their median, count linearly; those beyond OUTLIER are
-    left out. All stars of the table must be seen at one attitude.
+    Residuals beyond two robust sigma from their median count linearly; residuals beyond OUTLIER are
+    left out. All stars of the table must have one attitude.
 
     columns, rows  pixel, of the array
     first          pixel (x, y) of the table at the centre of the first pixel
@@ -158,12 +159,12 @@ def fit_field(
 
 
 def fit_attitude(table: StarTable, camera: core.Camera, first: tuple[float, float]) -> FieldFit:
-    """A known camera on another table: its attitude alone is fitted, robustly as in `fit_field`.
+    """A known camera on another table: only its attitude is fitted, robustly as in `fit_field`.
 
     first     pixel (x, y) of the table at the centre of the first pixel
     Raises    ValueError where the stars do not determine the attitude, or the image is mirrored.
-    Accuracy  as `fit_field`; a camera with terms of temperature takes those of the table's stars,
-              or its own temperature where the table has none.
+    Accuracy  as `fit_field`; a camera with temperature terms uses the temperatures of the table, or
+              its own temperature if the table has none.
     """
     if 2 * len(table) < LEAST_PER_UNKNOWN * Order(HELD).unknowns:
         raise Refused(f"the table must have 3 stars or more for an attitude, got {len(table)}")
@@ -181,12 +182,12 @@ def cross_validate(
     folds: int = FOLDS,
     seed: int = 0,
 ) -> Unseen:
-    """Residual of each star to the camera of all folds but its own.
+    """Residual of each star from the camera fitted to all other folds.
 
     Source: Hastie, Tibshirani and Friedman (2009), The elements of statistical learning, 7.10.
 
     folds     random parts of the table of nearly equal size
-    Raises    those of `fit_field`.
+    Raises    as `fit_field`.
     """
     core.whole(2, 10**6, folds=folds)
     shuffled = core.Streams(seed, 0)("folds").permutation(len(table))
@@ -215,7 +216,7 @@ def cross_validate_all(
     folds: int = FOLDS,
     progress: Advance | None = None,
 ) -> tuple[Unseen, ...]:
-    """`cross_validate` of several orders, those with too many unknowns for the stars left out."""
+    """`cross_validate` of several orders, without orders that have too many unknowns."""
     least = len(table) - math.ceil(len(table) / min(folds, len(table)))
     results = []
     for order in orders:
@@ -229,7 +230,7 @@ def cross_validate_all(
 
 
 def borne(results: Sequence[Unseen]) -> Unseen:
-    """The order of fewest unknowns whose mean square is within a standard error of the least.
+    """The order with fewest unknowns whose mean square is within a standard error of the least.
 
     Source: Hastie et al. (2009), section 7.10, the one-standard-error rule.
     """
@@ -247,7 +248,7 @@ def residuals(fit: FieldFit, table: StarTable, first: tuple[float, float]) -> tu
     state = _State(fit.camera, fit.attitude)
     camera, shift = fit.camera, np.zeros((len(table), 2))
     if camera.polynomial is not None and table.temperature is not None:
-        # To the place that the star would have at the temperature of the camera.
+        # Moved to the star's place at the temperature of the camera.
         plane = _plane(fit.attitude.apply(table.direction))
         warm = camera.polynomial.shift(plane, table.temperature)
         shift = (warm - camera.polynomial.shift(plane)) * camera.focal_length_px
@@ -380,7 +381,7 @@ def _solve(state: _State, table: StarTable, order: Order) -> tuple[_State, Float
 
 
 def _least_squares(rows: Floats, right: Floats, order: Order) -> tuple[Floats, Floats]:
-    """The step and the inverse of the normal matrix, of columns that are first made of one size."""
+    """The step and the inverse of the normal matrix; columns are first scaled to equal size."""
     size = np.sqrt((rows**2).sum(axis=0))
     size[size == 0] = 1.0
     rows = rows / size
@@ -466,7 +467,7 @@ def _moved(state: _State, order: Order, step: Floats) -> _State:
 
 
 def orders_of(table: StarTable, model: str = "auto", warm: bool | None = None) -> tuple[Order, ...]:
-    """The orders to try: of one model or of all, with temperature or without, or both."""
+    """The orders to try: one model or all, with temperature terms, without them, or both."""
     models = MODELS if model == "auto" else (model,)
     has = table.temperature is not None and float(np.ptp(table.temperature)) > 0
     if warm and not has:

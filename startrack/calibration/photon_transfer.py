@@ -17,7 +17,7 @@ NAMES = ("electrons_per_dn", "read_noise", "dark_current", "prnu", "dark_pattern
 LOW = np.array([1e-3, 1e-2, 1e-3, 1e-5, 1e-3])
 HIGH = np.array([1e4, 1e4, 1e7, 0.5, 1e4])
 ROUNDING = 1 / 12  # digital number squared, variance of the quantisation
-SPREAD = 0.1  # of the logarithms at the start; chosen by hand: wider than usual posteriors
+SPREAD = 0.1  # of the logarithms at the start; by hand: wider than usual posteriors
 # Fraction of pixels with a level's largest number, above which it is saturated. Chosen by hand: few
 # pixels bias the variance little.
 SATURATED = 0.05
@@ -75,15 +75,15 @@ def sample_detector(
 
         temporal variance  s^2 = (read^2 + dark t + e) / K^2 + 1/12 of a pixel over the frames
         spatial variance   s^2 / m + (pattern^2 + (prnu e)^2) / K^2 of the means over m frames
-        dark mean          offset + dark t / K,   e = K (mean - offset) - dark t where lit
+        dark mean          offset + dark t / K, e = K (mean - offset) - dark t if lit
 
     Source: EMVA 1288 release 4.0, 2.2, 3.1 and 4.1, with K the inverse of its system gain. For
     normal pixels both sample variances have gamma distributions, independent of each other and of
     the mean, so that three numbers per level have the likelihood of all pixels. Priors: uniform in
     the logarithms and in the offset.
 
-    levels  one lit and two dark ones of different exposures at least
-    Raises    ValueError where levels are missing, or the lit ones are not brighter.
+    levels  at least one lit level, and two dark levels of different exposures
+    Raises    ValueError if levels are missing, or if lit levels are not brighter.
     Accuracy  model: pixels normal and independent, more than a few tens of photons per pixel or
               dominant read noise; the signal of a lit level known to 1 / sqrt(pixels); the
               same dark pattern at all exposures.

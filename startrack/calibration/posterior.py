@@ -27,7 +27,8 @@ ROUNDS = 2  # of Gauss-Newton on the attitudes; chosen by hand: they start at so
 # Standard deviation over that of the prior, from which a column is unconstrained. Chosen by hand: a
 # smaller one reports weakly constrained columns too.
 UNCONSTRAINED = 0.9
-# Chosen by hand: split R-hat needs starts wider than the posterior, a longer burn-in wider still.
+# Chosen by hand: split R-hat needs starts wider than the posterior; still wider starts need a
+# longer burn-in.
 START_SPREAD = 3.0  # standard errors of the least squares
 FLOOR_SPREAD = 0.2  # of the logarithm of the floor
 

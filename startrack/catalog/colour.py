@@ -1,7 +1,7 @@
 """Magnitudes of older bands -> Gaia's G and BP - RP.
 
-Every relation is a polynomial in c = BP - RP, so a colour of older bands is a difference of two of
-them: it is solved for c first, and then G follows from the one magnitude.
+Every relation is a polynomial in c = BP - RP, and a colour of older bands is the difference of two
+such polynomials. It is first solved for c; then G follows from one magnitude.
 """
 
 import numpy as np
@@ -63,7 +63,7 @@ def g_from_hipparcos(hp: Floats, v_minus_i: Floats) -> tuple[Floats, Floats]:
 
 
 def v_from_g(g: Floats, colour: Floats) -> Floats:
-    """Johnson's V, (n,) magnitude, of stars with G and BP - RP; 0.3 mag off without a colour."""
+    """Johnson's V, (n,) magnitude, of stars with G and BP - RP; error 0.3 mag without a colour."""
     return g - _shift(G_MINUS_V, colour)
 
 

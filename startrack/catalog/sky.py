@@ -28,15 +28,15 @@ from startrack.core import (
 from startrack.io import shipped
 
 FAINTEST_G = 21.0  # Gaia's own limit
-EPOCH = 2026.0  # Julian year, where nothing says when the sky is seen
+EPOCH = 2026.0  # Julian year of the sky, if none is given
 LIMITS = {"bright": LIMIT_G, "deep": DEEP_LIMIT_G}
 
 
 class Selection(Parameters):
     """The stars that a sky holds.
 
-    What is true and what the tracker believes are two selections: leaving a correction out of the
-    second shows what it is worth. Selections of a file that has changed in between are not equal.
+    The true sky and the sky that the tracker believes are two selections: leaving a correction out
+    of the second shows its effect. Two selections of a file are not equal if the file has changed.
     """
 
     source: str = parameter(
@@ -151,11 +151,11 @@ class Selection(Parameters):
 
     @classmethod
     def whole(cls, source: str, epoch: float) -> Selection:
-        """Every star of a source: what an image of unknown depth may show."""
+        """Every star of a source, for images of unknown depth."""
         return cls(source, limit_g=LIMITS.get(source, FAINTEST_G), epoch=epoch)
 
 
-SLACK = 1e-12  # of a height, so that rounding leaves no star out
+SLACK = 1e-12  # of a height, so that rounding loses no star
 
 
 @core.printed
@@ -238,7 +238,7 @@ def _around(direction: Floats, rank: Ints, centre: Floats, radius: float) -> Int
 
 @kernel
 def belt(direction, height, radius):  # type: ignore[no-untyped-def]
-    """The first and the last of directions in order of height that a circle's heights span.
+    """Range of the directions, sorted by height, that lie within the heights of a circle.
 
     direction  (n, 3) unit vectors, in order of their last coordinate
     height     last coordinate of the circle's centre;  radius  radian
@@ -253,9 +253,9 @@ def belt(direction, height, radius):  # type: ignore[no-untyped-def]
 
 @core.kept(8)
 def open_sky(selection: Selection) -> Sky:
-    """The sky of a selection, brightest star first; the same one for the same selection.
+    """The sky of a selection, brightest star first; equal selections share one object.
 
-    Raises  FileNotFoundError, ImportError or ValueError where the catalogue cannot be read.
+    Raises  FileNotFoundError, ImportError or ValueError if the catalogue cannot be read.
     """
     catalog = _catalog(selection)
     catalog = catalog[catalog.magnitude_g <= selection.limit_g]

@@ -26,7 +26,7 @@ from startrack.io import (
 
 @dataclass(frozen=True, eq=False)
 class Records:
-    """Columns of text, and where they come from.
+    """Columns of text, and their places in a file.
 
     path     the file
     columns  the text of each field, one entry a star
@@ -86,7 +86,7 @@ def fixed_width(
 
     path     the file, plain or gzipped
     fields   first and last byte of each field, from 1, as the CDS writes them
-    needed   bytes that every line must have; what follows may be blank and stripped
+    needed   bytes that every line must have; the rest may be blank and stripped
     record   bytes of a whole line
     Returns  the columns
     Raises   ValueError for an empty or a cut file and for a line that is too short.
@@ -104,7 +104,7 @@ def fixed_width(
 
 
 def separated(path: Path, fields: Mapping[str, int], count: int, record: int) -> Records:
-    """Like `fixed_width`, of a file whose fields stand between bars.
+    """`fixed_width` for a file whose fields are separated by bars.
 
     fields   place of each field in the line, from 0
     count    fields in a line
@@ -125,7 +125,7 @@ def separated(path: Path, fields: Mapping[str, int], count: int, record: int) ->
 def text_lines(path: Path, record: int) -> list[str]:
     """The lines of a text file, plain or gzipped, without their ends.
 
-    record  bytes of a whole line; a last line that is shorter and has no end was cut
+    record  bytes of a whole line; a shorter last line without an end was cut
     Raises  ValueError for a file that is empty, cut, or not text.
     """
     text = content(path)
@@ -168,7 +168,7 @@ def numbers(path: Path, table: Any, name: str) -> Floats:
 def whole_numbers(path: Path, table: Any, name: str) -> Ints:
     """A column of a table as whole numbers, none of them masked.
 
-    Raises  ValueError where they are not: as floats they would have lost their last digits.
+    Raises  ValueError if they are not: as floats they would have lost their last digits.
     """
     column = table[name]
     if column.dtype.kind not in "iu" or column.shape != (len(table),):
@@ -257,8 +257,8 @@ def fits_table(path: Path) -> tuple[Any, dict[str, Any]]:
 
     try:
         with warnings.catch_warnings():
-            # Letters and cards that are not as the standard has them hinder nobody; astropy only
-            # warns of a cut or damaged file, too.
+            # Letters and cards that violate the standard are harmless; but astropy also only warns
+            # of a cut or damaged file.
             warnings.simplefilter("ignore", AstropyUserWarning)
             warnings.filterwarnings("error", ".*(truncated|verification failed)", AstropyWarning)
             data = unpacked(path, read_bytes(path, "a star catalogue"), 2)

@@ -1,4 +1,4 @@
-"""How a point is blurred: Optics become a Psf.
+"""Blur of the image of a point: Optics become a Psf.
 
 parameters    Optics: focal length, aperture, aberrations, blur, transmission, choice of the PSF.
 pupil         Shape of the aperture, and the Zernike polynomials of wavefront errors in it.
@@ -9,8 +9,8 @@ choose        Optics -> the complex pupil of each diffraction model; the cheapes
 aperture_transfer  Optics -> MTF of an aperture of any shape and phase; the Wiener filter.
 pixel_psf     Optics -> Psf: the fraction of the light in each pixel, for any sub-pixel position.
 lens_family   Family, focal length, f-number -> the LensTable of a lens of that family.
-measured_psf  Images of stars -> the oversampled Psf that they share.
-psf_file      PsfFile: images of a point, measured or exported, over field and wavelength; their
+measured_psf  Images of stars -> their common oversampled Psf.
+psf_file      PsfFile: measured or exported images of a point, over field and wavelength; their
               file.
 quality       Psf -> figures of merit: transfer at Nyquist, energies, widths.
 lens_table    LensTable: wavefront, place, pupil and area of a lens over temperature, wavelength and
@@ -24,8 +24,9 @@ ray_trace     That lens -> its LensTable, by rays of the program optiland (extra
               `lens`).
 ghosts        Light -> Light: ghosts of bright sources by two reflections in the lens, as diffuse
               light.
-as_built      Surfaces of a lens -> by how much its elements, each a little off, displace stars.
-residual      Residual: what the places of stars differ by from any camera model, by causes.
+as_built      Surfaces of a lens -> displacements of stars by small alignment errors of its
+elements.
+residual      Residual: displacements of stars that no camera model describes, by causes.
 baffle        Light -> Light: stray light of Sun, Moon and Earth past the baffle, as diffuse light;
               geometry of a baffle with vanes -> its point-source transmittance, mass and size.
 """

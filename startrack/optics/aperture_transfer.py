@@ -23,8 +23,8 @@ def aperture_transfer(optics: Optics, wavelength: float, frequency: Floats, alon
     frequency   (n,) cycle / metre on the detector
     along       "x" or "y"
     Returns     (n,) 1
-    Accuracy    model: Fraunhofer, at one wavelength. numerical: 1e-3; 0.003 where equal segments
-                lie on each other, 0.005 within 1 % of the cutoff from zero; where segments touch,
+    Accuracy    model: Fraunhofer, at one wavelength. numerical: 1e-3; 0.003 at shifts with which
+                equal segments coincide, 0.005 below 1 % of the cutoff; between touching segments,
                 steps of the phase have the width of a cell.
     """
     wave = wavefront(optics, "fraunhofer", CELLS)
@@ -35,19 +35,19 @@ def aperture_transfer(optics: Optics, wavelength: float, frequency: Floats, alon
     shift = 2 * wavelength * optics.working_f_number * np.abs(frequency)
     turns = np.exp(2j * math.pi * np.outer(shift / cell, np.fft.fftfreq(2 * CELLS)))
     value = np.abs(turns @ power) / (2 * CELLS * wave.energy)
-    value = np.where(shift == 0, 1.0, value)  # soft edges that lie on each other lose light
+    value = np.where(shift == 0, 1.0, value)  # soft edges that coincide lose light
     return np.asarray(np.where(shift < 2 + 6 * cell, value, 0.0))
 
 
 def wiener_filter(
     transfer: NDArray[np.complexfloating], signal_to_noise: float
 ) -> NDArray[np.complexfloating]:
-    """A Wiener filter, which divides by the transfer function where noise allows it.
+    """A Wiener filter, which divides by the transfer function as far as noise allows.
 
         W = (1 + 1 / SNR^2) H* / (|H|^2 + 1 / SNR^2)
 
-    Even light, whose H is 1, keeps its value. An image has the transfer function H W afterwards,
-    and white noise is larger by the rms of |W| over all frequencies.
+    Uniform light, with H = 1, keeps its value. The filtered image has the transfer function H W,
+    and its white noise is multiplied by the rms of |W| over all frequencies.
 
     Source: Goodman, Introduction to Fourier Optics, 3rd ed., eq. (8-42).
 

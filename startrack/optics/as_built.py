@@ -1,4 +1,4 @@
-"""Surfaces of a lens -> by how much its elements, each a little off as built, displace stars."""
+"""Surfaces of a lens -> displacements of stars by small alignment errors of its elements."""
 
 from typing import NamedTuple
 
@@ -10,14 +10,14 @@ from startrack.optics.lens_table import lens_path, open_lens
 from startrack.optics.parameters import Optics
 from startrack.optics.surfaces import AIR, Surfaces, meet, open_surfaces, refracted
 
-SHIFT, TURN = 1e-6, 1e-5  # metre and radian, of an element, by which slopes are taken
+SHIFT, TURN = 1e-6, 1e-5  # metre and radian, steps of an element for its slopes
 RINGS = ((0.0, 1), (0.45, 6), (0.8, 12))  # radius in the stop and number of the rays of a star
-INWARD = 0.8  # factor on the field angle of a ray that meets no surface
+INWARD = 0.8  # factor on the field angle if a ray meets no surface
 KINDS = ("decentre", "tilt", "wedge")
 
 
 class ElementSlopes(NamedTuple):
-    """Displacements of stars by an element that is off by one metre or radian, along x or y.
+    """Displacements of stars by an alignment error of one metre or radian, along x or y.
 
     kind   (k,) of KINDS, as its index
     slope  (2 n, k) pixel per metre (decentre) or per radian, at the nodes of a `Displacement`: all
@@ -29,9 +29,9 @@ class ElementSlopes(NamedTuple):
 
 
 class BuiltLens(NamedTuple):
-    """A lens and a camera to three digits, so that all units of a design share their slopes.
+    """A lens, and a camera rounded to three digits, so that all units of a design share slopes.
 
-    changed  nanosecond, time at which the file was
+    changed  nanosecond, time of the last change of the file
     """
 
     file: str
@@ -45,7 +45,7 @@ class BuiltLens(NamedTuple):
 def built_lens(optics: Optics, family: str, camera: Camera) -> BuiltLens:
     """The lens of a camera.
 
-    family  of whose lens the slopes are where `optics` has no lens table, in its size
+    family  whose lens gives the slopes, in this size, if `optics` has no lens table
     camera  without a residual
     """
     size, f_number = (float(f"{value:.3g}") for value in (optics.focal_length, optics.f_number))
@@ -59,14 +59,14 @@ def built_lens(optics: Optics, family: str, camera: Camera) -> BuiltLens:
 def element_slopes(lens: BuiltLens) -> ElementSlopes:
     """Slopes of the places of stars by decentre, tilt and wedge of each element of a lens.
 
-    A cemented group is decentred and tilted as one, about its middle; a wedge is a tilt of the last
-    surface of a piece of glass about its vertex. The place of a star is the mean of its rays; other
-    elements, the stop and the detector stay.
+    A cemented group is decentred and tilted as one piece, about its middle. A wedge is a tilt of
+    the last surface of a piece of glass about its vertex. The place of a star is the mean of its
+    rays; other elements, the stop and the detector stay.
 
-    Raises  Refused where no surfaces of a lens are known.
-    Accuracy  model: one wavelength; f-numbers down to that of the traced lens, for a faster one the
-              slopes are those of that; no vignetting. numerical: 1e-4 of the slopes. Chief rays of
-              elements off by 20 um and 1 arcmin move as those of optiland within 2 % and 0.05 um.
+    Raises  Refused if no surfaces of a lens are known.
+    Accuracy  model: one wavelength; no vignetting; a lens faster than the traced one has the slopes
+              of the traced one. numerical: 1e-4 of the slopes. For errors of 20 um and 1 arcmin,
+              chief rays move as in optiland within 2 % and 0.05 um.
     """
     surfaces = _surfaces(lens)
     camera = lens.camera
@@ -98,7 +98,7 @@ def _surfaces(lens: BuiltLens) -> Surfaces:
 
 
 def _elements(surfaces: Surfaces) -> tuple[Ints, Floats]:
-    """Kind (k,) of each way in which elements are off, and what it does to each surface.
+    """Kind (k,) of each alignment error, and its effect on each surface.
 
     Returns  kinds, and (k + 1, s, 4): shift x and y (metre), turn of the normal towards x and y
              (radian), for a step of each; the first for none
@@ -130,7 +130,7 @@ def _elements(surfaces: Surfaces) -> tuple[Ints, Floats]:
 
 
 def _places(surfaces: Surfaces, tangent: Floats, off: Floats) -> Floats:
-    """Places (k, n, 2) metre of stars at tangents (n, 2), for each way (k, s, 4) of being off."""
+    """Places (k, n, 2) metre of stars at tangents (n, 2), for each alignment error (k, s, 4)."""
     tangent, pupil = tangent.copy(), _pupil()
     for _ in range(20):
         placed = _traced(surfaces, tangent, pupil, off)

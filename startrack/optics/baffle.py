@@ -25,12 +25,12 @@ from startrack.core import (
 )
 from startrack.optics.parameters import Optics
 
-MAP_NODES = 17  # of the map of stray light along a side of the frame: 1 % between them
+MAP_NODES = 17  # of the map of stray light along a side: 1 % error between them
 ALUMINIUM = 2700.0  # kg / m^3
 WALL = 1e-3  # metre, of tube and vanes
 PATHS = 16384  # from the lens; chosen by hand: time against noise
-BOUNCES = 6  # of each path; black paint leaves 1e-8 after them
-PLACES = 16  # of them, from whose places on the lens edges are seen
+BOUNCES = 6  # of each path; after them black paint leaves 1e-8 of the light
+PLACES = 16  # of them, whose places on the lens are used for light off edges
 AZIMUTHS = 48  # of the edge of each vane
 NODES = 40  # angles of the curve
 GRAZING = math.radians(89.5)  # the last of them; beyond, no light enters
@@ -81,8 +81,8 @@ def stray_light(
 
     since a background of radiance L has the irradiance L area / focal_length^2 on the detector.
 
-    Accuracy  model: stray light at a point of the frame depends on the angle between the source and
-              the line of sight of that point alone; no ghosts. For a source in the field it is the
+    Accuracy  model: stray light at a point of the frame depends only on the angle between the
+              source and the line of sight of that point; no ghosts. A source in the field has the
               first value of the curve. numerical: 1 % between the 17 x 17 nodes of its map, where
               the curve is no steeper than a decade in half a frame.
     """
@@ -97,11 +97,11 @@ def stray_light(
 
 
 class BaffleTube(Parameters):
-    """A cylinder with vanes before the lens, painted black inside, and how the lens scatters.
+    """A cylinder with vanes before the lens, painted black inside, and the scattering of the lens.
 
-    The edges of the vanes lie on the cone that leaves the field free, so that the lens sees no
-    vane from its lit side, and each vane hides the wall behind it from the lens: their number
-    follows from length and diameter.
+    The edges of the vanes lie on the cone that leaves the field free, so that the lens sees no lit
+    side of a vane. Each vane hides the wall behind it from the lens. The number of vanes follows
+    from length and diameter.
     """
 
     length: float = parameter("from the lens to the entrance", unit=Unit("m", "mm"), limit=POSITIVE)
@@ -133,7 +133,7 @@ class BaffleTube(Parameters):
 
         lens    metre, diameter of its entrance pupil
         field   radian, the half diagonal
-        Raises  Refused where the wall is not wider than the entrance.
+        Raises  Refused if the wall is not wider than the entrance.
         """
         radius, slope = lens / 2, math.tan(field)
         entrance = radius + self.length * slope
@@ -162,7 +162,7 @@ class BaffleTube(Parameters):
         return math.pi * self.shape(lens, field).wall ** 2 * self.length
 
     def cutoff(self, lens: float, field: float) -> float:
-        """Radian, from which on no light falls directly on the lens."""
+        """Radian: at larger angles no light falls directly on the lens."""
         shape = self.shape(lens, field)
         return math.atan((shape.edge[-1] + shape.radius) / self.length)
 
@@ -186,18 +186,19 @@ def transmittance_of(tube: BaffleTube, lens: float, field: float, f_number: floa
 
         PST = (T_direct B(angle) + integral of T_scattered B) pi / (4 N^2)
 
-    The first stage is the light on the lens, over that at the entrance: what falls on it directly;
-    what vanes, wall and floor scatter diffusely to it (paths from the lens backwards, to the Sun at
-    each point); and the edges of the vanes, all of which the lens sees. The second is what the lens
-    scatters to the detector: its BSDF B by Harvey's law, into the cone of the f-number N.
+    The first stage is the light on the lens, over the light at the entrance. Its parts are: direct
+    light; light that vanes, wall and floor scatter diffusely to the lens (by paths backwards from
+    the lens, connected to the Sun at each point); and light off the edges of the vanes, all of
+    which the lens sees. The second stage is scattering by the lens to the detector: its BSDF B by
+    Harvey's law, into the cone of the f-number N.
 
     Source    E. Fest (2013), Stray Light Analysis and Control, SPIE, ch. 4 and 7: first-order
               estimates, Harvey's law for polished surfaces; placing of vanes ch. 9.
     Arguments as for `BaffleTube.shape`; `f_number` of the lens
-    Accuracy  model: paint scatters by Lambert's law, also at grazing incidence, where real ones
-              reflect more; the lens scatters as clean surfaces do; no housing behind the lens.
-              numerical: 6 % rms beyond the cutoff, of `PATHS` fixed paths; the same for all
-              tubes, so that the curve changes smoothly with the geometry; 0.1 s.
+    Accuracy  model: paint scatters by Lambert's law, also at grazing incidence, where real paint
+              reflects more; the lens scatters like clean surfaces; no housing behind the lens.
+              numerical: 6 % rms beyond the cutoff, by `PATHS` fixed paths. The paths are equal for
+              all tubes, so that the curve changes smoothly with the geometry. It takes 0.1 s.
     """
     shape, slope = tube.shape(lens, field), SLOPE / 2
     cutoff = min(tube.cutoff(lens, field), (field + GRAZING) / 2)
@@ -238,8 +239,8 @@ def _met(
     dy: float,
     dz: float,
 ) -> tuple[float, int]:
-    """Distance to what a ray meets, and what: NOTHING, LENS, number of a vane, n + 1: the wall,
-    n + 2: the floor around the lens."""
+    """Distance to the object that a ray meets, and the object: NOTHING, LENS, number of a vane, n +
+    1: the wall, n + 2: the floor around the lens."""
     count, length = len(height), height[-1]
     nearest, what, least = math.inf, NOTHING, 1e-9 * height[-1]
     if dz != 0.0:
@@ -280,7 +281,7 @@ def _lit(
     z: float,
     angle: float,
 ) -> bool:
-    """Whether a point sees the Sun, which stands in the plane of x and z."""
+    """Whether a point sees the Sun, which is in the plane of x and z."""
     sine, cosine = math.sin(angle), math.cos(angle)
     return _met(radius, wall, height, edge, x, y, z, sine, 0.0, cosine)[1] == NOTHING
 
@@ -296,7 +297,7 @@ def _on_lens(radius: float, random: Floats) -> tuple[float, float]:
 def _direct_light(
     radius: float, wall: float, height: Floats, edge: Floats, angle: Floats, random: Floats
 ) -> Floats:
-    """Irradiance (a,) of the lens that falls on it directly, over that normal to the Sun's rays.
+    """Irradiance (a,) of the lens by direct light, over the irradiance normal to the Sun's rays.
 
     angle   (a,) radian, of the Sun
     random  (n, m) uniform numbers, the first two of which are a place on the lens
@@ -320,13 +321,13 @@ def _scattered_light(
     random: Floats,
     slope: float,
 ) -> Floats:
-    """The same (a, bounces) after 1, 2, ... bounces off surfaces of reflectance one.
+    """Irradiance (a, bounces) after 1, 2, ... bounces off surfaces of reflectance one.
 
-    Weighted by the BSDF of the lens over that on its axis.
+    It is weighted by the BSDF of the lens over the BSDF on its axis.
 
     angle   (a,) radian; the first is that of the corner of the field
     random  (n, 2 + 2 bounces) uniform numbers of n paths: place on the lens, direction, and
-            directions after each bounce but the last
+            directions after each bounce except the last
     """
     paths, bounces, count = len(random), random.shape[1] // 2 - 1, len(height)
     light, power = np.zeros((len(angle), bounces)), slope + 1
@@ -336,7 +337,7 @@ def _scattered_light(
         x, y = _on_lens(radius, random[n])
         z, nx, ny, nz = 0.0, 0.0, 0.0, 1.0
         for bounce in range(bounces):
-            # Around the normal by the cosine; any two directions that are normal to it will do.
+            # Cosine distribution about the normal, with any two directions across it.
             square, around = random[n, 2 + 2 * bounce], 2 * math.pi * random[n, 3 + 2 * bounce]
             if bounce == 0:  # and by the BSDF, outside the field, where the lens sees the sky
                 square = ((first + square * (last - first)) ** (1 / power) - 1) * SHOULDER**2
@@ -376,7 +377,8 @@ def _light_off_edges(
     random: Floats,
     slope: float,
 ) -> Floats:
-    """The same (a,) off the edges of vanes of reflectance one and a metre of thickness."""
+    """Irradiance (a,) by light off the edges of vanes, for reflectance one and one metre of
+    thickness."""
     light = np.zeros(len(angle))
     for j in range(len(height)):
         for m in range(AZIMUTHS):

@@ -34,8 +34,8 @@ class Wavefront:
 def wavefront(optics: Optics, model: str, samples: int) -> Wavefront:
     """The pupil of a model on `samples` by `samples` cells.
 
-    Accuracy  model "kirchhoff": without the phase k x^2 R^2 / b^3 of an image point x, a tenth of a
-              radian at x = 0.1 sqrt(lambda b^3) / R, farther out than any table reaches.
+    Accuracy  model "kirchhoff": leaves out the phase k x^2 R^2 / b^3 of an image point x, which is
+              0.1 radian at x = 0.1 sqrt(lambda b^3) / R, farther out than any table.
     """
     coordinate, cell = pupil_grid(samples)
     opened = area_weights(optics.pupil, coordinate, cell)
@@ -114,9 +114,9 @@ class PsfChoice:
 def choose(optics: Optics, pitch: float, wavelength: float, side: float | None = None) -> PsfChoice:
     """The cheapest model within `optics.psf_tolerance`, or the one that optics names.
 
-    The error of a model is the sum of the differences from model to model up to Kirchhoff. For two
-    pupils of unit energy at a distance e, the irradiance differs by at most (2 e + e^2) of the
-    peak, and the transfer function by 2 e (Cauchy-Schwarz inequality).
+    The error of a model is the sum of the differences between successive models up to Kirchhoff.
+    For two pupils of unit energy at a distance e, the irradiance differs by at most (2 e + e^2) of
+    the peak, and the transfer function by 2 e (Cauchy-Schwarz inequality).
 
     pitch, side  metre, of a pixel and of its active square (the whole pixel if None)
     wavelength   metre, mean of the band
@@ -151,7 +151,7 @@ def choose(optics: Optics, pitch: float, wavelength: float, side: float | None =
 
 
 def _integrals(optics: Optics, side: float, wavelength: float) -> tuple[float, float]:
-    """Factor by which blur and pixel raise a difference; difference of Gaussian and Airy."""
+    """Factor of blur and pixel on a difference; difference of Gaussian and Airy."""
     f_number = optics.working_f_number
     node, fraction = np.polynomial.legendre.leggauss(200)
     # To the cutoff, or to where the transfer function of the blur is exp(-40).
@@ -197,7 +197,7 @@ def _overlap(a: Floats, b: Floats, optics: Optics, phase: Floats) -> float:
 
 
 def path_defect(square: Floats, image: float, distance: float) -> Floats:
-    """Metre of path through a parabolic lens, at radius^2, beyond that through its centre.
+    """Metre: path through a parabolic lens at radius^2 minus the path through its centre.
 
     sqrt(b^2 + s) - b - s/(2b) = -s^2 / (2 b (sqrt(b^2 + s) + b)^2): no digits are lost.
     """

@@ -15,16 +15,16 @@ from startrack.optics.pixel_psf import gauss_band
 from startrack.optics.psf_file import FINE, PsfFile, averaged, open_psf_file
 from startrack.optics.pupil import noll_to_nm
 
-# Wavelengths of a band: errors of 0.2 % (double Gauss) and 0.7 % (Petzval) of the peak, and of 2 %
-# and 6 % with as few as suffice where the tolerance of the design is COARSE.
+# Wavelengths of a band: errors of 0.2 % (double Gauss) and 0.7 % (Petzval) of the peak; with the
+# smaller number, for designs whose tolerance is COARSE, 2 % and 6 %.
 BAND_NODES, FEW_NODES, COARSE = 12, 6, 0.05
 NODES = 5  # places along the longer side of the frame, at least four along the shorter
-KEPT = 4e-3  # of the norm of an image, that the left-out terms may have
+KEPT = 4e-3  # of the norm of an image: limit of the left-out terms
 FITTED = 48  # angles to which a camera is fitted
 
 
 class FieldImagePlan(Protocol):
-    """Values that the images of all places of a frame share.
+    """Values that all images of a frame share.
 
     side          samples along a side of a table
     oversampling  samples per pixel
@@ -51,7 +51,7 @@ class ColourBand(NamedTuple):
 
 
 def band_of(wavelength: Floats, spectra: Floats, count: int = BAND_NODES) -> ColourBand:
-    """Wavelengths whose weighted sums are those of whole spectra.
+    """Wavelengths whose weighted sums represent whole spectra.
 
     The nodes are those of a Gaussian quadrature of the mean spectrum; each spectrum is integrated
     with the polynomial through the nodes.
@@ -67,7 +67,7 @@ def band_of(wavelength: Floats, spectra: Floats, count: int = BAND_NODES) -> Col
 
 
 def node_count(optics: Optics) -> int:
-    """Number of wavelengths that stand for a band."""
+    """Number of wavelengths that represent a band."""
     return BAND_NODES if optics.psf_tolerance < COARSE else FEW_NODES
 
 
@@ -96,7 +96,7 @@ def camera_through(
     pitch: float,
     principal: tuple[float, float],
 ) -> Camera:
-    """The camera that fits places over the field best: focal length and three radial coefficients.
+    """The camera that best fits places over the field: focal length and three radial coefficients.
 
     A least-squares fit over the field to the farthest corner, weighted by area.
 
@@ -104,7 +104,7 @@ def camera_through(
     last       radian, largest angle
     key        of the design that names the file
     principal  pixel (x, y) from the centre of the array
-    Raises     ValueError where the places do not reach the corner of the frame.
+    Raises     ValueError if the places do not reach the corner of the frame.
     """
     width, height = columns / 2 + abs(principal[0]), rows / 2 + abs(principal[1])
     corner = math.hypot(width, height) * pitch
@@ -132,8 +132,8 @@ def images_over_frame(
 ) -> FieldPsf:
     """The images of a plan at nodes over the frame, as sums of their principal components.
 
-    As many are kept as every image needs to within 4e-3 of its norm. The error between the nodes is
-    measured where the tolerance of the design is below COARSE; otherwise it is NaN.
+    Enough components are kept for every image within 4e-3 of its norm. The error between the nodes
+    is measured if the tolerance of the design is below COARSE; otherwise it is NaN.
 
     colour  (c,) metre, mean wavelength of each spectrum of the plan
     nodes   along the longer side of the frame
@@ -195,7 +195,8 @@ def frame_nodes(camera: Camera, nodes: int = NODES) -> tuple[Floats, Floats]:
 
 
 def _reflected(table: Floats, centre: Floats, x: float, y: float) -> tuple[Floats, Floats]:
-    """The image at (x, y) from that at the larger and the smaller of |x| and |y|, by symmetry."""
+    """The image at (x, y), by symmetry from the image at the larger and the smaller of |x| and
+    |y|."""
     centre = centre.copy()
     if abs(y) > abs(x):
         table, centre[:, :2] = table.transpose(0, 2, 1), centre[:, 1::-1]
@@ -210,7 +211,7 @@ def _components(tables: Floats) -> tuple[Floats, Floats]:
     """Principal components (k, s) of tables (n, s), and their coefficients (n, k)."""
     value, vector = np.linalg.eigh(tables @ tables.T)
     value, vector = np.maximum(value[::-1], 0), vector[:, ::-1]
-    # What the components from each on add to an image, as a fraction of its own norm.
+    # Part of an image in the components from each one on, as a fraction of the image's norm.
     part = value * vector**2
     rest = np.cumsum(part[:, ::-1], axis=1)[:, ::-1] / part.sum(axis=1, keepdims=True)
     left = np.sqrt(rest.max(axis=0))
@@ -219,7 +220,7 @@ def _components(tables: Floats) -> tuple[Floats, Floats]:
 
 
 def _checked(psf: FieldPsf, plan: FieldImagePlan, camera: Camera) -> tuple[float, float]:
-    """Error of images between the nodes over their peak, and of their places in pixel."""
+    """Error of images between the nodes, over their peak; and error of their places, pixel."""
     last_x, last_y = len(psf.x) - 1, len(psf.y) - 1
     worst = far = 0.0
     for i, j in ((0, 0), (last_x // 2, last_y // 2)):
@@ -249,9 +250,9 @@ def cube_psf(
 ) -> FieldPsf:
     """Images of stars over the frame and over their colour, from those of a `psf_file`.
 
-    Between its nodes, images are interpolated by cubic splines over the field angle, through the
-    mirror images of the nodes too, and over the inverse of the wavelength; those off the axis are
-    turned to the azimuth of the star. Arguments as those of `field_psf`.
+    Between its nodes, images are interpolated by cubic splines over the field angle, including
+    mirror images of the nodes, and over the inverse of the wavelength. Images off the axis are
+    turned to the azimuth of the star. Arguments as for `field_psf`.
 
     Raises    ValueError where the file does not hold the frame or the band.
     Accuracy  numerical: that of the splines; the error between the nodes of the frame is measured.
@@ -307,7 +308,7 @@ def _over_colour(cube: PsfFile, band: ColourBand) -> Floats:
 
 
 def _over_field(cube: PsfFile, angles: Floats, odd: bool = False) -> Floats:
-    """Weights (a, f) of the values at field angles, which are odd or even in the angle."""
+    """Weights (a, f) of the values at field angles; the values are odd or even in the angle."""
     nodes = cube.angle
     if len(nodes) == 1:
         return np.ones((len(angles), 1))

@@ -27,7 +27,7 @@ PART = "GHOSTS"
 GRID = 33  # rays across the beam that are traced
 FAINTEST = 1e-3  # of the irradiance of a source's brightest ghost; fainter ones are left out
 FRONT = 1.1  # half side of the grid over the clear radius of the first surface
-WIDEST = math.radians(60)  # from the axis, of a source
+WIDEST = math.radians(60)  # from the axis, limit for a source
 PARTS = 12  # of a cell of the grid along a side, between the traced rays
 NODES = 20  # of a map, across half a ghost
 COARSEST = 64  # pixel between nodes
@@ -48,11 +48,12 @@ class Ghosts(Parameters):
 
 
 class Pair(NamedTuple):
-    """Two reflections, and their ghost by paraxial optics.
+    """A pair of reflections, and its ghost by paraxial optics.
 
-    first, second  surfaces, in the order of the reflections; as many as there are is the detector
+    first, second  surfaces, in the order of the reflections; the number after the last surface is
+    the detector
     width          1, radius of the disc on the detector over that of the beam before the lens
-    place          metre from the axis, of its middle for a field angle whose tangent is 1
+    place          metre, distance of its middle from the axis for a field angle whose tangent is 1
     reflectance    1, of both together
     """
 
@@ -64,14 +65,14 @@ class Pair(NamedTuple):
 
     @property
     def irradiance(self) -> float:
-        """1, on the detector over that before the lens: reflectance / width^2."""
+        """1, irradiance on the detector over that before the lens: reflectance / width^2."""
         return self.reflectance / max(self.width**2, 1e-12)
 
 
 def full_surfaces(optics: Optics) -> Surfaces | None:
-    """The surfaces of a design's lens in its size, not stopped down; None where they are unknown.
+    """The surfaces of a design's lens in its size, not stopped down; None if they are unknown.
 
-    A family's has the clear apertures that its beams need at the design's f-number.
+    A lens of a family has the clear apertures that its beams need at the design's f-number.
     """
     if optics.lens_family:
         return family_surfaces(
@@ -105,7 +106,7 @@ def lens_surfaces(optics: Optics) -> Surfaces:
 def reflectances(surfaces: Surfaces, ghosts: Ghosts) -> Floats:
     """Reflectance (s + 1,) of each surface and of the detector.
 
-    Between two glasses that of Fresnel, ((n' - n) / (n' + n))^2; none of a diaphragm.
+    Between two glasses by Fresnel, ((n' - n) / (n' + n))^2; zero for a diaphragm.
     """
     before, after = surfaces.index_before, surfaces.index
     glasses = (before > AIR) & (after > AIR)
@@ -117,8 +118,8 @@ def reflectances(surfaces: Surfaces, ghosts: Ghosts) -> Floats:
 def pairs(surfaces: Surfaces, ghosts: Ghosts) -> tuple[Pair, ...]:
     """All pairs of reflections, the brightest on the axis first.
 
-    By products of the matrices of the surfaces and spaces that the light passes, forwards,
-    backwards after the first reflection, and forwards again.
+    By products of the matrices of surfaces and spaces on the way of the light: forwards, backwards
+    after the first reflection, and forwards again.
     """
     reflectance = reflectances(surfaces, ghosts)
     entry = float(surfaces.heights()[1][0])  # metre at the first vertex, of the ray of slope 1
@@ -134,9 +135,9 @@ def pairs(surfaces: Surfaces, ghosts: Ghosts) -> tuple[Pair, ...]:
 
 
 def _steps(count: int, first: int, second: int) -> list[tuple[int, bool, bool]]:
-    """Surface, whether it reflects, whether the light comes from the front; in their order.
+    """Steps in order: surface, whether it reflects, whether the light comes from the front.
 
-    The detector ends the list, where it does not reflect.
+    The detector ends the list, unless it reflects.
     """
     forward = [(at, False, True) for at in range(first)]
     back = [(at, False, False) for at in range(first - 1, second, -1)]
@@ -166,9 +167,9 @@ def _folded(surfaces: Surfaces, first: int, second: int) -> Floats:
 
 
 class Beam(NamedTuple):
-    """Rays of a source that made two reflections.
+    """Rays of a source after two reflections.
 
-    x, y  (n, n) metre on the detector; NaN of rays that meet no surface
+    x, y  (n, n) metre on the detector; NaN for rays that miss a surface
     open  (n, n) 1, largest distance from the axis over the clear radius, of all surfaces met
     cell  square metre across the beam, of each ray
     """
@@ -182,8 +183,8 @@ class Beam(NamedTuple):
 def trace_ghost(surfaces: Surfaces, pair: Pair, direction: Floats) -> Beam:
     """Rays on a square grid before the lens, traced exactly through the folded path.
 
-    direction  (3,) unit vector to the source in camera axes, along which its rays run here: a
-               lens turns the image, and a camera's axes are those of the image
+    direction  (3,) unit vector to the source in camera axes. Its rays run along this vector here: a
+               lens inverts the image, and a camera's axes are those of the image
     Accuracy   model: spheres, the index of one wavelength, no polarisation.
     """
     count = len(surfaces)
@@ -229,7 +230,7 @@ def add_ghosts(
 
         radiance = irradiance of the source R1 R2 (beam / image) focal_length^2 / area
 
-    of each small part of the beam and its image on the detector, as in `stray_light`.
+    for each small part of the beam and its image on the detector, as in `stray_light`.
 
     pitch     metre, side of a pixel
     Raises    ValueError where the surfaces of the lens are not known, or one is a mirror.
@@ -268,7 +269,7 @@ def _sources(light: Light, count: int) -> list[tuple[Floats, Floats]]:
 def ghost_map(
     surfaces: Surfaces, pair: Pair, direction: Floats, camera: Camera, pitch: float, optics: Optics
 ) -> Floats | None:
-    """Fraction at nodes over the frame, as `DiffuseLight` has it; None where nothing falls there.
+    """Fraction at nodes over the frame, as in `DiffuseLight`; None if no light falls there.
 
     Arguments as `add_ghosts`; direction as `trace_ghost`.
     """
@@ -324,7 +325,7 @@ def _counted(
 
 
 def _summed(maps: list[Floats | None]) -> list[Floats]:
-    """The maps of each shape added."""
+    """The sum of the maps of each shape."""
     sums: dict[tuple[int, ...], Floats] = {}
     for ghost in maps:
         if ghost is not None:

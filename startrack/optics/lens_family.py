@@ -19,7 +19,7 @@ COMPLEXITY = 0.5  # exponent of the number of elements
 class Family(NamedTuple):
     """Lenses of one shape.
 
-    lens     the traced one, of the catalogue of lenses
+    lens     the traced lens, of the catalogue of lenses
     fastest  smallest f-number to which its aberrations are extrapolated
     """
 
@@ -37,31 +37,31 @@ FAMILIES = {
 
 @lru_cache(maxsize=32)
 def family_table(name: str, f_number: float, field: float | None = None) -> LensTable:
-    """The lens of a family, as large as the traced one, for a design to scale and to stop down.
+    """The lens of a family, in the size of the traced lens; the design scales it and stops it down.
 
-    A slower lens is the traced one, stopped down. A faster or wider one has other aberrations: of
-    each Zernike term (n, m) of the wavefront W in length, at the same place of the pupil and of the
-    field,
+    A slower lens is the traced lens, stopped down. A faster or wider lens has other aberrations.
+    Each Zernike term (n, m) of the wavefront W (in length), at the same place of the pupil and of
+    the field, becomes
 
         W' = s^n [W(0) + q^k (W(h) - W(0))],   k = max(m, 4 - n, 2 if m = 0),  h = field / edge
 
-    with s the traced f-number over the new one and q the tangent of the new edge of the field over
-    that of the traced: the lowest order of each aberration, by Seidel's (spherical aberration s^4,
-    coma s^3 q, astigmatism and curvature s^2 q^2), where the lens is focused as the traced one is.
-    The amplitude of the light in the pupil has s^n q^m times its terms.
-    The tilt is such that the chief ray stays. Distortion grows as q^2, lateral colour not. The
-    pupil is s times as wide, its vignetting that of the same h, and the area s^2 times as large.
-    In focal length all lengths scale, the wavefront with them.
+    s is the traced f-number over the new one; q is the tangent of the new edge of the field over
+    the traced one. These are the lowest orders of each aberration by Seidel (spherical aberration
+    s^4, coma s^3 q, astigmatism and curvature s^2 q^2), for the focus of the traced lens. The terms
+    of the amplitude of the light in the pupil are multiplied by s^n q^m. The tilt keeps the chief
+    ray in place. Distortion grows as q^2; lateral colour does not grow. The pupil is s times as
+    wide, with the vignetting at the same h, and the area is s^2 times as large. All lengths,
+    including the wavefront, scale with the focal length.
 
     name      of FAMILIES
-    f_number  1; the table is of this, or of the traced where that is faster
-    field     radian, half field for which the lens is made; None: that of the traced one
+    f_number  1; the table is for this f-number, or for the traced one if that is faster
+    field     radian, half field for which the lens is made; None: that of the traced lens
     Raises    ValueError for another name, a faster lens than the family's fastest, or a field
               outside of half to one and a half times the traced.
-    Accuracy  model: against rays through the prescription itself, scaled from f-numbers 1.2 to 1.4
-              times as large, the rms of the wavefront errs as catalogs/lenses/README.md says. A
-              lens that was designed for the speed is better, one of worse glass worse. Thermal
-              defocus keeps the order of a defocus.
+    Accuracy  model: catalogs/lenses/README.md has the error of the wavefront's rms, scaled from
+              f-numbers 1.2 to 1.4 times as large, against rays through the prescription itself. A
+              lens designed for the speed is better; a lens of worse glass is worse. Thermal defocus
+              scales like a defocus.
     """
     family = _family(name)
     table = open_lens(family.lens)
@@ -94,7 +94,7 @@ def family_surfaces(
 
 
 def element_count(name: str, f_number: float, field: float | None = None) -> float:
-    """Elements that a lens of a family needs; more where it is faster or wider than the traced.
+    """Elements that a lens of a family needs; more if it is faster or wider than the traced lens.
 
         elements = traced elements * max(1, s q)^(1 / 2)
 
@@ -143,7 +143,7 @@ def scaled_table(table: LensTable, faster: float, wider: float) -> LensTable:
 
 
 def _without_moving_chief(table: LensTable, wavefront: Floats, faster: float) -> Floats:
-    """The terms with such a tilt that the ray through the middle of the stop keeps its slope."""
+    """The terms, with a tilt that keeps the slope of the ray through the middle of the stop."""
     step = 1e-4
     at = np.array([step, -step]), np.zeros(2)
     slope = np.array([float(np.diff(-zernike(j, *at))[0]) for j in table.noll.tolist()]) / 2 / step

@@ -19,9 +19,9 @@ from startrack.optics.parameters import Optics
 from startrack.optics.pixel_psf import at_field
 from startrack.optics.pupil import MARGIN, noll_to_nm, soft_step, zernike
 
-ROOM = 293.15  # kelvin, of a lens whose design names no temperature
-RINGS, SPOKES = 16, 24  # rays from which widths are taken
-GAUSS, TURNS = 7, 16  # rays of half a pupil, from which centroids are taken
+ROOM = 293.15  # kelvin, default temperature of a lens
+RINGS, SPOKES = 16, 24  # rays for widths
+GAUSS, TURNS = 7, 16  # rays of half a pupil, for centroids
 STEP = 1e-5  # of the radius of the pupil, for slopes
 AIRY_BOX = 6.0  # wavelength * f-number, beyond the outermost ray
 PER_SIGMA = 4.0  # samples per sigma of the core: interpolation errs by 2e-5 of the peak
@@ -31,24 +31,24 @@ ROUGH = 9, 10  # the same where the tolerance of the design is COARSE: that of t
 # There, pixel, beyond which light is left out; points along a side of the irradiance at most.
 ROUGH_REACH, ROUGH_POINTS = 20.0, 900
 SAMPLED = 1.025  # of the highest frequencies that are distinguished: just finer than needed
-PASSED = 1e-5  # of a blur's transfer, below which it hides what the samples confuse
-ALIAS = 1.3  # of the points of an image that its transform has at least, unless it is rough
-MORE_NODES = 10  # than the degree of a wavefront, so that the sphere of a defocus is a polynomial
+PASSED = 1e-5  # of a blur's transfer, below which it hides aliases
+ALIAS = 1.3  # times the points of an image: least points of its transform, unless rough
+MORE_NODES = 10  # than the degree of a wavefront, to represent the sphere of a defocus
 GUARD, ROUGH_GUARD = (6.0, 24), (4.0, 4)  # of a blur, and points, that an image has at its edge
 LEAST_POINTS = 320  # of a transform
-FILLED = 0.6  # of a transform, that the pupil may fill
+FILLED = 0.6  # of a transform: largest part that the pupil may fill
 MOST_POINTS = 3072  # along a side of an irradiance
 MOST_NUMBERS = 60_000_000  # of all tables together
-CAMERA_NODES = 25  # field angles from which a camera is fitted
+CAMERA_NODES = 25  # field angles for the fit of a camera
 AROUND = np.linspace(0, math.pi, 49)  # radian, where the rim of a stopped pupil is found
-RIM_STEPS = 12  # each leaves a third of the error or less
-KEPT_RAYS = 2e-3  # of the light of a star, whose rays may meet the detector outside the tables
+RIM_STEPS = 12  # each reduces the error to a third or less
+KEPT_RAYS = 2e-3  # of the light of a star that may fall outside the tables
 
 
 class Lens(NamedTuple):
-    """A lens table as a design uses it: scaled to the focal length, stopped down, focused.
+    """A lens table of a design: scaled to the focal length, stopped down, focused.
 
-    optics       whose focal length the table is scaled to
+    optics       the design's; the table is scaled to its focal length
     temperature  kelvin
     """
 
@@ -58,18 +58,18 @@ class Lens(NamedTuple):
 
     @property
     def scale(self) -> float:
-        """Size over that of the traced lens."""
+        """Size of the lens over the traced lens."""
         return self.optics.focal_length / self.table.focal_length
 
     def at(self, wavelength: Floats, field: Floats) -> lens_table.LensPoints:
-        """Its points, in the design's size.
+        """Points of the lens, in the design's size.
 
-        A stop of another size than the traced one scales its image in the pupil; what other
-        apertures cut off stays. In `pupil`, the first ellipse is that of the traced stop, of which
-        the terms of the wavefront are functions. From a detector that is moved by a defocus d, a
-        pupil at the distance 1 / c is smaller by 1 + c d.
+        A change of the stop's size scales its image in the pupil; vignetting by other apertures
+        stays. In `pupil`, the first ellipse belongs to the traced stop; the terms of the wavefront
+        are functions on it. Seen from a detector that a defocus d has moved, a pupil at the
+        distance 1 / c is smaller by the factor 1 + c d.
 
-        Raises  ValueError where the table does not hold them.
+        Raises  ValueError if the table does not hold them.
         """
         traced = self.table.at(self.temperature, wavelength, field)
         size, opening = self.scale, self.table.f_number / self.optics.f_number
@@ -97,7 +97,7 @@ class Lens(NamedTuple):
         )
 
     def defocus(self, curvature: Floats) -> Floats:
-        """Metre by which a detector moved by d adds to the wavefront, times sqrt(1 - p^2 - q^2).
+        """Metre: change of the wavefront by a detector moved by d, times sqrt(1 - p^2 - q^2).
 
             d (1 + c d) = (p^2 + q^2) / 2 over the difference of the spheres' curvatures,
 
@@ -110,8 +110,8 @@ class Lens(NamedTuple):
 
 
 def _stopped(stop: Floats, clear: Floats, outline: Floats, used: Floats) -> Floats:
-    """The outline, about the ellipse `used`, of what lies in the ellipse `stop` and in the outline
-    about the ellipse `clear`; each ellipse (n, m, 3), each outline (n, m, h)."""
+    """The outline, about the ellipse `used`, of the area common to the ellipse `stop` and to the
+    outline about the ellipse `clear`; each ellipse (n, m, 3), each outline (n, m, h)."""
     if not outline.shape[-1]:
         return outline
     distance = np.ones((*outline.shape[:-1], len(AROUND)))
@@ -140,7 +140,7 @@ def _rim_area(ellipse: Floats, outline: Floats) -> Floats:
 def open_optics(optics: Optics, temperature: float = ROOM) -> Lens:
     """The lens of a design.
 
-    Raises  ValueError where there is no such table, or the design's aperture is wider than traced.
+    Raises  ValueError if there is no such table, or if the design's aperture is wider than traced.
     """
     if optics.lens_family:
         table = family_table(optics.lens_family, optics.f_number, optics.family_field)
@@ -242,8 +242,8 @@ class _Star:
         return np.asarray(weight @ at_nodes @ weight.T)
 
     def open_pupil(self, coordinate: Singles, cell: float) -> tuple[Singles, Ints]:
-        """Transmission of points of the pupil, softly at the rim, where any light passes; the
-        points' indices.
+        """Transmission of the points of the pupil with any light, soft at the rim; and their
+        indices.
 
         coordinate, cell  of a square, as those of `path_over_square`; their spacing
         """
@@ -261,17 +261,17 @@ class _Star:
         edge = np.flatnonzero(square > max(1 / self.around.max() - soft, 0) ** 2)
         a, b = a[edge], b[edge]
         rim = lens_table.rim_distance(self.outline, a, b)
-        # Of an ellipse the gradient of its distance is this over the distance itself.
+        # For an ellipse, the gradient of the distance is this over the distance itself.
         steep = np.hypot(a / half_p, b / half_q)
         opened[edge] = soft_step((rim - 1) * (a * a + b * b) / (rim * steep * np.float32(cell)))
         return opened, near
 
     @cached_property
     def rays(self) -> tuple[Floats, Floats, Floats]:
-        """Points at which rays from all of the pupil meet the detector, metre from `place`;
-        weights.
+        """Points at which rays from the whole pupil meet the detector, metre from `place`; and
+        their weights.
 
-        The weights are their light and add up to one.
+        The weights are their light, with the sum one.
         """
         return self._rays(*EVEN)
 
@@ -303,12 +303,12 @@ class _Star:
 
     @cached_property
     def around(self) -> Floats:
-        """The ellipse over the rim, in the directions AROUND."""
+        """Distance of the ellipse over distance of the rim, in the directions AROUND."""
         return np.asarray(lens_table.rim_distance(self.outline, COSINES, SINES), float)
 
 
 def _disk(square: Floats, weight: Floats, spokes: int) -> tuple[Floats, Floats, Floats]:
-    """Places (n,) on rings of the unit disk, whose squared radii and weights these are; weights."""
+    """Places (n,) on rings of the unit disk with given squared radii and weights; and weights."""
     azimuth = (np.arange(spokes) + 0.5) * (2 * math.pi / spokes)
     radius = np.sqrt(square)[:, None]
     x, y = radius * np.cos(azimuth), radius * np.sin(azimuth)
@@ -317,7 +317,7 @@ def _disk(square: Floats, weight: Floats, spokes: int) -> tuple[Floats, Floats, 
 
 @lru_cache(maxsize=8)
 def _chebyshev(count: int) -> tuple[Floats, Floats]:
-    """Nodes (n,) in [-1, 1], and the matrix (n, n) of a polynomial's terms by its values there."""
+    """Nodes (n,) in [-1, 1], and the matrix (n, n) from values at the nodes to polynomial terms."""
     turn = (np.arange(count) + 0.5) * math.pi / count
     through = np.cos(np.outer(np.arange(count), turn)) * (2 / count)
     through[0] /= 2
@@ -379,7 +379,7 @@ def _power_series(
 ) -> tuple[Floats, Floats]:
     """Coefficients (n, m, i, j) of u^i v^(2 j) of the wavefront (metre) and of the amplitude.
 
-    Those of an even amplitude are no numbers.
+    A uniform amplitude has an empty array.
     """
     noll = tuple(table.noll.tolist())
     wavefront = np.tensordot(points.wavefront, _powers(noll), 1)
@@ -431,8 +431,8 @@ def fit_camera(
     field to the farthest corner, weighted by area; the design's own aberrations are left out.
 
     principal  pixel (x, y) from the centre of the array
-    Raises     ValueError where the table does not reach the corner of the frame, or the band.
-    Accuracy   what the four coefficients leave is in the images of a frame: the shift of
+    Raises     ValueError if the table does not reach the corner of the frame, or the band.
+    Accuracy   the residual of the four coefficients is in the images of a frame: the shift of
                `field_psf`.
     """
     field_images.refuse_band("lens_file", lens.table.wavelength, wavelength, spectrum[None])
@@ -484,8 +484,8 @@ def field_psf(
 
     For each node of a grid over the frame, and each of some spectra, the image is the sum of the
     irradiances of some wavelengths, each centred on its rays, shifted by the lateral colour and
-    averaged over pixels. The images of all nodes are written as sums of their principal components,
-    and as many are kept as every image needs to within 4e-3 of its norm.
+    averaged over pixels. The images of all nodes are written as sums of their principal components;
+    enough components are kept for every image within 4e-3 of its norm.
 
     camera       to which the shifts refer
     pitch        metre, side of a pixel
@@ -494,13 +494,13 @@ def field_psf(
     colour       (c,) metre, mean wavelength of each
     fill_factor, diffusion  as in `pixel_psf`
     nodes        along the longer side of the frame, between which images are interpolated
-    Raises       ValueError where the table does not hold the frame or the band, or where the
-                 aberrations need more than 3072 points across the image.
+    Raises       ValueError if the table does not hold the frame or the band, or if the aberrations
+                 need more than 3072 points across the image.
     Accuracy     model: the integral of LensTable. numerical: the error between the nodes is
-                 measured at places of the largest distance from them, and returned; where the
-                 tolerance is COARSE it is NaN, and 0.3 % of the light, of the outermost rings, may
-                 lie evenly over the image instead of beyond it; light beyond 20 pixels is left out
-                 there, which moves the budget of a tracker by less than 0.2 %.
+                 measured at the places farthest from them, and returned. If the tolerance is
+                 COARSE, this error is NaN, 0.3 % of the light (the outermost rings) may be spread
+                 evenly over the image instead of beyond it, and light beyond 20 pixels is left out;
+                 this changes the budget of a tracker by less than 0.2 %.
     """
     field_images.refuse_band("lens_file", lens.table.wavelength, wavelength, spectra)
     band = band_of(wavelength, spectra, node_count(lens.optics))
@@ -509,7 +509,7 @@ def field_psf(
 
 
 class LensImages:
-    """Values that the images of all places share.
+    """Values that all images share.
 
     rough          whether the tolerance of the design is COARSE
     side_of_pixel  metre, of its active square
@@ -537,13 +537,13 @@ class LensImages:
         stars = [star for u, v in places for star in self.stars(u, v)]
         fastest = min(1 / (2 * star.radius) for star in stars)
         self.blur, core = self._blurred(math.hypot(lens.optics.total_blur, diffusion), fastest)
-        # An ellipse's narrower axis makes the wider image.
+        # The narrower axis of an ellipse makes the wider image.
         f_number = max(1 / (2 * float(min(star.pupil[4:6]))) for star in stars)
         airy = AIRY_BOX * float(band.wavelength.max()) * f_number
         spread, shift = max(self._spread(u, v) for u, v in places), self._lateral(places)
         extent = (airy + 4 * self.blur + spread + shift) / pitch
         points = self._points_per_pixel(fastest)
-        if self.rough:  # pixels average what is finer in a wide image
+        if self.rough:  # pixels average finer details of a wide image
             extent = min(extent, ROUGH_REACH)
             points = min(points, ROUGH_POINTS / (2 * extent + 2))
         self.oversampling = sampling = self._sampling(core, points, extent)
@@ -558,7 +558,7 @@ class LensImages:
             self._refuse_points(self.count, spread)
 
     def _extreme_places(self) -> list[tuple[float, float]]:
-        """Places (pixel from the axis) whose images are the widest: corners, and the axis."""
+        """Places (pixel from the axis) with the widest images: the corners, and the axis."""
         columns, rows = (nodes[[0, -1]] for nodes in field_images.frame_nodes(self.camera))
         x, y = self.camera.centre
         corners = [(u - x, v - y) for u in columns for v in rows]
@@ -567,7 +567,7 @@ class LensImages:
         return [*corners, (0.0, 0.0), (corners[-1][0] / 2, corners[-1][1] / 2)]
 
     def _blurred(self, blur: float, fastest: float) -> tuple[float, float]:
-        """The blur (metre) with what makes the core of the finest image wide enough; that core.
+        """The blur (metre), enlarged so that the finest core is wide enough; and this core.
 
         fastest  least f-number of all stars
         """
@@ -578,8 +578,8 @@ class LensImages:
         return blur, core
 
     def _points_per_pixel(self, fastest: float) -> float:
-        """Points in a pixel of an irradiance, so that of two frequencies that its points confuse,
-        the higher one is beyond the lens, or the lower one hidden by the blur.
+        """Points in a pixel of an irradiance. Of two aliased frequencies, the higher one is then
+        beyond the cutoff of the lens, or the lower one is hidden by the blur.
         """
         highest = 1 / (float(self.band.wavelength.min()) * fastest)
         passed = math.sqrt(-math.log(PASSED) / 2) / math.pi / max(self.blur, 1e-12)
@@ -616,7 +616,7 @@ class LensImages:
         return self._known[place]
 
     def _spread(self, away_x: float, away_y: float) -> float:
-        """Metre, within which all but KEPT_RAYS of the light meets the detector."""
+        """Metre: radius outside which KEPT_RAYS of the light meets the detector."""
         x, y, share = np.array([star.rays for star in self.stars(away_x, away_y)]).swapaxes(0, 1)
         middle_x, middle_y = ((at * share).sum(axis=1)[:, None] for at in (x, y))
         radius = np.hypot(x - middle_x, y - middle_y).ravel()
@@ -627,7 +627,7 @@ class LensImages:
         return float(radius[order][np.minimum(inside.sum(axis=1), len(order) - 1)].max())
 
     def _lateral(self, away: list[tuple[float, float]]) -> float:
-        """Metre, largest distance of a wavelength's centroid from that of all."""
+        """Metre: largest distance of a wavelength's centroid from the common centroid."""
         places = ([star.centroid[0] for star in self.stars(*place)] for place in away)
         return max(float(np.ptp(place)) for place in places)
 
@@ -639,7 +639,8 @@ class LensImages:
         flux = self.band.weight * (np.array([star.area for star in stars]) / optics.area)
         total = flux.sum(axis=1)
         along, across = flux @ x / total, flux @ y / total
-        # All wavelengths about the centre of the first spectrum, then each spectrum about its own.
+        # All wavelengths about the centre of the first spectrum, then each spectrum about its own
+        # centre.
         planes = np.array([self._irradiance(star, along[0], across[0]) for star in stars])
         sums = np.tensordot((flux / total[:, None]).astype(np.float32), planes, 1)
         cosine, sine = math.cos(azimuth), math.sin(azimuth)
@@ -663,7 +664,7 @@ class LensImages:
         """
         x, y, _ = star.rays
         far = float(np.hypot(star.place + x - u, y - v).max()) / self.spacing
-        # What is beyond the period comes back at the other side, beyond the image.
+        # Light beyond the period is aliased to the other side, outside the image.
         size = max(far + self.count / 2, LEAST_POINTS)
         if not self.rough:
             size = max(size, ALIAS * self.count)

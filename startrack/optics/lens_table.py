@@ -71,7 +71,7 @@ class LensTable:
     (A: and of one), the coordinates in the lens: a ray from the upper part of the lens runs
     downwards.
 
-    name, source  what lens, and where its numbers come from
+    name, source  the lens, and the source of its numbers
     focal_length  metre, nominal
     f_number      1, nominal
     temperature   (t,) kelvin, rising
@@ -82,18 +82,18 @@ class LensTable:
     place         (t, w, f) metre from the axis, of the chief ray (through the middle of the stop)
     pupil         (t, w, f, 6) 1, of the image of the stop: its centre along p, half axes along p
                   and q; the same of the ellipse of the rays that all apertures let through
-    outline       (t, w, f, h) 1, what the rim of these rays is beyond that ellipse: at the point
-                  (cos a, sin a) of the ellipse the rim is 1 + sum_k outline_k cos(k a) times as far
-                  from its centre, k from 0 to h - 1; no harmonics: the ellipse itself
+    outline       (t, w, f, h) 1, difference of the rim of these rays from that ellipse: at the
+                  point (cos a, sin a) of the ellipse, the rim is farther from its centre by the
+                  factor 1 + sum_k outline_k cos(k a), k from 0 to h - 1; no harmonics: the ellipse
     area          (t, w, f) square metre, cross-section of the beam of these rays before the lens,
                   times the transmission
     amplitude     (t, w, f, g) 1, rms of the first g terms of `noll` in A; none: A is even
     curvature     (t, w, f) 1 / metre, one over the distance of the exit pupil before the detector
     Source        Wolf, Li (1981), Opt. Commun. 39, 205: where the Debye integral holds.
-    Accuracy      model: scalar. Of the path to a point the integral leaves out a phase of that
-                  point alone and c (p X + q Y)^2 / 2: 0.05 % of the peak for the shipped lenses
-                  where they are focused, 0.3 % several waves out of focus. All of the rim lies in
-                  the exit pupil, also what another aperture than the stop cuts off.
+    Accuracy      model: scalar. The integral leaves out two parts of the path to a point: a phase
+                  of that point alone, and c (p X + q Y)^2 / 2. The second is 0.05 % of the peak for
+                  the shipped lenses in focus, and 0.3 % several waves out of focus. The whole rim
+                  is assumed in the exit pupil, also where another aperture than the stop limits it.
     Raises        ValueError that names what is wrong, the rule and the value.
     """
 
@@ -186,16 +186,16 @@ class LensTable:
     def at(self, temperature: float, wavelength: Floats, field: Floats) -> LensPoints:
         """The lens between its nodes.
 
-        Splines of the fifth degree, or the highest that the nodes allow: over the temperature; over
-        the inverse of the wavelength; over the field through the mirror images of the nodes too,
-        because a lens of revolution is even or odd in the angle.
+        Splines of the fifth degree, or of the highest that the nodes allow: over the temperature;
+        over the inverse of the wavelength; and over the field, including mirror images of the
+        nodes, because values of a lens of revolution are even or odd in the angle.
 
-        temperature  kelvin; a table of one temperature has that alone
+        temperature  kelvin; a table of one temperature has only this one
         wavelength   (n,) metre
         field        (m,) radian, not negative
         Raises       ValueError outside the table.
-        Accuracy     numerical: of the sixth order in the distance of the nodes; `startrack lens
-                     import --check` measures it.
+        Accuracy     numerical: of sixth order in the distance of the nodes; `startrack lens import
+                     --check` measures it.
         """
         self._refuse_outside("temperature", np.array([temperature]), self.temperature, "K")
         self._refuse_outside("wavelength", wavelength, self.wavelength, "m")

@@ -25,7 +25,7 @@ from startrack.optics.pupil import Aberration, Pupil
 # From the cheapest to the most exact.
 MODELS = ("gaussian", "airy", "fraunhofer", "fresnel", "kirchhoff")
 STEEPEST_F = 0.6  # the limit of an aplanatic lens is f/0.5, a whole hemisphere
-MEAN_SLOPE = 30.0  # squared, per axis, of equal parts of three aberrations of rms 1
+MEAN_SLOPE = 30.0  # squared slope per axis, for equal parts of three aberrations of rms 1
 
 LENSES = ("aplanatic", "perfect", "parabolic")
 COEFFICIENT = "OpenCV's distortion coefficients"
@@ -36,7 +36,8 @@ DIAMETER = Unit("m", "mm")
 class Optics(Parameters):
     """A lens."""
 
-    # Numbers that are no fields but may be replaced: their unit, and the fields that follow.
+    # Numbers that are no fields but may be replaced: their unit, and the fields that depend on
+    # them.
     DERIVED: ClassVar[Mapping[str, tuple[Unit, Callable[[Any, float], Mapping[str, float]]]]] = {
         "aperture": (DIAMETER, lambda optics, size: {"f_number": optics.focal_length / size})
     }
@@ -273,8 +274,8 @@ class Optics(Parameters):
         """Metre, sigma of the blur of lens and atmosphere together.
 
         A wavefront error of rms W over the pupil moves rays by 2 N times its slope over the radius.
-        Equal parts of astigmatism, coma and spherical aberration have a mean square slope, without
-        its mean, of (12 + 48 + 120) / 3 W^2 in both directions: a blur of 2 N sqrt(30) W.
+        Equal parts of astigmatism, coma and spherical aberration have a variance of the slope of
+        (12 + 48 + 120) / 3 W^2 in both directions together: a blur of 2 N sqrt(30) W.
         """
         blur = math.hypot(self.blur, self.seeing * self.image_distance)
         if not self.as_built:
@@ -291,8 +292,8 @@ def with_plain_optics(table: Mapping[str, Any], kind: type, place: str) -> Mappi
     """A table with `optics` and `detector` whose optics have an f-number and a blur in metre.
 
     kind    that the table is read as, with `optics` and `detector`
-    Raises  Refused with the place of an aperture beside an f-number, or that is no length; or of a
-            blur that is neither a length, pixels nor an angle.
+    Raises  Refused, with its place, for an aperture beside an f-number, for an aperture that is no
+            length, and for a blur that is neither a length, pixels nor an angle.
     """
     return _with_blur_as_length(_with_f_number(table, f"{place}.optics"), kind, place)
 
@@ -359,6 +360,6 @@ def _with_blur_as_length(table: Mapping[str, Any], kind: type, place: str) -> Ma
     try:
         camera: Any = from_table(kind, sharp, place)
     except Refused:
-        return sharp  # what is wrong is said when all is read
+        return sharp  # errors are reported when all is read
     size = camera.detector.pitch if unit == "pixel" else camera.optics.image_distance
     return {**table, "optics": {**optics, "blur": f"{number * size!r} m"}}

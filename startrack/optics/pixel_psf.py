@@ -1,7 +1,7 @@
 """Optics -> Psf: the fraction of the light in each pixel, for any sub-pixel position.
 
-The irradiance is of a diffraction model, of a file or of code that is not part of startrack; over
-the field aberrations grow with the distance to the axis."""
+The irradiance is from a diffraction model, a file or user code. Aberrations grow over the field
+with the distance from the axis."""
 
 import math
 from collections import defaultdict
@@ -35,8 +35,8 @@ class PsfInput:
     weight      (k,) 1, of its photons; the sum is 1
     optics      of the design: focal length, f-number, defocus, ...
 
-    The function returns (m, m) irradiance on any scale, before the blur of the design, diffusion
-    and pixels
+    The function returns (m, m) irradiance on any scale, without the design's blur, diffusion and
+    pixels
     """
 
     x: Floats
@@ -51,7 +51,7 @@ def irradiance_by_code(
 ) -> Floats:
     """The irradiance (count, count) of a function that a design names, whose integral is one.
 
-    Raises  ValueError where the function raises an error, or returns what it must not.
+    Raises  ValueError if the function raises an error, or returns an invalid result.
     """
     name, line = optics.psf, (np.arange(count, dtype=float) - count // 2) * spacing
     x, y = np.meshgrid(line, line)
@@ -107,8 +107,8 @@ FINEST, COARSEST = 64, 12  # samples per pixel; chosen by hand: memory against t
 PER_SIGMA = 8.0  # samples per sigma of the core: six-point interpolation errs by 1e-6 of the peak
 MOST_SAMPLES = 1024  # across a pupil; chosen by hand: seconds of computing time
 BYTES = 72  # of a sample of a transfer function; measured
-EXTENSION_BOX = 8.0  # pixel, least half width of the table of a user's PSF; chosen by hand
-OWN_SAMPLES = 12  # least of these per pixel; chosen by hand
+EXTENSION_BOX = 8.0  # pixel, least half width of the table of a user's PSF; by hand
+OWN_SAMPLES = 12  # least samples per pixel of a user's PSF; chosen by hand
 MOST_POINTS = 3072  # across the field of an irradiance; chosen by hand: 75 MB
 
 
@@ -140,9 +140,9 @@ def pixel_psf(
     Accuracy     model: see `choose`; the fraction outside the table is 1 - Psf.energy. numerical:
                  1e-5 of the peak; see `pixel_response`, `pixel_average`, `stamp`. A core of less
                  than 1/64 pixel sigma is blurred to that, so that interpolation does not make
-                 fractions negative. So, if a pixel is wider than ten wavelength * f-number, the
-                 fractions of a star within 1/32 pixel of an edge are wrong: by 7e-4 at a width of
-                 twenty, 0.01 at thirty, 0.08 at forty, 0.26 at 122.
+                 fractions negative. If a pixel is wider than 10 wavelength * f-number, this makes
+                 the fractions of a star within 1/32 pixel of an edge wrong: by 7e-4 at a width of
+                 20 wavelength * f-number, 0.01 at 30, 0.08 at 40, 0.26 at 122.
     """
     core.positive(pitch=pitch, fill_factor=fill_factor)
     core.within(0, 1, fill_factor=fill_factor)
@@ -160,7 +160,7 @@ def pixel_psf(
     disk = mean_wavelength * optics.working_f_number
     finest = math.hypot(AIRY_SIGMA * disk, blur)
     least = pitch / FINEST
-    if finest < least:  # the interpolation of a finer core would oscillate between the samples
+    if finest < least:  # interpolation of a finer core would oscillate
         blur, finest = math.sqrt(blur**2 + least**2 - finest**2), least
     model = optics.psf
     if is_code(model):
@@ -186,10 +186,10 @@ def _sampled(
     oversampling: int,
     fine: int,
 ) -> Psf:
-    """Pixel response of an irradiance on a grid, whose spacing (metre) and points along a side a
-    function takes.
+    """Pixel response of an irradiance, given by a function of spacing (metre) and points along a
+    side.
 
-    What it has beyond the table is left out.
+    Light beyond the table is left out.
     """
     half = _half_samples(extent / pitch, oversampling)
     spacing = pitch / oversampling / fine
@@ -242,10 +242,11 @@ def pixel_response(
 ) -> Psf:
     """Table of pixel responses from a transfer function that depends on |f| alone.
 
-    The wings of diffraction fall with r^-3; a discrete transform would alias them. They come from
-    the cusp 1 - cusp |f| of the transfer function; (cusp / a) exp(-a |f|) has the same cusp and
-    wings, and its integral over a pixel has a closed form. Only the difference is transformed. The
-    length a follows the width of the core, so that the exponential is sampled well.
+    The wings of diffraction fall with r^-3, and a discrete transform would alias them. They come
+    from the cusp 1 - cusp |f| of the transfer function. The function (cusp / a) exp(-a |f|) has the
+    same cusp and wings, and its integral over a pixel has a closed form; only the difference from
+    it is transformed. The length a follows the width of the core, so that the exponential is
+    sampled well.
 
     transfer    function of (...) cycle / metre that returns (...) 1
     pitch       metre
@@ -258,7 +259,7 @@ def pixel_response(
     side = side or pitch
     oversampling = _oversampling(finest)
     half = _half_samples(half_width, oversampling)
-    # A core of less than one and a half samples has frequencies above their Nyquist frequency.
+    # A core of less than 1.5 samples has frequencies above the Nyquist frequency of the samples.
     fine = 2 if finest * oversampling < 1.5 else 1
     core.require_memory(BYTES * (8 * half * fine) ** 2, "the table of so wide a PSF")
     samples = fft.next_fast_len(8 * half * fine, real=True)

@@ -1,8 +1,8 @@
 """File of Zemax, CODE V or optiland -> the lens of the program optiland, in millimetre.
 
-The file is read here as far as it can be misread: its letters, its unit of length, its glasses. The
-tracer sees a plain copy in which each glass is named by its maker and name, or by index and Abbe
-number.
+The parts of a file that can be misread are read here: its letters, its unit of length, its glasses.
+The tracer sees a plain copy in which each glass is named by its maker and name, or by index and
+Abbe number.
 """
 
 import difflib
@@ -42,8 +42,8 @@ MAKERS = {
     "nsg": "nsg",
     "barberini": "barberini",
 }
-# Materials that have no maker, by name: entry and page of refractiveindex.info, as the tracer has
-# it, and where the dispersion was published.
+# Materials without a maker, by name: entry and page of refractiveindex.info in the tracer, and the
+# publication of the dispersion.
 SYNONYMS = {
     **dict.fromkeys(
         ("F_SILICA", "SILICA", "FUSED_SILICA", "FUSEDSILICA", "SIO2"),
@@ -56,13 +56,13 @@ SYNONYMS = {
 NUMBER_OF_GLASS = re.compile(r"(\d{3})(\d{3})")
 PRECISE_NUMBER = re.compile(r"(\d{3,7})\.(\d{3,7})")
 MODEL = "1"  # kind of glass of a GLAS line
-# Of Zemax: what blocks light in a shape that the tracer leaves out.
+# Zemax: obstructions of shapes that the tracer leaves out.
 SHAPES = {"SQAP", "SQOB", "ELAP", "ELOB", "SPID", "UDAD", "UDAO", "UDOB", "COBS", "CLOB"}
 # Letters of CODE V, of the terms in r^4, r^6, ... r^20 of an asphere.
 ASPHERE = "ABCDEFGHJ"
 SHORTEST, LONGEST = 0.1, 30.0  # micrometre, of wavelengths that a prescription may have
 WARM = 20.0  # degC, at which the tracer takes lengths as they are
-THIN = 0.01  # atmosphere, below which a lens counts as one in vacuum
+THIN = 0.01  # atmosphere, below which a lens counts as in vacuum
 TORR = 760.0  # of an atmosphere
 VIGNETTING = "its vignetting factors do not count: apertures of surfaces do"
 # Of CODE V: what is said of the whole lens, and of a surface, without effect on light or read by
@@ -147,16 +147,16 @@ class Glass(NamedTuple):
 
 
 class Prescription(NamedTuple):
-    """A file as it was understood.
+    """The contents of a file as they were understood.
 
     text      for the tracer, with numbers of `unit` and a stand-in for each glass
     suffix    of the kind of file
     unit      of length: "mm", "cm", "in" or "m"
     glasses   by the number of the surface before them
     aspheres  by the number of the surface: terms in r^4, r^6, ..., in `unit`
-    focused   whether the image is at the paraxial focus, wherever the last distance puts it
+    focused   whether the image is at the paraxial focus, independent of the last distance
     defocus   `unit`, from there to the image
-    notes     what the file has and the trace does not count
+    notes     contents of the file that the trace ignores
     """
 
     text: str
@@ -172,15 +172,14 @@ class Prescription(NamedTuple):
 def parse_prescription(path: Path) -> Prescription:
     """Read a Zemax .zmx or CODE V .seq file: its text, unit and glasses.
 
-    A glass is the one of its name from the makers that the file names (GCAT, or the end of
-    CODE V's N-BK7_SCHOTT), capitals aside; of CODE V's names, hyphens aside, as that program writes
-    none. Without makers, there must be one maker alone who has it.
+    A glass is found by its name among the makers that the file names (GCAT, or the end of CODE V's
+    N-BK7_SCHOTT), ignoring capitals; and ignoring hyphens for CODE V, which writes none. Without
+    makers, only one maker may have it.
 
-    Raises  Refused where a glass is in none of these catalogues, with the nearest names, or in
-            several; where the unit of length is none of mm, cm, in, m; where the file has what the
-            tracer would leave out (apertures that are not round, private glasses); and where it is
-            cut.
-            ImportError without the extra `lens`.
+    Raises  Refused if a glass is in none of these catalogues, with the nearest names, or in
+            several; if the unit of length is none of mm, cm, in, m; if the file has contents that
+            the tracer would leave out (apertures that are not round, private glasses); and if it is
+            cut. ImportError without the extra `lens`.
     """
     path = Path(path)
     text = decoded(read_bytes(path, "a prescription", MOST_BYTES), path)
@@ -206,7 +205,7 @@ def _parse_zemax(path: Path, text: str) -> Prescription:
         elif word == "STOP":
             stop = True
         elif word == "TYPE" and words[1:2] == ["COORDBRK"]:
-            surface -= 1  # the tracer has no surface of it
+            surface -= 1  # the tracer makes no surface of it
         elif word in SHAPES:
             raise Refused(f"{path} must have circular apertures alone, got {word}")
         elif word == "IGNR" and words[1:2] == ["1"]:
@@ -218,7 +217,7 @@ def _parse_zemax(path: Path, text: str) -> Prescription:
         elif word == "OBSC":
             words = ["CLAP", _obstruction(path, words), "inf"]
         elif word == "DIAM" and floats and stop and len(words) > 1:
-            words = ["DIAM", repr(2 * float(words[1]))]  # half of what the tracer takes it for
+            words = ["DIAM", repr(2 * float(words[1]))]  # the tracer takes half of it
         elif word == "GLAS" and len(words) > 1 and words[1].upper() != "MIRROR":
             glasses[surface] = _zemax_glass(path, words, makers)
             words = ["GLAS", "___BLANK", "1", "0", "1.5", "60", "0", "0", "0", "0", "0", "0"]
@@ -267,7 +266,7 @@ def _obstruction(path: Path, words: Sequence[str]) -> str:
 
 
 def _zemax_note(words: Sequence[str]) -> str:
-    """What a line says that the trace does not count; "" for others."""
+    """A note on a line that the trace ignores; "" for others."""
     word, numbers = (words[0], words[1:]) if words else ("", [])
     if word == "MNUM" and numbers and int(numbers[0]) > 1:
         return f"of its {numbers[0]} configurations (MNUM) that in which it was saved counts alone"
@@ -337,7 +336,7 @@ def _parse_code_v(path: Path, text: str) -> Prescription:
         elif word in (*ASPHERE,) and surface >= 0:
             terms = aspheres.setdefault(surface, [0.0] * len(ASPHERE))
             terms[ASPHERE.index(word)] = _number(path, words, 1)
-            words = [word, "0"]  # which the tracer takes for those in r^2, r^4, ...
+            words = [word, "0"]  # the tracer assumes terms in r^2, r^4, ...
         elif word == "PIM":
             focused = True
         elif word in ("VUX", "VLX", "VUY", "VLY") and any(map(float, words[1:])):
@@ -408,7 +407,7 @@ def find_glass(path: Path, name: str, makers: Sequence[str], hyphens: bool = Tru
 
     path     of the file, for the message
     makers   as the file has them; none: all
-    hyphens  whether they count
+    hyphens  whether hyphens count
     Raises   Refused where none or several have it.
     """
     if match := NUMBER_OF_GLASS.fullmatch(name):
@@ -452,7 +451,7 @@ def _of(glasses: Sequence[Glass]) -> list[str]:
 
 
 def _nearest(name: str, catalogues: dict[str, list[str]]) -> str:
-    """A sentence of the names that are most like one, of all makers."""
+    """A sentence with the most similar names of all makers."""
     makers: dict[str, list[str]] = {}
     for maker, glasses in catalogues.items():
         for glass in glasses:
@@ -518,9 +517,9 @@ def read_prescription(path: Path) -> Any:
     prescription = None if suffix == ".json" else parse_prescription(path)
     try:
         with warnings.catch_warnings():
-            # That it took a glass of another name or maker is no warning but an error.
+            # A glass of another name or maker in the tracer is an error, not only a warning.
             warnings.simplefilter("error", OptilandMaterialWarning)
-            # Of files that name no catalogue: what it takes then is in the warning above.
+            # For files that name no catalogue; the warning above then names the glass.
             warnings.filterwarnings("ignore", "Material .* has no 'catalog'", DeprecationWarning)
             if prescription is None:
                 return readers[suffix](str(path))
@@ -532,7 +531,7 @@ def read_prescription(path: Path) -> Any:
             return lens
     except Refused:
         raise
-    # The reader raises whatever its parser meets in a file that it does not understand.
+    # The reader may raise any error in a file that it does not understand.
     except Exception as error:
         raise Refused(
             f"{path} must be a prescription, and the tracer says: {first_line(error)}"
@@ -540,7 +539,7 @@ def read_prescription(path: Path) -> Any:
 
 
 def _complete(path: Path, lens: Any, prescription: Prescription) -> None:
-    """Give the tracer's lens what its text does not hold; scale it to millimetre."""
+    """Complete the tracer's lens with values that its text lacks; scale it to millimetre."""
     for surface, glass in prescription.glasses.items():
         lens.updater.set_material(_material(glass), surface)
     for surface, terms in prescription.aspheres.items():

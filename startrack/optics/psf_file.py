@@ -26,7 +26,7 @@ SAME = 1e-3  # of a pixel's side, by which the pixels of a file and of a design 
 @printed
 @dataclass(frozen=True, eq=False)
 class PsfFile:
-    """Images of a point at nodes of wavelength and field angle, and what a sample of them is.
+    """Images of a point at nodes of wavelength and field angle, and the meaning of a sample.
 
     The x axis of an image away from the axis runs along the field: the image of a star beside the
     axis is turned. The middle sample, number n // 2, is at `place`.
@@ -34,13 +34,13 @@ class PsfFile:
     source      where they come from
     image       (w, f, n, n) on any scale
     spacing     metre between two samples; pixel where `pitch` is unknown
-    pixel       whether a sample is the light in a pixel around it, and not the irradiance there
+    pixel       whether a sample is the light in a pixel around it; else the irradiance at its place
     pitch       metre, side of that pixel; None: a pixel of any size
     energy      1, fraction of the light within an image
-    wavelength  (w,) metre, rising; one stands for all
-    angle       (f,) radian from the axis, rising from zero; one stands for all
-    place       (w, f) metre from the axis, of the middle samples; None: where the design's own
-                camera projects to
+    wavelength  (w,) metre, rising; a single one represents all
+    angle       (f,) radian from the axis, rising from zero; a single one represents all
+    place       (w, f) metre from the axis, of the middle samples; None: the projection by the
+                design's own camera
     Raises      ValueError that names what is wrong, the rule and the value.
     """
 
@@ -120,10 +120,9 @@ def psf_of_file(
 
     pitch        metre, of the design
     blur         metre, sigma of a Gaussian that is added
-    fill_factor, diffusion  as in `pixel_psf`; those of an image that contains the pixel are in it
-    Raises       ValueError where the design has other pixels than the image.
-    Accuracy     numerical: that of a cubic spline through the samples; light beyond the image is
-                 left out.
+    fill_factor, diffusion  as in `pixel_psf`; an image that contains the pixel already has them
+    Raises       ValueError if the pixels of the design and of the image differ.
+    Accuracy     numerical: a cubic spline through the samples; light beyond the image is left out.
     """
     non_negative(blur=blur)
     image = file.image[0, 0]
@@ -208,8 +207,8 @@ def save_psf_file(path: Path, psf: PsfFile) -> None:
 def load_psf_file(path: Path) -> PsfFile:
     """Read a file that `save_psf_file`, or another program, wrote.
 
-    Raises  FileNotFoundError; ValueError where the file is none, damaged, or holds what a PsfFile
-            refuses.
+    Raises  FileNotFoundError; ValueError if the file is no such file, damaged, or holds values that
+            a PsfFile refuses.
     """
     with open_checked(path, "PSF", FORMAT, "a file of PSFs") as parts:
         head = parts[0].header

@@ -69,8 +69,8 @@ class Segment(Parameters):
     def overlaps(self, other: Segment) -> bool:
         """Whether it overlaps another segment by more than rounding.
 
-        They overlap if the centre of one lies inside a segment of the sum of both sizes. For a
-        circle beside the corner of a hexagon, this is slightly too strict.
+        They overlap if the centre of one lies inside the other segment enlarged by the first one's
+        size. For a circle beside the corner of a hexagon, this is slightly too strict.
         """
         x, y = other.x - self.x, other.y - self.y
         if self.shape == other.shape == "circle":
@@ -127,7 +127,7 @@ class Pupil(Parameters):
 
     @property
     def phased(self) -> bool:
-        """Whether all segments are in one wavefront."""
+        """Whether all segments form one wavefront, without piston and tilt."""
         return not any(one.piston or one.tilt_x or one.tilt_y for one in self.segments)
 
 
@@ -138,7 +138,7 @@ def nearest_segment(pupil: Pupil, x: Floats, y: Floats) -> Ints:
 
 
 def segment_path(pupil: Pupil, x: Floats, y: Floats, radius: float) -> Floats:
-    """Path (metre) by piston and tilt of the segment nearest to each point.
+    """Path (metre) at each point, by piston and tilt of the nearest segment.
 
     x, y    1, in radii of the aperture, of shapes that broadcast
     radius  metre, of the aperture

@@ -8,7 +8,7 @@ from startrack.core import Floats, Psf
 
 RADII = (0.25, 0.5, 1.0, 1.5, 2.0, 3.0)  # pixel
 BLOCKS = (1, 3, 5, 7)  # pixels along a side
-POINT = 1e-4  # fill factor of pixels so small that their table is the image itself
+POINT = 1e-4  # fill factor of tiny pixels, whose table is the image itself
 
 
 @dataclass(frozen=True)
@@ -57,8 +57,8 @@ def modulation(psf: Psf, frequency: Floats, angle: float) -> Floats:
     frequency  (n,) cycle / pixel
     angle      radian, direction of the wave, from +x towards +y
     Returns    (n,) 1; at zero it is the energy within the table
-    Accuracy   the wings outside the table are left out: 2e-3 from two cycles per width of the
-               table on.
+    Accuracy   the wings outside the table are left out: 2e-3 above two cycles per width of the
+               table.
     """
     at = (np.arange(psf.table.shape[0]) - psf.table.shape[0] // 2) / psf.oversampling
     along = np.exp(-2j * np.pi * np.outer(frequency * np.cos(angle), at))

@@ -21,12 +21,12 @@ AZIMUTHS = 96  # directions from the chief ray to the rim of a pupil
 HARMONICS = 24  # of the rim beyond its ellipse
 UNEVEN = 15  # largest Noll index of the amplitude
 RINGS = 16  # rays of a wavefront on each
-COVERED = 400  # rays on each, of which those are counted that an obstruction stops
+COVERED = 400  # rays on each, to count rays that an obstruction stops
 ROUNDS, CLOSE = 30, 1e-7  # most steps to the rim, and the relative error that ends them
 DEGREE = 9  # of the polynomials from the pupil to the beam before the lens
-BEYOND, OUTSIDE = 1.1, 0.02  # rays just outside an aperture keep the fit smooth: how far, weight
-SMALLEST = 1e-6  # relative singular value of a fit, below which the rays do not decide its terms
-ROUNDED = 0.01  # relative, to which the catalogue's ends of wavelengths are known
+BEYOND, OUTSIDE = 1.1, 0.02  # of rays just outside an aperture, for a smooth fit: distance, weight
+SMALLEST = 1e-6  # relative singular value, below which rays do not determine a term
+ROUNDED = 0.01  # relative accuracy of the catalogue's wavelength limits
 BARREL = 23.6e-6  # 1 / kelvin, expansion of aluminium
 EXPANSION = re.compile(r"thermal_expansion:.*?coefficient:\s*([-+0-9.eE]+)", re.DOTALL)
 
@@ -56,13 +56,13 @@ def trace_lens(
 ) -> tuple[LensTable, Floats]:
     """Trace a lens of revolution at all nodes.
 
-    With temperature, radii and thicknesses of glass grow by its own expansion, spaces by that of
-    the barrel, and indices by Schott's formula, where the tracer's catalogue has them; other
-    glasses keep their shape and index.
+    With temperature, radii and thicknesses of glass grow by its expansion, spaces by the expansion
+    of the barrel, and indices change by Schott's formula, if the tracer's catalogue has these data.
+    Other glasses keep their shape and index.
 
     lens      as `read_prescription` gives it
     progress  called with 1 for each node that is done
-    Raises    ValueError where the chief ray does not pass, or the lens is not one of revolution
+    Raises    ValueError if the chief ray does not pass, or if the lens is no lens of revolution
               that images stars.
     Returns   the table, and the rms in metre of the wavefront that its terms leave, (t, w, f)
     Accuracy  the open pupil is an ellipse of the true area and the true width along p, and its
@@ -71,7 +71,7 @@ def trace_lens(
     """
     refuse_lens(lens)
     _refuse_wavelengths(lens, tracing.wavelength)
-    names = even_terms(tracing.terms)  # those odd in y cancel by symmetry
+    names = even_terms(tracing.terms)  # terms odd in y cancel by symmetry
     shape = len(tracing.temperature), len(tracing.wavelength), len(tracing.field)
     wavefront, pupil = np.empty((*shape, len(names))), np.empty((*shape, 6))
     outline = np.empty((*shape, HARMONICS))
@@ -120,11 +120,11 @@ def trace_lens(
 
 
 def surfaces_of(lens: Any) -> Surfaces:
-    """The surfaces of a tracer's lens, without those that do nothing.
+    """The surfaces of a tracer's lens, without surfaces that have no effect.
 
     Raises  ValueError where they are no spheres.
-    Accuracy  a surface without an aperture has that of the beams to the largest field angle,
-              paraxially.
+    Accuracy  a surface without an aperture gets the paraxial aperture of the beams up to the
+              largest field angle.
     """
     refuse_lens(lens)
     wavelength = float(lens.primary_wavelength)
@@ -161,9 +161,9 @@ def surfaces_of(lens: Any) -> Surfaces:
 
 
 def refuse_lens(lens: Any) -> None:
-    """Refuse what this file cannot trace.
+    """Refuse lenses that cannot be traced here.
 
-    Raises  ValueError that names it.
+    Raises  ValueError that names the reason.
     """
     surfaces = lens.surfaces
     if not surfaces[0].is_infinite:
@@ -179,7 +179,7 @@ def refuse_lens(lens: Any) -> None:
 
 
 def _refuse_wavelengths(lens: Any, wavelengths: Sequence[float]) -> None:
-    """Refuse wavelengths at which a glass of a catalogue has no index but an extrapolated one."""
+    """Refuse wavelengths at which the index of a glass would be extrapolated."""
     for surface in lens.surfaces:
         material = surface.material_post
         known: dict[str, float] = getattr(material, "material_data", None) or {}
@@ -250,9 +250,9 @@ def _stop_radius(lens: Any) -> float:
 
 
 def _without_apertures(lens: Any) -> tuple[Any, list[tuple[float, float]]]:
-    """A copy whose rays pass everywhere; of each surface the radii (millimetre) of its aperture.
+    """A copy without apertures; and, for each surface, two radii (millimetre) of its aperture:
 
-    Of what covers its middle, and of its rim.
+    of the obstruction in its middle, and of its rim.
     """
     plain, radii = copy.deepcopy(lens), []
     for surface in plain.surfaces:
@@ -306,7 +306,7 @@ def _expansion(material: Any) -> float:
 
 
 class _Sphere(NamedTuple):
-    """Sphere on which light is measured: about the place where the chief ray meets the detector.
+    """Sphere on which light is measured, about the place where the chief ray meets the detector.
 
     place, path  millimetre, of the chief ray there
     curvature    1 / millimetre
@@ -317,9 +317,10 @@ class _Sphere(NamedTuple):
     curvature: float
 
     def crossed_by(self, rays: Any) -> tuple[Floats, Floats, Floats]:
-        """Direction cosines from where rays cross it towards its centre; paths (millimetre) to it.
+        """Direction cosines from the points where rays cross it to its centre; paths (millimetre)
+        to it.
 
-        Of paths, those from the sphere on and that of the chief ray are taken off.
+        The paths after the sphere, and the path of the chief ray, are subtracted.
         """
         p, q, x, y, path = (
             np.asarray(array) for array in (rays.L, rays.M, rays.x, rays.y, rays.opd)
@@ -360,7 +361,7 @@ class _Node:
     def heights(self, across: Floats, y: Floats) -> tuple[Floats, Floats]:
         """Height of rays in the stop over its radius, and the largest such ratio of all apertures.
 
-        Two for a ray that meets no surface.
+        It is 2 for a ray that misses a surface.
         """
         self.trace(across, y)
         radius = np.hypot(np.asarray(self.lens.surfaces.x), np.asarray(self.lens.surfaces.y))
@@ -395,7 +396,8 @@ class _Node:
     def boundary(self, which: int, azimuth: Floats) -> Floats:
         """Distance (millimetre) from the chief ray to the rim of the stop (0) or all apertures (1).
 
-        Steps in proportion, since the ratio nearly is; halves of the bracket where they leave it.
+        Proportional steps, because the ratio is nearly proportional; bisection if they leave the
+        bracket.
         """
         low, high = np.zeros(len(azimuth)), np.full(len(azimuth), 3 * self.aim.radius)
         below, above = np.zeros(len(azimuth)), np.full(len(azimuth), np.inf)
@@ -414,7 +416,7 @@ class _Node:
             step = np.where(np.isfinite(above) & (above < 2) & (below > 0), chord, ahead)
             good = (step > low) & (step < high)
             distance = np.where(good, step, (low + high) / 2)
-        # A ray that meets no surface has no ratio of one: the last that passes stands for the rim.
+        # If rays miss a surface before a ratio of one, the last passing ray represents the rim.
         return np.where(np.abs(ratio - 1) < 1e-4, tried, low)
 
     def measure(
@@ -460,7 +462,7 @@ class _Node:
         return _Sphere(place, path, math.copysign(1 / math.hypot(place, before), before * forward))
 
     def _uncovered(self, azimuth: Floats, rim: Floats) -> float:
-        """Fraction of the open beam that nothing in the middle of an aperture covers."""
+        """Fraction of the open beam that no obstruction in the middle of an aperture covers."""
         inner = np.array(self.radii)[1:, 0, None]
         if not inner.any():
             return 1.0

@@ -1,4 +1,4 @@
-"""Residual: displacements of stars that no camera model has, of a unit, from their causes."""
+"""Residual: displacements of a unit's stars that no camera model describes, by causes."""
 
 import numpy as np
 from scipy.linalg import lstsq
@@ -24,21 +24,21 @@ PER_AXIS = "rms of each element along either axis"
 
 
 class Residual(Parameters):
-    """Displacements over the frame which no camera model of a tracker has beforehand.
+    """Displacements over the frame that no camera model of a tracker describes before calibration.
 
         displacement = s f(seed) + drift temperature g(seed) + flatness h(seed) tan(incidence)
                        + sum over elements of their slopes times decentre, tilt and wedge
         s^2 = rms^2 + (angle focal length)^2 + (grid / pitch)^2
 
     f, g and h are normal random fields with the correlation exp(-(d / scale)^2 / 2) over a distance
-    d. Of f and g the part is left out that a camera model or an attitude could take up (a turn,
-    focal length, principal point, k1, k2, p1 and p2); they are of rms 1 per axis over the frame.
-    What a lens as built does is computed with rays through its surfaces (`element_slopes`). Only
-    a turn is left out of it, as the camera is aligned after its assembly: the calibration of the
-    unit takes up what its order can.
+    d. From f and g, the part that a camera model or an attitude could absorb is removed (a turn,
+    focal length, principal point, k1, k2, p1 and p2); then they have an rms of 1 per axis over the
+    frame. The displacements by the elements of a lens as built are computed with rays through its
+    surfaces (`element_slopes`). Only a turn is removed from them, because the camera is aligned
+    after its assembly. The calibration of the unit absorbs what its order allows.
 
-    Accuracy  model: light meets the detector under the field angle, as behind a lens whose exit
-              pupil is a focal length away.
+    Accuracy  model: light meets the detector at the field angle, as for an exit pupil at a distance
+              of one focal length.
     """
 
     rms: float = parameter("pixel, per axis, over the frame", limit=NON_NEGATIVE, default=0.0)
@@ -92,10 +92,10 @@ class Residual(Parameters):
         return np.array([getattr(self, kind) for kind in KINDS])
 
     def field(self, camera: core.Camera, optics: Optics, pitch: float) -> core.Displacement | None:
-        """The displacements over a camera's frame; None where there are none.
+        """The displacements over a camera's frame; None without displacements.
 
         pitch     metre, of a pixel
-        Raises    Refused where elements are off whose lens is not known.
+        Raises    Refused if elements have alignment errors but the lens is unknown.
         Accuracy  numerical: displacements are interpolated between the nodes of a `Displacement`.
         """
         if not self.seed:
@@ -132,13 +132,13 @@ class Residual(Parameters):
         tangential: bool,
         nodes: int,
     ) -> Floats:
-        """Root of the covariance of what a calibration leaves of the field, before it is drawn.
+        """Root of the covariance of the field after a calibration, before it is drawn.
 
-        Of flatness and elements, a turn and the parameters that the calibration fits are left out,
-        and of all parts what its map takes up; drift is not known.
+        From flatness and elements, a turn and the parameters that the calibration fits are removed;
+        from all parts, the field that its map absorbs. Drift is unknown and left out.
 
         order, tangential, nodes  as `order`, `tangential` and `map` of `tracker.calibration`; order
-                  0: no calibration, a turn alone
+                                  0: no calibration, only a turn is removed
         Returns   (33, 33, 2, k) pixel, x and y at places that span the frame, row by row; the
                   covariance of two places is the product of theirs over the k modes
         Accuracy  numerical: a thousandth of the variance is left out.
@@ -167,7 +167,7 @@ class Residual(Parameters):
 
 @kept(8)
 def _turned_back(lens: BuiltLens) -> tuple[Ints, Floats]:
-    """`ElementSlopes` without what a turn could take up."""
+    """`ElementSlopes` without the part that a turn could absorb."""
     kind, slope = element_slopes(lens)
     camera = lens.camera
     turns = taken_up(camera, core.node_places(camera.columns, camera.rows))[:, :3]
@@ -223,8 +223,8 @@ def _oblique(camera: core.Camera, scale: float) -> Floats:
 def _smooth(columns: int, rows: int, scale: float) -> Floats:
     """Symmetric matrix (n, n) from normal numbers to a field of variance one at the nodes.
 
-    The symmetric root is the only one: places that lie evenly give several vectors the same value,
-    and which of their combinations come out depends on the processor.
+    The symmetric root is used because it is unique. Evenly spaced places have equal eigenvalues,
+    and the combinations of their eigenvectors depend on the processor.
     """
     length = scale * np.hypot(columns, rows) / 2
     apart = distance.squareform(distance.pdist(core.node_places(columns, rows)))
@@ -240,7 +240,7 @@ def _weight() -> Floats:
 
 
 def _without(model: Floats, root: Floats) -> Floats:
-    """A root (2 n, m) without the part that columns of a model (2 n, k) could take up.
+    """A root (2 n, m) without the part that columns of a model (2 n, k) could absorb.
 
     Columns are scaled, and solved without a singular value decomposition, which need not converge.
     """
@@ -253,8 +253,8 @@ def _without(model: Floats, root: Floats) -> Floats:
 def taken_up(camera: core.Camera, place: Floats) -> Floats:
     """Displacements (2 n, 10) of places (n, 2) by a turn and by the parameters of a camera.
 
-    All x before all y; on any scale, of the columns 1: three turns, focal length, principal point
-    (of which two are all but turns of a narrow field), k1, k2, p1, p2.
+    All x before all y; each column on any scale: three turns, focal length, principal point (for a
+    narrow field nearly two of the turns), k1, k2, p1, p2.
     """
     half = np.hypot(camera.columns, camera.rows) / 2
     x, y = (place - camera.centre).T / half

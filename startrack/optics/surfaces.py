@@ -13,7 +13,7 @@ from startrack.optics.lens_table import FORMAT, kept_files
 
 PART = "SURFACES"
 COLUMNS = ("curvature", "thickness", "index", "radius", "mirror")
-AIR = 1.05  # an index below is none of a glass
+AIR = 1.05  # least index of a glass
 CROWN, CROWN_INDEX, PER_INDEX = 2510.0, 1.5168, 8500.0  # kg / m^3; 1; kg / m^3
 LIGHTEST = 2300.0  # kg / m^3
 MIRROR_DENSITY = 2230.0  # kg / m^3
@@ -67,9 +67,11 @@ class Surfaces:
         return np.concatenate([[1.0], self.index[:-1]])
 
     def heights(self) -> tuple[Floats, Floats]:
-        """Paraxial heights (s,) of a ray parallel to the axis and of one through the stop's middle.
+        """Paraxial heights (s,) of a ray parallel to the axis and of a ray through the stop's
+        middle.
 
-        The first for one metre before the lens; the second for a field angle whose tangent is 1.
+        The first has a height of one metre before the lens; the second a field angle whose tangent
+        is 1.
         """
         before, after = self.signed_index()
         matrix, rows = np.eye(2), []
@@ -97,7 +99,7 @@ class Surfaces:
     def glass_mass(self) -> float:
         """Kilogram, of all elements, from their shapes.
 
-        A mirror is as thick as a sixth of its diameter, of borosilicate glass.
+        A mirror is of borosilicate glass, with a thickness of a sixth of its diameter.
 
         Accuracy  model: edges are the larger of both clear apertures; 2510 kg / m^3 at the index of
                   BK7 and 8500 more for each unit of the index, which fits 12 common glasses to 20 %
@@ -122,8 +124,8 @@ class Surfaces:
     def scaled(self, size: float, faster: float = 1.0, wider: float = 1.0) -> Surfaces:
         """The same shape in another size, with clear apertures for other beams.
 
-        A clear aperture is the height of the outermost ray of the axis, times `faster`, and the
-        rest of it, that oblique beams take, times `wider`.
+        A clear aperture is the sum of the height of the outermost axial ray, times `faster`, and of
+        the rest for oblique beams, times `wider`.
 
         faster, wider  aperture and tangent of the field over those of this lens, at one focal
                        length

@@ -17,8 +17,8 @@ from startrack.optics.pupil import even_terms, zernike
 TERMS = 37  # largest Noll index of a wavefront
 MOST_BYTES = 100_000_000
 ROOM = 293.15  # kelvin
-BAND = (300e-9, 1100e-9)  # metre, for which one wavelength stands
-WIDE = 0.1  # radian, to which one field angle stands
+BAND = (300e-9, 1100e-9)  # metre, that one wavelength represents
+WIDE = 0.1  # radian, up to which one field angle is valid
 NUMBER = r"[-+]?[0-9]*[.,]?[0-9]+(?:[eE][-+]?[0-9]+)?"
 MICRO = r"(?:u|[^\sA-Za-z]{1,2})m|[Mm]icrons?|[Mm]icrometers?"  # in any encoding
 PLAIN = re.compile(r"[-+]?[0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?")
@@ -99,15 +99,15 @@ def table_of_pages(
     """The lens table of pages of wavefront maps, one for each wavelength and field (0, y).
 
     Its terms to Noll 37, even across the field, are fitted by least squares over the open pupil. A
-    map is positive where the path is longer than that of the chief ray. One wavelength stands for
-    all from 300 to 1100 nm, with the same path, and one field angle for all to 0.1 radian.
+    map is positive where the path is longer than that of the chief ray. A single wavelength
+    represents all from 300 to 1100 nm, with the same path; a single field angle all to 0.1 radian.
 
     focal_length, f_number  metre, 1, of the lens
     flipped                 maps are positive where the path is shorter
     Raises    OSError; ValueError where a page is none, or the set is not complete.
     Returns   the table, and the rms (w, f) in waves that the terms leave of its wavefronts
-    Accuracy  model: a round pupil without vignetting, distortion and lateral colour, which the maps
-              do not hold.
+    Accuracy  model: a round pupil without vignetting, distortion and lateral colour, because the
+              maps do not contain them.
     """
     positive(focal_length=focal_length, f_number=f_number)
     pages = _pages(paths)

@@ -1,7 +1,7 @@
-"""What light arrives: stars, sky and bodies become photons per wavelength at the entrance pupil.
+"""The arriving light: stars, sky and bodies become photons per wavelength at the entrance pupil.
 
-parameters  Scene: what there is to see besides the stars, when and from where; the table of the
-            lights that it may have.
+parameters  Scene: everything visible besides the stars, date and observer; the table of possible
+            lights.
 photometry  Magnitude and colour into a photon spectrum: blackbodies through Gaia's passbands.
 ephemeris   Scene, Streams -> the observer, and angles from boresights to Sun, Moon and limb.
 planets     Body -> V magnitude of a planet.
@@ -10,13 +10,13 @@ bodies      Observer -> the Sun, the Moon and the Earth: discs in the field, str
 limb        Light of the Earth's air: the bright limb as a table over tangent height and Sun, the
             airglow as thin shells.
 cities      The Earth at a date -> the lights of its large cities by night, as points.
-day_sky     DaySky: where a camera within or below the air looks, and where the Sun stands to it.
-air_above   DaySky -> light that the air scatters by day, and its transmittance to stars.
-dusk        DaySky with the Sun below the horizontal -> what the air scatters of its light.
+day_sky     DaySky: line of sight of a camera within or below the air, and place of the Sun.
+air_above   DaySky -> light that the air scatters by day, and transmittance of the air for stars.
+dusk        DaySky with the Sun below the horizontal -> sunlight that the air scatters.
 night       DaySky at night -> airglow, zodiacal light and light of faint stars.
 moonlight   DaySky and date -> the place of the Moon, and its irradiance.
-sky_light   DaySky -> photons of the sky above a camera at any hour, and what the air takes of
-            stars.
+sky_light   DaySky -> photons of the sky above a camera at any hour, and loss of starlight in the
+            air.
 background  Directions -> zodiacal light, and the light of stars below the catalogue's limit.
 illuminate  Stars -> Light: photons at the entrance pupil; diffuse light by user code.
 """

@@ -1,4 +1,4 @@
-"""DaySky -> photons of the sky above a camera, and how much light of stars the air lets through."""
+"""DaySky -> photons of the sky above a camera, and transmittance of the air for stars."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from startrack.scene.photometry import WAVELENGTH
 
 FORMAT = 1  # of the file
 EARTH = 6371e3  # metre, mean radius, as the solver has it
-STEPS = 400  # of the integral along the line of sight: 0.1 % of light that is scattered once
-FAINT = 1e-12  # 1 / sr: a logarithm must be finite
+STEPS = 400  # of the integral along the line of sight: 0.1 % error in single scattering
+FAINT = 1e-12  # 1 / sr, lower limit, so that logarithms are finite
 # Fraction of a gas above a height, as for Earth cameras: scale heights of water and of mixed gases,
 # and the heights between which ozone lies evenly; metre.
 WATER_SCALE, AIR_SCALE, OZONE_FROM, OZONE_TO = 2e3, 8e3, 12e3, 35e3
-# Fraction of the gas above the camera that light crosses before and after it is scattered there: it
-# is scattered in the middle.
+# Fraction of the gas above the camera that light crosses before, and after, it is scattered:
+# scattering is assumed in the middle.
 ABOVE_SCATTERING = 0.5
 DIFFUSE_MASS = 1.66  # air masses that diffuse light crosses upwards
 
@@ -38,9 +38,11 @@ class SkyTable:
     mass        (v,) 1, over the cosine of the zenith angle of the line of sight
     sun         (s,) radian, zenith angle of the Sun
     azimuth     (p,) radian, between line of sight and Sun
-    multiple    (2, k, h, v, s, p) 1 / sr, light that is scattered more than once over black
-                ground, over the Sun's irradiance; for molecules alone and with the aerosol
-    ground      (2, k, h, v, s) 1 / sr, what one unit of albedo adds where nothing comes back
+    multiple    (2, k, h, v, s, p) 1 / sr, multiply scattered light over black ground, over the
+                Sun's irradiance; for molecules alone and with the aerosol
+    ground      (2, k, h, v, s) 1 / sr, additional light per unit of albedo, without light scattered
+                back
+    to the ground
     returned    (2, k) 1, spherical albedo of the air from below
     level       (l,) metre, of the extinctions
     molecules   (k, l) 1 / metre
@@ -78,13 +80,13 @@ ARRAYS = tuple(part.name for part in fields(SkyTable))
 def load_sky(path: Path) -> SkyTable:
     """Read a table of the sky.
 
-    Raises  FileNotFoundError; ValueError where the file is no table of the sky or damaged.
+    Raises  FileNotFoundError; ValueError if the file is no table of the sky, or damaged.
     """
     return SkyTable(*checked_arrays(path, "SKY", FORMAT, "a table of the sky", ARRAYS))
 
 
 def day_light(table: SkyTable, sky: DaySky, sun: SunPlace) -> Floats:
-    """(bins,) 1 / sr, light that the air scatters, over the irradiance of a Sun above the horizon.
+    """(bins,) 1 / sr, light scattered by the air, over the irradiance of a Sun above the horizon.
 
     Accuracy  as `sky_light`
     """
@@ -119,7 +121,7 @@ def scattered_light(sky: DaySky, date: str | None = None) -> tuple[Floats, Float
 
 
 class LitRay(NamedTuple):
-    """The line of sight in steps, and the light of a lamp that each of them scatters.
+    """The line of sight in steps, and the light of a lamp that each step scatters.
 
     step    (n,) metre
     radius  (n,) metre, from the Earth's centre
@@ -138,7 +140,7 @@ class LitRay(NamedTuple):
 
 
 def scattered_once(table: SkyTable, sky: DaySky, sun: SunPlace) -> Floats:
-    """(k,) 1 / sr, light that the air scatters once, over the Sun's irradiance.
+    """(k,) 1 / sr, light scattered once by the air, over the Sun's irradiance.
 
         L = integral of (m P_m + s a P_a) / 4 pi exp(-depth to the Sun - depth to the camera) ds
 
@@ -153,12 +155,12 @@ def sources_of_ray(
 ) -> LitRay:
     """The terms of the integral of `scattered_once`.
 
-    absorber  (k, l) 1 / metre, extinction by what absorbs and does not scatter
+    absorber  (k, l) 1 / metre, extinction by gases that absorb without scattering
     """
     zenith = math.pi / 2 - sky.elevation
     start = EARTH + sky.height
     end = _reach(start, zenith, EARTH + table.level[-1])
-    edges = end * np.linspace(0, 1, STEPS + 1) ** 2  # closer where the air is denser
+    edges = end * np.linspace(0, 1, STEPS + 1) ** 2  # shorter steps in denser air
     step, place = np.diff(edges), (edges[1:] + edges[:-1]) / 2
     radius = np.sqrt(start**2 + place**2 + 2 * start * place * math.cos(zenith))
     cosine = (start * math.sin(sun.elevation) + place * math.cos(sun.distance)) / radius
@@ -179,7 +181,7 @@ def sources_of_ray(
 
 
 def _each_row(rows: Floats, nodes: Floats, place: Floats | float) -> Floats:
-    """Each of some rows (k, m) of values at nodes (m,), interpolated linearly at places."""
+    """Rows (k, m) of values at nodes (m,), interpolated linearly at places."""
     return np.array([np.interp(place, nodes, row) for row in rows])
 
 
@@ -204,7 +206,7 @@ def _path(table: SkyTable, sky: DaySky) -> Floats:
 def _depth_to_sun(table: SkyTable, layer: Floats, radius: Floats, cosine: Floats) -> Floats:
     """(k, n) optical depth from radii (n,) to the Sun at cosines (n,) of its zenith angle.
 
-    Infinite where the ground is in between.
+    Infinite if the ground is in between.
     """
     nearest = radius * np.sqrt(np.maximum(1 - cosine**2, 0))  # to the Earth's centre
     border = EARTH + table.level
@@ -218,7 +220,7 @@ def _depth_to_sun(table: SkyTable, layer: Floats, radius: Floats, cosine: Floats
 
 
 def scattered_more(table: SkyTable, sky: DaySky, sun: SunPlace) -> tuple[Floats, Floats]:
-    """(k,) 1 / sr each: light that is scattered more than once, and light of the ground.
+    """(k,) 1 / sr each: multiply scattered light, and light of the ground.
 
     Below the horizontal the Sun counts as at the horizontal.
     """
@@ -238,9 +240,9 @@ def scattered_more(table: SkyTable, sky: DaySky, sun: SunPlace) -> tuple[Floats,
 def place_in(
     table: SkyTable, zenith: Floats, sky: DaySky, sun: SunPlace
 ) -> tuple[tuple[Floats, ...], list[float]]:
-    """Axes of a table whose Sun is at zenith angles (s,), and the coordinates of a sky in it.
+    """Axes of a table with zenith angles (s,) of the Sun, and the coordinates of a sky in it.
 
-    A Sun below the last one of the table counts as at that one.
+    A Sun below the table's last zenith angle counts at that angle.
     """
     angle = min(max(math.pi / 2 - sun.elevation, 0.0), float(zenith[-1]))
     axes = table.height, np.log(table.mass), zenith, table.azimuth

@@ -8,7 +8,7 @@ from startrack.core import GALACTIC_POLE, Floats, deg
 from startrack.scene.photometry import SUN, SUN_G_MINUS_V, WAVELENGTH, photon_irradiance
 
 # Leinert et al. (1998), A&A Supplement Series 127, 1, table 17: seen from the Earth at 500 nm, in
-# 1e-8 W / m^2 / sr / um; the pole is that of section 8.3. Zero where the table has nothing.
+# 1e-8 W / m^2 / sr / um; the pole is that of section 8.3. Zero where the table is empty.
 S10 = 1.28  # of these units: one star of V = 10 and the Sun's colour per square degree
 LONGITUDE = (0, 5, 10, 15, 20, 25, 30, 35, 40, 45, 60, 75, 90, 105, 120, 135, 150, 165, 180)
 LATITUDE = (0, 5, 10, 15, 20, 25, 30, 45, 60, 75, 90)
@@ -80,7 +80,7 @@ def zodiacal(direction: Floats, sun: Floats, sun_distance: float = 1.0) -> Float
 
 @lru_cache(maxsize=1)
 def zodiacal_spectrum() -> Floats:
-    """Photon / s / m^2 / sr in each bin of WAVELENGTH, where the brightness is one S10.
+    """Photon / s / m^2 / sr in each bin of WAVELENGTH, for a brightness of one S10.
 
     Sunlight, a little redder. Source: Leinert et al. (1998), eq. (22).
     """
@@ -135,12 +135,12 @@ def _ring(turn: Floats) -> Floats:
 
 
 def starlight(direction: Floats, limit_g: float) -> Floats:
-    """Brightness of faint stars that a catalogue leaves out, and of dust in the light of all stars.
+    """Brightness of stars below a catalogue's limit, and of dust lit by all stars.
 
         light(G, b) = light(G + 5 log10 s, pole) / s,   s^2 = sin(b)^2 + 0.2^2
 
-    which is exact for a plane layer of stars without dust: at a low latitude b, more and farther
-    stars are seen.
+    This is exact for a plane layer of stars without dust: at a low latitude b, more and farther
+    stars are visible.
 
     direction  (n, 3) unit vectors, ICRS axes
     limit_g    G of the faintest star of the catalogue
@@ -156,7 +156,7 @@ def starlight(direction: Floats, limit_g: float) -> Floats:
 
 @lru_cache(maxsize=1)
 def starlight_spectrum() -> Floats:
-    """Photon / s / m^2 / sr in each bin, where there is one star of G = 10 per square degree."""
+    """Photon / s / m^2 / sr in each bin, for one star of G = 10 per square degree."""
     return photon_irradiance(np.array([10.0]), np.array([TEMPERATURE]))[0] / deg**2
 
 

@@ -19,7 +19,7 @@ MOON_DISTANCE = 384_400e3  # metre, at which its magnitude is given
 EARTH_ALBEDO = 0.30  # Stephens et al. (2015), Reviews of Geophysics 53, 141
 RINGS, SPOKES = 16, 48  # of the quadrature over the Earth's disc: 1 % of its stray light
 MOST_POINTS = 1000  # in the radius of a disc: three million in all, two gigabytes of spectra
-# Points in the radius of a disc at which a thin crescent is given up; chosen by hand: the Moon has
+# Points in the radius of a disc, above which a thin crescent is left out; by hand: the Moon has
 # such a crescent only within 7 degrees of new moon.
 FINEST = 128
 
@@ -44,10 +44,10 @@ class Disc:
         return direction @ self.direction > math.cos(self.radius)
 
     def hides(self, other: Disc) -> float:
-        """Fraction of another disc, behind it, that it covers.
+        """Fraction of another disc behind it that it covers.
 
-        The area that two circles of radii R and r at a distance d share, over that of the circle r:
-        the sectors of both less their triangles.
+        The common area of two circles of radii R and r at a distance d, over the area of the circle
+        r: the sectors of both minus their triangles.
 
         Accuracy  model: circles in a plane, which is valid if one of them is small.
         """
@@ -64,7 +64,7 @@ class Disc:
         return min(max((lens - d * half) / (math.pi * inner**2), 0.0), 1.0)
 
     def stray_source(self, fraction: float = 1.0) -> StrayLightSource:
-        """A fraction of its light, from the direction of its centre."""
+        """A fraction of its light, as a source in the direction of its centre."""
         return StrayLightSource(self.direction[None], np.full(1, fraction), self.photon_irradiance)
 
 
@@ -99,8 +99,8 @@ def moon_irradiance(phase_angle: float, distance: float, sun_distance: float) ->
         V = -12.73 + 0.026 a + 4e-9 a^4,   a the phase angle in degrees, at the mean distance
 
     Source: Krisciunas and Schaefer (1991), PASP 103, 1033, eq. (9).
-    Accuracy  model: 0.1 mag below 7 degrees of phase, where it is brighter still; the colour is the
-              Sun's; no earthlight.
+    Accuracy  model: 0.1 mag; below 7 degrees of phase the Moon is brighter than the model. The
+              colour is the Sun's; no earthlight.
     """
     phase = phase_angle / deg
     full = -12.73 + 0.026 * phase + 4e-9 * phase**4
@@ -114,8 +114,8 @@ class Earth:
 
         radiance = albedo / pi * sunlight * cos(angle of the Sun to the normal)
 
-    disc    what it hides
-    light   (k,) photon / s / m^2 / sr where the Sun is in the zenith
+    disc    the sky that it hides
+    light   (k,) photon / s / m^2 / sr of a place with the Sun in the zenith
     centre  (3,) metre from the observer to its centre
     sun     (3,) unit vector to the Sun
     """
@@ -135,7 +135,7 @@ class Earth:
 
     @property
     def stray_source(self) -> StrayLightSource:
-        """Its light, from many points of its disc."""
+        """Its light, as sources at many points of its disc."""
         point, solid_angle = _disc_quadrature(self.disc.direction, self.disc.radius)
         fraction = self.shine(point) * solid_angle
         lit = fraction > 0
@@ -177,7 +177,7 @@ def disc_points(disc: Disc, spacing: float) -> tuple[Floats, Floats]:
     angles of the Sun (m0) and of the observer (m) to the normal; it is uniform at full phase, like
     the Moon's.
 
-    spacing  radian between points; less where a thin crescent needs it
+    spacing  radian between points; less for a thin crescent
     Returns  (n, 3) unit vectors and (n,) fractions of the light, of sum one; no points for a
              crescent thinner than about 1/128 of the radius, such as the Moon's within 7 degrees
              of new moon

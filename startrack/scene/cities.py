@@ -29,8 +29,8 @@ CITIES = (
     (6.1, 33.7, -84.4), (5.9, 29.8, -95.4), (4.9, -33.9, 151.2), (4.8, 52.5, 13.4),
     (3.1, 25.2, 55.3), (2.2, 36.2, -115.1),
 )  # fmt: skip
-# Garstang (1986), PASP 98, 364: 1000 lumen a head, of which 0.15 is emitted upwards and 0.15 of
-# the rest is reflected by the ground.
+# Garstang (1986), PASP 98, 364: 1000 lumen per head; a fraction of 0.15 is emitted upwards, and the
+# ground reflects 0.15 of the rest.
 UPWARDS = 1000 * (0.15 + 0.15 * 0.85)  # lumen a head
 LUX_OF_ZERO = 2.54e-6  # of a star of V = 0
 PHOTONS_OF_ZERO = 1.0e8  # photon / s / m^2 / nm at 550 nm, of the same

@@ -1,4 +1,4 @@
-"""DaySky: where a camera within or below the air looks, and where the Sun stands to it."""
+"""DaySky: line of sight of a camera within or below the air, and place of the Sun."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ROUNDING = 1e-9  # radian
 
 
 class SunPlace(NamedTuple):
-    """Where the Sun, or the Moon, stands.
+    """Place of the Sun or the Moon.
 
     elevation  radian, above the horizontal
     distance   radian, from the line of sight
@@ -30,11 +30,11 @@ class SunPlace(NamedTuple):
 
 
 class DaySky(Parameters):
-    """The sky for a camera within or below the air, whose line of sight stays to the Sun.
+    """The sky for a camera within or below the air, with a fixed line of sight relative to the Sun.
 
     By day, in twilight and at night. The Sun's place is given by its elevation and distance from
-    the line of sight, or follows from the scene's date, the place on the Earth and the azimuth of
-    the line of sight; only in the second case there is a Moon.
+    the line of sight. Or it follows from the scene's date, the place on the Earth and the azimuth
+    of the line of sight; only then is there a Moon.
     """
 
     height: float = parameter(
@@ -144,7 +144,7 @@ class DaySky(Parameters):
             )
 
     def refraction(self, elevation: float | None = None) -> float:
-        """Radian by which the air lifts a star, of the line of sight by default.
+        """Radian: apparent lift of a star by the air; by default of the line of sight.
 
         elevation  radian, without air
         Accuracy   that of `startrack.space.refraction`

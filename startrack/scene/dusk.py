@@ -1,4 +1,4 @@
-"""DaySky with the Sun below the horizontal -> what the air scatters of its light."""
+"""DaySky with the Sun below the horizontal -> sunlight that the air scatters."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ FORMAT = 1  # of the file
 class DuskTable:
     """Light that reaches a camera from above while the Sun is at or below the horizontal.
 
-    In the air of `SkyTable`, whose other axes it has, without aerosol and with ozone between
+    The air and the other axes are those of `SkyTable`, without aerosol and with ozone between
     OZONE_FROM and OZONE_TO.
 
     sun       (d,) radian, zenith angle of the Sun
-    multiple  (k, h, v, d, p) 1 / sr, light that is scattered more than once, over black ground
-    ground    (k, h, v, d) 1 / sr, what one unit of albedo adds
+    multiple  (k, h, v, d, p) 1 / sr, multiply scattered light over black ground
+    ground    (k, h, v, d) 1 / sr, additional light per unit of albedo
     ozone     (k,) 1 / metre, extinction
     """
 
@@ -53,17 +53,17 @@ ARRAYS = tuple(part.name for part in fields(DuskTable))
 
 
 def dusk_light(table: SkyTable, sky: DaySky, sun: SunPlace) -> Floats:
-    """(bins,) 1 / sr, light that the air scatters, over the irradiance of a Sun below the horizon.
+    """(bins,) 1 / sr, light scattered by the air, over the irradiance of a Sun below the horizon.
 
-    Light that is scattered once is summed along the line of sight, with the Earth's shadow; light
-    that is scattered more than once is interpolated in a table, and for a Sun below the table
-    extrapolated from its two last Suns, in the logarithm.
+    Light scattered once is summed along the line of sight, with the Earth's shadow. Multiply
+    scattered light is interpolated in a table. For a Sun below the table it is extrapolated in the
+    logarithm, from the last two zenith angles.
 
     Source    sasktran2 (Zawada et al.), by successive orders; catalogs/atmosphere
     Accuracy  model: straight rays, without the refraction that lifts the Sun by half a degree at
-              the horizon. Beside fits of the zenith of Paranal, 5 to 10 degrees below the horizon,
-              with an aerosol of 0.3: V within 0.3 mag, B, R and I within 0.6. Without aerosol and
-              with 1.0, R and I are up to 0.9 mag off. numerical: see
+              the horizon. Against fits of the zenith of Paranal with the Sun 5 to 10 degrees below
+              the horizon, with an aerosol of 0.3: V within 0.3 mag, B, R and I within 0.6. With an
+              aerosol of 0 or 1.0, R and I are wrong by up to 0.9 mag. numerical: see
               `catalogs/atmosphere/air_solver.py`.
     """
     dusk = _table()
@@ -75,9 +75,9 @@ def dusk_light(table: SkyTable, sky: DaySky, sun: SunPlace) -> Floats:
 
 
 def _scattered_more(table: SkyTable, dusk: DuskTable, sky: DaySky, sun: SunPlace) -> Floats:
-    """(k,) 1 / sr, light that is scattered more than once, and light of the ground.
+    """(k,) 1 / sr, multiply scattered light, and light of the ground.
 
-    The aerosol changes it as where the Sun is at the horizontal.
+    The effect of the aerosol is that for a Sun at the horizontal.
     """
     axes, place = place_in(table, dusk.sun, sky, sun)
     second_last, last = float(dusk.sun[-2]), float(dusk.sun[-1])
@@ -96,9 +96,9 @@ def _scattered_more(table: SkyTable, dusk: DuskTable, sky: DaySky, sun: SunPlace
 
 
 def _air_mass(table: SkyTable, ray: LitRay, scale: float) -> float:
-    """Air masses of a gas that light crosses from the Sun to a step of the ray and to the camera.
+    """Air masses of a gas on the way of light from the Sun over a step of the ray to the camera.
 
-    The mean over the steps, weighted by the light that they scatter.
+    It is the mean over the steps, weighted by the light that they scatter.
 
     scale  metre, scale height of the gas
     """

@@ -42,8 +42,8 @@ class SkyObserver:
 def observer_of(scene: Scene, streams: Streams | None) -> SkyObserver:
     """The observer of one trial.
 
-    streams  of the trial; needed only where the scene draws a date or a phase of the orbit
-    Raises   TypeError where they are needed and missing.
+    streams  of the trial; needed only if the scene draws a date or a phase of the orbit
+    Raises   TypeError if they are needed and missing.
     """
     day = _start_day(scene)
     if scene.days:
@@ -85,7 +85,7 @@ def _start_day(scene: Scene) -> float:
 
 
 def date_of(scene: Scene, year: float, streams: Streams | None = None) -> datetime:
-    """UTC of a trial: that of its scene, or of the Julian year that the sky is seen in.
+    """UTC of a trial: the date of its scene, or of the Julian year of its sky.
 
     streams  of the trial; needed only where the scene draws a date
     """
@@ -104,9 +104,9 @@ def _draw(streams: Streams | None, cause: str) -> float:
 def body_angles(scene: Scene, seed: int, trials: Sequence[int], boresight: Floats) -> Floats:
     """Radian from the boresight to the centres of Sun and Moon, and to the Earth's limb.
 
-    Whether or not the scene has the light of these bodies; negative in front of the Earth.
+    The scene need not have the light of these bodies. Negative in front of the Earth.
 
-    seed, trials  (n,) that date and orbit are drawn by, where each trial draws them
+    seed, trials  (n,) by which date and orbit are drawn, if each trial draws them
     boresight     (n, 3) unit vectors, ICRS axes
     Returns       (n, 3) in the order of BODIES; NaN without a date, or without an orbit
     Accuracy      model: that of `SkyObserver.see`; a spherical Earth.

@@ -23,12 +23,12 @@ from startrack.scene.sky_light import sky_light
 from startrack.space import AU, EARTH_RADIUS
 
 GROUP = "lights"
-LEAST = 1e-6  # of the largest, of the terms (a spectrum times a map) that a light is made of
-OWN_NODES = 129  # along a side of the frame, at which a user's light is asked first
+LEAST = 1e-6  # of the largest term (a spectrum times a map) of a light; smaller ones drop
+OWN_NODES = 129  # along a side of the frame, first grid for a user's light
 LEAST_NODES, MOST_NODES = 17, 513  # of its map
-TOLERANCE = 0.01  # of its brightest light, between the nodes
-NODES = 17  # of the map of diffuse light along a side of the frame: 1 % between them
-LIMB_NODES = 129  # the same where the Earth's limb is in the frame: an edge of 1/128 of it
+TOLERANCE = 0.01  # of its brightest light, error between the nodes
+NODES = 17  # of the map of diffuse light along a side: 1 % error between them
+LIMB_NODES = 129  # the same with the Earth's limb in the frame: an edge within 1/128
 POINTS_PER_PIXEL = 2.0  # of a disc; chosen by hand: fewer leave gaps, more cost time
 
 
@@ -41,8 +41,8 @@ class LightInput:
     wavelength  (k,) metre, middle of each spectral bin
     width       metre, of each bin
     scene       date, orbit and background of the design
-    generator   random numbers of this trial for this light alone, the same whenever it is asked;
-                what they give must not depend on the number of points
+    generator   random numbers of this trial for this light alone, the same in each call; the use of
+                them must not depend on the number of points
 
     The function returns (m, k) photon / s / m^2 / sr at the entrance pupil, in each direction and
     spectral bin
@@ -56,19 +56,19 @@ class LightInput:
 
 
 def light_by_code(name: str, given: Callable[[int], LightInput]) -> Iterator[core.DiffuseLight]:
-    """The light of a function that a design names, as sums of a spectrum times a map.
+    """The light of a function that a design names, as a sum of spectra times maps.
 
-    The function is asked at OWN_NODES points along each side of the frame. The number is doubled
-    until linear interpolation between every second point is wrong by at most twice TOLERANCE of
-    the brightest light, in each bin: interpolation between all points is then within TOLERANCE.
-    The coarsest map within TOLERANCE is kept.
+    The function is called with OWN_NODES points along each side of the frame. The number is doubled
+    until the error of linear interpolation between every second point is at most twice TOLERANCE of
+    the brightest light, in each bin. Interpolation between all points is then within TOLERANCE. The
+    coarsest map within TOLERANCE is kept.
 
-    given     makes the input for a number of points along a side, with the same random numbers
-    Raises    ValueError where the function raises an error, or returns what it must not. Refused
-              where the light varies too fast for MOST_NODES, a jump of its mean excepted.
-    Accuracy  numerical: TOLERANCE of the brightest light between the points; of an edge, its place
-              within 1/512 of the frame; what lies between two of OWN_NODES points is not seen. 1e-6
-              of the largest term, by singular values.
+    given     number of points along a side -> input, with the same random numbers
+    Raises    ValueError if the function raises an error, or returns an invalid result. Refused if
+              the light varies too fast for MOST_NODES, except for edges.
+    Accuracy  numerical: TOLERANCE of the brightest light between the points; the place of an edge
+              within 1/512 of the frame; details between two of OWN_NODES points are missed. 1e-6 of
+              the largest term, by singular values.
     """
     nodes = OWN_NODES
     light = _asked(name, given(nodes), nodes)
@@ -137,7 +137,7 @@ class Sight:
     streams: core.Streams
 
     def sees(self, disc: Disc) -> bool:
-        """Whether a part of a disc may be in the frame."""
+        """Whether the frame may contain a part of a disc."""
         boresight = self.icrs_to_camera.inv().apply([0.0, 0.0, 1.0])
         angle = math.acos(min(max(float(boresight @ disc.direction), -1.0), 1.0))
         return angle < disc.radius + 1.1 * self.camera.half_diagonal
@@ -151,13 +151,13 @@ def illuminate(scene: Scene, stars: Stars, sight: Sight | None = None) -> Light:
     """The light of stars, background and bodies.
 
     sight     None: only stars and the uniform background, which do not depend on it
-    Raises    ValueError where a disc in the field has too many pixels. TypeError where the scene
-              draws a date or an orbit and `sight` has no streams.
-    Accuracy  model: those of `photon_irradiance`, `zodiacal`, `starlight`, `magnitude_v`,
-              `sky_light` and `bodies`; within the air the sky of the line of sight is that of
-              the whole field; a body hides a star completely or not at all; discs do not move
-              during the exposure. numerical: 1 % between the nodes of the maps of diffuse light;
-              the Earth's limb within 1/128 of the frame.
+    Raises    ValueError if a disc in the field has too many pixels. TypeError if the scene draws a
+              date or an orbit and `sight` has no streams.
+    Accuracy  model: as `photon_irradiance`, `zodiacal`, `starlight`, `magnitude_v`, `sky_light` and
+              `bodies`; within the air the whole field has the sky of the line of sight; a body
+              hides a star completely or not at all; discs do not move during the exposure.
+              numerical: 1 % between the nodes of the maps of diffuse light; the Earth's limb within
+              1/128 of the frame.
     """
     rate = photon_irradiance(stars.magnitude_g, photometry.colour_temperature(stars.colour))
     background = _uniform_background(scene.background_g)
@@ -248,7 +248,7 @@ def _with_bodies(
 
 
 def _stray_sources(discs: list[Disc], earth: Earth | None) -> Iterator[core.StrayLightSource]:
-    """Discs, the farthest first, and the Earth, less what nearer bodies hide of them."""
+    """Discs, the farthest first, and the Earth, without the parts that nearer bodies hide."""
     bodies = [*discs, earth.disc] if earth else discs
     for n, disc in enumerate(discs):
         fraction = math.prod(1 - nearer.hides(disc) for nearer in bodies[n + 1 :])

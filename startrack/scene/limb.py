@@ -15,7 +15,7 @@ from startrack.scene.photometry import BIN, WAVELENGTH
 from startrack.space import EARTH_RADIUS
 
 FORMAT = 1  # of the file
-DARK = 1e-12  # 1 / sr, least radiance over the Sun's irradiance: its logarithm must be finite
+DARK = 1e-12  # 1 / sr, least radiance over the Sun's irradiance, for a finite logarithm
 RAYLEIGH = 1e10 / (4 * np.pi)  # photon / s / m^2 / sr
 HIGHEST = 300e3  # metre, of all shells
 # Night glow seen from the zenith, Leinert et al. (1998), A&A Supplement Series 127, 1, table 13:
@@ -36,7 +36,7 @@ class Limb:
     wavelength  (k,) metre
     tangent     (t,) metre, height of the point nearest to the ground
     sun         (s,) radian, zenith angle of the Sun there
-    azimuth     (p,) radian, from the Sun's azimuth to that in which the light comes: 0 where the
+    azimuth     (p,) radian, from the Sun's azimuth to the azimuth of the incoming light: 0 if the
                 camera looks towards the Sun
     radiance    (k, t, s, p) 1 / sr
     """
@@ -99,7 +99,7 @@ def limb_light(
     line     (n, 3) unit vectors, ICRS axes
     air      molecules or rural, as in Scene
     Yields    (k,) photon / s / m^2 in each bin and (n,) 1 / sr; the light is the sum of their
-              products. One pair for each wavelength of the table, which applies to the nearest bins
+              products. One pair for each wavelength of the table, for the bins nearest to it
     Accuracy  model: that of `Limb`, over a ground of albedo 0.3; the Earth is a sphere.
     """
     table = _table(air)
@@ -151,10 +151,10 @@ def airglow(earth: Earth, line: Floats) -> Iterator[tuple[Floats, Floats]]:
         brightness = zenith brightness * path inside the shell / its thickness
 
     line     (n, 3) unit vectors, ICRS axes
-    Yields   (k,) photon / s / m^2 / sr in each bin and (n,) 1, of which the products add up
+    Yields   (k,) photon / s / m^2 / sr in each bin and (n,) 1; the light is the sum of products
     Accuracy  model: a factor of two from night to night; the same by day, when the limb is much
               brighter; no structure; the Earth is a sphere; a line is spread over 10 nm to each
-              side, so that a filter narrower than that passes a part of it.
+              side, so that a narrower filter passes only a part of it.
     """
     for shell in SHELLS:
         outer, inner = (_path(earth, line, height) for height in (shell.high, shell.low))

@@ -14,9 +14,9 @@ from startrack.scene.limb import SHELLS, Shell, spectrum
 from startrack.scene.photometry import SUN, SUN_G_MINUS_V, WAVELENGTH, photon_irradiance
 from startrack.space import EARTH_RADIUS
 
-FAINTEST = 8.0  # G of the stars that have spots of their own, as of the shipped catalogue
+FAINTEST = 8.0  # G of the faintest stars with separate spots, as in the shipped catalogue
 FROM_SUN = 60 * deg  # least distance from the Sun at which a night sky has zodiacal light
-DIRECTIONS = 4000  # over the sphere, of which the mean is taken: 0.2 %
+DIRECTIONS = 4000  # over the sphere, for a mean within 0.2 %
 # Johnson's V as a Gaussian, with mean and full width at half maximum of Bessell (1990), PASP 102,
 # 1181.
 V_MIDDLE, V_WIDTH = 551 * nm, 88 * nm
@@ -27,14 +27,14 @@ def night_light(sky: DaySky) -> Floats:
 
         shells of airglow * path through them + zodiacal light + stars fainter than G 8
 
-    The two last are the means over the sphere, the zodiacal light beyond 60 degrees from the Sun.
-    Where `night_v` is given, their sum is scaled to it.
+    The last two are means over the sphere; the zodiacal light beyond 60 degrees from the Sun. If
+    `night_v` is given, the sum is scaled to it.
 
     Source    of the shells: Leinert et al. (1998) and Patat (2003), see `limb.SHELLS`
-    Accuracy  model: 0.3 mag. Airglow changes by that from night to night and with the Sun's
-              activity, the zodiacal light over the sky by as much, the Milky Way by more. There is
-              no extinction, because the air scatters about as much diffuse light into the line of
-              sight as out of it: 15 % at the zenith, more near the horizon.
+    Accuracy  model: 0.3 mag. Airglow changes by this from night to night and with the Sun's
+              activity. The zodiacal light varies by this over the sky, the Milky Way by more.
+              Extinction is left out, because the air scatters about as much diffuse light into the
+              line of sight as out of it: 15 % at the zenith, more near the horizon.
     """
     light = _natural(sky.height, sky.elevation)
     if sky.night_v is not None:

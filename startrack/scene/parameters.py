@@ -1,4 +1,4 @@
-"""Scene: date, observer, background and bodies besides the stars; the lights that it may have."""
+"""Scene: date, observer, background and bodies besides the stars; the possible lights."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ JULIAN_YEAR = timedelta(seconds=YEAR)
 class LightKind(NamedTuple):
     """A light of the sky.
 
-    varies   whether it varies over the field, wherever the camera points or in some attitudes
-    stray    whether it does so through a baffle
-    dated    whether it needs the date, as it moves in time
-    diffuse  gives it, from a `LightInput`, in front of everything; None: where it stands in
-             `illuminate` by itself, at its distance
+    varies   whether it varies over the field, at all or some attitudes
+    stray    whether it also varies as stray light through a baffle
+    dated    whether it needs the date, because it moves in time
+    diffuse  function of a `LightInput`, for light in front of everything; None: `illuminate` adds
+             it at its distance
     """
 
     varies: bool = False
@@ -60,7 +60,7 @@ LIGHTS = {
 
 
 def added(magnitudes: Sequence[float]) -> float:
-    """Magnitude of several lights together."""
+    """Magnitude of the sum of several lights."""
     return -2.5 * math.log10(sum(10 ** (-0.4 * magnitude) for magnitude in magnitudes))
 
 
@@ -85,7 +85,7 @@ class ObserverOrbit(Parameters):
 class Scene(Parameters):
     """Background and bodies besides the stars, date and observer.
 
-    What is absent costs no time and draws no random number.
+    Absent lights cost no time and draw no random number.
     """
 
     background_g: float | None = parameter(
@@ -138,7 +138,7 @@ class Scene(Parameters):
 
     @property
     def sky_g(self) -> float:
-        """`background_g`, or DARK where it is none."""
+        """`background_g`, or DARK without a background."""
         return DARK if self.background_g is None else self.background_g
 
     def with_stray_light(self, magnitude_g: float) -> Scene:
@@ -212,10 +212,10 @@ class Scene(Parameters):
 
     @property
     def years(self) -> tuple[float, float]:
-        """First and last Julian year of the trials, of a scene that has a date.
+        """First and last Julian year of the trials, for a scene with a date.
 
-        Raises    ValueError where the date is not one.
-        Accuracy  numerical: 70 s, as UTC counts for TDB.
+        Raises    ValueError if the date is invalid.
+        Accuracy  numerical: 70 s, because UTC is used for TDB.
         """
         first = 2000 + (self.start - J2000) / JULIAN_YEAR
         return first, first + timedelta(days=self.days) / JULIAN_YEAR

@@ -61,7 +61,7 @@ def photon_irradiance(magnitude_g: Floats, temperature: Floats) -> Floats:
 
 
 def colour_temperature(colour: Floats) -> Floats:
-    """Temperature of the blackbody that has the colour BP - RP.
+    """Temperature of the blackbody with the colour BP - RP.
 
     colour   (n,) mag; NaN (unknown) is replaced by the Sun's
     Returns  (n,) kelvin, within [1500, 50000]
@@ -93,24 +93,24 @@ def passband(band: str) -> Floats:
 
 @lru_cache(maxsize=64)
 def in_bins(*curves: Curve) -> Floats:
-    """Mean of a product of curves in the bins of WAVELENGTH, read-only; kept for the 64 last.
+    """Mean of a product of curves in the bins of WAVELENGTH, read-only; cached for the last 64.
 
-    Its sum over the photons in each bin is the integral, exactly where the spectrum has straight
-    lines between the middles of the bins, and between 320 and 1100 nm alone.
+    Its sum weighted by the photons in each bin is the integral between 320 and 1100 nm. It is exact
+    for a spectrum that is linear between the middles of the bins.
     """
     mean = means_around(WAVELENGTH, curves)
     mean.flags.writeable = False
     return mean
 
 
-OUTER = 200 * nm, 3000 * nm  # between which light outside the bins is sought
+OUTER = 200 * nm, 3000 * nm  # range in which light outside the bins is computed
 
 
 @lru_cache(maxsize=64)
 def outside_bins(*curves: Curve) -> float:
-    """Fraction of a sunlike star's photons behind curves that have no bin; kept for the 64 last.
+    """Fraction of a sunlike star's photons, after curves, outside the bins; cached for the last 64.
 
-    Curves without wavelengths alone have none.
+    It is zero if no curve depends on wavelength.
     """
     if not any(curve.wavelength for curve in curves):
         return 0.0

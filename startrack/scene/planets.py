@@ -48,7 +48,7 @@ def magnitude_v(name: str, body: Body, year: float) -> float:
 
 
 def _at_one_unit(name: str, phase: float, body: Body, year: float) -> float:
-    """V where both distances are one astronomical unit; phase in degree."""
+    """V at one astronomical unit from the Sun and from the observer; phase in degree."""
     if name == "jupiter" and phase > 12:
         fraction = polyval(phase / 180, [1.0, -1.507, -0.363, -0.062, 2.809, -1.876])
         return -9.428 - 2.5 * math.log10(fraction)

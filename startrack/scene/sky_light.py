@@ -1,4 +1,4 @@
-"""DaySky -> photons of the sky above a camera at any hour, and what the air takes of stars."""
+"""DaySky -> photons of the sky above a camera at any hour, and loss of starlight in the air."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from startrack.scene.night import night_light
 
 
 class SkyLight(NamedTuple):
-    """Light that the air adds, and what it lets through.
+    """Light that the air adds, and transmittance of the air.
 
     background  (bins,) photon / s / m^2 / sr
     through     (bins,) 1, transmittance for stars in the line of sight
@@ -33,7 +33,7 @@ def sky_light(sky: DaySky, date: str | None = None) -> SkyLight:
     Source: sasktran2 (Zawada et al.), by catalogs/atmosphere; the Sun and gases as for Earth
     cameras.
 
-    date      UTC, where the sky is `dated`; without one there is no Moon
+    date      UTC, if the sky is `dated`; without a date there is no Moon
     Accuracy  model: clear air without clouds, no polarisation (up to 10 % at 400 nm, 3 % from 600
               nm on). The aerosol of a real stratosphere differs by a factor of two and more. Lines
               of gases are averaged over bins of 10 nm. The Sun is one astronomical unit away
@@ -51,7 +51,7 @@ def sky_light(sky: DaySky, date: str | None = None) -> SkyLight:
 
 
 def scattered(table: SkyTable, sky: DaySky, lamp: SunPlace) -> Floats:
-    """(bins,) 1 / sr, light of the Sun or the Moon that the air scatters, over its irradiance."""
+    """(bins,) 1 / sr, light of the Sun or the Moon scattered by the air, over its irradiance."""
     if lamp.elevation < 0:
         return dusk_light(table, sky, lamp)
     return day_light(table, sky, lamp)
