@@ -28,7 +28,7 @@ SAMPLES = 8192  # of the surface: 95 % quantiles are known within 3 % of the wid
 PARTS = 32  # parts of these by the score of an unknown; their means give its variance
 QUANTILES = (0.5, 0.16, 0.84, 0.025, 0.975)
 ACCURACY = "and thermo-elastic: accuracy"  # figure with an explained width
-OTHERS = "fields, units, and what is not linear"
+OTHERS = "what is not linear, few fields or units"
 
 
 class PredictedFigure(NamedTuple):

@@ -15,6 +15,7 @@ from startrack.prediction.draws import Draw
 
 LEAST = 1e-6 * arcsec  # radian, least class of error for the logarithm
 FINEST = 1e-12  # of a quantile
+EVEN = 12**0.5  # inverse standard deviation of an even law between 0 and 1
 SPARE = 3  # least number of draws minus unknown coefficients for a fit; chosen by hand
 
 
@@ -42,9 +43,10 @@ class PredictionSurface:
 
         ln(error) = constant + slope . scores + scatter z
 
-    Each unknown has a score: the standard normal number of its quantile; for a choice of numbers,
-    the logarithm of the number. Any other choice has one score for each value except the first: 1
-    if this value is chosen, else 0.
+    Each unknown has a score: the standard normal number of its quantile; for an even law, a number
+    of unit variance that is linear in the value; for a choice of numbers, the logarithm of the
+    number. Any other choice has one score for each value except the first: 1 if this value is
+    chosen, else 0.
 
     unknowns  whose scores these are
     terms     classes of error
@@ -160,7 +162,7 @@ def scores_of(unknowns: Sequence[Unknown], quantiles: Mapping[str, Floats], coun
         given = np.isfinite(quantile)
         filled = np.where(given, quantile, 0.5)
         if not unknown.choice:
-            columns.append(ndtri(filled))
+            columns.append(ndtri(filled) if "median" in unknown.law else EVEN * (filled - 0.5))
         elif unknown.in_order:
             columns.append(np.log(unknown.numbers(filled)))
         else:

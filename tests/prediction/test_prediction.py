@@ -81,6 +81,16 @@ def test_quantiles_and_causes_are_those_of_the_law():
     assert found.figure(ACCURACY, "about").median == pytest.approx(2 * figure.median, rel=1e-9)
 
 
+def test_an_even_law_leaves_nothing_over():
+    """An error that grows as a power of a value between two ends, at quantiles of that value."""
+    even = Unknown("even", {"low": 1.2, "high": 2.0})
+    draws = drawn(32, lambda quantile: arcsec * (1.2 + 0.8 * quantile["even"]) ** 1.5, (even,))
+    figure = prediction_of(draws, seed=1, units=3, age=0.0).figure(ACCURACY, "across")
+    exact = (1.2 + 0.8 * np.array([0.5, 0.16, 0.84, 0.025, 0.975])) ** 1.5
+    assert figure[3:8] == pytest.approx(exact * arcsec, rel=0.03)
+    assert dict(figure.causes)["even"] > 0.98
+
+
 def test_draws_without_an_attitude_are_said_and_left_out():
     found = prediction_of(drawn(40, product, lost={3, 5}), seed=1, units=3, age=0.0)
     assert found.lost == pytest.approx(0.05)
