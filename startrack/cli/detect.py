@@ -69,7 +69,7 @@ def command(options: argparse.Namespace) -> int:
         result["spots"] = (table := _table(spots)).json()
         largest, part = _at_largest(frame.image)
         result["at_the_largest_number"] = part
-        text = f"{path}: {len(spots)} spots; noise alone makes {chance:.1g} per frame"
+        text = f"{path}: {len(spots)} spot{'s' * (len(spots) != 1)}; noise alone makes {chance:.1g} per frame"
         text += _saturation(largest, part)
         if options.overlay:
             picture = options.overlay / f"{path.stem}.spots.png"

@@ -31,6 +31,7 @@ if wanted(__name__):
     from startrack.io import finite, save_json
     from startrack.metrics import ARCSEC, ErrorLimits, Row
     from startrack.montecarlo import Endings, Precision, Sampling
+    from startrack.observation import out_of_step
     from startrack.population import AS_DESIGNED, AsDesigned, Units
     from startrack.trial import OUTCOMES, require_fidelity
     from startrack.verification import (
@@ -262,7 +263,7 @@ def _of_units(options: argparse.Namespace, tried: TriedDesign, sampling: Samplin
     """Units of the design, or that it is the unit as designed."""
     case = tried.design.case
     if not options.units:
-        return {}, [noise_only(case)]
+        return {}, [*filter(None, [out_of_step(case.instrument)]), noise_only(case)]
     values, lines = trials_of(case, options.seed, sampling, tried.outcomes, tried.accuracy)
     return {"units": values}, lines
 

@@ -184,8 +184,8 @@ def _text(prediction: Prediction) -> str:
     lines.append(
         f"availability {prediction.availability[1]:.2%} in the median, "
         f"{prediction.availability[0]:.2%} at least; of {prediction.draws} draws with "
-        f"{prediction.units} units each, by the formula, rms over units, of which `startrack budget` "
-        "has the median; middle: with every unknown at its middle"
+        f"{prediction.units} units each, by the formula, rms over units, of which `startrack "
+        "budget` has the median; middle: with every unknown at its middle"
     )
     return "\n".join(lines)
 

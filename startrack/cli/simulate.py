@@ -16,7 +16,7 @@ if wanted(__name__):
     from startrack.cli import terminal
     from startrack.core import Streams
     from startrack.io import FrameFiles, pointing, write_fits
-    from startrack.observation import random_attitude
+    from startrack.observation import out_of_step, random_attitude
     from startrack.scene import date_of
     from startrack.trial import observe, searched
 
@@ -88,6 +88,8 @@ def command(options: argparse.Namespace) -> int:
         "matches": record.outcome.stars,
         "status": str(record.estimate.status),
     }
+    if step := out_of_step(case.instrument):
+        summary += f"\n{step}"
     written = ", ".join(str(file) for file in (fits, *pixels, raw) if file)
     terminal.print_result(options, result, title, summary, f"wrote {written} and {png}")
     return Exit.DONE

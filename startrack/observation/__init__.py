@@ -22,6 +22,7 @@ from startrack.observation.exposure import (
     duration,
     expected_electrons,
     exposure_of,
+    out_of_step,
     straighten,
     sweep,
 )

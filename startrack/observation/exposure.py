@@ -5,13 +5,15 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from startrack.core import Camera, Floats, Frame, Light, LineOfSight, Spots, Stars, Streams
+from startrack.core import Camera, Floats, Frame, Light, LineOfSight, Spots, Stars, Streams, deg
 from startrack.design import Case, Instrument
 from startrack.detector import Detector, Exposure, Line, LineExposure, Scan, expected, scan
 from startrack.motion import Motion, MotionRealisation, realise_motion
 from startrack.observation.images import images_of, psf_of
 from startrack.observation.pointing import motion_before, motion_function
 from startrack.observation.stars import light_of, throughput, throughput_of_colours
+
+PACE = 0.5  # pixel over all stages of a TDI, by which stars may run ahead; chosen by hand
 
 
 def sweep(case: Case, light: Light, icrs_to_camera: Rotation, streams: Streams) -> Frame:
@@ -35,6 +37,27 @@ def sweep(case: Case, light: Light, icrs_to_camera: Rotation, streams: Streams) 
         throughput(instrument),
     )
     return scan(exposure, streams)
+
+
+def out_of_step(instrument: Instrument) -> str:
+    """How far the stars run ahead of the charge of a TDI, and what would keep them in step.
+
+    "" where that is half a pixel or less over all stages, and of other detectors.
+    """
+    detector, camera = instrument.detector, instrument.camera
+    if not detector.scan or detector.scan.kind != "tdi":
+        return ""
+    stages, direction = detector.scan.stages, -1 if detector.scan.upward else 1
+    in_step = direction / (detector.exposure * camera.focal_length_px)  # radian / second
+    pace = instrument.motion.rate_x / in_step
+    ahead = (pace - 1) * (stages - 1)
+    if abs(ahead) <= PACE:
+        return ""
+    exposure = f", or lines of {1e3 * detector.exposure / pace:.4g} ms," if pace > 0 else ""
+    return (
+        f"the stars run {ahead:+.3g} pixel ahead of the charge over {stages} stages: "
+        f"instrument.motion.rate_x = {in_step / deg:.5g} deg / s{exposure} would keep them in step"
+    )
 
 
 def straighten(

@@ -12,7 +12,7 @@ from startrack.design.files import Design, load_design, save_design
 from startrack.detector import Detector, Line, Scan
 from startrack.io import shipped
 from startrack.motion import Motion
-from startrack.observation.exposure import straighten
+from startrack.observation.exposure import out_of_step, straighten
 from startrack.observation.pointing import random_attitude
 from startrack.trial.chain import observe, run_random_trial
 from startrack.verification.accuracy import limiting_magnitude
@@ -224,3 +224,17 @@ def test_stages_count_in_what_a_design_is_said_to_see():
     """Sixteen stages gather 16 times the light: with little sky, up to 3 magnitudes more."""
     one, many = (limiting_magnitude(with_scan(Scan("tdi", stages=n), 5e-3)) for n in (1, 16))
     assert 2.0 < many - one < 3.02
+
+
+def test_a_slew_that_does_not_fit_the_lines_is_named():
+    """At half of the rate a star moves half a pixel a line: 15 stages lag by 7.5."""
+    assert out_of_step(CASE.instrument) == ""
+    rate = CASE.instrument.motion.rate_x
+    upward = dataclasses.replace(CASE.instrument.detector, scan=Scan("tdi", stages=16, upward=True))
+    for detector, sign in ((CASE.instrument.detector, 1), (upward, -1)):
+        motion = dataclasses.replace(CASE.instrument.motion, rate_x=sign * rate / 2)
+        words = out_of_step(dataclasses.replace(CASE.instrument, detector=detector, motion=motion))
+        assert "-7.5 pixel ahead of the charge over 16 stages" in words
+        assert f"rate_x = {sign * 3.6014:.5g} deg / s, or lines of 10 ms" in words
+    line = dataclasses.replace(CASE.instrument.detector, scan=Scan("line"))
+    assert out_of_step(dataclasses.replace(CASE.instrument, detector=line)) == ""
