@@ -1,5 +1,6 @@
 """Catalogue file of any known format -> Catalog."""
 
+import math
 import zlib
 from collections.abc import Callable
 from pathlib import Path
@@ -201,17 +202,29 @@ def read_columns(path: Path, columns: tuple[str, ...]) -> Catalog:
         raise Refused(f"{path}: epoch must be the same in all rows, got {epochs[:3]}")
     place, motion = (values["ra"], values["dec"]), (pm_ra, pm_dec, parallax)
     if table[mapped["ra"].lower()].unit is None:
-        _refuse_hours(path, mapped["ra"], place)
+        _refuse_other_units(path, mapped["ra"], place)
     return assemble(path, float(epochs[0]), identifier, place, motion, light)
 
 
-def _refuse_hours(path: Path, name: str, place: tuple[Floats, Floats]) -> None:
-    """Refuse right ascensions without a unit that are probably in hours, not in degree.
+def _refuse_other_units(path: Path, name: str, place: tuple[Floats, Floats]) -> None:
+    """Refuse right ascensions without a unit that are probably in hours or radian, not in degree.
 
-    A field 24 degrees wide and twice as high does not occur by chance.
+    A field 24 degrees wide and twice as high does not occur by chance, nor one that ends just below
+    2 pi and pi / 2 degrees.
     """
     ra, dec = (column[np.isfinite(column)] for column in place)
-    if len(ra) >= 3 and ra.min() >= 0 and 3 < ra.max() <= 24 and np.ptp(dec) > 2 * 24:
+    if len(ra) < 3:
+        return
+    if (
+        0 <= ra.min() < 0.3
+        and 6 < ra.max() <= 2 * math.pi
+        and 1.3 < np.abs(dec).max() <= math.pi / 2
+    ):
+        raise Refused(
+            f"{path}: {name} must be in degree, or have a unit, got values from {ra.min():g} to "
+            f"{ra.max():g}, which are radian, for declinations from {dec.min():g} to {dec.max():g}"
+        )
+    if ra.min() >= 0 and 3 < ra.max() <= 24 and np.ptp(dec) > 2 * 24:
         raise Refused(
             f"{path}: {name} must be in degree, or have a unit, got values from {ra.min():g} to "
             f"{ra.max():g}, which are hours, for declinations from {dec.min():g} to {dec.max():g}"

@@ -69,11 +69,12 @@ def command(options: argparse.Namespace) -> int:
         result["spots"] = (table := _table(spots)).json()
         largest, part = _at_largest(frame.image)
         result["at_the_largest_number"] = part
-        text = f"{path}: {len(spots)} spot{'s' * (len(spots) != 1)}; noise alone makes {chance:.1g} per frame"
+        counted = f"{len(spots)} spot" + "s" * (len(spots) != 1)
+        text = f"{path}: {counted}; noise alone makes {chance:.1g} per frame"
         text += _saturation(largest, part)
         if options.overlay:
             picture = options.overlay / f"{path.stem}.spots.png"
-            plots.draw_spots(picture, frame, spots, f"{path.name}: {len(spots)} spots")
+            plots.draw_spots(picture, frame, spots, f"{path.name}: {counted}")
             result["overlay"] = str(picture)
         print_result(options, result, text, *(table.text(()) if len(spots) else []))
     return status

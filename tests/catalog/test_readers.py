@@ -254,6 +254,10 @@ def test_units_of_a_fits_table_count_and_hours_without_one_are_refused(tmp_path)
     hours.write(tmp_path / "hours.csv", format="csv")
     with pytest.raises(Refused, match=r"A must be in degree, or have a unit, .*which are hours"):
         read(tmp_path / "hours.csv", columns=columns)
+    radian = Table({"A": np.radians(ra), "D": np.radians(dec), "G": np.full(60, 5.0)})
+    radian.write(tmp_path / "radian.csv", format="csv")
+    with pytest.raises(Refused, match=r"A must be in degree, or have a unit, .*which are radian"):
+        read(tmp_path / "radian.csv", columns=columns)
     texts = Angle(ra, "deg").to_string(unit="hourangle", sep=":", precision=7)
     Table({"A": texts, "D": dec, "G": np.full(60, 5.0)}).write(tmp_path / "t.csv", format="csv")
     found = read(tmp_path / "t.csv", columns=columns)
