@@ -1,15 +1,15 @@
 """The command `startrack`: one file per command, which declares its own options.
 
 main        The list of commands, and the exit status of their errors.
-options     What commands share: exit status, wrong use, readers of numbers, tables of options, and
-            imports that wait until a command runs.
-stopping    A signal or an error -> what ends a command, and the words that tell it.
+options     Shared parts of commands: exit status, wrong use, readers of numbers, tables of options,
+            and imports that wait until a command runs.
+stopping    A signal or an error -> the end of a command, and its message.
 terminal    Inputs by name, and outputs: results on standard output, messages on standard error.
-campaign    What the commands on campaigns share: the design, the workers, the runner of trials.
-problems    The commands on campaigns, of a problem that is no star tracker: an Earth camera.
+campaign    Shared parts of commands on campaigns: the design, the workers, the runner of trials.
+problems    The commands on campaigns for problems other than star trackers: an Earth camera.
 units       Units in `startrack budget` and `montecarlo`: classes of error, levels, yields.
-not_known   Figures over what a design does not know: intervals, and limits that draws meet.
-beside      At the first run, another process compiles while this one works.
+not_known   Figures over the unknown values of a design: intervals, and limits that draws meet.
+beside      At the first run, a second process compiles while this one works.
 
 Of one frame or lens: simulate, psf, lens, detect, solve, calibrate. Of many trials: budget,
 predict, montecarlo, merge, combine, compare, compare_flight, report, requirements, verify. In time:

@@ -1,4 +1,4 @@
-"""At the first run, another process compiles while this one works."""
+"""At the first run, a second process compiles while this one works."""
 
 import os
 import subprocess
@@ -24,11 +24,11 @@ LOCK = "compiling.lock"  # held by the process that compiles, as long as it runs
 
 @contextmanager
 def compiled_beside(command: str) -> Iterator[None]:
-    """Compile on a second core what this process, or the next command, needs.
+    """Compile kernels that this process or the next command needs, on a second core.
 
-    A command of one trial runs kernels as Python code meanwhile, and the other process goes on
-    after its end. Nothing is started where all has been compiled before, cannot be kept, or there
-    is one core, or another command has started it.
+    Meanwhile a command of one trial runs kernels as Python code; the second process continues after
+    its end. No process is started if all kernels are compiled, if they cannot be kept, if there is
+    only one core, or if another command has started one.
     """
     folder = kernel_folder()
     if is_ready():
@@ -52,7 +52,7 @@ def compiled_beside(command: str) -> Iterator[None]:
 
 
 def start(parts: tuple[str, ...], lock: Path) -> subprocess.Popen[bytes] | None:
-    """A process that compiles, in a session of its own; None where another one does already."""
+    """A process that compiles, in a separate session; None if another process already compiles."""
     command = [sys.executable, "-m", "startrack.cli", "warm"]
     command += [word for part in parts for word in ("--part", part)]
     file = _held(lock, close=False)
@@ -73,7 +73,7 @@ def start(parts: tuple[str, ...], lock: Path) -> subprocess.Popen[bytes] | None:
 
 
 def _held(lock: Path, close: bool = True) -> tuple[int, ...] | None:
-    """The open file of the lock, none without locks; None where another process holds it."""
+    """The open file of the lock; None if another process holds it."""
     if fcntl is None:
         return ()
     with suppress(OSError):

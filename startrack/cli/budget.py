@@ -54,15 +54,15 @@ if wanted(__name__):
     from startrack.sequence import Sequence as Profiled
     from startrack.trial import SingleStars
 
-UNITS = 6  # where a design varies and no number is asked for
+UNITS = 6  # default number for a design with variations
 MOST_ROWS = 12  # of single stars in text; JSON has all
-FEW_CAUSES = 3  # that are explained without --full: the largest
+FEW_CAUSES = 3  # largest causes that are explained without --full
 STARS = (
     "single stars, rms per axis: as the tracker states, from exposure to exposure, by the centroid "
     "method, in all, and without the few that hot pixels move far"
 )
 MUCH_BETTER, LESS_OFTEN = 0.05, 1e-3  # relative error and availability of what is suggested
-FAR = 0.1  # relative difference of the two columns from which on it is printed
+FAR = 0.1  # relative difference of the two columns that is printed
 
 
 declare = Options(
@@ -136,7 +136,7 @@ def command(options: argparse.Namespace) -> int:
     design = terminal.read_design(path, options.set)
     case, campaign = design.case, design.campaign
     _check_options(options, case)
-    # First, as a profile may ask for what the design cannot do.
+    # First, because the design may be unable to follow the profile.
     indices = None
     if options.profile:
         indices = _indices(case, terminal.read_sequence(options.profile), options)
@@ -150,7 +150,7 @@ def command(options: argparse.Namespace) -> int:
     if options.units:
         result["units"], units = budgets_of(case, required, options)
     show(budgets.answer(expected, required) if units is None else units_answer(units, required))
-    for sentence in budgets.refusal(case, expected.refused):  # why the error below is large
+    for sentence in budgets.refusal(case, expected.refused):  # reasons for a large error
         show(sentence)
     star, sentence = _typical_star(case)
     result |= star
@@ -184,7 +184,7 @@ def command(options: argparse.Namespace) -> int:
 
 
 def _check_options(options: argparse.Namespace, case: Case) -> None:
-    """Refuse options that do not fit the design; say which ones will go."""
+    """Refuse options that do not fit the design; name options that will be removed."""
     if options.tolerances and not (options.units and case.variation):
         raise WrongUse("--tolerances needs --units and a design with [[variation]] tables")
     if options.levers and not options.units:
@@ -200,7 +200,7 @@ def _check_options(options: argparse.Namespace, case: Case) -> None:
 
 
 def _measured(options: argparse.Namespace, case: Case) -> Budget[SkySample] | None:
-    """The budget that --montecarlo asks for, by switching causes in trials."""
+    """The budget of --montecarlo, by switching causes in trials."""
     members = options.montecarlo
     if not members:
         return None
@@ -213,7 +213,8 @@ def _measured(options: argparse.Namespace, case: Case) -> Budget[SkySample] | No
 def _trials_beside(
     options: argparse.Namespace, case: Case, expected: Budget[Any], show: Callable[[str], None]
 ) -> dict[str, Any]:
-    """Print what the budget does not count, and some trials beside it; their values for JSON."""
+    """Print effects that the budget does not count, and a check by trials; their values for
+    JSON."""
     with terminal.stage("trials beside the formula"):
         checked = budgets.check(case, expected, options.seed)
     show("\n".join([*budgets.caveats(case, expected.left_out), *_checked(checked, expected)]))
@@ -228,7 +229,7 @@ def _trials_beside(
 def _gains(
     options: argparse.Namespace, case: Case, campaign: Campaign | None, show: Callable[[str], None]
 ) -> dict[str, Any]:
-    """Print what --tolerances and --levers ask for; their values for JSON."""
+    """Print the results of --tolerances and --levers; their values for JSON."""
     values = dict[str, Any]()
     for name, changes in (("tolerances", halved), ("levers", levers)):
         if getattr(options, name):
@@ -252,10 +253,10 @@ def _typical_star(case: Case) -> tuple[dict[str, Any], str]:
 
 
 def _in_full(case: Case, expected: Budget[Any], show: Callable[[str], None]) -> dict[str, Any]:
-    """Print single stars over magnitude and what would be better; their values for JSON."""
+    """Print single stars over magnitude, and improvements; their values for JSON."""
     with terminal.stage("single stars over magnitude"):
         stars = _star_table(case, budgets.single_stars(case))
-    # Not more rows than are read at a glance.
+    # Only a few rows in text.
     shown = replace(stars, records=stars.records[:: 1 + len(stars.records) // MOST_ROWS])
     show("\n".join([STARS, *shown.text(())]))
     with terminal.stage("other centroids, more stars"):
@@ -283,7 +284,7 @@ def _draw(
 
 
 def _better(case: Case, expected: Budget[Any]) -> tuple[list[dict[str, Any]], list[str]]:
-    """The other centroid, and twice as many stars, where they lower the error by the formula."""
+    """The other centroid, and twice as many stars, if they lower the error by the formula."""
     detection, gains, lines = case.tracker.detection, list[dict[str, Any]](), list[str]()
     other = "likelihood" if detection.centroid != "likelihood" else "gravity"
     for name, value in (("centroid", other), ("max_spots", 2 * detection.max_spots)):
@@ -337,7 +338,8 @@ def _checked(checked: budgets.TrialCheck, expected: Budget[Any]) -> list[str]:
 
 
 def _values(budget: Budget[Any]) -> dict[str, Any]:
-    """A budget for JSON, arcsecond per axis; levels are not exceeded in that fraction of cases."""
+    """A budget for JSON, arcsecond per axis; a level is not exceeded in its fraction of the
+    cases."""
     simulated = hasattr(budget.whole.spread, "error")
     many = simulated and budget.whole.spread.error.shape[1] > 1
     ways = tuple(metrics.Interpretation) if many else (metrics.Interpretation.MIXED,)
@@ -445,7 +447,7 @@ def _bounded_levels(spread: Spread, fraction: float) -> list[float | Interval]:
 
 
 def _open_ended(by_trials: Budget[SkySample]) -> list[str]:
-    """Explanation of the brackets, and the levels that so few units do not bound."""
+    """Explanation of the brackets, and the levels without bounds because of too few members."""
     members = len(by_trials.whole.spread.error)
     needed = {fraction: metrics.trials_for_level(fraction) for fraction in metrics.LEVELS}
     unbounded = [
@@ -459,7 +461,7 @@ def _open_ended(by_trials: Budget[SkySample]) -> list[str]:
 def _difference(
     line: BudgetLine[Any] | None, other: BudgetLine[Any] | None, by_trials: Budget[Any] | None
 ) -> str:
-    """Difference of the two where it is large; a cause that is a small part may differ."""
+    """Difference of the two columns if it is large; small causes may differ."""
     if not (line and other and by_trials):
         return ""
     off = [

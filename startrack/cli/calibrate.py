@@ -28,7 +28,7 @@ if wanted(__name__):
 ANGLES = {"yz": ("y_angle", "z_angle"), "xy": ("x_angle", "y_angle")}
 WARM = {"auto": None, "none": False, "linear": True}
 PINHOLE = "columns", "rows", "focal_length_px", "k1", "k2", "p1", "p2"
-ORDER = "name", "distortion", "temperature_terms", "unknowns"  # of what was chosen
+ORDER = "name", "distortion", "temperature_terms", "unknowns"  # of the chosen camera
 ROUNDS = 3  # a better camera model matches more stars
 
 
@@ -188,7 +188,8 @@ def _start(
     indexes: PatternIndexes,
     identification: Identification,
 ) -> Camera | None:
-    """A camera that solves one of the images: of the given field, else of what the image shows."""
+    """A camera that solves one of the images, with the given field or the field found in the
+    image."""
     rows, columns = frames[0].image.shape
     if options.fov is None:
         hint = field_hint(options.images[0], (rows, columns))
@@ -236,7 +237,7 @@ def _posterior(
     frames: list[Frame],
     camera: Camera,
 ) -> tuple[dict[str, Any], list[str]]:
-    """Sample the camera; write posterior.json and corner.png unless chains did not converge."""
+    """Sample the camera; write posterior.json and corner.png if the chains converged."""
     prior = calibration.Prior(options.fov_tolerance, options.principal, 1.0, 1e-3, 3.0)
     terminal.print_message("startrack calibrate: sampling, some tens of seconds per image")
     with Ledger(options.posterior / "ledger.sqlite") as ledger:
@@ -296,7 +297,7 @@ def _result(fit: calibration.Calibrated, images: int) -> tuple[dict[str, Any], l
 
 
 def _calibrate_table(options: argparse.Namespace) -> int:
-    """Fit cameras of the orders that are asked for, and print what stars bear them out."""
+    """Fit cameras of the requested orders, and print which order the stars support."""
     if len(options.images) != 1 or options.posterior:
         raise WrongUse("a table of stars must be given alone, and without --posterior")
     path: Path = options.images[0]
@@ -333,7 +334,7 @@ def _calibrate_table(options: argparse.Namespace) -> int:
 
 
 def _as_fitted(options: argparse.Namespace, path: Path) -> int:
-    """Residuals of a table to a camera that was fitted to another one."""
+    """Residuals of a table from a camera that was fitted to another table."""
     if options.camera or options.distortion:
         raise WrongUse("--fitted must come without --camera and --distortion: it fits no camera")
     camera = terminal.read_camera(options.fitted)

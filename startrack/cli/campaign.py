@@ -1,4 +1,4 @@
-"""What the commands on campaigns share: the design, the runner of its trials, and the folder."""
+"""Shared parts of commands on campaigns: the design, the runner of its trials, and the folder."""
 
 import argparse
 import math
@@ -34,7 +34,7 @@ def open_workers(options: argparse.Namespace) -> AbstractContextManager[Executor
 
 
 def require_campaign_fidelity(campaign: Campaign, case: Case) -> None:
-    """Refuse a campaign whose trials, in any of its conditions, its fidelity cannot compute.
+    """Refuse a campaign with a fidelity that cannot compute its trials in one of its conditions.
 
     Raises  ValueError that names the key.
     """
@@ -71,7 +71,7 @@ def read_study(options: argparse.Namespace) -> ReadCampaign:
 
 
 def unmet_text(study: ReadCampaign) -> str:
-    """Which costs no design of a study keeps within their limits; empty where all can be met."""
+    """The costs that every design of a study exceeds; empty if all limits can be met."""
     needs = study.campaign.requirements
     nearest = [
         "{} {} at best, limit {}".format(name, *limited(needs, name, margin))
@@ -87,9 +87,9 @@ def open_runner(
 ) -> Iterator[TrialRunner]:
     """Open workers and the ledger of the folder; yields the runner of the study's trials.
 
-    Workers import all while this process compiles the kernels, which each of them then reads from
-    the cache. The ledger holds the results of an interrupted run, from which the same command
-    continues.
+    Workers import the package while this process compiles the kernels; then each worker reads them
+    from the cache. The ledger holds the results of an interrupted run, so that the same command
+    continues it.
     """
     workers = open_workers(options)
     terminal.print_message(
@@ -101,7 +101,7 @@ def open_runner(
         if not options.scheduler and options.workers > 1:
             for _ in range(options.workers):
                 executor.submit(_imported)
-        # What no trial can do is refused before there is a ledger.
+        # Designs that no trial can compute are refused before a ledger is made.
         for fidelity in dict.fromkeys((study.campaign.fidelity, Fidelity.FRAME)):
             with suppress(Refused):  # a start that cannot be rendered is judged by the search
                 warm(study.design.case, Sampling(fidelity))
@@ -111,7 +111,7 @@ def open_runner(
 
 @contextmanager
 def stages(title: str) -> Iterator[Callable[[SearchStage], None]]:
-    """A bar of the stages of a search; yields what shows one."""
+    """A progress bar of the stages of a search; yields the function that shows a stage."""
     with terminal.progress(title, 100) as advance:
         done = 0.0
 

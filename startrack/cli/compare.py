@@ -41,7 +41,7 @@ class ComparedSide(NamedTuple):
     """One of the two: a design, or a campaign with its trials.
 
     outcomes  None for a design, whose trials are run
-    drawn     what its attitudes and noise are drawn by: seed and kind of attitudes
+    drawn     source of its attitudes and noise: seed and kind of attitudes
     """
 
     case: Case
@@ -146,7 +146,7 @@ def _trials(
 def _over_unknowns(
     options: argparse.Namespace, statistics: list[Found]
 ) -> tuple[dict[str, Any], list[str]]:
-    """The ratios of the errors over what the designs do not know: values for JSON, and lines.
+    """The ratios of the errors over the unknown values of the designs: values for JSON, and lines.
 
     Unknowns of the same name have the same quantiles in both.
     """
@@ -179,7 +179,7 @@ def _over_unknowns(
 
 
 def _common(first: ComparedSide, second: ComparedSide, paired: bool) -> tuple[Rows, Rows]:
-    """The trials of two campaigns; those of the same numbers where they are paired."""
+    """The trials of two campaigns; if they are paired, only trials with the same numbers."""
     assert first.outcomes is not None
     assert second.outcomes is not None
     if not paired:
@@ -209,7 +209,7 @@ def _short(value: Any) -> str:
 
 
 def _row(difference: Found) -> Table:
-    """A statistic of both, and how they differ."""
+    """A statistic of both, and its difference."""
     fraction = difference.name == AVAILABILITY
     unit = PERCENT if fraction else ARCSEC
     change = (

@@ -70,7 +70,7 @@ declare = Options(
 
 
 def command(options: argparse.Namespace) -> int:
-    """Print what is predicted and seen; write flight.json and flight.png."""
+    """Print predicted and measured figures; write flight.json and flight.png."""
     with shared.as_wrong_use():
         path = terminal.found_file(options.design)
     design = terminal.read_design(path, options.set, "each detector that is drawn has others")
@@ -133,7 +133,7 @@ def _stars(options: argparse.Namespace, case: Case) -> list[verification.Windows
 
 
 def _told(case: Case, stars: list[verification.Windows], source: str) -> list[Told]:
-    """Figures of the design that the images give; none where the images are too small."""
+    """Figures of the design from the images; none if the images are too small."""
     try:
         return verification.told_by_frames(case, stars, source)
     except Refused as error:

@@ -68,7 +68,7 @@ the drift and jitter of the camera, one motion for all channels of an image.
 LEVELS = 6  # of light of calibration frames, from none to too much
 PANEL = 1500  # lines and columns of a preview, at most
 
-# Unit and meaning of each map that is written.
+# Unit and meaning of each written map.
 MAPS = {
     "height": ("m", "height above the ellipsoid WGS84"),
     "longitude": ("degree", "geodetic longitude of the ray nearest to the pixel's middle"),
@@ -295,7 +295,7 @@ def rendered(options: argparse.Namespace) -> int:
     with as_wrong_use():
         survey = imager.load_survey(path)
         above = flight_height(survey.carrier)
-        for channel in survey.channels:  # a band without air is refused before the first image
+        for channel in survey.channels:  # a band without air is refused before any image is made
             imager.band_of(channel, survey.air, above, survey.distance_to_sun)
     first = None
     for channel in survey.channels:
@@ -340,9 +340,9 @@ def rendered(options: argparse.Namespace) -> int:
 
 
 def _beside(pyramid: Pyramid, longitude: Floats, latitude: Floats) -> float:
-    """Fraction of the ground that is seen, (lines, columns) degree, beside all heights of a scene.
+    """Fraction of the visible ground, (lines, columns) degree, outside all heights of a scene.
 
-    Of at most PANEL lines and columns; 0 where no ground is seen.
+    By at most PANEL lines and columns; 0 if no ground is visible.
     """
     seen = [imager.thinned(angle, PANEL).ravel() for angle in (longitude, latitude)]
     ground = np.isfinite(seen[0])
@@ -410,7 +410,7 @@ def _picture_values(
 
 
 def _other_air(survey: imager.Survey, channel: imager.Channel) -> dict[str, Any]:
-    """The aerosol of a scene, where an infrared band has another."""
+    """The aerosol of a scene, if an infrared band uses another one."""
     air = survey.air
     if air is None or air.table or imager.mean_wavelength(channel) <= imager.INFRARED:
         return {}
@@ -791,7 +791,7 @@ def _values(strip: Strip) -> dict[str, Floats]:
         "tangent_height": strip.mean(ground.tangent_height),
         "hit": strip.mean(ground.hit.astype(float)),
     }
-    # A mean of longitudes has no sense across the date line, nor one of levels.
+    # A mean of longitudes is meaningless across the date line, and so is a mean of levels.
     single = {"longitude": np.degrees(ground.longitude), "latitude": np.degrees(ground.latitude)}
     for name, angle in (single | {"level": ground.level}).items():
         values[name] = np.asarray(angle, float).reshape(strip.shape)[..., middle]
@@ -799,7 +799,7 @@ def _values(strip: Strip) -> dict[str, Floats]:
 
 
 def _known(statistic: Callable[[Floats], Any], values: Floats) -> float:
-    """A statistic of values of which some are not known; NaN where none is."""
+    """A statistic of the known values; NaN without known values."""
     return float(statistic(values)) if np.isfinite(values).any() else math.nan
 
 

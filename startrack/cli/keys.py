@@ -1,4 +1,4 @@
-"""`startrack keys`: what a file may hold."""
+"""`startrack keys`: the keys that a file may have."""
 
 from __future__ import annotations
 
@@ -48,13 +48,13 @@ declare = Options(
 
 
 class FileKeys(NamedTuple):
-    """A kind of file, in words, and the keys that it may hold."""
+    """A kind of file, in words, and the keys that it may have."""
 
     what: str
     listed: Callable[[], Iterable[Key]]
 
     def find(self, table: str) -> list[Key]:
-        """The keys of a table, or those that words mean."""
+        """The keys of a table, or the keys that match words."""
         keys = list(self.listed())
         found = [key for key in keys if f"{key.name}.".startswith(f"{table}." if table else "")]
         return found or ([] if "." in table else search_keys(table, keys))

@@ -240,9 +240,9 @@ def _trace(options: argparse.Namespace) -> int:
     out = options.out or path.with_suffix(".fits").name
     with shared.as_wrong_use(ValueError):
         lens = optics.read_prescription(path)
-    # The tracer prints on standard output what it has no data of, the extinction of a glass.
+    # The tracer prints on standard output that it has no data on the extinction of a glass.
     with warnings.catch_warnings(), redirect_stdout(sys.stderr):
-        # Numba says of the tracer's functions that its own check is pedantic; they compile.
+        # Numba warns about variables of the tracer's functions; they compile nevertheless.
         warnings.filterwarnings("ignore", r"variable '.*' is not in scope")
         with (
             progress("tracing", _nodes(tracing)) as advance,
@@ -270,7 +270,7 @@ def _trace(options: argparse.Namespace) -> int:
 
 
 def _understood(path: Path) -> dict[str, Any]:
-    """Unit of length, glasses and what does not count of a prescription, for the reader."""
+    """Unit of length, glasses and ignored contents of a prescription, for the reader."""
     if path.suffix.lower() == ".json":
         return {}
     prescription = optics.parse_prescription(path)
@@ -290,7 +290,7 @@ def _tracing(options: argparse.Namespace) -> optics.Tracing:
     for celsius in options.temperatures:
         if not -200 < celsius < 300:
             raise WrongUse(f"--temperatures must lie between -200 and 300 degC, got {celsius:g}")
-    # Glass disperses about as the inverse square; half way to it keeps some nodes in the red.
+    # The dispersion of glass is about inverse square; inverse steps keep some nodes in the red.
     wavelength = 1 / np.linspace(1 / last, 1 / first, options.wavelengths)[::-1] * nm
     if options.wavelengths == 1:
         wavelength = np.array([(first + last) / 2 * nm])

@@ -21,7 +21,8 @@ from startrack.cli import stopping
 from startrack.cli.options import load, memory_of, postpone
 
 # Each command is a file of this name with `declare`, its table of options, and `command(options)`.
-# Only that of the called command is imported, and what it computes with when it runs.
+# Only the file of the called command is imported; the packages that it computes with are imported
+# when it runs.
 COMMANDS = {
     "simulate": "render one frame of a design to FITS and PNG",
     "psf": "compute how the optics of a design blur a star: width, energy, MTF",
@@ -56,7 +57,7 @@ COMMANDS = {
     "warm": "compile all kernels before they are needed",
     "bench": "measure CPU time and error of every stage on this machine",
 }
-# How the list of commands is ordered; those in no group end it.
+# Order of the list of commands; commands in no group come last.
 GROUPS = {
     "begin here": ("init", "budget", "optimize", "page"),
     "design": ("keys", "requirements", "psf", "lens", "simulate"),
@@ -72,7 +73,7 @@ GROUPS = {
 WITHIN = {"merge": "montecarlo", "combine": "montecarlo", "warm": "tools", "bench": "tools"}
 # Names that commands had in earlier versions; they work until version 0.3.
 EARLIER = {"sensitivity": "what-matters"}
-# Commands that find or identify stars; at the first run a second core compiles what that takes.
+# Commands that find or identify stars; at the first run a second core compiles their kernels.
 IDENTIFY = (
     "simulate",
     "detect",
@@ -118,9 +119,9 @@ startrack COMMAND --help lists the options and the output files of a command. Ex
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit status.
 
-    All that it raises becomes one sentence here, and nowhere else.
+    Every error becomes one sentence here, and nowhere else.
     """
-    alone = arguments is None  # this process runs one command, and nothing else
+    alone = arguments is None  # this process runs only one command
     if alone:
         # Processes share the cores; a second thread for small matrices mostly waits.
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -131,7 +132,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if alone:
                 stopping.open_streams()
                 stopping.stop_with_input()
-            # Imports what the command needs, which takes seconds that a signal may fall into.
+            # Imports of the command take seconds, in which a signal may arrive.
             status, message = _run(_parsed(arguments)), ""
         except SystemExit:  # help is printed, or a word is wrong
             if alone:
@@ -143,12 +144,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if "--debug" in arguments and not isinstance(error, KeyboardInterrupt):
                 traceback.print_exception(error)
     if message:
-        with suppress(OSError):  # where nobody can read it, the status says enough
+        with suppress(OSError):  # if nobody can read it, the status is enough
             print(f"{' '.join(('startrack', *_called(arguments)))}: {message}", file=sys.stderr)
     if alone:
         stopping.ignore_signals()
         stopping.drop_unwritten_messages()
-        gc.freeze()  # or Python looks for garbage in all that the process leaves: 0.6 s
+        gc.freeze()  # or Python searches all objects for garbage at the end: 0.6 s
     return int(status)
 
 
@@ -161,7 +162,7 @@ def parts_alone(arguments: Sequence[str]) -> list[str]:
 
 
 def named_now(arguments: Sequence[str]) -> list[str]:
-    """The arguments with the command as it is called now; says so where that is another name."""
+    """The arguments with the current name of the command; prints a note if the name has changed."""
     first, *others = arguments or [""]
     if first not in EARLIER:
         return list(arguments)
@@ -189,9 +190,9 @@ def _list_of_commands() -> str:
 
 
 def _parsed(arguments: Sequence[str]) -> argparse.Namespace:
-    """The options of a command; ends where only help was asked for.
+    """The options of a command; ends the process if only help was requested.
 
-    Raises  OSError where help cannot be written, which argparse keeps to itself.
+    Raises  OSError if help cannot be written, which argparse would hide.
     """
     text = io.StringIO()
     try:
@@ -203,7 +204,7 @@ def _parsed(arguments: Sequence[str]) -> argparse.Namespace:
 
 
 def _called(arguments: Sequence[str]) -> list[str]:
-    """The name of the command, where there is one."""
+    """The name of the command, if there is one."""
     return [word for word in arguments if not word.startswith("-")][:1]
 
 
@@ -211,7 +212,7 @@ def _run(options: argparse.Namespace) -> int:
     """The exit status of a command."""
     with (
         warnings.catch_warnings(),
-        _compiled_beside(options),  # first: what is compiled is needed soon after the imports
+        _compiled_beside(options),  # first, because the kernels are needed soon after the imports
     ):
         said = set[str]()
         warnings.showwarning = lambda message, *_, **__: _print_warning(message, said)
@@ -221,7 +222,7 @@ def _run(options: argparse.Namespace) -> int:
         terminal = import_module("startrack.cli.terminal")
         core = import_module("startrack.core")
         with (
-            # What overflows shows in the result, or is refused with a sentence.
+            # An overflow is visible in the result, or is refused with a sentence.
             import_module("numpy").errstate(all="ignore"),
             core.code_of_command(getattr(options, "allow_code", False)),
             core.limited_memory(memory_of(options, core.memory_limit())),
@@ -229,7 +230,7 @@ def _run(options: argparse.Namespace) -> int:
             terminal.report_compiling(),
             terminal.claimed_out(options),
         ):
-            # The one place where it is decided whether files are of star trackers.
+            # The only place that decides whether files are of star trackers.
             if getattr(options, "problems", False):
                 problems = import_module("startrack.cli.problems")
                 command = problems.command_of(options, module.declare.given(options)) or command
@@ -250,9 +251,9 @@ def _compiled_beside(options: argparse.Namespace) -> AbstractContextManager[None
 
 
 def _print_warning(message: Warning | str, said: set[str]) -> None:
-    """Print a warning as one line, without the line of code that raised it, unless it was said.
+    """Print a warning once, as one line, without the line of code that raised it.
 
-    Python forgets what it has warned of wherever code sets its filters.
+    Python forgets its earlier warnings whenever code sets its filters.
     """
     line = stopping.one_line(message)
     if line not in said:
@@ -274,7 +275,7 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
         dest="name", required=True, metavar="COMMAND", help=argparse.SUPPRESS
     )
     called = _called(arguments)
-    # Only help that is asked for before a command lists all of them.
+    # Only help requested before a command lists all commands.
     alone = bool(called) and called[0] in COMMANDS and arguments[0] == called[0]
     for name in called if alone else COMMANDS:
         text = COMMANDS[name]

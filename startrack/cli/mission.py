@@ -25,7 +25,7 @@ if wanted(__name__):
     from startrack.montecarlo import cluster, export, pool
     from startrack.trial import observe
 
-ROWS = 20_000  # of the table, where --every is not given
+ROWS = 20_000  # most rows of the table, without --every
 STORE = "mission.sqlite"  # in the folder of the results
 
 
@@ -162,7 +162,7 @@ def command(options: argparse.Namespace) -> int:
 
 
 def _print_unknown(loaded: mission.Loaded) -> None:
-    """Say once of each design file what is not known of it."""
+    """Print the unknown values of each design file once."""
     designs = zip(loaded.mission.heads, loaded.designs, strict=True)
     for path, design in {head.design: design for head, design in designs}.items():
         terminal.print_unknown(design, Path(path).name)
@@ -211,7 +211,7 @@ def fly_whole(
 def _written(
     options: argparse.Namespace, path: Path, out: Path, flight: report.ReportedFlight
 ) -> tuple[dict[str, Any], str]:
-    """Write the files of a mission that was flown; values and text."""
+    """Write the files of a flown mission; values and text."""
     steps = flight.plan.loaded.mission.time.steps
     every = options.every or -(-steps // ROWS)
     with progress("rows", -(-steps // every)) as advance:
@@ -236,7 +236,7 @@ def _check_lines(flight: report.ReportedFlight) -> list[str]:
 
 
 def _render(options: argparse.Namespace, path: Path, plan: mission.MissionPlan) -> int:
-    """Write and print what each head sees at one time, beside the error that is expected."""
+    """Write and print the view of each head at one time, with the expected error."""
     solved = True
     for number, (head, scene) in enumerate(
         zip(plan.heads, mission.scenes_at(plan, options.frame), strict=True)
@@ -284,7 +284,7 @@ def _render(options: argparse.Namespace, path: Path, plan: mission.MissionPlan) 
 
 
 def _trade(options: argparse.Namespace, path: Path, plan: mission.MissionPlan) -> int:
-    """Print numbers of heads and angles of baffles, with what they are worth and weigh."""
+    """Print numbers of heads and angles of baffles, with their quality and mass."""
     counts = options.heads or [len(plan.heads)]
     angles = [angle * deg for angle in options.baffle or [plan.heads[0].limits.sun / deg]]
     how = "at 96 orbits of 100 instants, placed on a grid of 15 deg; mass by the cost laws"
@@ -331,7 +331,8 @@ def _trade(options: argparse.Namespace, path: Path, plan: mission.MissionPlan) -
 
 
 def _place(options: argparse.Namespace, path: Path, before: report.ReportedFlight) -> int:
-    """Search for mountings, and print the whole mission with the file's and with the best."""
+    """Search for mountings, and print the whole mission with the file's mountings and with the
+    best."""
     plan = before.plan
     with progress("mountings", 5000) as advance:
         placement = mission.place(plan, advance)

@@ -1,21 +1,21 @@
-"""What all rooms share: units, values, camera, rotations, random streams, checks.
+"""The base of all rooms: units, values, camera, rotations, random streams, checks.
 
 units      Units as SI floats, constants with their source; `"50 mm"` and dates at the border.
 arrays     Types of arrays and of a progress; within kernels order, median and place of values.
 kernel     A function enters; compiled code leaves, kept in a folder named by a hash of all sources.
 checks     The few ways to refuse a parameter: each names the parameter, the rule and the value;
            Refused, a value that breaks a rule, which is no fault of the program.
-memory     Bytes that a step needs -> refused, with the figure, where they exceed the limit; what
-           is kept between calls: values that take long to compute, arrays of a plan.
+memory     Bytes that a step needs -> refused, with the number, if they exceed the limit; cached
+           values: values that take long to compute, arrays of a plan.
 streams    Seed, trial, cause -> random generator, the same for any number of workers.
-extension  Name of a function in a design -> that function, where its code may run, and its origin.
+extension  Name of a function in a design -> that function, if its code may run, and its origin.
 declared   A class of parameters -> each field as it is declared: type, unit, range, meaning,
            default.
 interpolation  Values at nodes -> values between them: on a line, over wavelength (Curve), over a
            frame (Displacement).
-compiler   Kernels -> machine code, once for each kernel that Python calls; optional, for it uses
-           names that numba does not publish.
-interpret  Kernels that are not compiled yet -> their results by Python, for as long as it pays.
+compiler   Kernels -> machine code, once for each kernel that Python calls; optional, because it
+           uses names that numba does not publish.
+interpret  Kernels that are not yet compiled -> their results by Python, while that is faster.
 rotations  Rotation matrices: from pairs of directions, turned, applied, as quaternions; in
            compiled code.
 camera     Direction to pixel and pixel to direction, both ways together: OpenCV's distortion, a

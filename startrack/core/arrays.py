@@ -1,7 +1,7 @@
 """Types of arrays and of a progress, and within kernels order, median and place of values.
 
-NumPy's own of these are compiled anew for each kind of array, which takes seconds, as does the
-assignment of an array to a part of another, with its sentence on shapes that differ.
+NumPy's functions for these are compiled again for each kind of array, which takes seconds. The
+assignment of an array to a part of another takes as long, because of its message on shapes.
 """
 
 from collections.abc import Callable
@@ -17,15 +17,15 @@ Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
-Advance = Callable[[int], None]  # called with the number of steps that were just done
+Advance = Callable[[int], None]  # called with the number of completed steps
 Rows = NDArray[np.void]  # structured: a table with names and types of columns
 
 
 def read_only(array: NDArray[Any]) -> NDArray[Any]:
     """A view that cannot be written to.
 
-    A kernel is compiled once for arrays that can be written to and once for those that cannot; it
-    gets what callers keep and what they have just made alike.
+    A kernel is compiled separately for writable and for read-only arrays; by this view, cached and
+    new arrays have the same type.
     """
     view = array.view()
     view.flags.writeable = False
@@ -49,7 +49,7 @@ RUN = 16  # values that are sorted by insertion; chosen by hand for speed
 
 @kernel
 def order(values: Floats) -> Ints:
-    """Indices (n,) of values (n,) in rising order; of equal ones, the first comes first.
+    """Indices (n,) of values (n,) in rising order; equal values keep their order.
 
     Accuracy  exact, for values without NaN
     """
@@ -80,7 +80,7 @@ def order(values: Floats) -> Ints:
 
 @kernel
 def first_not_below(values: Floats, limit: float) -> int:
-    """The place of the first of rising values (n,) that is at least the limit; n where none is."""
+    """Index of the first of rising values (n,) that is not below the limit; n if there is none."""
     low, high = 0, len(values)
     while low < high:
         middle = (low + high) // 2
@@ -93,7 +93,7 @@ def first_not_below(values: Floats, limit: float) -> int:
 
 @kernel
 def median(values: Floats) -> float:
-    """The median of values (n,), NaN where there are none.
+    """The median of values (n,); NaN without values.
 
     Accuracy  exact, for values without NaN
     """
@@ -101,7 +101,7 @@ def median(values: Floats) -> float:
     if n == 0:
         return np.nan
     rest, low, high = values.copy(), 0, n - 1
-    while low < high:  # Hoare's selection: what is at n // 2 stays between both
+    while low < high:  # Hoare's selection: the value at n // 2 stays between both
         pivot, left, right = rest[(low + high) // 2], low, high
         while left <= right:
             while rest[left] < pivot:

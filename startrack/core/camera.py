@@ -71,7 +71,7 @@ class FieldPolynomial(Parameters):
         return replace(self, temperature=temperature)
 
     def plus(self, other: FieldPolynomial) -> FieldPolynomial:
-        """The sum with another polynomial, whose growth and temperatures it has."""
+        """The sum with another polynomial; growth and temperatures are those of the other one."""
         x, y = (
             tuple(a + b for a, b in zip_longest(*pair, fillvalue=0.0))
             for pair in ((self.x, other.x), (self.y, other.y))
@@ -103,14 +103,14 @@ def _sum(terms: Floats, coefficients: tuple[float, ...]) -> Floats:
     return np.asarray(terms[:, : len(coefficients)] @ np.asarray(coefficients, float))
 
 
-# Steps of the inverse of a polynomial: each makes the error smaller by the slope of the
-# polynomial, so that one of a third converges.
+# Steps of the inverse of a polynomial: each multiplies the error by the slope of the polynomial, so
+# that one of a third converges.
 MOST_STEPS = 60
 FITTED = 33  # places along each side, to which a polynomial is fitted
 SMALLEST_STEP = 1e-15  # of the plane
 ROUNDS = 100  # of the inverse of a distortion, at most
 LEAST_STEP = 1e-15  # at which its last digit no longer changes
-STEPS = 3  # of the inverse of a residual, each a hundred times nearer; chosen by hand
+STEPS = 3  # of the inverse of a residual; each reduces the error 100 times; by hand
 
 
 COEFFICIENT = "OpenCV's distortion coefficients"
@@ -121,7 +121,7 @@ class Camera(Parameters):
 
         x / z, y / z  ->  distorted (OpenCV)  ->  pixel = principal point + focal length * distorted
 
-    and, with a polynomial over the field, its shift is added to what is distorted.
+    With a polynomial over the field, its shift is added to the distorted point.
 
     Camera axes: +z boresight, +x to larger columns, +y to larger rows. The centre of the first
     pixel is (0, 0), so the centre of the array is ((columns - 1) / 2, (rows - 1) / 2).
@@ -206,7 +206,7 @@ class Camera(Parameters):
         """Pixels on which directions fall.
 
         direction  (n, 3) in camera axes, of any length
-        Returns    (n, 2) pixel (x, y); NaN for what lies behind the camera
+        Returns    (n, 2) pixel (x, y); NaN for directions behind the camera
         Accuracy   numerical: 1e-12 of the array's width.
         """
         direction = np.atleast_2d(np.ascontiguousarray(direction, float))
@@ -215,15 +215,15 @@ class Camera(Parameters):
 
     @property
     def ideal(self) -> Camera:
-        """The camera without its residual: what a model of these parameters says."""
+        """The camera without its residual, as a model with these parameters."""
         return self if self.residual is None else replace(self, residual=None)
 
     @property
     def as_polynomial(self) -> Camera:
         """The camera whose polynomial over the field is nearest to this one's distortion.
 
-        A least-squares fit over the frame: what a calibration to the third order in x and y finds
-        without noise.
+        A least-squares fit over the frame: the result of a noise-free calibration to the third
+        order in x and y.
         """
         pixel = node_places(self.columns, self.rows, FITTED)
         direction = self.unproject(pixel)
@@ -258,8 +258,8 @@ class Camera(Parameters):
 
         pixel    (n, 2) pixel (x, y)
         Returns  (n, 3) unit vectors in camera axes
-        Accuracy  numerical: 1e-9 pixel, where the distortion can be inverted at all, and where the
-                  polynomial is no steeper than a third.
+        Accuracy  numerical: 1e-9 pixel, if the distortion can be inverted and the slope of the
+                  polynomial is at most a third.
         """
         pixel = np.atleast_2d(np.asarray(pixel, float))
         if self.residual is not None:
@@ -275,7 +275,7 @@ class Camera(Parameters):
         return direction / np.linalg.norm(direction, axis=1, keepdims=True)
 
     def _without_polynomial(self, pixel: Floats, polynomial: FieldPolynomial) -> Floats:
-        """Fixed point of: the direction of the pixel less the shift at that direction."""
+        """Fixed point of the direction of the pixel minus the shift at that direction."""
         plain = replace(self, polynomial=None, residual=None)
         plane = np.zeros((len(pixel), 2))
         direction = np.empty((len(pixel), 3))
@@ -299,7 +299,7 @@ class Camera(Parameters):
 
 @kernel
 def _pinhole(direction: Floats, focal: float, x: float, y: float) -> Floats:
-    """Pixels (n, 2); NaN for what does not lie ahead."""
+    """Pixels (n, 2); NaN for directions behind the camera."""
     pixel = np.empty((len(direction), 2))
     for k in range(len(direction)):
         pixel[k, 0], pixel[k, 1] = np.nan, np.nan
@@ -322,7 +322,7 @@ def _distorted(plane: Floats, k1: float, k2: float, p1: float, p2: float, k3: fl
 def _undistorted(
     distorted: Floats, k1: float, k2: float, p1: float, p2: float, k3: float
 ) -> Floats:
-    """The points (n, 2) that `distort` makes these of, by OpenCV's iteration to its end."""
+    """The points (n, 2) that `distort` maps to these, by OpenCV's iteration until it converges."""
     plane = distorted.copy()
     for _ in range(ROUNDS):
         most_x = most_y = 0.0

@@ -9,15 +9,16 @@ from typing import Any
 
 
 class Refused(ValueError):
-    """A value that a rule forbids: of a parameter, between parameters, or of what a step can do.
+    """A value that a rule forbids: for a parameter, between parameters, or for the ability of a
+    step.
 
-    The only error that a search takes for a design that is not feasible, and that a ledger keeps.
-    Any other exception, another ValueError too, is a fault, and ends what was asked for.
+    It is the only error that a search takes as an infeasible design, and that a ledger keeps. Any
+    other exception, including another ValueError, is a fault and ends the command.
 
-    key      the parameter, as the message names it; "" where the message is a sentence of its own
+    key      the parameter, as the message names it; "" if the message is a complete sentence
     rule     what it must be; "" likewise
     value    what it is instead
-    lasting  whether it holds as long as the design: no ledger keeps what the machine refuses
+    lasting  whether it depends only on the design; refusals by the machine are not kept in a ledger
     """
 
     def __init__(
@@ -33,7 +34,7 @@ class Refused(ValueError):
         self.key, self.rule, self.value, self.lasting = key, rule, value, lasting
 
     def within(self, place: str, message: str = "") -> Refused:
-        """This refusal of a part, as that of what holds it: "place: message"."""
+        """This refusal with the place of the part in its container: "place: message"."""
         key = f"{place}.{self.key}" if self.key else place
         return Refused(
             f"{place}: {message or self}",
@@ -44,7 +45,7 @@ class Refused(ValueError):
         )
 
     def in_unit(self, unit: str) -> Refused:
-        """This refusal of a finite number, which is in a unit, with the unit behind the number."""
+        """This refusal of a finite number with a unit; the unit follows the number."""
         number = isinstance(self.value, int | float) and not isinstance(self.value, bool)
         if not (unit and number and math.isfinite(self.value)):
             return self
@@ -54,17 +55,17 @@ class Refused(ValueError):
 
 
 class WrongType(Refused, TypeError):
-    """A value of a kind that the parameter cannot have."""
+    """A value of a wrong type for the parameter."""
 
 
-# Of any number in a file that is not zero, in SI units. Chosen by hand: nothing that a camera has
-# lies near the ends, and products of some of them still fit into a float.
+# Range of nonzero numbers in a file, in SI units. Chosen by hand: no quantity of a camera lies near
+# the ends, and products of some quantities still fit into a float.
 SMALLEST, LARGEST_NUMBER = 1e-30, 1e30
 LONGEST = 80  # characters of a value in a message
 
 
 def shown(value: object) -> str:
-    """A value in a message: its repr, shortened where it is long."""
+    """A value in a message: its repr, shortened if it is long."""
     if isinstance(value, int) and not isinstance(value, bool) and abs(value) > 2**200:
         return f"a whole number of {math.floor(value.bit_length() * math.log10(2)) + 1} digits"
     if isinstance(value, str | bytes):
@@ -90,7 +91,7 @@ def refusal(key: str, rule: str, value: object, kind: type[Refused] = Refused) -
 
 
 def moderate(**values: float) -> None:
-    """Refuse what is neither zero nor of a size that a quantity of a camera can have."""
+    """Refuse numbers of a size that no quantity of a camera has; zero is allowed."""
     finite(**values)
     for name, value in values.items():
         if value and not SMALLEST <= abs(value) <= LARGEST_NUMBER:
@@ -99,7 +100,7 @@ def moderate(**values: float) -> None:
 
 
 def finite(**values: float) -> None:
-    """Refuse what is not a finite number."""
+    """Refuse values that are not finite numbers."""
     for name, value in values.items():
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise refusal(name, "must be a number", value, WrongType)
@@ -112,7 +113,7 @@ def finite(**values: float) -> None:
 
 
 def positive(**values: float) -> None:
-    """Refuse what is not above zero."""
+    """Refuse values that are not above zero."""
     finite(**values)
     for name, value in values.items():
         if value <= 0:
@@ -120,7 +121,7 @@ def positive(**values: float) -> None:
 
 
 def non_negative(**values: float) -> None:
-    """Refuse what is below zero."""
+    """Refuse values below zero."""
     finite(**values)
     for name, value in values.items():
         if value < 0:
@@ -128,7 +129,7 @@ def non_negative(**values: float) -> None:
 
 
 def within(low: float, high: float, /, **values: float) -> None:
-    """Refuse what lies outside [low, high]."""
+    """Refuse values outside [low, high]."""
     finite(**values)
     for name, value in values.items():
         if not low <= value <= high:
@@ -136,7 +137,7 @@ def within(low: float, high: float, /, **values: float) -> None:
 
 
 def whole(low: int, high: int, /, **values: int) -> None:
-    """Refuse what is not an integer in [low, high]."""
+    """Refuse values that are not integers in [low, high]."""
     for name, value in values.items():
         if isinstance(value, bool) or not isinstance(value, int):
             raise refusal(name, "must be a whole number", value, WrongType)
@@ -156,7 +157,7 @@ def optional_package(name: str, needed: str) -> Any:
 
 
 def one_of(choices: Collection[str], /, **values: str) -> None:
-    """Refuse what is not one of the choices."""
+    """Refuse values that are not among the choices."""
     for name, value in values.items():
         if value not in choices:
             raise refusal(name, f"must be one of {', '.join(choices)}", value)

@@ -5,8 +5,8 @@ Python: a kernel six calls deep is optimised six times and wrapped without need.
 only other kernels call stays intermediate code, which becomes machine code as a part of those that
 Python calls: half of the time of compiling, the same speed.
 
-Numba publishes no way to that. This file alone uses names that may change with any version; where
-one of them fails, here or later, `kernel` compiles by `numba.njit`.
+Numba has no public interface for this. Only this file uses names that may change with any version.
+If one of them fails, here or later, `kernel` compiles by `numba.njit`.
 """
 
 from __future__ import annotations
@@ -56,9 +56,9 @@ def uncached(function: FunctionType, borrows: bool, **options: Any) -> KernelDis
 
 
 class _File(IndexDataCacheFile):
-    """Compiled code on disk, each file with a hash: what is damaged is compiled anew.
+    """Compiled code on disk, each file with a hash: damaged code is compiled again.
 
-    The hash is of the file's name too, so that the code of another kernel is damage.
+    The hash includes the file's name, so that the code of another kernel counts as damage.
     """
 
     _named = ""  # file that is being written
@@ -89,7 +89,7 @@ class _File(IndexDataCacheFile):
                 data = file.read().removeprefix(pickle.dumps(self._version, protocol=-1))
             self._require_whole(self._index_name, data)
             return super()._load_index()
-        except Exception:  # whatever reading a damaged file raises
+        except Exception:  # reading a damaged file may raise any error
             return {}
 
     def _load_data(self, name: str) -> Any:
@@ -110,7 +110,7 @@ def close_to_others(path: str) -> None:
 def regular(path: str) -> str:
     """The path of a regular file that nobody else can write to; raises OSError of all else.
 
-    Opening another kind could wait for ever, and loading what another user wrote would run it.
+    Opening another kind could wait for ever, and loading a file of another user would run its code.
     """
     status = os.stat(path)
     own = not hasattr(os, "geteuid") or status.st_uid in (os.geteuid(), 0)
@@ -129,7 +129,7 @@ class _Cache(FunctionCache):
         self._cache_file = _File(locator.get_cache_path(), self._impl.filename_base, "")
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep the code, unless what has its place cannot be replaced, such as a folder."""
+        """Keep the code, unless its path cannot be replaced, for example a folder."""
         with suppress(OSError):
             super().save_overload(sig, data)
 
@@ -139,7 +139,7 @@ class _Cache(FunctionCache):
 
 
 class InnerCode(JITCodeLibrary):
-    """Intermediate code of a kernel and of those that it calls, each made short by itself.
+    """Intermediate code of a kernel and of the kernels that it calls, each shortened separately.
 
     The passes over single functions are needed: without them the later ones find functions too long
     to include, and terrain takes 1.8 times as long.

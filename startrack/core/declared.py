@@ -1,6 +1,6 @@
 """A class of parameters -> each field as it is declared: type, unit, range, meaning, default.
 
-A field is declared once, and what checks, reads, writes or explains it reads that:
+A field is declared once; checks, readers, writers and help all use this declaration:
 
     class Sensor(Parameters):
         exposure: float = parameter("time of one frame", unit=Unit("s", "ms"), limit=POSITIVE)
@@ -43,8 +43,8 @@ class Range(NamedTuple):
     above      whether `low` itself is not allowed
     choices    the texts of which it must be one; empty where any is allowed
     code       group of code that it may name instead, as module:function; "" for none
-    free       whether it may be any other text, too, which whoever reads it checks
-    file       gives the path of a file, on whose content a result depends, for its text
+    free       whether it may be any other text, too; the user of the value checks it
+    file       function from its text to the path of a file, on whose content a result depends
     """
 
     low: float = -math.inf
@@ -98,7 +98,7 @@ class Field(NamedTuple):
     default   its value where it is not; None where it must be
     open      whether it may be infinite or NaN in a file, as its default is
     range     None where its class does not check it by itself
-    meaning   "" where it says no more than its name
+    meaning   "" if it adds nothing to the name
     """
 
     kind: Any
@@ -110,7 +110,7 @@ class Field(NamedTuple):
     meaning: str = ""
 
 
-STATED = "parameter"  # what a declaration states, in the metadata of its field
+STATED = "parameter"  # key of a declaration in the metadata of its field
 
 
 def parameter(
@@ -211,8 +211,8 @@ class Parameters:
 
     A whole number that is given for a `float` becomes one. A name of code by an entry point becomes
     its module:function. A class with rules between fields has a `__post_init__` of its own, which
-    calls this one first. A class whose fields name files has a field `_files`, which says how they
-    are: what is kept of an object whose file had another content is not that of an equal one.
+    calls this one first. A class whose fields name files has a field `_files` with the state of the
+    files, so that cached results of an object are not used after its file has changed.
     """
 
     __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[Any]]]
@@ -244,7 +244,7 @@ class Parameters:
 
 
 def _state(file: Any) -> FileState:
-    """Place, time of the last change and size of a file; None where there is none of that name."""
+    """Place, time of the last change and size of a file; None if no file has this name."""
     if not isinstance(file, str):
         return None
     try:
@@ -264,8 +264,8 @@ def code_in(value: Any, place: str = "") -> Iterator[tuple[str, str, str]]:
 def inputs_of(value: Any) -> dict[str, str]:
     """Digests of the files and of the user code that a parameter object names, by key and name.
 
-    A result depends on them as it does on the values of the object. Files that are shipped with
-    startrack are not among them.
+    A result depends on them as on the values of the object. Files shipped with startrack are not
+    included.
     """
     digests = {}
     for key, rule, name in _named_in(value):

@@ -1,4 +1,4 @@
-"""Name of a function in a design -> that function, where its code may run, and its origin.
+"""Name of a function in a design -> that function, if its code may run, and its origin.
 
 A design may name code that is not part of startrack, as `module:function` or by an entry point of
 an installed package. Nothing of it is imported before it is allowed to run: by `allow_code`, by
@@ -23,14 +23,14 @@ import numpy as np
 from startrack.core.arrays import Floats
 from startrack.core.checks import Refused, refusal, shown
 
-WITHOUT_RESULTS = {"benchmark", "cli", "plots", "report"}  # rooms that change no trial
+WITHOUT_RESULTS = {"benchmark", "cli", "plots", "report"}  # rooms that do not affect trials
 ENVIRONMENT = "STARTRACK_ALLOW_CODE"
 FORM = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)*:[^\W\d]\w*")
 SOURCES = (".py", ".so", ".pyd")
 HOME = Path(__file__).resolve().parents[1]
 # Of shipped data, in an installed wheel and in a checkout; the files that trials read.
 SHIPPED, TABLES = (HOME / "_catalogs", HOME.parent / "catalogs"), (".fits", ".csv")
-# Of each group of entry points, without its "startrack.": the key of a design that names one.
+# Group of entry points (without "startrack.") -> key of a design that names one.
 POINTS: Mapping[str, str] = {
     "centroids": "tracker.detection.centroid",
     "identifications": "tracker.identification.method",
@@ -75,7 +75,7 @@ class _Known(NamedTuple):
 
 
 _allowed = set[str]()  # modules; "*" for all
-_expected = dict[str, str]()  # digest of each module that another process began with
+_expected = dict[str, str]()  # digest of each module in the process that sent the design
 _known = dict[str, _Known]()
 _used = dict[str, None]()  # names, in the order of their first use
 
@@ -86,7 +86,7 @@ def is_code(name: str) -> bool:
 
 
 def full_name(group: str, built_in: Collection[str], name: Any) -> Any:
-    """The module:function of an entry point of an installed package; all else as it is."""
+    """The module:function of an entry point of an installed package; other values are unchanged."""
     if not isinstance(name, str) or name in built_in or is_code(name):
         return name
     return _of_entry_point(group, name, tuple(sys.path))
@@ -101,7 +101,7 @@ def _of_entry_point(group: str, name: str, folders: tuple[str, ...]) -> str:
 
 
 def one_of_or_code(choices: Collection[str], /, **values: str) -> None:
-    """Refuse what is neither one of the choices nor the name of a function."""
+    """Refuse values that are neither among the choices nor the name of a function."""
     for name, value in values.items():
         if value not in choices and not (isinstance(value, str) and FORM.fullmatch(value)):
             named = f"one of {', '.join(choices)}, or " if choices else ""
@@ -119,7 +119,8 @@ def allow_code(*modules: str) -> None:
 
 @contextmanager
 def code_of_command(allow: bool) -> Iterator[None]:
-    """Within: all code that designs name may run (where `allow`), and what runs is listed."""
+    """Context in which all code that designs name may run (if `allow`), and the code that ran is
+    listed."""
     before, used = set(_allowed), dict(_used)
     _used.clear()
     if allow:
@@ -162,8 +163,8 @@ def function_of(group: str, name: str) -> Callable[..., Any]:
     """The function that a design names. Raises as `require_code`."""
     code = _known.get(name)
     module, _, attribute = name.partition(":")
-    # A module that was loaded again has another function of that name, and a process that has run
-    # a design with its own code may be sent one that was begun with other code.
+    # A reloaded module has another function of that name, and a process that has run a design with
+    # its own code may receive a design that was begun with other code.
     if (
         code is None
         or _expected.get(module, code.digest) != code.digest
@@ -253,7 +254,8 @@ def _digest(package: ModuleType) -> str:
 def software() -> str:
     """Version of startrack, with a digest of its sources and of its tables of data.
 
-    Tables of values, such as shipped designs, are not among them: who reads one keeps its values.
+    Tables of values, such as shipped designs, are not included: a result keeps the values that it
+    read.
 
     >>> software().startswith("0.1.0+")
     True
@@ -270,7 +272,7 @@ def software() -> str:
 
 
 def file_digest(path: Path) -> str:
-    """Digest of a file; read again where the system says that it may have changed."""
+    """Digest of a file; read again if the system reports that it may have changed."""
     status = path.stat()
     return _file_digest(path, status.st_ino, status.st_ctime_ns, status.st_mtime_ns, status.st_size)
 
@@ -284,7 +286,7 @@ def _file_digest(path: Path, *_: int) -> str:
 def sent_with(named: Iterable[tuple[str, str, str]]) -> dict[str, str]:
     """Digests of the modules that a design names and that may run here, for other processes."""
     modules = {name.partition(":")[0]: (key, name) for key, _, name in named}
-    # A process that only passes a design on, such as a scheduler of Dask, need not have the code.
+    # A process that only forwards a design, such as a scheduler of Dask, need not have the code.
     return {
         module: _expected.get(module) or _import(*use).digest
         for module, use in modules.items()

@@ -16,8 +16,8 @@ from startrack.core.printing import printed
 from startrack.core.units import Unit
 from startrack.core.values import Psf, PsfTable, arranged
 
-# Electron in a pixel, below which a term of a star is left out, and the curve between the samples
-# of its table; chosen by hand.
+# Electron in a pixel: smaller terms of a star, and smaller corrections of linear interpolation in
+# its table, are left out; chosen by hand.
 LEAST = 0.5
 SHIFT = 2  # columns of `value` before the relative flux
 
@@ -34,13 +34,13 @@ class FieldPsf:
 
     table         (k, m, m) 1, as in Psf
     oversampling  samples per pixel
-    x, y          (p,), (q,) pixel, evenly spaced nodes, at least four; beyond the last, the image
-                  is that at the last
-    colour        (c,) metre, nodes, rising; beyond the last, the image is that of the last
+    x, y          (p,), (q,) pixel, evenly spaced nodes, at least four; beyond the last node, its
+                  image is used
+    colour        (c,) metre, nodes, rising; beyond the last node, its image is used
     value         (c, q, p, 3 + k): shift along x and y (pixel) of the centre of the image from the
                   place that the camera projects to; flux relative to that of the instrument's
                   throughput; coefficients
-    error         1, of the peak, the largest that was found between the nodes
+    error         1, of the peak, largest measured error between the nodes
     place_error   pixel, of the shift likewise
     """
 
@@ -82,18 +82,18 @@ class FieldPsf:
         return self._sum(image[SHIFT + 1 :]), float(image[SHIFT])
 
     def images(self, x: Floats, y: Floats, colour: Floats) -> list[Psf]:
-        """The images `image` at n places and colours, together: in a sixth of the time."""
+        """`image` at n places and colours at once, in a sixth of the time."""
         coefficient = self.at(x, y, colour)[:, SHIFT + 1 :]
         tables = coefficient @ self.table.reshape(len(self.table), -1)
         return [self._psf(table) for table in tables.reshape(-1, *self.table.shape[1:])]
 
     def over_colour(self, values: Floats, colour: Floats) -> Floats:
-        """Values (c, ...) at the nodes of the colour, between them (n, ...)."""
+        """Values (c, ...) at the nodes of the colour -> values (n, ...) between them."""
         inside = np.clip(colour, self.colour[0], self.colour[-1])
         return np.tensordot(lagrange_weights(self.colour, inside), values, 1)
 
     def of_one_colour(self, colour: float) -> FieldPsf:
-        """The images of light of any colour as those of one."""
+        """The images for light of any colour replaced by those of one colour."""
         weight = lagrange_weights(self.colour, np.array([colour]))[0]
         value = np.tensordot(weight, self.value, 1)[None]
         return replace(self, colour=np.array([colour]), value=value)
@@ -130,7 +130,7 @@ class FieldPsf:
     ) -> tuple[Floats, Floats, Floats]:
         """Points along paths, each with the electrons of each table.
 
-        The image of a path is that at its middle, also where the camera rolls.
+        A path has the image at its middle, also if the camera rolls.
 
         x, y       (m, n) pixel, along the paths of n points
         electrons  (n,)

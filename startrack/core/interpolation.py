@@ -75,7 +75,7 @@ class Samples:
 
     second   (n,)
     values   (k, n)
-    degree   of the polynomials; less where there are too few values
+    degree   of the polynomials; lower if there are too few values
     slopes   (k, n) a second, through which they go, too; None: they do not
     """
 
@@ -111,9 +111,9 @@ class Samples:
 
 
 class Curve(Parameters):
-    """Values in [0, 1] at wavelengths, straight lines between them and zero outside.
+    """Values in [0, 1] at wavelengths, linear between them and zero outside.
 
-    A curve with one value and no wavelength is the same everywhere.
+    A curve with one value and no wavelength is constant.
     """
 
     wavelength: tuple[float, ...] = parameter(

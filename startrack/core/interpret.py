@@ -1,8 +1,8 @@
-"""Kernels that are not compiled yet -> their results by Python, for as long as it pays.
+"""Kernels that are not yet compiled -> their results by Python, while that is faster.
 
-A command that runs one trial calls most kernels once, on a few stars: Python takes milliseconds for
-what takes a second to compile. So within `interpreted` a kernel that is not on disk is run as the
-Python code that it is written in, until another process has compiled it.
+A command that runs one trial calls most kernels once, on a few stars. Python then takes
+milliseconds, while compiling takes a second. So within `interpreted` a kernel that is not on disk
+runs as the Python code in which it is written, until another process has compiled it.
 """
 
 import time
@@ -14,8 +14,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-PATIENCE = 1.0  # CPU second that a kernel may take where nobody compiles it; chosen by hand
-LOOK = 0.2  # second between two looks whether the other process has compiled it
+PATIENCE = 1.0  # CPU second that a kernel may take if no process compiles it; by hand
+LOOK = 0.2  # second between two checks whether the other process has compiled it
 
 _COMPILING: Callable[[], bool] | None = None  # whether another process compiles; None: compile here
 _TWINS = dict[FunctionType, FunctionType]()
@@ -93,7 +93,8 @@ def twin(function: FunctionType, is_kernel: Callable[[Any], bool]) -> FunctionTy
 
 
 def _strong(code: CodeType) -> CodeType:
-    """Code whose literals are of double precision beside single precision, too, as numba has it."""
+    """Code whose literals have double precision also in expressions of single precision, as in
+    numba."""
     constants = tuple(
         _strong(constant) if isinstance(constant, CodeType) else _as_argument(constant)
         for constant in code.co_consts
@@ -134,7 +135,8 @@ def _arrays(value: Any) -> Iterator[Any]:
 
 
 class _Look:
-    """Ends what Python runs where compiled code is there, or nobody makes it and it takes long.
+    """Ends a Python run if compiled code is available, or if it takes long and no process compiles
+    it.
 
     Python looks at each call of an inner kernel: an alarm would be the caller's.
     """
@@ -158,7 +160,7 @@ class _Look:
 
 
 def _looking(python: FunctionType) -> Callable[..., Any]:
-    """An inner kernel that looks whether Python is to go on."""
+    """An inner kernel that checks whether Python should continue."""
 
     @wraps(python)
     def call(*args: Any) -> Any:
@@ -170,7 +172,7 @@ def _looking(python: FunctionType) -> Callable[..., Any]:
 
 
 def _run(kernel: Any, is_kept: Callable[[], bool], *args: Any, **named: Any) -> Any:
-    """The result of Python, or of the compiled kernel where that is there first."""
+    """The result of Python, or of the compiled kernel if that is available first."""
     before = [(array, array.copy()) for array in _arrays((*args, *named.values()))]
     python = twin(kernel.py_func, lambda value: isinstance(value, type(kernel)))
     look = _Look(kernel, is_kept)
@@ -180,7 +182,7 @@ def _run(kernel: Any, is_kept: Callable[[], bool], *args: Any, **named: Any) -> 
             given = {name: _as_argument(value) for name, value in named.items()}
             return _as_result(python(*map(_as_argument, args), **given))
     except (_Abandoned, ArithmeticError, ValueError, TypeError, LookupError):
-        # Compiled code does not fail where Python divides by zero or takes the root of -1.
+        # Unlike Python, compiled code does not fail at a division by zero or the root of -1.
         _ABANDONED.add(kernel)
         for array, values in before:
             array[...] = values

@@ -1,7 +1,7 @@
 """A function enters; compiled code leaves, kept in a folder that is named by a hash of all sources.
 
-Compiled code holds copies of the kernels that it calls and of constants of other files. Numba alone
-would not see an edit there; here each state of the sources has a folder of its own.
+Compiled code contains copies of the kernels that it calls and of constants of other files. Numba
+alone would not notice an edit there; here each state of the sources has a separate folder.
 """
 
 import hashlib
@@ -58,8 +58,8 @@ def kernel(
 ) -> Any:
     """Compile a function when it is first called, and keep it on disk.
 
-    As `numba.njit(cache=True, error_model="numpy")`. Only kernels of this package are kept: of
-    other code it is not known what they are made of.
+    As `numba.njit(cache=True, error_model="numpy")`. Only kernels of this package are kept: the
+    sources of other kernels are unknown.
 
     borrows   whether it makes and returns no arrays: then numba need not count references to those
               that it is given, which takes most of the time of short kernels
@@ -131,7 +131,7 @@ def _bases() -> list[tuple[Path, bool]]:
     if config.CACHE_DIR:
         return [(Path(config.CACHE_DIR), True)]
     home = Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser())
-    # Beside the package: whoever may read that may read its kernels.
+    # Beside the package: users who may read the package may read its kernels.
     return [(PACKAGE / "__pycache__", False), (home / "startrack", True)]
 
 
@@ -150,7 +150,7 @@ def _made(folder: Path, private: bool) -> bool:
 
 
 def _hash_of_sources() -> str:
-    """Hash of all files that a kernel stands in or takes a value from, and of the compilers."""
+    """Hash of all files that contain a kernel or a value used by one, and of the compilers."""
     versions = sys.version, numba.__version__, llvmlite.__version__, np.__version__
     state = hashlib.sha256(f"{versions} {compiler is None}".encode())
     for path in sorted(PACKAGE.rglob("*.py")):
@@ -161,7 +161,7 @@ def _hash_of_sources() -> str:
 
 
 def is_ready() -> bool:
-    """Whether what one trial and its identification need has been compiled before."""
+    """Whether all kernels of one trial and its identification have been compiled."""
     folder = kernel_folder()
     return folder is not None and (folder / READY).exists()
 
@@ -180,8 +180,8 @@ def compiling_reports(report: Callable[[float], None]) -> Iterator[None]:
 def trusted(path: str | os.PathLike[str]) -> bool:
     """Whether a file or folder is of this user or of the system, and no other can write to it.
 
-    "Other" includes the group. An installation by the administrator is the system's: whoever runs
-    it trusts its code already.
+    "Other" includes the group. An installation by the administrator belongs to the system: its
+    users trust its code already.
     """
     if not hasattr(os, "geteuid"):  # Windows: the user's folders are closed to others
         return True
@@ -195,7 +195,7 @@ def trusted(path: str | os.PathLike[str]) -> bool:
 def all_trusted(folder: Path) -> bool:
     """Whether a folder and all compiled code in it is trusted.
 
-    What others can write to is removed, and compiled anew.
+    Files that others can write to are removed, and compiled again.
     """
     if not trusted(folder):
         return False
@@ -211,7 +211,7 @@ def all_trusted(folder: Path) -> bool:
 
 
 def private_folder(path: Path) -> bool:
-    """Make a folder that only this user can open; whether there is such a one then."""
+    """Make a folder that only this user can open; returns whether such a folder then exists."""
     with suppress(OSError):
         path.mkdir(parents=True, exist_ok=True, mode=PRIVATE)
     return trusted(path)

@@ -1,6 +1,6 @@
-"""Bytes that a step needs -> refused, with the figure, where they exceed the limit of a process.
+"""Bytes that a step needs -> refused, with the number, if they exceed the limit of a process.
 
-What is kept between calls, values that take long to compute and arrays of a plan, gives way first.
+Cached values and arrays of a plan are dropped first.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def memory_limit() -> int:
 
 
 def require_memory(size: float, what: str) -> None:
-    """Refuse a step before it takes more memory than there may be.
+    """Refuse a step before it takes more memory than allowed.
 
     size  bytes that it takes at its largest
     what  takes them, for the message: "a frame of 65536 x 65536 pixels"
@@ -84,7 +84,7 @@ def gib(size: float) -> str:
 def limited_memory(limit: int) -> Iterator[None]:
     """Let this process and those that it starts take at most `limit` bytes more than now.
 
-    What has no estimate, or a wrong one, then ends in MemoryError instead of a machine that swaps.
+    A step without an estimate, or with a wrong one, then ends in MemoryError instead of swapping.
     The limit is that of the system on private data (Linux); elsewhere only estimates are compared.
 
     limit  byte
@@ -137,11 +137,11 @@ _clock = iter(range(2**62))
 
 
 class Kept(Generic[T]):
-    """Values by key: the last `count` that were used, fewer where memory is short.
+    """Cached values by key: the last `count` used values, fewer if memory is short.
 
-    Each value counts with the bytes of its arrays. Where all values that are kept in the process
-    would take more than a quarter of its memory limit, those used longest ago are dropped; so they
-    are before a step that `require_memory` would refuse for them.
+    Each value counts with the bytes of its arrays. If all cached values of the process would take
+    more than a quarter of its memory limit, the values used longest ago are dropped. They are also
+    dropped before a step that `require_memory` would otherwise refuse.
     """
 
     def __init__(self, count: int):
@@ -151,7 +151,7 @@ class Kept(Generic[T]):
         _stores.add(self)
 
     def get(self, key: Hashable, make: Callable[[], T]) -> T:
-        """The value of a key, made where it is not kept."""
+        """The value of a key, made if it is not cached."""
         with _lock:
             entry = self._values.get(key)
             if entry:
@@ -183,7 +183,7 @@ class Kept(Generic[T]):
             self.bytes -= entry[1]
 
     def last_use(self) -> int:
-        """Time at which the oldest value was used last; after all others where there is none."""
+        """Time of the last use of the oldest value; later than all others if there is no value."""
         return min((time for _, _, time in self._values.values()), default=2**62)
 
 
@@ -211,9 +211,9 @@ def kept(
 ) -> Callable[[Callable[P, T]], KeptFunction[P, T]]:
     """Like `functools.lru_cache`, for values of megabytes: they count against the memory limit.
 
-    reads  first argument -> the same, in which all that the function does not read has fixed
-           values. The function gets this one, so that it cannot read what the key leaves out.
-           None: the first argument as it is
+    reads  first argument -> the argument with fixed values in all parts that the function does not
+           read. The function gets this argument, so that it cannot read a part that the key lacks.
+           None: the first argument is used unchanged
     """
     return partial(KeptFunction, count=count, reads=reads)
 
@@ -256,8 +256,7 @@ def _arrays(value: Any, seen: set[int]) -> Iterator[np.ndarray[Any, Any]]:
 class Workspace(threading.local):
     """Arrays by name, separate for each thread; functions that hold this object share them.
 
-    A new array costs a page fault for each row that is written: milliseconds where windows lie
-    all over a frame.
+    A new array costs a page fault for each written row: milliseconds for windows all over a frame.
     """
 
     def __init__(self) -> None:

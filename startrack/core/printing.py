@@ -18,7 +18,7 @@ from startrack.core.units import Unit
 
 Kind = TypeVar("Kind", bound=type)
 TextRows = Iterable[tuple[str, ...]]
-FEW = 4  # values of a field that are written out; of more, how many there are and from what to what
+FEW = 4  # values of a field that are written out; longer fields have number and range
 SCALAR = (bool, int, float, str, np.generic)
 LONGEST = 80  # characters of a text
 
@@ -30,7 +30,7 @@ def printed(kind: Kind) -> Kind:
         class Errors(NamedTuple):
             across: Annotated[float, Unit("rad", "arcsec")]
 
-    One that has more to say than its fields has `_rows`, a property with rows of texts.
+    A class with more to print than its fields has a property `_rows` with rows of texts.
     """
 
     def rows(self: Any) -> list[tuple[str, ...]]:
@@ -93,7 +93,7 @@ def _units(kind: type) -> dict[str, Unit | None]:
 
 
 def text_of(value: Any, unit: Unit | None = None) -> str:
-    """A value of a result, in the unit that files have, of arrays the shape and the range.
+    """A value of a result in the unit of files; for arrays, the shape and the range.
 
     >>> text_of(np.array([0.001, 0.002]), Unit("m", "mm"))
     '1, 2 mm'

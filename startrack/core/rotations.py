@@ -1,6 +1,6 @@
 """Rotation matrices: from pairs of directions, turned, applied, as quaternions; in compiled code.
 
-scipy checks each matrix, and so takes longer to take one than a tracker takes to find it.
+scipy checks each matrix, which takes longer than the computation of an attitude by a tracker.
 """
 
 import math
@@ -13,7 +13,7 @@ from startrack.core.kernel import kernel
 
 
 def rotation_of(matrix: Floats) -> Rotation:
-    """The rotation of a matrix (3, 3), or those of many (m, 3, 3), which are trusted to be such."""
+    """The rotation of a matrix (3, 3), or of many (m, 3, 3); they are not checked."""
     many = _quaternions(np.ascontiguousarray(matrix, float).reshape(-1, 3, 3))
     return Rotation.from_quat(many.reshape(*matrix.shape[:-2], 4))
 

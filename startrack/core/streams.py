@@ -104,8 +104,8 @@ def _mixed(first, other):  # type: ignore[no-untyped-def]
 class Streams:
     """The random streams of one trial.
 
-    A stream depends on nothing but (seed, trial, cause). So results do not depend on the
-    number of workers or their order, and taking one effect away changes no other draw.
+    A stream depends only on (seed, trial, cause). So results do not depend on the number or order
+    of workers, and removing one effect changes no other draw.
 
     >>> first = Streams(1, 0)("read noise").random()
     >>> bool(first == Streams(1, 0)("read noise").random())

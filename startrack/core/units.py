@@ -43,8 +43,8 @@ GALACTIC_POLE = (
 )
 GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))  # radian; turns by it fill a disc evenly
 
-# Prefixes that are 10^9 or more off another of the same letter, before units of small quantities;
-# and a thousandth of what is counted, which nothing has.
+# Prefixes that differ by 10^9 or more from another prefix with the same letter, before units of
+# small quantities; and thousandths of counted things, which do not exist.
 SLIPS = re.compile(
     r"\b([MPZY])(?=(?:m|s|rad|arcsec|arcmin|deg|K|g|W|V|A|J|N|mag)\b)"
     r"|\b(m)(?=(?:b|bit|B|byte|pix|pixel)\b)"
@@ -72,9 +72,10 @@ NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*((?:[^\W\
 class Unit(NamedTuple):
     """Unit of a parameter: `Annotated[float, Unit("m", "mm")]` is in metre, in files in millimetre.
 
-    absolute  whether it is a temperature, which files may give in degC, and no difference of two
+    absolute  whether it is a temperature, which files may give in degC, not a temperature
+              difference
     clock     whether it is a time of day, which files may give as "10:30"
-    others    in which files may have it, too, and which whoever reads a file turns into it
+    others    further units allowed in files; the reader of a file converts them
     """
 
     si: str
@@ -98,7 +99,7 @@ class Unit(NamedTuple):
 def parse(text: str, unit: str, absolute: bool = False, clock: bool = False) -> float:
     """Turn a number with a unit into a float in another unit.
 
-    The product is taken in decimal, so that "50 mm" is 0.05 m and not a neighbour of it.
+    The product is computed in decimal, so that "50 mm" is exactly the float 0.05.
 
     >>> parse("50 mm", "m")
     0.05

@@ -1,4 +1,4 @@
-"""The nouns that flow from room to room; every array has its shape and unit here."""
+"""The values that are passed between rooms, with shape and unit of each array."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Stars:
     def find(self, identifier: Ints) -> tuple[Ints, Flags]:
         """Indices (m,) of the stars with these identifiers (m,), and whether each is there.
 
-        The index of a star that is not there is any.
+        The index of a missing star is arbitrary.
         """
         order = np.argsort(self.identifier, kind="stable")
         at = np.searchsorted(self.identifier, identifier, sorter=order)
@@ -335,7 +335,7 @@ class Estimate:
     icrs_to_camera     attitude, None if there is none
     covariance         (3, 3) radian^2, of the small rotation about the camera's axes
     residual_rms       pixel, root mean square over both axes of the stars used
-    stars              how many stars were used
+    stars              number of used stars
     false_probability  as in Matches
     used               (stars,) indices into the matches; None: not known
     """

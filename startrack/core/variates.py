@@ -48,7 +48,7 @@ _power, _step = SMALLEST + _node // CELLS, _node % CELLS
 _share = np.ldexp((CELLS + _step) / (2 * CELLS), _power)
 _quantile = special.ndtri(np.minimum(_share, 0.75))
 _slope = math.sqrt(2 * math.pi) * np.exp(_quantile**2 / 2)
-# Of each cell what the interpolation takes, side by side: one access to memory that is far away.
+# The interpolation data of each cell are contiguous: one access to distant memory.
 _rise = np.diff(_quantile)
 _left = _slope[:-1] * np.ldexp(0.5 / CELLS, _power[:-1]) - _rise
 _right = _rise - _slope[1:] * np.diff(_share)
@@ -76,7 +76,7 @@ def inverse_normal(probability: float) -> float:
 SMALL = 3.0  # mean below which the distribution is summed from zero
 UNSURE = 0.25  # error of the expansion above which only sums decide; chosen by hand: time alone
 LARGEST_PROBABILITY = 1 - 1e-5  # above it, the sum from zero loses digits of the tail
-FARTHEST = 8.2  # standard deviations: beyond them a double cannot tell a probability from one
+FARTHEST = 8.2  # standard deviations; beyond, a double rounds the probability to one
 
 # Cubic Hermite table of the normal distribution: 1e-13 of probability in 3 ns instead of 30.
 STEPS = 512  # per standard deviation

@@ -1,9 +1,9 @@
 """Files: design tables, images, WCS, SQLite, atomic writes, shipped data.
 
-reading       Path of a file from anybody -> its bytes, where it is regular, not too large, and what
-              it claims to be; name of shipped data -> its path.
-saving        Files that are written whole or not at all, and folders that one process at a time
-              writes to; the message to others names it.
+reading       Path of an untrusted file -> its bytes, if it is regular, not too large, and of the
+              claimed kind; name of shipped data -> its path.
+saving        Files that are written completely or not at all; folders that one process at a time
+              writes to, with a message to other processes.
 sqlite        SQLite file of one kind -> its tables, open for one process at a time; errors as
               sentences.
 text          Bytes of a text file from any program -> text; CSV of any locale -> columns.

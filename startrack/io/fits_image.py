@@ -1,4 +1,4 @@
-"""Bytes of a FITS file of any program -> its image, and what the header says of the detector."""
+"""Bytes of a FITS file of any program -> its image, and the detector values of its header."""
 
 import io
 import math
@@ -44,7 +44,7 @@ LEAST_SIDE = 16  # pixels, of an image in which noise can be measured
 
 
 class FitsImage(NamedTuple):
-    """An image (rows, columns) or cube (planes, rows, columns), and what its header says.
+    """An image (rows, columns) or cube (planes, rows, columns), and values of its header.
 
     exposure, gain, offset, read_noise  as a `Frame` has them; NaN where they are not known
     excess_noise                        1, as a `Frame` has it
@@ -68,8 +68,8 @@ def read_fits(path: Path, data: bytes, require: Callable[[Path, int, int, int], 
     Of several images, the first of the largest is read: a thumbnail may stand before it, and maps
     of its errors behind it.
 
-    A file is read in spite of what astropy warns of, if all pixels are there: letters beyond ASCII,
-    missing padding of header or data, a card that is not as in the standard.
+    If all pixels are present, a file is read in spite of astropy's warnings on letters beyond
+    ASCII, missing padding of header or data, and cards that violate the standard.
 
     require  refuses an image of (path, columns, rows, bytes of a pixel) that is too large
     Raises   Refused where the file is no FITS file, cut, damaged, or has no image of two axes.
@@ -207,7 +207,7 @@ def _exposure(path: Path, header: Any) -> float:
 def _gain(
     path: Path, header: Any, image: NDArray[Any], offset: float, read_noise: float, excess: float
 ) -> float:
-    """Electron for a number, where the header says it and the noise of the image allows it.
+    """Electron per number, if the header states it and the noise of the image allows it.
 
     EGAIN is that of most cameras' programs, of which GAIN is a setting, in tenths of a decibel or
     in units of its maker. GAIN of other files is taken where its comment says electrons, or where
@@ -250,8 +250,8 @@ def _gain(
 def _background(image: NDArray[Any]) -> tuple[float, float]:
     """Level and noise of most of an image, by second differences of pixels two columns apart.
 
-    Two, as the pixels of a mosaic have the same colour then; second, as a slope has none. NaN of an
-    image that is too small, or a cube.
+    Two columns apart, because pixels of a mosaic then have the same colour; second differences,
+    because they remove a slope. NaN for an image that is too small, or a cube.
     """
     if image.ndim != 2 or min(image.shape) < LEAST_SIDE:
         return math.nan, math.nan

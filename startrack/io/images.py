@@ -32,12 +32,12 @@ SEARCHED = 24  # bytes that the detection takes for each pixel of an image; meas
 def read_image(path: Path, layout: Layout | None = None) -> Frame:
     """Read a FITS, TIFF, PNG, JPEG, BMP, HEIC, SER, raw or video file as one frame.
 
-    Of a colour image the largest of the three channels is taken, because a star is bright in
-    at least one. A mosaic of colours, which the layout or the header (BAYERPAT of FITS, ColorID of
-    SER) names, becomes an image of half the size. A photograph is turned as its orientation says.
-    What the file does not say of its detector, or what its noise contradicts, is NaN.
+    For a colour image the largest of the three channels is used, because a star is bright in at
+    least one. A mosaic of colours, named by the layout or the header (BAYERPAT of FITS, ColorID of
+    SER), becomes an image of half the size. A photograph is rotated by its orientation tag.
+    Detector values that the file lacks, or that its noise contradicts, are NaN.
 
-    layout  what the file may not say of itself
+    layout  properties that the file may lack
     Raises  Refused, in one sentence with the path, where the file is missing, empty, cut, no
             image, or holds no finite number.
     """
@@ -137,7 +137,7 @@ def field_hint(path: Path, shape: tuple[int, ...]) -> float | None:
 
 
 def require_image_memory(path: Path, columns: int, rows: int, pixel: int) -> None:
-    """Refuse an image that cannot be read and searched within the memory that there may be.
+    """Refuse an image that cannot be read and searched within the memory limit.
 
     pixel   bytes of a pixel in the file
     Raises  ValueError with the size and the limit.

@@ -1,6 +1,6 @@
 """A file, files that lie below it, and single values over all -> one table.
 
-Of each value it is known which file it is from, so that an error names that one.
+The file of each value is known, so that an error names this file.
 """
 
 import difflib
@@ -31,7 +31,7 @@ NOT_JOINED: Joined = {}
 class Renewed(NamedTuple):
     """A key that stands for the other keys of its table, such as the name of a product.
 
-    Where a file names it, what files below say in that table no longer holds.
+    If a file names it, the values of lower files in that table are dropped.
 
     key   of the table
     kept  keys of the table that hold nevertheless
@@ -55,11 +55,11 @@ def _named_file(entry: object) -> str:
 class LayerRules(NamedTuple):
     """Rules by which files lie over each other.
 
-    joined    keys of the outermost table whose lists of tables are added to those of the files
-              below; an entry replaces one below that is alike in some keys, given with defaults
+    joined    keys of the outermost table whose lists of tables are added to those of lower files;
+              an entry replaces a lower entry that agrees in some keys, given with defaults
     renewed   tables of which one key stands for the others, by their places
-    instead   two keys of a table that say the same, by its place: a file that has one of them
-              takes the other one of files below away
+    instead   two alternative keys of a table, by its place: a file with one of them removes the
+              other one of lower files
     is_value  whether a table is a value, which replaces another one and is not merged with it
     file_of   the name of the file that an entry of `include` means; raises Refused where it is none
     """
@@ -120,7 +120,7 @@ class Layers:
                 self.origin[inner] = _origin(origin, inner)
 
     def _renew(self, below: dict[str, Any], rule: Renewed, place: str, by: str) -> None:
-        """Take out what other files say beside a key that stands for it."""
+        """Remove values of other files that a key replaces."""
         for key in [key for key in below if key not in rule.kept]:
             inner = f"{place}.{key}"
             said = {at for name, at in self.origin.items() if _within(name, inner)}
@@ -168,7 +168,7 @@ class Layers:
         return path.parent if origin == SET else Path(origin).parent
 
     def blamed(self, message: str, path: Path) -> str:
-        """A message on a place in the table, with the file that the value there is from."""
+        """A message on a place in the table, with the file of the value there."""
         match = PLACE.match(message)
         place = match[0] if match else ""
         origins = {origin for name, origin in self.origin.items() if _within(name, place)}

@@ -1,7 +1,7 @@
-"""Path of a file -> its bytes, where it is regular, not too large and what it claims to be.
+"""Path of a file -> its bytes, if it is regular, not too large and of the claimed kind.
 
-Files may be from anybody: a FIFO would wait for ever, a few bytes may unpack to more than the
-memory, and a header may announce a picture that no memory holds.
+Files are untrusted: a FIFO would wait for ever, a few bytes may unpack to more than the memory, and
+a header may announce a picture larger than the memory.
 """
 
 import errno
@@ -147,7 +147,7 @@ COUNT = re.compile(rb"(%b)\s*=\s*(\d+)" % b"|".join(COUNTED))
 
 
 def require_fits(path: Path, data: bytes) -> None:
-    """Refuse what astropy would read for hours: more axes or columns than the standard's 999.
+    """Refuse files that astropy would read for hours: more axes or columns than the standard's 999.
 
     Raises  ValueError, also where the bytes are no FITS file.
     """
@@ -185,7 +185,7 @@ def open_checked(path: Path, keyword: str, form: int, what: str) -> Iterator[Any
 
     keyword  of the first header, that names the format
     form     its value
-    what     the file is to be, for the sentence
+    what     the expected kind of file, for the message
     Raises   FileNotFoundError; ValueError where it is something else, another format, or damaged.
     """
     from astropy.io import fits

@@ -1,6 +1,6 @@
 """SER, raw and video files -> images; Bayer mosaics -> images of one colour or of all.
 
-SER is what cameras of the amateur sky write: a header of 178 bytes, frames, and a time for each.
+SER is a format of amateur astronomy cameras: a header of 178 bytes, frames, and a time for each.
 Source: Heiko Wilkens and Grischa Hahn, SER format description, version 3 (2014).
 """
 
@@ -47,7 +47,7 @@ YEAR_1, YEAR_2000 = datetime(1, 1, 1), datetime(2000, 1, 1)
 
 
 class Layout(Parameters):
-    """Layout of an image's file, where the file does not say it itself.
+    """Layout of an image file, for files that do not state it.
 
     plane   number from 0 of the plane of a cube or a SER; None: the largest value of all planes of
             a cube, the first frame of a SER

@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all, and folders that one process at a time writes to."""
+"""Files that are written completely or not at all; folders that one process at a time writes to."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ DRAFT = ".startrack-draft-"  # in the names of files that are not whole yet
 
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
-    """A path to write to, which takes the place of `path` when all went well.
+    """A path to write to, which replaces `path` after success.
 
-    The folder is made where it is missing. An error leaves what was there before. A link stays, and
-    what it points to is replaced. A FIFO, a terminal or another stream gets the bytes in the end.
+    A missing folder is made. After an error the old file stays. A link stays, and its target is
+    replaced. A FIFO, a terminal or another stream gets the bytes at the end.
 
     Raises  OSError for a folder, a disk or a socket, which no file may replace.
     """
@@ -62,9 +62,9 @@ def whole(path: Path) -> Iterator[Path]:
 
 
 def _new_draft(path: Path) -> Path:
-    """An empty file beside a path, of a name that nobody could foresee, made without links.
+    """An empty file beside a path, with an unpredictable name, made without following links.
 
-    In a folder that others can write to, a link of a known name would lead the draft elsewhere.
+    In a folder that others can write to, a link with a known name could redirect the draft.
     """
     # The suffix stays last, because writers of pictures tell the format by it.
     draft = path.with_name(f".{path.stem}{DRAFT}{secrets.token_hex(8)}{path.suffix}")
@@ -93,7 +93,7 @@ def _is_stream(path: Path) -> bool:
 
 
 def _opened(path: Path) -> BinaryIO:
-    """A stream to write to; what this process has open itself goes on where it is."""
+    """A stream to write to; a stream that this process has open continues at its position."""
     for link in (path, Path(os.readlink(path))) if path.is_symlink() else ():
         if os.path.realpath(link.parent) == os.path.realpath(f"{OPEN}self/fd"):
             sys.stdout.flush()
@@ -211,7 +211,7 @@ LONGEST = 1000  # byte of a note
 
 
 def note_owner(path: Path) -> None:
-    """Write beside a file that this process has it; nothing where that cannot be written."""
+    """Write a note beside a file that this process owns it, if the note can be written."""
     with suppress(OSError), open(_note(path), "wb", opener=_here) as file:
         file.write(_words())
 
@@ -223,7 +223,7 @@ def forget_owner(path: Path) -> None:
 
 
 def owner(path: Path) -> str:
-    """Who has a file, as its note says: ", 1234 since 2026-..."; empty where there is none."""
+    """Owner of a file, from its note: ", 1234 since 2026-..."; empty without a note."""
     return _read(_note(path))
 
 
@@ -255,7 +255,7 @@ def _read(path: Path) -> str:
 def claimed_folder(folder: Path) -> Iterator[None]:
     """Let no other process of startrack write to a folder at the same time.
 
-    The lock is the system's, so that it ends with the process however that ends. Drafts of files
+    The lock belongs to the system, so that it ends with the process in any case. Drafts of files
     that an ended process left in the folder are removed.
 
     Raises  OSError with the other process and since when it has the folder.

@@ -40,9 +40,9 @@ class FileKind(NamedTuple):
 class Database:
     """Open SQLite file.
 
-    What `transaction` has written is committed to a write-ahead log: a process that is killed at
-    any instant leaves a file that holds all transactions that had ended. A loss of power may cost
-    the last seconds, never the file.
+    Each `transaction` is committed to a write-ahead log: a process that is killed at any instant
+    leaves a file with all completed transactions. A loss of power may lose the last seconds, but
+    never the file.
     """
 
     def __init__(
@@ -121,7 +121,8 @@ class Database:
             )
 
     def _refuse_code(self) -> None:
-        """Refuse what runs by itself when tables are read or written: views, triggers and others.
+        """Refuse code that runs automatically when tables are read or written: views, triggers and
+        others.
 
         The tables must be as this kind of file has them, without columns or rules of others.
         """

@@ -12,7 +12,7 @@ from startrack import core
 from startrack.core import Refused, Unit, bare, fields_of
 
 T = TypeVar("T")
-LONGEST_NAME = 64  # letters of a key that similar ones are looked for; chosen by hand
+LONGEST_NAME = 64  # letters of the longest key for which similar keys are searched; by hand
 NAMES = {float: "a number", int: "a whole number", str: "a string", bool: "true or false"}
 LARGEST_INTEGER = 2**63 - 1
 
@@ -55,7 +55,7 @@ def refuse_unknown(*tables: tuple[type, object, str]) -> None:
         if isinstance(table, Mapping)
         for message in _unknown(kind, table, place)
     ]
-    if unknown:  # what is known is a long list, beside which not all would be said
+    if unknown:  # the list of known keys is long, and would hide some messages
         single = len(unknown) == 1
         raise Refused("; ".join(text + choices * single for text, choices in unknown))
 

@@ -30,8 +30,8 @@ BOTH = re.compile(r"[-+]?\d{1,3}(?:\.\d{3})+,\d+|[-+]?\d{1,3}(?:,\d{3})+\.\d+")
 def decoded(data: bytes, path: Path) -> str:
     """The text of a file, without its byte-order mark.
 
-    UTF-8, UTF-16 with a mark, and without one where every second byte is zero, as in text of
-    western letters; what is none of them is of one byte a letter (ISO 8859-1).
+    UTF-8; UTF-16 with a mark, or without a mark if every second byte is zero, as in text of western
+    letters. Other text is read with one byte per letter (ISO 8859-1).
 
     Raises  Refused where it holds zeros that are not of UTF-16, or is cut within a letter.
     """
@@ -178,5 +178,5 @@ def in_lower_case(path: Path, table: Any) -> Any:
 
 
 def first_line(error: Exception) -> str:
-    """The first line of what a library says, or the name of its exception."""
+    """The first line of a library's message, or the name of its exception."""
     return next(iter(str(error).strip().splitlines()), type(error).__name__)

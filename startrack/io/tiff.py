@@ -35,8 +35,8 @@ def read_tiff(
 
     plane    number of the image from 0; None: the first, and a warning where there are more
     require  refuses an image of (path, columns, rows, bytes of a pixel) that is too large
-    Raises   Refused where the file is cut, damaged, has no such image, or what its samples are
-             (CMYK, complex, more than three bands) is no light of a camera.
+    Raises   Refused if the file is cut, damaged, has no such image, or has samples that are no
+             light of a camera (CMYK, complex, more than three bands).
     """
     import tifffile
 

@@ -1,11 +1,11 @@
 """Moving objects: several images of one field, registered on stars -> objects that move.
 
-study     MovingDesign: a camera, its images, the objects that are searched, and their file.
-camera    Design -> what is constant over its images: electrons, noise, the image of an object.
+study     MovingDesign: a camera, its images, the objects to search for, and their file.
+camera    Design -> values that are constant over its images: electrons, noise, image of an object.
 render    Frames of a field with stars and an object, registered on guide stars and added.
 detect    Images of a field -> the score of every place and motion, and the place of an object.
-forecast  Design -> the faintest object that is found and the error of its place, by formula.
-problem   MovingProblem: what searches, samples and tests need of it.
+forecast  Design -> the faintest detectable object and the error of its place, by formula.
+problem   MovingProblem: the interface for searches, samples and tests.
 """
 
 from startrack.moving.camera import MovingCamera, camera_of

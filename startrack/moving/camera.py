@@ -1,4 +1,4 @@
-"""Design -> what is constant over its images: electrons, noise, and the image of an object."""
+"""Design -> values that are constant over its images: electrons, noise, image of an object."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ MARGIN = 3  # pixel beyond the table of a PSF, for smear and trail
 COG = 3  # pixel, half a side of the window around a guide star
 PHASES = (0.0, 0.5)  # pixel, of the places that are searched
 FEWEST, PER_CYCLE, MOST = 3, 4, 48  # times within a frame, at least, for each cycle, at most
-SEEN = 0.01  # pixel, amplitude of a motion from which on its cycles count
-BRIGHT = 0.5  # of the signal that saturates, at most in the brightest pixel of a guide star
+SEEN = 0.01  # pixel, least amplitude of a motion whose cycles count
+BRIGHT = 0.5  # of the saturation signal, upper limit for the brightest pixel of a guide star
 FLAT = 1e-3  # least slope of a centre of gravity with the place of a star
 PLACES = np.linspace(-1, 1, 81)  # pixel, of a star along an axis
 REPEATS = 16  # realisations of the motion, over which means are taken
@@ -44,8 +44,8 @@ class MovingCamera(NamedTuple):
     guide       electron of a guide star in a frame
     registered  pixel, rms per axis of a frame's place by its guide stars
     gravity     (2, n) pixel along columns and rows, mean centre of gravity of a star at `PLACES`
-    rest        (realisations, images, frames, 2) pixel, by which the field is still shifted in each
-                frame after shifts by whole pixels
+    rest        (realisations, images, frames, 2) pixel, remaining shift of the field in each frame
+                after shifts by whole pixels
     """
 
     psf: Psf
@@ -79,7 +79,7 @@ def magnitude_of(flux: float) -> float:
 def camera_of(design: MovingDesign) -> MovingCamera:
     """Constant inputs of the images of a design.
 
-    The error of a frame's place is that of the mean centre of gravity of the guide stars:
+    The error of a frame's place is the error of the mean centre of gravity of the guide stars:
 
         sigma^2 = (F^2 N s^2 + v sum x^2) / (n N^2)
 
@@ -128,7 +128,7 @@ def camera_of(design: MovingDesign) -> MovingCamera:
 
 
 class ImageMotion(NamedTuple):
-    """What the motion of a field over the pixels depends on, which an f-number does not change.
+    """Inputs of the motion of a field over the pixels, which do not depend on the f-number.
 
     pixel  radian, a side
     """
@@ -140,7 +140,7 @@ class ImageMotion(NamedTuple):
 
     @classmethod
     def of(cls, design: MovingDesign) -> ImageMotion:
-        """That of a design."""
+        """The inputs of a design."""
         instrument = design.instrument
         exposure = instrument.detector.exposure
         return cls(instrument.motion, exposure, design.pixel, design.moving_object)
@@ -167,9 +167,9 @@ def frame_times(moved: ImageMotion) -> Floats:
 
 
 def sight_of(moved: ImageMotion, streams: Streams) -> Floats:
-    """Pixel (images, frames, nodes, 2) by which the field is shifted in each frame.
+    """Pixel (images, frames, nodes, 2): shift of the field in each frame.
 
-    Each image has another place of the field in the pixels.
+    The place of the field relative to the pixels differs between images.
     """
     motion, time = realise_motion(moved.motion, moved.exposure, streams), frame_times(moved)
     turned = motion.at(time.ravel()).reshape(*time.shape, 3)[..., [1, 0]] / moved.pixel
@@ -180,7 +180,7 @@ def sight_of(moved: ImageMotion, streams: Streams) -> Floats:
 def _gravity(psf: Psf, smear: Floats) -> Floats:
     """Mean centres of gravity (2, n) of a star at `PLACES` from the middle of a pixel.
 
-    Pixels do not sample a sharp image finely enough for a centre of gravity that is its place.
+    Pixels sample a sharp image too coarsely for its centre of gravity to equal its place.
     """
     side, step = np.arange(-COG, COG + 1), psf.oversampling
     grid = (np.arange(len(psf.table)) - len(psf.table) // 2) / step
@@ -195,7 +195,7 @@ def _gravity(psf: Psf, smear: Floats) -> Floats:
 
 @lru_cache(maxsize=32)
 def _rest(moved: ImageMotion) -> Floats:
-    """What shifts by whole pixels leave of realisations of the motion, as `MovingCamera` has it."""
+    """Realisations of the motion after shifts by whole pixels, as in `MovingCamera`."""
     _, weight = frame_nodes(moved)
     sights = [sight_of(moved, Streams(1, number)) for number in range(REPEATS)]
     frames = np.einsum("rkfnx,n->rkfx", np.array(sights), weight)
@@ -238,7 +238,7 @@ def object_image(design: MovingDesign, angle: float) -> Floats:
 
 
 def image_in_frames(design: MovingDesign, angle: float, rest: Floats) -> Floats:
-    """Like `object_image`, of an image whose frames are shifted by a known rest (n, 2), pixel."""
+    """`object_image` for frames with known remaining shifts (n, 2), pixel."""
     frame = _frame_image(design, angle)
     rows, columns = (
         np.exp(-2j * math.pi * frequency.ravel() * rest[:, axis : axis + 1])

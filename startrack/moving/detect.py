@@ -21,9 +21,9 @@ from startrack.moving.camera import (
 from startrack.moving.study import MovingDesign
 
 STEP = PHASES[1] - PHASES[0]  # pixel, between places and between the ends of motions
-FLICKER = 0.05  # of a star's light, by which it differs from image to image; chosen by hand
-STAR = 4.0  # standard deviations above the sky, from which on a pixel has a star
-NEAR = 2  # steps of place within which an object is that of the trial
+FLICKER = 0.05  # of a star's light: variation from image to image; chosen by hand
+STAR = 4.0  # standard deviations above the sky: brighter pixels contain a star
+NEAR = 2  # steps of place within which a detection is the trial's object
 TURNS = 1  # steps of motion, likewise
 ITERATIONS = 6  # of the fit of a place
 FINEST = 1e-3  # pixel, of the derivatives of this fit
@@ -46,11 +46,11 @@ class Scores(NamedTuple):
 
 
 def threshold_of(design: MovingDesign) -> float:
-    """The score that noise exceeds so rarely that the false alarms are as many as are allowed.
+    """The score that noise exceeds with the allowed mean number of false alarms.
 
         P(score > threshold) = false alarms / (places motions)
 
-    Places are half a pixel apart, motions so that their ends are. Source: the number of hypotheses
+    Places are half a pixel apart, and so are the ends of motions. Source: the number of hypotheses
     of digital tracking, Heinze, Metchev and Trollo (2015), AJ 150, 125, section 2.
 
     Accuracy  neighbours are not independent, so that false alarms are fewer.
@@ -67,10 +67,10 @@ def motions_of(design: MovingDesign) -> float:
 
 
 def score_maps(design: MovingDesign, images: Floats, angle: float) -> Scores:
-    """Matched filters of images whose stars are taken off, by OpenCV.
+    """Matched filters of images after subtraction of the stars, by OpenCV.
 
-    From each image the mean of the others is subtracted, in which stars are and the object is not,
-    or elsewhere. A pixel in which these have a star has a larger variance.
+    The mean of the other images, which has the stars, but the object at other places, is subtracted
+    from each image. A pixel in which this mean has a star has a larger variance.
 
     images  (images, h, w) electron, registered
     angle   radian, of the motion: the direction of the trail
@@ -124,7 +124,7 @@ def stacked(scores: Scores, place: Floats, ends: Floats, times: Floats, rest: Fl
 def find(
     design: MovingDesign, scores: Scores, place: Floats, speed: Floats, rest: Floats
 ) -> tuple[float, Floats]:
-    """The largest score near a true place and motion, and where it is (4,): place, end; pixel.
+    """The largest score near a true place and motion; and its position (4,): place, end; pixel.
 
     rest  (images, frames, 2) pixel, by which the field is shifted in each frame
     """
@@ -141,9 +141,9 @@ def find(
 def refined(design: MovingDesign, scores: Scores, at: Floats, angle: float, rest: Floats) -> Floats:
     """Place (2,) of an object at the middle time, by least squares of flux, place and motion.
 
-    Gauss-Newton on the pixels around it in all images, each with the image of an object in frames
-    whose places are those of the guide stars. Source: Press et al. (2007), Numerical Recipes, 15.5;
-    for moving objects Reed, Gagliardi and Stotts (1983).
+    Gauss-Newton on the pixels around it in all images; the model is the image of an object in
+    frames at the places measured by guide stars. Source: Press et al. (2007), Numerical Recipes,
+    15.5; for moving objects Reed, Gagliardi and Stotts (1983).
 
     at    (4,) place and end, pixel from the middle, where the fit begins
     rest  (images, frames, 2) pixel, by which the field is shifted in each frame

@@ -1,4 +1,4 @@
-"""Design -> the faintest object that is found and the error of its place, by formula."""
+"""Design -> the faintest detectable object and the error of its place, by formula."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from startrack.moving.study import MovingDesign
 
 ANGLES = (0.0, math.pi / 4)  # of the motion, over which the means are taken
 MISSED = (-0.25, 0.0, 0.25)  # pixel, places of an object between those that are searched
-FREE = 4  # place and motion, over which the score is the largest of all near an object
+FREE = 4  # parameters (place and motion) over which the score is maximised near an object
 NOISE, NOISE_WEIGHT = np.polynomial.hermite_e.hermegauss(40)
 MEDIAN = math.sqrt(2 * math.log(2))  # distance over the rms per axis, of a normal law
 FAINTEST, BRIGHTEST = 1e-3, 1e9  # microjansky
@@ -35,8 +35,8 @@ FAINTEST, BRIGHTEST = 1e-3, 1e9  # microjansky
 class MovingForecast(NamedTuple):
     """Limiting magnitudes and errors of place that the formulas expect.
 
-    limits     microjansky of the objects of which 50 % and 90 % are found; inf: of none
-    place      radian, median distance from its place of an object of the magnitude that is asked
+    limits     microjansky of objects of which 50 % and 90 % are found; inf: no such flux
+    place      radian, median error of the place of an object of the required magnitude
     snr        1, of this object in all images together
     threshold  1, of the score
     """
@@ -48,7 +48,7 @@ class MovingForecast(NamedTuple):
 
 
 def forecast_moving(design: MovingDesign) -> MovingForecast:
-    """The faintest object that is found, and the error of its place.
+    """The faintest detectable object, and the error of its place.
 
         S = f E sqrt(K sum T^2 / v),   v = K / (K - 1) n (F^2 (b + d) + r^2 + q^2 / 12)
         found(f) = P[(S + sqrt(1 + c) z)^2 + chi^2_4 > t^2],   z normal
@@ -94,7 +94,7 @@ class _Shape:
         places = [(x, y) for x in MISSED for y in MISSED]
         self.shapes = [sampled(fine, step, x, y) for x, y in places]
         middle = self.shapes[len(places) // 2]
-        # By how much the score falls where an object lies between the places that are searched.
+        # Loss of score if an object lies between the searched places.
         square = (middle**2).sum()
         self.kept = np.array([(shape * middle).sum() for shape in self.shapes]) / square**0.5
         self.cube = np.array([(shape * middle**2).sum() for shape in self.shapes]) / square

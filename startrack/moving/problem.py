@@ -66,7 +66,7 @@ class MovingProblem:
         return bounds_of(self.design, self.campaign.variables)
 
     def replaced(self, values: Mapping[str, float]) -> MovingProblem:
-        """The problem with other values (SI) of parameters, and what links make of them.
+        """The problem with other values (SI) of parameters, and of parameters linked to them.
 
         Raises  ValueError with the name, where the parameter refuses the value.
         """
@@ -152,7 +152,7 @@ class MovingProblem:
         return Judgement(intervals[self.campaign.objective], margins, parts)
 
     def described(self) -> str:
-        """All that results depend on."""
+        """Everything on which results depend."""
         return json.dumps([to_table(self.design), inputs_of(self.design)], sort_keys=True)
 
     def text(self) -> Words:
@@ -173,7 +173,8 @@ class MovingProblem:
 def run_moving_trial(
     design: MovingDesign, seed: int, number: int
 ) -> tuple[float, tuple[float, float]]:
-    """Microjansky with which the object of a field is just found; error of the place of another.
+    """Flux (microjansky) at which the object of a field is just detected; error of another one's
+    place.
 
     The noise is the same for all fluxes, so that the score rises with the flux. The place (radian
     along columns and rows) is that of an object of the magnitude that is asked.

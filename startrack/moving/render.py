@@ -24,7 +24,7 @@ from startrack.moving.camera import (
 )
 from startrack.moving.study import MovingDesign
 
-SHIFT = 2  # pixel, by which frames are shifted at most
+SHIFT = 2  # pixel, largest shift of a frame
 ROOM = 3  # pixel beyond the image of the object at both ends of its motion
 FAINTEST_STAR, BRIGHTEST_STAR, GROWTH = 18.0, 8.0, 0.33  # G; ln10 N over G, of faint stars
 
@@ -99,7 +99,7 @@ def _guide_places(
 ) -> Floats:
     """Measured shift (images, frames, 2) of each frame, by guide stars of known places.
 
-    A star's place is that of its centre of gravity, without what the pixels do to the latter.
+    A star's place is its centre of gravity, corrected for the effect of pixels.
     Source: Stone (1989), Astronomical Journal 97, 1227, on centroids of undersampled stars.
     """
     own = design.moving_object

@@ -1,4 +1,4 @@
-"""Place and time of a photograph -> where its camera points, without refraction and aberration."""
+"""Place and time of a photograph -> direction of its camera, without refraction and aberration."""
 
 from __future__ import annotations
 
@@ -84,10 +84,11 @@ class Site(Parameters):
 
 @dataclass(frozen=True, eq=False)
 class PlacedPhotograph:
-    """Where the camera of a photograph points.
+    """Direction of the camera of a photograph.
 
-    fit         its attitude and lens, the stars where the site sees them; `icrs_to_image` is of the
-                axis through the middle of the image, its covariance counts the air's refraction
+    fit         its attitude and lens, with the stars at their directions from the site;
+                `icrs_to_image` belongs to the axis through the middle of the image, and its
+                covariance includes the air's refraction
     azimuth     radian of that axis, from north over east
     elevation   radian above the horizontal
     refraction  radian, by which the air lifts a star that is seen there
@@ -104,13 +105,13 @@ class PlacedPhotograph:
 def place_photograph(
     photo: Photograph, site: Site, camera: Camera | None = None
 ) -> PlacedPhotograph:
-    """The attitude of a solved photograph, as its place and time show it.
+    """The attitude of a solved photograph, from its place and time.
 
-    The matches stay; their stars are where the site sees them.
+    The matches stay; their stars have their directions from the site.
 
     camera    the calibrated camera by which it was solved; None: its lens was unknown
-    Raises    ValueError where the photograph has no attitude, or where a matched star is below the
-              horizon: the place or the time is another.
+    Raises    ValueError if the photograph has no attitude, or if a matched star is below the
+              horizon, which means that place or time are wrong.
     Accuracy  model: that of `fit_frame`, or of `fit_lens`; refraction is known to 5 %, which the
               covariance counts.
     """

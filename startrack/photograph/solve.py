@@ -1,4 +1,4 @@
-"""Frame of an unknown camera -> its attitude and lens, and what was seen.
+"""Frame of an unknown camera -> its attitude and lens, and its spots.
 
 Each try takes spots of the frame, in a view, to the cameras of `identify_blind`.
 """
@@ -34,15 +34,16 @@ from startrack.photograph.tries import (
 from startrack.photograph.view import PhotographView
 
 # Hypotheses of a try over those of the settings: of one field, and of all round by round. Most
-# images take less than the first, so all is tried with few before anything is with many.
+# images need fewer than the first number, so all tries are made with few hypotheses before any with
+# many.
 FULL, ROUNDS = 1.0, (0.0125, 0.1)
-# Of the longer side, match radius: an unknown lens moves stars by this much. A smaller one takes
-# ten times the hypotheses where the lens is distorted, a larger one more time for each.
+# Of the longer side, match radius: an unknown lens moves stars by this much. A smaller radius takes
+# ten times the hypotheses for a distorted lens; a larger one takes more time for each.
 BENT = 0.004
 MOST_SPOTS = 100  # brightest first: the middle needs more
-MANY = 0.5  # of the spots, stars from which on an image is not tried in other shapes
-SQUARED = 3  # times that a view is corrected by what the lens that was found shows
-SLACK = 0.01  # of a field beyond the tolerance of the given one: what distortion changes
+MANY = 0.5  # of the spots: with more stars, an image is not tried in other shapes
+SQUARED = 3  # corrections of a view by the lens that was found
+SLACK = 0.01  # of a field, additional tolerance of the given one, for distortion
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +78,7 @@ class Photograph:
 
     @property
     def aspect(self) -> float:
-        """Width of a pixel over its height, with what the stars show beside that of the view."""
+        """Width of a pixel over its height: of the view, corrected by the stars."""
         polynomial = self.matches.camera.polynomial
         along, down = (polynomial.x[1], polynomial.y[2]) if polynomial else (0.0, 0.0)
         return self.view.aspect * (1 + down) / (1 + along)
@@ -106,11 +107,11 @@ def solve_photograph(
 ) -> Photograph:
     """Try one view and one camera after the other until the attitude is found.
 
-    First the spots of `LOOKS` with cameras of the hint; then, with few hypotheses each and again
-    with more, these with all fields from 1.5 to 90 degrees, mirrored, squeezed from other common
-    shapes, the middle of fisheyes of up to 180 degrees, and of other wide lenses.
-    `settings.max_false_probability` bounds all tries together: the first, or those by the hint,
-    have half of it, the others share the rest.
+    First the spots of `LOOKS` are tried with cameras of the hint. Then, with few hypotheses each
+    and again with more, they are tried with all fields from 1.5 to 90 degrees, mirrored, squeezed
+    from other common shapes, and in the middle of fisheyes of up to 180 degrees and of other wide
+    lenses. `settings.max_false_probability` bounds all tries together: the first try, or the tries
+    by the hint, have half of it; the others share the rest.
 
     settings  its `focal_tolerance` is that of the hint
     hint      radian, field of view across the columns; None: unknown
@@ -135,7 +136,8 @@ def solve_photograph(
         smear = sought.spots.turned
     if smear:
         first = (near or [guess for guess in rest if guess.view.aspect == (aspect or 1.0)])[0]
-        # Half of the probability of a false match is theirs, and that of all others half of it.
+        # These tries have half of the probability of a false match; all others share the other
+        # half.
         near = [guess._replace(share=guess.share / 2) for guess in near]
         rest = [guess._replace(share=guess.share / 2) for guess in rest]
         turned = sought._replace(spots=ScaledSpots(frame, smear))
@@ -168,14 +170,14 @@ def solve_photograph(
 
 
 class _Sought(NamedTuple):
-    """A frame's spots, and what stars they are compared with."""
+    """A frame's spots, and the stars that they are compared with."""
 
     spots: ScaledSpots
     indexes: identification.PatternIndexes
     settings: identification.Identification
 
     def attempt(self, guess: Try, effort: float) -> Photograph:
-        """The first camera of a try that finds an attitude, with what the stars show of its lens.
+        """The first camera of a try that finds an attitude, with its lens estimated from the stars.
 
         effort  of the hypotheses of the settings
         """
@@ -205,11 +207,11 @@ class _Sought(NamedTuple):
         return Photograph(spots, matches, estimate, axis, guess.view)
 
     def squared(self, photo: Photograph, guess: Try, squeezed: list[float]) -> Photograph:
-        """The solution in a view of square pixels, where the stars show that those are oblong.
+        """The solution in a view of square pixels, if the stars show oblong pixels.
 
-        The lens is fitted by what is small; the view takes what is large. Where few spots are
-        stars, they may be those of the middle of an image that was squeezed, by a common ratio.
-        The same hypothesis is found again, which is no further chance of a false match.
+        The fit of the lens describes small deviations; the view takes large ones. If few spots are
+        stars, they may lie in the middle of an image that was squeezed by a common ratio. The same
+        hypothesis is found again, so the probability of a false match does not grow.
         """
         rows, columns = self.spots.frame.image.shape
         few = len(photo.matches) < MANY * len(photo.spots)
@@ -230,7 +232,8 @@ class _Sought(NamedTuple):
         return photo
 
     def _index(self, camera: Camera) -> identification.PatternIndex:
-        """Index of every other field: half as many to read, each as good for its neighbours."""
+        """Index of every other field: half as many to read; each is good enough for its
+        neighbours."""
         field, step = min(camera.fov_x, camera.fov_y), 2 * math.log(1.1)
         coarse = math.exp(math.floor(math.log(field) / step) * step) * (1 + 1e-9)
         return self.indexes(Camera.from_field_of_view(1, 1, coarse))
@@ -239,7 +242,8 @@ class _Sought(NamedTuple):
 def _as_hinted(
     photo: Photograph, hint: float | None, settings: identification.Identification
 ) -> Photograph:
-    """The solution, and whether its field is the given one; the middle alone does not show it."""
+    """The solution, and whether its field is the given one; unknown for the middle of an image
+    alone."""
     if hint is None or photo.view.middle is not None:
         return photo
     own, given = (

@@ -1,4 +1,4 @@
-"""Frame -> its spots at several scales, how each star moved, and the shape of its stars."""
+"""Frame -> its spots at several scales, the motion of the stars, and their shape."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from startrack.observation import with_smear
 
 # Sigma of the detection: an image of few faint stars is searched twice.
 THRESHOLDS = (5.0, 4.0)
-SCALES = (1, 2, 4, 8)  # by which the image is reduced, so that stars of any size fit a window
+SCALES = (1, 2, 4, 8)  # reductions of the image, so that stars of any size fit a window
 LEAST_SIDE = 100  # pixel of a reduced image; a smaller one shows too few stars
 MOST_OF_A_SCALE = 400  # spots, brightest first
 PARTS = 4  # of an image, along each side
@@ -50,8 +50,8 @@ class ScaledSpots:
     def __call__(self, threshold: float, scales: tuple[int, ...]) -> Spots:
         """The spots of these scales, in pixels of the frame, brightest first.
 
-        A star is measured at the finest scale whose window holds its light: where a coarser one
-        has far more of it than the finer spots that it covers, it takes their place.
+        A star is measured at the finest scale whose window holds its light: if a coarser spot has
+        far more light than the finer spots that it covers, it replaces them.
         """
         least = min(self.frame.image.shape)
         used = [s for s in scales if least // s >= LEAST_SIDE] or [1]
@@ -77,7 +77,7 @@ class ScaledSpots:
 
     @cached_property
     def clipped(self) -> float | None:
-        """Digital number from which on pixels are saturated; None where none is."""
+        """Digital number from which pixels are saturated; None without saturation."""
         image = self.frame.image
         highest = float(np.nanmax(image))
         at_top = np.count_nonzero(image == highest)
@@ -114,9 +114,10 @@ def chosen(spots: Spots, which: slice | NDArray[np.integer] | Flags) -> Spots:
 
 
 def evenly_spread(spots: Spots, columns: int, rows: int) -> Spots:
-    """The spots so that the brightest of each part of the image come first, then the second ones.
+    """The spots in a new order: first the brightest of each part of the image, then the second
+    brightest.
 
-    Parts full of leaves or lamps then have no more of the first spots than others.
+    So parts full of leaves or lamps do not have more of the first spots than other parts.
     """
     across, down = (spots.x + 0.5) / columns, (spots.y + 0.5) / rows
     part = np.floor(PARTS * across) * PARTS + np.floor(PARTS * down)
@@ -191,10 +192,10 @@ def star_shape(image: NDArray[np.number], spots: Spots) -> StarShape:
             break
     if len(tensors) < LEAST_SHAPES:
         return StarShape()
-    # A pixel itself spreads light; so no star is thinner.
+    # A pixel spreads light; so no star is thinner than that.
     xx, xy, yy = np.median(tensors, axis=0) + np.array([1, 0, 1]) / 12
     middle = (xx + yy) / 2
-    # Medians one by one are of no star, which may be thinner than a line.
+    # Medians of single moments belong to no real star, and may be thinner than a line.
     apart = min(math.hypot((xx - yy) / 2, xy), THINNEST * middle)
     angle = math.degrees(0.5 * math.atan2(2 * xy, xx - yy)) % 180
     return StarShape(math.sqrt((middle + apart) / (middle - apart)), angle, math.sqrt(xx / yy))

@@ -1,4 +1,4 @@
-"""Size of an image -> what is tried in turn: spots, view and cameras.
+"""Size of an image -> tries in order: spots, view and cameras.
 
 A photograph may hold stars larger than the detection's windows, be mirrored, squeezed or of a lens
 of any field.
@@ -124,8 +124,8 @@ def _square(columns: int, rows: int, part: float) -> list[Try]:
 def squeezes(columns: int, rows: int, elongation: float) -> list[float]:
     """Widths of a pixel over its height, if the image has been squeezed from another shape.
 
-    A star that was round is as long along the rows as pixels are narrow. Its pixels may hide
-    that, but not turn it round.
+    A round star becomes longer along the rows the narrower the pixels are. Pixels may hide this,
+    but cannot reverse it.
 
     elongation  1, of stars along the rows over that along the columns
     """

@@ -1,4 +1,4 @@
-"""How the pixels of a file become those of a camera with square pixels."""
+"""Mapping of the pixels of a file to those of a camera with square pixels."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class PhotographView(NamedTuple):
         return max(round(x), 1), max(round(y), 1)
 
     def frame(self, frame: Frame) -> Frame:
-        """The image as the camera of the solution sees it."""
+        """The image as seen by the camera of the solution."""
         rows, columns = frame.image.shape
         image = frame.image[:, ::-1] if self.mirrored else frame.image
         size = self.size(columns, rows)
@@ -44,7 +44,7 @@ class PhotographView(NamedTuple):
         return replace(frame, image=image)
 
     def spots(self, spots: Spots, columns: int, rows: int) -> Spots:
-        """The spots of a file where the camera of the solution sees them."""
+        """The spots of a file at their places in the camera of the solution."""
         width, height = self.size(columns, rows)
         x = columns - 1 - spots.x if self.mirrored else spots.x
         covariance = spots.covariance.copy()

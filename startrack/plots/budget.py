@@ -45,7 +45,7 @@ MEDIAN = 0.6745  # of the absolute value of a normal error, over its sigma
 AVAILABLE = 0.99  # of the sky
 FLOOR = 0.01  # of the least total error; smaller causes are not drawn
 FEWEST = 10  # stars of a magnitude or a part of the field that have a point
-IN_A_PART = 30  # stars in a part of the field, on average, below which there are fewer parts
+IN_A_PART = 30  # least average number of stars in a part of the field; fewer stars make fewer parts
 PARTS = (8, 6, 4, 3, 2)  # along a side of the field
 
 
@@ -60,10 +60,10 @@ def draw_budget(
 ) -> Figure:
     """A bar for each cause, from zero; measured values as points with their 95 % intervals.
 
-    required  limits on the error; a limit on another statistic than the rms per axis has no line,
-              it is named in the title of its panel
-    units     budgets of drawn units; their classes of error follow below the causes of the unit as
-              designed
+    required  limits on the error; a limit on another statistic than the rms per axis has no line;
+              the title of its panel names it
+    units     budgets of drawn units; the causes of the unit as designed come first, then the
+              classes of error of the units
     """
     names: dict[str, BudgetLine[Any] | _OfUnits] = {line.name: line for line in expected.lines}
     beside = {line.name: line for line in by_trials.lines} if by_trials else {}
@@ -250,7 +250,7 @@ def _worst(axes: Axes, survey: RateSurvey, values: Floats, least: bool) -> str:
 
 @style.styled
 def draw_curves(path: Path | None, curves: ErrorCurves, case: Case, title: str) -> Figure:
-    """The error over slew rate, and that of single stars over magnitude and field position."""
+    """The error over slew rate, and the error of single stars over magnitude and field position."""
     figure = style.picture(12.0, title)
     panels = figure.subplot_mosaic(
         [["rates"] * 2, ["stars"] * 2, ["place", "count"]], height_ratios=(1.05, 1, 1)
@@ -323,7 +323,8 @@ def _over_rate(axes: Axes, curves: ErrorCurves, case: Case) -> None:
 
 
 def _shade_rates(axes: Axes, curve: BudgetCurve) -> None:
-    """Rates at which the formula leaves out more than at rest, or a part of the sky is lost."""
+    """Shade the rates at which the formula leaves out more than at rest, or a part of the sky is
+    lost."""
     shown = curve.rate / deg
     few = np.flatnonzero(curve.available < AVAILABLE)
     if len(few):
@@ -348,7 +349,8 @@ def _shade_rates(axes: Axes, curve: BudgetCurve) -> None:
 def _over_magnitude(
     axes: Axes, star: Errors, in_boxes: SingleStars | None, seen: Residuals, causes: Sequence[str]
 ) -> None:
-    """Draw the errors of a star; `causes` of the attitude's error contain those of a star's."""
+    """Draw the errors of a star; `causes` of the attitude's error contain the causes of its
+    error."""
     text = "error of a star over its magnitude"
     if in_boxes:
         _in_boxes(axes, in_boxes)

@@ -21,7 +21,7 @@ FLAGS = (
     style.PURPLE,
     style.SKY,
     style.GREEN,
-)  # of quality, after that of no data
+)  # of the quality bits, after the colour of no data
 BELOW: Any = {"orientation": "horizontal", "aspect": 22}  # the scale of colours
 BETWEEN = (0.01, 0.99)  # of the pixels, the image's contrast
 

@@ -30,8 +30,8 @@ def draw_errors(
 
     Axes hold eight times the typical error. Larger ones stand at the edge, and are counted.
 
-    summary   of these outcomes, by what is required of them; None: nothing is
-    required  limits of errors, of which those of an rms per axis are drawn
+    summary   of these outcomes against the requirements; None: no requirements
+    required  limits of errors; only limits of an rms per axis are drawn
     """
     correct = outcomes[outcomes["solved"] & ~outcomes["false"]]
     summary = summary or summarise(outcomes)
@@ -173,7 +173,7 @@ TYPICAL = 8.0  # median errors up to which the axis is linear
 def draw_sequence(path: Path | None, table: Rows, title: str) -> Figure:
     """Rate and mode, and the error about each axis: of each frame alone and of the filter.
 
-    Of the camera of the design; and of each further head, the error of its alignment.
+    Of the camera of the design; for each further head, the error of its alignment.
     """
     further = [table[table["head"] == head] for head in range(1, int(table["head"].max()) + 1)]
     table = table[table["head"] == 0]
@@ -247,7 +247,7 @@ def _over_time(axes: Axes, table: Rows, axis: str, label: str) -> None:
 
 
 def _alignment(axes: Axes, table: Rows) -> None:
-    """The errors of the alignment of a head, over what the filter states of them."""
+    """The errors of the alignment of a head, beside the 3 sigma that the filter states."""
     worst = np.zeros(len(table))
     colours = style.BLUE, style.ORANGE, style.GREEN
     for (axis, label), colour in zip(AXES.items(), colours, strict=True):

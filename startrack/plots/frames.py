@@ -22,7 +22,7 @@ from startrack.core import Camera, Flags, Floats, Frame, Matches, Spots, Stars, 
 from startrack.plots import style
 
 IMAGE = 5.75  # inch, width of the image beside its axis
-LABELS = 10  # brightest stars that are named, or have their magnitude written beside them
+LABELS = 10  # brightest stars whose name or magnitude is written beside them
 LETTER_WIDTH, LETTER_HEIGHT = 0.068, 0.14  # inch, of a label's letters of 8.5 points
 RING = 0.075  # inch, half the side of the mark of a spot
 SCALES = (1, 2, 5, 10, 20, 30, 60, 120, 300, 600, 1200, 1800, 3600, 2 * 3600, 5 * 3600, 36000)
@@ -33,9 +33,9 @@ CROSS = MarkerPath(
 )
 RINGS: dict[str, Any] = {"s": 70, "facecolors": "none", "linewidths": 1.2}
 
-# Proper names of the stars that the shipped catalogue has from Hipparcos, because they are too
-# bright for Gaia, by their numbers there. Source: Catalog of Star Names of the IAU's Working Group
-# on Star Names (2022-04-04).
+# Proper names by Hipparcos number, of the stars that are too bright for Gaia: the shipped catalogue
+# has them from Hipparcos. Source: Catalog of Star Names of the IAU's Working Group on Star Names
+# (2022-04-04).
 PROPER_NAMES = {
     677: "Alpheratz", 3419: "Diphda", 5447: "Mirach", 7588: "Achernar", 8903: "Sheratan",
     9640: "Almach", 9884: "Hamal", 11767: "Polaris", 14135: "Menkar", 14576: "Algol",
@@ -216,7 +216,7 @@ def _predicted(
 
 
 def _name(axes: Axes, camera: Camera, pixel: Floats, stars: Stars, marks: Floats) -> None:
-    """Proper names or magnitudes beside the brightest stars, away from all marks."""
+    """Write proper names or magnitudes beside the brightest stars, away from all marks."""
     texts = []
     for identifier, magnitude in zip(stars.identifier, stars.magnitude_g, strict=True):
         own = PROPER_NAMES.get(-int(identifier))
@@ -227,9 +227,10 @@ def _name(axes: Axes, camera: Camera, pixel: Floats, stars: Stars, marks: Floats
 def _label(
     axes: Axes, shape: tuple[int, ...], places: Floats, texts: Sequence[str], marks: Floats
 ) -> None:
-    """Texts beside their places, on a side that is inside of the frame and free; none elsewhere.
+    """Write each text beside its place, on a free side inside the frame; omit it where none is
+    free.
 
-    marks  (m, 2) pixels of all that is marked in the frame, which no text may hide
+    marks  (m, 2) pixels of all marks in the frame, which no text may hide
     """
     rows, columns = shape[:2]
     inch = columns / IMAGE  # pixel
@@ -313,7 +314,7 @@ def _compass(axes: Axes, camera: Camera, icrs_to_camera: Rotation) -> None:
 
 
 def _scale_bar(axes: Axes, camera: Camera) -> None:
-    """The largest round angle that takes a fifth of the columns or less."""
+    """The largest round angle that spans a fifth of the columns or less."""
     pixel = 1 / camera.focal_length_px / arcsec
     fits = [size for size in SCALES if size / pixel < 0.2 * camera.columns]
     if not fits:
@@ -345,10 +346,10 @@ def _scale_bar(axes: Axes, camera: Camera) -> None:
 
 CELLS = 640  # along the longer side; a picture of 1280 pixels shows each with two
 FEW_CELLS = 360  # up to which each is a pixel where the picture is 400 wide
-BRIGHT = 5.0  # noise above the background, from which on a cell is drawn wider
-AROUND = 3.0  # noise of their mean, by which the pixels around a star stand out
+BRIGHT = 5.0  # noise above the background; brighter cells are drawn wider
+AROUND = 3.0  # noise of their mean, least excess of the pixels around a star
 FOURTH = 4  # largest of a pixel and the eight around it
-BESIDE = 1.0  # noise above the background that it has in a star, at least
+BESIDE = 1.0  # noise above the background, its least value in a star
 TAIL = 2.33  # noise that 1 % of normal numbers exceed
 RANGE = 4.0  # noise from black to white, at least
 DARK = 1.5  # noise above the background up to which a pixel is black
@@ -363,8 +364,8 @@ class Stretch(NamedTuple):
     black      digital number that is drawn black, with all below
     noise      digital number rms of the background
     white      digital number that is drawn white, with all above
-    saturation  digital number from which on pixels are saturated; infinite where unknown
-    saturated  number of pixels of the frame that are
+    saturation  least digital number of a saturated pixel; infinite where unknown
+    saturated  number of saturated pixels of the frame
     """
 
     image: Floats
@@ -381,7 +382,8 @@ class Stretch(NamedTuple):
 
             cbrt(ln(1 + s) / ln(1 + s_white)),   s = (number - black) / noise
 
-        Faint stars are far from black, whatever the brightest one is; the opposite for s < 0.
+        Faint stars are far from black, whatever the brightest one is. For s < 0 the sign is
+        reversed.
         """
         signal = (np.asarray(number, float) - self.black) / self.noise
         return np.asarray(np.sign(signal) * np.cbrt(np.log1p(np.abs(signal)) / self._top))

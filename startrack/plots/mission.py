@@ -19,7 +19,8 @@ ERROR = "error, worst axis\n(arcsec rms)"
 def draw_mission(
     path: Path, plan: MissionPlan, flown: Flown, available: Availability, title: str
 ) -> None:
-    """Blind time of each head and of all over time; valid heads and error over season and orbit."""
+    """Blind time of each head and of all heads over time; valid heads and error over season and
+    orbit."""
     figure = style.picture(11.0, title)
     over, phase, error, lengths = figure.subplots(4, 1, height_ratios=(1.1, 1.1, 1.1, 0.9))
     _blind_over_time(over, plan, flown)
@@ -151,7 +152,7 @@ def _image(
     limits: tuple[float, float | None],
     clear: Flags | bool = True,
 ) -> None:
-    """A map with its bar of colours; grey where there is no value, or where it is not clear."""
+    """A map with its bar of colours; grey where the value is missing or not clear."""
     colours = matplotlib.colormaps["viridis"].with_extremes(bad=style.NO_VALUE)
     shown = axes.imshow(
         np.where(clear, values, np.nan),

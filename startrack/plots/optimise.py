@@ -23,7 +23,7 @@ from startrack.optimise import (
 )
 from startrack.plots import style
 
-SAME = 0.02  # relative change of an error that is not drawn as a bar
+SAME = 0.02  # relative change of an error; a smaller one is not drawn as a bar
 COLUMNS, PANEL = 2, 1.05  # of the panels of variables; inch, height of each
 LETTERS_BESIDE = 36  # of a title of one of them
 HOW_TO_READ = (
@@ -149,7 +149,8 @@ def _counted_errors(optimum: Optimum) -> Floats:
 
 
 def _best_so_far(errors: Floats, optimum: Optimum) -> Floats:
-    """Least error up to each design, of those with as many trials: fewer are more by chance.
+    """Least error up to each design, among designs with as many trials: fewer trials err more by
+    chance.
 
     errors  (n,) arcsec; infinite for designs that do not count
     """
@@ -163,7 +164,7 @@ def _best_so_far(errors: Floats, optimum: Optimum) -> Floats:
 
 
 def _numbers_of_trials(axes: Axes, trials: Floats, before: int) -> None:
-    """Dotted lines where designs begin to have more trials, or fewer, than those before them.
+    """Dotted lines where designs have more or fewer trials than the designs before them.
 
     before  number of the designs without trials
     """
@@ -232,7 +233,7 @@ def draw_variables(panels: Sequence[Axes], optimum: Optimum) -> None:
 
 
 def variable_panels(figure: Figure, count: int, above: Sequence[float]) -> list[Axes]:
-    """Panels of a figure below each other, and below them small ones, two beside each other.
+    """Panels of a figure below each other; below these, small panels in two columns.
 
     above    inch, heights of the panels; the figure is made as high as all need
     Returns  these panels, and then one for each of `count` variables
@@ -283,7 +284,7 @@ def draw_tolerance(path: Path, tolerance: Tolerance) -> None:
 def draw_tornado(
     path: Path, variables: Sequence[Sensitivity], objective: str, unit: str = "arcsec"
 ) -> None:
-    """Range of the objective over each variable alone, and Sobol indices of each."""
+    """Range of the objective over each variable alone, and the Sobol indices of each variable."""
     order = sorted(variables, key=_swing)
     figure = style.picture(2.6 + 0.85 * len(order))
     swing, indices = figure.subplots(2, 1)
@@ -363,7 +364,7 @@ def _indices(axes: Axes, order: Sequence[Sensitivity]) -> None:
 
 
 def short_names(names: Sequence[str]) -> list[str]:
-    """The last parts of names, as they are in pictures; whole names where these are not unique."""
+    """The last parts of names, for pictures; whole names where the last parts are not unique."""
     last = [name.rpartition(".")[2] for name in names]
     return [
         short if last.count(short) == 1 else name for short, name in zip(last, names, strict=True)

@@ -1,4 +1,4 @@
-"""Picture of a prediction: intervals of each figure, and what makes the width of the accuracy."""
+"""Picture of a prediction: intervals of each figure, and the causes of the accuracy's width."""
 
 from pathlib import Path
 

@@ -12,7 +12,7 @@ from startrack.plots import style
 Curves = dict[str, Floats]
 
 FAINTEST = -5.0  # decades below the peak
-ALIKE = 1e-3  # of the modulation, by which curves along x and y may differ and be drawn as one
+ALIKE = 1e-3  # of the modulation; curves along x and y that differ by less are drawn as one
 LOOKS = {
     "optics": (style.BLUE, "o"),
     "blur in optics": (style.PURPLE, "D"),

@@ -65,7 +65,7 @@ R = TypeVar("R")
 
 
 def styled(draw: Callable[P, R]) -> Callable[P, R]:
-    """Draw in this look; what the caller has set for its own pictures stays as it was."""
+    """Draw in this look; the caller's own settings for pictures stay as they were."""
 
     @wraps(draw)
     def drawn(*given: P.args, **named: P.kwargs) -> R:
@@ -88,7 +88,7 @@ def picture(high: float, title: str = "") -> Figure:
 
 
 def lines_of(title: str) -> int:
-    """Number of lines of a title as `picture` folds it."""
+    """Number of lines that a title has after `picture` folds it."""
     return len(_folded(title).splitlines())
 
 
@@ -102,9 +102,9 @@ def panel_title(axes: Axes, text: str, letters: int = LETTERS) -> None:
 
 
 def legend_below(axes: Axes, columns: int = 3, labels: bool = True) -> None:
-    """The legend below a panel, where it hides nothing.
+    """Put the legend below a panel, where it hides nothing.
 
-    labels  whether numbers and label of the x axis are between
+    labels  whether numbers and label of the x axis are between panel and legend
     """
     figure = axes.figure
     assert isinstance(figure, Figure)
@@ -135,9 +135,9 @@ def draw_intervals(
 def colour_limits(
     values: ArrayLike, part: float = 1.0, low: float | None = None
 ) -> tuple[float, float]:
-    """Limits of colours that hold a part of the values, and are never so close as rounding errors.
+    """Limits of colours that hold a part of the values, farther apart than rounding errors.
 
-    part  of the values that does not exceed the upper limit
+    part  fraction of the values that do not exceed the upper limit
     low   the lower limit; None: the least value
     """
     finite = np.asarray(values, float)
@@ -155,7 +155,7 @@ def colour_limits(
 def colour_bar(
     drawn: ScalarMappable, axes: Axes, values: ArrayLike, label: str, **place: Any
 ) -> Colorbar:
-    """The scale of colours, with an arrow on each side beyond which there are values."""
+    """The scale of colours, with an arrow at each end that some values exceed."""
     finite = np.asarray(values, float)
     finite = finite[np.isfinite(finite)]
     low, high = drawn.get_clim()
@@ -172,7 +172,7 @@ def colour_bar(
 
 
 def with_unit(title: str, unit: str) -> str:
-    """A title and its unit, where it has one."""
+    """A title and its unit, if any."""
     return f"{title} ({unit})" if unit else title
 
 
@@ -211,7 +211,7 @@ def outline(colour: str) -> withStroke:
 
 
 def robust_limit(values: Floats) -> float:
-    """Size that most values keep: the largest, or eight typical ones where it is far beyond."""
+    """Limit of an axis: the largest value, or eight typical values if the largest is far beyond."""
     size = np.abs(values[np.isfinite(values)])
     if not len(size):
         return 1.0

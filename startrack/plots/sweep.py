@@ -1,4 +1,4 @@
-"""Pictures of sweeps: errors and margins over keys, and where a design just keeps a limit."""
+"""Pictures of sweeps: errors and margins over keys, and the values that just keep a limit."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,7 +16,7 @@ from startrack.plots import style
 MOST_MARGINS = len(style.CYCLE)  # the least ones are drawn; the table has all
 LEAST, MOST = -1.0, 1.0  # margins that are drawn; chosen by hand
 MOST_TICKS, LONGEST = 9, 12  # values beside an axis; letters of one
-WRITTEN = 12  # columns and rows of a map, up to which its cells have numbers
+WRITTEN = 12  # largest number of columns and rows of a map whose cells have numbers
 
 
 @style.styled
@@ -74,7 +74,7 @@ def draw_problem_sweep(path: Path, swept: ProblemSweep, title: str) -> None:
 
 @style.styled
 def draw_crossings(path: Path, solution: Solution, title: str) -> None:
-    """The margin by formula over the key, and where it is zero."""
+    """The margin by formula over the key, and the values at which it is zero."""
     figure = style.picture(4.6, f"{title}, by {solution.how}\n{solution.answer}")
     axes, numbers = figure.subplots(), np.array(list(solution.margins))
     axes.plot(
@@ -107,7 +107,7 @@ def draw_crossings(path: Path, solution: Solution, title: str) -> None:
 
 
 def _places(swept: Sweep | ProblemSweep, axes: Axes) -> Floats:
-    """Places of the rows along the x axis, which gets its label and, for words, its ticks."""
+    """Places of the rows along the x axis; labels the axis and, for words, its ticks."""
     [key] = swept.keys
     axes.set_xlabel(key.label)
     if key.numbers is None:
@@ -186,7 +186,7 @@ def _draw_margins(axes: Axes, swept: Sweep) -> None:
 
 
 def _grid(swept: Sweep | ProblemSweep, values: Sequence[float]) -> Floats:
-    """Values of the rows (first key, last key)."""
+    """Values of the rows as an array over first key and last key."""
     return np.array(values, float).reshape([len(key.texts) for key in swept.keys])
 
 
@@ -216,7 +216,7 @@ def _draw_map(
 
 
 def _number(text: str, unit: str) -> str:
-    """A value without its unit, which the axis has, in four digits."""
+    """A value in four digits, without its unit, which the axis has."""
     bare = text.removesuffix(unit).strip() if unit else text
     try:
         return f"{float(bare):.4g}"

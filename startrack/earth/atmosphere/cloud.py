@@ -10,13 +10,13 @@ from scipy.interpolate import CubicSpline, RegularGridInterpolator
 from startrack.core import Floats, within
 
 STREAMS = 12  # in each hemisphere
-TERMS = 2 * STREAMS  # of the phase function; what it has beyond counts as its forward peak
-MODES = 10  # of the azimuth, in light that is scattered more than once
+TERMS = 2 * STREAMS  # of the phase function; higher terms count as its forward peak
+MODES = 10  # of the azimuth, in multiply scattered light
 AZIMUTHS = 64
 THINNEST, DOUBLINGS = 2.0**-22, 31  # scaled optical depth of the first layer: up to 512
 KEPT = 20  # of the last doublings
 FINE, FLUX_FINE = 4, 16  # nodes of the optical depth to a doubling, of radiance and of fluxes
-LOWEST = 0.04  # cosine of a zenith angle; a lower one counts as this
+LOWEST = 0.04  # least cosine of a zenith angle; smaller values count as this
 ANGLES: Floats = np.linspace(0, np.arccos(LOWEST), 45)
 
 
@@ -26,7 +26,7 @@ class LayerLight(NamedTuple):
 
     reflected  (n,) 1, plane albedo; also the reflectance factor in this direction under an even sky
     direct     (n,) 1, transmitted without change of direction, forward peak included
-    diffuse    (n,) 1, transmitted otherwise
+    diffuse    (n,) 1, transmitted in other directions
     """
 
     reflected: Floats
@@ -64,8 +64,9 @@ class LayerOptics:
     def light(self, depth: Floats, cosine: Floats) -> LayerLight:
         """Light from one direction after it has met the layer.
 
-        The forward peak is g^2 of what is scattered, as Joseph, Wiscombe and Weinman (1976), J.
-        Atmos. Sci. 33, 2452, cut it: the ground is seen, and casts its shadows, by this light.
+        The forward peak is g^2 of the scattered light, as cut by Joseph, Wiscombe and Weinman
+        (1976), J. Atmos. Sci. 33, 2452. It counts as direct light, for views of the ground and
+        shadows.
 
         depth   (n,) 1, vertical optical depth
         cosine  (n,) 1, of the zenith angle
@@ -118,7 +119,8 @@ def henyey_greenstein(cosine: Floats, asymmetry: float) -> Floats:
 def layer_optics(albedo: float, asymmetry: float) -> LayerOptics:
     """A layer of particles of one albedo and asymmetry, for all optical depths and directions.
 
-    A thin layer scatters once; two equal ones on top of each other make one of twice the depth.
+    A thin layer scatters once; two equal layers on top of each other make a layer of twice the
+    depth.
 
     Source: Hansen and Travis (1974), Space Sci. Rev. 16, 527, section 3.2, of a phase function cut
     as Wiscombe (1977), J. Atmos. Sci. 34, 1408.
@@ -160,7 +162,8 @@ def layer_optics(albedo: float, asymmetry: float) -> LayerOptics:
 
 
 def _scattering(cosine: Floats, albedo: float, asymmetry: float) -> tuple[Floats, Floats]:
-    """(k, i, j) modes of what is scattered backwards and forwards, over what is not in the peak."""
+    """(k, i, j) modes of light scattered backwards and forwards, over the light outside the
+    peak."""
     order = np.arange(TERMS)
     peak = asymmetry**TERMS
     moments = (2 * order + 1) * (asymmetry**order - peak) / (1 - peak)
@@ -219,7 +222,7 @@ def _zenith(cosine: Floats) -> Floats:
 
 
 def _single(depth: Floats | float, sun: Floats, sensor: Floats) -> Floats:
-    """Light that is scattered once, evenly, as reflectance factor."""
+    """Reflectance factor of isotropic single scattering."""
     return -np.expm1(-depth * (1 / sun + 1 / sensor)) / 4 / (sun + sensor)
 
 

@@ -17,7 +17,7 @@ LEAST = 1e-12  # transmittance
 
 
 def with_gases(table: AirTable, water: float, ozone: float) -> AirTable:
-    """The table with other columns of water vapour and ozone, everything else as it is.
+    """The table with other columns of water vapour and ozone, otherwise unchanged.
 
     water     kilogram / square metre
     ozone     metre at standard conditions
@@ -49,7 +49,7 @@ def _other_water(table: AirTable, ratio: float) -> Floats:
     mass = table.mass[used]
     known = -np.log(np.clip(table.gas[0][:, used], LEAST, 1.0))
     per_mass = np.interp(known, depth, amount, left=0.0) / mass
-    seen = known < -math.log(LEAST)  # beyond, the table cannot tell how much there is
+    seen = known < -math.log(LEAST)  # beyond, the table does not show the amount
     per_mass = np.where(seen, per_mass, per_mass[:, :1])
     place = np.interp(
         np.log(np.maximum(table.mass * ratio, mass[0])), np.log(mass), range(len(mass))

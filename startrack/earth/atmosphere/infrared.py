@@ -24,7 +24,7 @@ WARM = 300.0  # kelvin
 DIFFUSE = 53.13 * deg  # zenith angle whose path is 5/3 of the vertical one: Elsasser's diffusivity
 HEIGHT: Floats = np.array([0.0, 1e3, 2e3, 4e3, 8e3, 9e3])
 ANGLES: Floats = np.arange(0.0, 81.0, 10.0) * deg
-SUNLIT = 5 * um  # beyond which scattered sunlight is neglected: below 1e-4 of the air's heat
+SUNLIT = 5 * um  # above, scattered sunlight is neglected: below 1e-4 of the air's heat
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,7 @@ class InfraredTable:
 
 
 def vacuum() -> InfraredTable:
-    """No air, at all wavelengths from 0.3 to 40 micrometre: planets without an atmosphere."""
+    """A table without air, from 0.3 to 40 micrometre: planets without an atmosphere."""
     spectrum = np.geomspace(0.3, 40, 4001) * um
     altitude, sensor = np.array([1.0, 1e3]), np.array([0.0, 89.0]) * deg
     clear = np.ones((2, 2, len(spectrum)))
@@ -81,12 +81,12 @@ def infrared_bands(
     Returns   BandTable with thermal radiance of the air; of bands below 5 micrometre with the
               sunlight that the table's particles scatter
     Raises    ValueError as `in_bands`.
-    Accuracy  model: a transmittance is the mean over the light of 300 K, so that of a fire of 1000
-              K in 3.4 to 4.2 micrometre comes out 4 % low. All sunlight of 3.4 to 4.2 micrometre
-              is 9 % less than MODTRAN 5.2.1's, since lines of gases darken both ways alike, which
-              the product of two means does not know; its scattered part, 1 to 3 % of the
-              reflected one, is known to a factor of two. The ratio for higher ground is exact for
-              grey air; lines that saturate make the air above 2 km seem too dark by up to 0.05.
+    Accuracy  model: a transmittance is the mean over the light of 300 K, so the one for a fire of
+              1000 K in 3.4 to 4.2 micrometre is 4 % low. All sunlight of 3.4 to 4.2 micrometre is 9
+              % less than MODTRAN 5.2.1's, since lines of gases darken both ways alike, which the
+              product of two means does not know; its scattered part, 1 to 3 % of the reflected one,
+              is known to a factor of two. The ratio for higher ground is exact for grey air; lines
+              that saturate make the air above 2 km seem too dark by up to 0.05.
     """
     positive(altitude=altitude, distance=distance)
     require_response(response, table.spectrum)

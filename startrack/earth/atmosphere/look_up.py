@@ -128,9 +128,10 @@ def look_up(
         L_sc  = P + A (rho' + rho' B),            B = rho" S / (1 - rho" S)
 
     with D, K, A and P the table's direct, sky, around and path terms, rho the ground's reflectance,
-    R that for sunlight, which is rho where the ground is Lambertian, rho' that of the surroundings
-    from which the air scatters light into the line of sight, and rho" that of the points from
-    which it scatters light to the ground, and which, by 1 - V, illuminate slopes.
+    R the reflectance factor for sunlight (rho for Lambertian ground), rho' the reflectance of the
+    surroundings from which the air scatters light into the line of sight, and rho" the reflectance
+    of the points from which it scatters light to the ground; these points also illuminate slopes,
+    by 1 - V.
 
     Source: Krutz et al. (2011), eqs. (1) and (2), with transmittances and 1 / pi written out.
 
@@ -199,7 +200,7 @@ def _singles(values: Reals, shape: tuple[int, ...]) -> Singles:
 def _look_up(path, ground, backscatter, where, start, step, geometry, rho, factor, around, out):  # type: ignore[no-untyped-def]
     """Fill `out`; returns the first pixel outside the table, or -1.
 
-    The corners are written out, because a compiler then takes all bands in eight lanes: five
+    The corners are written out, because the compiler then handles all bands in eight lanes: five
     times as fast as loops over corners.
     """
     bands = rho.shape[1]

@@ -183,7 +183,7 @@ def at_sensor(
     temperature: Floats | None = None,
     direct: Reals | None = None,
 ) -> Terms:
-    """Radiance of n rays; those that miss the ground see a black sky.
+    """Radiance of n rays; rays that miss the ground see a black sky.
 
     reflectance  (n, b) or (b,) 1, of the ground; without effect where a ray misses
     surroundings  (b,) or (2, n, b) 1, as for `look_up`
@@ -192,8 +192,8 @@ def at_sensor(
     Returns      Terms of (n, b); finite and never negative
     Raises       those of `radiance`; ValueError where ground lies outside the table's heights, or a
                  ray grazes it beyond the table's zenith angles.
-    Accuracy     model: where the Sun is lower than in the table, the light of the air is that of
-                 the lowest Sun, reduced in proportion to the cosine, and 0 below the horizon.
+    Accuracy     model: for a Sun lower than in the table, the light of the air is that of the
+                 lowest Sun, reduced in proportion to the cosine, and 0 below the horizon.
     """
     bands = table.backscatter.shape[1]
     out = Terms(*np.zeros((5, len(ground), bands), np.float32))

@@ -24,9 +24,9 @@ class GeometryAxis(NamedTuple):
     """A column of the geometry.
 
     unit     SI, of its values
-    whole    ends of the range for which a table holds that has no such column
-    around   by how much a table of one value holds below and above it
-    highest  what its values may be at most
+    whole    range in which a table without this column is valid
+    around   distance below and above a single value within which the table is valid
+    highest  largest allowed value
     """
 
     unit: str
@@ -57,7 +57,7 @@ HEADING = re.compile(r"(\w+)\s*(?:\[([^\]]*)\])?")
 @printed
 @dataclass(frozen=True, eq=False)
 class RadianceTable:
-    """Radiance at a sensor, wavelength by wavelength, as a program of radiative transfer gives it.
+    """Spectral radiance at a sensor, from a program of radiative transfer.
 
     Of the Sun at one astronomical unit. Each array of values is (h, a, v, s, p, f).
 
@@ -107,8 +107,8 @@ def load_user_table(path: Path) -> AirTable | RadianceTable:
 def load_radiance_table(path: Path) -> RadianceTable:
     """Read a CSV file with units in brackets, an ECSV file or a FITS table with units.
 
-    A row is one wavelength in one geometry; every wavelength must be there for every geometry. A
-    column of the geometry that is left out is one on which nothing depends.
+    A row is one wavelength in one geometry; every geometry must have every wavelength. If a column
+    of the geometry is left out, nothing depends on it.
 
     Raises  FileNotFoundError; ValueError with the file and the column, where one is missing or
             unknown, has another unit, or is out of range; with the place where rows are missing.
@@ -294,7 +294,7 @@ def _check_ranges(path: Path, values: dict[str, Floats]) -> None:
 def _require_all(
     path: Path, cells: Any, names: list[str], nodes: list[Floats], spectrum: Floats
 ) -> None:
-    """Refuse a table in which a place is missing, or is there twice."""
+    """Refuse a table in which a geometry is missing or repeated."""
     shape = (*(len(axis) for axis in nodes), len(spectrum))
     if len(spectrum) < FEWEST:
         raise Refused(f"{path} must have {FEWEST} wavelengths or more, got {len(spectrum)}")

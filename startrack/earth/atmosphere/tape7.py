@@ -36,7 +36,7 @@ UNITS = "W / (m2 sr um)"
 
 
 class RunGeometry(NamedTuple):
-    """Geometry of a run of MODTRAN, each None where the table shall not depend on it.
+    """Geometry of a run of MODTRAN; None for a value on which the table does not depend.
 
     height, altitude  metre: of the ground above the sea, of the sensor above the ground
     sensor_zenith, sun_zenith, azimuth  degree; of the sensor as the ground sees it
@@ -63,8 +63,8 @@ def import_tape7(
 
         G (1 - r S) = r g,   scattered = path + r a / (1 - r S)
 
-    which two albedos solve for S, g, a and path; DRCT_RFLT / r is the direct part of g. Heat of the
-    sky that the ground reflects is in g: up to 5 micrometre, and where a run has sunlight, it
+    Two albedos determine S, g, a and path; DRCT_RFLT / r is the direct part of g. g also contains
+    heat of the sky that the ground reflects; up to 5 micrometre, and in runs with sunlight, this
     counts as light of the sky.
 
     Source: Verhoef and Bach (2003), Remote Sensing of Environment 87, 23, for the interrogation.

@@ -1,10 +1,10 @@
-"""A camera in flight: orbit or aircraft, sensor and pointing; what each pixel sees.
+"""A camera in flight: orbit or aircraft, sensor and pointing; lines of sight of pixels.
 
 orbit  Position and velocity of a satellite or an aircraft over the rotating Earth.
 sight  Elements of a detector, the times of its lines, and the line of sight of each pixel.
 aim    Orbit, pointing, place -> the orbit whose camera looks at the place at its epoch.
-scene  EarthScene: a camera in flight over terrain, as a scene file gives it; the ground, line by
-       line, that it sees.
+scene  EarthScene: a camera in flight over terrain, from a scene file; the ground that it sees, line
+       by line.
 """
 
 from startrack.earth.geometry.aim import aimed, axis_place

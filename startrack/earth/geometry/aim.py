@@ -43,14 +43,14 @@ def aimed(
 ) -> Carrier:
     """The carrier moved so that its camera looks at a place at its epoch.
 
-    Of an orbit, node and anomaly are others; of one with a local time, which fixes its node against
-    the Sun, epoch (by up to half a day) and anomaly. An aircraft begins elsewhere.
+    For an orbit, node and anomaly change. A local time fixes the node against the Sun; then epoch
+    (by up to half a day) and anomaly change. For an aircraft, the start changes.
 
     longitude, latitude  radian, geodetic, of the ground on the optical axis
     height               metre above the ellipsoid
     ascending            whether the satellite flies north there
-    Raises    Refused for two-line elements, whose passes are what they are, for an aircraft that
-              ascends, and where the orbit does not reach the place.
+    Raises    Refused for two-line elements, whose passes are fixed, for `ascending` with an
+              aircraft, and if the orbit does not reach the place.
     Accuracy  numerical: 0.1 m on the ground, with the flight as `fly` has it.
     """
     if isinstance(carrier, TwoLines):
@@ -107,7 +107,7 @@ def _least(off: Callable[[float], float]) -> float:
 
 
 def _argument(orbit: Orbit, latitude: float, ascending: bool) -> float:
-    """Radian from the node to about where a satellite is over a latitude, the nearest there is."""
+    """Radian from the node to about the place of a satellite over a latitude, or nearest to it."""
     tilt = orbit.resolved().inclination
     ratio = math.sin(latitude) / math.sin(tilt) if math.sin(tilt) else math.inf
     argument = math.asin(min(max(ratio, -1.0), 1.0))

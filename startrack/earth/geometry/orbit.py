@@ -69,7 +69,7 @@ class Orbit(Parameters):
             space.sun_synchronous(space.EARTH_RADIUS + self.altitude, self.eccentricity)
 
     def resolved(self) -> "Orbit":
-        """The same by its elements alone, without `local_time` and `day`."""
+        """The same orbit by its elements only, without `local_time` and `day`."""
         if self.local_time is None and self.day is None:
             return self
         return _resolved(self)
@@ -184,7 +184,7 @@ Carrier = Orbit | TwoLines | Aircraft  # what a camera flies on
 
 
 def choose_carrier(orbit: Orbit | None, tle: tuple[str, ...], aircraft: Aircraft | None) -> Carrier:
-    """The one of the three that a scene gives.
+    """The carrier that a scene gives, one of three kinds.
 
     Raises  ValueError where it gives none or several."""
     if (orbit is not None) + bool(tle) + (aircraft is not None) != 1:

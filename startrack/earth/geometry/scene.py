@@ -1,4 +1,4 @@
-"""EarthScene: a camera in flight over terrain, as a scene file gives it; what it sees."""
+"""EarthScene: a camera in flight over terrain, from a scene file; the ground that it sees."""
 
 import math
 from collections.abc import Callable, Iterator

@@ -1,4 +1,5 @@
-"""Reflectance of the ground around each pixel, as air mixes it into lines of sight and skylight."""
+"""Reflectance of the ground around each pixel, mixed by the air into lines of sight and
+skylight."""
 
 import math
 from collections.abc import Callable
@@ -100,9 +101,9 @@ class Environment(NamedTuple):
 
 
 def leaving(ground: Ground, band: Band, sky: Floats, direct: Floats | None = None) -> Floats:
-    """Reflectance (n,) of level Lambertian ground that sends as much light up as the given one.
+    """Reflectance (n,) of level Lambertian ground that sends up as much light as the given ground.
 
-    Slopes and shadows count; light that goes back and forth between ground and air does not.
+    Slopes and shadows are included; light that goes back and forth between ground and air is not.
 
     sky, direct  (n,) 1, reflectance factors for skylight and sunlight
     """

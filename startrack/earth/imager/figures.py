@@ -33,7 +33,7 @@ from startrack.optics import (
 )
 from startrack.space import GM
 
-PLACES = 17  # along a line, whose lowest MTF is taken
+PLACES = 17  # places along a line; their lowest MTF is taken
 GREY, WARM, SUN = 0.2, 300.0, 50 * deg  # the scene of the reference radiance; chosen by hand
 MEAN_RADIUS = 6371e3  # metre, mean
 SLOWEST, FASTEST = 200.0, 0.5  # f-numbers of the search; f/0.5 is the limit of a lens in air

@@ -279,7 +279,7 @@ def turn_of(survey: Survey, seed: int) -> geometry.Jitter | None:
 
 
 def misregistration(survey: Survey, channel: Channel, seed: int) -> tuple[float, float]:
-    """Displacement of a channel's lines from where the first channel has them, by motion alone.
+    """Displacement of a channel's lines from those of the first channel, by motion alone.
 
     The same ground is seen by both at their own times; between them the camera turns.
 
@@ -406,7 +406,7 @@ def _burning(terms: Terms, land: Land, ground: Ground, setting: Setting, spread:
         flame = np.full(len(burns), spot.temperature)
         black = terms_in_band(ground[burns], setting.band, BLACK, setting.surroundings, flame)
         emitted[burns] += fraction[burns] * (black.emitted - terms.emitted[burns])
-    left = np.maximum(1 - sum(fractions), 0).astype(np.float32)  # what burns reflects nothing
+    left = np.maximum(1 - sum(fractions), 0).astype(np.float32)  # burning parts reflect nothing
     return terms._replace(
         direct=terms.direct * left, indirect=terms.indirect * left, emitted=emitted
     )

@@ -1,4 +1,4 @@
-"""Restoration of a channel's image by a Wiener filter: what lens, pixel and smear blurred."""
+"""Restoration of a channel's image, blurred by lens, pixel and smear, by a Wiener filter."""
 
 from typing import NamedTuple
 
@@ -35,8 +35,8 @@ class Restoration(NamedTuple):
 
         across, along  (n,), (m,) cycle / pixel of the detector
         Returns        (m, n)
-        Accuracy       model: what lies above the Nyquist frequency of the image and is seen as a
-                       lower one is left as it is.
+        Accuracy       model: frequencies above the Nyquist frequency of the image, which alias to
+                       lower ones, are not corrected.
         """
         table = self.psf.table
         at = (np.arange(len(table)) - len(table) // 2) / self.psf.oversampling
@@ -61,10 +61,10 @@ class Restoration(NamedTuple):
     def applied(self, image: Floats) -> Floats:
         """An image whose modulation is raised where noise allows it.
 
-        Even ground keeps its radiance. Beyond its edges the image is mirrored.
+        Uniform ground keeps its radiance. Beyond its edges the image is mirrored.
 
         image     (lines, columns)
-        Accuracy  model: of dark gaps and saturated pixels, rings remain around them.
+        Accuracy  model: rings remain around dark gaps and saturated pixels.
         """
         width = len(self.psf.table) / self.psf.oversampling
         room = [

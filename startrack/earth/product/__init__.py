@@ -2,7 +2,7 @@
 
 retrieval  Dark and flat frames of a channel; radiance of raw numbers, and from that reflectance or
            temperature of the ground.
-uncertainty  Uncertainty of each pixel by contributors, from what is known how well.
+uncertainty  Uncertainty of each pixel by contributors, from the uncertainty of the inputs.
 ortho      Line and column at which a camera sees points of the ground; an image on a grid of a map
            projection, with the quality of each cell.
 files      FITS of raw images and calibration frames; GeoTIFF of products.

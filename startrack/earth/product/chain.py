@@ -36,7 +36,7 @@ from startrack.earth.product.uncertainty import contributors
 from startrack.earth.terrain import Ground, joined
 
 PIXEL_BYTES = 400  # of geometry and layers
-SPREAD = 3  # pixel to which a lens spreads light that matters; chosen by hand
+SPREAD = 3  # pixel, distance over which a lens spreads relevant light; chosen by hand
 UNITS = {
     "radiance": "W m-2 sr-1 um-1",
     "reflectance": "1",
@@ -105,15 +105,15 @@ def make_product(
 ) -> Product:
     """Radiance, reflectance or temperature, and their map on the terrain.
 
-    The geometry is that of the scene file; of its land nothing is used, of its clouds only where
-    they lie, for the quality.
+    The geometry is that of the scene file. Its land is not used; its clouds are used only for the
+    quality, by their places.
 
     folder   from which files are sought
     advance  called with parts of the work, of sum one
     Raises   ValueError where frames do not fit, or no ground is seen; ImportError without rasterio.
-    Accuracy model: flight, pointing and terrain are known exactly, of drift and jitter nothing; a
-             pixel's ground is where its middle ray meets it. Distortion and keystone are known;
-             reflectance along a line that smile bends is by the band of its middle.
+    Accuracy model: flight, pointing and terrain are known exactly; drift and jitter are unknown. A
+             pixel's ground is where its middle ray meets it. Distortion and keystone are known.
+             Along a line that smile bends, reflectance uses the band of its middle.
     """
     lines, columns = numbers.shape
     require_memory(PIXEL_BYTES * lines * columns, f"a product of {columns} x {lines} pixels")
@@ -188,7 +188,7 @@ def against_truth(product: Product, truth: Floats) -> tuple[float, float]:
 
     truth  (lines, columns) watt / m^2 / sr / um, before the lens: edges that the lens blurs are
            part of the rms
-    Saturated pixels are left out, with those around, whose light the lens has spread.
+    Saturated pixels are left out, with the pixels around them, into which the lens spreads light.
     """
     radiance = product.image["radiance"]
     near = maximum_filter(product.saturated, 2 * SPREAD + 1)

@@ -12,8 +12,8 @@ from startrack.detector import read_out
 from startrack.earth import imager
 from startrack.earth.terrain import Ground
 
-FRACTIONS = 0.1, 0.3, 0.6, 0.9  # of the largest signal, of the flat frames; chosen by hand
-TOO_MUCH = 3.0  # of it, which saturates every pixel that answers to light
+FRACTIONS = 0.1, 0.3, 0.6, 0.9  # signals of the flat frames over the largest signal; chosen by hand
+TOO_MUCH = 3.0  # of the largest signal; saturates every pixel that responds to light
 SIGMA = 4.0
 TRANSFER = 2  # the level of the photon transfer
 LINES, FRAMES = 256, 16  # by default: lines of a scanner, or frames of a matrix, that are averaged
@@ -33,8 +33,8 @@ class RadiometricCalibration(NamedTuple):
     radiance   (k,) watt / m^2 / sr / um of the flats, rising
     gain       (r, columns) digital number for 1 watt / m^2 / sr / um, at the middle flat
     electrons  electron / digital number, measured by photon transfer
-    saturation  (r, columns) digital number from which a pixel may be full: four sigma below the
-               mean of exposures to too much light
+    saturation  (r, columns) least digital number of a pixel that may be full: four sigma below the
+                mean of saturated exposures
     exposures  in each mean
     """
 
@@ -58,7 +58,7 @@ def calibrate(
     """Simulate dark frames, and flat frames of known radiance, with the detector's own noise.
 
     setting  of the channel's images
-    seed     of the noise, which is not that of an image with the same seed
+    seed     of the noise, which differs from the noise of an image with the same seed
     count    exposures in each mean; None for 256 lines or 16 frames
     advance  called after each level, with 1
     Accuracy model: the calibration lamp is even and known exactly. numerical: the mean of `count`
@@ -128,12 +128,12 @@ def _frames(
 def to_radiance(numbers: NDArray[np.integer], calibration: RadiometricCalibration) -> Floats:
     """Radiance of raw numbers, watt / m^2 / sr / um.
 
-    Straight lines of each pixel through its dark frame and its flats, beyond the last one as
-    between the last two: one number of each pixel for dark, gain and non-linearity together.
+    Interpolates linearly between the dark frame and the flats of each pixel, and extrapolates
+    beyond the last flat. This corrects dark signal, gain and non-linearity together.
 
     numbers  (lines, columns)
     Returns  (lines, columns); saturated pixels have the radiance of their number, too
-    Raises   ValueError where the frames are of another size, or a pixel answers to no light.
+    Raises   ValueError where the frames are of another size, or a pixel does not respond to light.
     """
     lines, columns = numbers.shape
     rows, wide = calibration.dark.shape
@@ -163,10 +163,11 @@ def retrieve(radiance: Floats, ground: Ground, setting: imager.Setting) -> dict[
     """The products of n pixels by their names; NaN for the sky.
 
     radiance  (n,) watt / m^2 / sr / um
-    ground    that their middles see
+    ground    in the middles of the pixels
     setting   with the mean reflectance of the ground around, as `surroundings`
-    Returns   (n,) each: reflectance at the top of the atmosphere, and of a Lambertian surface below
-              the air that gives this radiance; or the kelvin of a blackbody without air that does
+    Returns   (n,) each: reflectance at the top of the atmosphere, and of the Lambertian surface
+              that gives this radiance through the air; or kelvin, of the blackbody that gives it
+              without air
     """
     if is_thermal(setting.band):
         return {"brightness temperature": brightness_temperature(radiance, setting.band)}
@@ -199,8 +200,8 @@ def surface_reflectance(radiance: Floats, ground: Ground, setting: imager.Settin
 
     Source: Krutz et al. (2011), eqs. (1) and (2), solved for the reflectance.
 
-    Accuracy  model: the air is that of the scene; reflectance that depends on directions comes out
-              as that of Lambertian ground. Faint where a slope is in shadow.
+    Accuracy  model: assumes the air of the scene and Lambertian ground, also where the reflectance
+              depends on directions. Uncertain where a slope is in shadow.
     """
     scattered, white = _air(ground, setting)
     out = np.full(len(radiance), math.nan)
@@ -214,7 +215,7 @@ def mean_reflectance(
 ) -> float:
     """Mean of the surface's reflectance, which illuminates the air from below.
 
-        rho' = mean of rho(rho'), solved by iteration over some of the pixels
+        rho' = mean of rho(rho'), solved by iteration over a sample of the pixels
 
     radiance, grounds  of parts of an image
     Returns            NaN for thermal radiance
@@ -239,8 +240,8 @@ def environment_of(
     """Surroundings of each pixel, from the pixels themselves; beyond the image, their mean.
 
     reflectance  (n,) of the surface
-    pixel        metre, the size of one on the ground
-    more         1, by which ground beyond the image reflects more than its mean
+    pixel        metre, size of a pixel on the ground
+    more         1, reflectance of the ground beyond the image minus the image's mean
     Returns      None where air does not scatter, or nothing is known
     """
     finite = np.flatnonzero(np.isfinite(reflectance))
@@ -262,7 +263,7 @@ def environment_of(
 def settled(
     radiance: Floats, ground: Ground, pixel: float, setting: imager.Setting, more: float = 0.0
 ) -> imager.Setting:
-    """The setting with what surrounds each pixel, solved by iteration over the whole image.
+    """The setting with the surroundings of each pixel, solved by iteration over the whole image.
 
     radiance, ground, pixel, more  as for `surface_reflectance` and `environment_of`
     """
@@ -274,7 +275,7 @@ def settled(
 
 
 def _air(ground: Ground, setting: imager.Setting) -> tuple[Floats, Floats]:
-    """Radiance (n,) of the air, and that of white ground, watt / m^2 / sr / m."""
+    """Radiance (n,) of the air, and of white ground, watt / m^2 / sr / m."""
     around = imager.around_of(setting, ground)
     terms = imager.terms_in_band(ground, setting.band, np.ones(1), around)
     direct, indirect, scattered = (term.astype(np.float64) for term in terms[:3])
@@ -282,7 +283,7 @@ def _air(ground: Ground, setting: imager.Setting) -> tuple[Floats, Floats]:
 
 
 def brightness_temperature(radiance: Floats, band: imager.Band) -> Floats:
-    """Temperature (n,) kelvin of a blackbody whose radiance in the band is this.
+    """Temperature (n,) kelvin of a blackbody with this radiance in the band.
 
     Raises    ValueError where the band has no thermal radiance.
     Accuracy  numerical: 1 mK. NaN below 50 K and above 3,000 K.

@@ -1,4 +1,4 @@
-"""Uncertainty of each pixel of a product by its contributors, from what is known how well."""
+"""Uncertainty of each pixel of a product by its contributors, from the uncertainties of inputs."""
 
 import math
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from startrack.earth.imager import HAZIEST, Channel, Knowledge, Setting, Survey,
 from startrack.earth.product import retrieval
 from startrack.earth.terrain import Ground
 
-# The contributors, as S2-RUT has them, and those of the surface.
+# The contributors of S2-RUT, and those of the surface.
 CAUSES = (
     "noise",
     "calibration",
@@ -38,19 +38,19 @@ def contributors(
     channel: Channel,
     amplified: float = 1.0,
 ) -> dict[str, dict[str, Floats]]:
-    """Standard uncertainty of each layer by causes, and of the place, in the layer's unit.
+    """Standard uncertainty of each layer by causes, in the layer's unit; and of the place.
 
         u(y)^2 = sum over causes of (dy / dx)^2 u(x)^2,   with finite differences
 
-    Source: Gorrono et al. (2017), Remote Sensing 9, 178 (S2-RUT), of whose list the contributors
-    are; JCGM 100 (2008), eq. (10).
+    Source: Gorrono et al. (2017), Remote Sensing 9, 178 (S2-RUT), for the list of contributors;
+    JCGM 100 (2008), eq. (10).
 
     layers   of the image, (lines, columns) each, radiance first
     ground   of the middles of all pixels
-    setting  with what surrounds each pixel
-    amplified  1, noise after the filter of a restored image over that before
-    Returns  of each layer CAUSES that it has and "total", (lines, columns) each; and `place`, metre
-             along each axis on the ground
+    setting  with the surroundings of each pixel
+    amplified  1, noise after the filter of a restored image over noise before the filter
+    Returns  for each layer those CAUSES that apply and "total", (lines, columns) each; and `place`,
+             metre along each axis on the ground
     Accuracy model: causes are independent, and first order; all but noise are common to many
              pixels. The air's gases, its type of aerosol, reflectance that depends on directions
              and edges that the lens blurs are left out.
@@ -111,7 +111,7 @@ def _of_surface(
 ) -> dict[str, Floats]:
     """Uncertainty of the surface's reflectance.
 
-    What is common to all pixels also changes what surrounds them, which weakens it.
+    A change of all pixels also changes their surroundings, which weakens its effect.
 
     moved, hazier  the setting with another response, and in other air
     """
@@ -144,8 +144,8 @@ def _of_radiance(
     channel: Channel,
     amplified: float = 1.0,
 ) -> dict[str, Floats]:
-    """Uncertainty of the radiance; photon noise by the measured electrons of a digital number,
-    which read noise hides where it is far above that of photons: it is as designed.
+    """Uncertainty of the radiance. Photon noise follows from the measured electrons per digital
+    number, and is zero where read noise hides it; read noise is as designed.
     """
     detector, measured = channel.detector, calibration.electrons
     signal = np.maximum(numbers - detector.offset, 0)

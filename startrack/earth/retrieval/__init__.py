@@ -1,22 +1,24 @@
-"""Retrievals of Earth cameras: what images are for, with its error by formula and by trials.
+"""Retrievals of Earth cameras: quantities derived from images, with errors by formula and by
+trials.
 
 texture        Texture of a land -> its power spectrum, and realisations of it.
 patch          A channel's image of level ground straight below, with fires.
-context        Images in two channels -> by how much each pixel exceeds its surroundings.
+context        Images in two channels -> excess of each pixel over its surroundings.
 fire           Excess radiance of a fire -> its radiative power, temperature and area.
 hot_spots      HotSpots: fires, their detection and power; a trial of both.
-fire_forecast  The smallest fire that is found, and the error of its power, by formula.
+fire_forecast  The smallest detectable fire, and the error of its power, by formula.
 minerals       Minerals: thermal spectra -> temperature, emissivity, Christiansen feature, class.
 spectrum       The spectrum of level ground at the sensor, and the rectangle of each band.
 stereo         Stereo: heights from two images along the track; their forecast and trials.
 land_cover     LandCover: reflectance, an index and classes of land; their forecast and trials.
 sea            A sea of wind waves -> the spectrum of its elevation, and its slopes.
-glint          Waves of random slopes -> the brightness of their glint, and how squares scatter.
+glint          Waves of random slopes -> the brightness of their glint, and the scatter of its
+squares.
 waves          Waves: height and direction of waves in the glint; their forecast and trials.
-criteria       What a retrieval is judged by: criteria by name, by formula and by trials.
+criteria       Criteria that judge a retrieval: by name, by formula and by trials.
 study          EarthDesign: a scene with its camera, its retrieval and its campaign, and their file.
 keys           The keys of a scene file, as a list and as a JSON Schema.
-problem        EarthProblem: what searches, samples and tests need of an Earth camera.
+problem        EarthProblem: an Earth camera's interface for searches, samples and tests.
 """
 
 from startrack.earth.retrieval.fire import (

@@ -1,4 +1,4 @@
-"""Images in the mid and the thermal infrared -> by how much each pixel exceeds its surroundings."""
+"""Images in the mid and the thermal infrared -> excess of each pixel over its surroundings."""
 
 import math
 from typing import NamedTuple
@@ -9,7 +9,7 @@ from scipy import stats
 
 from startrack.core import Floats, Singles, printed
 
-LEAST = 1e-12  # of the variance of a channel, below which it has no contrast
+LEAST = 1e-12  # relative variance; a channel with less has no contrast
 
 
 @printed
@@ -47,9 +47,9 @@ def contrast_of(mid: Floats, thermal: Floats, window: int, guard: int) -> Contra
         score = (m - <m> - slope (t - <t>)) / s,   slope = <m' t'> / <t' t'>,
         s^2 = n / (n - 3) (<m' m'> - slope <m' t'>) (1 + 1 / n)
 
-    with means over the n pixels of a square around without its middle, and deviations m', t' from
-    them. Changes of temperature and emissivity that affect both channels cause no excess; a fire
-    has an excess in the mid infrared alone.
+    with means over the n pixels of a surrounding square without its middle, and deviations m', t'
+    from these means. Changes of temperature and emissivity that affect both channels cause no
+    excess; a fire has an excess in the mid infrared alone.
 
     Source: contextual tests are those of Flasse and Ceccato (1996), Int. J. Remote Sensing 17,
     419, and of BIRD (Zhukov et al. 2006, Remote Sensing of Environment 100, 29), which tests
@@ -58,12 +58,12 @@ def contrast_of(mid: Floats, thermal: Floats, window: int, guard: int) -> Contra
 
     mid, thermal   (lines, columns) watt / m^2 / sr / m, of the same pixels
     window, guard  pixel, half a side of the square and of its middle
-    Accuracy       statistical: exact for normal deviations that are independent between pixels;
-                   smooth ground differs less from its surroundings than they scatter, and is found
-                   to be hot more rarely.
+    Accuracy       statistical: exact for normal deviations that are independent between pixels.
+                   Smooth ground differs from its surroundings by less than their scatter: its false
+                   alarms are rarer.
     """
     count = pixels_around(window, guard)
-    # Differences from the whole image lose no digits in the squares.
+    # Subtracting the mean of the whole image first keeps the digits of the squares.
     level_m, level_t = float(mid.mean()), float(thermal.mean())
     m, t = mid - level_m, thermal - level_t
 

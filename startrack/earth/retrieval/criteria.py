@@ -1,4 +1,4 @@
-"""What a retrieval is judged by: criteria by name, by formula and by trials."""
+"""Criteria that judge a retrieval: by name, by formula and by trials."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from startrack.earth.retrieval.fire_forecast import forecast_fires
 from startrack.earth.retrieval.study import EarthDesign
 from startrack.metrics import Interval, fraction_interval, level_interval, rms_interval
 
-LARGEST = 1e12  # square metre, of a fire that is not found, where numbers must be finite
+LARGEST = 1e12  # square metre, stands for a fire that is not found, where numbers must be finite
 
 
 class Criterion(NamedTuple):
-    """One value that a retrieval is judged by; the smaller, the better.
+    """One value that judges a retrieval; the smaller, the better.
 
     words      what it is
     unit       as a text, "" for a pure number
-    objective  of a campaign, which is made of it
+    objective  of a campaign that is computed from this criterion
     limit      key of a limit in the campaign's requirements
-    column     of the rows that it is computed from
+    column     of the rows from which it is computed
     """
 
     words: str
@@ -63,9 +63,9 @@ class RetrievalStudy(Protocol):
 
 
 def study_of(design: EarthDesign) -> RetrievalStudy:
-    """The study of what the images of a design are for.
+    """The study of the retrieval of a design.
 
-    Raises  ValueError where the Sun of `retrieval.latitude` is none for the retrieval.
+    Raises  ValueError where the Sun at `retrieval.latitude` does not suit the retrieval.
     """
     assert design.retrieval
     own = design.retrieval.below(design.carrier)
@@ -82,7 +82,7 @@ def study_of(design: EarthDesign) -> RetrievalStudy:
 
 
 class Fires(NamedTuple):
-    """Smallest fires that are found, and the error of their radiative power."""
+    """Smallest detectable fires, and the error of their radiative power."""
 
     design: EarthDesign
     spots: hot_spots.HotSpots
@@ -148,8 +148,8 @@ class Fires(NamedTuple):
     def shown(self, name: str, values: Floats, confidence: float = 0.95) -> Interval:
         """As in `RetrievalStudy`.
 
-        An area is the quantile of the smallest areas of all fires; its interval is that of
-        independent trials.
+        An area is the quantile of the smallest areas of all fires; its interval assumes independent
+        trials.
         """
         if name == "power":
             return rms_interval(values**2, confidence)
@@ -370,7 +370,7 @@ class SeaStudy(NamedTuple):
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """As in `RetrievalStudy`; the last is that of the spectrum's peak, relative."""
+        """As in `RetrievalStudy`; the last column is the relative error of the spectrum's peak."""
         return "square of wave height", "square of wave direction", "wavelength"
 
     @property

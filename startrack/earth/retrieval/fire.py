@@ -8,15 +8,15 @@ from scipy.constants import Stefan_Boltzmann
 from startrack.core import Floats
 from startrack.earth.atmosphere import ThermalRadiance
 
-LOW, HIGH = 650.0, 1350.0  # kelvin, of the fires for which the power law is fitted
+LOW, HIGH = 650.0, 1350.0  # kelvin, range of temperatures for the fit of the power law
 NODES = 141
-COOLEST, HOTTEST = 350.0, 2000.0  # kelvin, of a fire whose temperature is found
+COOLEST, HOTTEST = 350.0, 2000.0  # kelvin, range of temperatures that can be retrieved
 STEPS = 331
 
 
 @lru_cache(maxsize=64)
 def power_coefficient(heat: ThermalRadiance) -> float:
-    """The coefficient of the power law by which a band's radiance follows the temperature.
+    """The coefficient of the power law of a band's radiance over temperature.
 
         B(T) ~ a T^4,   fitted to ln B from 650 to 1350 K
 
@@ -74,7 +74,7 @@ def temperature_and_area(
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = np.log(light[0] / light[1])
         wanted = np.log(mid / thermal)
-        # Below the temperature at which a band is no brighter than its background there is none.
+        # No solution is below the temperature at which a band is as bright as its background.
         good = np.isfinite(ratio)
         inside = (wanted >= ratio[good][0]) & (wanted <= ratio[good][-1])
         temperature = np.exp(np.interp(wanted, ratio[good], np.log(nodes[good])))

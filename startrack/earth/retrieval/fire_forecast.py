@@ -1,4 +1,4 @@
-"""The smallest fire that is found, and the error of its power, by formula."""
+"""The smallest detectable fire, and the error of its power, by formula."""
 
 import math
 from functools import lru_cache
@@ -34,14 +34,14 @@ from startrack.earth.retrieval.hot_spots import (
 from startrack.earth.retrieval.patch import Radiation, radiation_over
 from startrack.optics import blur_transfer, pupil_transfer
 
-WAVES, TURNS = 96, 12  # frequencies and directions, over which textures are integrated
-FINEST = 4.0  # cycles a pixel, of a point's image
-LEAST_NODES = 48  # over frequencies of it, along each axis
+WAVES, TURNS = 96, 12  # frequencies and directions for the integrals over textures
+FINEST = 4.0  # cycles a pixel, highest frequency of a point's image
+LEAST_NODES = 48  # over the frequencies of a point's image, along each axis
 PHASES = 3  # places along half a side of the ground between two pixels
 COARSE, FINE = 20, 10  # areas between which the smallest is interpolated, one after the other
 WARMEST = 5.0  # standard deviations above the mean ground that a channel must not saturate at
-WIDTHS = 3  # of the surroundings, over which the covariance of textures is summed
-DIM = 0.1  # of the brightest pixel's light, below which a pixel finds no fire; chosen by hand
+WIDTHS = 3  # of the surroundings: extent of the sum over the covariance of textures
+DIM = 0.1  # of the brightest pixel's light; a pixel with less finds no fire; chosen by hand
 DRAWS = 6  # nodes over the ground's contrast
 SMALLEST = 1e-7  # of the ground between two pixels
 
@@ -93,7 +93,7 @@ class Side(NamedTuple):
         return (detector.prnu * self.mean) ** 2 if detector.scan else 0.0
 
     def variance(self, radiance: Floats) -> Floats:
-        """Variance of a pixel's radiance by its noise, `stripes` left out."""
+        """Variance of a pixel's radiance by its noise, without `stripes`."""
         detector = self.channel.detector
         light = self.electrons * radiance
         step = detector.electrons_per_dn
@@ -120,7 +120,8 @@ class Side(NamedTuple):
         return float(grey), float((1 - self.reflectance) * (light[2] - light[0]))
 
     def ground_bends(self) -> tuple[float, float]:
-        """Half the second derivative with temperature, and that with temperature and texture."""
+        """Half the second derivative with temperature, and the mixed one with temperature and
+        texture."""
         light = self.radiation.emitted(self.temperature + np.array([-1.0, 0.0, 1.0]))
         bend = (1 - self.reflectance) * (light[0] - 2 * light[1] + light[2]) / 2
         return float(bend), float(-self.reflectance * (light[2] - light[0]) / 2)
@@ -136,9 +137,7 @@ class LevelGround(Protocol):
 
 
 class _Curves:
-    """Curves of a channel that depend on its band alone, equal for channels that differ in the
-    rest.
-    """
+    """Curves of a channel that depend on its band alone; channels with the same band share them."""
 
     def __init__(self, channel: Channel) -> None:
         self.channel = channel
@@ -158,7 +157,7 @@ class _Curves:
 
 
 def band_in(channel: Channel, air: Air | None, above: float, distance: float) -> Band:
-    """Like `band_of`; cached for channels that differ in nothing that a band depends on."""
+    """Like `band_of`; cached by the values on which a band depends."""
     return _band(_Curves(channel), air, above, distance)
 
 
@@ -181,7 +180,7 @@ def _lit(
     height: float,
     sun: float,
 ) -> _Lit:
-    """Band, radiation of the ground and its mean reflectance; kept while a search goes on."""
+    """Band, radiation of the ground and its mean reflectance; cached during a search."""
     band = _band(curves, air, above, distance)
     reflectance = float(cover.reflectance(band.wavelength) @ band.weight)
     around = reflectance if around is None else around
@@ -242,9 +241,9 @@ class FireForecast(NamedTuple):
 
     areas        square metre, smallest of each temperature
     power_error  1, rms of the relative error of the radiative power
-    power_bias   1, its mean
+    power_bias   1, mean of the relative error of the radiative power
     contrast     watt / m^2 / sr / m, rms of the excess without fire: noise and ground
-    noise        the same without the ground's share
+    noise        the same, by noise alone
     """
 
     areas: tuple[float, ...]
@@ -259,19 +258,20 @@ def forecast_fires(survey: Survey, spots: HotSpots) -> FireForecast:
 
         P(found) = mean over places [1 - mean over c prod over pixels Phi((q s - A k - c) / n)]
 
-    A k is the excess of a fire of the area A in a pixel, lens, pixel and smear included; n the
-    noise of that pixel, of its photons too; s the scatter of the surroundings, of which q is the
-    quantile of the false-alarm rate; c the ground's own contrast at the fire, with that of its
-    column, and by how much q s differs from its mean. s and c follow from the power spectrum of
-    the textures by the transfer functions of both channels and of the surroundings; the scatter
-    of s^2 from the covariance of the textures over all pairs of pixels.
+    A k is the excess of a fire of the area A in a pixel, lens, pixel and smear included. n is the
+    noise of that pixel, its photon noise included. s is the scatter of the surroundings, and q the
+    quantile of the false-alarm rate. c is the sum of the ground's own contrast at the fire, the
+    contrast of its column, and the deviation of q s from its mean. s and c follow from the power
+    spectrum of the textures by the transfer functions of both channels and of the surroundings; the
+    scatter of s^2 from the covariance of the textures over all pairs of pixels.
 
     Raises    ValueError as `side_of`, and where both channels have other pixels.
-    Accuracy  model: contrast linear in textures, of whose squares only the variance is known; noise
-              independent between pixels, the ground's contrast the same in those around a fire.
-              No fire is found where ground of five standard deviations above the mean saturates.
-              Within 15 % of trials over eleven designs (experiments/retrieval_formulas.py); 17 %
-              too small over ground of 10 K rms whose reflectance varies little.
+    Accuracy  model: contrast linear in textures, and only the variance of their squares known;
+              noise independent between pixels; the same contrast of the ground in all pixels around
+              a fire. No fire is found where ground of five standard deviations above the mean
+              saturates. Within 15 % of trials over eleven designs
+              (experiments/retrieval_formulas.py); 17 % too small over ground of 10 K rms whose
+              reflectance varies little.
     """
     mid, thermal = (side_of(survey, channel, spots) for channel in channels_of(survey, spots))
     refuse_other_pixels(mid, thermal)
@@ -287,9 +287,9 @@ def forecast_fires(survey: Survey, spots: HotSpots) -> FireForecast:
     square = float(weights @ ground.around @ weights + bent[0]) + noise + stripes
     quantile = threshold_of(spots.false_alarms, spots.window, spots.guard)
     limit = quantile * math.sqrt(square)
-    # Variance of the mean square of the surroundings: of the ground, of pixels, of columns.
+    # Variance of the mean square of the surroundings, by the ground, the pixels and the columns.
     loose = 2 * (ground.uneven(weights) + noise**2 / count + stripes**2 / wide)
-    # Where it is warmer all contrasts of the ground are larger, and those of bends vary more.
+    # On warmer ground all contrasts are larger, and the contrasts by bends vary more.
     loose += ground.warming(weights, survey.land.temperature_texture)
     loose += 8 * bent[0] ** 2 * ground.warm_uneven()
     common = float(weights @ ground.here @ weights + bent[1])
@@ -298,11 +298,11 @@ def forecast_fires(survey: Survey, spots: HotSpots) -> FireForecast:
     if any(
         side.mean + WARMEST * math.sqrt(variance + own) >= side.saturation
         for side, variance, own in zip((mid, thermal), np.diag(ground.around), steady, strict=True)
-    ):  # the warmest ground saturates: what is seen there no longer tells a fire from it
+    ):  # the warmest ground saturates: its pixels no longer differ from those of a fire
         return FireForecast((math.inf,) * len(spots.temperatures), math.inf, 0.0, math.inf, 0.0)
     near = pixels_of_fire(mid)
     shares = [_point_shares(side, near) for side in (mid, thermal)]
-    bright = shares[0].max(0) > DIM * shares[0].max()  # the others find no fire that these miss
+    bright = shares[0].max(0) > DIM * shares[0].max()  # the other pixels find no further fires
     shares = [share[:, bright] for share in shares]
     areas = []
     for temperature in spots.temperatures:
@@ -319,7 +319,7 @@ def forecast_fires(survey: Survey, spots: HotSpots) -> FireForecast:
 
 
 def _flame(side: Side, temperature: float) -> float:
-    """Radiance of a fire above that of the ground that it takes the place of."""
+    """Radiance of a fire minus the radiance of the ground that it replaces."""
     light = side.radiation.emitted(np.array([temperature]))[0]
     return float(side.radiation.path + light - side.mean)
 
@@ -332,10 +332,10 @@ def _smallest(
     ground: float,
     wanted: float,
 ) -> float:
-    """Square metre of the smallest fire that is found with a probability; inf where none is.
+    """Square metre of the smallest fire that is found with a given probability; inf where none is.
 
     excess  of each channel, (places, pixels) watt / m^2 / sr / m per m^2
-    ground  variance that the pixels around a fire have in common
+    ground  common variance of the pixels around a fire
     """
     mid, thermal = sides
     most = mid.across * mid.along
@@ -402,7 +402,7 @@ class _Ground(NamedTuple):
 
     around  within the surroundings, of deviations from their mean
     here    of a pixel's deviations from the mean of its surroundings
-    summed  of the mid infrared alone, of the sum over a fire's pixels of these deviations
+    summed  of the sum of these deviations over a fire's pixels, in the mid infrared alone
     waves   of the unevenness; None: even ground
     bends   (2, 2) second derivatives of both channels, as `ground_bends`
     spreads (2, 2) variances of both textures around and here, of the mid infrared's pixels
@@ -420,13 +420,14 @@ class _Ground(NamedTuple):
     kinds: Floats = np.zeros((2, 2, 2))
 
     def bent(self, weights: Floats) -> Floats:
-        """Variance (2,), around and here, of what is not linear in the textures."""
+        """Variance (2,), around and here, of the contrast that is not linear in the textures."""
         square, product = weights @ self.bends
         grey, warm = self.spreads.T
         return np.asarray(2 * square**2 * warm**2 + product**2 * warm * grey)
 
     def warming(self, weights: Floats, rms: float) -> float:
-        """Variance of the mean square, as temperature varies by waves longer than surroundings."""
+        """Variance of the mean square by temperature waves that are longer than the
+        surroundings."""
         if not self.spreads[0, 1]:
             return 0.0
         grey, warm = (float(weights @ part @ weights) for part in self.kinds)
@@ -444,7 +445,8 @@ class _Ground(NamedTuple):
         return half / float((self.waves.amplitude[1, 0] ** 2).mean()) ** 2
 
     def uneven(self, weights: Floats) -> float:
-        """Half the variance of the mean square of a combination of both within the surroundings."""
+        """Half the variance of the mean square of a combination of both textures, in the
+        surroundings."""
         return 0.0 if self.waves is None else self.waves.uneven(weights)
 
 
@@ -526,7 +528,7 @@ def _waves(
     down: Floats = np.asarray(np.fft.fftfreq(count, mid.along), np.float64)
     x, y = np.broadcast_to(right, (count, count)), np.broadcast_to(down[:, None], (count, count))
     mean = _dirichlet(right * mid.across, width) * _dirichlet(down * mid.along, width)[:, None]
-    # Unitary for the sum over waves that the inverse transform is.
+    # The inverse transform, a sum over waves, is unitary with this factor.
     density = texture.power(np.stack([x, y], -1), land.texture_cell) / (mid.across * mid.along)
     within = np.sqrt(density * (1 - mean**2))
     transfers = [side.transfer(x * side.side, y * side.side) * within for side in sides]
@@ -554,7 +556,7 @@ def _power(spots: HotSpots, mid: Side, ground: _Ground, quiet: float) -> tuple[f
     shares = _point_shares(mid, spots.guard)
     excess = _flame(mid, spots.temperature) * spots.area * shares / mid.side**2
     light = np.minimum(mid.mean + excess, mid.saturation)
-    # Its light in the surroundings is taken for theirs.
+    # The estimate takes the fire's light in the surroundings for light of the ground.
     beside = _point_shares(mid, spots.window).sum(-1) - shares.sum(-1)
     share = shares.shape[1] / pixels_around(spots.window, spots.guard)
     lost = share * _flame(mid, spots.temperature) * spots.area * beside / mid.side**2

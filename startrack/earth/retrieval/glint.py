@@ -1,8 +1,8 @@
-"""Waves of random slopes -> the brightness of their glint, and how sums of its squares scatter.
+"""Waves of random slopes -> the brightness of their glint, and the scatter of sums of its squares.
 
-Brightness is the density of the small waves' slopes, normal about that of the wave under them, at
-the slope that mirrors the Sun: not linear in the waves. Its moments over normal slopes are derived
-without a series.
+Brightness is the density of the small waves' slopes at the slope that mirrors the Sun. These slopes
+are normal about the slope of the long wave below. So brightness is not linear in the waves. Its
+moments over normal slopes are derived without a series.
 """
 
 import math
@@ -19,9 +19,9 @@ from startrack.earth.retrieval.sea import Sea, elevation_power
 class Glint(NamedTuple):
     """Statistics of the glint over the waves of a sea.
 
-    spectrum  (n, n) mean square of each wave of a grid in the brightness over its mean
-    gain      (2,) g, of the brightness over its mean with the slopes
-    mean      1, over that of level long waves
+    spectrum  (n, n) mean square of each wave of a grid, in the relative brightness
+    gain      (2,) g, change of the relative brightness with the slopes
+    mean      1, mean brightness over the brightness on level long waves
     slopes    (2, 2) M, covariance of all slopes
     """
 
@@ -32,11 +32,11 @@ class Glint(NamedTuple):
 
 
 class Scatter(NamedTuple):
-    """How a weighted sum of squares of an image varies with its waves.
+    """Changes of a weighted sum of squares of an image with its waves.
 
     follows  (n, n) change of the mean sum with ln of the mean square of a wave and its opposite
-    pairs    by how much the variance by products of three waves is larger than were the pair of
-             waves in the brightness independent of the one that it is seen with
+    pairs    variance by products of three waves, minus its value if the pair of waves in the
+             brightness were independent of the third wave
     """
 
     follows: Floats
@@ -75,7 +75,7 @@ def glint_over(
     steps: tuple[float, float],
     shortest: float,
 ) -> Glint:
-    """Statistics of the glint over waves whose slopes are normal; kept while a search goes on.
+    """Statistics of the glint over waves whose slopes are normal; cached during a search.
 
     <B> ~ N(Z; M),   <B B'> ~ N((Z, Z); (M, R; R, M)),   b = g . z + rest,   g = Z / M
 
