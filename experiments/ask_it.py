@@ -76,7 +76,7 @@ def run(*words: str) -> dict[str, Any]:
 
 
 def same(design: str, key: str, values: tuple[str, ...], trials: int, folder: str) -> list[str]:
-    """What differs between a sweep, by formula and by trials, and single commands."""
+    """Differences between a sweep and single commands, by formula and by trials."""
     off = []
     for more in ([], ["--trials", str(trials), "--fidelity", FIDELITY[design]]):
         rows = run(

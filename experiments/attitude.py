@@ -53,7 +53,7 @@ TRACKERS = ("rigel-l", "st5000", "apst", "rufino-2013", "altair-hb")
 
 
 def scipy_one_by_one(b: Floats, r: Floats, w: Floats) -> Rotation:
-    """What users of scipy have."""
+    """The solver that users of scipy have, one attitude a call."""
     if b.ndim == 2:
         return Rotation.align_vectors(b, r, w)[0]
     return Rotation.concatenate(
@@ -65,7 +65,8 @@ SOLVERS: dict[str, solving_cases.Solver] = solving_cases.SOLVERS | {"scipy": sci
 
 
 def hard_cases() -> dict[str, Any]:
-    """Cases missed by each solver, the worst error over eps sqrt(condition), what is flagged."""
+    """Cases that each solver misses, its worst error over eps sqrt(condition), and flagged
+    cases."""
     cases = json.loads(ORACLE.read_text())["cases"]
     missed, worst = {}, {}
     for name, solver in SOLVERS.items():
@@ -213,7 +214,8 @@ def uncertainty(error: Floats) -> float:
 
 
 def difference(frame: dict[str, float]) -> float:
-    """The larger one, across and about, between the analytic error and that of windows."""
+    """The larger difference, across or about, between the analytic error and the error of
+    windows."""
     return max(
         abs(frame[f"analytic_{way}_arcsec"] / frame[f"{way}_arcsec"] - 1)
         for way in ("across", "about")

@@ -33,7 +33,7 @@ SCENE = Scene(lights=("zodiacal", "starlight", "sun"), date=DATE)
 
 
 def around(sun: np.ndarray, angle: float, streams: Streams) -> Rotation:
-    """A random attitude whose boresight is so far from the Sun."""
+    """A random attitude with its boresight at this angle from the Sun."""
     turn, roll = 2 * math.pi * streams("place").random(2)
     first = np.cross(sun, [0.0, 0.0, 1.0])
     first /= np.linalg.norm(first)

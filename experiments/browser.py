@@ -54,7 +54,8 @@ class Browser:
         return self._ask("POST", "execute/async", {"script": text, "args": list(values)})
 
     def until(self, script: str, seconds: float = PATIENCE) -> float:
-        """Wait until an expression is true; the seconds that took. Raises TimeoutError."""
+        """Wait until an expression is true; returns the waiting time in seconds. Raises
+        TimeoutError."""
         began = time.monotonic()
         while not self.run(f"return Boolean({script})"):
             if time.monotonic() - began > seconds:

@@ -48,7 +48,7 @@ def changed(case: Case, **changes: object) -> Case:
 
 
 def effects(case: Case) -> dict[str, Case]:
-    """What a design may have, one effect each."""
+    """Effects that a design may have; each entry has one."""
     detector, optics = "instrument__detector__", "instrument__optics__"
     camera = case.instrument.camera
     still = {"tracker__detection__smear_x": 0.0, "tracker__detection__smear_y": 0.0}
@@ -116,12 +116,12 @@ class Compared:
 
     @property
     def left_out(self) -> tuple[str, ...]:
-        """What the formula says that it leaves out."""
+        """Effects that the formula leaves out, as it says itself."""
         return self.budget.left_out if self.budget else ("an attitude: too few stars anywhere",)
 
     @property
     def ratio(self) -> float:
-        """Error across by trials over that by formula; NaN where either has none."""
+        """Error across by trials over the error by formula; NaN where either is missing."""
         return self.summary.across.value / self.budget.across if self.budget else math.nan
 
     @property
@@ -138,7 +138,8 @@ class Compared:
 
 
 def compare(name: str, case: Case, trials: int) -> Compared:
-    """Budget and trials of a design: windows, which are frames where they refuse it."""
+    """Budget and trials of a design: trials of windows, or of frames where windows refuse the
+    design."""
     try:
         budget = analytic(case)
     except ValueError:

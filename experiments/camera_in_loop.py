@@ -137,7 +137,7 @@ def startrack_command(name: str) -> list[str]:
 
 
 def environment() -> dict[str, str]:
-    """Of a process that takes the same package as this one."""
+    """The environment of a process that imports the same package as this one."""
     return os.environ | {"PYTHONPATH": str(Path(startrack.__file__).parents[1])}
 
 

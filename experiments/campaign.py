@@ -1,4 +1,4 @@
-"""Are the results of a campaign reproducible, how much time do workers lose, and is anything lost?
+"""Are a campaign's results reproducible, how much time do workers lose, and are trials lost?
 
 python experiments/campaign.py [--json FILE] [--kills 50] [--parts store bytes ...] [--quick]
 
@@ -148,7 +148,7 @@ def large() -> Case:
 
 
 def side_by_side(code: str, firsts: tuple[int, ...]) -> float:
-    """Wall seconds of single runs in processes of their own, from when all are ready."""
+    """Wall seconds of single runs in processes of their own, counted from when all are ready."""
     singles = [
         subprocess.Popen(
             [sys.executable, "-c", code, str(first)],
@@ -187,7 +187,7 @@ class Waiting(Sampling):
 
 
 def overhead(case: Case, trials: int = 2560, block: int = 64) -> dict[str, float]:
-    """What engine and store add to two workers whose trials take 10 ms.
+    """Time that engine and store add to two workers whose trials take 10 ms.
 
     engine_efficiency    time of the trials over wall time, times two workers
     engine_cpu_share     the master's CPU time over that of the trials
@@ -346,7 +346,7 @@ def _session(leader: int) -> list[int]:
 
 
 def _orphans(leader: int, patience: float = 10.0) -> int:
-    """How many processes of a session are still there after some seconds; they are ended."""
+    """End the processes of a session that are left after some seconds; returns their number."""
     end = time.monotonic() + patience
     while (left := _session(leader)) and time.monotonic() < end:
         time.sleep(0.05)

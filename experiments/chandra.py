@@ -162,7 +162,7 @@ def main() -> None:
 
 
 def flown() -> dict[str, Any]:
-    """What is known of the flight, by the names of the files; those of the oracle always are."""
+    """Flight data by the names of the files; the files of the oracle are always included."""
     oracle = Path(__file__).parents[1] / "tests/oracle/chandra_dark.json"
     known = json.loads(oracle.read_text(encoding="utf-8"))
     data = {"dark_histograms": known["histograms"], "flicker": known["flicker"]}
@@ -373,7 +373,7 @@ def acquired(
     stars: int,
     columns: int | None = None,
 ) -> Floats:
-    """Distances (n,) from stars at which something was taken for them, arcsec; NaN: nothing was.
+    """Distances (n,) between each star and the spot that was taken for it, arcsec; NaN: none was.
 
     stars    at least
     columns  of the detector, if not all
@@ -549,7 +549,7 @@ def fid_levels(path: Path, box: Box) -> list[list[Any]]:
 
 
 def by_budget(case: Case, stars: Sequence[Windows], flown: FlightComparison) -> dict[str, float]:
-    """Errors of single stars of these magnitudes by the budget, over what is seen of them."""
+    """Errors of single stars of these magnitudes by the budget, over the errors in flight."""
     found = single_stars(case)
     seen = {(row.star, row.name): row.seen.value for row in flown.differences}
 
@@ -616,7 +616,8 @@ def drift(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
 
 
 def tess(_: dict[str, Any], quick: bool) -> dict[str, Any]:
-    """Error about the boresight of a camera of TESS, by formula and as its quaternions scatter.
+    """Error about the boresight of a camera of TESS, by formula and by the scatter of its
+    quaternions.
 
     All cameras see the spacecraft turn. What the outer ones scatter more along y, and less along z,
     than the inner ones is their own error about their boresights.

@@ -1,4 +1,4 @@
-"""What all experiments share: options, figures as JSON, expectations, and parts that are left out.
+"""Common parts of all experiments: options, figures as JSON, expectations, omitted parts.
 
 `expected.toml` holds the expectations, each with the page that claims the figure and the commit at
 which it was measured. An experiment that misses an expectation says so and ends with status 1.
@@ -64,7 +64,7 @@ class Expectation(NamedTuple):
 
 
 class Judged(NamedTuple):
-    """One figure beside what is expected of it; `value` is None where there is none."""
+    """One figure beside its expected range; `value` is None where the figure is missing."""
 
     expectation: Expectation
     place: str
@@ -85,7 +85,7 @@ class Judged(NamedTuple):
 
 
 def expectations(name: str) -> tuple[Expectation, ...]:
-    """What is expected of the figures of an experiment."""
+    """The expectations for the figures of an experiment."""
     table = tomllib.loads(EXPECTED.read_text(encoding="utf-8"))
     return tuple(Expectation(**row) for row in table.get(name, ()))
 
@@ -185,7 +185,7 @@ def finite(value: Any) -> Any:
 
 
 def commit() -> str:
-    """Which sources these are."""
+    """The commit of these sources."""
     words = ["git", "describe", "--always", "--dirty", "--exclude=*"]
     here = Path(__file__).parent
     done = subprocess.run(words, cwd=here, capture_output=True, text=True, check=False)
@@ -193,7 +193,7 @@ def commit() -> str:
 
 
 def source(words: str) -> str:
-    """What a page says of where it is from: the command and the commit.
+    """The origin of a page in words: the command and the commit.
 
     words  the file name of the experiment, with its options
     """
@@ -201,7 +201,7 @@ def source(words: str) -> str:
 
 
 def missing(part: str, *packages: str) -> bool:
-    """Whether a package is not installed, without which a part of the experiment is left out."""
+    """Whether a package is missing; the part of the experiment that needs it is then left out."""
     absent = [name for name in packages if importlib.util.find_spec(name) is None]
     if absent:
         print(f"{part} left out: {' and '.join(absent)} not installed", flush=True)
@@ -209,7 +209,7 @@ def missing(part: str, *packages: str) -> bool:
 
 
 def images(part: str) -> Path | None:
-    """The folder of real images, without which a part of the experiment is left out."""
+    """The folder of real images; without it, a part of the experiment is left out."""
     folder = os.environ.get("STARTRACK_DATA")
     if folder and (Path(folder) / "images" / "truth.json").is_file():
         return Path(folder) / "images"

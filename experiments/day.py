@@ -1,4 +1,4 @@
-"""Everyday use: what exports leave out, how long commands are silent, what keys are found.
+"""Everyday use: omissions of exports, silent times of commands, and keys that are found.
 
     python experiments/day.py [--json FILE] [--quick]
 
@@ -133,7 +133,7 @@ def main() -> None:
 
 
 def gaps(path: Path, units: int) -> int:
-    """Classes of error of a unit, and phrases that its budget leaves out, that the files lack."""
+    """Classes of error of a unit, and phrases on omitted effects, that the exported files lack."""
     case = load_design(path).case
     try:
         model = head_model(case, path.stem, UnitChoice("worst", units))
@@ -155,7 +155,7 @@ def gaps(path: Path, units: int) -> int:
 
 
 def visible(path: Path) -> bool:
-    """Whether most matched stars of the first frame stand out of its picture."""
+    """Whether most matched stars of the first frame are visible in its picture."""
     case = load_design(path).case
     streams = Streams(1, 0)
     record = observe(case, random_attitude(streams), streams)
@@ -174,7 +174,7 @@ def known(words: str) -> bool:
 
 
 def silence(words: tuple[str, ...]) -> tuple[float, float]:
-    """Longest time in which a command writes nothing to its terminal, and its CPU time then, s."""
+    """Longest time in which a command writes nothing to its terminal, and its CPU time in it, s."""
     near, far = pty.openpty()
     with tempfile.TemporaryDirectory() as folder:
         run = subprocess.Popen(
@@ -209,7 +209,7 @@ def cpu_of(pid: int) -> float:
 
 
 def goes_on(words: tuple[str, ...]) -> bool:
-    """Whether a command that was stopped takes up what it had: no row of its stores is made anew.
+    """Whether a stopped command continues: it computes no row of its stores again.
 
     Its rows are marked by where they stand in their file, which has to be the same file.
     """
@@ -247,7 +247,7 @@ def size_of_stores(folder: Path) -> int:
 
 
 def rows_of(folder: Path) -> set[tuple[object, ...]]:
-    """The rows of trials, forecasts and steps in all stores: file, table, and all that they hold.
+    """The rows of trials, forecasts and steps in all stores: file, table and values.
 
     A store that was begun anew is another file.
     """

@@ -96,7 +96,7 @@ def main() -> None:
 
 
 def told(one: Evaluation, began: float) -> None:
-    """One line a design, for the person who waits."""
+    """Print one line for each design, to show progress."""
     print(
         f"{time.monotonic() - began:6.0f} s  {one.trials:4d} trials  {one.error / arcsec:8.3f} "
         f"arcsec  {'' if one.feasible else 'misses a requirement'}",
@@ -108,7 +108,7 @@ def told(one: Evaluation, began: float) -> None:
 def draw(
     optimum: Optimum, campaign: Campaign, fresh: list[NDArray[np.void]], name: str, path: Path
 ) -> None:
-    """The error before and after, and how the search came there."""
+    """Draw the error before and after, and the path of the search."""
     branch = f", {optimum.branch}" if optimum.branch else ""
     figure = picture(0.6, f"{name}{branch}: better by {told_interval(optimum.factor, 2)}")
     count = len(optimum.space.variables)
@@ -150,7 +150,7 @@ def draw_shares(
 
 
 def draw_path(axes: Axes, optimum: Optimum) -> None:
-    """The error of each design that was looked at, in order."""
+    """The error of each design that was tried, in order."""
     tried = optimum.evaluations
     number = np.arange(1, len(tried) + 1)
     error, expected = (

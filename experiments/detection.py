@@ -141,7 +141,7 @@ def finders(sigma: float) -> dict[str, cases.Finder]:
 
 
 def peers(sigma: float) -> dict[str, cases.Finder]:
-    """Those of other programs that are installed."""
+    """The finders of other installed programs."""
     found: dict[str, cases.Finder] = {}
     if not command.missing("tetra3rs is", "tetra3rs"):
         import tetra3rs

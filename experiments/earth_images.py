@@ -124,7 +124,7 @@ def main() -> None:
 
 
 def columns() -> list[dict[str, Any]]:
-    """What photons say, at two wavelengths and two visibilities."""
+    """Results of photons, at two wavelengths and two visibilities."""
     told: list[dict[str, Any]] = json.loads(ORACLE.read_text())["columns"]
     return told
 

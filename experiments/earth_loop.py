@@ -97,7 +97,7 @@ def loop_place_px(size: int = SIZE, fires: int = FIRES, seed: int = 1) -> float:
 
 
 def make(survey: Survey, seed: int) -> tuple[Product, Picture, Channel, Setting]:
-    """The product of the first channel, its picture, the channel and what is constant of it."""
+    """The product of the first channel, its picture, the channel and its constant values."""
     channel = survey.channels[0]
     picture = Picture.blank(channel.detector.rows, channel.columns)
     setting = render(survey, channel, Path(), seed, picture)

@@ -33,7 +33,7 @@ TEMPLATE = Path(__file__).with_name("earth_page.md")
 
 
 def text_of(found: dict[str, Any], told: dict[str, Any], before: dict[str, Any]) -> str:
-    """The page, of what was found, the outside values, and the first prediction."""
+    """The page: results, outside values, and the first prediction."""
     later = [told["sentinel2-msi"]["bands"][band] for band in found["snr"]["sentinel2-msi"]]
     mine = [row[1] for row in found["snr"]["sentinel2-msi"].values()]
     between_2c = sum(

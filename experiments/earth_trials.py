@@ -1,4 +1,4 @@
-"""Stated uncertainties of Earth products beside trials with errors in what products assume.
+"""Stated uncertainties of Earth products beside trials with errors in the products' assumptions.
 
 Each trial draws true values of all that `Knowledge` names: the lamp, stray light, the response,
 visibility, the terrain, the pointing. It renders the scene with the true values and the detector's
@@ -181,7 +181,7 @@ def fitted(survey: Survey, folder: Path) -> Survey:
 
 
 def wrong(survey: Survey, folder: Path, rng: np.random.Generator, z: Floats, mean: float) -> Survey:
-    """The true scene: what the product believes, one draw away."""
+    """The true scene: the assumed scene with one draw of all errors."""
     import rasterio
 
     with rasterio.open(folder / "dem.tif") as file:

@@ -1,4 +1,4 @@
-"""Does startrack work with what others have: their code, clusters, images, and hardware?
+"""Does startrack work with the code, clusters, images and hardware of others?
 
 python experiments/ecosystem.py [--json FILE] [--only PART] [--trials 64] [--quick]
 
@@ -361,7 +361,7 @@ def onboard(options: argparse.Namespace) -> dict[str, float | None]:
 
 
 def hardware(options: argparse.Namespace) -> dict[str, Any]:
-    """Frames in time for hardware in the loop, and what other solvers make of them."""
+    """Frames in time for hardware in the loop, and their solutions by other solvers."""
     size = 256 if options.quick else 1024
     changes = [f"instrument.detector.{side}={size}" for side in ("columns", "rows")]
     changes.append("instrument.detector.pixel_rate=40 Mpix / s")  # for ten frames a second

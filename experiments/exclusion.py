@@ -1,4 +1,4 @@
-"""How near may Sun, Moon and Earth stand to a tracker's field, and what do they cost before?
+"""How near may Sun, Moon and Earth be to a tracker's field, and what do they cost farther away?
 
 The nanosatellite's tracker behind a baffle whose point-source transmittance falls by a decade every
 nine degrees: the veil, the error across the boresight and the availability over the angle, by the

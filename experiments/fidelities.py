@@ -1,4 +1,4 @@
-"""What do the cheaper fidelities cost, and do they have the law of whole frames?
+"""What do the cheaper fidelities cost, and do their results have the distribution of whole frames?
 
 Two designs on a quarter of the example's pixels, a bright one and a marginal one whose stars are
 few and whose noise makes false spots. Whole frames and windows, of different seeds: the number of
@@ -120,13 +120,13 @@ def known(values: Floats) -> Floats:
 
 
 def right(sample: Sample) -> tuple[int, int]:
-    """How many trials have a right attitude, and how many have none."""
+    """Number of trials with a right attitude, and number with none."""
     solved = int(np.isfinite(sample.across).sum())
     return solved, len(sample.across) - solved
 
 
 def p_values(one: Sample, other: Sample) -> dict[str, float]:
-    """Rank tests for what is counted, Kolmogorov and Smirnov's for what is measured."""
+    """Rank tests for counts, Kolmogorov-Smirnov tests for measured values."""
     return {
         "spots": float(stats.mannwhitneyu(one.spots, other.spots).pvalue),
         "false": float(stats.mannwhitneyu(one.false, other.false).pvalue),
@@ -173,7 +173,8 @@ def laws(count: int, many: int) -> tuple[dict[str, float], Drawn]:
 
 
 def lost(count: int) -> dict[str, float]:
-    """Share of right attitudes where most skies are lost, and Fisher's test against frames."""
+    """Share of right attitudes in a design that loses most skies, and Fisher's test against
+    frames."""
     case = with_detector(designs()["marginal"], exposure=LOST)
     found = {each: run_trials(case, 25, range(count), each) for each in Fidelity}
     solved = {kind: int((each["solved"] & ~each["false"]).sum()) for kind, each in found.items()}
@@ -203,7 +204,7 @@ def seconds(call: Callable[[int], object], number: int) -> float:
 
 
 def rate(case: Case, fidelity: Fidelity, rounds: int) -> float:
-    """Trials in a second of processor time, what a design costs once left out."""
+    """Trials in a second of processor time, without the one-time cost of a design."""
     size, repeats = (1024, -(-rounds // 8)) if fidelity is Fidelity.COVARIANCE else (1, rounds)
     run_trials(case, 1, range(3), fidelity)
     return size / least(

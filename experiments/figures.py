@@ -1,4 +1,4 @@
-"""Are the figures that pages state of whole commands those that the commands measure?
+"""Do the pages state the figures that the commands measure?
 
     python experiments/figures.py [--write] [--results DIR] [--commands NAME ...] [--list]
         [--json FILE] [--quick]
@@ -44,7 +44,7 @@ WRITTEN = (
 
 
 class Figure(NamedTuple):
-    """Words of a page with places for figures, and what is measured there.
+    """Words of a page with places for figures, and the measured value of each place.
 
     text    of the page, each place a name in braces
     places  name: the place in the JSON of the command, keys joined by "/", and a form of `format`
@@ -57,7 +57,7 @@ class Figure(NamedTuple):
 
     @property
     def pattern(self) -> re.Pattern[str]:
-        """What finds the words, whatever the figures; each place is a group."""
+        """A pattern that finds the words with any figures; each place is a group."""
         parts = PLACE.split(self.text)
         named = (
             f"(?P<{part}>\\S+?)" if number % 2 else re.escape(part)
@@ -147,7 +147,7 @@ def design(name: str) -> str:
 
 
 def compared(figure: Figure, result: Any, path: Path, write: bool) -> int:
-    """How many figures of a page differ from a result; they are written where that is asked for.
+    """Number of a page's figures that differ from a result; writes the results if asked to.
 
     Raises  SystemExit where the words do not stand in the page exactly once.
     """

@@ -1,4 +1,5 @@
-"""How long does a newcomer wait, from the installation to the first results, and for how much?
+"""How long does a newcomer wait from installation to first results, and how large is the
+installation?
 
 Makes a virtual environment, installs the project with pip, and runs three commands there, each cold
 (no cache but what the installation brought) and, where it says so, warm (the same once more).
@@ -70,14 +71,14 @@ def main() -> None:
 
 
 class Spent(NamedTuple):
-    """Seconds of a process and of what it started."""
+    """Seconds of a process and of its children."""
 
     wall: float
     cpu: float
 
 
 class Place(NamedTuple):
-    """An interpreter, and an empty home for what it keeps.
+    """An interpreter, and an empty home for its caches.
 
     installed   files of startrack that the installation brought; none where it is not ours
     """
@@ -87,7 +88,7 @@ class Place(NamedTuple):
     installed: frozenset[Path] = frozenset()
 
     def environment(self) -> dict[str, str]:
-        """Of a newcomer: no cache, no path and no home from elsewhere."""
+        """The environment of a newcomer: no cache, path or home from elsewhere."""
         own = ("PYTHON", "NUMBA_", "STARTRACK_", "XDG_", "MPL")
         kept = {name: text for name, text in os.environ.items() if not name.startswith(own)}
         return kept | {"HOME": str(self.home)}
@@ -220,7 +221,7 @@ def fresh(folder: Path, options: argparse.Namespace) -> dict[str, Any]:
 
 
 def tell(figures: dict[str, Any], name: str, spent: Spent) -> None:
-    """Keep both times of a step, and print them for the person who waits."""
+    """Keep both times of a step, and print them as progress."""
     figures |= {f"{name}_s": spent.wall, f"{name}_cpu_s": spent.cpu}
     print(f"{name:24} {spent.wall:8.1f} s   CPU {spent.cpu:8.1f} s", flush=True)
 

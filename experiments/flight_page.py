@@ -1,4 +1,4 @@
-"""What chandra.py writes and draws: the page on the flight of Chandra's aspect camera."""
+"""Writes and draws for chandra.py: the page on the flight of Chandra's aspect camera."""
 
 from __future__ import annotations
 
@@ -87,7 +87,8 @@ def text_of(a: dict[str, Any], b: dict[str, Any]) -> str:
 
 
 def _stars(bounds: dict[tuple[str, str], list[float]]) -> dict[str, Any]:
-    """Backgrounds and offsets of both stars, seen and as a further detector has them; numbers."""
+    """Backgrounds and offsets of both stars, in flight and with a further detector; digital
+    numbers."""
     found: dict[str, Any] = {}
     for star in ("s4", "s5"):
         seen, *_, low, high = bounds[star, "background"]

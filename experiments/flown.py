@@ -387,7 +387,7 @@ def _all(count: int, seed: int) -> Iterator[Figures]:
 
 
 def predicted(count: int, seed: int = SEED) -> dict[str, dict[str, Any]]:
-    """Median, intervals and what makes them wide, of each figure."""
+    """Median, intervals and the causes of their width, of each figure."""
     table = dict[str, dict[str, Any]]()
     for name, values in figures(count, seed).items():
         row: dict[str, Any] = {

@@ -1,4 +1,4 @@
-"""What `flown.py` predicts from: designs with laws, and the light of stars and sky in each draw."""
+"""Inputs of `flown.py`: designs with laws, and the light of stars and sky in each draw."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ BRITE = {
 
 @dataclass(frozen=True, eq=False)
 class Draw:
-    """One value of everything that is not known of a camera.
+    """One value of each unknown of a camera.
 
     case     its design
     streams  of what no design holds, by its name
@@ -63,7 +63,7 @@ class Draw:
     streams: Streams
 
     def uniform(self, name: str, low: float, high: float) -> float:
-        """A number that may be anywhere between two."""
+        """A number with a uniform law between two bounds."""
         return low + (high - low) * float(self.streams(f"unknown {name}").random())
 
     def about(self, name: str, median: float, factor: float) -> float:
@@ -144,7 +144,8 @@ def field(ra: float, dec: float, roll: float, width: float, height: float) -> tu
 
 
 def counted(magnitude: Floats, chance: Callable[[Floats], Floats]) -> float:
-    """Number of stars that are found by a chance over RP, those below the catalogue's limit too.
+    """Number of detected stars, by a probability over RP; includes stars below the catalogue's
+    limit.
 
     Fainter ones grow in number as GROWTH says from the last magnitude of the catalogue on.
     """
@@ -158,7 +159,7 @@ def counted(magnitude: Floats, chance: Callable[[Floats], Floats]) -> float:
 
 
 def passes(magnitude: Floats, limit: float, width: float = 0.3) -> Floats:
-    """Chance to be found of stars about a limiting magnitude."""
+    """Probability of detection of stars near a limiting magnitude."""
     return np.asarray(ndtr((limit - magnitude) / width))
 
 

@@ -1,4 +1,4 @@
-"""What flown.py writes: the page on cameras that flew, misses first, from figures alone."""
+"""Writes for flown.py: the page on cameras that flew, misses first, from figures alone."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def shares(table: dict[str, Any], seen: dict[str, Any]) -> dict[int, float]:
 
 
 def scored(table: dict[str, Any], results: dict[str, Any], second: dict[str, float]) -> str:
-    """Shares, and all figures with what was seen, misses first."""
+    """Shares, and all figures with measured values, misses first."""
     seen = {name: row["value"] for name, row in results.items() if name in table}
     text = f"\nOf {len(seen)} figures with a result, intervals of 68, 90 and 95 % hold "
     text += ", ".join(f"{share:.2f}" for share in shares(table, results).values())

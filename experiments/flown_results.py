@@ -1,4 +1,4 @@
-"""What was seen of cameras that flew, for `flown.py --measure FOLDER`, from files of others.
+"""Measured figures of cameras that flew, for `flown.py --measure FOLDER`, from files of others.
 
 FOLDER has, by their own names, `results_table_post_process.ipynb` and `photometry.ipynb` of
 evanmayer/starcam-sim (pipeline), the two `.dat` of bbuysschaert/BRITE_decor and the three `.fits`
@@ -182,7 +182,7 @@ def middle(figure: Callable[[Ints], float], orbits: Sequence[Ints]) -> float:
 
 
 def parts(folder: Path) -> Iterator[Seen]:
-    """What was seen of each camera."""
+    """The measured figures of each camera."""
     yield tim(folder)
     yield ebex(folder)
     for name in BRITE:

@@ -1,4 +1,4 @@
-"""What becomes of the cases that such programs fail in?
+"""How does startrack handle the cases in which such programs fail?
 
 The list is that of `tests/hard`, which the tests run as well.
 
@@ -32,7 +32,7 @@ def main() -> None:
 
 
 def tried(case: Any) -> dict[str, Any]:
-    """One row: what came, and how long it took."""
+    """One row: the result, and its time."""
     began = time.process_time()
     came = case.try_()
     return {

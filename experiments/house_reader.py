@@ -1,4 +1,4 @@
-"""What a reader of the package meets, counted over its syntax trees and its calls."""
+"""Measures of the package's readability, counted over its syntax trees and its calls."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ def _is_hidden(room: str, name: str) -> bool:
 
 
 def returns_of_the_walk() -> int:
-    """How often a reader comes back to a file that he has left, while he follows the calls.
+    """Number of returns of a reader to a file that was left before, along the calls.
 
     From each station the functions of the package are read in the order in which they are called,
     each once and to its end; a call of another file leads there, and its end leads on to the next

@@ -70,7 +70,7 @@ def compare(quick: bool) -> dict[str, Any]:
 
 
 def machine() -> str:
-    """What last digits depend on."""
+    """The machine's properties on which last digits depend."""
     versions = [f"{name} {version(name)}" for name in ("numpy", "scipy", "numba")]
     return ", ".join([platform.machine(), *versions])
 
@@ -97,7 +97,7 @@ def digests(quick: bool) -> Iterator[tuple[str, str]]:
 
 
 def optimised() -> dict[str, Any]:
-    """What a short search finds."""
+    """The result of a short search."""
     design = load_design(shipped("designs/noise_only.toml"), SEARCH)
     assert design.campaign
     found = optimize(design.case, design.campaign, TrialRunner(1))

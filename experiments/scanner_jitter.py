@@ -1,4 +1,4 @@
-"""How much jitter does a line scanner bear? The tone that costs it 10 %, over frequency.
+"""How much jitter does a line scanner tolerate? The tone that costs it 10 %, over frequency.
 
 python experiments/scanner_jitter.py [--json FILE] [--picture FILE.png] [--skies 24] [--workers 2]
                                     [--quick]

@@ -72,7 +72,7 @@ def of_mountains(survey: Survey, seed: int) -> Survey:
 
 
 def noise(flight: Flight, trials: Sequence[int], values: Floats) -> Floats:
-    """(1,) DN rms of what changes where only the noise is drawn anew."""
+    """(1,) DN rms of the changes when only the noise is drawn again."""
     other = np.array([numbers(flight, number, seed=1) for number in trials])
     return np.sqrt(((values - other) ** 2).mean((0, 1)) / 2)
 

@@ -188,7 +188,7 @@ def in_whole_budgets(space: DesignSpace, campaign: Campaign, point: Floats) -> f
 
 
 class End(NamedTuple):
-    """Where a search ended: the branch, its space, the design and what is expected of it."""
+    """The end of a search: the branch, its space, the design and its forecast."""
 
     branch: str
     space: DesignSpace
@@ -300,7 +300,7 @@ def _value(space: DesignSpace, campaign: Campaign, point: Floats) -> Foresight:
 
 
 def thirty_variables(quick: bool) -> dict[str, float]:
-    """By how much a search of thirty variables beats that of five, and in how many forecasts."""
+    """Gain of a search of thirty variables over a search of five, and its number of forecasts."""
     case, campaign = campaign_of(ALONE)
     if quick:
         campaign = replace(campaign, analytic_evaluations=4)

@@ -126,7 +126,7 @@ def main() -> None:
 
 
 def engines(options: argparse.Namespace, figures: Figures) -> Measured:
-    """What the engines know of star trackers."""
+    """Facts on star trackers in the code of the engines."""
     yield ("problem_lines",), lines_of(ROOT / "docs" / "gallery" / "problem_of_a_photometer.py")
     yield ("tracker_same",), tracker_same()
     yield ("earth_if",), sum(1 for _ in conditions())
@@ -139,7 +139,7 @@ def forecasts(name: str, options: argparse.Namespace, figures: Figures) -> Measu
 
 
 def camera_trials(name: str, options: argparse.Namespace, figures: Figures) -> Measured:
-    """CPU time of a trial, and what the trials say."""
+    """CPU time of a trial, and the results of the trials."""
     problem = camera(name, options.quick)
     each, rows = trials(problem, options.trials)
     yield ("trial_s", name), each

@@ -1,4 +1,4 @@
-"""The smallest fires that cameras find, beside what was published.
+"""The smallest fires that cameras find, beside published values.
 
 python experiments/smallest_fires.py predicts the smallest fire of 1000 K and of 800 K that HSRS and
 MODIS find in 95 % of the cases, by formula and by trials.

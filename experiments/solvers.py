@@ -67,7 +67,7 @@ DECADES = 6  # of stated probabilities
 
 
 class Answer(NamedTuple):
-    """What a program makes of a sky: attitude, CPU seconds, and the probability that it states."""
+    """A program's answer to a sky: attitude, CPU seconds, and the probability that it states."""
 
     attitude: Rotation | None
     seconds: float
@@ -100,7 +100,7 @@ def main() -> None:
 
 
 def run(options: argparse.Namespace, fields: list[int], kinds: list[str], block: int) -> None:
-    """Count what is not counted yet; all cells advance together."""
+    """Count the blocks that are not counted yet; all cells advance together."""
     done = {key(row) for row in read(options.counts)}
     cells = [(field, kind) for field in fields for kind in kinds]
     blocks = max(1, math.ceil(options.skies / len(cells) / block))
@@ -298,7 +298,7 @@ def stars_in(rows: Iterable[dict[str, Any]]) -> int:
 
 
 def quantile(rows: Iterable[dict[str, Any]], part: float) -> float:
-    """CPU seconds that a part of the skies takes at most, to a bin of 5 %."""
+    """A quantile of CPU seconds over the skies, to a bin of 5 %."""
     times = Counter[int]()
     for row in rows:
         times.update({int(at): count for at, count in row["times"].items()})

@@ -32,7 +32,7 @@ DEEP_G = 8.0  # from which on a catalogue needs the deep one
 
 
 class Kind(NamedTuple):
-    """What is hard about a sky.
+    """The difficulties of a sky.
 
     noise       pixel rms per axis of a centroid; `across` along x instead, of streaks
     false       spots at random places; `clustered` ones within CLUSTER pixels of one place
@@ -78,7 +78,7 @@ CLUSTER = 40.0  # pixel, sigma of a cluster
 
 @dataclass(frozen=True)
 class Tracker:
-    """What startrack knows before a sky comes: camera, catalogue and index of patterns."""
+    """startrack's data before a sky is given: camera, catalogue and index of patterns."""
 
     camera: Camera
     stars: Stars
@@ -139,7 +139,7 @@ def _near(known: Tracker, icrs_to_camera: Rotation) -> Ints:
 def _false(
     how: Kind, rng: np.random.Generator, magnitude: Floats, limit: float
 ) -> tuple[Floats, Floats]:
-    """Places (n, 2) pixel and magnitudes (n,) of what is no star."""
+    """Places (n, 2) pixel and magnitudes (n,) of false spots."""
     like = magnitude if len(magnitude) else limit - np.abs(rng.exponential(1.0, 30))
     places, bright = [SIZE * rng.random((how.false, 2)) - 0.5], [rng.choice(like, how.false)]
     if how.clustered:

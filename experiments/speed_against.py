@@ -97,7 +97,7 @@ def remember(found: dict[str, Any], commit: str) -> None:
 
 
 def git(*words: str) -> str:
-    """What git answers about this tree."""
+    """Git's answer about this tree."""
     done = subprocess.check_output(["git", "-C", str(HERE), *words], text=True)
     return done.strip()
 
@@ -147,7 +147,8 @@ def asked(process: subprocess.Popen[str], stage: str) -> float:
 
 
 def work() -> dict[str, Callable[[], Work]]:
-    """Stage -> what prepares it. Imports stand within: commits differ in where things are."""
+    """Stage -> the function that prepares it. Imports are inside, because modules move between
+    commits."""
 
     def bench(name: str) -> Work:
         from startrack.benchmark import STAGES

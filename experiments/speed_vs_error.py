@@ -1,4 +1,4 @@
-"""How long does each stage take, and how wrong is it, here and in what else one would use?
+"""How long does each stage take, and how large is its error, here and in other programs?
 
 Every stage of `startrack tools bench` with its peers: the same work, in turns, in one run, on one
 thread. Peers that are not installed are left out and named; cedar-solve runs in the interpreter
@@ -151,7 +151,8 @@ def galsim_frame() -> dict[str, Way]:
 
 
 def numpy_frame() -> dict[str, Way]:
-    """Poisson and normal numbers of numpy on GalSim's stars are what many write themselves."""
+    """Poisson and normal numbers of numpy on GalSim's stars: the code that many write
+    themselves."""
     stars = frames.scenery()
 
     def draw() -> Any:

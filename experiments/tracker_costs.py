@@ -1,4 +1,4 @@
-"""What trackers weigh and need, and what pixels trade: cost laws beside what was built.
+"""Mass and power of trackers, and limits of detectors: cost laws beside built hardware.
 
     python experiments/tracker_costs.py [--json FILE] [--markdown docs/figures/tracker-costs.md]
 
@@ -49,7 +49,7 @@ def trackers() -> list[dict[str, Any]]:
 
 
 def detectors() -> list[dict[str, Any]]:
-    """What LAWS say is the same for all, of each detector of the catalogue."""
+    """The quantities that LAWS take as constant, of each detector of the catalogue."""
     found = []
     for name in products():
         table = with_product({"instrument": {"detector": {"product": name, "exposure": "0.1 s"}}})

@@ -1,4 +1,4 @@
-"""How far published trackers, units and calibrations are from what is predicted of them.
+"""Differences between published trackers, units and calibrations and their predictions.
 
     python experiments/units.py --json units.json
 
@@ -171,7 +171,7 @@ def counted(budgets: UnitBudgets, one: Published) -> tuple[float, float]:
 
 
 def star_error(case: Case, one: Published) -> float:
-    """Arcsec per axis, of one star of a magnitude: what its pixels and their noise make."""
+    """Arcsec per axis: error of one star of a magnitude by its pixels and their noise."""
     assert one.magnitude is not None
     star, pixel = star_errors(case), 1 / case.instrument.camera.focal_length_px
     variance = sum(np.trace(each, axis1=1, axis2=2) / 2 for each in star.random.values())
@@ -290,7 +290,7 @@ def rms(values: list[float]) -> float:
 
 
 def leave_out(names: list[str], units: int, seed: int, tried: Floats = FACTORS) -> dict[str, Any]:
-    """What a family would be if it were fitted, and how far one tracker alone moves the others.
+    """The fitted factor of a family, and its change when one tracker is left out.
 
     A common factor on residual and temperatures of a family is fitted to its trackers: the least
     sum of squares of log (predicted / published), each tracker counted once. It is fitted again
@@ -334,7 +334,8 @@ def leave_out(names: list[str], units: int, seed: int, tried: Floats = FACTORS) 
 
 
 def calibration_ratio(units: int, seed: int, case: Case) -> float:
-    """What drawn calibrations leave over the frame, over what calibrations leave that are run."""
+    """Residual of drawn calibrations over the frame, over the residual of calibrations that are
+    run."""
     square = np.zeros(2)
     settings = case.tracker.calibration
     assert settings
@@ -356,7 +357,8 @@ MAPS = (
 
 
 def calibration_map_error(units: int, seed: int) -> float:
-    """Largest relative difference of what drawn calibrations of a lens leave, to calibrations run.
+    """Largest relative difference between residuals of drawn calibrations of a lens and of run
+    ones.
 
     Of orders, positions and maps, of a double Gauss as built with a detector that is not flat.
     """
@@ -437,7 +439,7 @@ def designs(case: Case) -> Iterator[Case]:
 
 
 def robust(units: int, seed: int, every: list[Case]) -> tuple[float, float]:
-    """Yield at the end of life of the design that most units meet, and of the nominal one.
+    """Yield at the end of life, of the design with the highest yield, and of the nominal one.
 
     The requirement: an rms across below that of the best 40 % of the units of the middle design.
     Both are judged on units that took no part in the choice.
@@ -530,7 +532,7 @@ LEVERS: dict[str, list[Any]] = {
 
 
 def levers_gain(seed: int, units: int, quick: bool) -> dict[str, Any]:
-    """What 95 % of fresh units keep with the levers of a design, and with its lens alone.
+    """Error that 95 % of fresh units keep, with the levers of a design, and with its lens alone.
 
     Of the shipped nanosatellite at the end of life, by budgets: each number in turn takes the best
     of some values until none is better, within the mass and power of the campaign; with levers at
@@ -595,7 +597,7 @@ def few(case: Case) -> Case:
 def steps(
     options: argparse.Namespace, case: Case, names: list[str]
 ) -> list[Callable[[], dict[str, Any]]]:
-    """What the experiment does, one after the other; each gives some of its figures."""
+    """The steps of the experiment, in order; each gives some of its figures."""
     seed, quick = options.seed, options.quick
     size = 4 if quick else 100
     stating = {names[0]: few(tracker(names[0]))} if quick else {one: tracker(one) for one in STATED}

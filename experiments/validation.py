@@ -1,4 +1,4 @@
-"""What the models predict of trackers that flew or were published, beside what was published.
+"""Predictions for trackers that flew or were published, beside the published values.
 
 Each line says what is known of the tracker, what had to be assumed (the design files in
 catalogs/trackers mark each value), what comes out, and what was published. The predictions hold
@@ -177,7 +177,7 @@ def circles(sky: Sky, radius: float, places: int) -> Floats:
 
 
 def sky(places: int) -> list[dict[str, Any]]:
-    """Stars in some circles, and how far the observer's velocity moves them."""
+    """Stars in some circles, and their shift by the observer's velocity."""
     stars = open_sky(Selection()).stars
     v = v_from_g(stars.magnitude_g, stars.colour)
     rows = []

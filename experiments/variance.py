@@ -1,4 +1,4 @@
-"""How many trials does 1 % of an rms take, plain and with each help, and do the intervals hold?
+"""How many trials does an rms to 1 % need, plain and with each method, and do the intervals hold?
 
 python experiments/variance.py [--json FILE] [--trials 896] [--windows 20] [--quick]
 
@@ -165,7 +165,7 @@ def measure(case: Case, n: int, windows: int = 20, quick: bool = False) -> dict[
 
 
 def told(mean: Mean, n: int, alone: Mean, cost: float) -> dict[str, float]:
-    """What an estimate from n frames is worth, with the interval of its worth.
+    """The worth of an estimate from n frames, with the interval of this worth.
 
     The gain of replicates rests on 15 degrees of freedom, that of the others on hundreds.
 
@@ -190,7 +190,7 @@ def told(mean: Mean, n: int, alone: Mean, cost: float) -> dict[str, float]:
 def coverage(
     frames: Rows, windows: Rows, drawn: Rows, about: bool, repetitions: int
 ) -> dict[str, Any]:
-    """How often the intervals of small samples from these trials hold the mean of all of them.
+    """Fraction of small samples from these trials whose interval holds the mean of all trials.
 
     Drawn with replacement, so that the mean of all is the truth; the frames' is that of the
     windows, which are the same trials and more. Surpluses are centred, as their expectation is.
@@ -227,7 +227,7 @@ def coverage(
 
 
 def renumbered(outcomes: Rows) -> Rows:
-    """Trials that were drawn, as trials of their own."""
+    """Resampled trials, with new numbers."""
     table = outcomes.copy()
     table["trial"] = np.arange(len(table))
     return table

@@ -1,6 +1,7 @@
 """CPU time and error of each stage, on work that anyone can repeat.
 
-stage      Stage, Row, their measurement in turns, and the table and picture of the results
+stage      BenchmarkStage, StageRow, their alternating measurement, and table and picture of the
+results
 optics     psf and stamping
 frame      frame and noise
 detection  detection, quick detection and centroid, on frames of stars that other stages use, too
@@ -26,7 +27,7 @@ from startrack.benchmark.stage import (
     versions,
 )
 
-# In the order in which the light goes.
+# In the order of the light's path.
 STAGES: dict[str, Callable[[], BenchmarkStage]] = {
     "psf": optics.psf,
     "stamping": optics.stamping,

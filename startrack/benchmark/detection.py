@@ -1,4 +1,4 @@
-"""Detection and centroids of stars that scipy's normal law draws, beside the ideal detector."""
+"""Detection and centroids of stars drawn by scipy's normal law, beside the ideal detector."""
 
 from collections.abc import Callable
 from functools import partial
@@ -69,7 +69,7 @@ def flux_of(snr: float, sigma: float) -> float:
 
 
 def paired(spots: Floats, x: Floats, y: Floats) -> tuple[Flags, Floats]:
-    """Whether stars have a spot near them, and the errors of these spots, (m, 2)."""
+    """Whether each star has a spot near it, and the errors of these spots, (m, 2)."""
     if not len(spots):
         return np.zeros(len(x), bool), np.empty((0, 2))
     star = np.column_stack([x, y])
@@ -83,16 +83,16 @@ def spot_positions(spots: Spots) -> Floats:
     return np.column_stack([spots.x, spots.y])
 
 
-FALSE = 0.05  # spots a frame that are allowed
+FALSE = 0.05  # allowed false spots a frame
 
 
 def limit(flux: float, sigma: float, false: float = FALSE) -> float:
     """Fraction of stars of known position that the best test of Neyman and Pearson finds.
 
-    The ratio of likelihoods of Poisson's counts with read noise, taken for more light, is a sum
-    of the pixels with the weights log(1 + flux p / (background + read noise^2)). Its tails come
-    from its cumulants by the saddle point, which is good to a percent (Lugannani and Rice, 1980).
-    A test in every pixel may be wrong in `false` of a frame.
+    The test treats read noise as further light with Poisson noise. Its log likelihood ratio is then
+    a sum of the pixels with the weights log(1 + flux p / (background + read noise^2)). Its tails
+    follow from its cumulants by the saddle point, to a percent (Lugannani and Rice, 1980). The
+    tests of all pixels may give `false` spots a frame.
     """
     extra = READ_NOISE**2 + 1 / 12
     fractions = []
@@ -171,7 +171,7 @@ def detection() -> BenchmarkStage:
 
 
 def quick_detection() -> BenchmarkStage:
-    """The time of a megapixel with few stars: the filter's search beside the quick one."""
+    """The time of a megapixel with few stars: the filter's search beside the quick search."""
     frame, x, y, _ = sown(FEW_SNR, FEW_SPACING)
     settings = partial(Detection, kernel_sigma=SIGMA, false_per_frame=FALSE, centroid="gravity")
     psf = gaussian_psf(SIGMA)

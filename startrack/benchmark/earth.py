@@ -120,7 +120,7 @@ def image(size: int) -> atmosphere.SlantPath:
 
 
 def lines(table: atmosphere.AirTable) -> tuple[atmosphere.AirTable, Floats, NDArray[np.intp]]:
-    """The table without gas lines, which the solver has not; single wavelengths; their nodes."""
+    """The table without gas lines, which the solver lacks; single wavelengths; their nodes."""
     node = np.argmin(np.abs(table.spectrum - WAVELENGTHS[:, None]), 1)
     response = np.zeros((len(node), len(table.spectrum)))
     response[range(len(node)), node] = 1
@@ -128,10 +128,10 @@ def lines(table: atmosphere.AirTable) -> tuple[atmosphere.AirTable, Floats, NDAr
 
 
 class EarthScenery(NamedTuple):
-    """An image of hills, and the table that it is made from.
+    """An image of hills, and the table for its computation.
 
     fine  the part of the table that the image needs, in the wavelengths' bands
-    unit  (bands,) what a radiance is divided by to be a fraction of the sunlight
+    unit  (bands,) divisor that makes a radiance a fraction of the sunlight
     node  (bands,) of the wavelengths in the table
     pick  pixels that are judged
     """
@@ -145,7 +145,7 @@ class EarthScenery(NamedTuple):
 
 
 def scenery() -> EarthScenery:
-    """What all ways get."""
+    """The input of all ways."""
     table = atmosphere.load_table(shipped("atmosphere/rural-23km.fits"))
     bare, response, node = lines(table)
     unit = response @ (np.gradient(table.spectrum) * table.irradiance)
@@ -183,7 +183,7 @@ def radiance() -> BenchmarkStage:
 
 def direct(scene: EarthScenery) -> Floats:
     """The solver's reflectance at the pixels that are judged, (n, bands), for one unit of light."""
-    sys.path.append(str(shipped("atmosphere")))  # where the tables are built
+    sys.path.append(str(shipped("atmosphere")))  # the folder of the scripts that build the tables
     solver = importlib.import_module("air_solver")
     rows, wavelength = [], scene.table.spectrum[scene.node]
     for i in scene.pick:

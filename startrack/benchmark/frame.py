@@ -46,7 +46,7 @@ def scenery() -> Scenery:
 
 
 def frame() -> BenchmarkStage:
-    """The error is that of the noise about the exact image, in the pixels that stars light."""
+    """The error of the noise about the exact image, in the pixels that stars light."""
     stars, camera = scenery(), Camera(SIZE, SIZE, 4000.0)
     optics, pitch, wavelength, response = lens("gauss", SIGMA)
     rate = stars.flux / EXPOSURE
@@ -94,7 +94,7 @@ def noise() -> BenchmarkStage:
     def judge(frames: Sequence[NDArray[Any]]) -> float:
         count = sum(np.bincount(f.ravel().astype(np.int64), minlength=4096) for f in frames)
         fraction = np.cumsum(count) / np.sum(count)
-        # A converter may round or truncate; it is judged by the distribution that fits it better.
+        # A converter may round or truncate; the better of both distributions judges it.
         return min(float(np.abs(fraction - distribution).max()) for distribution in distributions)
 
     return BenchmarkStage(

@@ -118,7 +118,7 @@ def star_positions() -> Floats:
 
 
 def lens(kind: str, size: float) -> tuple[optics.Optics, float, Floats, Floats]:
-    """Optics, pixel and band whose disk or sigma is `size` pixels."""
+    """Optics, pixel and band with a disk or sigma of `size` pixels."""
     band = np.array([WAVELENGTH]), np.ones(1)
     if kind == "airy":
         return optics.Optics(0.05, F_NUMBER, psf="airy"), WAVELENGTH * F_NUMBER / size, *band

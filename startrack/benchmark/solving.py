@@ -24,7 +24,7 @@ SETTINGS = Identification(focal_tolerance=TOLERANCE)
 
 
 class Regime(NamedTuple):
-    """Difficulty of skies: centroid noise, false spots, fraction of true stars that is missing."""
+    """Difficulty of skies: centroid noise, false spots, missing fraction of the true stars."""
 
     field: int  # degree
     noise: float  # pixel
@@ -51,7 +51,7 @@ def design(field: int) -> tuple[Camera, Stars, PatternIndex]:
 
 
 def spots_at(pixel: Floats, flux: Floats, noise: float) -> Spots:
-    """Spots at pixels (n, 2), as bright as they are given, equally noisy."""
+    """Spots at pixels (n, 2), with the given brightness and equal noise."""
     n = len(pixel)
     covariance = np.tile(np.eye(2) * noise**2, (n, 1, 1))
     x, y = pixel.T.copy()
@@ -83,7 +83,7 @@ def sky(rng: np.random.Generator, regime: Regime) -> BenchmarkView:
 
 
 def blended(pixel: Floats, star: Ints, magnitude: Floats) -> tuple[Ints, Floats]:
-    """Only the brightest of stars that are too close to be resolved."""
+    """Keep only the brightest of stars that are too close to be resolved."""
     order = np.argsort(magnitude, kind="stable")
     apart = np.linalg.norm(pixel[order, None] - pixel[order], axis=2)
     alone = np.array([(apart[i, :i] > RESOLUTION).all() for i in range(len(order))], bool)

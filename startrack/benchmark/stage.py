@@ -17,7 +17,7 @@ from startrack import metrics, plots
 Way = Callable[[], Any]
 
 ROUNDS = 5
-ENOUGH = 6.0  # second of CPU for the rounds of a stage, after which none begins; chosen by hand
+ENOUGH = 6.0  # second of CPU of a stage; later, no round begins; chosen by hand
 
 
 class Clocked(NamedTuple):
@@ -31,14 +31,14 @@ class Clocked(NamedTuple):
 class BenchmarkStage:
     """One task, and how its answers are judged.
 
-    work      what is done, as text
-    error     what its error is, with the unit
+    work      description of the work, as text
+    error     meaning of the error, with its unit
     ways      name -> the whole work; returns an answer
     judge     an answer -> its error
     limit     lower bound of the error; NaN where unknown
     limit_of  origin of the limit
-    pieces    in one call; times are for one of them
-    missing   why some ways of startrack are left out, or nothing
+    pieces    number in one call; times are for one piece
+    missing   reason why some ways of startrack are left out; may be empty
     """
 
     name: str
@@ -139,7 +139,7 @@ def values(stages: Sequence[BenchmarkStage], rows: Sequence[StageRow]) -> dict[s
 
 
 def versions(packages: Sequence[str] = ()) -> str:
-    """Python, processor and packages of this run; those that are not installed are left out."""
+    """Python, processor and installed packages of this run."""
     names = [f"Python {platform.python_version()}", platform.machine()]
     for package in (*PACKAGES, *packages):
         try:

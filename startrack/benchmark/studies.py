@@ -16,11 +16,11 @@ from startrack.optimise import Explorer, Search, TrackerSource, foresee, minimis
 from startrack.trial import run_trials
 
 SEED, TRIALS, SIDE = 5, 32, 1024
-FALSE = 0.5 * deg  # an attitude that is off by more is not counted
+FALSE = 0.5 * deg  # an attitude with a larger error is not counted
 
 
 def example() -> Case:
-    """The design that is shipped, with as many pixels as the peers' examples."""
+    """The shipped design, with the number of pixels of the peers' examples."""
     return sized(load_design(shipped("designs/noise_only.toml")).case, SIDE)
 
 
@@ -82,7 +82,7 @@ def hill() -> Hill:
 
 
 def explored(explorer: Explorer, start: Floats) -> Floats:
-    """The best of a number of forecasts, or of fewer that are enough."""
+    """The best of a number of forecasts; fewer, if these suffice."""
     explorer.begin(start, TRIES)
     while not explorer.ending and len(explorer.points) < TRIES:
         explorer.step(TRIES - len(explorer.points))

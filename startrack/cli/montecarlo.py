@@ -142,12 +142,12 @@ declare = Options(
 
 
 class TriedDesign(NamedTuple):
-    """A design, and the trials of it that the store holds now.
+    """A design, and its trials in the store at this time.
 
     outcomes   a row of each trial
     attitudes  of the trials, as drawn
-    ends       how each ended, and why
-    failures   blocks of trials that failed, and what was raised
+    ends       end of each trial, and its reason
+    failures   blocks of trials that failed, and the error of each
     rate       new trials per second
     """
 
@@ -169,13 +169,13 @@ class TriedDesign(NamedTuple):
         return self.needs.accuracy if self.needs else ()
 
 
-Section = tuple[dict[str, Any], list[str]]  # of the result: for JSON, and lines of text
+Section = tuple[dict[str, Any], list[str]]  # part of the result: for JSON, and lines of text
 
 
 def command(options: argparse.Namespace) -> int:
     """Print the summary; with --out, write trials.csv, errors.png and summary.json.
 
-    With --out or --store each block of trials is on disk before the next, so that the same
+    With --out or --store each block of trials is on disk before the next one starts: the same
     command continues an interrupted run.
     """
     path = options.design or terminal.example()
@@ -193,7 +193,7 @@ def command(options: argparse.Namespace) -> int:
         conditions, refused = cases(case, campaign) if campaign else ((), ())
     workers = open_workers(options)
     with terminal.stage("first trial, and what all need"):
-        montecarlo.warm(case, sampling)  # what no trial can do is refused before the first
+        montecarlo.warm(case, sampling)  # refuses before the first trial what no trial can do
     if options.sketch:
         return _sketch(options, case, sampling, limits, workers)
     tried = _run(options, design, sampling, watched, workers)
@@ -237,10 +237,10 @@ def _judged(
     claims: int,
     others: Sequence[str],
 ) -> tuple[metrics.Summary, dict[str, Any], list[str]]:
-    """The summary of the trials that count, and the errors that are limited beside their limits.
+    """The summary of the trials that count, and each limited error beside its limit.
 
     claims  number of all that `verify` judges together
-    others  conditions of the design that are not run, for `verify`
+    others  conditions of the design that only `verify` runs
     """
     needs, judged = tried.needs, tried.outcomes
     if needs and sampling.attitudes == "random":
@@ -260,7 +260,7 @@ def _judged(
 
 
 def _of_units(options: argparse.Namespace, tried: TriedDesign, sampling: Sampling) -> Section:
-    """Units of the design, or that it is the unit as designed."""
+    """Units of the design, or a note that the trials are of the unit as designed."""
     case = tried.design.case
     if not options.units:
         return {}, [*filter(None, [out_of_step(case.instrument)]), noise_only(case)]
@@ -288,7 +288,7 @@ def _over_unknowns(
 
 
 def _answer(summary: metrics.Summary) -> str:
-    """The errors, and how often there is a correct attitude."""
+    """The errors, and the fraction of trials with a correct attitude."""
     errors = "no trial has a correct attitude, so that there is no error"
     if math.isfinite(summary.across.value):
         across = metrics.bracketed(summary.across, ".3f", arcsec)
@@ -404,7 +404,7 @@ def _details(options: argparse.Namespace, tried: TriedDesign, precision: Precisi
 
 
 def _refuse_parts(options: argparse.Namespace) -> None:
-    """Refuse what parts of a campaign, or sketches, cannot do."""
+    """Refuse options that do not fit parts of a campaign, or sketches."""
     if options.first and (options.precision or options.units):
         other = "precision" if options.precision else "units"
         raise shared.WrongUse(f"--first must be left out beside --{other}")
@@ -422,7 +422,7 @@ def _sketch(
     limits: ErrorLimits,
     workers: Workers,
 ) -> int:
-    """Fill the file of --sketch, and print what it holds."""
+    """Fill the file of --sketch, and print its results."""
     numbers = range(options.first, options.first + options.trials)
     with (
         shared.as_wrong_use(),
@@ -452,7 +452,7 @@ def _required(
     summary: metrics.Summary,
     claims: int = 1,
 ) -> tuple[metrics.Summary, dict[str, Any], list[str]]:
-    """Each error that is limited, with the bounds by which it is judged; no verdict, see `verify`.
+    """Each limited error, with the bounds that judge it; for a verdict see `verify`.
 
     boresight  (n, 3) of the outcomes, ICRS
     claims     number of all that `verify` judges together
@@ -502,7 +502,7 @@ def _sampling(options: argparse.Namespace, case: Case) -> Sampling:
 
 
 def _reduced_variance(outcomes: Rows, sobol: bool) -> list[Row]:
-    """The errors with Sobol points and controls, and the factor of trials that these save."""
+    """The errors with Sobol points and controls, and the factor of trials that both save."""
     rows = []
     for name, about in (("across", False), ("about", True)):
         plain = montecarlo.mean_square(outcomes[list(OUTCOMES.names or ())], about)

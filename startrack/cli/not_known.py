@@ -1,4 +1,4 @@
-"""Figures of commands over what a design does not know: intervals, and limits that draws meet."""
+"""Figures of commands over a design's unknown values: intervals, and limits that draws meet."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ DRAWS = Option(
 
 
 def draws_of(options: argparse.Namespace, path: Path) -> DesignedDraws | None:
-    """Draws of what a design does not know; None where it knows all, or none were asked for."""
+    """Draws of a design's unknown values; None where all are known, or no draws were asked for."""
     path = design_file(path)
     if not options.draws or not load_design(path, options.set).unknowns:
         return None
@@ -43,10 +43,10 @@ def draws_of(options: argparse.Namespace, path: Path) -> DesignedDraws | None:
 
 
 def over_unknowns(values: Sequence[float], factors: Floats) -> dict[str, Any]:
-    """Values of the middle over what is not known, for JSON: median and intervals, by axis.
+    """Errors over the unknown values, for JSON: median and intervals, by axis.
 
     values   (2,) with all unknowns at their middle, across and about
-    factors  (n, 2) of draws, over the middle; NaN where a draw has no attitude
+    factors  (n, 2) error of each draw over the error of the middle; NaN: no attitude
     """
     seen = factors[~np.isnan(factors).any(axis=1)]
     if not len(seen):
@@ -61,7 +61,7 @@ def over_unknowns(values: Sequence[float], factors: Floats) -> dict[str, Any]:
 def errors_over_unknowns(
     drawn: DesignedDraws, errors: Sequence[float]
 ) -> tuple[dict[str, Any], list[str]]:
-    """Errors of trials over what is not known: values for JSON, arcsecond, and lines.
+    """Errors of trials over the unknown values: values for JSON, arcsecond, and lines.
 
     errors  (2,) radian with all unknowns at their middle, across and about
     """
@@ -82,10 +82,10 @@ def errors_over_unknowns(
 def units_over_unknowns(
     options: argparse.Namespace, path: Path, age: float | None = None
 ) -> tuple[dict[str, Any], list[str]]:
-    """The accuracy of units over what is not known, as `startrack predict` has it.
+    """The accuracy of units over the unknown values, as `startrack predict` computes it.
 
     age      second; None: the end of life
-    Returns  values for JSON, and lines; why there is none, where there is none
+    Returns  values for JSON, and lines; without an accuracy, a line with the reason
     """
     title = "draws of what is not known"
     with pool(options.workers) as executor, progress(title, options.draws) as advance:
@@ -105,7 +105,7 @@ def units_over_unknowns(
 
 
 def lost_text(drawn: DesignedDraws) -> str:
-    """How many draws are not in the figures, as the end of a sentence."""
+    """Number of draws that the figures leave out, as the end of a sentence."""
     return f"; {drawn.lost} draws have no attitude, and are not in it" if drawn.lost else ""
 
 
@@ -119,7 +119,8 @@ def written(levels: dict[str, Any]) -> str:
 
 
 def limits_text(drawn: DesignedDraws) -> str:
-    """In how many draws requirements are met, in words; of what all meet, no more than that."""
+    """Number of draws that meet each requirement, in words; one sentence for those that all draws
+    meet."""
     open_ = {name: n for name, n in drawn.count_met().items() if n < len(drawn.draws)}
     if not open_:
         return f"by the formula all {len(drawn.draws)} draws meet all requirements"

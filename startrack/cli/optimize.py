@@ -87,7 +87,8 @@ def _save_best(options: argparse.Namespace, design: Design, note: str) -> None:
 
 
 def _keep_start(options: argparse.Namespace, opened: ReadCampaign, unmet: str) -> int:
-    """Write the start as best.toml, and which costs no design of the space can meet."""
+    """Write the start as best.toml, and the limits on costs that no design of the space can
+    meet."""
     _save_best(options, opened.design, "the start of startrack optimize")
     result = {
         "out": str(options.out),

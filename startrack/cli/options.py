@@ -1,9 +1,9 @@
-"""What commands share: exit status, wrong use, readers of numbers, tables of options, late imports.
+"""Common parts of commands: exit status, wrong use, readers of numbers, options, late imports.
 
-A file of a command names what it computes with under `if wanted(__name__):`, which is true in any
-process but one that still reads its own command line. Such a process runs the file once more before
-it calls the command, as `lazy from module import name` of Python 3.15 (PEP 810) will do: the help
-of a command needs none of it.
+A command's file imports its computing modules under `if wanted(__name__):`. The condition is false
+only while a process reads its own command line; that process runs the file once more before it
+calls the command. So the help of a command loads none of these modules. `lazy from module import
+name` of Python 3.15 (PEP 810) will do the same.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from textwrap import fill
 from typing import Any
 
 _POSTPONING = False  # only while a process reads its own command line
-_WAITING = list[str]()  # modules that have not imported all
+_WAITING = list[str]()  # modules whose imports wait
 
 
 def wanted(module: str) -> bool:
-    """Whether a module is to import all now; else `load` runs it once more."""
+    """Whether a module shall import everything now; else `load` runs it once more."""
     if _POSTPONING:
         _WAITING.append(module)
     return not _POSTPONING
@@ -44,7 +44,7 @@ def load() -> None:
     _POSTPONING = False
     if not _WAITING:
         return
-    gc.disable()  # nothing that is imported is garbage
+    gc.disable()  # imported objects are not garbage
     while _WAITING:
         reload(sys.modules[_WAITING.pop(0)])
     gc.freeze()
@@ -53,8 +53,8 @@ def load() -> None:
 
 LARGEST_SEED = 2**63 - 1
 GIB = 2**30  # byte
-MOST_FOLDERS = 500  # in a path. Chosen by hand: Python makes them by as many nested calls
-KNOWN = 0.003  # relative tolerance of the focal length of a camera that has been calibrated
+MOST_FOLDERS = 500  # in a path. Chosen by hand: Python makes each folder by one more nested call
+KNOWN = 0.003  # relative tolerance of the focal length of a calibrated camera
 
 
 class Exit(IntEnum):
@@ -92,12 +92,12 @@ def memory_of(options: argparse.Namespace, limit: int) -> int:
     """Bytes that each process of a command may take: its share of the limit.
 
     limit  byte, without --memory
-    Raises  WrongUse where that is too little for any process.
+    Raises  WrongUse where the limit is too low for one process.
     """
     if not options.memory and limit < LEAST_MEMORY:
         raise WrongUse(f"STARTRACK_MEMORY must be at least {LEAST_MEMORY} (512M), got {limit}")
     workers = getattr(options, "workers", 1)
-    # Shares below 1 GiB are no use: a process with its libraries takes a third of that.
+    # Shares below 1 GiB do not suffice: the libraries of a process alone take a third of it.
     return max((options.memory or limit) // workers, min(options.memory or limit, GIB))
 
 
@@ -165,7 +165,7 @@ def positive(text: str) -> float:
 
 
 def degrees(text: str) -> float:
-    """Read an angle in degree, after which `deg` may stand."""
+    """Read an angle in degree; the suffix `deg` is optional."""
     try:
         return float(text.strip().removesuffix("deg"))
     except ValueError:
@@ -182,7 +182,7 @@ def address(text: str) -> str:
 
 
 def path(text: str) -> Path:
-    """Read a path; each folder of it is made by a call within that of the next one."""
+    """Read a path; its number of folders is limited, because Python makes each by a nested call."""
     if (folders := text.count("/")) > MOST_FOLDERS:
         raise argparse.ArgumentTypeError(f"must have at most {MOST_FOLDERS} /, got {folders}")
     return Path(text)
@@ -191,13 +191,13 @@ def path(text: str) -> Path:
 class Option:
     """An option or an argument of a command.
 
-    name     the option with the words that stand for its values in the help, such as "--trials N";
-             without a word and a kind a flag; without dashes an argument
-    text     of the help; its default is added, unless it names one
-    kind     reads a value; or the values that there are
-    many     how many values: "?", "*", "+"; as many as there are words
+    name     the option and the words for its values in the help, such as "--trials N"; a flag
+             without word and kind; an argument without dashes
+    text     of the help; the default is added, unless the text names it
+    kind     reader of a value; or all possible values
+    many     number of values: "?", "*", "+"; by default the number of words
     append   whether each use adds a value
-    claims   whether one process at a time may write to the folder that is its value
+    claims   whether its value is a folder to which only one process at a time may write
     more     of `ArgumentParser.add_argument`
     """
 
@@ -257,16 +257,16 @@ class Group:
 class Options:
     """The options of a command or of a part of it.
 
-    about     paragraphs of the help, wrapped here; those that begin with two spaces keep their
+    about     paragraphs of the help, wrapped here; paragraphs that begin with two spaces keep their
               lines
-    defaults  values of names that no option has, or others than those of the options
+    defaults  values of names without an option, or in place of an option's default
     """
 
     def __init__(self, about: str, *options: Option | Group, **defaults: Any):
         self.about, self.options, self.defaults = about, options, defaults
 
     def __call__(self, parser: argparse.ArgumentParser) -> None:
-        """Add these options to a parser, between --json and the others that all commands have."""
+        """Add these options to a parser, between --json and the other common options."""
         wrapped = "\n\n".join(
             part if part.startswith("  ") else fill(part, 80) for part in self.about.split("\n\n")
         )
@@ -383,7 +383,7 @@ FIELD_AND_SKY = (
 
 
 def campaign(more: str = "") -> tuple[Option, ...]:
-    """The design file with its campaign; what else it may be."""
+    """The option of the design file with its campaign; `more` names other possible files."""
     text = (
         "design file with a table [campaign], or a scene of an Earth camera with [retrieval] and "
         "[campaign] (default: the example, a nanosatellite)" + more
@@ -397,7 +397,7 @@ def study(name: str, *options: Option) -> tuple[Option, ...]:
 
 
 def images(more: str = "") -> tuple[Option, ...]:
-    """The image files, and how they are read; what else they may be."""
+    """The options of the image files and of their reading; `more` names other possible files."""
     return (
         Option(
             "images IMAGE",

@@ -18,7 +18,7 @@ if wanted(__name__):
     from startrack.montecarlo import pool
     from startrack.page import EarthPage, PageServer, Routes, TrackerPage
 
-BESIDE = 2  # processes: one for what is shown later, one for trials
+BESIDE = 2  # processes: one for results that are shown later, one for trials
 
 
 declare = Options(
@@ -48,12 +48,12 @@ def command(options: argparse.Namespace) -> int:
     """Serve the page until Ctrl-C."""
     page = _page(options)
     options.out.mkdir(parents=True, exist_ok=True)
-    if options.allow_code:  # in the processes that compute, too
+    if options.allow_code:  # also in the processes that compute
         os.environ["STARTRACK_ALLOW_CODE"] = "*"
     try:
         with pool(max(options.workers, BESIDE)) as executor:
             _serve(options, page, executor)
-    except KeyboardInterrupt:  # which has ended the processes, whatever they computed
+    except KeyboardInterrupt:  # it has already ended the processes
         terminal.print_message("startrack page: ended")
     return Exit.DONE
 

@@ -1,4 +1,4 @@
-"""`startrack pareto`: designs that no other beats in both of two goals."""
+"""`startrack pareto`: designs that no other design beats in both of two goals."""
 
 from __future__ import annotations
 

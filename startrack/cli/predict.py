@@ -140,7 +140,7 @@ def prediction_values(prediction: Prediction) -> dict[str, Any]:
 
 
 def prediction_answer(prediction: Prediction) -> str:
-    """The accuracy with its intervals, and the unknown that makes most of their width."""
+    """The accuracy with its intervals, and the unknown that contributes most to their width."""
     across, about = (prediction.figure(ACCURACY, axis) for axis in ("across", "about"))
     number = len(prediction.unknowns)
     return (

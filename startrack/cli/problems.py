@@ -1,4 +1,4 @@
-"""The commands on campaigns, of a problem that is no star tracker: scenes, moving objects."""
+"""The commands on campaigns for problems other than star trackers: scenes, moving objects."""
 
 from __future__ import annotations
 
@@ -44,16 +44,16 @@ FOLDERS = (
     *("optimize", "montecarlo", "verify", "sample", "what-matters", "pareto", "sweep"),
     "solve-for",
 )
-DESIGNS = 32  # that the sensitivities of a page are computed from
-APART = 1.5  # factor between trials and formula, from which on it is said
+DESIGNS = 32  # from which the sensitivities of a page are computed
+APART = 1.5  # least factor between trials and formula that is reported
 Command = Callable[[argparse.Namespace], int]
 
 
 def command_of(options: argparse.Namespace, given: Iterable[str]) -> Command | None:
-    """The action of a command on the scenes of Earth cameras that it is called with.
+    """The action of a command on the given scenes of Earth cameras.
 
     given   names of the options that were given
-    Returns None where it has other files
+    Returns None where the files are others
     Raises  WrongUse for options that only star trackers have.
     """
     names = ("first", "second") if options.name == "compare" else ("campaign", "design")
@@ -75,7 +75,7 @@ def command_of(options: argparse.Namespace, given: Iterable[str]) -> Command | N
 def problem_of(path: Path, changes: list[str]) -> Problem:
     """The problem of a file, or of a shipped one by its name.
 
-    Raises  WrongUse where it is none, or a scene without a study.
+    Raises  WrongUse where the file is no problem, or a scene without a study.
     """
     with as_wrong_use(path=path):
         return _load(path, changes)
@@ -89,7 +89,7 @@ def _load(path: Path, changes: Sequence[str]) -> Problem:
 
 @contextmanager
 def opened(options: argparse.Namespace, problem: Problem) -> Iterator[optimise.ProblemSource]:
-    """Workers and the ledger of the folder of --out, from which the same command continues."""
+    """Workers, and the ledger in the folder of --out, from which the same command continues."""
     path = getattr(options, "campaign", None) or getattr(options, "design", None)
     folder: Path | None = options.out if options.name in FOLDERS else None
     options.scheduler = getattr(options, "scheduler", None)
@@ -101,7 +101,7 @@ def opened(options: argparse.Namespace, problem: Problem) -> Iterator[optimise.P
 
 
 def optimize(options: argparse.Namespace, problem: Problem) -> int:
-    """Search a problem; print and write what was found."""
+    """Search a problem; print and write the result."""
     settings = problem.settings
     with (
         opened(options, problem) as source,
@@ -137,7 +137,7 @@ def optimize(options: argparse.Namespace, problem: Problem) -> int:
 
 
 def montecarlo(options: argparse.Namespace, problem: Problem) -> int:
-    """Run trials of a problem; print what they show beside the forecast."""
+    """Run trials of a problem; print their results beside the forecast."""
     numbers = range(options.first, options.first + options.trials)
     with opened(options, problem) as source, terminal.progress("trials", len(numbers)) as advance:
         rows = source.rows(problem, len(numbers), options.first, advance)
@@ -216,7 +216,7 @@ def sample_around(options: argparse.Namespace, problem: Problem) -> int:
 
 
 def forecast_what_matters(options: argparse.Namespace, problem: Problem) -> int:
-    """Print what the objective and the margins depend on, and write it; all by forecast."""
+    """Print and write the sensitivities of the objective and the margins; all by forecast."""
     with opened(options, problem) as source:
         found = what_matters.forecast(options, source)
         region = what_matters.sampled_region(source) if options.full else None
@@ -225,7 +225,7 @@ def forecast_what_matters(options: argparse.Namespace, problem: Problem) -> int:
 
 
 def trade_off(options: argparse.Namespace, problem: Problem) -> int:
-    """Print designs that no other beats in both goals, and write them."""
+    """Print and write the designs that no other design beats in both goals."""
     first = optimise.OBJECTIVE if options.first == pareto.FIRST else options.first
     with opened(options, problem) as source, stages("trading off") as show:
         goals = optimise.ProblemGoals(problem, first, options.second)

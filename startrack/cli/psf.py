@@ -1,4 +1,4 @@
-"""`startrack psf`: how the optics of a design blur a star."""
+"""`startrack psf`: the blur of a star by the optics of a design."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def _curves(
         "optics": optics.modulation(image, frequency, angle),
         "pixel": np.abs(optics.pixel_transfer(frequency, math.sqrt(detector.fill_factor))),
     }
-    if lens.total_blur and not lens.traced:  # whose images have it
+    if lens.total_blur and not lens.traced:  # images of a traced lens contain it
         factors["blur in optics"] = optics.blur_transfer(frequency, lens.total_blur / pitch)
     if detector.diffusion:
         factors["diffusion"] = optics.blur_transfer(frequency, detector.diffusion / pitch)

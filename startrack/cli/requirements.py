@@ -34,7 +34,7 @@ EARTH_TOO = (
     "(catalogs/scenes/goals.toml), to compute focal length, aperture and pixel rate"
 )
 
-PACE = 0.5  # pixel over all stages, above which the cause of a blur is named; chosen by hand
+PACE = 0.5  # pixel over all stages; names the cause of a larger blur; chosen by hand
 
 
 declare = Options(
@@ -67,7 +67,7 @@ def command(options: argparse.Namespace) -> int:
         budget, margins, _ = expect(design.case, campaign)
     objective = campaign.goal_of(design.case)
     error = expected_objective(design.case, campaign) / arcsec
-    # No requirement is met by what is no number.
+    # A value that is not a number meets no requirement.
     met = all(math.isfinite(margin) and margin >= 0 for margin in margins.values())
     result = {"design": str(path), "met": met, "margins": margins, **costs}
     result |= {"objective": objective, "expected_arcsec": error, "stars": budget.stars}
@@ -201,12 +201,12 @@ def _figures_text(
 
 
 def _exposure(channel: imager.Channel, figures: imager.Figures) -> float:
-    """Second of one line, stage or frame."""
+    """Exposure of one line, stage or frame, second."""
     return channel.exposure_of_line(figures.period if channel.detector.scan else 0.0)
 
 
 def _cut(channel: imager.Channel, figures: imager.Figures) -> list[str]:
-    """Where a line takes less time than the exposure that the detector is given."""
+    """A warning, if a line takes less time than the detector's exposure in the file."""
     given, own = channel.detector.exposure, _exposure(channel, figures)
     if own == given:
         return []
@@ -217,7 +217,8 @@ def _cut(channel: imager.Channel, figures: imager.Figures) -> list[str]:
 
 
 def _smeared(channel: imager.Channel, figures: imager.Figures) -> list[str]:
-    """Where the lines of a TDI detector do not keep pace with the ground, and which would."""
+    """A warning, if the lines of a TDI detector do not keep pace with the ground; names the right
+    period."""
     if abs(figures.ahead) <= PACE:
         return []
     right = figures.period / (1 + figures.ahead / (channel.stages - 1))
@@ -234,7 +235,7 @@ def _saturated(figures: imager.Figures) -> list[str]:
 
 
 def _beside(channel: imager.Channel, name: str) -> str:
-    """Required and measured value, as text behind the predicted one."""
+    """Required and measured value, as text after the predicted value."""
     units = {"saturation": ("", um), "nedt": (" mK", 1e3), "gsd": (" m", 1.0)}
     unit, scale = units.get(name, ("", 1.0))
     shown = [

@@ -51,7 +51,7 @@ def command(options: argparse.Namespace) -> int:
 def write_tolerance(
     options: argparse.Namespace, tolerance: optimise.Tolerance, limit: dict[str, Any]
 ) -> int:
-    """Print a tolerance region and write it; of chains that have not converged, only the reason."""
+    """Print a tolerance region and write it; if the chains have not converged, only the reason."""
     values = limit | optimise.tolerance_values(tolerance)
     if not tolerance.chains.converged:
         reason = tolerance.chains.reason_unconverged

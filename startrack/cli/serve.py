@@ -55,7 +55,7 @@ def command(options: argparse.Namespace) -> int:
     case = terminal.read_design(options.design or terminal.example(), options.set).case
     with shared.as_wrong_use():
         loop = CameraLoop(case, options.seed)
-    with terminal.stage("first frames"):  # of what is computed once for a design
+    with terminal.stage("first frames"):  # the first frames compute what a design needs once
         for rate in (None, np.zeros(3)):
             loop.see(Rotation.identity(), rate, 0)
     with shared.as_wrong_use(OSError):
@@ -146,7 +146,7 @@ def _request(line: bytes) -> dict[str, Any]:
 
 
 def _numbers(request: dict[str, Any], key: str, count: int) -> list[float] | None:
-    """Finite numbers of a request; None where the key is absent."""
+    """Finite numbers of a request; None without the key."""
     value = request.get(key)
     if value is None:
         return None
@@ -156,12 +156,12 @@ def _numbers(request: dict[str, Any], key: str, count: int) -> list[float] | Non
 
 
 def _is_finite(value: Any) -> bool:
-    """Whether a value of JSON, whose whole numbers have no limit, is one that a float holds."""
+    """Whether a float can hold a value of JSON: whole numbers of JSON have no limit."""
     return type(value) in (int, float) and abs(value) <= sys.float_info.max
 
 
 def _reply(seen: SeenFrame, request: dict[str, Any]) -> tuple[dict[str, Any], bytes]:
-    """What the tracker says of a frame; the bytes of its pixels where they are asked for."""
+    """The tracker's result for a frame; the bytes of its pixels, if requested."""
     estimate = seen.estimate
     solved = estimate.status is Status.SOLVED
     reply: dict[str, Any] = {

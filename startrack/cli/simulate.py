@@ -47,7 +47,7 @@ declare = Options(
 
 
 def command(options: argparse.Namespace) -> int:
-    """Write frame.fits and frame.png; of a matrix with its WCS and a table of its true stars."""
+    """Write frame.fits and frame.png; for a matrix with its WCS and a table of its true stars."""
     case = terminal.read_design(options.design or terminal.example(), options.set).case
     streams = Streams(options.seed, options.trial)
     angles = (options.ra, options.dec, options.roll)
@@ -96,9 +96,9 @@ def command(options: argparse.Namespace) -> int:
 
 
 def draw_record(path: Path, case: Case, record: Record, title: str) -> Path | None:
-    """A frame as its tracker searches it, with spots and true stars; beside it raw.png.
+    """Draw a frame as its tracker searches it, with spots and true stars; beside it raw.png.
 
-    Returns  the picture of all pixels; None where the tracker has no dark map, so that it is that
+    Returns  the picture of all pixels; None without a dark map: then both pictures are the same
     """
     saturation = case.tracker.detection.saturation
     if case.instrument.detector.scan:

@@ -116,11 +116,11 @@ DEEPER = "; a field of a few degrees may need the fainter stars of --catalog dee
 YEAR_2000, ANY_TIME = datetime(2000, 1, 1), "2000-01-01T00:00:00"  # as frames are stamped
 WIDEST = 240.0  # degree across the columns, of a fisheye
 
-# What all images of a process share: the options of these names, and the function that reads an
-# image, the camera, the settings and the indexes that they give.
+# Options that all images of a process share, by name; and the reader of images, camera, settings
+# and indexes that they determine.
 SHARED = "fov_tolerance", "plane", "bayer", "colour", "raw", "dark", "catalog", "epoch", "camera"
-SAID = "said"  # attribute of an error, with the warnings before it
-# Values of JSON that an image without an attitude has not.
+SAID = "said"  # attribute of an error that holds the warnings before it
+# Values of JSON that are missing for an image without an attitude.
 ATTITUDE = "icrs_to_camera_xyzw", "ra_deg", "dec_deg", "roll_deg", "fov_x_deg"
 IMAGE = (
     "mirrored",
@@ -136,7 +136,7 @@ IMAGE = (
 
 
 def command(options: argparse.Namespace) -> int:
-    """Solve each image; one that cannot be read does not stop the others."""
+    """Solve each image; an unreadable image does not stop the others."""
     with as_wrong_use(ValueError, OSError):
         if options.fov is not None:
             positive(fov=options.fov)
@@ -161,7 +161,7 @@ def command(options: argparse.Namespace) -> int:
                 except BrokenExecutor:  # a process died, maybe at another image
                     solved = executor.submit(_solved_with_warnings, options, path).result()
                 (result, text, status), said = solved
-            except Exception as error:  # whatever is wrong with it, the others are solved
+            except Exception as error:  # whatever its error, the other images are solved
                 _warn(getattr(error, SAID, ()))
                 terminal.print_failed_image(options, path, error)
                 statuses.add(Exit.FAILED)
@@ -189,7 +189,8 @@ def _opened(
 def _solved_with_warnings(
     how: argparse.Namespace, path: Path
 ) -> tuple[tuple[dict[str, Any], str, Exit], list[str]]:
-    """What `_solved` returns, and its warnings, which an error has in its attribute SAID."""
+    """The result of `_solved`, and its warnings; an error has the warnings in its attribute
+    SAID."""
     with warnings.catch_warnings(record=True) as caught:
         try:
             solved = _solved(how, path)
@@ -200,7 +201,7 @@ def _solved_with_warnings(
 
 
 def _warn(said: Iterable[str]) -> None:
-    """Warn as this process, since a worker would print the line of code, too."""
+    """Warn in this process, because a worker would also print the line of code."""
     for warning in said:
         warnings.warn(warning, stacklevel=1)
 
@@ -286,7 +287,8 @@ def _site(how: argparse.Namespace, time: str) -> Site:
 def _placed(
     how: argparse.Namespace, frame: Frame, solved: Photograph, camera: Camera | None
 ) -> tuple[dict[str, Any], str]:
-    """Where the camera points by its place and time: for JSON, and words; nothing without."""
+    """Direction of the camera by its place and time: for JSON, and in words; empty without a
+    place."""
     if how.place is None or solved.axis is None:
         return {}, ""
     if how.time is None and not math.isfinite(frame.time):

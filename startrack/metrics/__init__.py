@@ -4,7 +4,7 @@ bounds   Cramer-Rao bounds of centroid and attitude, and the error of the centre
 judge    Outcome of one trial from its estimate and the true attitude; which attitudes are correct.
 ratios   The ratio of two rms errors or levels, with its interval.
 summary  Rms errors and availability of many outcomes, each with its interval.
-results  Results as rows and tables of records, and how they are written: JSON, text, Markdown.
+results  Results as rows and tables of records, written as JSON, text or Markdown.
 levels   Size of the error that is not exceeded at a stated confidence level, and the error indices
          of ECSS-E-ST-60-10C from a sequence of errors.
 """

@@ -8,18 +8,18 @@ from scipy.spatial.transform import Rotation
 
 from startrack.core import Estimate, Flags, Floats, Ints, Rows, Status, Unit, deg, printed
 
-# An attitude farther from the truth is false. Chosen by hand: far above all noise, far below the
-# error of a false match, so that its size hardly matters.
+# An attitude farther from the truth is false. Chosen by hand: far above all noise and far below the
+# error of a false match, so that the exact value hardly matters.
 FALSE_ANGLE = 0.5 * deg
-# Standard deviations that the tracker states, beyond which its statement does not cover an error. A
-# normal error with a correct covariance is beyond them in 4 of a million attitudes.
+# Number of stated standard deviations; the tracker's statement does not cover a larger error. With
+# a correct covariance, normal errors are larger in 4 of a million attitudes.
 STATED = 5.0
 
 
 class ErrorLimits(NamedTuple):
-    """Largest error of a correct attitude, radian; None where nothing is required.
+    """Largest error of a correct attitude, radian; None without a requirement.
 
-    across  angle between the boresight and the true one
+    across  angle between the estimated and the true boresight
     about   size of the rotation about it
     """
 
@@ -64,8 +64,8 @@ def correct(outcomes: Rows, limits: ErrorLimits = STATED_ALONE) -> Flags:
         across: hypot(x, y) <= required,   or hypot(x / sigma_x, y / sigma_y) <= 5 where nothing is
         about:  |z| <= required,           or |z| / sigma_z <= 5
 
-    It must be solved, less than half a degree off, and within what is required of it; within five
-    of the standard deviations that the tracker states where nothing is required.
+    A correct trial is solved, less than half a degree off, and within the required errors; without
+    a requirement, within five of the standard deviations that the tracker states.
 
     outcomes  (n,) structured array with the fields of `Outcome`
     Returns   (n,)

@@ -55,8 +55,8 @@ def level_interval(error: Floats, fraction: float, confidence: float = 0.95) -> 
 
     error       (n,) independent errors of one axis
     fraction    in (0, 1)
-    confidence  in (0, 1), lower limit of that of the interval; the upper bound alone has
-                (1 + confidence) / 2
+    confidence  in (0, 1), least confidence of the interval; the upper bound alone has (1 +
+                confidence) / 2
     Returns     Interval; without an upper bound where there are too few errors
     Raises      ValueError where the fraction is not in (0, 1) or there is no error.
     """
@@ -85,11 +85,11 @@ def level_ranks(n: int, fraction: float, low_tail: float, high_tail: float) -> t
 def level_bounds(
     squares: Floats, fraction: float, low_tail: float, high_tail: float
 ) -> tuple[float, float]:
-    """Bounds of a level of squares by their order, as for `level_interval`.
+    """Bounds of a level of squares by order statistics, as for `level_interval`.
 
-    squares  (n,), or (n, m) with m that belong together (axes, frames), which count as one of n
+    squares  (n,), or (n, m) with m dependent values (axes, frames), which count as one of n
     low_tail, high_tail  probabilities that each bound does not hold
-    Returns  squares; 0 and infinity where there are too few
+    Returns  squares; 0 and infinity where the values are too few
     """
     ordered, n = np.sort(squares, axis=None), len(squares)
     each = ordered.size // n if n else 1
@@ -103,18 +103,18 @@ def level_bounds(
 def resampled_interval(
     values: Floats, freedom: float, model: float = 0.0, confidence: float = 0.95
 ) -> Interval:
-    """A statistic that the few largest of many values decide, by its bootstrap.
+    """Bootstrap interval of a statistic that depends on the few largest of many values.
 
         value -+ t(freedom) sqrt(s^2 + model^2)
 
     with the standard deviation s over the resamples and the quantile t of Student's law.
-    Percentiles of resamples, which hold no larger values than those that there are, lie too low.
+    Percentiles of the resamples would be too low: no resample exceeds the largest value.
 
     values   (1 + resamples,) the statistic of all, and of each resample
-    freedom  of s: of a level, twice the number of values that are expected beyond it
-    model    a standard error that resamples do not show
-    Returns  NaN where the statistic is not known; without bounds where the freedom is less than 2,
-             that is less than one value beyond a level
+    freedom  of s: for a level, twice the expected number of values beyond it
+    model    a further standard error, not contained in the resamples
+    Returns  NaN for an unknown statistic; without bounds where the freedom is less than 2, which
+             means less than one value beyond a level
     """
     value = float(values[0])
     if not math.isfinite(value):
@@ -132,20 +132,21 @@ def quantile_of_few(values: Floats, fraction: float) -> Floats:
         Q = sum_i w_i x_(i),   w_i = I_(i/n)(a, b) - I_((i-1)/n)(a, b),
         a = fraction (n + 1),   b = (1 - fraction) (n + 1)
 
-    with the sorted values x_(i) and the regularised incomplete beta function I. Of few values it
-    scatters less than the nearest of them, and it has no steps.
+    with the sorted values x_(i) and the regularised incomplete beta function I. For few values it
+    scatters less than the nearest order statistic, and it has no steps.
 
     Source: Harrell and Davis (1982), Biometrika 69, 635.
 
     fraction  in (0, 1)
-    Accuracy  statistical: of n values, a fraction beyond 1 - 1 / n is hardly more than the largest.
+    Accuracy  statistical: for a fraction above 1 - 1 / n, it hardly exceeds the largest of n
+              values.
     """
     _proper(fraction)
     n = values.shape[-1]
     a, b = fraction * (n + 1), (1 - fraction) * (n + 1)
     weight = np.diff(scipy.special.betainc(a, b, np.linspace(0, 1, n + 1)))
     ordered = np.sort(values, axis=-1)
-    # A value that is infinite counts only where it has a weight.
+    # An infinite value counts only where its weight is not zero.
     return np.asarray(np.where(weight > 0, ordered, 0.0) @ weight)
 
 
@@ -190,7 +191,7 @@ def indices(error: Floats, step: float, window: float, lag: int = 1) -> Indices:
     error    (m, ...) error at equal steps of time, usually (m, 3) radian
     step     second
     window   second, rounded to a whole number of steps
-    lag      number of windows between the two of a drift
+    lag      number of windows between both windows of a drift
     Returns  Indices; errors after the last whole window are in `absolute` alone
     Raises   ValueError where the step or the lag is not positive, or a window holds less than one
              step or more than the sequence.
@@ -212,7 +213,8 @@ def indices(error: Floats, step: float, window: float, lag: int = 1) -> Indices:
 
 
 def reproducibility(first: Floats, second: Floats) -> Floats:
-    """Difference between the mean errors of two observation periods: PRE, of knowledge KRE.
+    """Difference between the mean errors of two observation periods: PRE for pointing, KRE for
+    knowledge.
 
     Source: ECSS-E-ST-60-10C (2008), 3.2.
 

@@ -1,6 +1,6 @@
-"""Results as rows and tables of records, and how they are written: JSON, text, Markdown, cells.
+"""Results as rows and tables of records, written as JSON, text, Markdown or cells.
 
-A value is declared once, with its field of JSON, its label and its unit; each form is made of that.
+A value is declared once, with its field of JSON, its label and its unit; all forms use this.
 """
 
 import math
@@ -40,11 +40,11 @@ class Row:
     """A figure of a result.
 
     key    field of JSON, with its unit; the bounds of an interval follow in `key`_95
-    value  in SI; an interval, a number or what JSON takes as it is
-    label  what it is in text; none: it is in JSON alone
+    value  in SI; an interval, a number or any other value of JSON
+    label  its name in text; none: only JSON has it
     unit   of the value
     form   of its number in text, as for `format`
-    note   behind it in text
+    note   text after the value
     """
 
     key: str
@@ -61,7 +61,7 @@ class Column:
 
     key    field of JSON, with its unit; none: it is in text alone
     title  head of the column in text, where its unit is added; none: it is in JSON alone
-    of     value of a record, as that of a `Row`
+    of     value of a record, as the value of a `Row`
     """
 
     key: str
@@ -168,7 +168,7 @@ def written(value: Any, how: Row | Column) -> str:
 
 
 def four_digits(value: float) -> str:
-    """Four digits, or all before the point; in words where it is not finite."""
+    """Four digits, or all digits before the point; words for values that are not finite."""
     if not math.isfinite(value):
         return "unknown" if math.isnan(value) else "open"
     return f"{value:.4g}" if abs(value) < 1000 else f"{value:.0f}"
