@@ -19,14 +19,16 @@ if wanted(__name__):
     from startrack.cli import terminal
     from startrack.cli.simulate import draw_record
     from startrack.cli.terminal import attitude_values, finite, print_result, progress
-    from startrack.core import YEAR, Floats, Refused, Rows, Streams, arcsec, deg, utc, utc_text
+    from startrack.core import DAY, YEAR, Floats, Refused, Rows, Streams, arcsec, deg, utc, utc_text
     from startrack.io import save_json, save_text, shipped, write_fits
     from startrack.metrics import ARCSEC, Column, DisplayUnit
     from startrack.montecarlo import cluster, export, pool
+    from startrack.space import two_line_record
     from startrack.trial import observe
 
 ROWS = 20_000  # most rows of the table, without --every
 STORE = "mission.sqlite"  # in the folder of the results
+OLD_ELEMENTS = 7.0  # days, from which on the age of two-line elements is said; chosen by hand
 
 
 declare = Options(
@@ -590,7 +592,23 @@ def _left_out(plan: mission.MissionPlan) -> list[str]:
         "hits of protons and electrons (radiation.hits), in the availability and the errors; "
         "rendered frames have them (--frames)"
     )
-    return [] if plan.loaded.mission.radiation.hits is None else [text]
+    own = plan.loaded.mission
+    old = _days_of_elements(own)
+    elements = (
+        f"age of two-line elements: the mission lies up to {old:.0f} days from their epoch, and "
+        "SGP4 is some kilometres further off each day"
+    )
+    return [text] * (own.radiation.hits is not None) + [elements] * (old > OLD_ELEMENTS)
+
+
+def _days_of_elements(own: mission.Mission) -> float:
+    """Most days between the epoch of two-line elements and the mission; 0 without such."""
+    if not own.orbit.tle:
+        return 0.0
+    record = two_line_record(own.orbit.tle)
+    begin = utc(own.time.begin).utc
+    days = begin.jd1 - record.jdsatepoch + begin.jd2 - record.jdsatepochF
+    return max(abs(days), abs(days + own.time.duration / DAY))
 
 
 def _platform_lines(plan: mission.MissionPlan) -> list[str]:

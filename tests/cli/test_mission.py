@@ -50,6 +50,28 @@ def test_a_timeline_is_netcdf(tmp_path):
         assert file.variables["a b_blind"][:].tolist() == [3, 3, 3]
 
 
+@pytest.mark.parametrize(
+    ("begin", "duration", "days"),
+    [
+        ("2008-09-20T12:25:40", 3600.0, 0),  # the epoch of these elements
+        ("2008-09-20T12:25:40", 10 * 86400.0, 10),
+        ("2010-09-20T12:25:40", 3600.0, 730),
+        ("2007-09-20T12:25:40", 3600.0, 366),
+    ],
+)
+def test_the_age_of_two_line_elements_is_said(begin, duration, days):
+    time = SimpleNamespace(begin=begin, duration=duration)
+    lines = (
+        "1 25544U 98067A   08264.51782528 -.00002182  00000-0 -11606-4 0  2927",
+        "2 25544  51.6416 247.4627 0006703 130.5360 325.0288 15.72125391563537",
+    )
+    own = SimpleNamespace(
+        time=time, orbit=SimpleNamespace(tle=lines), radiation=SimpleNamespace(hits=None)
+    )
+    said = mission._left_out(SimpleNamespace(loaded=SimpleNamespace(mission=own)))
+    assert (f"up to {days} days from their epoch" in " ".join(said)) is (days > 0)
+
+
 def test_a_head_without_the_motion_of_its_platform_is_said():
     """Two heads of one motion, one of which does not state it, and none that does."""
     moved = (np.array([9.0, 25.0, 4.0]) * arcsec**2, np.zeros(3))
