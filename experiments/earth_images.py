@@ -211,7 +211,7 @@ def _detector(size: int) -> Detector:
 
 @styled
 def draw(found: dict[tuple[float, float, str, float], Shining], path: Path) -> None:
-    """Radiance over that of photons, with the surroundings and with their mean."""
+    """Draw the radiance over the photons' radiance, with the surroundings and with their mean."""
     figure = picture(3.4, "Radiance at a satellite beside photons in three dimensions")
     axes = figure.subplots(1, 2, sharey=True)
     for ax, case in zip(axes, MEANS, strict=True):

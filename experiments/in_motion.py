@@ -2,8 +2,8 @@
 
     python experiments/in_motion.py [--json FILE] [--quick]
 
-told_ratio        error across over that of the same tracker that is told the rate, by rate (deg/s)
-sigma_ratio       error across over what the tracker states
+told_ratio        error across over the error of the same tracker with a known rate, by rate (deg/s)
+sigma_ratio       error across over the error that the tracker states
 availability      [told, not told], by rate; false_attitudes of all trials that were not told
 stars_ratio       stars of an attitude that is not told the rate, over those of a told one, by rate
 nanosatellite     [availability, error over that of a told tracker] of this design at 3 deg/s

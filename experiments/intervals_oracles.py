@@ -47,7 +47,7 @@ def oracles(quick: bool) -> dict[str, Any]:
 def log_bound(points: Floats) -> Floats:
     """ln(pixel) of the least error of a centroid, at points (n, 3) of the unit cube.
 
-    Of its flux (on a scale of logarithms), its width and the noise of a pixel.
+    The coordinates are its flux (on a logarithmic scale), its width and the noise of a pixel.
     """
     flux = SMALLEST_FLUX * (LARGEST_FLUX / SMALLEST_FLUX) ** points[:, 0]
     sigma, noise = 0.5 + points[:, 1], 2 + 28 * points[:, 2]

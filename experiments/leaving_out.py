@@ -22,7 +22,7 @@ class View:
     """A scene with everything on, and how to leave out each effect alone.
 
     name     of the scene
-    text     what is seen, by what, and what a trial is, for people
+    text     description of the scene, the camera and a trial
     full     the model
     effects  name -> a change that leaves the effect out of any model
     observe  a model and the number of a trial -> (p, k) values of k kinds at p places, NaN where
@@ -79,7 +79,7 @@ class Effect(NamedTuple):
 
 
 class Way(NamedTuple):
-    """One way through the whole scene, on trials that no choice was made on.
+    """One way to compute the whole scene, on trials that no choice used.
 
     seconds  of CPU of a trial, the median
     answers  trials with an answer

@@ -199,7 +199,8 @@ def _terrain(folder: Path, address: str, marker: Path) -> Iterator[Bait]:
 
 
 def _tables(folder: Path, address: str, marker: Path) -> Iterator[Bait]:
-    """Addresses in place of files, in all keys of a design that name a file, and as arguments."""
+    """Designs and arguments with an address in place of each file, for all keys that name a
+    file."""
     (folder / "code.py").write_text(f"open({str(marker)!r}, 'w')\n")
     for key in ("catalog.source", "instrument.optics.lens_file", "instrument.optics.psf_file"):
         yield _command(key, "requirements", EXAMPLE, "--set", f"{key}={address}/a.fits")

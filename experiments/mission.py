@@ -29,9 +29,9 @@ placement_s               CPU time of [that search, the grid]
 aem_roundtrip             radian, of attitudes that are written and read
 hundred_units_s           CPU time of that year for 100 spacecraft of three drawn heads of the
                           nanosatellite, beside its plan
-units_level_ratio         error across that 95 % of the first 100 of these heads keep, over that of
+units_level_ratio         error across that 95 % of the first 100 of these heads keep, over the error of
                           trials of the same units, with 95 % over units in _low and _high
-units_rms_ratio           rms of these heads over that of the same trials
+units_rms_ratio           rms of these heads over the rms of the same trials
 units_budget_ratio        rms of the error budgets of these units over that of the same trials, with
                           95 % over units in _low and _high
 units_sequence_ratio      the same of sequences of a few frames of these units

@@ -1,5 +1,5 @@
-"""Question: how far from real is the optimum of a design of noise alone, and what does the one that
-counts lens, jitter, units and years gain over it?
+"""Question: how unrealistic is the optimum of a design with noise alone, and how much better is the
+optimum that counts lens, jitter, units and years?
 
     python experiments/nanosatellite.py [--best FILE.toml] [--json FILE] [--quick]
 

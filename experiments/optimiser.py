@@ -123,8 +123,8 @@ class Counted:
     def plain(self, coordinates: Floats) -> float:
         """The score by trials alone, as one would write it without the budget.
 
-        A design that misses what needs no trials is spared them, and has the budget's score with
-        the penalty, so that the way back is down hill for everyone.
+        A design that misses a limit that needs no trials has no trials: its score is the budget's
+        score with the penalty. So the score falls towards designs that keep the limits.
         """
         if self.spent >= self.most:
             self.run.trials.append(self.spent)

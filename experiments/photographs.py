@@ -158,7 +158,8 @@ def row_of(path: Path, truth: dict) -> dict[str, Any]:
 
 
 def camera_errors(root: Path) -> list[float]:
-    """Errors over sigma by a camera that was calibrated on other images; none without these."""
+    """Errors over sigma with a camera that was calibrated on other images; empty without these
+    images."""
     images = {path.name: (path, truth) for path, truth in known(root)}
     if not {*CALIBRATED, *JUDGED} <= images.keys():
         return []

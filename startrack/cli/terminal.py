@@ -315,7 +315,7 @@ def progress(title: str, total: int) -> Iterator[Callable[..., None]]:
 
 @contextmanager
 def _named(text: Callable[[], str]) -> Iterator[None]:
-    """Within: what `lines_now_and_then` says of the step that runs."""
+    """Inside this context, `lines_now_and_then` prints this text for the running step."""
     _running.append(text)
     try:
         yield
@@ -343,7 +343,7 @@ def stage(title: str) -> Iterator[None]:
 
 @contextmanager
 def lines_now_and_then() -> Iterator[None]:
-    """Print a line each SILENT seconds where there is no terminal: the step, and the time left."""
+    """Without a terminal, print a line each SILENT seconds: the step, and the remaining time."""
     if sys.stderr.isatty():
         yield
         return

@@ -149,11 +149,11 @@ def is_allowed(module: str) -> bool:
 
 
 def require_code(named: Iterable[tuple[str, str, str]]) -> None:
-    """Import code that a design names, where it may run.
+    """Import code that a design names, if it is allowed to run.
 
     named   as `code_in` gives it
-    Raises  ValueError with the key, the module and the options where it may not, or where it cannot
-            be imported.
+    Raises  ValueError with the key, the module and the options if the code is not allowed, or
+            cannot be imported.
     """
     for key, _, name in named:
         _import(key, name)

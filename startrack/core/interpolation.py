@@ -71,12 +71,12 @@ def hermite_weights(nodes: Floats, at: Floats) -> tuple[Floats, Floats, Floats, 
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Values at rising times, between which polynomials go through the nearest of them.
+    """Values at rising times; between them, a polynomial goes through the nearest values.
 
     second   (n,)
     values   (k, n)
     degree   of the polynomials; lower if there are too few values
-    slopes   (k, n) a second, through which they go, too; None: they do not
+    slopes   (k, n) a second, slopes that the polynomials match; None: only values
     """
 
     second: Floats

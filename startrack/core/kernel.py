@@ -61,9 +61,9 @@ def kernel(
     As `numba.njit(cache=True, error_model="numpy")`. Only kernels of this package are kept: the
     sources of other kernels are unknown.
 
-    borrows   whether it makes and returns no arrays: then numba need not count references to those
-              that it is given, which takes most of the time of short kernels
-    options   further ones of njit, such as fastmath or forceinline
+    borrows   whether it makes and returns no arrays. Then numba need not count references to the
+              given arrays; this counting takes most of the time of short kernels
+    options   further options of njit, such as fastmath or forceinline
     Returns   what njit returns; a decorator where there is no function
     """
     if function is None:

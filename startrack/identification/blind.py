@@ -170,8 +170,8 @@ class LensFit(NamedTuple):
     """An image with the distortion of its lens.
 
     matches            with the camera that was found and its attitude
-    icrs_to_image      attitude of the axis through the image centre. The shortest rotation leads to
-                       it from the camera's attitude, whose axis goes through the principal point
+    icrs_to_image      attitude of the axis through the image centre. It is the camera's attitude,
+                       whose axis goes through the principal point, turned by the shortest rotation
     covariance         (3, 3) radian^2, of the small rotation about these axes. It includes the
                        unknowns of the camera; unknowns that the stars do not determine count by
                        their priors

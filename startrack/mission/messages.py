@@ -261,7 +261,8 @@ def _calendar(text: str) -> str:
 
 
 def _direction(part: _Segment) -> tuple[bool, str]:
-    """Whether the standard's matrix takes components in ICRS to those in the body; the body."""
+    """Whether the standard's matrix turns components in ICRS into components in the body; the
+    body."""
     ends = [part.get(f"REF_FRAME_{end}") for end in "AB"]
     stars, body = (ends[0], ends[1]) if ends[0] in INERTIAL else (ends[1], ends[0])
     if stars not in INERTIAL or not BODY.fullmatch(body):

@@ -173,8 +173,8 @@ def parse_prescription(path: Path) -> Prescription:
     """Read a Zemax .zmx or CODE V .seq file: its text, unit and glasses.
 
     A glass is found by its name among the makers that the file names (GCAT, or the end of CODE V's
-    N-BK7_SCHOTT), ignoring capitals; and ignoring hyphens for CODE V, which writes none. Without
-    makers, only one maker may have it.
+    N-BK7_SCHOTT), ignoring capitals; and ignoring hyphens for CODE V, which writes none. If the
+    file names no makers, only one catalogue may have the glass.
 
     Raises  Refused if a glass is in none of these catalogues, with the nearest names, or in
             several; if the unit of length is none of mm, cm, in, m; if the file has contents that

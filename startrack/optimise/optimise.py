@@ -162,14 +162,14 @@ def optimize(
 ) -> Optimum:
     """Forecast designs where they are most informative, then run trials where they decide.
 
-    The analytic budget of some designs over the space, and then of those that may be the best,
-    makes emulators of the objective and of all margins (`Explorer`), until no gain above the
-    campaign's precision is expected. Trials of the best designs correct the budget (`refine`).
-    Where there are choices, all branches are forecast, and trials of the best designs of those that
-    are close decide. The winner is judged on frames that no tuning used, its availability by a
-    bound with 95 % confidence; over units, on units that no tuning used, in the campaign's
-    fidelity. Where it misses a limit there, these trials correct the forecasts of its margins, and
-    the search goes on to another design, which is judged on others, in at most ROUNDS rounds.
+    The search computes the analytic budget of some designs over the space, and then of designs that
+    may be the best. It fits emulators of the objective and of all margins to these (`Explorer`),
+    until it expects no gain above the campaign's precision. Trials of the best designs correct the
+    budget (`refine`). With choices, it forecasts all branches; trials of the best designs of close
+    branches decide. The winner is judged on frames that no tuning used, its availability by a bound
+    with 95 % confidence; over units, on units that no tuning used, in the campaign's fidelity.
+    If the winner misses a limit, these trials correct the forecasts of its margins. The search then
+    tries another design, judged on other frames, in at most ROUNDS rounds.
 
     watch        called with each evaluation
     watch_stage  called with the stage that the search has reached

@@ -130,7 +130,7 @@ def _gather(
 def _march_all(
     surface: Surface, lines: Lattice, bundle: Floats, who: Ints, hits: RayHits, exact: bool
 ) -> None:
-    """Follow the rays of a bundle to a cell each, whose corners replace the path."""
+    """Follow each ray of a bundle to a cell; the cell's corners replace the ray's path."""
     status, distance, tile = hits.status, hits.distance, hits.tile
     for k in range(len(who)):
         n = who[k]
