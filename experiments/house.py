@@ -158,7 +158,7 @@ def places_to_add() -> dict[str, int | None]:
 
 
 def passed_on(version: str) -> bool:
-    """Whether TESTS pass on a version of numba, which pip puts into a folder for as long."""
+    """Whether TESTS pass on a version of numba, which pip installs into a temporary folder."""
     with tempfile.TemporaryDirectory() as folder:
         words = ["-m", "pip", "install", "--quiet", "--target", folder, f"numba=={version}"]
         subprocess.run([sys.executable, *words], check=True)

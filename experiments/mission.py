@@ -23,14 +23,14 @@ fusion_nees               normalised squared error of two fused heads (3 where t
 swarm_before_arcsec       rms angle between two simulated heads on a bench that warms and cools
 swarm_after_arcsec        the same after the estimation of its drift, on times that it has not seen
 placement_deg             largest error of a zenith angle in a case with a closed form
-placement_gain            lightest two to four heads with baffles from 25 to 60 degrees that meet
-                          the requirements: mass on the grid over that of the search of all together
+placement_gain mass of the lightest two to four heads that meet the requirements, with baffles from
+                          25 to 60 degrees: found on the grid, over found by the search
 placement_s               CPU time of [that search, the grid]
 aem_roundtrip             radian, of attitudes that are written and read
 hundred_units_s           CPU time of that year for 100 spacecraft of three drawn heads of the
                           nanosatellite, beside its plan
-units_level_ratio         error across that 95 % of the first 100 of these heads keep, over the error of
-                          trials of the same units, with 95 % over units in _low and _high
+units_level_ratio         error across that 95 % of the first 100 of these heads keep, over the
+                          error of trials of the same units, with 95 % over units in _low and _high
 units_rms_ratio           rms of these heads over the rms of the same trials
 units_budget_ratio        rms of the error budgets of these units over that of the same trials, with
                           95 % over units in _low and _high

@@ -223,7 +223,7 @@ class Campaign(Parameters):
         return max(self.unit_trials or UNIT_TRIALS, self.trials_of_level)
 
     def over_units(self, case: Case) -> OverUnits | None:
-        """Over which units of a design it is judged; None: it is judged as designed.
+        """The units over which a design is judged; None: it is judged as designed.
 
         Raises  ValueError where units are asked and those of the design are all alike.
         """

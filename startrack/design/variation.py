@@ -297,7 +297,7 @@ def _instance(scope: Scope, moment: Moment) -> str | None:
 
 
 def unit_case(case: Any, seed: int, moment: Moment) -> Any:
-    """The case of a unit: its truth as drawn, its beliefs those of the design.
+    """The case of a unit: its true values are drawn, its assumed values are those of the design.
 
     A detector with an ageing law (`detector.age`) is as old as the unit; a dark map for which the
     tracker states no age is taken at this age, too.

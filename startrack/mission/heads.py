@@ -265,7 +265,7 @@ def _drift(mounting: Mounting) -> tuple[float, float]:
 
 
 def limits_of(head: Head, case: Case) -> BlindingLimits:
-    """The angles at which a head is blind: given, else of its design's baffle, else of the field.
+    """The angles at which a head is blind: the given ones, else the baffle's, else the field's.
 
     Raises  ValueError if the baffle keeps a body out at no angle.
     """

@@ -200,7 +200,7 @@ class MeasuredUnits(NamedTuple):
     noise: float
 
     def noise_removed(self, chosen: Ints) -> Floats:
-        """Errors (..., n) of some choices of units, as `without_noise`."""
+        """Errors (..., n) of choices of units without noise, see `without_noise`."""
         return without_noise(self.error[chosen], self.expected[chosen], self.noise)
 
     @property

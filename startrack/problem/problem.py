@@ -1,4 +1,4 @@
-"""Problem: what the engines ask of anything that they search, sample or test."""
+"""Problem: the interface of everything that the engines search, sample or test."""
 
 from __future__ import annotations
 
