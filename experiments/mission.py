@@ -23,8 +23,8 @@ fusion_nees               normalised squared error of two fused heads (3 where t
 swarm_before_arcsec       rms angle between two simulated heads on a bench that warms and cools
 swarm_after_arcsec        the same after the estimation of its drift, on times that it has not seen
 placement_deg             largest error of a zenith angle in a case with a closed form
-placement_gain mass of the lightest two to four heads that meet the requirements, with baffles from
-                          25 to 60 degrees: found on the grid, over found by the search
+placement_gain            mass of the lightest two to four heads that meet the requirements, with
+                          baffles from 25 to 60 degrees: found on the grid, over found by the search
 placement_s               CPU time of [that search, the grid]
 aem_roundtrip             radian, of attitudes that are written and read
 hundred_units_s           CPU time of that year for 100 spacecraft of three drawn heads of the
