@@ -44,7 +44,7 @@ def around(sun: np.ndarray, angle: float, streams: Streams) -> Rotation:
 
 
 def ring(case: Case, angle: float | None, trials: int) -> dict[str, float]:
-    """What the tracker meets at an angle from the Sun; None: anywhere, without its light."""
+    """Results at an angle from the Sun; None: in any direction, without sunlight."""
     body = observer_of(SCENE, None).see("sun")
     rows = []
     for number in range(trials):

@@ -85,8 +85,8 @@ def formatted_lines() -> int:
 def private_imports(path: Path) -> int:
     """Imports of a file that reach past the door of a room of the package.
 
-    From a module inside a room, of a module that the room's door does not name, or of a name that
-    begins with an underscore.
+    An import is private if its module is inside a room and the room's `__init__` does not name it,
+    or if the imported name begins with an underscore.
     """
     count = 0
     for node in ast.walk(_tree(path)):

@@ -153,7 +153,7 @@ def scores(trackers: Sequence[Tracker], of: Sequence[Tracker], one_out: bool) ->
     """How predictions of some trackers hold.
 
     of       the trackers that laws and constants are from
-    one_out  whether each is left out of them where it is judged
+    one_out  whether the factors are estimated without the tracker that is judged
     """
     rows, factors = list[tuple[int, float, float, bool, bool, float]](), []
     for tracker in trackers:
@@ -287,7 +287,7 @@ def loop(path: Path, loops: int, frames: int, draws: int, executor: Any) -> dict
 
 
 def further(draws: int, executor: Any) -> list[Tracker]:
-    """Trackers of the folder of outside data; none where there is none."""
+    """Trackers of the folder of outside data; empty without this folder."""
     folder = Path(os.environ.get("STARTRACK_DATA", "-")) / "references/trackers-more"
     if not folder.is_dir():
         print("further trackers: left out, STARTRACK_DATA is not set or has none")

@@ -166,8 +166,8 @@ class Attitudes(NamedTuple):
     variance  (m, c, 3) radian^2, of each random cause
     shift     (m, d, 3) radian, by each displacement
     stated    (m, 3, 3) radian^-2, information as the tracker states it
-    gain      (n, 4, 2) radian / pixel, of each star: three axes by x and y; the last row holds
-              twice the probability that the star counts
+    gain      (n, 4, 2) radian / pixel, for each star: rotation about three axes by an error in x
+              and y; the last row holds twice the probability that the star counts
     """
 
     stars: Floats

@@ -26,7 +26,7 @@ def detect(frame: Frame, settings: Detection | DetectionPlan, psf: Psf | None = 
               saves time for many frames. The quick search takes unsigned numbers of 8 or 16 bits;
               other images are searched by the filter
     psf       of the design at rest, if the settings use it; None: a Gaussian of their kernel_sigma
-    Returns   Spots, brightest first; none where there is none
+    Returns   Spots, brightest first; empty without stars
     Raises    TypeError or ValueError where the image is not a two-dimensional array of real numbers
               with at least one finite value. Those of `centroid` for the accuracy.
     """

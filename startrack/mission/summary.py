@@ -103,7 +103,7 @@ class Reacquisition:
 
     times   number of reacquisitions in the mission
     mean    second, expected over them
-    level   second, that 99 % of them do not exceed
+    level   second, 99 % of these times are shorter
     """
 
     times: int

@@ -242,7 +242,7 @@ def foresee_all(
     enough  score, above which a design is not forecast in conditions without a weight
     most_excess  amount by which costs miss their limits, above which a design is not forecast
     known   what is expected in some conditions already, of a single design
-    progress  called with how many designs are known, and 1 for each that a runner computes
+    progress  called with the number of known designs, and then with 1 for each computed one
     """
     cases = [_built(space, coordinates) for coordinates in points]
     seed = runner.seed if runner else seed

@@ -114,7 +114,7 @@ class Earth:
 
         radiance = albedo / pi * sunlight * cos(angle of the Sun to the normal)
 
-    disc    the sky that it hides
+    disc    the part of the sky that the Earth hides
     light   (k,) photon / s / m^2 / sr of a place with the Sun in the zenith
     centre  (3,) metre from the observer to its centre
     sun     (3,) unit vector to the Sun

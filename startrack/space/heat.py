@@ -143,7 +143,7 @@ class Warmth(NamedTuple):
 
 
 def view_of_earth(cosine: Floats, distance: float | Floats) -> Floats:
-    """Part of what a small plate sees that is the Earth, by the cosine rule: its view factor.
+    """View factor of a small plate to the Earth: the fraction of its view, weighted by the cosine.
 
         cos / H^2 where the whole disc is in view, and by its lens-shaped part beyond,
         1/2 - asin[r / (H s)] / pi + [c acos(-r c / s) - r sqrt(1 - H^2 c^2)] / (pi H^2)

@@ -72,7 +72,7 @@ class Terms(NamedTuple):
     Source: Krutz et al. (2011), eq. (1).
 
     direct     sunlight that the ground reflects
-    indirect   light of sky, air and slopes around that the ground reflects
+    indirect   light of sky, air and surrounding slopes, reflected by the ground
     scattered  light that the air scatters, from the Sun and from the ground around
     emitted    thermal radiance of the ground
     thermal    thermal radiance of the air, direct or reflected

@@ -128,7 +128,7 @@ def surrounded(
 ) -> Environment:
     """The environment of an image.
 
-    glimpse  ground of some of its pixels
+    glimpse  ground that a sample of its pixels sees
     spacing  metre, between its rays on the ground
     mean     1, reflectance beyond
     values   from longitude and latitude (n,) radian: reflectance (n,), NaN where not known
