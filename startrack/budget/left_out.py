@@ -216,7 +216,9 @@ def of_false_spots(case: Case, brighter: float) -> Iterator[str]:
 
 def caveats(case: Case, left_out: tuple[str, ...]) -> list[str]:
     """Sentences that a reader of the budget needs besides `refusal`; `left_out` as for `Budget`."""
-    sentences = [f"not counted: {'; '.join(left_out) or 'nothing that the design names'}"]
+    what = "; ".join(left_out) or "nothing that the design names"
+    whose = " of the unit as designed" if case.varying else ""
+    sentences = [f"not counted{whose}: {what}"]
     return sentences if case.differs else [*sentences, noise_only(case)]
 
 

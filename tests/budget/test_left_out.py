@@ -8,8 +8,9 @@ import pytest
 from startrack.budget import ADVICE, advice, analytic, caveats, check, left_out, unseen
 from startrack.core import Refused
 from startrack.core.units import deg
-from startrack.design import Fidelity, design_keys, replaced, replaced_all
+from startrack.design import Fidelity, design_keys, load_design, replaced, replaced_all
 from startrack.detector import Hits
+from startrack.io import shipped
 from startrack.metrics import summarise
 from startrack.scene import Scene
 from startrack.trial import run_trials
@@ -23,6 +24,12 @@ def test_nothing_is_left_out_of_the_example_and_trials_agree(case):
     assert (found.fidelity, found.summary.trials) == (Fidelity.WINDOW, 60)
     assert found.differs == ()
     assert caveats(case, ())[-1].startswith("noise only: a perfect unit")
+
+
+def test_it_is_said_of_which_unit_something_is_not_counted(case):
+    assert caveats(case, ("hits",))[0] == "not counted: hits"
+    differing = load_design(shipped("designs/nanosatellite.toml")).case
+    assert caveats(differing, ("hits",))[0] == "not counted of the unit as designed: hits"
 
 
 @pytest.mark.parametrize(
