@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Callable, Iterable
 from concurrent.futures import BrokenExecutor
 from dataclasses import replace
-from datetime import datetime, timedelta
+from datetime import timedelta
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -28,11 +28,18 @@ from startrack.cli.options import (
 if wanted(__name__):
     from startrack import plots
     from startrack.cli import terminal
-    from startrack.core import Camera, Frame, arcsec, positive, utc, within
+    from startrack.core import Camera, Frame, Refused, arcsec, positive, utc, within
     from startrack.design import Tracker
     from startrack.detection import Detection
     from startrack.identification import Identification, PatternIndexes, fit_frame
-    from startrack.io import field_hint, rows_upwards, tetra3_values, to_table, write_solution
+    from startrack.io import (
+        YEAR_2000,
+        field_hint,
+        rows_upwards,
+        tetra3_values,
+        to_table,
+        write_solution,
+    )
     from startrack.montecarlo import pool
     from startrack.photograph import (
         THRESHOLDS,
@@ -113,7 +120,7 @@ declare = Options(
 
 BRIGHT = "bright"
 DEEPER = "; a field of a few degrees may need the fainter stars of --catalog deep"
-YEAR_2000, ANY_TIME = datetime(2000, 1, 1), "2000-01-01T00:00:00"  # as frames are stamped
+ANY_TIME = "2000-01-01T00:00:00"  # to check a place without an image
 WIDEST = 240.0  # degree across the columns, of a fisheye
 
 # Options that all images of a process share, by name; and the reader of images, camera, settings
@@ -296,7 +303,7 @@ def _placed(
     time = how.time or (YEAR_2000 + timedelta(seconds=frame.time)).isoformat()
     try:
         placed = place_photograph(solved, _site(how, time), camera)
-    except ValueError as reason:  # the attitude stays
+    except Refused as reason:  # the attitude stays
         return {"place": {"reason": str(reason)}}, f"; no direction without refraction: {reason}"
     fit = placed.fit
     angles = {

@@ -39,7 +39,7 @@ from startrack.io.reading import (
     shipped,
     unpacked,
 )
-from startrack.io.recordings import Layout, frames_in
+from startrack.io.recordings import YEAR_2000, Layout, frames_in
 from startrack.io.saving import (
     claimed_folder,
     finite,

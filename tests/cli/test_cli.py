@@ -93,6 +93,9 @@ def test_simulate_then_solve(call, tmp_path):
     assert 0 < placed["place"]["elevation_deg"] < 60
     moved = (placed["place"]["dec_deg"] - found["dec_deg"]) * 3600
     assert 1 < abs(moved) < placed["place"]["refraction_arcsec"] + 21
+    fits.setval(made["fits"], "DATE-OBS", value="2026-01-10T22:00:00")
+    stamped = call("solve", made["fits"], "--fov", 9.5, "--json", "--place", 40, 20)[1][0]["place"]
+    assert stamped["azimuth_deg"] == placed["place"]["azimuth_deg"]
     status, (below,), _ = call(
         *("solve", made["fits"], "--fov", 9.5, "--json", "--place", 40, 20),
         *("--time", "2026-01-10T08:00"),
