@@ -132,10 +132,9 @@ def measure(
     curve. A star that is never seen together with others has none of the three.
     """
     seen = [centroids(star, box) for star in stars]
-    residual, still = _about_common([track.place for track in seen], seen)
     measured = []
-    for track, off, calm in zip(seen, residual, still, strict=True):
-        windows = track.windows
+    for track, (off, calm, scale) in zip(seen, about_common(seen), strict=True):
+        off, windows = off * scale, track.windows
         gain = read = offset = math.nan
         with suppress(Refused):  # the image moves too often
             rest, slope = _transfer_line(windows)
@@ -163,29 +162,44 @@ def measure(
     return measured
 
 
-def _about_common(places: list[Floats], seen: list[Centroids]) -> tuple[list[Floats], list[Any]]:
-    """Places (n, 2) of each star minus the common motion, and third differences without a move.
+class OwnMotion(NamedTuple):
+    """Places of one star minus the motion that it shares with others.
 
-    The motion is the mean over the star and all stars that are seen in half of its exposures. It is
-    known at exposures for which all of them have one before and one after. It is NaN at other
-    exposures, and for a star that is never seen together with others.
+    off    (n, 2) pixel; NaN at exposures without the other stars
+    calm   (n - 3,) whether four successive exposures are known and their images did not move
+    scale  1, factor to the error of one star: the common motion has a part of it
+    """
+
+    off: Floats
+    calm: Flags
+    scale: float
+
+
+def about_common(seen: Sequence[Centroids]) -> list[OwnMotion]:
+    """What each star moves beside the motion that all share.
+
+    The motion is the mean over the star and all stars that are seen in half of its exposures, a
+    part proportional to it, and a cubic in time. It is known at exposures for which all of them
+    have one before and one after. A star that is never seen together with others has no known
+    motion of its own; a single star has all about its mean place.
     """
     times = [track.windows.time for track in seen]
     moved = [still(track.windows) for track in seen]
     if len(seen) == 1:
-        return [places[0] - places[0].mean(axis=0)], moved
-    residual, calm = [], []
-    for number, (time, place, mine) in enumerate(zip(times, places, moved, strict=True)):
+        return [OwnMotion(seen[0].place - seen[0].place.mean(axis=0), moved[0], 1.0)]
+    found = []
+    for number, track in enumerate(seen):
+        time, place, mine = track.windows.time, track.place, moved[number]
         there = [_between(time, other) for other in times]
         members = [k for k, both in enumerate(there) if k == number or both.mean() > SEEN_TOGETHER]
         together = np.all([there[k] for k in members], axis=0)
         off = np.full(place.shape, math.nan)
         if len(members) < 2 or together.sum() < FEWEST_IMAGES:
-            residual.append(off)
-            calm.append(mine)
+            found.append(OwnMotion(off, mine, 1.0))
             continue
         others = [
-            np.column_stack([np.interp(time, times[k], p) for p in places[k].T]) for k in members
+            np.column_stack([np.interp(time, times[k], p) for p in seen[k].place.T])
+            for k in members
         ]
         # Third differences in which another star's image moved contain its step.
         quiet = [np.interp(time[:-3], times[k][:-3], moved[k]) > 0.999 for k in members]
@@ -195,12 +209,11 @@ def _about_common(places: list[Floats], seen: list[Centroids]) -> tuple[list[Flo
         terms = np.column_stack([np.vander(span, 4), common])[together]
         left = (place - common)[together]
         left = left - left.mean(axis=0)
-        left = left - terms @ np.linalg.lstsq(terms, left, rcond=None)[0]
-        off[together] = left * math.sqrt(len(members) / (len(members) - 1))
-        residual.append(off)
+        off[together] = left - terms @ np.linalg.lstsq(terms, left, rcond=None)[0]
         four = together[:-3] & together[1:-2] & together[2:-1] & together[3:]
-        calm.append(mine & four & np.all(quiet, axis=0))
-    return residual, calm
+        scale = math.sqrt(len(members) / (len(members) - 1))
+        found.append(OwnMotion(off, mine & four & np.all(quiet, axis=0), scale))
+    return found
 
 
 def _between(time: Floats, other: Floats) -> Flags:

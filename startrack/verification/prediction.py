@@ -14,7 +14,7 @@ from startrack.core import Advance, Floats, Refused
 from startrack.design import Case
 from startrack.detector import dark, flickering, frame_of, response, stamp
 from startrack.observation import frames_of_map, psf_of, sky_electrons
-from startrack.verification.figures import Centroids, centroids
+from startrack.verification.figures import Centroids, about_common, centroids
 from startrack.verification.windows_of_flight import (
     BORDER,
     Windows,
@@ -37,7 +37,9 @@ def simulate(
     """Images by the design for the same stars on the same paths.
 
     Brightness and path of each star are measured in its flown images: the median of its light, and
-    its centroids smoothed over SMOOTH exposures. Pixels, noise and flicker of the design are drawn.
+    the motion that it shares with the other stars, smoothed over SMOOTH exposures. Its motion
+    beside them is an error of its centroids, which is predicted, and not taken from the flight.
+    Pixels, noise and flicker of the design are drawn.
     The offset of `case` is subtracted from all images, as in the flown ones.
 
     devices  number of draws of the pixels; progress called with 1 after each star
@@ -46,15 +48,16 @@ def simulate(
     Returns  [device][star], in windows that `tracker.box` places, 8 x 8 pixels each
     Raises   Refused if the numbers of `unknown` and of devices differ
     Accuracy  model: one mean image for the whole field; a star does not move within an exposure;
-              paths have the errors of the centroids, some hundredths of a pixel.
+              the common motion has the mean error of the centroids, some hundredths of a pixel. The
+              path of a star that is seen alone has the errors of its flown centroids.
     """
     core.whole(1, 1000, devices=devices)
     if unknown and len(unknown) != devices:
         raise Refused(f"unknown must be one case for each device, got {len(unknown)}")
     box, offset, drawn = case.tracker.box, case.instrument.detector.offset, []
-    for number, star in enumerate(stars):
-        seen, streams = centroids(star, box), core.Streams(seed, number)
-        path = _smoothed(seen.place)
+    tracks = [centroids(star, box) for star in stars]
+    for number, (seen, path) in enumerate(zip(tracks, _paths(tracks), strict=True)):
+        streams = core.Streams(seed, number)
         if unknown:
             parts = [
                 _drawn(one, seen, path, offset, 1, _of_device(streams, device))
@@ -72,6 +75,16 @@ def _of_device(streams: core.Streams, device: int) -> core.Streams:
     """Streams of one of several detectors that see a star separately."""
     seed = int(streams(f"device {device}").integers(2**31))
     return core.Streams(seed, streams.trial)
+
+
+def _paths(tracks: Sequence[Centroids]) -> list[Floats]:
+    """Path (n, 2) of each star, pixel, without what it alone moves by."""
+    if len(tracks) == 1:
+        return [_smoothed(tracks[0].place)]
+    return [
+        _smoothed(track.place - np.nan_to_num(own.off))
+        for track, own in zip(tracks, about_common(tracks), strict=True)
+    ]
 
 
 def _smoothed(place: Floats) -> Floats:

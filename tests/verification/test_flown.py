@@ -18,8 +18,9 @@ from startrack.detector import ColourMosaic, dark_frames
 from startrack.io import FrameFiles, Layout, read_frames
 from startrack.observation import colour_correction
 from startrack.trial import observe
-from startrack.verification.figures import Centroids, _about_common, correlation, gain_in_flight
+from startrack.verification.figures import Centroids, about_common, correlation, gain_in_flight
 from startrack.verification.flown import _of_devices, compare_flown
+from startrack.verification.prediction import SMOOTH, _paths
 from startrack.verification.windows_of_flight import Windows, read_windows, windows_of_frames
 
 GAIN, NOISE, COUNT, SIDE = 4.0, 12.0, 2000, 8
@@ -220,13 +221,28 @@ def test_stars_of_other_time_spans_have_the_scatter_of_their_noise():
         seen_at(time[span], path[span] + 0.01 * rng.standard_normal((span.sum(), 2)))
         for span in spans
     ]
-    residual, _ = _about_common([star.place for star in stars], stars)
+    residual = [own.off * own.scale for own in about_common(stars)]
     for off in residual[:4]:
         known = np.isfinite(off[:, 0])
         assert known.sum() > 0.4 * len(off)
         assert np.sqrt((off[known] ** 2).mean()) == pytest.approx(0.01, rel=0.12)
     assert np.isnan(residual[4]).all()
     assert not np.isnan(residual[0][:3]).any()
+
+
+def test_predicted_paths_have_no_errors_of_single_stars():
+    """Of two stars on a common dither, each with an own error of 0.1 pixel that flight would show:
+    their paths differ by a constant to a tenth of it. A star alone keeps its error."""
+    time = np.arange(2000.0)
+    dither = 1.6 * np.column_stack([np.sin(time / 160), np.sin(time / 113)])
+    errors = [0.1 * np.column_stack([np.sin(time / k), np.cos(time / k)]) for k in (17.0, 29.0)]
+    stars = [seen_at(time, dither + error) for error in errors]
+    first, second = _paths(stars)
+    inner = slice(SMOOTH, -SMOOTH)
+    own = (first - second)[inner]
+    assert own.std(axis=0).max() < 0.01
+    alone = _paths(stars[:1])[0] - dither
+    assert alone[inner].std(axis=0) == pytest.approx(0.1 / np.sqrt(2), rel=0.2)
 
 
 def test_colour_filters_are_refused():
