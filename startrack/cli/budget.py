@@ -46,7 +46,7 @@ if wanted(__name__):
     )
     from startrack.core import Refused, arcsec
     from startrack.design import Accuracy, Campaign, Case, found_at, replaced
-    from startrack.io import aligned, finite, save_json
+    from startrack.io import aligned, finite, recalled, save_json
     from startrack.metrics import Interval
     from startrack.montecarlo import pool
     from startrack.optimise import halved, levers
@@ -141,7 +141,7 @@ def command(options: argparse.Namespace) -> int:
     if options.profile:
         indices = _indices(case, terminal.read_sequence(options.profile), options)
     with terminal.stage("error budget"):
-        expected = analytic(case)
+        expected, floor = recalled(_as_designed)(case)
     options.units = options.units or (UNITS if case.varying else None)
     by_trials = _measured(options, case)
     result: dict[str, Any] = {"design": str(path), "analytic": _values(expected)}
@@ -152,7 +152,7 @@ def command(options: argparse.Namespace) -> int:
     show(budgets.answer(expected, required) if units is None else units_answer(units, required))
     for sentence in budgets.refusal(case, expected.refused):  # reasons for a large error
         show(sentence)
-    star, sentence = _typical_star(case)
+    star, sentence = _typical_star(case, floor)
     result |= star
     alone = "the unit as designed, noise only\n" if units else ""
     show(f"{alone}{_table(expected, by_trials)}\n{sentence}")
@@ -199,6 +199,11 @@ def _check_options(options: argparse.Namespace, case: Case) -> None:
             require_units(case)
 
 
+def _as_designed(case: Case) -> tuple[Budget[Any], float]:
+    """Budget by the formula, and centroid error (pixel) of a typical star without noise."""
+    return analytic(case), float(lasting(errors(case)))
+
+
 def _measured(options: argparse.Namespace, case: Case) -> Budget[SkySample] | None:
     """The budget of --montecarlo, by switching causes in trials."""
     members = options.montecarlo
@@ -216,7 +221,7 @@ def _trials_beside(
     """Print effects that the budget does not count, and a check by trials; their values for
     JSON."""
     with terminal.stage("trials beside the formula"):
-        checked = budgets.check(case, expected, options.seed)
+        checked = recalled(_check)(case, options.seed, expected=expected)
     show("\n".join([*budgets.caveats(case, expected.left_out), *_checked(checked, expected)]))
     check = {"fidelity": checked.fidelity.value, "differs": checked.differs}
     return {
@@ -224,6 +229,10 @@ def _trials_beside(
         "refused_as_hot_pixels": expected.refused,
         "check": check | metrics.to_json(metrics.summary_rows(checked.summary)),
     }
+
+
+def _check(case: Case, seed: int, *, expected: Budget[Any]) -> budgets.TrialCheck:
+    return budgets.check(case, expected, seed)
 
 
 def _gains(
@@ -240,10 +249,9 @@ def _gains(
     return values
 
 
-def _typical_star(case: Case) -> tuple[dict[str, Any], str]:
-    """Centroid error of a typical star without noise: for JSON, and a sentence."""
-    with terminal.stage("single stars"):
-        floor, stated = float(lasting(errors(case))), case.tracker.attitude.centroid_floor
+def _typical_star(case: Case, floor: float) -> tuple[dict[str, Any], str]:
+    """Centroid error (pixel) of a typical star without noise: for JSON, and a sentence."""
+    stated = case.tracker.attitude.centroid_floor
     assumed = "this, star by star" if stated is None else f"{stated:g} pixel for all stars"
     values = {"star_without_noise_px": floor, "centroid_floor_px": stated}
     return values | {"star_without_noise_g": TYPICAL}, (

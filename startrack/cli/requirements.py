@@ -10,7 +10,7 @@ from dataclasses import asdict
 from startrack.cli.options import Exit, Options, WrongUse, as_wrong_use, campaign, wanted
 
 if wanted(__name__):
-    from startrack.budget import caveats, refusal
+    from startrack.budget import Budget, ErrorLaw, caveats, refusal
     from startrack.cli.terminal import (
         example,
         found_file,
@@ -21,9 +21,9 @@ if wanted(__name__):
         stage,
     )
     from startrack.core import arcsec, deg, um
-    from startrack.design import Case, Requirements
+    from startrack.design import Campaign, Case, Requirements
     from startrack.earth import imager
-    from startrack.io import aligned, from_table, read_table, shipped
+    from startrack.io import aligned, from_table, read_table, recalled, shipped
     from startrack.optimise import expect, expected_objective
     from startrack.verification import limited, needed_magnitude
 
@@ -64,9 +64,8 @@ def command(options: argparse.Namespace) -> int:
     }
     show("\n".join(f"{name.replace('_', ' '):24} {value:.4g}" for name, value in costs.items()))
     with stage("error budget"):
-        budget, margins, _ = expect(design.case, campaign)
+        budget, margins, error = recalled(_expected)(design.case, campaign)
     objective = campaign.goal_of(design.case)
-    error = expected_objective(design.case, campaign) / arcsec
     # A value that is not a number meets no requirement.
     met = all(math.isfinite(margin) and margin >= 0 for margin in margins.values())
     result = {"design": str(path), "met": met, "margins": margins, **costs}
@@ -96,6 +95,14 @@ def command(options: argparse.Namespace) -> int:
     if options.json:
         print_result(options, result)
     return Exit.DONE if met else Exit.UNSOLVED
+
+
+def _expected(
+    case: Case, campaign: Campaign
+) -> tuple[Budget[ErrorLaw], Mapping[str, float], float]:
+    """Budget and margins by the formula, and the error that the campaign names, arcsec."""
+    budget, margins, _ = expect(case, campaign)
+    return budget, margins, expected_objective(case, campaign) / arcsec
 
 
 def _rows(case: Case, needs: Requirements, margins: Mapping[str, float]) -> list[list[str]]:

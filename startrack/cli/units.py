@@ -16,7 +16,7 @@ if wanted(__name__):
     from startrack.cli.terminal import progress
     from startrack.core import YEAR, Rows, arcsec
     from startrack.design import Accuracy, Campaign, Case
-    from startrack.io import aligned
+    from startrack.io import aligned, recalled
     from startrack.metrics import ARCSEC, LEVELS, Interpretation, Interval, bounds_json, bracketed
     from startrack.montecarlo import Sampling
     from startrack.optimise import LeverChange, LeverGain, allocation, costs_of
@@ -59,7 +59,8 @@ def budgets_of(
     ages = list(dict.fromkeys((0.0, case.end_of_life)))
     with progress("units", options.units * len(ages)) as advance:
         budgets = [
-            unit_budgets(case, options.seed, options.units, age, progress=advance) for age in ages
+            recalled(unit_budgets)(case, options.seed, options.units, age, progress=advance)
+            for age in ages
         ]
     return [_values(at_age, required) for at_age in budgets], budgets[-1]
 

@@ -67,6 +67,7 @@ from startrack.core.declared import (
     Range,
     bare,
     code_in,
+    described,
     fields_of,
     inputs_of,
     parameter,
@@ -103,7 +104,7 @@ from startrack.core.interpolation import (
     node_places,
     quadrature,
 )
-from startrack.core.interpret import instead_of, interpreted
+from startrack.core.interpret import instead_of, interpreted, interpreting
 from startrack.core.kernel import (
     READY,
     compiling_reports,

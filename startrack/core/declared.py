@@ -261,6 +261,30 @@ def code_in(value: Any, place: str = "") -> Iterator[tuple[str, str, str]]:
             yield key, rule.code, name
 
 
+def described(value: Any) -> str:
+    """All that a parameter object holds, with all digits, without what is as by default.
+
+    So that a new parameter changes no text of a design that does not name it.
+    """
+    if dataclasses.is_dataclass(value):
+        inner = [
+            f"{field.name}={described(getattr(value, field.name))}"
+            for field in dataclasses.fields(value)
+            if field.init and not _is_default(field, getattr(value, field.name))
+        ]
+        return f"{type(value).__name__}({', '.join(inner)})"
+    if isinstance(value, tuple):
+        return f"({', '.join(described(part) for part in value)})"
+    return repr(value)
+
+
+def _is_default(field: dataclasses.Field[Any], value: Any) -> bool:
+    default = field.default if field.default is not dataclasses.MISSING else None
+    if field.default_factory is not dataclasses.MISSING:
+        default = field.default_factory()
+    return type(value) is type(default) and bool(value == default)
+
+
 def inputs_of(value: Any) -> dict[str, str]:
     """Digests of the files and of the user code that a parameter object names, by key and name.
 

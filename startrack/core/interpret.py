@@ -48,6 +48,11 @@ def interpreted(compiling: Callable[[], bool]) -> Iterator[None]:
         _COMPILING = None
 
 
+def interpreting() -> bool:
+    """Whether kernels that are not on disk run as Python code now."""
+    return _COMPILING is not None
+
+
 def interpreter(kernel: Any, is_kept: Callable[[], bool]) -> Callable[..., Any] | None:
     """The Python function that runs in place of a kernel; None where the kernel is to be loaded or
     compiled.

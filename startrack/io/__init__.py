@@ -2,6 +2,8 @@
 
 reading       Path of an untrusted file -> its bytes, if it is regular, not too large, and of the
               claimed kind; name of shipped data -> its path.
+cache         Function and its arguments -> its result, from a file if a former command has computed
+              it.
 saving        Files that are written completely or not at all; folders that one process at a time
               writes to, with a message to other processes.
 sqlite        SQLite file of one kind -> its tables, open for one process at a time; errors as
@@ -24,6 +26,7 @@ interchange   Tables of results -> pandas, xarray and astropy, with the units of
 frame_files   Frames, their times and attitudes -> FITS, PNG, SER, raw or video files, and a table.
 """
 
+from startrack.io.cache import cache_folder, from_cache, recalled
 from startrack.io.frame_files import FrameFiles
 from startrack.io.images import field_hint, read_frames, read_image, rows_upwards, write_fits
 from startrack.io.interchange import aligned, to_pandas, to_qtable, to_xarray

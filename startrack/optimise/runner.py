@@ -3,10 +3,9 @@
 import hashlib
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future
-from dataclasses import MISSING, Field, fields, is_dataclass
 from typing import Any, TypeVar
 
-from startrack.core import Advance, Rows, inputs_of, software
+from startrack.core import Advance, Rows, described, inputs_of, software
 from startrack.design import Campaign, Case, Fidelity
 from startrack.montecarlo import Serial, run
 from startrack.optimise.ledger import Ledger
@@ -154,27 +153,3 @@ class TrialRunner:
         written, inputs = described(case), inputs_of(case)
         text = f"{software()} {self.seed} {fidelity} {first} {written} {inputs} {units}"
         return hashlib.blake2b(text.encode(), digest_size=16).digest()
-
-
-def described(value: Any) -> str:
-    """All that a parameter object holds, with all digits, without what is as by default.
-
-    So that a new parameter changes no text of a design that does not name it.
-    """
-    if is_dataclass(value):
-        inner = [
-            f"{field.name}={described(getattr(value, field.name))}"
-            for field in fields(value)
-            if field.init and not _is_default(field, getattr(value, field.name))
-        ]
-        return f"{type(value).__name__}({', '.join(inner)})"
-    if isinstance(value, tuple):
-        return f"({', '.join(described(part) for part in value)})"
-    return repr(value)
-
-
-def _is_default(field: Field[Any], value: Any) -> bool:
-    default = field.default if field.default is not MISSING else None
-    if field.default_factory is not MISSING:
-        default = field.default_factory()
-    return type(value) is type(default) and bool(value == default)

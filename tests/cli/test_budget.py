@@ -8,7 +8,7 @@ import pytest
 from startrack.budget import Term, indices_of
 from startrack.cli import budget as module
 from startrack.cli.main import main
-from startrack.io import shipped
+from startrack.io import cache, shipped
 
 
 @pytest.fixture(autouse=True)
@@ -52,6 +52,17 @@ def test_a_better_centroid_is_suggested_by_its_own_budget_and_followed_no_more(c
     assert better["value"] == "likelihood"
     assert better["across_arcsec"] == pytest.approx(results[1]["analytic"]["sum"]["across"])
     assert results[1]["better"] == []
+
+
+def test_a_second_call_on_the_same_design_says_the_same_and_computes_nothing(capsys, monkeypatch):
+    monkeypatch.setattr(cache, "LONG", 0.0)
+    monkeypatch.setattr(cache, "interpreting", lambda: False)
+    words = "noise_only", "--set", "instrument.detector.exposure=99 ms"
+    first = run(capsys, *words)
+    for place in (f"{module.__name__}.analytic", "startrack.budget.check"):
+        monkeypatch.setattr(place, pytest.fail)
+    assert run(capsys, *words) == first
+    assert run(capsys, *words[:-1], "instrument.detector.exposure=98 ms")[0] == 1  # it computes
 
 
 class Stopped(Exception):

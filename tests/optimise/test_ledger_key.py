@@ -7,11 +7,12 @@ from sqlite3 import connect
 import numpy as np
 import pytest
 
+from startrack.core import described
 from startrack.design import Fidelity, load_design
 from startrack.design.parameter import number, replaced
 from startrack.io import shipped
 from startrack.optimise.ledger import REFUSED, Ledger
-from startrack.optimise.runner import TrialRunner, described
+from startrack.optimise.runner import TrialRunner
 from startrack.trial import OUTCOMES
 
 CASE = load_design(shipped("designs/noise_only.toml")).case
