@@ -1,8 +1,8 @@
 """Radiance at a sensor from tables of radiative transfer.
 
 spectra   Irradiance of the Sun over wavelength.
-table     AirTable: radiance and transmission over wavelength and geometry, and its file; BandTable
-          from it and bands: every term as radiance in each band, from one altitude.
+table     AirTable: radiance and transmission over wavelength and geometry, and its file; AirTable
+          and bands -> BandTable: every term as radiance in each band, from one altitude.
 gases     AirTable with other columns of water vapour and ozone.
 look_up   Radiance of each pixel from BandTable and viewing geometry: the second of the two steps.
 cloud     Reflectance and transmission of a cloud layer, by doubling, with exact single scattering.

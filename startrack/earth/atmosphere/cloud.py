@@ -9,24 +9,24 @@ from scipy.interpolate import CubicSpline, RegularGridInterpolator
 
 from startrack.core import Floats, within
 
-STREAMS = 12  # in each hemisphere
-TERMS = 2 * STREAMS  # of the phase function; higher terms count as its forward peak
-MODES = 10  # of the azimuth, in multiply scattered light
+STREAMS = 12  # streams in each hemisphere
+TERMS = 2 * STREAMS  # terms of the phase function; higher terms count as its forward peak
+MODES = 10  # modes of the azimuth, in multiply scattered light
 AZIMUTHS = 64
 THINNEST, DOUBLINGS = 2.0**-22, 31  # scaled optical depth of the first layer: up to 512
-KEPT = 20  # of the last doublings
-FINE, FLUX_FINE = 4, 16  # nodes of the optical depth to a doubling, of radiance and of fluxes
-LOWEST = 0.04  # least cosine of a zenith angle; smaller values count as this
+KEPT = 20  # number of doublings whose layers are kept
+FINE, FLUX_FINE = 4, 16  # nodes of the optical depth per doubling, for radiance and for fluxes
+LOWEST = 0.04  # least cosine of a zenith angle; smaller values are set to it
 ANGLES: Floats = np.linspace(0, np.arccos(LOWEST), 45)
 
 
 class LayerLight(NamedTuple):
-    """Effect of a layer on light from one direction, over the flux of that light through a
-    horizontal plane.
+    """Reflected and transmitted light of a layer, relative to the flux of light from one direction
+    through a horizontal plane.
 
     reflected  (n,) 1, plane albedo; also the reflectance factor in this direction under an even sky
-    direct     (n,) 1, transmitted without change of direction, forward peak included
-    diffuse    (n,) 1, transmitted in other directions
+    direct     (n,) 1, light transmitted without change of direction, forward peak included
+    diffuse    (n,) 1, light transmitted in other directions
     """
 
     reflected: Floats
@@ -35,12 +35,12 @@ class LayerLight(NamedTuple):
 
     @property
     def transmitted(self) -> Floats:
-        """(n,) 1."""
+        """Direct and diffuse transmittance together, (n,) 1."""
         return self.direct + self.diffuse
 
     @property
     def emissivity(self) -> Floats:
-        """(n,) 1, in this direction, by Kirchhoff's law."""
+        """Emissivity in this direction by Kirchhoff's law, (n,) 1."""
         return np.maximum(1 - self.reflected - self.transmitted, 0.0)
 
 
@@ -48,7 +48,8 @@ class LayerLight(NamedTuple):
 class LayerOptics:
     """A plane layer of particles in one band; made by `layer_optics`.
 
-    albedo, asymmetry  1, of single scattering; mean cosine of its angle (Henyey and Greenstein)
+    albedo, asymmetry  1, single-scattering albedo; mean cosine of the scattering angle (Henyey and
+                       Greenstein)
     """
 
     albedo: float
@@ -58,11 +59,11 @@ class LayerOptics:
 
     @property
     def scale(self) -> float:
-        """Scaled over true optical depth, without the forward peak of TERMS."""
+        """Ratio of scaled to true optical depth; the scaled depth excludes the forward peak."""
         return 1 - self.albedo * self.asymmetry**TERMS
 
     def light(self, depth: Floats, cosine: Floats) -> LayerLight:
-        """Light from one direction after it has met the layer.
+        """Reflected and transmitted light of a beam from one direction.
 
         The forward peak is g^2 of the scattered light, as cut by Joseph, Wiscombe and Weinman
         (1976), J. Atmos. Sci. 33, 2452. It counts as direct light, for views of the ground and
@@ -79,7 +80,7 @@ class LayerOptics:
         return LayerLight(reflected, straight, transmitted - straight)
 
     def spherical(self, depth: Floats) -> Floats:
-        """(n,) 1, albedo under an even sky, from above or below."""
+        """Albedo under an even sky, from above or below, (n,) 1."""
         return self._flux(self._place(depth, np.ones(len(depth))))[:, 2]
 
     def reflectance(self, depth: Floats, sun: Floats, sensor: Floats, azimuth: Floats) -> Floats:
@@ -122,15 +123,15 @@ def layer_optics(albedo: float, asymmetry: float) -> LayerOptics:
     A thin layer scatters once; two equal layers on top of each other make a layer of twice the
     depth.
 
-    Source: Hansen and Travis (1974), Space Sci. Rev. 16, 527, section 3.2, of a phase function cut
-    as Wiscombe (1977), J. Atmos. Sci. 34, 1408.
+    Source: Hansen and Travis (1974), Space Sci. Rev. 16, 527, section 3.2; the phase function is
+    cut as in Wiscombe (1977), J. Atmos. Sci. 34, 1408.
 
-    albedo     1, of single scattering
+    albedo     1, single-scattering albedo
     asymmetry  1
-    Raises     ValueError where they lie outside.
+    Raises     ValueError where albedo or asymmetry is out of range.
     Accuracy   model: scalar; Henyey and Greenstein's function has no rainbow, glory or halo.
                numerical: reflectance factor 0.4 % rms and 4.3 % at worst, fluxes 0.003 of the
-               incident one, against PythonicDISORT with 48 streams; optical depths from 0.03 to
+               incident flux, against PythonicDISORT with 48 streams; optical depths from 0.03 to
                100, Sun and sensor up to 75 degrees from the zenith.
     """
     within(0, 1, albedo=albedo)
@@ -162,7 +163,7 @@ def layer_optics(albedo: float, asymmetry: float) -> LayerOptics:
 
 
 def _scattering(cosine: Floats, albedo: float, asymmetry: float) -> tuple[Floats, Floats]:
-    """(k, i, j) modes of light scattered backwards and forwards, over the light outside the
+    """Modes (k, i, j) of light scattered backwards and forwards, relative to the light outside the
     peak."""
     order = np.arange(TERMS)
     peak = asymmetry**TERMS
@@ -171,7 +172,7 @@ def _scattering(cosine: Floats, albedo: float, asymmetry: float) -> tuple[Floats
     azimuth = (np.arange(AZIMUTHS) + 0.5) / AZIMUTHS * np.pi
     turns = np.cos(np.arange(MODES)[:, None] * azimuth) / AZIMUTHS
     out = []
-    for way in (1, -1):  # the azimuth is that of propagation, 0 forwards
+    for way in (1, -1):  # azimuth of propagation, 0 is forwards
         angle = _angle(cosine[:, None, None], way * cosine[:, None], np.pi - azimuth)
         phase = scaled * np.polynomial.legendre.legval(angle, moments)
         out.append(np.einsum("kp,ijp->kij", turns, phase))
@@ -181,9 +182,9 @@ def _scattering(cosine: Floats, albedo: float, asymmetry: float) -> tuple[Floats
 def _double(
     cosine: Floats, weight: Floats, backwards: Floats, forwards: Floats
 ) -> tuple[Floats, Floats]:
-    """Reflection (t, k, i, j) of layers of DEPTHS, and transmission (t, i, j) of mode 0 but direct.
+    """Reflection (t, k, i, j) of layers of DEPTHS, and diffuse transmission (t, i, j) of mode 0.
 
-    Both such that radiance = 2 sum_j R_ij weight_j cosine_j times radiance that comes in.
+    For both, radiance = 2 sum_j R_ij weight_j cosine_j times incident radiance.
     """
     flux, identity = 2 * cosine * weight, np.eye(len(cosine))
     straight = np.exp(-THINNEST / cosine)
@@ -206,7 +207,7 @@ def _double(
 def _refined(values: Floats, depth: Floats, cosine: Floats, along: tuple[int, ...]) -> Floats:
     """Cubic splines from the ordinates to ANGLES, and from DEPTHS to a finer depth.
 
-    A mode of the azimuth is even or odd over the zenith, as its number is; fluxes are even.
+    An even mode of the azimuth is even over the zenith, an odd mode odd; fluxes are even.
     """
     angle = np.arccos(cosine[::-1])
     parity = (-1.0) ** np.arange(values.shape[-1]) if len(along) > 1 else 1.0
@@ -227,11 +228,13 @@ def _single(depth: Floats | float, sun: Floats, sensor: Floats) -> Floats:
 
 
 def _angle(sun: Floats, sensor: Floats, azimuth: Floats) -> Floats:
-    """Cosine of the scattering angle of light that is reflected; transmitted: sensor below 0."""
+    """Cosine of the scattering angle of reflected light; a sensor below 0 gives transmitted
+    light."""
     sines = np.sqrt(np.maximum((1 - sun**2) * (1 - sensor**2), 0))
     return -sun * sensor - sines * np.cos(azimuth)
 
 
 def _stretched(depth: Floats) -> Floats:
-    """Axis of the tables: even in the logarithm of thick, in the depth of thin layers."""
+    """Axis of the tables: uniform in the depth of thin layers, in the logarithm of the depth of
+    thick layers."""
     return np.log1p(depth / 0.02)

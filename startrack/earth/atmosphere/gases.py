@@ -11,7 +11,7 @@ from startrack.core import Floats
 from startrack.earth.atmosphere.table import AirTable
 from startrack.io import checked_arrays, shipped
 
-POWER = 0.9426  # of the column of water: lines overlap
+POWER = 0.9426  # power of the column of water, for overlapping lines
 FORMAT = 1  # of the table of water
 LEAST = 1e-12  # transmittance
 
@@ -22,9 +22,9 @@ def with_gases(table: AirTable, water: float, ozone: float) -> AirTable:
     water     kilogram / square metre
     ozone     metre at standard conditions
     Accuracy  model: ozone by Beer's law; water to 2.21 micrometre as in SMARTS 2.9.5, beyond by
-              Bird and Riordan's law: beside tables built for the column 0.01 at worst to 2.5
-              micrometre, 0.2 in the opaque bands beyond. Profiles over height
-              stay; pressure and temperature change scattering by molecules by less than 1 %.
+              Bird and Riordan's law: the worst difference from tables built for the column is 0.01
+              up to 2.5 micrometre, 0.2 in the opaque bands beyond. Profiles over height stay
+              unchanged; pressure and temperature change scattering by molecules by less than 1 %.
     """
     old_water, old_ozone = table.air.columns
     gas = table.gas.copy()
@@ -39,9 +39,9 @@ def with_gases(table: AirTable, water: float, ozone: float) -> AirTable:
 
 
 def _other_water(table: AirTable, ratio: float) -> Floats:
-    """(f, m) transmittance with `ratio` times as much water, by the law of Bird and Riordan.
+    """Transmittance (f, m) with `ratio` times the water column, by the law of Bird and Riordan.
 
-    depth = 0.2385 x / (1 + 20.07 x)^0.45, with x in proportion to water and air mass; eq. 2-8
+    depth = 0.2385 x / (1 + 20.07 x)^0.45, x is proportional to water and air mass; eq. 2-8
     """
     amount = np.geomspace(1e-9, 1e6, 1500)
     depth = 0.2385 * amount / (1 + 20.07 * amount) ** 0.45
@@ -49,7 +49,7 @@ def _other_water(table: AirTable, ratio: float) -> Floats:
     mass = table.mass[used]
     known = -np.log(np.clip(table.gas[0][:, used], LEAST, 1.0))
     per_mass = np.interp(known, depth, amount, left=0.0) / mass
-    seen = known < -math.log(LEAST)  # beyond, the table does not show the amount
+    seen = known < -math.log(LEAST)  # beyond, the table does not depend on the amount
     per_mass = np.where(seen, per_mass, per_mass[:, :1])
     place = np.interp(
         np.log(np.maximum(table.mass * ratio, mass[0])), np.log(mass), range(len(mass))

@@ -2,7 +2,7 @@
 
 Beyond 3 micrometre the air emits and absorbs more than it scatters. The table holds lines of sight
 down to the sea; the part above higher ground follows from their ratio. Light that particles scatter
-is that of an AirTable, through the gases of the infrared table.
+comes from an AirTable, through the gases of the infrared table.
 """
 
 import math
@@ -21,10 +21,10 @@ from startrack.io import open_checked
 
 FORMAT = 1  # of the file
 WARM = 300.0  # kelvin
-DIFFUSE = 53.13 * deg  # zenith angle whose path is 5/3 of the vertical one: Elsasser's diffusivity
+DIFFUSE = 53.13 * deg  # zenith angle whose path is 5/3 of the vertical path: Elsasser's diffusivity
 HEIGHT: Floats = np.array([0.0, 1e3, 2e3, 4e3, 8e3, 9e3])
 ANGLES: Floats = np.arange(0.0, 81.0, 10.0) * deg
-SUNLIT = 5 * um  # above, scattered sunlight is neglected: below 1e-4 of the air's heat
+SUNLIT = 5 * um  # scattered sunlight is neglected above: it is below 1e-4 of the air's heat
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,13 +32,13 @@ class InfraredTable:
     """Transmittance and thermal radiance of the air between the sea and a sensor.
 
     spectrum  (f,) metre
-    altitude  (a,) metre of the sensor above the sea; the last one is above the air
+    altitude  (a,) metre of the sensor above the sea; the last is above the air
     sensor    (v,) radian, zenith angle of the sensor
     through   (a, v, f) 1, transmittance
     rise      (a, v, f) watt / m^2 / sr / m, thermal radiance of the air towards the sensor
     fall      (f,) watt / m^2 / sr / m, mean thermal radiance of the sky at sea level: its
               irradiance over pi
-    particles  that scatter sunlight, of the same aerosol; None: nothing is scattered
+    particles  table of the same aerosol, which scatters sunlight; None: no scattering
     """
 
     spectrum: Floats
@@ -50,7 +50,7 @@ class InfraredTable:
     particles: AirTable | None = None
 
     def within(self, used: Flags) -> "InfraredTable":
-        """The same at some wavelengths (f,)."""
+        """The table at the given wavelengths (f,)."""
         rest = (self.through[..., used], self.rise[..., used], self.fall[used])
         return InfraredTable(
             self.spectrum[used], self.altitude, self.sensor, *rest, particles=self.particles
@@ -58,7 +58,7 @@ class InfraredTable:
 
 
 def vacuum() -> InfraredTable:
-    """A table without air, from 0.3 to 40 micrometre: planets without an atmosphere."""
+    """A table without air, from 0.3 to 40 micrometre, for planets without an atmosphere."""
     spectrum = np.geomspace(0.3, 40, 4001) * um
     altitude, sensor = np.array([1.0, 1e3]), np.array([0.0, 89.0]) * deg
     clear = np.ones((2, 2, len(spectrum)))
@@ -72,26 +72,26 @@ def infrared_bands(
 
         direct = E_sun cos(sun) / pi t(sun) t(sensor)
 
-    A line of sight from higher ground is the rest of the one from the sea:
+    A line of sight from higher ground is the upper part of a line of sight from the sea:
     t = t(0 to sensor) / t(0 to ground), rise = rise(0 to sensor) - t rise(0 to ground).
 
     response  (b, f), as for `in_bands`, over table.spectrum
     altitude  metre, of the sensor above the ground
     distance  astronomical unit, of the Sun
-    Returns   BandTable with thermal radiance of the air; of bands below 5 micrometre with the
-              sunlight that the table's particles scatter
+    Returns   BandTable with thermal radiance of the air; for bands below 5 micrometre it includes
+              the sunlight that the table's particles scatter
     Raises    ValueError as `in_bands`.
-    Accuracy  model: a transmittance is the mean over the light of 300 K, so the one for a fire of
-              1000 K in 3.4 to 4.2 micrometre is 4 % low. All sunlight of 3.4 to 4.2 micrometre is 9
-              % less than MODTRAN 5.2.1's, since lines of gases darken both ways alike, which the
-              product of two means does not know; its scattered part, 1 to 3 % of the reflected one,
-              is known to a factor of two. The ratio for higher ground is exact for grey air; lines
-              that saturate make the air above 2 km seem too dark by up to 0.05.
+    Accuracy  model: a transmittance is the mean over the light of 300 K; for a fire of 1000 K in
+              3.4 to 4.2 micrometre it is 4 % low. Sunlight of 3.4 to 4.2 micrometre is 9 % less
+              than MODTRAN 5.2.1's, because the product of two mean transmittances ignores that
+              gases absorb the same lines on both paths. Its scattered part, 1 to 3 % of the
+              reflected part, is known to a factor of two. The ratio for higher ground is exact for
+              grey air; saturated lines reduce the transmittance above 2 km by up to 0.05.
     """
     positive(altitude=altitude, distance=distance)
     require_response(response, table.spectrum)
     weights = response * np.gradient(table.spectrum)
-    used = weights.any(0)  # the rest of the spectrum costs time
+    used = weights.any(0)  # the rest of the spectrum would cost time
     sunlight = sun_spectrum(table.spectrum)[used] / distance**2
     weights, table = weights[:, used], table.within(used)
     angles = ANGLES[: np.searchsorted(ANGLES, table.sensor[-1] + 1e-9)]
@@ -130,7 +130,7 @@ def infrared_bands(
 
 
 class _Scattered(NamedTuple):
-    """Scattered sunlight, as BandTable has it."""
+    """Scattered sunlight, in the form of BandTable."""
 
     azimuth: Floats
     path: Floats
@@ -148,25 +148,25 @@ def _dark(shape: tuple[int, ...]) -> _Scattered:
 def _scattered(
     air: AirTable, sunlight: Floats, spectrum: Floats, seen: Floats, altitude: float
 ) -> _Scattered:
-    """Sunlight that particles scatter, through the gases that the infrared table has.
+    """Sunlight that particles scatter, through the gases of the infrared table.
 
         gases = t / t_particles,   path = E P gases(Sun) gases(sensor)
         sky = E K / pi gases(Sun) t(sensor)
         around = E (cos(sun) t_particles(Sun) + K) / pi A gases(Sun) gases(sensor)
 
-    with P, K and A the light of the air, the skylight and the diffuse transmittance of the table.
+    P, K and A are the light of the air, the skylight and the diffuse transmittance of the table.
 
     sunlight  (b, f) the response times the Sun's irradiance
     seen      (2, h, v, f) transmittance to the sensor, and to the Sun
     """
     angles = ANGLES[: seen.shape[2]]
-    # The last two nodes of the table; beyond them, its last one.
+    # The last two nodes of the table; beyond them, the last node.
     nodes = np.log(air.wavelength[-2:])
     part = np.clip((np.log(spectrum) - nodes[0]) / (nodes[1] - nodes[0]), 0, 1)
     shares = np.array([1 - part, part])
 
     def at_heights(values: Floats) -> Floats:
-        """(2, h, ...) on the heights of the bands; constant above those of the table."""
+        """Values (2, h, ...) on the heights of the bands; constant above the table's heights."""
         return CubicSpline(air.height, values, 1)(np.minimum(HEIGHT, air.height[-1]))
 
     logarithm = np.log(np.clip(altitude, *air.altitude[[0, -1]]))
@@ -208,7 +208,7 @@ def _scattered(
 def load_infrared(path: Path) -> InfraredTable:
     """Read a table.
 
-    Raises  FileNotFoundError; ValueError where the file is no such table or damaged.
+    Raises  FileNotFoundError; ValueError where the file is not an infrared table, or damaged.
     """
     with open_checked(path, "INFRARED", FORMAT, "an infrared table of the air") as parts:
         return InfraredTable(*(parts[name].data.astype(np.float64) for name in ARRAYS))
@@ -225,7 +225,8 @@ def _above(table: InfraredTable, ground: float, sensor: float, angle: Floats) ->
 
 
 def _from_sea(table: InfraredTable, height: float, angle: Floats) -> tuple[Floats, ...]:
-    """The same from the sea; straight lines over the logarithm of height, and over the secant."""
+    """Transmittance and thermal radiance from the sea, linear in the logarithm of height and in the
+    secant."""
     at = np.interp(np.log(max(height, 1.0)), np.log(table.altitude), np.arange(len(table.altitude)))
     low = min(int(at), len(table.altitude) - 2)
     fraction = at - low
@@ -237,12 +238,12 @@ def _from_sea(table: InfraredTable, height: float, angle: Floats) -> tuple[Float
     for values in (np.log(np.maximum(table.through, 1e-12)), table.rise):
         layer = (1 - fraction) * values[low] + fraction * values[low + 1]
         between.append(layer[left] * (1 - right) + layer[left + 1] * right)
-    thin = min(height / table.altitude[0], 1.0)  # under the lowest sensor, in proportion
+    thin = min(height / table.altitude[0], 1.0)  # proportional below the lowest sensor
     return np.exp(thin * between[0]), thin * between[1]
 
 
 def _fraction_above(table: InfraredTable, ground: float) -> Floats:
-    """(f,) thermal radiance of the sky at a height over that at sea level, by its emissivity."""
+    """Thermal radiance (f,) of the sky at a height, relative to sea level, by its emissivity."""
     angle, top = np.array([DIFFUSE]), float(table.altitude[-1])
     emissivity = 1 - _above(table, 0.0, top, angle)[0][0]
     return (1 - _above(table, ground, top, angle)[0][0]) / np.maximum(emissivity, 1e-12)

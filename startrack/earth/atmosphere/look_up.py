@@ -12,14 +12,15 @@ from startrack.earth.atmosphere.table import BandTable
 
 Reals = NDArray[np.floating[Any]]
 
-STEP = 1 * deg  # of the fine table in the zenith angles
+STEP = 1 * deg  # step of the fine table in the zenith angles
 AZIMUTH_STEP = 2 * deg
-OUTSIDE = 1e-6  # of a cell, tolerance for rounding
+OUTSIDE = 1e-6  # fraction of a cell, tolerance for rounding
 HEIGHT_STEP = 250.0  # metre
 
 
 class Reach(NamedTuple):
-    """Ranges of the geometry of a scene, (low, high) each: metre, radian, radian, radian."""
+    """Ranges of height, sensor, sun and azimuth of a scene, (low, high) each: metre, radian,
+    radian, radian."""
 
     height: tuple[float, float]
     sensor: tuple[float, float]
@@ -34,7 +35,7 @@ class SlantPath(NamedTuple):
     sensor     (n,) radian, zenith angle of the sensor
     sun        (n,) radian, zenith angle of the Sun
     azimuth    (n,) radian, between them, in [0, pi]
-    incidence  (n,) 1, cosine between the ground's normal and the Sun; negative values count as 0
+    incidence  (n,) 1, cosine between the ground's normal and the Sun; negative values are set to 0
     lit        (n,) 1, fraction of the pixel in the direct beam: 0 in shadow
     sky_view   (n,) 1, fraction of the sky's light that reaches the ground
     """
@@ -50,11 +51,11 @@ class SlantPath(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class FineTable:
-    """The part of a BandTable that a scene needs, so fine that linear interpolation suffices.
+    """The part of a BandTable that a scene needs, fine enough for linear interpolation.
 
-    start, step  (4,) of height, sensor, sun and azimuth, metre and radian
+    start, step  (4,) for height, sensor, sun and azimuth, metre and radian
     path         (h, v, s, p, b)
-    ground       (h, v, s, 3 b), direct, sky and around, one after the other
+    ground       (h, v, s, 3 b), direct, sky and around in sequence
     backscatter  (h, b)
     through      (h, v, b)
     rise, fall   (h, v, b), or None
@@ -70,7 +71,7 @@ class FineTable:
     fall: Singles | None = None
 
     def heat(self, values: Singles, sight: SlantPath) -> Floats:
-        """(n, b) of `through`, `rise` or `fall`, linear between its nodes."""
+        """Values (n, b) of `through`, `rise` or `fall`, linear between nodes."""
         last = np.array(values.shape[:2]) - 1
         height = np.clip((sight.height - self.start[0]) / self.step[0], 0, last[0])
         sensor = np.clip((sight.sensor - self.start[1]) / self.step[1], 0, last[1])
@@ -83,10 +84,10 @@ class FineTable:
 
 
 def refine(table: BandTable, ranges: Reach) -> FineTable:
-    """The part of a table that a scene needs, on finer nodes by cubic splines.
+    """The part of a table that a scene needs, on finer nodes, by cubic splines.
 
     Raises    ValueError where the scene reaches beyond the table.
-    Accuracy  numerical: linear interpolation over 1 degree is good to 1e-3 up to 70 degrees.
+    Accuracy  numerical: linear interpolation over 1 degree errs by 1e-3 up to 70 degrees.
     """
     axes = table.height, table.sensor, table.sun, table.azimuth
     steps = HEIGHT_STEP, STEP, STEP, AZIMUTH_STEP
@@ -121,7 +122,7 @@ def look_up(
     surroundings: Reals,
     direct: Reals | None = None,
 ) -> tuple[Singles, Singles, Singles]:
-    """Reflected and scattered sunlight, in the terms of the paper.
+    """Reflected and scattered sunlight, in the terms of Krutz et al. (2011).
 
         L_dir = R s cos(alpha) / cos(sun) D
         L_ind = rho (V K + (D + K) B) + rho (1 - V) rho" (D + K) (1 + B)
@@ -137,13 +138,12 @@ def look_up(
 
     sight         n pixels
     reflectance   (n, b) or (b,) 1
-    surroundings  (b,) 1, of one rho' = rho"; or (2, n, b), rho' and rho" of each pixel
-    direct        (n, b) 1, at least 0; None for `reflectance`
+    surroundings  (b,) 1, rho' = rho" for all pixels; or (2, n, b), rho' and rho" of each pixel
+    direct        (n, b) 1, R, at least 0; None: `reflectance`
     Returns       three of (n, b) watt / m^2 / sr
-    Raises        ValueError where a pixel lies outside the table, is not a number, or reflects less
-                  than nothing or more than all.
-    Accuracy      model: surroundings as flat as the pixel's own; slopes do not change the radiance
-                  of the air.
+    Raises        ValueError where a pixel lies outside the table, is not a number, or has a
+                  reflectance outside [0, 1].
+    Accuracy      model: surroundings are flat; slopes do not change the radiance of the air.
     """
     count, bands = len(sight.height), table.backscatter.shape[1]
     rho = _singles(reflectance, (count, bands))
@@ -198,10 +198,10 @@ def _singles(values: Reals, shape: tuple[int, ...]) -> Singles:
 
 @kernel(fastmath={"contract", "reassoc", "nsz", "arcp"})
 def _look_up(path, ground, backscatter, where, start, step, geometry, rho, factor, around, out):  # type: ignore[no-untyped-def]
-    """Fill `out`; returns the first pixel outside the table, or -1.
+    """Fill `out`. Returns the first pixel outside the table, or -1.
 
-    The corners are written out, because the compiler then handles all bands in eight lanes: five
-    times as fast as loops over corners.
+    The corners are written out: the compiler then handles all bands in eight lanes, five times as
+    fast as loops over corners.
     """
     bands = rho.shape[1]
     one = np.float32(1)

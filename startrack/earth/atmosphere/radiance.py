@@ -12,7 +12,7 @@ from startrack.earth.atmosphere.look_up import FineTable, Reach, Reals, SlantPat
 from startrack.earth.atmosphere.table import BandTable
 from startrack.earth.terrain import Ground, up
 
-COLDEST, HOTTEST = 50.0, 3000.0  # kelvin, of the spline
+COLDEST, HOTTEST = 50.0, 3000.0  # kelvin, range of the spline
 NODES = 600
 
 
@@ -21,7 +21,7 @@ def planck(wavelength: Floats, temperature: Floats | float) -> Floats:
 
         B = 2 h c^2 / wavelength^5 / (exp(h c / (wavelength k T)) - 1)
 
-    wavelength, temperature  metre, kelvin, of shapes that broadcast; temperature above 0
+    wavelength, temperature  metre, kelvin; shapes broadcast; temperature above 0
     Returns                  watt / m^2 / sr / m
     """
     with np.errstate(over="ignore"):
@@ -36,9 +36,9 @@ class ThermalRadiance:
     spline: CubicSpline
 
     def __call__(self, temperature: Floats) -> Floats:
-        """(n, b) of (n,) kelvin.
+        """Radiance (n, b) at (n,) kelvin.
 
-        Raises    ValueError where a temperature is no number from 50 to 3000 K.
+        Raises    ValueError where a temperature is not a number from 50 to 3000 K.
         Accuracy  numerical: 1e-6.
         """
         temperature = np.asarray(temperature, np.float64)
@@ -51,19 +51,19 @@ class ThermalRadiance:
 
 
 def heat_of(spectrum: Floats, response: Floats) -> ThermalRadiance:
-    """Heat of bands: the radiance of a blackbody in each.
+    """Radiance of a blackbody in each band, over temperature.
 
     spectrum  (f,) metre
     response  (b, f), as for `in_bands`
     """
     inverse = np.linspace(-1 / COLDEST, -1 / HOTTEST, NODES)
     weights = response * np.gradient(spectrum)
-    used = weights.any(0)  # the rest of the spectrum costs time
+    used = weights.any(0)  # the rest of the spectrum would cost time
     bands = planck(spectrum[used], -1 / inverse[:, None]) @ weights[:, used].T
     return ThermalRadiance(CubicSpline(inverse, np.log(np.maximum(bands, 1e-300))))
 
 
-PIXELS = 2**15  # at a time, so that intermediate arrays stay in the cache
+PIXELS = 2**15  # pixels at a time, so that intermediate arrays stay in the cache
 
 
 class Terms(NamedTuple):
@@ -73,7 +73,7 @@ class Terms(NamedTuple):
 
     direct     sunlight that the ground reflects
     indirect   light of sky, air and surrounding slopes, reflected by the ground
-    scattered  light that the air scatters, from the Sun and from the ground around
+    scattered  light that the air scatters, from the Sun and from the surrounding ground
     emitted    thermal radiance of the ground
     thermal    thermal radiance of the air, direct or reflected
     """
@@ -86,7 +86,7 @@ class Terms(NamedTuple):
 
     @property
     def total(self) -> Singles:
-        """(n, b) watt / m^2 / sr."""
+        """Sum of the terms, (n, b) watt / m^2 / sr."""
         return self.direct + self.indirect + self.scattered + self.emitted + self.thermal
 
 
@@ -105,23 +105,22 @@ def radiance(
         L_em = (1 - rho) B(T) t
         L_th = rise + rho fall
 
-    with t the transmittance between ground and sensor. Where the table has no thermal
-    radiance of the air, the air is assumed to be isothermal:
-    rise = (1 - t) B(T_air), fall = rise t.
+    t is the transmittance between ground and sensor. Where the table has no thermal radiance of the
+    air, the air is assumed to be isothermal: rise = (1 - t) B(T_air), fall = rise t.
 
     Source: Krutz et al. (2011), eqs. (1) to (3).
 
     reflectance      (n, b) or (b,) 1
-    surroundings     (b,) or (2, n, b) 1, reflectance of the ground around, as for `look_up`
+    surroundings     (b,) or (2, n, b) 1, reflectance of the surrounding ground, as for `look_up`
     heat             of the bands; None where thermal radiance is negligible
     temperature      (n,) kelvin, of the ground; needed with `heat`
     air_temperature  kelvin, of isothermal air, where the table has no thermal radiance
-    direct           (n, b) 1, reflectance factor for sunlight; None for `reflectance`
-    Raises           ValueError as `look_up` and `ThermalRadiance`; TypeError where heat has no
-                     temperature.
-    Accuracy         model: isothermal air over a black ground of its own temperature gives Planck's
-                     law exactly; it errs by some per cent of L_th in the windows and more in the
-                     bands of gases.
+    direct           (n, b) 1, reflectance factor for sunlight; None: `reflectance`
+    Raises           ValueError as `look_up` and `ThermalRadiance`; TypeError where `heat` is given
+                     without `temperature`.
+    Accuracy         model: isothermal air over black ground of the same temperature gives Planck's
+                     law exactly. Isothermal air errs by some per cent of L_th in the windows and
+                     more in the bands of gases.
     """
     count, bands = len(sight.height), table.backscatter.shape[1]
     out = Terms(*np.zeros((5, count, bands), np.float32))
@@ -148,8 +147,8 @@ def radiance(
     return out
 
 
-LOW_SUN = 69.9 * deg  # zenith angle that a table must reach to hold for a lower Sun, too
-TINY = 1e-12  # product of sines, below which the azimuth is undefined
+LOW_SUN = 69.9 * deg  # a table up to this zenith angle also holds for a lower Sun
+TINY = 1e-12  # product of sines; the azimuth is undefined below it
 
 
 def sight_of(ground: Ground) -> SlantPath:
@@ -158,7 +157,7 @@ def sight_of(ground: Ground) -> SlantPath:
     zenith = up(ground.longitude[seen], ground.latitude[seen])
     camera, sun = -ground.direction[seen], ground.sun
     high, low = np.einsum("ij,ij->i", camera, zenith), zenith @ sun
-    # Both without their components along the zenith.
+    # Both directions without their components along the zenith.
     level, shone = camera - high[:, None] * zenith, sun - low[:, None] * zenith
     apart, about = (np.sqrt(np.einsum("ij,ij->i", vector, vector)) for vector in (level, shone))
     turned = np.einsum("ij,ij->i", level, shone) / np.maximum(apart * about, TINY)
@@ -187,13 +186,13 @@ def at_sensor(
 
     reflectance  (n, b) or (b,) 1, of the ground; without effect where a ray misses
     surroundings  (b,) or (2, n, b) 1, as for `look_up`
-    temperature  (n,) kelvin, likewise
-    direct       (n, b) 1, reflectance factor for sunlight, likewise; None for `reflectance`
+    temperature  (n,) kelvin of the ground, likewise
+    direct       (n, b) 1, reflectance factor for sunlight, likewise; None: `reflectance`
     Returns      Terms of (n, b); finite and never negative
-    Raises       those of `radiance`; ValueError where ground lies outside the table's heights, or a
-                 ray grazes it beyond the table's zenith angles.
-    Accuracy     model: for a Sun lower than in the table, the light of the air is that of the
-                 lowest Sun, reduced in proportion to the cosine, and 0 below the horizon.
+    Raises       as `radiance`; ValueError where ground lies outside the table's heights, or a ray
+                 meets it beyond the table's zenith angles.
+    Accuracy     model: for a Sun below the table's range, the light of the lowest Sun is reduced in
+                 proportion to the cosine; it is 0 below the horizon.
     """
     bands = table.backscatter.shape[1]
     out = Terms(*np.zeros((5, len(ground), bands), np.float32))

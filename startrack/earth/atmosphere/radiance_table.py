@@ -23,9 +23,9 @@ RADIANCE = "W / (m2 sr m)"
 class GeometryAxis(NamedTuple):
     """A column of the geometry.
 
-    unit     SI, of its values
-    whole    range in which a table without this column is valid
-    around   distance below and above a single value within which the table is valid
+    unit     SI unit of its values
+    whole    range of validity of a table without this column
+    around   half range of validity of a table with a single value
     highest  largest allowed value
     """
 
@@ -36,7 +36,7 @@ class GeometryAxis(NamedTuple):
 
 
 WIDE = 89 * deg
-SPACE = 100e3  # metre, above which an altitude makes no difference
+SPACE = 100e3  # metre; a table does not depend on an altitude above it
 AXES = {
     "height": GeometryAxis("m", (-500.0, 9e3), 100.0, 9e3),
     "altitude": GeometryAxis("m", (1.0, SPACE), 100.0, 1e12),
@@ -44,12 +44,12 @@ AXES = {
     "sun_zenith": GeometryAxis("rad", (0.0, WIDE), 1 * deg, WIDE),
     "azimuth": GeometryAxis("rad", (0.0, math.pi), 5 * deg, math.pi),
 }
-# Unit of each column of values; those of the second row are transmittances and albedos.
+# Unit of each column of values; columns of the second row are transmittances and albedos.
 LIGHT = ("path", "direct", "sky", "around")
 RATIOS = ("backscatter", "through")
 HEAT = ("rise", "fall")
 UNITS = dict.fromkeys((*LIGHT, *HEAT), RADIANCE) | dict.fromkeys(RATIOS, "")
-FEWEST = 3  # wavelengths of a table
+FEWEST = 3  # least number of wavelengths of a table
 BLOCK, BUILT = 2880, b"TABLE   ="  # byte of a FITS header; its keyword in a built table
 HEADING = re.compile(r"(\w+)\s*(?:\[([^\]]*)\])?")
 
@@ -59,7 +59,7 @@ HEADING = re.compile(r"(\w+)\s*(?:\[([^\]]*)\])?")
 class RadianceTable:
     """Spectral radiance at a sensor, from a program of radiative transfer.
 
-    Of the Sun at one astronomical unit. Each array of values is (h, a, v, s, p, f).
+    The Sun is at one astronomical unit. Each array of values is (h, a, v, s, p, f).
 
     spectrum   (f,) metre, rising
     height     (h,) metre of the ground above the sea
@@ -69,12 +69,14 @@ class RadianceTable:
     azimuth    (p,) radian, between both; 0 for the same side
     path       watt / m^2 / sr / m, sunlight that the air scatters over black ground
     direct     likewise, from white level ground in the direct beam alone
-    sky        from it in the diffuse light alone
-    around     of white ground around, scattered into the line of sight
+    sky        likewise, in the diffuse light alone
+    around     likewise, light of surrounding white ground that the air scatters into the line of
+               sight
     backscatter  1, spherical albedo of the air
     through    1, direct transmittance from ground to sensor
     rise       watt / m^2 / sr / m, thermal radiance of the air towards the sensor
-    fall       that of the sky, which white ground reflects to the sensor; both None if not given
+    fall       likewise, thermal radiance of the sky that white ground reflects to the sensor; both
+               None if not given
     """
 
     spectrum: Floats
@@ -94,7 +96,7 @@ class RadianceTable:
 
 
 def load_user_table(path: Path) -> AirTable | RadianceTable:
-    """A table that a scene names: of any program, or as the shipped ones are built.
+    """A table named by a scene: from any program, or in the format of the shipped tables.
 
     Raises  ValueError as `load_radiance_table` and `load_table`.
     """
@@ -111,7 +113,7 @@ def load_radiance_table(path: Path) -> RadianceTable:
     of the geometry is left out, nothing depends on it.
 
     Raises  FileNotFoundError; ValueError with the file and the column, where one is missing or
-            unknown, has another unit, or is out of range; with the place where rows are missing.
+            unknown, has another unit, or is out of range; with the geometry of missing rows.
     """
     columns = _columns(path)
     _refuse_unknown(path, columns)
@@ -161,7 +163,7 @@ def radiance_bands(
     response  (b, f), as for `in_bands`, over table.spectrum
     altitude  metre, of the sensor above the ground
     distance  astronomical unit, of the Sun
-    Raises    ValueError where the sensor is at another altitude than the table has.
+    Raises    ValueError where the altitude of the sensor is outside the table.
     Accuracy  numerical: sums over the table's wavelengths, linear over the altitude.
     """
     positive(altitude=altitude, distance=distance)
@@ -179,7 +181,7 @@ def radiance_bands(
     sums = weights.sum(1)
 
     def banded(name: str) -> Floats:
-        """(h, v, s, p, b)."""
+        """Array (h, v, s, p, b) of a term in bands."""
         values = getattr(table, name)
         here = values[:, below] * (1 - (at - below)) + values[:, below + 1] * (at - below)
         return np.asarray(here @ weights.T)
@@ -208,7 +210,7 @@ def _unit(name: str) -> str:
 
 
 def _columns(path: Path) -> dict[str, tuple[Any, str]]:
-    """Values and unit of each column, by its name in small letters."""
+    """Values and unit of each column, by its name in lower case."""
     if path.suffix.lower() in (".fits", ".fit"):
         return _fits_columns(path)
     table = csv_table(path, what=WHAT)
@@ -235,7 +237,7 @@ def _fits_columns(path: Path) -> dict[str, tuple[Any, str]]:
             return {one.name.lower(): (np.array(rows[one.name]), one.unit or "") for one in about}
     except MemoryError:
         raise
-    except Exception as error:  # of its parsers, which each raise their own
+    except Exception as error:  # each parser raises different errors
         raise Refused(
             f"{path} must have a table in its first extension, got: {first_line(error)}"
         ) from None

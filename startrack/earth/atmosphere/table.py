@@ -41,7 +41,7 @@ HIGH = (
     *(3.00e-4, 1.98e-4, 1.31e-4, 3.32e-5, 1.64e-5, 7.99e-6, 4.01e-6, 2.10e-6, 1.60e-7),
     9.31e-10,
 )
-SPARSE = 25e3  # metre, above which the steps are 5 km and more
+SPARSE = 25e3  # metre; steps are 5 km and more above
 HEIGHT: Floats = np.array([*range(26), 30, 35, 40, 45, 50, 70, 100], np.float64) * 1e3
 
 
@@ -51,8 +51,8 @@ def profile(visibility: float, height: Floats) -> Floats:
     visibility  metre
     height      (n,) metre above the sea
     Returns     (n,) 1 / metre
-    Accuracy    model: Shettle and Fenn's profiles, linear in 1 / visibility between them, as
-                extinction is, and linear over height; exponential where their steps are wide.
+    Accuracy    model: Shettle and Fenn's profiles; linear in 1 / visibility and over height,
+                exponential over height where their steps are wide.
     """
     inverse = 1 / np.array([visibility])
     low = [np.interp(inverse, 1 / VISIBILITIES, row)[0] for row in LOW]
@@ -79,14 +79,15 @@ CLIMATES = {
     "subarctic winter": (4.16, 3.76e-3),
     "us standard": (14.2, 3.44e-3),
 }
-FORMAT = 2  # of the file; 1 had no spread
+FORMAT = 2  # format of the file; format 1 had no spread
 # Scale heights, metre, for the fraction of a gas below a height. Water: 2 km, as Bird and Riordan;
 # mixed gases: as the air; ozone: evenly between two heights, chosen by hand.
 WATER_SCALE, AIR_SCALE = 2e3, 8e3
 OZONE_FROM, OZONE_TO = 12e3, 35e3
 TINY = 1e-300
-SPREADS: Floats = 20.0 * np.sqrt(10.0) ** np.arange(7.0)  # metre, of the Gaussians
-WATER_ABOVE_SCATTERING = 0.5  # of the water, crossed by light that the air scatters (as 6S)
+SPREADS: Floats = 20.0 * np.sqrt(10.0) ** np.arange(7.0)  # metre, rms widths of the Gaussians
+# fraction of the water that light scattered by the air crosses (as 6S)
+WATER_ABOVE_SCATTERING = 0.5
 
 
 class Air(Parameters):
@@ -99,32 +100,34 @@ class Air(Parameters):
         default="rural",
     )
     visibility: float = parameter(
-        "meteorological range at the ground: where contrast falls to 2 %",
+        "meteorological range at the ground, where contrast falls to 2 %",
         unit=Unit("m", "km"),
         limit=Range(2e3, 150e3),
         default=23e3,
     )
     water: float | None = parameter(
-        "vapour above the sea, in place of the climate's",
+        "column of water vapour above the sea, in place of the climate's",
         unit=Unit("kg / m2"),
         limit=Range(0.5, 80),
         default=None,
     )
     ozone: float | None = parameter(
-        "pure, at standard conditions, in place of the climate's; 1e-5 m is a Dobson unit",
+        "column of pure ozone at standard conditions, in place of the climate's; 1e-5 m "
+        "is a Dobson unit",
         unit=Unit("m", "mm"),
         limit=Range(1e-4, 1e-2),
         default=None,
     )
     climate: str = parameter(
-        "model atmosphere of AFGL (Anderson et al. 1986), whose columns of water and ozone the air "
-        "has; bands beyond 3 um know midlatitude summer alone",
+        "model atmosphere of AFGL (Anderson et al. 1986), which gives the columns of water and "
+        "ozone; bands beyond 3 um always use midlatitude summer",
         limit=Range(choices=tuple(CLIMATES)),
         default=SUMMER,
     )
     table: str = parameter(
-        "a user's table, FITS, ECSV or CSV, from MODTRAN, 6S, libRadtran or another program (see "
-        "docs/own-air.md), relative to the scene file; the other keys must be left out beside it",
+        "path, relative to the scene file, of a user's table (FITS, ECSV or CSV) from MODTRAN, "
+        "6S, libRadtran or another program (see docs/own-air.md); the other keys must then be "
+        "left out",
         limit=FILE,
         default="",
     )
@@ -137,7 +140,7 @@ class Air(Parameters):
 
     @property
     def columns(self) -> tuple[float, float]:
-        """Water, kilogram / square metre, and ozone, metre at standard conditions."""
+        """Columns of water, kilogram / square metre, and ozone, metre at standard conditions."""
         water, ozone = CLIMATES[self.climate]
         return (
             water if self.water is None else self.water,
@@ -150,10 +153,10 @@ class Air(Parameters):
 class AirTable:
     """Radiation in plane layers over a Lambert surface; absorption by gases is kept apart.
 
-    air          its state
-    wavelength   (k,) metre, nodes of scattering, which is smooth between them
+    air          state of the atmosphere
+    wavelength   (k,) metre, nodes of scattering
     height       (h,) metre of the ground above the sea
-    altitude     (a,) metre of the sensor above the ground; the last one is above the air
+    altitude     (a,) metre of the sensor above the ground; the last is above the air
     sensor       (v,) radian, zenith angle of the sensor
     sun          (s,) radian, zenith angle of the Sun
     azimuth      (p,) radian, between Sun and sensor as the ground sees them; 0 for the same side
@@ -162,13 +165,13 @@ class AirTable:
     beam         (k, h, s) 1, direct transmittance of sunlight to the ground
     skylight     (k, h, s) 1, irradiance of the sky over a black ground, over the Sun's
     seen         (k, h, a, v) 1, direct transmittance from ground to sensor
-    around       (k, h, a, v) 1, diffuse transmittance, of light from the ground around
+    around       (k, h, a, v) 1, diffuse transmittance of light from the surrounding ground
     backscatter  (k, h) 1, spherical albedo of the air from below
-    spread       (k, h, a, g) 1, of `around`: weights of Gaussians of SPREADS over the ground, for a
-                 vertical line of sight
-    returned     (k, h, g) 1, of `backscatter`, likewise
+    spread       (k, h, a, g) 1, weights of Gaussians of SPREADS over the ground that make up
+                 `around`, for a vertical line of sight
+    returned     (k, h, g) 1, likewise for `backscatter`
     spectrum     (f,) metre
-    irradiance   (f,) watt / m^2 / m, the Sun's at one astronomical unit
+    irradiance   (f,) watt / m^2 / m, irradiance of the Sun at one astronomical unit
     mass         (m,) 1, air masses
     gas          (3, f, m) 1, transmittance of water, mixed gases and ozone of the whole column
     """
@@ -200,8 +203,8 @@ ARRAYS = tuple(field.name for field in fields(AirTable) if field.name != "air")
 def load_table(path: Path) -> AirTable:
     """Read a table.
 
-    Raises  FileNotFoundError; ValueError where the file is no table of the air, of another format,
-            or damaged (its checksums do not fit).
+    Raises  FileNotFoundError; ValueError where the file is not a table of the air, has another
+            format, or is damaged (wrong checksums).
     """
     with open_checked(path, "TABLE", FORMAT, "a table of the air") as parts:
         head = parts[0].header
@@ -213,18 +216,21 @@ def load_table(path: Path) -> AirTable:
 
 
 def mixed(air: Air, tables: Sequence[AirTable]) -> AirTable:
-    """The table of other visibility, between those that differ in nothing else, clearest first.
+    """The table for another visibility, from tables that differ in visibility alone, clearest
+    first.
 
-    Logarithms of direct transmittances, and of the fraction of the light from within each Gaussian,
-    are mixed so that the aerosol has its optical depths below and above 2 km; those of total
-    transmittances, and scattered light, follow parabolas over 1 - exp(-d / 2), with d its depth.
+    Logarithms of direct transmittances, and of the fraction of light from each Gaussian, are
+    interpolated to match the aerosol's optical depths below and above 2 km. Logarithms of total
+    transmittances, and scattered light, follow parabolas over 1 - exp(-d / 2); d is the aerosol's
+    depth.
 
-    Accuracy  model: beside the solver from 8 to 120 km, seen from space: light of the air 2 % in a
-              view down with the Sun up to 60 degree from the zenith, 8 % in slants; transmittances
-              0.5 %, of Sun and sky 2 %. From 5 km light of the air 6 % in haze, 40 % at 120 km.
-              Between two tables they follow straight lines, from 23 to 150 km.
+    Accuracy  model: differences from the solver, for visibilities of 8 to 120 km. Seen from space:
+              light of the air 2 % straight down with the Sun up to 60 degree from the zenith, 8 %
+              on slant paths; transmittances to the sensor 0.5 %, from Sun and sky 2 %. Seen from 5
+              km: light of the air 6 % in haze, 40 % at a visibility of 120 km. Two tables are
+              interpolated linearly, from 23 to 150 km.
     """
-    height = np.arange(50.0, 100e3, 100.0)  # middles of layers of 100 m
+    height = np.arange(50.0, 100e3, 100.0)  # centres of layers of 100 m
     depth = 100 * np.array(
         [
             profile(own.visibility, height) * (own.aerosol != "none")
@@ -232,7 +238,7 @@ def mixed(air: Air, tables: Sequence[AirTable]) -> AirTable:
         ]
     )
     low, high = depth[:, height < LAYER].sum(1), depth[:, height >= LAYER].sum(1)
-    known = [low, high] if len(tables) > 2 else [low + high]  # two tables cannot have both
+    known = [low, high] if len(tables) > 2 else [low + high]  # two tables cannot match both
     known = np.array([*known, np.ones(len(low))])
     layered = np.linalg.solve(known[:, :-1], known[:, -1])
     bend = -np.expm1(-(low + high) / 2)
@@ -248,17 +254,17 @@ def mixed(air: Air, tables: Sequence[AirTable]) -> AirTable:
     made["skylight"] = (made["skylight"] - made["beam"]) * np.cos(tables[0].sun)
     made["returned"] /= made["backscatter"][..., None]
     made = {name: np.maximum(values, 0) for name, values in made.items()}
-    for name in ("spread", "returned"):  # of sensors in the air, where layers differ more
+    for name in ("spread", "returned"):  # for sensors within the air, where layers differ more
         made[name] /= np.maximum(made[name].sum(-1, keepdims=True), 1)
     return AirTable(air, **made)
 
 
-LAYER = 2e3  # metre, below which the visibility sets the aerosol
+LAYER = 2e3  # metre; the visibility sets the aerosol below
 LOGARITHMS = "seen", "beam", "around", "skylight", "spread"
 
 
 def _form(table: AirTable) -> dict[str, Floats]:
-    """The arrays of a table in the form in which they are interpolated."""
+    """The arrays of a table in the form for interpolation."""
     total, straight = table.seen + table.around, table.seen[..., :1]
     within = straight + table.around[..., :1] * np.cumsum(table.spread, -1)
     form = {name: getattr(table, name) for name in ARRAYS} | {
@@ -276,17 +282,17 @@ class BandTable:
     """Terms of the radiance in bands, over geometry, for one altitude of the sensor.
 
     height, sensor, sun, azimuth  as in AirTable
-    path         (h, v, s, p, b) watt / m^2 / sr, of the air alone
-    direct       (h, v, s, b) watt / m^2 / sr, from white horizontal ground in the direct beam alone
-    sky          (h, v, s, b) watt / m^2 / sr, from it in the diffuse light alone
-    around       (h, v, s, b) watt / m^2 / sr, from white ground around, in both
+    path         (h, v, s, p, b) watt / m^2 / sr, air alone
+    direct       (h, v, s, b) watt / m^2 / sr, white horizontal ground in the direct beam alone
+    sky          (h, v, s, b) watt / m^2 / sr, white horizontal ground in the diffuse light alone
+    around       (h, v, s, b) watt / m^2 / sr, surrounding white ground, in both
     backscatter  (h, b) 1, spherical albedo
     through      (h, v, b) 1, direct transmittance from ground to sensor, lines of gases
                  included
     rise         (h, v, b) watt / m^2 / sr, thermal radiance of the air towards the sensor
     fall         (h, v, b) watt / m^2 / sr, thermal radiance of the sky that white ground reflects
                  to the sensor; both None where `radiance` assumes isothermal air
-    spread       (2, h, b, g) 1, weights of Gaussians over the ground, of `around` and of
+    spread       (2, h, b, g) 1, weights of Gaussians over the ground, for `around` and for
                  `backscatter`; None without scattering
     """
 
@@ -310,19 +316,20 @@ def in_bands(
 ) -> BandTable:
     """Weight the spectrum with the response of each band.
 
-    Products of transmittances are taken before they are averaged over a band, so that lines and
-    slopes inside it are kept.
+    Transmittances are multiplied before the average over a band, so that spectral lines and slopes
+    within it are kept.
 
     response  (b, f) 1 / metre or 1 over table.spectrum: the band's radiance is the integral of
               response times spectral radiance
     altitude  metre, of the sensor above the ground
     distance  astronomical unit, of the Sun
-    Returns   BandTable; its unit is watt / m^2 / sr times that of `response` times metre
+    Returns   BandTable; unit: watt / m^2 / sr times the unit of `response` times metre
     Raises    ValueError where no response lies inside the table's spectrum, or the sensor on the
               ground.
     Accuracy  model: below the table's lowest altitude the air below the sensor is reduced in
-              proportion; at 500 m of 2 km its light is 10 to 20 % low, as haze is densest there.
-              numerical: a cubic spline over the logarithm of wavelength and altitude.
+              proportion. At 500 m, with a lowest altitude of 2 km, its light is 10 to 20 % low,
+              because haze is densest near the ground. numerical: a cubic spline over the logarithm
+              of wavelength and altitude.
     """
     positive(altitude=altitude, distance=distance)
     flat = response * np.gradient(table.spectrum)
@@ -380,7 +387,7 @@ def in_bands(
 def _spread(
     table: AirTable, weights: Floats, across: Floats, here: Floats, light: tuple[Floats, Floats]
 ) -> Floats:
-    """(2, h, b, g): the weights of Gaussians, averaged over the light (h, f) of each kind."""
+    """Weights (2, h, b, g) of Gaussians, averaged over the light (h, f) of each kind."""
     kinds = np.einsum("khag,a->khg", table.spread, here), table.returned
     out = []
     for gaussians, own in zip(kinds, light, strict=True):
@@ -400,7 +407,8 @@ def require_response(weights: Floats, spectrum: Floats) -> None:
 
 
 def _spline(nodes: Floats, at: Floats) -> Floats:
-    """(f, k): the values at k nodes to those of their cubic spline, or the one node's constant."""
+    """Matrix (f, k) from values at k nodes to values of their cubic spline; constant for one
+    node."""
     if len(nodes) == 1:
         return np.ones((len(at), 1))
     return CubicSpline(nodes, np.eye(len(nodes)))(at)
@@ -409,7 +417,7 @@ def _spline(nodes: Floats, at: Floats) -> Floats:
 def _gases(
     table: AirTable, gas: Floats, h: int, v: int, s: int, altitude: float
 ) -> tuple[Floats, Floats]:
-    """Transmittance of all gases for light from the ground, and for light of the air alone."""
+    """Transmittance of all gases for light from the ground, and for light of the air."""
     air_mass = 1 / math.cos(table.sun[s])
     down = np.array([_below(table.height[h], 1e6, gas) for gas in range(3)]) * air_mass
     masses = _masses(table, h, v, altitude) + down
@@ -419,7 +427,7 @@ def _gases(
 
 
 def _masses(table: AirTable, h: int, v: int, altitude: float) -> Floats:
-    """(3,) air masses of each gas between ground and sensor."""
+    """Air masses (3,) of the gases between ground and sensor."""
     ground = table.height[h]
     return np.array([_below(ground, ground + altitude, gas) for gas in range(3)]) / math.cos(
         table.sensor[v]
@@ -436,8 +444,8 @@ def _below(low: float, high: float, gas: int) -> float:
 
 
 def _transmitted(table: AirTable, gas: Floats, masses: Floats) -> Floats:
-    """Transmittance of all gases, from their logarithms (3, f, m); strong lines go with the root of
-    the mass.
+    """Transmittance of all gases, from logarithms (3, f, m); the depth of strong lines is
+    proportional to the root of the mass.
     """
     root, total = np.sqrt(table.mass), np.zeros(gas.shape[1])
     for values, at in zip(gas, masses, strict=True):

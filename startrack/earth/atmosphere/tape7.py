@@ -29,14 +29,14 @@ SPACED = (
     *("MULT SCAT", "SING SCAT", "GRND RFLT", "DRCT RFLT", "TOTAL RAD", "REF SOL", "DIR EM"),
     *("TOA SUN", "BBODY T"),
 )
-END = -9999.0  # stands after the last row
+END = -9999.0  # marks the end of rows
 SPECTRAL = ("cm-1", "nm", "um")  # units of the first column
-THERMAL = 5 * um  # from here on the ground's reflected light counts as heat of the sky
+THERMAL = 5 * um  # from this wavelength on, the ground's reflected light counts as heat of the sky
 UNITS = "W / (m2 sr um)"
 
 
 class RunGeometry(NamedTuple):
-    """Geometry of a run of MODTRAN; None for a value on which the table does not depend.
+    """Geometry of a run of MODTRAN; None: the table does not depend on the value.
 
     height, altitude  metre: of the ground above the sea, of the sensor above the ground
     sensor_zenith, sun_zenith, azimuth  degree; of the sensor as the ground sees it
@@ -59,27 +59,28 @@ def import_tape7(
 ) -> int:
     """Turn two runs over grounds of different albedo into rows of a user's table.
 
-    With G the light that the ground reflects to the sensor (GRND_RFLT) and r the albedo,
+    G is the light that the ground reflects to the sensor (GRND_RFLT), r the albedo:
 
         G (1 - r S) = r g,   scattered = path + r a / (1 - r S)
 
     Two albedos determine S, g, a and path; DRCT_RFLT / r is the direct part of g. g also contains
-    heat of the sky that the ground reflects; up to 5 micrometre, and in runs with sunlight, this
+    heat of the sky that the ground reflects. Up to 5 micrometre, in runs with sunlight, this heat
     counts as light of the sky.
 
-    Source: Verhoef and Bach (2003), Remote Sensing of Environment 87, 23, for the interrogation.
+    Source: Verhoef and Bach (2003), Remote Sensing of Environment 87, 23, for the method of two
+    albedos.
 
-    runs      same geometry and spectrum
-    albedos   of the ground in each, above 0 and different
+    runs      two files of the same geometry and spectrum
+    albedos   albedos of the ground in both runs, above 0 and different
     out       CSV file
     unit      of the first column: "cm-1" (tape7; radiance in W / cm2 / sr / cm-1), "nm" (tape7.scn;
               uW / cm2 / sr / nm) or "um" (tape7.scn; W / cm2 / sr / um)
-    add       whether rows are added to those that the file has
-    Returns   wavelengths
-    Raises    ValueError with the file where it is none, the runs differ, or the table that is made
-              is none.
-    Accuracy  model: the thermal path radiance is that over the ground of smaller albedo. It still
-              contains the radiance that this ground emits and the air scatters.
+    add       whether rows are added to an existing file
+    Returns   number of wavelengths
+    Raises    ValueError with the file where it is not such an output, the runs differ, or the
+              resulting table is not valid.
+    Accuracy  model: the thermal path radiance is taken from the run of smaller albedo. It contains
+              ground radiance that the air scatters.
     """
     low, high = sorted(albedos)
     if not 0 < low < high <= 1:
@@ -114,7 +115,7 @@ def import_tape7(
     rows = "\n".join(lines) + "\n"
     with whole(out) as draft:
         draft.write_text(f"{head}\n{rows}", encoding="utf-8")
-        try:  # alone: with others it may lack geometries that are still to come
+        try:  # the new rows alone: the file may still lack geometries of later runs
             load_radiance_table(draft)
         except Refused as error:
             raise Refused(str(error).replace(str(draft), str(out))) from None
@@ -137,7 +138,7 @@ def _solved(
     path = np.maximum(dark["scattered"] - around * factors[0], 0.0)
     direct = np.minimum(dark["beam"] / low, white)
     warm = dark["wavelength"] > THERMAL
-    if not (dark["scattered"].any() or dark["beam"].any()):  # a run of heat alone
+    if not (dark["scattered"].any() or dark["beam"].any()):  # a run without sunlight
         warm[:] = True
     sky = np.where(warm, 0.0, white - direct)
     fall = np.where(warm, white - direct, 0.0)
@@ -193,7 +194,7 @@ def _read(path: Path, unit: str) -> dict[str, Floats]:
 
 
 def _titles(line: str) -> list[tuple[str, int]]:
-    """Names of columns and where each ends, in a line that has them; else empty."""
+    """Names of columns and their ends, in a header line; empty for other lines."""
     line = line.upper()
     for name in SPACED:
         line = re.sub(name.replace(" ", " +"), lambda own: own[0].replace(" ", "_"), line)
@@ -203,7 +204,7 @@ def _titles(line: str) -> list[tuple[str, int]]:
 
 
 def _numbers(line: str, titles: list[tuple[str, int]]) -> list[float] | None:
-    """The numbers of a row, 0 for what is blank; None where it is no row."""
+    """The numbers of a row, 0 for a blank; None for other lines."""
     words = re.split(r"[\s,]+", line.strip().strip(","))
     try:
         if words[0] and float(words[0]) == END:

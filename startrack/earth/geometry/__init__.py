@@ -2,7 +2,7 @@
 
 orbit  Position and velocity of a satellite or an aircraft over the rotating Earth.
 sight  Elements of a detector, the times of its lines, and the line of sight of each pixel.
-aim    Orbit, pointing, place -> the orbit whose camera looks at the place at its epoch.
+aim    Orbit, pointing, place -> the orbit on which the camera looks at the place at the epoch.
 scene  EarthScene: a camera in flight over terrain, from a scene file; the ground that it sees, line
        by line.
 """

@@ -1,4 +1,4 @@
-"""Orbit, pointing, place -> the orbit whose camera looks at the place at its epoch."""
+"""Orbit, pointing, place -> the orbit on which the camera looks at the place at the epoch."""
 
 import math
 from collections.abc import Callable
@@ -14,9 +14,9 @@ from startrack.earth.geometry.sight import Pointing, sight
 from startrack.earth.terrain import EQUATORIAL, ConstantHeight
 
 AXIS = core.Camera(1, 1, 1000.0)  # whose only pixel looks along the optical axis
-NEAR = 0.1  # metre, by which the place may be missed; chosen by hand
-ANOMALIES = 72  # of a turn, from the nearest of which the least distance is searched
-SOLAR_RATE = 2 * math.pi / DAY  # rad / s, of the mean Sun over the ground
+NEAR = 0.1  # metre, largest distance from the place; chosen by hand
+ANOMALIES = 72  # anomalies of a turn; the search for the least distance begins at the nearest
+SOLAR_RATE = 2 * math.pi / DAY  # rad / s, rate of the mean Sun over the ground
 
 
 def axis_place(carrier: Carrier, pointing: Pointing, height: float = 0.0) -> tuple[float, float]:
@@ -41,21 +41,21 @@ def aimed(
     height: float = 0.0,
     ascending: bool = False,
 ) -> Carrier:
-    """The carrier moved so that its camera looks at a place at its epoch.
+    """The carrier, moved so that its camera looks at a place at the epoch.
 
     For an orbit, node and anomaly change. A local time fixes the node against the Sun; then epoch
     (by up to half a day) and anomaly change. For an aircraft, the start changes.
 
     longitude, latitude  radian, geodetic, of the ground on the optical axis
     height               metre above the ellipsoid
-    ascending            whether the satellite flies north there
+    ascending            whether the satellite flies north over the place
     Raises    Refused for two-line elements, whose passes are fixed, for `ascending` with an
               aircraft, and if the orbit does not reach the place.
-    Accuracy  numerical: 0.1 m on the ground, with the flight as `fly` has it.
+    Accuracy  numerical: 0.1 m on the ground, for the flight of `fly`.
     """
     if isinstance(carrier, TwoLines):
         raise Refused(
-            "tle must be replaced by orbit: two-line elements fix where and when it flies"
+            "tle must be replaced by orbit: two-line elements fix place and time of the flight"
         )
     if ascending and isinstance(carrier, Aircraft):
         raise Refused("ascending must be left out for an aircraft, which flies along its heading")
@@ -64,7 +64,7 @@ def aimed(
         raise Refused(f"latitude must lie within 90 deg, got {latitude / core.deg:g} deg")
 
     def missed(found: Carrier) -> Floats:
-        """East and north (2,) in Earth radii."""
+        """Distance (2,) from the place, east and north, in Earth radii."""
         over, up = axis_place(found, pointing, height)
         east = math.remainder(longitude - over, 2 * math.pi) * math.cos(latitude)
         return np.array([east, latitude - up])
@@ -94,7 +94,7 @@ def aimed(
 
 
 def _least(off: Callable[[float], float]) -> float:
-    """Least size of a function of an anomaly (radian)."""
+    """Least norm of a function of an anomaly (radian)."""
     step = 2 * math.pi / ANOMALIES
     nearest = min(range(ANOMALIES), key=lambda n: abs(off(n * step))) * step
     found = minimize_scalar(
@@ -107,7 +107,8 @@ def _least(off: Callable[[float], float]) -> float:
 
 
 def _argument(orbit: Orbit, latitude: float, ascending: bool) -> float:
-    """Radian from the node to about the place of a satellite over a latitude, or nearest to it."""
+    """Argument of latitude (radian) of a satellite at about a latitude, or as near as the orbit
+    gets."""
     tilt = orbit.resolved().inclination
     ratio = math.sin(latitude) / math.sin(tilt) if math.sin(tilt) else math.inf
     argument = math.asin(min(max(ratio, -1.0), 1.0))
@@ -115,7 +116,7 @@ def _argument(orbit: Orbit, latitude: float, ascending: bool) -> float:
 
 
 def _moved(orbit: Orbit, turn: float, anomaly: float) -> Orbit:
-    """The orbit turned about the Earth's axis, its satellite at an anomaly (radian)."""
+    """The orbit turned about the Earth's axis, with its satellite at an anomaly (radian)."""
     anomaly %= 2 * math.pi
     if orbit.local_time is None:
         return replace(orbit, node=(orbit.node + turn) % (2 * math.pi), anomaly=anomaly)

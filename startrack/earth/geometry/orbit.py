@@ -27,7 +27,7 @@ SPIN_VECTOR: Floats = np.array([0.0, 0.0, space.SPIN])  # rad / s
 
 
 class Orbit(Parameters):
-    """A satellite by its mean elements at an epoch, moved by SGP4 without drag."""
+    """Mean elements of a satellite at an epoch, propagated by SGP4 without drag."""
 
     epoch: str = parameter("UTC, as ISO 8601")
     altitude: float = parameter(
@@ -43,20 +43,20 @@ class Orbit(Parameters):
         "right ascension of the ascending node", unit=Unit("rad", "deg"), limit=FINITE, default=0.0
     )
     anomaly: float = parameter(
-        "mean, from the perigee", unit=Unit("rad", "deg"), limit=FINITE, default=0.0
+        "mean anomaly, from the perigee", unit=Unit("rad", "deg"), limit=FINITE, default=0.0
     )
     perigee: float = parameter("its argument", unit=Unit("rad", "deg"), limit=FINITE, default=0.0)
     eccentricity: float = parameter("1", limit=Range(0, 0.9), default=0.0)
     local_time: float | None = parameter(
-        'mean solar time at the ascending node, as "22.5 h" or "22:30"; it replaces `inclination` '
-        "and `node` by those of a Sun-synchronous orbit",
+        'mean solar time at the ascending node, as "22.5 h" or "22:30"; sets `inclination` and '
+        "`node` of a Sun-synchronous orbit",
         unit=Unit("s", "h", clock=True),
         limit=Range(0, DAY),
         default=None,
     )
     day: float | None = parameter(
-        "of the year, from 1, in place of that of `epoch`: the season, as a number that a campaign "
-        "may vary",
+        "day of the year, from 1, in place of the day of `epoch`: the season as a number, which "
+        "a campaign may vary",
         limit=Range(1, 367),
         default=None,
     )
@@ -69,13 +69,13 @@ class Orbit(Parameters):
             space.sun_synchronous(space.EARTH_RADIUS + self.altitude, self.eccentricity)
 
     def resolved(self) -> "Orbit":
-        """The same orbit by its elements only, without `local_time` and `day`."""
+        """The orbit by elements alone, without `local_time` and `day`."""
         if self.local_time is None and self.day is None:
             return self
         return _resolved(self)
 
     def satellite(self) -> Any:
-        """The record that SGP4 moves."""
+        """The record that SGP4 propagates."""
         angles = self.inclination, self.node, self.perigee, self.anomaly
         return space.element_record(
             self.epoch, space.EARTH_RADIUS + self.altitude, self.eccentricity, angles
@@ -107,7 +107,7 @@ def _resolved(orbit: Orbit) -> Orbit:
 
 @dataclass(frozen=True)
 class TwoLines:
-    """A satellite by its two-line element set, moved by SGP4."""
+    """Two-line element set of a satellite, propagated by SGP4."""
 
     first: str
     second: str
@@ -126,12 +126,12 @@ class TwoLines:
             return str(Time(*parts, format="jd", scale="utc", precision=6).isot)
 
     def satellite(self) -> Any:
-        """The record that SGP4 moves."""
+        """The record that SGP4 propagates."""
         return space.two_line_record((self.first, self.second))
 
 
 class Aircraft(Parameters):
-    """A great circle at one height, flown at one speed over ground."""
+    """A great circle at constant height, flown at constant speed over ground."""
 
     epoch: str = parameter("UTC, as ISO 8601")
     longitude: float = parameter("position at the epoch", unit=Unit("rad", "deg"), limit=FINITE)
@@ -150,14 +150,14 @@ class Aircraft(Parameters):
     def state(self, second: Floats) -> tuple[Floats, Floats]:
         """Positions in metre and velocities over ground in metre / second, (n, 3) each, ITRS.
 
-        Accuracy  model: a circle; its height above the ellipsoid varies by 5 m at most in 100 km.
+        Accuracy  model: a circle; its height above the ellipsoid varies by at most 5 m in 100 km.
         """
         here = np.array([self.longitude]), np.array([self.latitude])
         start = cartesian(*here, np.array([self.altitude]))[0]
         vertical = up(*here)[0]
         east = np.array([-math.sin(self.longitude), math.cos(self.longitude), 0.0])
         along = math.sin(self.heading) * east + math.cos(self.heading) * np.cross(vertical, east)
-        # The centre of the circle is below the start, so that height and heading are kept.
+        # The centre of the circle is below the start, so that height and heading are correct there.
         radius = float(start @ vertical)
         axis = np.cross(vertical, along)
         turn = Rotation.from_rotvec(np.outer(second * self.speed / radius, axis))
@@ -168,25 +168,25 @@ class Aircraft(Parameters):
 @printed
 @dataclass(frozen=True, eq=False)
 class Flight:
-    """A satellite or an aircraft at some times, in the Earth's fixed axes (ITRS)."""
+    """States of a satellite or an aircraft at given times, in Earth-fixed axes (ITRS)."""
 
-    second: Floats  # (n,) since the epoch of its orbit
+    second: Floats  # (n,) seconds since the epoch of the orbit
     position: Floats  # (n, 3) metre
     velocity: Floats  # (n, 3) metre / second, over the rotating Earth
-    inertial: Floats  # (n, 3) metre / second, against the stars, in the same axes
-    # (n, 3) metre / second, direction of flight of `Pointing`: against the stars for a satellite,
-    # over ground for an aircraft.
+    inertial: Floats  # (n, 3) metre / second, relative to the stars, in the same axes
+    # (n, 3) metre / second, direction of flight of `Pointing`: relative to the stars for a
+    # satellite, over ground for an aircraft.
     course: Floats
     icrs_to_itrs: Rotation  # (n,) rotations
 
 
-Carrier = Orbit | TwoLines | Aircraft  # what a camera flies on
+Carrier = Orbit | TwoLines | Aircraft  # carriers of a camera
 
 
 def choose_carrier(orbit: Orbit | None, tle: tuple[str, ...], aircraft: Aircraft | None) -> Carrier:
-    """The carrier that a scene gives, one of three kinds.
+    """The carrier of a scene: orbit, two-line elements or aircraft.
 
-    Raises  ValueError where it gives none or several."""
+    Raises  ValueError where the scene gives none or several."""
     if (orbit is not None) + bool(tle) + (aircraft is not None) != 1:
         raise ValueError("exactly one of orbit, tle and aircraft must be given")
     if orbit is not None:
@@ -199,13 +199,13 @@ def choose_carrier(orbit: Orbit | None, tle: tuple[str, ...], aircraft: Aircraft
 
 
 def fly(orbit: Carrier, second: Floats) -> Flight:
-    """Place of a satellite or an aircraft at (n,) seconds after its epoch.
+    """States of a satellite or an aircraft at (n,) seconds after the epoch.
 
     Source: SGP4 (Vallado et al. 2006) by the package sgp4; axes by astropy (ERFA).
 
     Raises    ValueError where SGP4 fails, with its reason; ImportError without sgp4
-    Accuracy  model: SGP4 is good to a kilometre near the epoch. Beyond the installed Earth
-              orientation less than 0.84 km of ground more (`startrack.dates`).
+    Accuracy  model: SGP4 errs by a kilometre near the epoch. Dates beyond the installed Earth
+              orientation add less than 0.84 km on the ground (`startrack.dates`).
     """
     second = np.asarray(second, float)
     if isinstance(orbit, Orbit):
@@ -230,10 +230,9 @@ def sun_zenith_below(carrier: Carrier, latitude: float, ascending: bool) -> floa
     """Zenith angle of the Sun (radian) at the ground below a satellite as it passes a latitude.
 
     latitude   radian, geodetic
-    ascending  whether it flies north there
+    ascending  whether it flies north at the latitude
     Raises     ValueError for an aircraft, and where the orbit does not reach the latitude.
-    Accuracy   model: node and date are those of the epoch, the ground track is that of a sphere:
-               0.3 degree.
+    Accuracy   model: node and date of the epoch, ground track on a sphere: 0.3 degree.
     """
     if isinstance(carrier, Aircraft):
         raise Refused("retrieval.latitude must be left out of a scene with an aircraft")
@@ -242,7 +241,7 @@ def sun_zenith_below(carrier: Carrier, latitude: float, ascending: bool) -> floa
     ratio = math.sin(latitude) / math.sin(tilt) if math.sin(tilt) else math.inf
     if not abs(ratio) <= 1:
         raise Refused(
-            f"retrieval.latitude must be one that the orbit reaches, at most "
+            f"retrieval.latitude must be within reach of the orbit, at most "
             f"{min(tilt, math.pi - tilt) / core.deg:.2f} deg, got {latitude / core.deg:g} deg"
         )
     argument = math.asin(ratio) if ascending else math.pi - math.asin(ratio)

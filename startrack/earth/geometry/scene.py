@@ -43,7 +43,7 @@ from startrack.earth.terrain import (
 from startrack.space import sun_direction
 
 DETECTORS = ("matrix", "line", "staggered", "tdi")
-BATCH = 2**17  # rays at a time, which limit the memory; chosen by hand
+BATCH = 2**17  # rays at a time, to limit the memory; chosen by hand
 
 
 class Sensor(Parameters):
@@ -52,37 +52,36 @@ class Sensor(Parameters):
     detector: str = parameter(
         "matrix, line, staggered or tdi", limit=Range(choices=DETECTORS), default="line"
     )
-    columns: int = parameter("pixel, of the image", limit=Range(2, 2**16), default=512)
+    columns: int = parameter(
+        "pixel, columns or rows of the image", limit=Range(2, 2**16), default=512
+    )
     lines: int = parameter("of the image", limit=Range(1, 2**16), default=512)
     focal_length: float = parameter("metre", unit=Unit("m"), limit=POSITIVE, default=1.0)
     pixel_pitch: float = parameter("metre", unit=Unit("m", "um"), limit=POSITIVE, default=10e-6)
     period: Annotated[float, Unit("s", "ms")] | None = parameter(
-        "from line to line; None for square pixels below the satellite",
+        "time from line to line; None: square pixels below the satellite",
         limit=POSITIVE,
         default=None,
     )
     stages: int = parameter(
-        "rows of a TDI detector, or rows between the two of a staggered one",
+        "rows of a TDI detector; rows between both lines of a staggered detector",
         limit=Range(1, 512),
         default=8,
     )
-    rays: int = parameter("along each side of a pixel", limit=Range(1, 16), default=1)
+    rays: int = parameter("rays along each side of a pixel", limit=Range(1, 16), default=1)
     delay: float = parameter(
-        "after the orbit's epoch at which the middle line is taken",
-        unit=Unit("s"),
-        limit=FINITE,
-        default=0.0,
+        "time of the middle line after the orbit's epoch", unit=Unit("s"), limit=FINITE, default=0.0
     )
 
     @property
     def camera(self) -> core.Camera:
-        """Its pixel grid; a line detector has its line in the middle row."""
+        """Pixel grid of the sensor; the line of a line detector is the middle row."""
         rows = self.lines if self.detector == "matrix" else 2 * self.stages + 1
         width = self.columns // 2 if self.detector == "staggered" else self.columns
         return core.Camera(width, rows, self.focal_length / self.pixel_pitch)
 
     def elements(self, orbit: Carrier, first: int = 0, count: int = 1) -> Elements:
-        """Elements of some lines of a matrix; of other detectors those of each line."""
+        """Elements of the given lines of a matrix; for other detectors, elements of each line."""
         middle = self.camera.centre[1]
         if self.detector == "matrix":
             return sight.matrix_elements(self.columns, first, count)
@@ -95,7 +94,7 @@ class Sensor(Parameters):
         return sight.line_elements(self.columns, middle)
 
     def dating(self, orbit: Carrier) -> sight.Dating:
-        """The image is taken around the epoch of the orbit, or `delay` after it."""
+        """Times of lines: the image is taken around the epoch of the orbit plus `delay`."""
         if self.detector == "matrix":
             return sight.Dating(self.delay)
         period = self.period
@@ -104,7 +103,7 @@ class Sensor(Parameters):
         return sight.Dating(self.delay - 0.5 * (self.lines - 1) * period, period)
 
     def _square(self, orbit: Carrier) -> float:
-        """Second in which the ground below moves by a pixel."""
+        """Time in which the ground below moves by a pixel, second."""
         return self.pixel_pitch / self.focal_length / sight.ground_rate(orbit)
 
 
@@ -114,22 +113,19 @@ class Fractal(Parameters):
     longitude: float = parameter(
         "of its middle", unit=Unit("rad", "deg"), limit=Range(-2 * math.pi, 2 * math.pi)
     )
-    # Nearer to the poles, cells of one size are impossible.
+    # Nearer to the poles, cells of equal size are impossible.
     latitude: float = parameter("of its middle", unit=Unit("rad", "deg"), limit=Range(-1.48, 1.48))
     cell: float = parameter("metre", unit=Unit("m"), limit=POSITIVE, default=30.0)
     cells: int = parameter("along each side", limit=Range(2, 2**14), default=1024)
     relief: float = parameter(
-        "from the lowest height, at 0, to the highest",
-        unit=Unit("m"),
-        limit=POSITIVE,
-        default=2000.0,
+        "range of heights, from 0", unit=Unit("m"), limit=POSITIVE, default=2000.0
     )
     roughness: float = parameter("1, lower for rougher terrain", limit=FINITE, default=2.0)
     seed: int = 1
 
     @lru_cache(maxsize=2)  # noqa: B019 - by value; every image opens its terrain several times
     def source(self) -> Array:
-        """Its heights."""
+        """Heights of the fractal."""
         step_y = self.cell / EQUATORIAL
         step_x = step_y / math.cos(self.latitude)
         half, count = self.cells / 2, self.cells + 1
@@ -144,25 +140,26 @@ class MapFile(Parameters):
     name: str = parameter("of the map")
     file: str = parameter("any raster")
     exact: bool = parameter("whether its values are classes", default=False)
-    absent: float = parameter("value where the file has none", default=math.nan)
-    band: int = parameter("of it, 1 the first", limit=Range(1, 2**16), default=1)
+    absent: float = parameter("value where the file has no value", default=math.nan)
+    band: int = parameter("band of the file, 1 the first", limit=Range(1, 2**16), default=1)
 
 
 class Terrain(Parameters):
-    """Heights and maps of a scene, and how finely they are used."""
+    """Heights and maps of a scene, and the fineness of their use."""
 
     files: tuple[str, ...] = parameter(
-        'rasters of heights, or patterns such as "dem/*.tif"; the finest is used', default=()
+        'rasters of heights, or patterns such as "dem/*.tif"; the finest available raster is used',
+        default=(),
     )
     fractal: Fractal | None = parameter(
-        "terrain from a seed, instead of or besides them", default=None
+        "terrain from a seed, instead of or besides files", default=None
     )
     geoid: str | None = parameter(
-        "raster of undulations, where the heights are above the geoid", default=None
+        "raster of undulations, for heights above the geoid", default=None
     )
-    sea: float = parameter("height beside all files", unit=Unit("m"), default=0.0)
+    sea: float = parameter("height where no file covers the Earth", unit=Unit("m"), default=0.0)
     holes: float | None = parameter(
-        "of holes inside files; without it, holes in what is seen are refused",
+        "height of holes inside files; None: a visible hole is refused",
         unit=Unit("m"),
         default=None,
     )
@@ -173,7 +170,9 @@ class Terrain(Parameters):
         "above the ellipsoid, between which all heights lie", unit=Unit("m"), default=9000.0
     )
     tiles: int = parameter(
-        "of 512 x 512 cells that fit into memory, 1.4 MB each", limit=Range(2, 2**16), default=64
+        "largest number of tiles in memory, of 512 x 512 cells and 1.4 MB each",
+        limit=Range(2, 2**16),
+        default=64,
     )
     sharpness: float = parameter("1, as in Pyramid", limit=NON_NEGATIVE, default=1.0)
     maps: tuple[MapFile, ...] = parameter("on the terrain", default=())
@@ -201,7 +200,7 @@ class Terrain(Parameters):
         )
 
     def charts(self, folder: Path) -> dict[str, HeightChart]:
-        """The maps by their names."""
+        """The maps by name."""
         charts = {}
         for entry in self.maps:
             source = Raster(folder / entry.file, entry.band, entry.exact)
@@ -215,11 +214,13 @@ class EarthScene(Parameters):
     terrain: Terrain
     sensor: Sensor = field(default_factory=Sensor)
     orbit: Orbit | None = None
-    tle: tuple[str, ...] = parameter("two lines of a satellite, instead of an orbit", default=())
+    tle: tuple[str, ...] = parameter(
+        "two-line elements of a satellite, instead of an orbit", default=()
+    )
     aircraft: Aircraft | None = parameter("instead of both", default=None)
     pointing: sight.Pointing = field(default_factory=sight.Pointing)
     sky_rays: int = parameter(
-        "rays from each point that sample the sky; 0 for none", limit=Range(0, 2**12), default=0
+        "rays from each point that sample the sky; 0: none", limit=Range(0, 2**12), default=0
     )
 
     def __post_init__(self) -> None:
@@ -233,7 +234,7 @@ class EarthScene(Parameters):
 
 
 def find(folder: Path, patterns: tuple[str, ...]) -> list[Path]:
-    """The files that match patterns, each once, in the order of their names."""
+    """The files that match patterns, each once, sorted by name."""
     files: dict[Path, None] = {}
     for pattern in patterns:
         paths = sorted(glob(str(folder / pattern), recursive=True))
@@ -246,11 +247,11 @@ def find(folder: Path, patterns: tuple[str, ...]) -> list[Path]:
 @printed
 @dataclass(frozen=True, eq=False)
 class Strip:
-    """Some lines of an image and the ground that they see.
+    """Some lines of an image and the ground in them.
 
-    first   number of its first line
-    shape   lines, columns, rays of a pixel: how the rays of the ground are ordered
-    ground  of all rays
+    first   number of the strip's first line
+    shape   lines, columns, rays of a pixel: order of the ground's rays
+    ground  ground of all rays
     """
 
     first: int
@@ -258,7 +259,7 @@ class Strip:
     ground: Ground
 
     def mean(self, values: Floats) -> Floats:
-        """(lines, columns) mean over the rays of each pixel that have a value; NaN of none."""
+        """Mean (lines, columns) over the rays of each pixel that have a value; NaN without any."""
         rays = np.asarray(values, float).reshape(self.shape)
         finite = np.isfinite(rays)
         with np.errstate(invalid="ignore"):
@@ -281,12 +282,12 @@ def observe_earth(
     camera: core.Camera | None = None,
     terrain: Pyramid | None = None,
 ) -> Iterator[Strip]:
-    """Ground that all pixels of a scene see, some lines at a time.
+    """Ground in all pixels of a scene, some lines at a time.
 
     folder   folder of the files
     turn     attitude jitter, as in `sight`
     camera   of the sensor's pixels, with its distortion; None: the sensor's own, without
-    terrain  of the scene, with the tiles that were read before; None: opened here
+    terrain  terrain of the scene, with the tiles read so far; None: opened here
     """
     sensor, orbit = scene.sensor, scene.carrier
     seen = ground_finder(scene, folder, terrain or scene.terrain.open(folder), scene.sky_rays)

@@ -1,6 +1,6 @@
 """Elements of a detector, the times of its lines, and the line of sight of each pixel.
 
-As in orekit's Rugged, the times of lines and the elements do not depend on each other.
+As in orekit's Rugged, times of lines and elements are independent.
 """
 
 from collections.abc import Callable
@@ -17,35 +17,35 @@ from startrack.earth.terrain import Rays, geodetic
 
 
 class Dating(Parameters):
-    """When each line of the image is taken.
+    """Times of the lines of an image.
 
         time = start + line * period
 
-    Lines are read at even times.
+    Lines are read at equal intervals.
     """
 
     start: float = parameter("second after the epoch", limit=FINITE, default=0.0)
     period: float = parameter(
-        "second from line to line; 0 for a matrix, whose lines are all taken at once",
+        "second from line to line; 0 for a matrix, whose lines are taken together",
         limit=FINITE,
         default=0.0,
     )
 
     def at(self, line: Floats) -> Floats:
-        """Seconds after the epoch, (n,), of lines (n,), also between whole ones."""
+        """Seconds after the epoch, (n,), of lines (n,); fractions of a line are allowed."""
         return self.start + line * self.period
 
 
 @printed
 @dataclass(frozen=True, eq=False)
 class Elements:
-    """Positions on the camera's pixel grid of the elements that make one line of the image."""
+    """Positions on the camera's pixel grid of the elements of one line of the image."""
 
-    # (columns, stages) pixel, of each column of the image; the charges or numbers of all stages are
-    # added.
+    # (columns, stages) pixel, for each column of the image; the charges or numbers of all stages
+    # are added.
     x: Floats
     y: Floats  # (columns, stages) pixel, likewise
-    delay: Floats  # (columns, stages) lines by which a stage is exposed later
+    delay: Floats  # (columns, stages) lines, delay of each stage's exposure
 
 
 def line_elements(columns: int, y: float) -> Elements:
@@ -59,15 +59,14 @@ def line_elements(columns: int, y: float) -> Elements:
 def staggered_elements(
     columns: int, y: float, rows_apart: float, lines_a_pixel: float = 2.0
 ) -> Elements:
-    """Two rows, the second shifted by half a pixel, whose pixels alternate in the image.
+    """Two rows, the second shifted by half a pixel; their pixels alternate in the image.
 
-    The rows see a point on the ground at different times; the image combines them so that it is in
-    the same line of both. The ground moves to smaller rows, as it does below a Pointing.
+    The rows see a point on the ground at different times; the image combines the rows so that the
+    point is in one line. The ground moves to smaller rows, as below a Pointing.
 
-    columns        of the image, twice those of a row
+    columns        columns of the image, twice the columns of a row
     rows_apart     pixel from the first row to the second
-    lines_a_pixel  in which the ground moves by a pixel: 2 for equal sampling along and
-                   across
+    lines_a_pixel  lines in which the ground moves by a pixel: 2 for equal sampling along and across
     """
     core.whole(2, 2**20, columns=columns)
     core.finite(y=y, rows_apart=rows_apart)
@@ -78,7 +77,8 @@ def staggered_elements(
 
 
 def tdi_elements(columns: int, y: float, stages: int, forwards: int = -1) -> Elements:
-    """Rows whose charge moves with the image: stage s is s rows farther, exposed s lines later.
+    """Rows whose charge moves with the image: stage s is s rows farther and is exposed s lines
+    later.
 
     forwards  1 where the ground moves to larger rows, -1 where it moves to smaller ones
     """
@@ -90,14 +90,14 @@ def tdi_elements(columns: int, y: float, stages: int, forwards: int = -1) -> Ele
 
 
 def matrix_elements(columns: int, first: int, rows: int) -> Elements:
-    """Some rows of a matrix, which are exposed together, row after row."""
+    """Elements of the given rows of a matrix, row by row; the rows are exposed together."""
     core.whole(1, 2**20, columns=columns, rows=rows)
     y, x = np.mgrid[first : first + rows, :columns].astype(float).reshape(2, -1, 1)
     return Elements(x, y, np.zeros_like(x))
 
 
 def inside_pixel(side: int) -> Floats:
-    """Offsets (side^2, 2) pixel of rays that divide a pixel evenly."""
+    """Offsets (side^2, 2), in pixel, of rays on a regular grid in a pixel."""
     core.positive(side=side)
     at = (np.arange(side) + 0.5) / side - 0.5
     return np.stack(np.meshgrid(at, at), axis=-1).reshape(-1, 2)
@@ -115,15 +115,15 @@ class Pointing(Parameters):
     """
 
     roll: float = parameter(
-        "about y, along the flight", unit=Unit("rad", "deg"), limit=FINITE, default=0.0
+        "angle about y, along the flight", unit=Unit("rad", "deg"), limit=FINITE, default=0.0
     )
     pitch: float = parameter(
-        "about x: forwards where positive", unit=Unit("rad", "deg"), limit=FINITE, default=0.0
+        "angle about x; positive is forwards", unit=Unit("rad", "deg"), limit=FINITE, default=0.0
     )
     yaw: float = parameter("about z", unit=Unit("rad", "deg"), limit=FINITE, default=0.0)
 
     def camera_to_itrs(self, flight: Flight) -> Rotation:
-        """(n,) rotations."""
+        """Attitude at (n,) states, Earth-fixed."""
         down = -flight.position / np.linalg.norm(flight.position, axis=1, keepdims=True)
         side = np.cross(flight.course, down)
         side /= np.linalg.norm(side, axis=1, keepdims=True)
@@ -141,17 +141,17 @@ def sight(
     turn: Jitter | None = None,
     spread: float | None = None,
 ) -> Rays:
-    """The lines of sight of pixels at their times.
+    """Lines of sight of pixels at the times of their exposure.
 
-    Light comes from the apparent direction minus the velocity over the speed of light. With the
-    velocity over the rotating Earth this corrects aberration and light time together, to first
+    The true direction is the apparent direction minus the velocity over the speed of light. With
+    the velocity over the rotating Earth, this corrects aberration and light time together, to first
     order.
 
     pixel    (n, 2) pixel (x, y)
     time     (n,) second after the epoch of the orbit
     turn     attitude jitter: at (m,) seconds the (m, 3) rotation vectors in radian, in camera axes,
-             by which the scene rotates in the camera
-    spread   radian between neighbouring rays; None for those of pixels
+             of the scene's rotation in the camera
+    spread   radian between neighbouring rays; None: rays of the sensor's pixels
     Returns  (n,) rays
     Accuracy  model: second order of v / c, 0.4 mm of ground at 600 km.
     """
@@ -180,7 +180,7 @@ def scan_lines(
 ) -> Rays:
     """The rays of lines of an image: line by line, column by column, stage by stage.
 
-    A pixel is the mean of its rays: reshape to (lines, columns, stages * rays_per_side^2).
+    A pixel is the mean of its rays. Reshape the rays to (lines, columns, stages * rays_per_side^2).
 
     lines          (n,) numbers of the lines
     rays_per_side  rays along each side of a pixel, against aliasing
@@ -196,22 +196,22 @@ def scan_lines(
 
 
 def ground_rate(orbit: Carrier) -> float:
-    """Radian per second at which the ground below the satellite moves at its epoch.
+    """Angular rate of the ground below the satellite at the epoch, radian / second.
 
-    Times the focal length in pixels it is the line rate that makes square pixels at the nadir. Kept
-    for the 16 last orbits, because astropy takes 7 ms for the axes of the Earth.
+    The rate times the focal length in pixels is the line rate for square pixels at the nadir. The
+    last 16 orbits are cached, because astropy takes 7 ms for the axes of the Earth.
     """
     return _below(orbit)[0]
 
 
 def flight_height(orbit: Carrier) -> float:
-    """Metre above the ellipsoid at the epoch; kept as `ground_rate`."""
+    """Height above the ellipsoid at the epoch, metre; cached as `ground_rate`."""
     return _below(orbit)[1]
 
 
 @lru_cache(maxsize=16)
 def _below(orbit: Carrier) -> tuple[float, float]:
-    """Radian per second of the ground below, and metre above it."""
+    """Angular rate of the ground below, radian / second, and height above it, metre."""
     flight = fly(orbit, np.zeros(1))
     position, velocity = flight.position[0], flight.velocity[0]
     radius = float(np.linalg.norm(position))

@@ -6,16 +6,16 @@ land            Reflectance and temperature of ground: covers by height, maps, t
 parameters      Imager, its channels, and Survey (camera, land and air of an Earth image), and
                 their files.
 band            BandTable and thermal radiance of one channel, weighted with its response.
-lens            The lens of a channel over its field: where it looks, its images of points, its
+lens            The lens of a channel over its field: directions of pixels, images of points,
                 illumination; weights of the rays around a pixel.
-adjacency       Reflectance of the ground around each pixel, as air mixes it into lines of sight.
+adjacency       Reflectance of the ground around each pixel, mixed by the air into lines of sight.
 clouds          Cloud layers of a scene, and their optical depth over the ground.
 cloud_radiance  Radiance of ground and air under cloud layers, of the layers, and their shadows.
 figures         Resolution, swath, MTF, SNR and data rate of a channel; first parameters from goals.
 render          An image from Survey and Channel: radiance at the sensor in five terms, and digital
                 numbers.
-restore         Restoration of images by a Wiener filter: what lens, pixel and smear blurred.
-files           FITS that is filled while an image is rendered; GeoTIFF with ground control points.
+restore         Restoration of images, blurred by lens, pixel and smear, by a Wiener filter.
+files           FITS file filled during rendering; GeoTIFF with ground control points.
 """
 
 from startrack.earth.imager.adjacency import Environment, Plane, leaving, surrounded

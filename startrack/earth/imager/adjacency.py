@@ -14,15 +14,15 @@ from startrack.earth.atmosphere import SPREADS
 from startrack.earth.imager.band import Band, terms_in_band
 from startrack.earth.terrain import EQUATORIAL, Ground, Rays, rays_down
 
-WIDE = 3.0  # standard deviations to which a Gaussian reaches; chosen by hand
-FINE = 0.3  # of a standard deviation: side of a cell; chosen by hand
+WIDE = 3.0  # standard deviations; extent of a Gaussian; chosen by hand
+FINE = 0.3  # side of a cell in standard deviations; chosen by hand
 COARSE = 2.5  # rays: the least side of a cell; with 5, the light 20 m from an edge errs by 2 %
 GOLDEN = (math.sqrt(5) - 1) / 2
-CELLS = 2**17  # at a time, which limits the memory
+CELLS = 2**17  # cells at a time, to limit the memory
 
 
 class Plane(NamedTuple):
-    """A map around a place of an image, of metre east and north; within 100 km good to 1 %."""
+    """A map around a place of an image, in metre east and north; errs by 1 % within 100 km."""
 
     longitude: float
     latitude: float
@@ -42,7 +42,7 @@ class Plane(NamedTuple):
 
 
 class Cells(NamedTuple):
-    """Square cells of a Plane: the middle of the first, their side in metre, and their numbers."""
+    """Square cells of a Plane: centre of the first cell, side in metre, and numbers of cells."""
 
     x: float
     y: float
@@ -58,9 +58,10 @@ class Cells(NamedTuple):
         return x.ravel(), y.ravel()
 
     def samples(self) -> tuple[Floats, Floats]:
-        """A point in each cell; those of a row or column lie evenly at all parts of their cells.
+        """A point in each cell; points of a row or column are spread evenly over the parts of their
+        cells.
 
-        So edges of the ground that follow the cells are not moved to their borders.
+        So edges of the ground parallel to the cells do not move to the cells' borders.
         """
         x, y = (place.reshape(self.rows, self.columns) for place in self.middles())
         row, column = np.arange(self.rows)[:, None], np.arange(self.columns)
@@ -75,12 +76,12 @@ class Cells(NamedTuple):
 
 @printed
 class Environment(NamedTuple):
-    """Reflectance of the ground as air mixes it, over places and heights.
+    """Reflectance of the ground, mixed by the air, over places and heights.
 
-    cells, plane  where
+    cells, plane  places of the values
     height        (h,) metre above the sea
     reflectance   (2, h, rows, columns) 1, for lines of sight and for skylight
-    mean          1, of the ground beyond all
+    mean          1, mean reflectance of the ground beyond all cells
     """
 
     plane: Plane
@@ -90,7 +91,8 @@ class Environment(NamedTuple):
     mean: float
 
     def at(self, ground: Ground) -> Floats:
-        """(2, n) 1: around rays, for lines of sight and for skylight; the mean where they miss."""
+        """Reflectance (2, n) around rays, for lines of sight and for skylight; the mean for rays
+        that miss."""
         out = np.full((2, len(ground)), self.mean)
         hit = ground.hit
         place = self.cells.position(*self.plane.at(ground.longitude[hit], ground.latitude[hit]))
@@ -101,7 +103,8 @@ class Environment(NamedTuple):
 
 
 def leaving(ground: Ground, band: Band, sky: Floats, direct: Floats | None = None) -> Floats:
-    """Reflectance (n,) of level Lambertian ground that sends up as much light as the given ground.
+    """Reflectance (n,) of level Lambertian ground that sends as much light upwards as the given
+    ground.
 
     Slopes and shadows are included; light that goes back and forth between ground and air is not.
 
@@ -128,10 +131,10 @@ def surrounded(
 ) -> Environment:
     """The environment of an image.
 
-    glimpse  ground that a sample of its pixels sees
-    spacing  metre, between its rays on the ground
-    mean     1, reflectance beyond
-    values   from longitude and latitude (n,) radian: reflectance (n,), NaN where not known
+    glimpse  ground in a sample of its pixels
+    spacing  metre on the ground between rays of the sample
+    mean     1, reflectance beyond the image
+    values   function of longitude and latitude (n,) radian: reflectance (n,), NaN where unknown
     """
     longitude, latitude = (
         np.concatenate([getattr(part, name) for part in glimpse])
@@ -140,12 +143,15 @@ def surrounded(
     plane = Plane(float(longitude[0]), float(np.median(latitude)))
     x, y = plane.at(longitude, latitude)
     sides = np.maximum(SPREADS * FINE, COARSE * spacing)
-    sides[sides < 2 * sides[0]] = sides[0]  # a few more of the finest cost less than others
+    # a few more of the finest cells cost less than coarser cells
+    sides[sides < 2 * sides[0]] = sides[0]
     fine = _cells(x, y, float(sides[0]), 0.0)
     place = fine.middles()
     weights = band.table.spread
     if weights is None:
-        raise ValueError("air must scatter for light of the surroundings, got a band without")
+        raise ValueError(
+            "air must scatter for light of the surroundings, got a band without scattering"
+        )
     out = np.full((*weights.shape[:2], fine.rows, fine.columns), mean)
     last: tuple[Cells, Floats] | None = None
     for weight, width, side in zip(
@@ -162,7 +168,7 @@ def surrounded(
 
 
 def _cells(x: Floats, y: Floats, side: float, margin: float) -> Cells:
-    """Cells that hold all points and a margin, metre."""
+    """Cells that contain all points and a margin, metre."""
     margin += 2 * side
     columns, rows = (math.ceil((np.ptp(along) + 2 * margin) / side) + 1 for along in (x, y))
     return Cells(x.min() - margin, y.min() - margin, side, columns, rows)
@@ -176,10 +182,10 @@ def around_scene(
     band: Band,
     reflectance: Callable[[Ground], Floats],
 ) -> Environment:
-    """The environment of an image from its terrain, also beyond the image.
+    """The environment of an image from its terrain, including terrain beyond the image.
 
     seen         ground that rays meet
-    reflectance  (n,) 1 of ground, as `leaving`
+    reflectance  function of ground: (n,) 1, as `leaving`
     """
 
     def values(longitude: Floats, latitude: Floats) -> Floats:

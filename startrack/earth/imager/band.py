@@ -17,31 +17,32 @@ from startrack.earth.terrain import Ground
 from startrack.io import shipped
 
 INFRARED = 3 * um  # a band beyond is infrared: thermal radiance exceeds scattered light there
-# Shipped, by the type of aerosol, clearest first.
+# Shipped tables by type of aerosol, clearest first.
 TABLES = {
     "rural": ("molecules", "rural-23km", "rural-5km"),
     "urban": ("molecules", "urban-23km"),
     "maritime": ("molecules", "maritime-23km"),
 }
 CLEAR = ("molecules",)
-HAZIEST = {"rural": 5e3, "urban": 23e3, "maritime": 23e3}  # metre, least visibility of the tables
+# metre, least visibility of each type's tables
+HAZIEST = {"rural": 5e3, "urban": 23e3, "maritime": 23e3}
 SCATTERERS = "rural-23km"  # the aerosol of the table beyond 3 um
-OUTER = 0.2 * um, 60 * um  # between which a channel detects light
+OUTER = 0.2 * um, 60 * um  # metre, limits of the wavelengths that a channel detects
 TableOfAir = atmosphere.AirTable | atmosphere.RadianceTable | atmosphere.InfraredTable
-FEWEST = 3  # wavelengths of a user's table inside a band
-LEAST = 0.98  # of a band's response that a table must cover; chosen by hand
+FEWEST = 3  # least number of wavelengths of a user's table inside a band
+LEAST = 0.98  # least fraction of a band's response that a table must cover; chosen by hand
 
 
 @printed
 class Band(NamedTuple):
-    """One channel, and the air in its band.
+    """One channel and the air in its band.
 
     wavelength, weight  (f,) metre; (f,) 1, nodes of integrals over the band and their weights, the
                         normalised response to a constant spectral radiance
     electrons           electron metre / joule, response integrated over the band: electrons per
-                        second and etendue at a spectral radiance of one
-    table               of the air, with this band alone: mean spectral radiances, watt / m^2 / sr
-                        / m
+                        second, per unit of etendue and of spectral radiance
+    table               table of the air with this band alone: mean spectral radiances, watt / m^2 /
+                        sr / m
     heat                mean spectral radiance of a blackbody in the band, in the same unit
     irradiance          watt / m^2 / m, mean spectral irradiance of the Sun above the air
     """
@@ -64,7 +65,7 @@ def band_of(
     air       None: a planet without air; beyond 3 micrometre always the table of mid-latitude
               summer
     altitude  metre above the ground
-    Raises    ValueError where no shipped table has this air, or covers this band.
+    Raises    ValueError where no shipped table has this air or covers this band.
     Accuracy  numerical: the response's integrals are exact between the nodes of its curves; the
               light is the mean of each cell of the table, 1 to 20 nm wide.
     """
@@ -119,8 +120,8 @@ def terms_in_band(
 ) -> atmosphere.Terms:
     """Radiance (n,) of n rays in one band, watt / m^2 / sr / m, as `at_sensor`.
 
-    reflectance   (n,) 1, or (1,) of all
-    surroundings  1; or (2, n), as for `look_up`
+    reflectance   (n,) 1, or (1,) for all
+    surroundings  1, scalar or (2, n), as for `look_up`
     temperature   (n,) kelvin; None: without thermal radiance
     direct        (n,) 1, reflectance factor for sunlight; None: `reflectance`
     """
@@ -138,7 +139,7 @@ def mean_wavelength(channel: Channel) -> float:
 
 
 def _answers(channel: Channel) -> tuple[float, float]:
-    """Integral of the response over wavelength, and its mean wavelength, metre."""
+    """Integral of the response over wavelength, and mean wavelength of the response, metre."""
     place, part, _ = core.quadrature(np.array(OUTER), channel.curves)
     part = part * channel.photoelectrons(place)
     if not part.any():
@@ -162,9 +163,9 @@ def table_in_bands(
 
 @lru_cache(maxsize=4)
 def air_table(air: atmosphere.Air | None, infrared: bool) -> TableOfAir:
-    """The shipped table of an air, or a user's.
+    """The shipped table for a state of the air, or a user's table.
 
-    Raises  ValueError where there is none.
+    Raises  ValueError where no shipped table fits.
     """
     if air is None:
         return atmosphere.vacuum()

@@ -1,7 +1,7 @@
 """Reflectance of land, water and snow from the directions of Sun and camera.
 
-A reflectance factor is the radiance that a surface sends to the camera over that of a white
-Lambertian one: pi times the BRDF.
+A reflectance factor is the radiance of a surface towards the camera over the radiance of a white
+Lambertian surface: pi times the BRDF.
 """
 
 import math
@@ -26,7 +26,7 @@ NONE = Curve((), (0.0,))
 class RossLi:
     """Weights of the volumetric and geometric kernels, besides `reflectance`, the isotropic weight.
 
-    They are those of the product MCD43 of MODIS, each over wavelength.
+    Weights are defined as in the product MCD43 of MODIS; each depends on wavelength.
     """
 
     volumetric: Curve = NONE
@@ -34,7 +34,7 @@ class RossLi:
 
 
 class Water(Parameters):
-    """Waves, over water whose own light has the cover's `reflectance`."""
+    """Waves on water; the light from below the surface has the cover's `reflectance`."""
 
     wind: float = parameter(
         "12.5 m above the water", unit=Unit("m / s"), limit=Range(0, 20), default=5.0
@@ -64,7 +64,7 @@ class Water(Parameters):
 
 @dataclass(frozen=True)
 class Snow:
-    """Deep snow, whose white-sky albedo is the cover's `reflectance`."""
+    """Deep snow; the cover's `reflectance` is the white-sky albedo."""
 
 
 Law = RossLi | Water | Snow
@@ -84,7 +84,7 @@ class Angles(NamedTuple):
 
 
 def angles_of(ground: Ground) -> Angles:
-    """Those of the slopes that rays meet; a Sun behind a slope is put at its horizon."""
+    """Angles on the slopes that rays meet; a Sun behind a slope is moved to the slope's horizon."""
     sun, camera = np.cos(ground.sun_incidence), np.cos(ground.incidence)
     return Angles(
         np.maximum(sun, GRAZING), np.maximum(camera, GRAZING), -ground.direction @ ground.sun
@@ -94,12 +94,13 @@ def angles_of(ground: Ground) -> Angles:
 def direct_factor(
     law: Law, rho: Floats, weights: tuple[float, float, float], angles: Angles
 ) -> Floats:
-    """Reflectance factor (n,) for sunlight; at least 0, and above 1 in glint.
+    """Reflectance factor (n,) for sunlight; at least 0, above 1 in glint.
 
     rho       (n,) 1, the cover's reflectance with its texture
-    weights   1, of the isotropic, volumetric and geometric kernels in the band; only for RossLi
-    Accuracy  model: kernels that would give less than 0 near the horizon give 0, which raises the
-              mean over all directions by some 0.7 %.
+    weights   1, weights of the isotropic, volumetric and geometric kernels in the band; only for
+              RossLi
+    Accuracy  model: negative values near the horizon are set to 0, which raises the mean over all
+              directions by some 0.7 %.
     """
     if isinstance(law, Water):
         whitened = law.foam * FOAM
@@ -115,8 +116,8 @@ def sky_factor(
 ) -> Floats:
     """Reflectance factor (n,) in [0, 1] for light from all of a uniform sky.
 
-    By reciprocity it is the black-sky albedo for a Sun in the direction of the camera, and one
-    minus it the emissivity.
+    By reciprocity this is the black-sky albedo for a Sun in the direction of the camera. The
+    emissivity is one minus this factor.
 
     camera   (n,) 1, cosine between normal and camera; None for the mean over all directions, the
              white-sky albedo
@@ -149,8 +150,8 @@ def kernels(angles: Angles) -> tuple[Floats, Floats]:
         cos t      = 2 sqrt(D^2 + (tan s tan v sin p)^2) / (sec s + sec v), at most 1
         D^2        = tan^2 s + tan^2 v - 2 tan s tan v cos p
 
-    with the zenith angles s of the Sun and v of the camera, p the azimuth between them, x the
-    phase angle, and crowns as high as wide, their middle at their own height.
+    s and v are the zenith angles of Sun and camera, p is the azimuth between them, x the phase
+    angle. Crowns are as high as wide; the height of their centre is twice the radius.
 
     Source: Lucht, Schaaf and Strahler (2000), IEEE TGRS 38, 977, eqs. (37) to (44).
 
@@ -162,7 +163,7 @@ def kernels(angles: Angles) -> tuple[Floats, Floats]:
     x = np.arccos(np.clip(phase, -1, 1))
     volumetric = ((math.pi / 2 - x) * phase + np.sin(x)) / (sun + camera) - math.pi / 4
     along = phase / (sun * camera) - 1  # tan s tan v cos p
-    tan_s, tan_v = 1 / sun**2 - 1, 1 / camera**2 - 1  # squares
+    tan_s, tan_v = 1 / sun**2 - 1, 1 / camera**2 - 1  # squared tangents
     apart = np.maximum(tan_s + tan_v - 2 * along, 0)
     across = np.maximum(tan_s * tan_v - along**2, 0)
     paths = 1 / sun + 1 / camera
@@ -173,16 +174,16 @@ def kernels(angles: Angles) -> tuple[Floats, Floats]:
 
 
 def glint(water: Water, angles: Angles) -> Floats:
-    """Reflectance factor (n,) of waves whose slopes are Gaussian, the same along and across wind.
+    """Reflectance factor (n,) of waves with Gaussian slopes, equal along and across the wind.
 
         R = pi F(w) P / (4 cos s cos v cos^4 b),   P = exp(-tan^2 b / s^2) / (pi s^2)
 
-    with b the slope that mirrors the Sun into the camera, w the angle of incidence on it, and F of
-    Fresnel for light that is not polarised.
+    b is the slope that mirrors the Sun into the camera, w the angle of incidence on it, F the
+    Fresnel reflectance for unpolarised light.
 
     Source: Cox and Munk (1954).
 
-    Accuracy  model: waves hide nothing and mirror once; too bright beyond some 70 degrees.
+    Accuracy  model: no shadowing and a single reflection; too bright beyond some 70 degrees.
     """
     sun, camera, phase = angles
     incident = np.sqrt(np.maximum((1 + phase) / 2, GRAZING**2))
@@ -194,7 +195,7 @@ def glint(water: Water, angles: Angles) -> Floats:
 
 
 def fresnel(incident: Floats, refraction: float) -> Floats:
-    """Reflectance of a smooth dielectric, not polarised, at (n,) cosines of incidence."""
+    """Unpolarised reflectance of a smooth dielectric, at (n,) cosines of incidence."""
     inside = np.sqrt(refraction**2 - 1 + incident**2)
     across = (incident - inside) / (incident + inside)
     along = (refraction**2 * incident - inside) / (refraction**2 * incident + inside)
@@ -210,9 +211,8 @@ def snow_factor(albedo: Floats, angles: Angles) -> Floats:
 
     Source: Kokhanovsky and Breon (2012), IEEE GRSL 9, 928.
 
-    albedo    (n,) 1, of the snow in diffuse light
-    Accuracy  model: grains much larger than the wavelength, no layers; the albedo of the band
-              instead of each wavelength's.
+    albedo    (n,) 1, albedo of the snow in diffuse light
+    Accuracy  model: grains much larger than the wavelength, no layers; one albedo for the band.
     """
     sun, camera, phase = angles
     scattering = 180 - np.degrees(np.arccos(np.clip(phase, -1, 1)))
@@ -256,7 +256,7 @@ def kernel_albedos() -> tuple[Floats, Floats]:
 def _wave_albedo(water: Water) -> Floats:
     """Fraction (91,) of light that waves mirror, for the Sun at each degree from the zenith.
 
-    A mean over the slopes, each with the area that it shows the Sun.
+    The mean over slopes is weighted by the area that faces the Sun.
     """
     node, weight = np.polynomial.hermite.hermgauss(SLOPES)
     slope = math.sqrt(water.slope_variance) * node

@@ -1,4 +1,4 @@
-"""Radiance of ground and air under cloud layers, of the layers, and their shadows."""
+"""Radiance of ground and air under cloud layers, radiance of the layers, and their shadows."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -14,12 +14,12 @@ from startrack.earth.imager.clouds import CloudLayer, Crossing, Sheet, open_shee
 from startrack.earth.terrain import Ground, between, up
 
 WHITE, BLACK = np.ones(1), np.zeros(1)  # reflectance
-TINY = 1e-30  # of a radiance, against division by zero
-HALF = 0.5  # albedo, from which two terms of the air follow
+TINY = 1e-30  # least radiance, against division by zero
+HALF = 0.5  # albedo that separates two terms of the air
 
 
 class Deck(NamedTuple):
-    """A sheet, and the optics of its particles in one band."""
+    """A sheet and the optics of its particles in one band."""
 
     sheet: Sheet
     optics: LayerOptics
@@ -35,7 +35,7 @@ def decks_of(layers: Sequence[CloudLayer], band: Band, folder: Path) -> tuple[De
 
 
 class Passed(NamedTuple):
-    """Light that has passed layers: direct and all of it; their albedo from below; (n,) 1."""
+    """Direct and total transmittance of layers, and their albedo from below; (n,) 1."""
 
     direct: Floats
     total: Floats
@@ -63,10 +63,11 @@ def with_clouds(
     reflectance: Floats,
     surroundings: float,
 ) -> Terms:
-    """The radiance of n rays through cloud layers, and of the layers.
+    """The radiance of n rays through cloud layers, with the radiance of the layers.
 
-    Ground and air below a layer are lit by what it lets through along the way to the Sun, and seen
-    through what lies on the way to the camera; with T the whole and t the direct transmittance,
+    The layer's transmittance towards the Sun reduces the light on ground and air below; its
+    transmittance towards the camera reduces their radiance. T is the total and t the direct
+    transmittance:
 
         L_dir = t_v t_s L_dir
         L_ind = t_v (T_s L_ind + rho V D (T_s - t_s) + rho (D + K) T_s (B - 1))
@@ -78,22 +79,22 @@ def with_clouds(
 
     D, K and P are the table's direct, sky and path terms for white ground, `above` those for ground
     at the height of the layer, P_below the rest of P, F = D_above + K_above, S_below the spherical
-    albedo of the air below; B = 1 / (1 - S (rho', S_below)) what goes back and forth below the
-    layer; R, A and S are its reflectance factor, plane and spherical albedo.
+    albedo of the air below; B = 1 / (1 - S (rho', S_below)) multiple reflection below the layer; R,
+    A and S are the layer's reflectance factor, plane albedo and spherical albedo.
 
-    terms         (n,) each, of the scene without clouds
-    decks         the lowest first
-    reflectance   (n,) 1, of the ground for skylight
-    surroundings  1
-    Returns       Terms of (n,); light that clouds reflect counts as scattered, their heat as
-                  thermal. Rays that miss the ground, and those that no cloud touches, are as before
-    Accuracy      model: independent columns along the paths to Sun and camera; the light that
-                  broken clouds spread to all sides is left out, as is light that goes back and
-                  forth between layers. Even layers at 2 and 8.5 km over dark ground, against
-                  sasktran2 with the layer inside its air: optical depth 20 within 3 % in clear air
-                  and 6 % in haze, 0.3 and 3 within 7 and 13 %, the worst with a low Sun.
-                  Ground under clouds keeps its temperature, and reflects the heat of a clear sky.
-                  A layer above the table's heights, 9 km, has as much air above it as one there.
+    terms         (n,) each, for the scene without clouds
+    decks         layers, the lowest first
+    reflectance   (n,) 1, reflectance of the ground for skylight
+    surroundings  1, reflectance of the surrounding ground
+    Returns       Terms of (n,). Light that clouds reflect counts as scattered, their heat as
+                  thermal. Rays that miss the ground or all clouds are unchanged
+    Accuracy      model: independent columns along the paths to Sun and camera; sideways light of
+                  broken clouds and multiple reflection between layers are left out. Uniform layers
+                  at 2 and 8.5 km over dark ground agree with sasktran2 within 3 % in clear air and
+                  6 % in haze for an optical depth of 20, within 7 % for 0.3 and 13 % for 3; the
+                  largest errors are with a low Sun. Ground under clouds keeps its temperature, and
+                  reflects the heat of a clear sky. A layer above 9 km, the table's limit, has the
+                  air of a layer at 9 km above it.
     """
     hit = np.flatnonzero(ground.hit)
     here = ground[hit]
@@ -117,7 +118,7 @@ def with_clouds(
     sunny = lit._replace(total=lit.total * bounce)
     of_layers = _layers(decks, here, old._replace(scattered=path), band, sunny)
     spread = (seen.total - seen.direct) * surroundings * lamp * bounce
-    spread += (old.scattered - path) * seen.total * sunny.total  # of the ground around
+    spread += (old.scattered - path) * seen.total * sunny.total  # light of the surrounding ground
     new = (
         old.direct * seen.direct * lit.direct,
         indirect * seen.direct,
@@ -134,13 +135,14 @@ def with_clouds(
 def _layers(
     decks: Sequence[Deck], here: Ground, old: Terms, band: Band, lit: Passed
 ) -> tuple[Floats, Floats]:
-    """Scattered and thermal radiance (n,) of layers, and of the air below, between and above them.
+    """Scattered and thermal radiance (n,) of the layers and of the air below, between and above
+    them.
 
-    lit  sunlight that reaches the air below the lowest layer
+    lit  sunlight on the air below the lowest layer
     """
     scattered, thermal = np.zeros((2, len(here)))
     lit = Passed(*(values.copy() for values in lit))
-    # Above the last surface, the ground at first.
+    # Radiance above the last surface; the first surface is the ground.
     air, warm = (values.astype(np.float64) for values in (old.scattered, old.thermal))
     below = _backscatter(band, here.height)
     for k, deck in enumerate(decks):
@@ -171,10 +173,10 @@ def _layers(
         through, straight = light.transmitted * seen.total, light.direct * seen.direct
         straight *= lit.direct[mine]
         scattered[mine] += (air[mine] - above) * straight
-        # What reaches the air from all sides, or leaves it to all sides.
+        # Light that reaches the air from all sides, or leaves it to all sides.
         even_air = flux * np.maximum(below[mine] - back, 0.0)
         scattered[mine] += even_air * (through * lit.total[mine] - straight)
-        # The layer lights the air above it, and is lit by it again.
+        # The layer illuminates the air above, which illuminates the layer.
         even = deck.optics.spherical(crossing.depth)
         sent = white.direct * deck.optics.light(crossing.depth, np.cos(sight.sun)).reflected
         sent += sky * even

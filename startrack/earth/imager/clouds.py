@@ -25,9 +25,9 @@ from startrack.core import (
 from startrack.earth.imager.land import TEXELS, on_texture
 from startrack.earth.terrain import EQUATORIAL, HeightChart, Mosaic, Raster, fractal, geodetic, up
 
-ROUGHNESS = 4 / 3  # of it: a power spectrum of |k|^(-5/3) along a line, as that of clouds
+ROUGHNESS = 4 / 3  # spectral exponent: a power spectrum of |k|^(-5/3) along a line, as for clouds
 GRAZING = 0.02  # least cosine of the zenith angle of a path through a layer; chosen by hand
-STEPS = 4  # of Newton's method to the height of a layer; it begins within metres
+STEPS = 4  # steps of Newton's method to the height of a layer; the start is within metres
 GROUND_TEMPERATURE, LAPSE, COLDEST = 288.15, 6.5e-3, 216.65  # US Standard Atmosphere 1976
 
 # 1 - albedo of single scattering: ice of 30 um by Ebert and Curry (1992), J. Geophys. Res. 97,
@@ -45,37 +45,36 @@ class CloudLayer(Parameters):
     """A thin sheet of cloud at one height."""
 
     height: float = parameter(
-        "above the ellipsoid; terrain that is higher stands out of it",
+        "height above the ellipsoid; higher terrain stands out of the layer",
         unit=Unit("m", "km"),
         limit=Range(0, 30e3),
     )
     optical_depth: float = parameter(
-        "1, vertical, the same at all wavelengths: of an even layer, the mean inside the clouds "
-        "of a generated one, or the factor of the values of a file",
+        "1, vertical optical depth, the same at all wavelengths; the mean inside generated "
+        "clouds; a factor for the values of a file",
         limit=NON_NEGATIVE,
         default=1.0,
     )
     file: str = parameter(
-        "raster of optical depth in any projection, relative to the scene file; no cloud where "
-        "it has no value",
+        "raster of optical depth in any projection, relative to the scene file; no cloud without "
+        "a value",
         default="",
     )
-    band: int = parameter("1, the first, of the file", limit=Range(1, 2**16), default=1)
+    band: int = parameter("band of the file, 1 the first", limit=Range(1, 2**16), default=1)
     cover: float | None = parameter(
-        "1, fraction of the sky that a generated field of clouds covers; None for an even layer "
-        "or a file",
+        "1, fraction of the sky under generated clouds; None: a uniform layer or a file",
         limit=Range(0.001, 1),
         default=None,
     )
     cell: float = parameter(
-        "smallest detail of generated clouds, which repeat themselves after 1024",
+        "smallest detail of generated clouds; the field has a period of 1024 details",
         unit=Unit("m"),
         limit=POSITIVE,
         default=100.0,
     )
     seed: int = parameter("of generated clouds", limit=Range(0, 2**31), default=1)
     particles: str = parameter(
-        "ice or water, for the albedo of single scattering",
+        "ice or water, for the single-scattering albedo",
         limit=Range(choices=tuple(ALBEDOS)),
         default="ice",
     )
@@ -84,7 +83,7 @@ class CloudLayer(Parameters):
         "1, mean cosine of the scattering angle", limit=Range(-0.99, 0.99), default=0.85
     )
     temperature: float | None = parameter(
-        "kelvin; None for that of the US Standard Atmosphere at this height",
+        "kelvin; None: temperature of the US Standard Atmosphere at the layer's height",
         unit=Unit("K", absolute=True),
         limit=Range(50, 400),
         default=None,
@@ -93,18 +92,18 @@ class CloudLayer(Parameters):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.cover is not None and self.file:
-            raise ValueError("cover must be left out beside file, which has its own clouds")
+            raise ValueError("cover must be left out beside file, which gives the clouds")
 
     @property
     def kelvin(self) -> float:
-        """Its temperature."""
+        """Temperature of the layer, kelvin."""
         if self.temperature is not None:
             return self.temperature
         return max(GROUND_TEMPERATURE - LAPSE * self.height, COLDEST)
 
     @property
     def spectrum(self) -> core.Curve:
-        """Albedo of single scattering."""
+        """Single-scattering albedo over wavelength."""
         if self.albedo is not None:
             return self.albedo
         nodes = [end for low, high in pairwise(EDGES) for end in (low, high - 1e-6)]
@@ -112,7 +111,7 @@ class CloudLayer(Parameters):
         return core.Curve(tuple(node * core.um for node in nodes), tuple(values))
 
     def open(self, folder: Path) -> Sheet:
-        """The layer with its field of optical depth; its file is sought from a folder.
+        """The layer with its field of optical depth; the file is relative to a folder.
 
         Raises  as Raster.
         """
@@ -130,7 +129,7 @@ class CloudField(Protocol):
     """Optical depth over the Earth."""
 
     def __call__(self, longitude: Floats, latitude: Floats, /) -> Floats:
-        """(n,) 1 at (n,) radian."""
+        """Optical depth (n,) at (n,) radian."""
         ...
 
 
@@ -140,7 +139,7 @@ def _mapped(chart: HeightChart, factor: float, longitude: Floats, latitude: Floa
 
 
 def _generated(layer: CloudLayer, texels: Floats, longitude: Floats, latitude: Floats) -> Floats:
-    """Linear between texels."""
+    """Optical depth of generated clouds, linear between texels."""
     x, y = on_texture(longitude, latitude, layer.cell)
     i, j = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
     u, v = x - i, y - j
@@ -157,7 +156,8 @@ def _generated(layer: CloudLayer, texels: Floats, longitude: Floats, latitude: F
 
 @lru_cache(maxsize=4)
 def _clouds(seed: int, cover: float) -> Floats:
-    """Optical depth of mean 1 inside the clouds, which cover the highest part of a fractal."""
+    """Optical depth of generated clouds, of mean 1 inside them; clouds are the highest part of a
+    fractal."""
     values = fractal(TEXELS, TEXELS, core.Streams(seed, 2), 1.0, ROUGHNESS).astype(np.float64)
     above = np.maximum(values - np.quantile(values, 1 - cover), 0.0)
     return above / above[above > 0].mean()
@@ -171,9 +171,9 @@ class Sheet:
     field: CloudField
 
     def cross(self, point: Floats, direction: Floats) -> Crossing:
-        """Points at which straight paths leave the layer, and its optical depth there.
+        """Points where straight paths leave the layer, and its optical depth there.
 
-        point      (n, 3) metre, Earth-fixed, where the paths begin
+        point      (n, 3) metre, Earth-fixed, start of the paths
         direction  (n, 3) or (3,) unit vectors
         Returns    Crossing; optical depth 0 where a path begins above the layer or leads down
         """
@@ -200,8 +200,8 @@ class Crossing(NamedTuple):
 
     point                (n, 3) metre, Earth-fixed
     longitude, latitude  (n,) radian
-    cosine               (n,) 1, of the path's zenith angle there
-    distance             (n,) metre from the path's beginning
+    cosine               (n,) 1, cosine of the path's zenith angle there
+    distance             (n,) metre from the start of the path
     depth                (n,) 1, vertical optical depth
     """
 

@@ -33,7 +33,7 @@ from startrack.optics import (
 )
 from startrack.space import GM
 
-PLACES = 17  # places along a line; their lowest MTF is taken
+PLACES = 17  # places along a line; the lowest MTF counts
 GREY, WARM, SUN = 0.2, 300.0, 50 * deg  # the scene of the reference radiance; chosen by hand
 MEAN_RADIUS = 6371e3  # metre, mean
 SLOWEST, FASTEST = 200.0, 0.5  # f-numbers of the search; f/0.5 is the limit of a lens in air
@@ -49,26 +49,27 @@ class Figures:
     swath, field      metre; radian
     rayleigh          metre, on the ground: 1.22 lambda H / D
     mtf_across, mtf_along  1, at half a cycle per pixel, or per `average` pixels: lens, blur, pixel,
-                      smear, and across the read-out channel; along, too, where the lines of a TDI
-                      detector do not keep pace with the ground. The Nyquist frequency of
-                      staggered lines is twice that, where the MTF of a pixel is 0. With a lens
-                      table the lowest over the field; with `restore` after its filter, which may
-                      be above 1 where two waves are seen as one
-    illumination      1, of the darkest pixel over that of the middle; None without a lens table.
-                      SNR and saturation are those of the middle
-    radiance          watt / m^2 / sr / m, of the SNR
-    electrons, noise  electron, of this radiance
-    amplified         1, noise after the filter of `restore` over that before; 1 without
-    snr               1; of the mean of `average` columns, after the filter, as all that follows
-    noise_radiance    watt / m^2 / sr / m, of the noise of this radiance
-    nedt              kelvin, the same as a difference of temperature of a blackbody of the
-                      reference temperature (300 K where there is none); None below 3 micrometre
-    saturation        watt / m^2 / sr / m that reaches the full-well capacity, or the largest number
+                      smear; across also the read-out channel; along also a mismatch between the
+                      line rate of a TDI detector and the ground. The Nyquist frequency of staggered
+                      lines is twice that frequency; a pixel's MTF is 0 there. A lens table gives
+                      the lowest MTF over the field. With `restore` the MTF is after the filter; it
+                      may exceed 1 because of aliasing
+    illumination      1, illumination of the darkest pixel over illumination of the middle; None
+                      without a lens table. SNR and saturation are for the middle
+    radiance          watt / m^2 / sr / m, radiance for the SNR
+    electrons, noise  electron, signal and noise at this radiance
+    amplified         1, noise after the filter of `restore` over noise before; 1 without a filter
+    snr               1, for the mean of `average` columns and after the filter, as are all figures
+                      below
+    noise_radiance    watt / m^2 / sr / m, noise-equivalent radiance
+    nedt              kelvin, noise-equivalent temperature difference of a blackbody at the
+                      reference temperature (300 K if not given); None below 3 micrometre
+    saturation        watt / m^2 / sr / m, radiance at full-well capacity or at the largest number
     dynamics          1, dynamic range: full-well capacity over the noise in the dark
     period, clock     second between lines; pixel / second
     data_rate         bit / second
-    ahead             pixel by which the ground runs ahead of the charge over all stages of a TDI
-                      detector, which blurs along the track; 0 for others
+    ahead             pixel, lead of the ground over the charge after all stages of a TDI detector;
+                      it blurs along the track; 0 for other detectors
     """
 
     gsd: float
@@ -105,11 +106,12 @@ def figures(
     Source: Krutz et al. (2011), section 2.1, and eq. (4).
 
     height  metre above the ground
-    rate    radian / second of the ground below
-    light   watt / m^2 / sr / m; None for that of the channel, else that of `reference`
-    Raises    ValueError as `field_lens`, of a lens table that does not hold field or band.
-    Accuracy  model: flat ground; without a lens table, the lens at the mean wavelength on the axis,
-              with its pupil, its segments and its aberrations that do not grow over the field.
+    rate    radian / second, angular rate of the ground below
+    light   watt / m^2 / sr / m; None: the channel's reference light, else the radiance of
+            `reference`
+    Raises    ValueError as `field_lens`, where a lens table does not contain the field or the band.
+    Accuracy  model: flat ground. Without a lens table: the lens at the mean wavelength on the axis,
+              with its pupil, its segments and aberrations that are constant over the field.
     """
     optics, detector = channel.optics, channel.detector
     focal, pitch = optics.image_distance, detector.pitch
@@ -177,7 +179,7 @@ def figures(
 def figures_of(survey: Survey) -> Iterator[tuple[Channel, float, Figures]]:
     """Each channel of a survey's camera, its height in metre at the epoch, and its figures.
 
-    Where a channel has a reference light, that is the light at the lens.
+    The reference light of a channel is the light at the lens.
     """
     carrier = survey.carrier
     height = float(geodetic(fly(carrier, np.zeros(1)).position)[2][0])
@@ -189,9 +191,10 @@ def figures_of(survey: Survey) -> Iterator[tuple[Channel, float, Figures]]:
 
 
 def margins_of(channel: Channel, predicted_figures: Figures) -> dict[str, float]:
-    """Margin of each requirement of a channel, over the requirement; met where it is 0 or more.
+    """Relative margin of each requirement of a channel; a requirement is met where its margin is 0
+    or more.
 
-    Those of GSD and NEdT are limits from above. A light that saturates has no SNR.
+    GSD and NEdT have upper limits. A light that saturates has no SNR.
     """
     full = predicted_figures.radiance > predicted_figures.saturation
     predicted = {
@@ -211,7 +214,7 @@ def margins_of(channel: Channel, predicted_figures: Figures) -> dict[str, float]
 
 
 def known(performance: Performance) -> dict[str, float]:
-    """The values that are given, by their names."""
+    """The given values by name."""
     return {name: value for name, value in vars(performance).items() if value is not None}
 
 
@@ -220,9 +223,9 @@ def sharpness(
 ) -> float:
     """MTF along one axis at half a cycle per pixel, or per `average` pixels.
 
-    along   "x" or "y", along columns and rows
-    drift   metre on the detector, of the image in an exposure
-    merged  pixels along this axis that are averaged
+    along   "x" or "y", along columns or rows
+    drift   metre on the detector, motion of the image in an exposure
+    merged  number of averaged pixels along this axis
     """
     nyquist = np.array([0.5 / channel.detector.pitch / channel.average])
     optics, side = channel.optics, channel.detector.pitch * math.sqrt(channel.detector.fill_factor)
@@ -245,7 +248,7 @@ def _read_out(channel: Channel) -> float:
 def _lens_over_field(
     channel: Channel, band: Band, rate: float, drift: float
 ) -> tuple[float, float, float]:
-    """Lowest MTF across and along, and illumination, over the field of a lens table."""
+    """Lowest MTF across and along, and lowest illumination, over the field of a lens table."""
     sensor = channel.sensor(1, rate)
     lens = field_lens(channel, sensor, channel.optics, band.wavelength, band.weight)
     assert isinstance(lens.images, core.FieldPsf)
@@ -288,7 +291,8 @@ def reference(band: Band) -> float:
 
 
 def _light(channel: Channel, band: Band) -> float:
-    """Watt / m^2 / sr / m for which a channel's SNR is required, else that of grey land."""
+    """Radiance (watt / m^2 / sr / m) of a channel's required SNR, else the radiance of grey
+    land."""
     wanted = channel.reference
     if wanted is None:
         return reference(band)
@@ -303,7 +307,8 @@ def _light(channel: Channel, band: Band) -> float:
 
 
 def _temperature_step(channel: Channel, band: Band, step: float) -> float | None:
-    """Kelvin that change the radiance of a blackbody in front of the lens by `step`."""
+    """Change of temperature (kelvin) that changes a blackbody's radiance in front of the lens by
+    `step`."""
     if band.heat is None or float(band.weight @ band.wavelength) < INFRARED:
         return None
     wanted = channel.reference.temperature if channel.reference else None
@@ -325,15 +330,17 @@ def _noise(detector: Detector, electrons: float, dark: float) -> float:
 class Goals(Parameters):
     """Requirements on a line camera, and its detector."""
 
-    gsd: float = parameter("between pixels, along and across", unit=Unit("m"), limit=POSITIVE)
+    gsd: float = parameter(
+        "ground sample distance, along and across", unit=Unit("m"), limit=POSITIVE
+    )
     swath: float = parameter(unit=Unit("m", "km"), limit=POSITIVE)
     height: float = parameter("of the orbit", unit=Unit("m", "km"), limit=POSITIVE)
     wavelength: float = parameter("of the band", unit=Unit("m", "nm"), limit=POSITIVE)
     bandwidth: float = parameter("of the band", unit=Unit("m", "nm"), limit=POSITIVE)
     radiance: float = parameter(unit=Unit("W / (m2 sr m)", "W / (m2 sr um)"), limit=POSITIVE)
-    snr: float = parameter("required signal-to-noise ratio of this radiance", limit=POSITIVE)
+    snr: float = parameter("required signal-to-noise ratio at this radiance", limit=POSITIVE)
     mtf: float = parameter(
-        "at Nyquist along the track, pixel and smear included",
+        "MTF at Nyquist along the track, pixel and smear included",
         limit=Range(0.001, 0.99),
         default=0.1,
     )
@@ -346,15 +353,17 @@ class Goals(Parameters):
     bits: int = parameter("of the detector", limit=Range(1, 24), default=12)
     stages: int = parameter("of the detector", limit=Range(1, 4096), default=1)
     efficiency: float = parameter(
-        "electron / photon, lens and filter included", limit=Range(0.001, 1), default=0.4
+        "electron / photon, quantum efficiency, with lens and filter",
+        limit=Range(0.001, 1),
+        default=0.4,
     )
     smear: float = parameter(
-        "pixel that the ground moves in an exposure, as a fraction of the line period",
+        "pixel, motion of the ground in an exposure: exposure as a fraction of the line period",
         limit=Range(0.001, 1),
         default=1.0,
     )
     ground_speed: float | None = parameter(
-        "None for a circular orbit around the Earth",
+        "speed over ground; None: a circular orbit around the Earth",
         unit=Unit("m / s"),
         limit=POSITIVE,
         default=None,
@@ -362,7 +371,7 @@ class Goals(Parameters):
 
     @property
     def speed(self) -> float:
-        """Metre / second over ground."""
+        """Speed over ground, metre / second."""
         if self.ground_speed is not None:
             return self.ground_speed
         axis = MEAN_RADIUS + self.height
@@ -374,15 +383,15 @@ class First:
     """First parameters of a camera.
 
     focal_length  metre
-    aperture      metre, the largest of the three below
+    aperture      metre, largest of the three below
     for_rayleigh, for_mtf, for_snr  metre, aperture that each requires
     f_number      1
-    columns       pixel of a line
+    columns       pixel in a line
     period        second between lines
     exposure      second of a line
     clock         pixel / second
     data_rate     bit / second
-    electrons     electron of the radiance at this aperture
+    electrons     electron from the radiance at this aperture
     """
 
     focal_length: float
@@ -408,14 +417,14 @@ def first_parameters(goals: Goals) -> First:
 
     Source: Krutz et al. (2011), section 2.1, and eq. (4).
 
-    Raises    ValueError where no lens meets the MTF, or the SNR needs one faster than f/0.5.
+    Raises    ValueError where no lens meets the MTF, or the SNR needs a lens faster than f/0.5.
     Accuracy  model: one wavelength, a lens without aberrations, a fill factor of 1.
     """
     focal = goals.pixel_pitch * goals.height / goals.gsd
     period = goals.gsd / goals.speed
     exposure = goals.smear * period
     wanted = _electrons_for(goals)
-    # Equation (4) at one wavelength, of all stages, over the square of the aperture.
+    # Equation (4) at one wavelength, for all stages, over the square of the aperture.
     etendue = math.pi / 4 * (1.0 / focal) ** 2 * goals.pixel_pitch**2
     photons = goals.radiance * goals.bandwidth * goals.wavelength / (core.PLANCK * core.LIGHT_SPEED)
     per_area = etendue * photons * goals.efficiency * exposure * goals.stages
@@ -454,7 +463,7 @@ def _electrons_for(goals: Goals) -> float:
 
 
 def _slowest_sharp(goals: Goals) -> float:
-    """The largest f-number that meets the MTF."""
+    """The largest f-number that meets the MTF requirement."""
     nyquist = np.array([0.5 / goals.pixel_pitch])
     fixed = pixel_transfer(nyquist, goals.pixel_pitch)
     fixed = fixed * pixel_transfer(nyquist, goals.smear * goals.pixel_pitch)

@@ -1,4 +1,4 @@
-"""FITS that is filled while an image is rendered; GeoTIFF with ground control points."""
+"""FITS file filled during rendering; GeoTIFF with ground control points."""
 
 import shutil
 from collections.abc import Mapping
@@ -14,9 +14,9 @@ from startrack.earth.imager.render import Picture
 from startrack.earth.terrain import require_rasterio
 from startrack.io import whole
 
-BLOCK = 2880  # bytes, to which a part of a FITS file is filled up
+BLOCK = 2880  # bytes of a FITS block; parts of a file are padded to blocks
 POINTS = 9  # ground control points along each side of the image; chosen by hand
-# The terms of the radiance in the file of a picture, each with the comment in its header.
+# The terms of the radiance in the file of a picture, with the comments in its header.
 ABOUT: dict[str, str] = {
     "direct": "sunlight that the ground reflects",
     "indirect": "light of sky and slopes that the ground reflects",
@@ -32,7 +32,7 @@ def open_fits(path: Path, lines: int, columns: int, cards: dict[str, Any]) -> Pi
 
     The file has its final size at once; pixels not yet filled in are zero.
 
-    cards  of the first header, each a value or (value, comment)
+    cards  cards of the first header, each a value or (value, comment)
     """
     from astropy.io import fits
 
@@ -63,9 +63,9 @@ def open_fits(path: Path, lines: int, columns: int, cards: dict[str, Any]) -> Pi
 
 
 def require_room(path: Path, size: int) -> None:
-    """Refuse a file that the disk has no room for: a write to its memory would end the process.
+    """Refuse a file without room on the disk: a write to its memory map would end the process.
 
-    Raises  OSError with the bytes that it needs and those that there are.
+    Raises  OSError with the needed and the free bytes.
     """
     free = shutil.disk_usage(path.parent).free
     if size > free:
@@ -73,9 +73,9 @@ def require_room(path: Path, size: int) -> None:
 
 
 def write_geotiff(path: Path, picture: Picture) -> None:
-    """Numbers and terms as bands, with ground control points on a lattice.
+    """Write numbers and terms as bands, with ground control points on a lattice.
 
-    Raises  ImportError without rasterio; ValueError where too little ground is seen.
+    Raises  ImportError without rasterio; ValueError where the image shows too little ground.
     """
     rasterio = require_rasterio("to write GeoTIFF")
     lines, columns = picture.numbers.shape
@@ -104,9 +104,9 @@ def write_bands(
 ) -> None:
     """Arrays of one shape as a GeoTIFF.
 
-    kind   of its numbers, as NumPy names it
-    place  where it lies, and further options of GDAL
-    units  of each band
+    kind   NumPy type of the numbers
+    place  georeference and further options of GDAL
+    units  unit of each band
     Raises  ImportError without rasterio.
     """
     rasterio = require_rasterio("to write GeoTIFF")
@@ -130,6 +130,6 @@ def write_bands(
 
 
 def thinned(values: NDArray[Any], most: int) -> NDArray[Any]:
-    """Lines and columns at a constant step, so that a picture has at most `most` of each."""
+    """Lines and columns at a constant step, at most `most` of each."""
     step = max(1, -(-max(values.shape) // most))
     return np.asarray(values[::step, ::step])

@@ -22,8 +22,9 @@ from startrack.core import (
 from startrack.earth.imager import brdf
 from startrack.earth.terrain import EQUATORIAL, Ground, cartesian, fractal, up
 
-TEXELS = 1024  # along each side of the texture, which is periodic
-ROUGHNESS = 1.2  # of the texture, as for `fractal`: rougher than mountains; chosen by hand
+TEXELS = 1024  # texels along each side of the periodic texture
+# spectral exponent of the texture, as for `fractal`: rougher than mountains; chosen by hand
+ROUGHNESS = 1.2
 GREY = core.Curve((), (0.2,))
 DEPTHS = -1000.0  # metre, below all land
 
@@ -31,17 +32,21 @@ DEPTHS = -1000.0  # metre, below all land
 class Cover(Parameters):
     """Reflectance and temperature of ground above a height.
 
-    It is Lambertian, or one of `ross_li`, `water` and `snow`.
+    The cover is Lambertian, or `ross_li`, `water` or `snow`.
     """
 
     reflectance: core.Curve = parameter(
-        "1 over wavelength: of Lambertian ground; the isotropic weight of `ross_li`; of the "
-        "light from below the surface of `water`; the white-sky albedo of `snow`. The "
-        "emissivity is 1 minus it, or 1 minus the fraction of a uniform sky that is reflected",
+        "1 over wavelength: reflectance of Lambertian ground; isotropic weight of `ross_li`; "
+        "reflectance of the light from below the surface of `water`; white-sky albedo of `snow`. "
+        "The emissivity is 1 minus this reflectance, or 1 minus the reflected fraction of a "
+        "uniform sky",
         default=GREY,
     )
     temperature: float = parameter(
-        "at the height zero", unit=Unit("K", absolute=True), limit=Range(50, 3000), default=288.0
+        "temperature at height zero",
+        unit=Unit("K", absolute=True),
+        limit=Range(50, 3000),
+        default=288.0,
     )
     above: float = parameter("above the ellipsoid", unit=Unit("m"), limit=FINITE, default=DEPTHS)
     ross_li: brdf.RossLi | None = None
@@ -55,7 +60,7 @@ class Cover(Parameters):
 
     @property
     def law(self) -> brdf.Law | None:
-        """Law of the reflectance over directions; None where it does not depend on them."""
+        """Law of the reflectance over directions; None: independent of direction."""
         return self.ross_li or self.water or self.snow
 
     def weights(self, wavelength: Floats, weight: Floats) -> tuple[float, float, float]:
@@ -71,16 +76,16 @@ class Cover(Parameters):
 class ReflectanceMap(Parameters):
     """A map of the terrain whose values are reflectance at one wavelength."""
 
-    map: str = parameter("its name in `terrain.maps`")
+    map: str = parameter("name of the map in `terrain.maps`")
     wavelength: float = parameter(unit=Unit("m", "nm"), limit=POSITIVE)
     factor: float = parameter(
-        "1, by which values are multiplied, such as 1e-4 for Sentinel-2", limit=FINITE, default=1.0
+        "1, factor of the values, such as 1e-4 for Sentinel-2", limit=FINITE, default=1.0
     )
     offset: float = parameter("1, then added", limit=FINITE, default=0.0)
 
 
 class HotSpot(Parameters):
-    """A fire, a blackbody that may be smaller than a pixel."""
+    """A fire: a blackbody, possibly smaller than a pixel."""
 
     longitude: float = parameter(unit=Unit("rad", "deg"), limit=FINITE)
     latitude: float = parameter(unit=Unit("rad", "deg"), limit=Range(-math.pi / 2, math.pi / 2))
@@ -94,10 +99,10 @@ class Land(Parameters):
     """The surface of a scene."""
 
     covers: tuple[Cover, ...] = parameter(
-        "in the order of their heights; each holds up to the next", default=(Cover(),)
+        "covers by rising height; a cover ends at the height of the next", default=(Cover(),)
     )
     texture: float = parameter(
-        "1, rms of the relative variation of reflectance, a fractal from a seed",
+        "1, rms of the relative variation of reflectance: a fractal from a seed",
         limit=Range(0, 1),
         default=0.0,
     )
@@ -106,7 +111,7 @@ class Land(Parameters):
     )
     texture_seed: int = parameter(limit=Range(0, 2**31), default=1)
     temperature_texture: float = parameter(
-        "rms of the variation of temperature, a fractal from the seed after `texture_seed`",
+        "rms of the variation of temperature: a fractal from the seed after `texture_seed`",
         unit=Unit("K"),
         limit=NON_NEGATIVE,
         default=0.0,
@@ -118,22 +123,22 @@ class Land(Parameters):
         default=6.5e-3,
     )
     warming: float = parameter(
-        "ground that faces the Sun minus ground in shadow",
+        "temperature of ground that faces the Sun minus temperature of ground in shadow",
         unit=Unit("K"),
         limit=NON_NEGATIVE,
         default=0.0,
     )
     hot_spots: tuple[HotSpot, ...] = parameter("fires", default_factory=tuple)
     maps: tuple[ReflectanceMap, ...] = parameter(
-        "of reflectance, instead of that of the covers where they have values; linear between "
-        "their wavelengths, constant beyond",
+        "maps of reflectance, which replace the covers' reflectance where they have values; "
+        "linear between their wavelengths, constant beyond",
         default=(),
     )
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if not self.covers:
-            raise ValueError("covers must be one or more, got none")
+            raise ValueError("covers must have one entry or more, got none")
         heights = [cover.above for cover in self.covers]
         if heights != sorted(heights):
             raise ValueError(f"covers must rise in their heights above, got {heights}")
@@ -149,10 +154,10 @@ def cover_at(land: Land, height: float) -> Cover:
 
 
 def reflectance(land: Land, ground: Ground, wavelength: Floats, weight: Floats) -> Floats:
-    """Mean reflectance of n rays in one band, whatever its direction.
+    """Mean reflectance of n rays in one band, without the dependence on direction.
 
-    wavelength, weight  (f,) metre; (f,) 1, of the detected light; they sum to one
-    Returns             (n,) 1, in [0, 1]; that of the lowest cover where a ray misses
+    wavelength, weight  (f,) metre; (f,) 1, weights of the detected light with the sum one
+    Returns             (n,) 1, in [0, 1]; reflectance of the lowest cover for rays that miss
     """
     of_cover = np.array([cover.reflectance(wavelength) @ weight for cover in land.covers])
     here = of_cover[_cover(land, ground)]
@@ -165,7 +170,7 @@ def reflectance(land: Land, ground: Ground, wavelength: Floats, weight: Floats) 
 
 
 class Reflection(NamedTuple):
-    """Reflectance factors (n,) of rays in one band: for sunlight, for the sky, and the albedo."""
+    """Reflectance factors (n,) of rays in one band: for sunlight, for skylight, and the albedo."""
 
     direct: Floats
     sky: Floats
@@ -176,8 +181,8 @@ def reflection(land: Land, ground: Ground, wavelength: Floats, weight: Floats) -
     """Reflection of sunlight and skylight to the camera along n rays.
 
     wavelength, weight  as for `reflectance`
-    Accuracy            model: means of reflectance over the band, before the law of directions; a
-                        surface of waves or snow lies as the terrain slopes.
+    Accuracy            model: reflectance is averaged over the band before the law of directions. A
+                        surface of waves or snow follows the slope of the terrain.
     """
     rho = reflectance(land, ground, wavelength, weight)
     if not any(cover.law for cover in land.covers):
@@ -206,16 +211,17 @@ def temperature(land: Land, ground: Ground) -> Floats:
 
 
 def burning_fraction(spot: HotSpot, ground: Ground, spread: float) -> Floats:
-    """Fraction of the field of each of n rays that burns.
+    """Burning fraction of the field of each of n rays.
 
-    A Gaussian of the width of the rays, or of the spot where that is wider, with the spot's area.
+    The spot is a Gaussian with the spot's area, as wide as the rays or the spot, whichever is
+    wider.
 
     spread   radian between rays
     Returns  (n,) 1, in [0, 1]
     """
     here = np.array(spot.longitude), np.array(spot.latitude)
     normal = up(*here)
-    # Along the ellipsoid, so that the spot is on the ground at any height.
+    # Distance along the ellipsoid, so that the spot is on the ground at any height.
     aside = ground.point - cartesian(*here, np.array(0.0))
     aside = aside - (aside @ normal)[:, None] * normal
     variance = np.maximum((ground.distance * spread) ** 2, spot.area / (2 * math.pi))
@@ -232,7 +238,7 @@ def _cover(land: Land, ground: Ground) -> Ints:
 
 
 def _mapped(land: Land, ground: Ground, wavelength: Floats, weight: Floats) -> Floats:
-    """(n,) reflectance of maps in a band; NaN where one has none."""
+    """Reflectance (n,) of maps in a band; NaN where a map has no value."""
     at = [map_.wavelength for map_ in land.maps]
     out = np.zeros(len(ground))
     for n, map_ in enumerate(land.maps):
@@ -246,7 +252,7 @@ def _mapped(land: Land, ground: Ground, wavelength: Floats, weight: Floats) -> F
 
 
 def _texture(land: Land, ground: Ground, seed: int) -> Floats:
-    """(n,) deviation of mean zero and rms one."""
+    """Deviation (n,) of mean zero and rms one."""
     longitude, latitude = np.nan_to_num(ground.longitude), np.nan_to_num(ground.latitude)
     x, y = on_texture(longitude, latitude, land.texture_cell)
     i, j = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
@@ -256,7 +262,7 @@ def _texture(land: Land, ground: Ground, seed: int) -> Floats:
 def on_texture(longitude: Floats, latitude: Floats, cell: float) -> tuple[Floats, Floats]:
     """Places (n,) in texels of a periodic texture on the Earth.
 
-    A sinusoidal projection: equal areas, no seams, sheared far from Greenwich.
+    The projection is sinusoidal: equal areas, no seams, sheared far from Greenwich.
 
     longitude, latitude  (n,) radian
     cell                 metre, side of a texel

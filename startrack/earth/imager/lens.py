@@ -25,35 +25,36 @@ from startrack.optics import (
     pixel_psf,
 )
 
-FAINT = 1e-3  # of the light beyond the weights, at most; less costs time; chosen by hand
-SMEARED = 16  # instants of an exposure over which smear is averaged; chosen by hand
-WEIGHT_NODES = 17  # along a side of the field, where weights are computed; a spline between
-LEFT = 2e-3  # of the light of a point that the left-out kernels may have; chosen by hand
-NODES = 5, 9, 17, 33  # places along a line, tried until images between them err by the tolerance
+FAINT = 1e-3  # largest fraction of light beyond the weights; less costs time; chosen by hand
+SMEARED = 16  # instants of an exposure for the average of smear; chosen by hand
+WEIGHT_NODES = 17  # nodes of weights along a side of the field; a spline between
+LEFT = 2e-3  # largest fraction of a point's light in the omitted kernels; chosen by hand
+# nodes along a line, increased until images between them are within the tolerance
+NODES = 5, 9, 17, 33
 MOST_NODES = 9  # of a matrix
-UNMEASURED = 9  # where the tolerance is so coarse that the error is not measured
-MOST_NUMBERS = 40_000_000  # of all images at the nodes
-LARGEST_ERROR = 0.1  # of the peak, of an image between the nodes; chosen by hand
-SETTLED = 3  # rounds in which a line comes to lie at its angle; each leaves a hundredth
-LIGHT_NODES = 33  # places along a side where the illumination is computed; a spline between them
-STEP = 1.0  # pixel, over which slopes of directions are taken
+UNMEASURED = 9  # nodes for a tolerance so coarse that the error is not measured
+MOST_NUMBERS = 40_000_000  # largest number of values of all images at the nodes
+LARGEST_ERROR = 0.1  # relative to the peak, error of an image between the nodes; chosen by hand
+SETTLED = 3  # iterations that place a line at its angle; each leaves a hundredth of the error
+LIGHT_NODES = 33  # nodes of the illumination along a side; a spline between them
+STEP = 1.0  # pixel, step of slopes of directions
 
 
 def blur_weights(psf: Psf, side: int, across: float, along: float, smear: float) -> Floats:
     """Weights of the rays of a pixel and of the pixels around it.
 
     The rays at the same position in all pixels form a lattice; the weights have the same sum over
-    each lattice, and the sum one over all, so that an even scene is not changed.
+    each lattice, and the total sum one. So a uniform scene does not change.
 
-    psf      of the pixels, the pixel's square included
+    psf      PSF of the pixels, the pixel's square included
     side     rays along each side of a pixel
     across   pixel between columns of the image: 1, or 1/2 for staggered lines
     along    pixel between its lines
-    smear    pixel that the ground moves along the track in an exposure
+    smear    pixel, motion of the ground along the track in an exposure
     Returns  (side^2, k, k) 1, k odd; lines first
-    Accuracy  model: light beyond the table of the PSF and beyond the weights is distributed over
-              the rest: 1e-3 of the light and haze. numerical: 1 % of the modulation at Nyquist
-              with two rays a side, 0.3 % with four.
+    Accuracy  model: light beyond the weights, 1e-3 of the light, and haze beyond the PSF's table
+              are distributed over the weights. numerical: 1 % of the modulation at Nyquist with two
+              rays a side, 0.3 % with four.
     """
     half = _reach(psf, across, along, smear)
     at = (np.arange(psf.table.shape[0]) - psf.table.shape[0] // 2) / psf.oversampling
@@ -62,7 +63,7 @@ def blur_weights(psf: Psf, side: int, across: float, along: float, smear: float)
 
 
 def smeared(psf: Psf, smear: float) -> Psf:
-    """The images of points that move by `smear` pixel along the lines in an exposure."""
+    """Images of points that move by `smear` pixel along the lines in an exposure."""
     room = math.ceil(smear / 2 * psf.oversampling) + 1
     table = np.pad(psf.table, room)
     late = ((np.arange(SMEARED) + 0.5) / SMEARED - 0.5) * smear * psf.oversampling
@@ -71,10 +72,10 @@ def smeared(psf: Psf, smear: float) -> Psf:
 
 
 def point_images(psf: Psf, place: Floats, across: float, along: float) -> Floats:
-    """Images of points: the fraction of the light of each in the pixels around it.
+    """Images of points: fraction of each point's light in the pixels around it.
 
-    psf            of the pixels, the pixel's square and the smear included
-    place          (n, 2) pixel of the image from the middle of the images, columns first
+    psf            PSF of the pixels, the pixel's square and the smear included
+    place          (n, 2) pixel of the image from the centre of the images, columns first
     across, along  pixel of the detector between columns and between lines of the image
     Returns        (n, k, k), k odd; lines first. Light beyond the PSF's table is lost
     Accuracy       numerical: linear between the samples of the PSF's table.
@@ -91,7 +92,7 @@ def point_images(psf: Psf, place: Floats, across: float, along: float) -> Floats
 
 
 def _reach(psf: Psf, across: float, along: float, smear: float) -> int:
-    """Pixels of the image from the middle of the weights to their edge."""
+    """Pixels of the image from the centre of the weights to their edge."""
     last = psf.table.shape[0] // 2 / psf.oversampling
     return int(np.ceil(min(_radius(psf) + smear / 2, last) / min(across, along, 1.0)))
 
@@ -123,7 +124,8 @@ def _samples(
     out = np.empty((side**2, len(step), len(step)))
     for n, (x, y) in enumerate(inside_pixel(side)):
         down, right = np.meshgrid(step * along + y, step * across + x, indexing="ij")
-        # The table goes from the point's image to the pixel, the weights from the pixel to the ray.
+        # The table points from the point's image to the pixel, the weights from the pixel to the
+        # ray.
         out[n] = sum(psf_at(np.stack([-down - delay, -right], -1)) for delay in late)
     return out
 
@@ -139,14 +141,14 @@ class FieldBlur(NamedTuple):
 
         image = weights_0 * scene + sum_k weights_k * (part_k scene),   * a convolution
 
-    The first are the mean over the field; the others have the sum zero over each lattice, so that
-    an even scene is not changed by them.
+    weights_0 is the mean over the field. The other weights have the sum zero over each lattice, so
+    that they do not change a uniform scene.
 
     weights  (1 + k, side^2, s, s)
-    parts    of each k, over lines and columns of the image
-    lines    whether the parts change from line to line: of a matrix
-    left     1, bound of the light of a point that is put into wrong pixels, since a limited number
-             kernels are used
+    parts    parts of each k, over lines and columns of the image
+    lines    whether the parts change from line to line (matrix)
+    left     1, bound of the fraction of a point's light in wrong pixels, because the number of
+             kernels is limited
     """
 
     weights: Floats
@@ -155,7 +157,7 @@ class FieldBlur(NamedTuple):
     left: float
 
     def strips(self, strips: Iterator[Singles]) -> Iterator[Singles]:
-        """Strips (lines, columns, rays) with their parts behind each other as further rays."""
+        """Strips (lines, columns, rays) with their parts appended as further rays."""
         first = 0
         for strip in strips:
             lines, columns, _ = strip.shape
@@ -165,7 +167,7 @@ class FieldBlur(NamedTuple):
             first += lines
 
     def blurred(self, strips: Iterator[Singles]) -> Iterator[Singles]:
-        """Like `blur_strips`."""
+        """As `blur_strips`."""
         return blur_strips(self.strips(strips), self.weights.reshape(-1, *self.weights.shape[2:]))
 
 
@@ -208,7 +210,7 @@ def field_blur(
         rest = off - vector[:, :count] @ (vector[:, :count].T @ off)
         left = float(np.abs(rest).sum(1).max())
     kernels = (vector[:, :count].T @ off).reshape(count, *mean.shape)
-    # Over places of the image, whose first column and line are zero.
+    # Coordinates of the image, whose first column and line are zero.
     right = np.linspace(0, len(columns) - 1, WEIGHT_NODES)
     down = np.linspace(0, len(rows) - 1, many)
     parts = tuple(_over_image(down, right, column.reshape(many, -1)) for column in vector.T[:count])
@@ -216,7 +218,7 @@ def field_blur(
 
 
 def _over_image(down: Floats, right: Floats, values: Floats) -> RectBivariateSpline:
-    """A spline over lines and columns; the same in all lines where there is one."""
+    """A spline over lines and columns; constant over lines for one row of nodes."""
     if len(down) == 1:
         down, values = np.arange(2.0), np.repeat(values, 2, 0)
     return RectBivariateSpline(down, right, values, kx=min(3, len(down) - 1))
@@ -226,8 +228,8 @@ def blur_strips(strips: Iterator[Singles], weights: Floats) -> Iterator[Singles]
     """The blurred image of an unblurred one that arrives in strips.
 
     strips  (lines, columns, rays of a pixel) each
-    Yields  (lines, columns); in all as many lines as arrive. Beyond its edges the scene continues
-            with its last line and column.
+    Yields  (lines, columns); in all as many lines as arrive. The scene continues beyond its edges
+            with the last line and column.
     """
     half = weights.shape[1] // 2
     buffer: Singles | None = None
@@ -251,7 +253,7 @@ def _sum(strip: Singles, weights: Floats) -> Singles:
 
 
 def _radius(psf: Psf) -> float:
-    """Half the side, pixel, of the box that holds all light of the table except FAINT."""
+    """Half the side, pixel, of the box that contains all light of the table except FAINT."""
     middle, total = psf.table.shape[0] // 2, psf.table.sum()
     for radius in range(psf.oversampling, middle, psf.oversampling):
         part = slice(middle - radius, middle + radius + 1)
@@ -264,9 +266,9 @@ class FieldLens(NamedTuple):
     """Effect of a channel's lens over its field.
 
     camera  directions of its pixels, with distortion, lateral colour of the band and keystone
-    images  of points: one for the whole field, or those of a lens table
-    light   relative illumination, (1, columns) of a scanner's image, (rows, columns) of a matrix;
-            None: the same everywhere
+    images  images of points: one for the whole field, or images of a lens table
+    light   relative illumination, (1, columns) for a scanner's image, (rows, columns) for a matrix;
+            None: uniform
     """
 
     camera: Camera
@@ -283,25 +285,25 @@ def field_lens(
     keystone: float = 0.0,
     half: float = 1.0,
 ) -> FieldLens:
-    """The lens of a channel at all places of its image.
+    """The lens of a channel over its image.
 
-    With a lens table, the channel's line lies in the common focal plane where the lens sees the
-    angle `forwards` ahead of its axis, and light of the channel's band makes the images. The
-    relative illumination follows from the conservation of etendue,
+    With a lens table, the channel's line lies in the common focal plane at the angle `forwards`
+    ahead of the lens axis, and the images are of light of the channel's band. The relative
+    illumination follows from the conservation of etendue,
 
         E / E_axis = A(direction) dOmega / (A_axis dOmega_axis)
 
-    with A the cross-section of the beam before the lens and dOmega the solid angle of a pixel.
+    A is the cross-section of the beam before the lens, dOmega the solid angle of a pixel.
 
-    sensor    of the channel's geometry
-    optics    of the channel, with the blur of its motion
+    sensor    sensor of the channel's geometry
+    optics    optics of the channel, with the blur of its motion
     wavelength, weight  (f,) metre; (f,) 1, detected photons
-    keystone  metre along the columns, by which images at the end of the line lie farther out
-    half      metre, half the line of the whole detector
-    Raises    ValueError where the lens table does not hold the field or the band, or images between
-              the nodes err by more than 0.1 of the peak.
-    Accuracy  model: `field_psf`, of a lens at 293.15 K; a pixel's illumination is that at its
-              middle. numerical: images between the nodes as `images.error` says.
+    keystone  metre along the columns, outward displacement of images at the end of the line
+    half      metre, half the line of the full detector
+    Raises    ValueError where the lens table does not contain the field or the band, or images
+              between the nodes err by more than 0.1 of the peak.
+    Accuracy  model: `field_psf`, for a lens at 293.15 K; a pixel's illumination is taken at its
+              centre. numerical: `images.error` is the error of images between the nodes.
     """
     detector = channel.detector
     if not optics.tabulated:
@@ -328,7 +330,7 @@ def _displacement(camera: Camera, shift: Floats) -> Displacement:
 
 
 def _with_keystone(camera: Camera, keystone: float, half: float, pitch: float) -> Camera:
-    """The camera whose columns are stretched, so that the end of the line moves by `keystone`."""
+    """The camera with stretched columns, so that the end of the line moves by `keystone`."""
     if not keystone:
         return camera
     places = node_places(camera.columns, camera.rows)
@@ -338,7 +340,7 @@ def _with_keystone(camera: Camera, keystone: float, half: float, pitch: float) -
 
 
 def nominal(channel: Channel, sensor: Sensor) -> Camera:
-    """The camera without distortion; with a lens table, its middle looks `forwards`."""
+    """The camera without distortion; with a lens table, the middle looks `forwards`."""
     camera = sensor.camera
     if not channel.optics.tabulated:
         return camera
@@ -348,7 +350,7 @@ def nominal(channel: Channel, sensor: Sensor) -> Camera:
 def _ahead(
     channel: Channel, camera: Camera, optics: Optics, wavelength: Floats, weight: Floats
 ) -> Camera:
-    """The camera that fits the lens, whose middle looks `forwards` ahead of the axis."""
+    """The camera that fits the lens; its middle looks `forwards` ahead of the axis."""
     pitch, ahead = channel.detector.pitch, math.tan(channel.forwards)
     columns, rows, row = camera.columns, camera.rows, (camera.rows - 1) / 2
     down = -ahead * camera.focal_length_px
@@ -380,13 +382,13 @@ def _images(
         else:
             images = cube_psf(optics, camera, detector.pitch, wavelength, *light, count)
         numbers = 4 * len(images.x) * len(images.y) * images.table[0].size
-        measured = math.isfinite(images.error)  # not with a coarse tolerance
+        measured = math.isfinite(images.error)  # false with a coarse tolerance
         good = images.error <= optics.psf_tolerance if measured else count >= UNMEASURED
         if good or numbers > MOST_NUMBERS:
             break
     if images.error > LARGEST_ERROR:
         raise ValueError(
-            f"the images of the lens must change so slowly over the field that those between "
+            f"images of the lens must change so slowly over the field that images between "
             f"{len(images.x)} places err by at most {LARGEST_ERROR:g} of the peak, got "
             f"{images.error:.2g}; stop the lens down, or use a smaller field"
         )
@@ -409,7 +411,7 @@ def _illumination(channel: Channel, camera: Camera, images: FieldPsf, sensor: Se
 
 
 def image_pixels(channel: Channel, sensor: Sensor) -> tuple[Floats, Floats]:
-    """Columns and rows of the camera's grid that an image has."""
+    """Columns and rows of an image on the camera's grid."""
     columns = np.arange(float(channel.columns)) * sensor.camera.columns / channel.columns
     if channel.kind == "matrix":
         return columns, np.arange(float(sensor.camera.rows))
@@ -419,13 +421,13 @@ def image_pixels(channel: Channel, sensor: Sensor) -> tuple[Floats, Floats]:
 def lens_registration(
     channel: Channel, camera: Camera, first: Channel, other: Camera
 ) -> tuple[float, float]:
-    """Displacement by the lens of the image of a channel against that of the first channel.
+    """Displacement by the lens of a channel's image relative to the image of the first channel.
 
-    Places of the same direction, as multiples of each one's nominal pixel; channels that look ahead
-    by other angles are compared where each sees the same ground.
+    Places of the same direction are compared, in nominal pixels of each channel. Channels with
+    different angles ahead are compared at the same ground.
 
-    camera, other  of both
-    Returns        pixel of the channel, the largest over its field: along columns, along lines
+    camera, other  cameras of the channel and of the first channel
+    Returns        pixel of the channel, largest over its field: along columns, along lines
     Accuracy       model: flat ground straight below.
     """
     x, y = np.linspace(0, camera.columns - 1, LIGHT_NODES), np.array([(camera.rows - 1) / 2])

@@ -43,7 +43,7 @@ UNKNOWN = {
 
 
 class Reference(Parameters):
-    """The light at the lens for which the SNR of a channel is required: one of the two."""
+    """The light at the lens for the required SNR of a channel: radiance or temperature."""
 
     radiance: float | None = parameter(
         "watt / m^2 / sr / m",
@@ -63,9 +63,11 @@ class Reference(Parameters):
 
 
 class Performance(Parameters):
-    """Performance of a channel, required or measured in orbit; None: unknown."""
+    """Performance of a channel, required or measured in orbit; None: not given."""
 
-    snr: float | None = parameter("1, at the light of `reference`", limit=POSITIVE, default=None)
+    snr: float | None = parameter(
+        "1, signal-to-noise ratio at the light of `reference`", limit=POSITIVE, default=None
+    )
     nedt: float | None = parameter(
         "noise-equivalent temperature difference, likewise",
         unit=Unit("K", "mK"),
@@ -73,16 +75,16 @@ class Performance(Parameters):
         default=None,
     )
     mtf: float | None = parameter(
-        "1, at Nyquist, the lower of both axes", limit=POSITIVE, default=None
+        "1, MTF at Nyquist, the lower of both axes", limit=POSITIVE, default=None
     )
     saturation: float | None = parameter(
-        "watt / m^2 / sr / m, largest radiance that is measured",
+        "watt / m^2 / sr / m, largest measurable radiance",
         unit=Unit("W / (m2 sr m)", "W / (m2 sr um)"),
         limit=POSITIVE,
         default=None,
     )
     gsd: float | None = parameter(
-        "metre between columns; that between lines has no limit",
+        "metre between columns; the distance between lines has no limit",
         unit=Unit("m"),
         limit=POSITIVE,
         default=None,
@@ -91,18 +93,18 @@ class Performance(Parameters):
 
 PACE = 0.5  # pixel; chosen by hand
 COMPARED = (
-    "light, required and measured performance, which `startrack requirements` prints beside the "
-    "predicted one"
+    "light, required and measured performance; `startrack requirements` prints them beside the "
+    "prediction"
 )
 
 
 class Passband(Parameters):
-    """A filter between two edges, which a search may move: a trapezium over wavelength."""
+    """A filter with two edges, a trapezium over wavelength; a search may move the edges."""
 
-    low: float = parameter("where half of the light passes", unit=Unit("m", "um"), limit=POSITIVE)
+    low: float = parameter("wavelength at half transmission", unit=Unit("m", "um"), limit=POSITIVE)
     high: float = parameter("likewise, above it", unit=Unit("m", "um"), limit=POSITIVE)
     flank: float = parameter(
-        "width of each edge, from none to all of its light",
+        "width of each edge, from no to full transmission",
         unit=Unit("m", "um"),
         limit=POSITIVE,
         default=10 * nm,
@@ -127,48 +129,47 @@ class Passband(Parameters):
 
 @printed
 class Channel(Parameters):
-    """One image that a camera makes: a lens, a filter, a detector of one kind.
+    """One image of a camera: a lens, a filter, a detector.
 
     Effects that its images do not simulate are refused: coefficients of distortion, an offset
-    principal point, row delay, residual charge and crosstalk. Distortion, lateral colour,
-    vignetting and images over the field are those of `lens_file`, `lens_family` or `psf_file`.
+    principal point, row delay, residual charge and crosstalk. `lens_file`, `lens_family` or
+    `psf_file` give distortion, lateral colour, vignetting and images over the field.
     """
 
     name: str
     optics: Optics
     detector: Detector
     band: core.Curve = parameter("transmittance of the filter, 1 over wavelength", default=core.ALL)
-    passband: Passband | None = parameter(
-        "the filter by its edges, in place of `band`", default=None
-    )
+    passband: Passband | None = parameter("edges of the filter, in place of `band`", default=None)
     forwards: float = parameter(
-        "radian ahead of the camera's axis; different for stereo lines. With a lens table the "
-        "line lies there in the focal plane of the one lens, else it has a lens of its own",
+        "angle ahead of the camera's axis; different for stereo lines. With a lens table, the "
+        "line lies at this angle in the focal plane of a common lens; otherwise each line has a "
+        "lens",
         unit=Unit("rad", "deg"),
         limit=FINITE,
         default=0.0,
     )
     period: Annotated[float, Unit("s", "ms")] | None = parameter(
-        "from line to line; None for square pixels below, exposed all the time",
+        "time from line to line; None: square pixels below, exposed all the time",
         limit=POSITIVE,
         default=None,
     )
     response: core.Curve | None = parameter(
-        "spectral response of the whole channel to radiance, over its peak, as it is measured; "
-        "None: that of band, transmission and quantum efficiency. With it `band` is left out, "
-        "and transmission and quantum efficiency are those at its mean wavelength",
+        "measured spectral response of the channel to radiance, over its peak; None: product of "
+        "band, transmission and quantum efficiency. A response replaces `band`; transmission and "
+        "quantum efficiency then hold at its mean wavelength",
         default=None,
     )
     average: int = parameter(
-        "columns of the detector that the ground segment averages to one; counts in the figures "
-        "of the channel, not in its images",
+        "number of columns that the ground segment averages; affects the figures of the channel, "
+        "not its images",
         limit=Range(1, 64),
         default=1,
     )
     restore: float | None = parameter(
-        "signal-to-noise ratio for which the ground segment raises the modulation of its images "
-        "by a Wiener filter, in products and in the figures of the channel: MTF after it, SNR "
-        "with the noise that it amplifies; None: no filter",
+        "design signal-to-noise ratio of the ground segment's Wiener filter, which raises the "
+        "modulation of images; affects products and figures: MTF after the filter, SNR with "
+        "amplified noise; None: no filter",
         limit=POSITIVE,
         default=None,
     )
@@ -186,7 +187,7 @@ class Channel(Parameters):
         if self.passband and self.band != core.ALL:
             raise core.Refused("band must be left out beside passband")
         if self.detector.mosaic:
-            raise core.Refused("detector.mosaic must be left out of a channel, which has one band")
+            raise core.Refused("detector.mosaic must be left out: a channel has one band")
         if self.detector.scan and self.detector.scan.kind == "lines":
             raise ValueError("detector.scan.kind must be line, staggered or tdi, got lines")
         if self.restore is not None:
@@ -195,14 +196,14 @@ class Channel(Parameters):
             raise ValueError(f"name must be a name for a file, got {self.name!r}")
         if not self.optics.lens_colour:
             raise ValueError(
-                "optics.lens_colour must be left out: each channel has the colour of its band"
+                "optics.lens_colour must be left out: the band of a channel gives its colour"
             )
         for part, names in UNKNOWN.items():
             for name in names:
                 if value := getattr(getattr(self, part), name):
                     raise ValueError(
-                        f"{part}.{name} must be left out: images of a channel know none, "
-                        f"got {value}"
+                        f"{part}.{name} must be left out: images of a channel do not simulate "
+                        f"it, got {value}"
                     )
 
     def _refuse_what_is_not_restored(self) -> None:
@@ -218,7 +219,7 @@ class Channel(Parameters):
             )
 
     def photoelectrons(self, wavelength: Floats) -> Floats:
-        """Electron per joule at the lens, (f,): the brackets of equation (4), tau and QE."""
+        """Electrons per joule at the lens, (f,): the brackets of equation (4), tau and QE."""
         if self.response is not None:
             ends = np.array(self.response.wavelength)[[0, -1]]
             place, weight, _ = core.quadrature(ends, self.curves)
@@ -229,24 +230,25 @@ class Channel(Parameters):
 
     @property
     def filter(self) -> core.Curve:
-        """Transmittance of the filter, as `band` or `passband` gives it."""
+        """Transmittance of the filter, from `band` or `passband`."""
         return self.passband.curve if self.passband else self.band
 
     @property
     def curves(self) -> tuple[core.Curve, ...]:
-        """Those over wavelength of which `photoelectrons` is the product."""
+        """Curves over wavelength whose product is `photoelectrons`."""
         if self.response is not None:
             return (self.response,)
         return self.filter, self.optics.transmission, self.detector.quantum_efficiency
 
     def _flat(self, wavelength: Floats) -> Floats:
-        """The same without filter."""
+        """The curves without the filter."""
         passed = self.optics.transmission(wavelength)
         efficiency = self.detector.quantum_efficiency(wavelength) * self.detector.fill_factor
         return wavelength / (core.PLANCK * core.LIGHT_SPEED) * passed * efficiency
 
     def etendue(self) -> float:
-        """Square metre steradian of a pixel: (pi / 4) A_d / f#^2, the pupil's shape included."""
+        """Etendue of a pixel, square metre steradian: (pi / 4) A_d / f#^2, with the pupil's
+        shape."""
         return self.optics.area * (self.detector.pitch / self.optics.image_distance) ** 2
 
     @property
@@ -256,12 +258,13 @@ class Channel(Parameters):
 
     @property
     def stages(self) -> int:
-        """Exposures that a pixel of the image is the sum of."""
+        """Number of exposures that a pixel of the image sums."""
         scan = self.detector.scan
         return scan.stages if scan and scan.kind == "tdi" else 1
 
     def exposure_of_line(self, period: float) -> float:
-        """Second of one line or stage, of the time from line to line; of a matrix that is 0."""
+        """Exposure of one line or stage in second, from the time between lines, which is 0 for a
+        matrix."""
         exposure = self.detector.exposure
         return min(exposure, period) if period else exposure
 
@@ -271,10 +274,11 @@ class Channel(Parameters):
         return self.detector.columns * (2 if self.kind == "staggered" else 1)
 
     def sensor(self, rays: int, rate: float, pitch: float = 0.0) -> geometry.Sensor:
-        """The channel for the geometry; one that looks ahead is early, to see the same ground.
+        """The channel for the geometry. A channel that looks ahead is taken earlier, to see the
+        same ground.
 
         rate   radian / second of the ground below
-        pitch  radian of the camera's axis, forwards positive
+        pitch  radian, pitch of the camera's axis, forwards positive
         """
         detector, stages = self.detector, self.stages
         late = (math.tan(pitch) - math.tan(pitch + self.forwards)) / rate
@@ -293,7 +297,8 @@ class Channel(Parameters):
         )
 
     def shifted(self, by: float) -> Channel:
-        """The same with filter or response at longer wavelengths; the shift is in metre."""
+        """The channel with filter or response shifted to longer wavelengths; the shift is in
+        metre."""
         if edges := self.passband:
             moved = replace(edges, low=edges.low + by, high=edges.high + by)
             return replace(self, passband=moved)
@@ -303,7 +308,7 @@ class Channel(Parameters):
         return replace(self, **{key: replace(curve, wavelength=nodes)})
 
     def cropped(self, columns: int | None, lines: int | None) -> Channel:
-        """The same with only the middle columns and lines of its image."""
+        """The channel with only the middle columns and lines of its image."""
         detector = self.detector
         wide = detector.columns
         if columns is not None:
@@ -313,25 +318,25 @@ class Channel(Parameters):
 
 
 class Spectrometer(Parameters):
-    """Distortions of an imaging spectrometer, whose channels are bands of one spectrum.
+    """Smile and keystone of an imaging spectrometer, whose channels are bands of one spectrum.
 
         lambda(x) = lambda + smile (x / X)^2
         x' = x + keystone (x / X) (lambda - lambda_m) / Lambda
 
-    with X half the line of the detector, lambda_m and Lambda the middle and half the range of the
+    X is half the line of the detector; lambda_m and Lambda are the middle and half the range of the
     channels' mean wavelengths.
     """
 
     smile: float = parameter(
-        "wavelength by which a channel at the ends of its line lies above that in its middle: "
+        "smile: wavelength of a channel at the ends of its line minus wavelength in the middle; "
         "the image of a spectral line bends",
         unit=Unit("m", "nm"),
         limit=Range(-1e-7, 1e-7),
         default=0.0,
     )
     keystone: float = parameter(
-        "metre on the detector, by which the longest wavelength's image lies farther out at the "
-        "ends of the line than that of the middle of the spectrum: the spectrum of a point is "
+        "keystone on the detector: outward displacement, at the ends of the line, of the longest "
+        "wavelength's image relative to the middle of the spectrum; the spectrum of a point is "
         "oblique",
         unit=Unit("m", "um"),
         limit=Range(-1e-3, 1e-3),
@@ -345,7 +350,7 @@ class Imager(Parameters):
 
     channels: tuple[Channel, ...]
     spectrometer: Spectrometer | None = parameter(
-        "smile and keystone, where the channels are lines of one spectrum", default=None
+        "smile and keystone, for channels that are lines of one spectrum", default=None
     )
 
     def __post_init__(self) -> None:
@@ -362,7 +367,7 @@ class Imager(Parameters):
         for channel in self.channels:
             if channel.kind == "matrix":
                 raise ValueError(
-                    f"spectrometer must be left out where a channel is no line, got {channel.name}"
+                    f"spectrometer must be left out: channel {channel.name} is not a line"
                 )
             if spectrometer.smile and channel.response is None and not channel.filter.wavelength:
                 raise ValueError(
@@ -372,33 +377,42 @@ class Imager(Parameters):
 
 
 class Knowledge(Parameters):
-    """One standard deviation of what a product takes as known; the defaults are assumed."""
+    """Standard deviations of the inputs that a product assumes to be known; the defaults are
+    assumed."""
 
     lamp: float = parameter(
-        "1, of the calibration's radiance, relative", limit=NON_NEGATIVE, default=0.02
+        "1, relative, radiance of the calibration", limit=NON_NEGATIVE, default=0.02
     )
     straylight: float = parameter(
-        "1, of the mean radiance of the image", limit=NON_NEGATIVE, default=0.003
+        "1, stray light over the mean radiance of the image", limit=NON_NEGATIVE, default=0.003
     )
     wavelength: float = parameter(
-        "of the channel's response", unit=Unit("m", "nm"), limit=NON_NEGATIVE, default=0.5 * nm
+        "wavelength of the channel's response",
+        unit=Unit("m", "nm"),
+        limit=NON_NEGATIVE,
+        default=0.5 * nm,
     )
     visibility: float = parameter(
-        "1, of the air's visibility, relative", limit=NON_NEGATIVE, default=0.1
+        "1, relative, visibility of the air", limit=NON_NEGATIVE, default=0.1
     )
     slope: float = parameter(
-        "of the terrain, along each axis", unit=Unit("rad", "deg"), limit=NON_NEGATIVE, default=0.01
+        "slope of the terrain, along each axis",
+        unit=Unit("rad", "deg"),
+        limit=NON_NEGATIVE,
+        default=0.01,
     )
-    height: float = parameter("of the terrain", unit=Unit("m"), limit=NON_NEGATIVE, default=5.0)
-    registration: float = parameter("pixel, along each axis", limit=NON_NEGATIVE, default=0.3)
+    height: float = parameter("height of the terrain", unit=Unit("m"), limit=NON_NEGATIVE, default=5.0)
+    registration: float = parameter(
+        "pixel, registration along each axis", limit=NON_NEGATIVE, default=0.3
+    )
     beyond: float = parameter(
-        "1, of the mean reflectance around the image, which is taken as that of the image",
+        "1, mean reflectance around the image, which is assumed to equal the image's",
         limit=NON_NEGATIVE,
         default=0.03,
     )
 
 
-OF_IMAGE = "of the image; None for those of the whole detector"
+OF_IMAGE = "columns of the image; None: all columns of the detector"
 
 
 @printed
@@ -413,32 +427,32 @@ class Survey(Parameters):
     pointing: geometry.Pointing = field(default_factory=geometry.Pointing)
     lines: int | None = parameter(OF_IMAGE, limit=Range(2, 2**16), default=None)
     columns: int | None = parameter(OF_IMAGE, limit=Range(2, 2**16), default=None)
-    rays: int = parameter("along each side of a pixel", limit=Range(1, 16), default=2)
+    rays: int = parameter("rays along each side of a pixel", limit=Range(1, 16), default=2)
     sky_rays: int = parameter(
-        "from each point that sample the sky; 0 for none", limit=Range(0, 2**12), default=0
+        "rays from each point that sample the sky; 0: none", limit=Range(0, 2**12), default=0
     )
     air: Air | None = parameter(
-        "its state, for a shipped table, or a user's table; None: no air", default=None
+        "state of the air, for a shipped table, or a user's table; None: no air", default=None
     )
     land: Land = parameter("reflectance and temperature of the ground", default_factory=Land)
-    clouds: tuple[CloudLayer, ...] = parameter("layers of cloud, which cast shadows", default=())
+    clouds: tuple[CloudLayer, ...] = parameter("cloud layers; they cast shadows", default=())
     surroundings: float | None = parameter(
-        "1, reflectance of the ground around, which illuminates air and slopes; None for the "
-        "mean of the image",
+        "1, reflectance of the surrounding ground, which illuminates air and slopes; None: mean "
+        "of the image",
         limit=Range(0, 1),
         default=None,
     )
     sun_distance: float | None = parameter(
-        "astronomical unit; None: 1, or that of `orbit.day` where it is given",
+        "astronomical unit; None: 1, or the distance on `orbit.day` if given",
         limit=POSITIVE,
         default=None,
     )
     knowledge: Knowledge = parameter(
-        "how well a product knows what it assumes", default_factory=Knowledge
+        "uncertainties of the inputs that a product assumes", default_factory=Knowledge
     )
     motion: Motion = parameter(
-        "drift and jitter of the camera, one motion for all channels: those that see the ground "
-        "at different times do not register. Time is zero at the epoch",
+        "drift and jitter of the camera, common to all channels; channels that see the ground at "
+        "different times are misregistered. Time is zero at the epoch",
         default_factory=Motion,
     )
 
@@ -453,7 +467,7 @@ class Survey(Parameters):
 
     @property
     def distance_to_sun(self) -> float:
-        """Astronomical unit: `sun_distance`, or that of the day."""
+        """Distance to the Sun, astronomical unit: `sun_distance`, or the distance on the day."""
         if self.sun_distance is not None:
             return self.sun_distance
         if self.orbit is None or self.orbit.day is None:
@@ -462,7 +476,7 @@ class Survey(Parameters):
 
     @property
     def channels(self) -> tuple[Channel, ...]:
-        """Those of the camera, cropped to the size of the image."""
+        """Channels of the camera, cropped to the size of the image."""
         return tuple(channel.cropped(self.columns, self.lines) for channel in self.camera.channels)
 
     def whole(self, channel: Channel) -> Channel:
@@ -470,7 +484,7 @@ class Survey(Parameters):
         return next(own for own in self.camera.channels if own.name == channel.name)
 
     def scene(self, channel: Channel) -> geometry.EarthScene:
-        """The geometry of one channel's image, whose camera is `nominal` or `field_lens`."""
+        """The geometry of one channel's image; its camera is `nominal` or `field_lens`."""
         ahead = 0.0 if channel.optics.tabulated else channel.forwards
         turned = replace(self.pointing, pitch=self.pointing.pitch + ahead)
         rate = geometry.ground_rate(self.carrier)
@@ -486,7 +500,7 @@ class Survey(Parameters):
 
 
 def smear(channel: Channel, period: float, rate: float) -> float:
-    """Pixel that the ground moves along the track in an exposure of one line or frame.
+    """Motion of the ground along the track in an exposure of one line or frame, pixel.
 
     period  second from line to line, 0 for a matrix
     rate    radian / second of the ground below
@@ -496,9 +510,9 @@ def smear(channel: Channel, period: float, rate: float) -> float:
 
 
 def stage_drift(channel: Channel, period: float, rate: float) -> float:
-    """Pixel by which the ground runs ahead of the charge of a TDI detector from stage to stage.
+    """Lead of the ground over the charge of a TDI detector per stage, pixel.
 
-    0 for other detectors. Arguments as for `smear`.
+    It is 0 for other detectors. Arguments as for `smear`.
     """
     if channel.kind != "tdi" or channel.period is None:
         return 0.0
@@ -506,7 +520,7 @@ def stage_drift(channel: Channel, period: float, rate: float) -> float:
 
 
 def require_pace(channel: Channel, period: float, rate: float) -> None:
-    """Refuse a TDI detector whose lines do not keep pace with the ground within half a pixel."""
+    """Refuse a TDI detector whose charge deviates from the ground by more than half a pixel."""
     if abs(ahead := stage_drift(channel, period, rate)) * (channel.stages - 1) > PACE:
         raise Refused(
             f"channel {channel.name}: period must keep {channel.stages} stages within {PACE:g} "
@@ -516,7 +530,7 @@ def require_pace(channel: Channel, period: float, rate: float) -> None:
 
 
 def exposure_of(channel: Channel, period: float) -> float:
-    """Exposure of a pixel of the image, second: the sum of all its stages."""
+    """Exposure of a pixel of the image, second: the sum over stages."""
     return channel.exposure_of_line(period if channel.detector.scan else 0.0) * channel.stages
 
 
@@ -526,19 +540,19 @@ def load_survey(path: Path) -> Survey:
     A reflectance or weight of a cover may be in a file of a spectral library:
     `reflectance = { file = "grass.csv", unit = "um", factor = 0.01 }`.
 
-    Raises  ValueError, one sentence with the file, the key, the rule and the value.
+    Raises  ValueError with the file, the key, the rule and the value.
     """
     return scene_of(Survey, Path(path), without=OF_STUDY)
 
 
 S = TypeVar("S", bound=Survey)
-OF_STUDY = "retrieval", "campaign"  # tables of a scene file that only its study needs
+OF_STUDY = "retrieval", "campaign"  # tables of a scene file for its study alone
 
 
 def scene_of(kind: type[S], path: Path, without: Sequence[str] = ()) -> S:
     """A survey, or a class with further tables, from a scene file.
 
-    without  tables of the file that the class has not
+    without  tables of the file to skip
     Raises   ValueError as `load_survey`.
     """
     table = {
@@ -571,30 +585,30 @@ def _read_spectra(table: Any, folder: Path, place: str) -> None:
 
 
 class SpectrumFile(Parameters):
-    """A curve in a text file: a wavelength and a value in each line, and what follows.
+    """A curve in a text file: each line begins with a wavelength and a value.
 
-    Lines that do not begin with two numbers, and values below -1, which mark what is missing, are
-    left out. Between them may be commas, semicolons, tabs or spaces.
+    Lines that do not begin with two numbers are skipped, and so are values below -1, which mark
+    missing values. Separators are commas, semicolons, tabs or spaces.
     """
 
-    file: str = parameter("relative to the scene file")
+    file: str = parameter("path, relative to the scene file")
     unit: str = parameter(
-        "of the wavelengths: nm or um", limit=Range(choices=("nm", "um")), default="um"
+        "unit of the wavelengths: nm or um", limit=Range(choices=("nm", "um")), default="um"
     )
     factor: float = parameter(
-        "1, by which values are multiplied: 0.01 for per cent", limit=FINITE, default=1.0
+        "1, factor of the values: 0.01 for per cent", limit=FINITE, default=1.0
     )
 
     def read(self, folder: Path) -> dict[str, Any]:
-        """The table of a Curve, with values put into [0, 1].
+        """The table of a Curve, with values clipped to [0, 1].
 
-        Raises  ValueError where the file is none, or has not two different wavelengths.
+        Raises  ValueError where the file has no curve, or fewer than two different wavelengths.
         """
         path = folder / self.file
         regular_file(path, "a table of a spectrum")
         curve = {}
         for line in content(path, "a table of a spectrum").splitlines():
-            # A comma with something else between the columns is a decimal comma.
+            # A comma is a decimal comma if another character separates the columns.
             between = r"[;\s]+" if re.search(r"[;\t]|\d\s+[-+\d]", line.strip()) else r"[,\s]+"
             words = [with_points(word.strip(",")) for word in re.split(between, line.strip())[:2]]
             try:
@@ -615,7 +629,7 @@ class SpectrumFile(Parameters):
 
 
 def load_imager(name: str, folder: Path = Path()) -> Imager:
-    """A camera of the catalogue by its name, or of a file in a folder.
+    """A camera of the catalogue by name, or from a file in a folder.
 
     Raises  ValueError as `load_survey`.
     """
@@ -640,9 +654,9 @@ def _camera(name: str, folder: Path, place: str = "") -> dict[str, Any]:
 
 
 def _unshared(table: dict[str, Any], place: str) -> dict[str, Any]:
-    """A camera's table whose channels lie over `shared`, the keys that all of them have.
+    """A camera's table, with the keys of `shared` added to all channels that do not set them.
 
-    place  of the table in its file, with a dot: "camera."
+    place  place of the table in its file, with a dot: "camera."
     """
     shared, channels = table.get("shared", {}), table.get("channels")
     if not isinstance(channels, list):

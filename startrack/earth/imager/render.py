@@ -27,21 +27,21 @@ from startrack.motion import Motion, realise_motion
 from startrack.motion import blur as motion_blur
 from startrack.optics import Optics
 
-COARSE = 24  # lines or columns, at most, of the preview for `surroundings`; chosen by hand
+COARSE = 24  # largest number of lines or columns of the preview for `surroundings`; chosen by hand
 FAINT = 1e-12  # fraction of a pixel below which a fire is neglected
 BLACK = np.zeros(1)  # reflectance
-SMILES = 3  # bands, between which those of a bent line are interpolated
-MOST_LINES = 2**20  # of an image, so that no two channels share their noise
+SMILES = 3  # number of bands, between which the bands of a bent line are interpolated
+MOST_LINES = 2**20  # largest number of lines of an image, so that no two channels share noise
 
 
 @printed
 class Picture(NamedTuple):
-    """The image of a channel, to be filled in; arrays in memory or on disk.
+    """The image of a channel; `render` fills in the arrays, in memory or on disk.
 
     numbers    (lines, columns) digital number
     terms      (lines, columns) each, watt / m^2 / sr / um: mean spectral radiance in the band,
                weighted with the response of the channel, before the lens
-    longitude, latitude  (lines, columns) degree, of the mean point of ground of each pixel; NaN for
+    longitude, latitude  (lines, columns) degree, mean point of the ground of each pixel; NaN for
                the sky
     """
 
@@ -52,7 +52,7 @@ class Picture(NamedTuple):
 
     @classmethod
     def blank(cls, lines: int, columns: int) -> Picture:
-        """One in memory."""
+        """A picture in memory, filled with zeros."""
         shape = lines, columns
         return cls(
             np.zeros(shape, np.int32),
@@ -63,22 +63,22 @@ class Picture(NamedTuple):
 
 @printed
 class Setting(NamedTuple):
-    """Values that are constant over an image.
+    """Constant inputs of an image.
 
     period       second between lines, 0 for a matrix
-    exposure     second, of a pixel of the image
+    exposure     second, exposure of a pixel of the image
     smear        pixel along the track
-    psf          of its pixels, or the images of a lens table over its field
-    band         the channel and the air in its band
+    psf          PSF of its pixels, or the images of a lens table over its field
+    band         channel, and air in its band
     surroundings  1, mean reflectance of the ground
-    electrons    electron of a mean spectral radiance of 1 watt / m^2 / sr / m
-    camera       directions of its pixels
-    light        (1, columns) of a scanner, (rows, columns) of a matrix: electrons of each pixel
-                 over `electrons`; None: the same everywhere
-    smile        bands of a line that smile bends, and the share of each in each column (columns,)
-    clouds       layers in this band
+    electrons    electron from a mean spectral radiance of 1 watt / m^2 / sr / m
+    camera       directions of the image's pixels
+    light        (1, columns) for a scanner, (rows, columns) for a matrix: electrons of each pixel
+                 over `electrons`; None: uniform
+    smile        bands along a line with smile, and the weight (columns,) of each band
+    clouds       cloud layers in the band
     environment  reflectance around each pixel; None: `surroundings` everywhere
-    terrain      of the scene, with the tiles that were read; None: not opened yet
+    terrain      terrain of the scene, with the tiles read so far; None: not opened yet
     """
 
     period: Annotated[float, core.Unit("s", "ms")]
@@ -97,7 +97,7 @@ class Setting(NamedTuple):
 
 
 def prepare(survey: Survey, channel: Channel, folder: Path) -> Setting:
-    """Compute what is constant over an image, once.
+    """Compute the constant inputs of an image once.
 
         electrons = (pi / 4) (1 / f#^2) A_d ff t_int Int [lambda / (h c)] L tau QE dlambda
 
@@ -150,17 +150,17 @@ def prepare(survey: Survey, channel: Channel, folder: Path) -> Setting:
 def setting_below(
     survey: Survey, channel: Channel, height: float, surroundings: float
 ) -> tuple[Setting, float]:
-    """Constant inputs of an image of level ground straight below, in the middle of the field.
+    """Constant inputs of an image of level ground straight below, at the middle of the field.
 
-    height        metre, of the ground above the sea
-    surroundings  1, reflectance of the ground around
+    height        metre, height of the ground above the sea
+    surroundings  1, reflectance of the surrounding ground
     Returns       the setting, and metre from the ground to the camera
     Raises        ValueError as `band_of`; where the channel's lens is a table over its field.
     """
     if channel.optics.tabulated:
         raise core.Refused(
-            f"channel {channel.name}: lens_file, lens_family and psf_file must be left out of a "
-            "camera whose retrieval is studied: its images are those of the axis"
+            f"channel {channel.name}: lens_file, lens_family and psf_file must be left out for "
+            "the study of a retrieval, whose images are at the lens axis"
         )
     carrier = survey.carrier
     above = geometry.flight_height(carrier) - height
@@ -181,7 +181,8 @@ def setting_below(
 
 
 def _keystone(survey: Survey, channel: Channel) -> tuple[float, float]:
-    """Metre by which a channel's image lies farther out at the end of its line, and half of it."""
+    """Outward displacement of a channel's image at the end of its line, metre; half the line,
+    metre."""
     detector_line = survey.whole(channel)
     half = detector_line.detector.columns / 2 * detector_line.detector.pitch
     spectrometer = survey.camera.spectrometer
@@ -198,7 +199,7 @@ def _keystone(survey: Survey, channel: Channel) -> tuple[float, float]:
 
 
 def _with_smile(survey: Survey, channel: Channel, setting: Setting, above: float) -> Setting:
-    """The setting with the bands along a line that smile bends."""
+    """The setting with the bands along a line with smile."""
     spectrometer = survey.camera.spectrometer
     if spectrometer is None or not spectrometer.smile:
         return setting
@@ -228,17 +229,17 @@ def render(
 
     Source: Krutz et al. (2011), eqs. (1) to (5).
 
-    folder   from which files are sought
-    seed     of the noise, and of the motion, which is the same for all channels of a seed
-    advance  called with the number of lines that were just rendered
+    folder   folder of relative file names
+    seed     seed of the noise and of the motion; a seed gives all channels the same motion
+    advance  called with the number of newly rendered lines
     Raises    as `prepare`.
-    Accuracy  model: without a lens table the solid angle of a pixel and the PSF are those on the
-              axis. With one, weights of rays change over the field as `field_blur` says, to 2e-3 of
-              the light of each point, and a pixel's illumination is that at its middle; over the
-              exposure of a scanner's line the image moves as on the axis. Bands of a bent line are
-              interpolated between three. Motion moves each line by the angle at its middle, and
-              blurs it by what is expected within an exposure, the same in all lines and along both
-              axes. It needs memory for some lines besides the picture.
+    Accuracy  model: without a lens table, the solid angle of a pixel and the PSF are taken on the
+              axis. With a lens table, weights of rays change over the field by `field_blur`,
+              accurate to 2e-3 of the light of each point; a pixel's illumination is taken at its
+              centre; over the exposure of a scanner's line the image moves as on the axis. Bands of
+              a bent line are interpolated between three bands. Motion displaces each line by the
+              angle at its middle, and blurs all lines by the expected motion within an exposure,
+              equal along both axes. Besides the picture, memory is needed for some lines.
     """
     setting = prepare(survey, channel, folder)
     turn = turn_of(survey, seed)
@@ -269,7 +270,8 @@ def _blurred(
 
 
 def turn_of(survey: Survey, seed: int) -> geometry.Jitter | None:
-    """The turn of the camera over the time since the epoch, for all channels; None without."""
+    """Rotation of the camera over the time since the epoch, for all channels; None without
+    motion."""
     if survey.motion == Motion():
         return None
     sensors = [survey.scene(channel).sensor for channel in survey.channels]
@@ -279,12 +281,12 @@ def turn_of(survey: Survey, seed: int) -> geometry.Jitter | None:
 
 
 def misregistration(survey: Survey, channel: Channel, seed: int) -> tuple[float, float]:
-    """Displacement of a channel's lines from those of the first channel, by motion alone.
+    """Displacement of a channel's lines relative to the first channel, by motion alone.
 
-    The same ground is seen by both at their own times; between them the camera turns.
+    Both channels see the same ground at different times; the camera turns in between.
 
-    Returns   pixel of the channel, rms over its lines: along its columns and along its lines
-    Accuracy  model: on the axis; terrain between two looks is left out.
+    Returns   pixel of the channel, rms over its lines: along columns and along lines
+    Accuracy  model: on the axis; the parallax of terrain is left out.
     """
     turn = turn_of(survey, seed)
     if turn is None:
@@ -298,7 +300,7 @@ def misregistration(survey: Survey, channel: Channel, seed: int) -> tuple[float,
 
 
 def image_blur(motion: Motion, channel: Channel, period: float) -> float:
-    """Metre rms along an axis: blur of a channel's lens, and of the motion within a line."""
+    """Blur along an axis by a channel's lens and by the motion within a line, metre rms."""
     optics = channel.optics
     if motion == Motion():
         return optics.total_blur
@@ -352,7 +354,7 @@ def _strips(
     advance: Advance,
     turn: geometry.Jitter | None,
 ) -> Iterator[Singles]:
-    """Radiance (lines, columns, rays), before the lens; also fills in the picture's terms."""
+    """Radiance (lines, columns, rays) before the lens. Also fills in the picture's terms."""
     scene = survey.scene(channel)
     spread = channel.detector.pitch / channel.optics.image_distance / survey.rays
     for strip in geometry.observe_earth(scene, folder, turn, setting.camera, setting.terrain):
@@ -398,7 +400,7 @@ def radiance_terms(land: Land, ground: Ground, setting: Setting, spread: float) 
 
 
 def _burning(terms: Terms, land: Land, ground: Ground, setting: Setting, spread: float) -> Terms:
-    """The same with fires."""
+    """The terms with fires."""
     fractions = [burning_fraction(spot, ground, spread) for spot in land.hot_spots]
     emitted = terms.emitted.copy()
     for spot, fraction in zip(land.hot_spots, fractions, strict=True):
@@ -413,7 +415,8 @@ def _burning(terms: Terms, land: Land, ground: Ground, setting: Setting, spread:
 
 
 def _place(strip: geometry.Strip) -> tuple[Floats, Floats]:
-    """Longitude and latitude, (lines, columns) radian, of the mean point that each pixel sees."""
+    """Longitude and latitude, (lines, columns) radian, of the mean point of ground in each
+    pixel."""
     point = np.stack([strip.mean(along) for along in strip.ground.point.T], -1)
     return geodetic(point)[:2]
 
@@ -421,7 +424,7 @@ def _place(strip: geometry.Strip) -> tuple[Floats, Floats]:
 def _coarse_ground(
     scene: geometry.EarthScene, channel: Channel, folder: Path, terrain: Pyramid
 ) -> list[Ground]:
-    """The ground of the image by a few rays."""
+    """The ground of the image, sampled by a few rays."""
     coarse = replace(scene, sensor=_coarse(scene.sensor, scene.carrier), sky_rays=0)
     camera = lens.nominal(channel, coarse.sensor)
     strips = geometry.observe_earth(coarse, folder, None, camera, terrain)
@@ -454,7 +457,7 @@ def _environment(
 
 
 def around_of(setting: Setting, ground: Ground) -> Floats | float:
-    """Reflectance around rays: 1, or (2, n) for lines of sight and for skylight."""
+    """Reflectance around rays, 1: a scalar, or (2, n) for lines of sight and for skylight."""
     if setting.environment is None:
         return setting.surroundings
     return setting.environment.at(ground)
@@ -480,7 +483,7 @@ def _coarse(sensor: geometry.Sensor, flight: geometry.Carrier) -> geometry.Senso
 
 
 def lines_apart(channel: Channel, setting: Setting) -> float:
-    """Pixel of the detector between lines of the image."""
+    """Distance between lines of the image, pixel of the detector."""
     if not (setting.period and setting.smear):
         return 1.0
     return setting.smear / channel.exposure_of_line(setting.period) * setting.period

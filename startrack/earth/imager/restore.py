@@ -11,16 +11,16 @@ from startrack.earth.imager.lens import smeared
 from startrack.earth.imager.parameters import Channel
 from startrack.optics import wiener_filter
 
-EDGE = 2  # widths of a point's image, by which an image is continued beyond its edges
-FREQUENCIES = 64  # along each axis, whose noise is averaged
+EDGE = 2  # widths of a point's image; an image is continued this far beyond its edges
+FREQUENCIES = 64  # frequencies along each axis for the average of noise
 
 
 class Restoration(NamedTuple):
     """A Wiener filter for the images of a channel.
 
-    psf              of the pixels, the pixel's square and the smear included
+    psf              PSF of the pixels, the pixel's square and the smear included
     across, along    pixel between columns and between lines of the image
-    signal_to_noise  1, rms of the signal over that of the noise, at each frequency
+    signal_to_noise  1, rms of the signal over rms of the noise, at each frequency
     """
 
     psf: Psf
@@ -45,7 +45,7 @@ class Restoration(NamedTuple):
         return wiener_filter(down @ table @ right / table.sum(), self.signal_to_noise)
 
     def gain(self, across: float, along: float) -> float:
-        """Factor by which the filter changes the modulation of a wave, cycle / pixel."""
+        """Gain of the filter for the modulation of a wave, with frequencies in cycle / pixel."""
         step = self.across, self.along
         # The filter repeats above the Nyquist frequency of the image.
         here = [f - round(f * size) / size for f, size in zip((across, along), step, strict=True)]
@@ -53,15 +53,15 @@ class Restoration(NamedTuple):
 
     @property
     def noise(self) -> float:
-        """Rms of white noise after the filter over that before."""
+        """Rms of white noise after the filter over its rms before the filter."""
         frequency = fft.fftfreq(FREQUENCIES)
         gains = self.filter(frequency / self.across, frequency / self.along)
         return float(np.sqrt(np.mean(np.abs(gains) ** 2)))
 
     def applied(self, image: Floats) -> Floats:
-        """An image whose modulation is raised where noise allows it.
+        """The filtered image: modulation is raised where noise allows it.
 
-        Uniform ground keeps its radiance. Beyond its edges the image is mirrored.
+        Uniform ground keeps its radiance. The image is mirrored beyond its edges.
 
         image     (lines, columns)
         Accuracy  model: rings remain around dark gaps and saturated pixels.
@@ -85,9 +85,9 @@ def restoration_of(
     """The filter of a channel's images.
 
     images  Psf of the pixels without the smear
-    smear   pixel, along the lines in an exposure
+    smear   pixel, motion along the lines in an exposure
     along   pixel of the detector between lines of the image
-    Raises  Refused with a lens whose images differ over the field.
+    Raises  Refused for a lens whose images vary over the field.
     """
     if not isinstance(images, Psf):
         raise Refused(

@@ -1,9 +1,9 @@
 """Products of an Earth camera: raw numbers to radiance, reflectance and a map on the terrain.
 
-retrieval  Dark and flat frames of a channel; radiance of raw numbers, and from that reflectance or
-           temperature of the ground.
+retrieval  Dark and flat frames of a channel; raw numbers -> radiance -> reflectance or temperature
+           of the ground.
 uncertainty  Uncertainty of each pixel by contributors, from the uncertainty of the inputs.
-ortho      Line and column at which a camera sees points of the ground; an image on a grid of a map
+ortho      Line and column of points of the ground in an image; an image on a grid of a map
            projection, with the quality of each cell.
 files      FITS of raw images and calibration frames; GeoTIFF of products.
 chain      A product of a channel from its raw image and its calibration frames.

@@ -35,7 +35,7 @@ from startrack.earth.product import ortho, retrieval
 from startrack.earth.product.uncertainty import contributors
 from startrack.earth.terrain import Ground, joined
 
-PIXEL_BYTES = 400  # of geometry and layers
+PIXEL_BYTES = 400  # bytes per pixel for geometry and layers
 SPREAD = 3  # pixel, distance over which a lens spreads relevant light; chosen by hand
 UNITS = {
     "radiance": "W m-2 sr-1 um-1",
@@ -50,16 +50,18 @@ class ProductSettings(Parameters):
 
     projection: str = parameter(limit=Range(choices=ortho.PROJECTIONS), default="utm")
     cell: float | None = parameter(
-        "None for the pixel's size in the middle of the image",
+        "cell size; None: pixel size in the middle of the image",
         unit=Unit("m"),
         limit=POSITIVE,
         default=None,
     )
     resampling: str = parameter(limit=Range(choices=tuple(ortho.RESAMPLING)), default="bilinear")
-    uncertainty: bool = parameter("whether each pixel has one, by contributors", default=False)
+    uncertainty: bool = parameter(
+        "whether to compute the uncertainty of each pixel, by contributors", default=False
+    )
     restore: float | None = parameter(
-        "signal-to-noise ratio for which a Wiener filter raises the modulation; None: that of the "
-        "channel",
+        "design signal-to-noise ratio of the Wiener filter that raises the modulation; None: the "
+        "channel's",
         limit=POSITIVE,
         default=None,
     )
@@ -70,18 +72,18 @@ STANDARD = ProductSettings()
 
 @printed
 class Product(NamedTuple):
-    """Layers of one channel, in the image and on the map.
+    """Layers of one channel, in image and map.
 
-    image         name to (lines, columns): radiance in watt / m^2 / sr / um; reflectance at the top
+    image         (lines, columns) by name: radiance in watt / m^2 / sr / um; reflectance at the top
                   of the atmosphere and of the surface, or brightness temperature in kelvin
     saturated     (lines, columns)
     grid          of the map
-    layers        name to (rows, columns), likewise; NaN where there is nothing
+    layers        (rows, columns) by name, likewise; NaN without data
     quality       (rows, columns) bits of QUALITY
-    surroundings  1, mean reflectance that was found; NaN for thermal radiance
-    uncertainty   of each layer, and of `place` in metre: causes to (lines, columns), one standard
-                  deviation each; empty where not asked for
-    doubt         the same on the map, named "layer: cause"
+    surroundings  1, retrieved mean reflectance; NaN for thermal radiance
+    uncertainty   for each layer, and for `place` in metre: (lines, columns) by contributor, one
+                  standard deviation each; empty without `uncertainty`
+    doubt         the same on the map, by "layer: contributor"
     """
 
     image: dict[str, Floats]
@@ -103,17 +105,17 @@ def make_product(
     settings: ProductSettings = STANDARD,
     advance: Callable[[float], None] = lambda part: None,
 ) -> Product:
-    """Radiance, reflectance or temperature, and their map on the terrain.
+    """Radiance, reflectance or temperature in the image, and on a map of the terrain.
 
-    The geometry is that of the scene file. Its land is not used; its clouds are used only for the
-    quality, by their places.
+    The scene file gives the geometry. Its land is not used; places of its clouds are used only for
+    the quality.
 
-    folder   from which files are sought
-    advance  called with parts of the work, of sum one
+    folder   folder of relative file names
+    advance  called with fractions of the work
     Raises   ValueError where frames do not fit, or no ground is seen; ImportError without rasterio.
     Accuracy model: flight, pointing and terrain are known exactly; drift and jitter are unknown. A
-             pixel's ground is where its middle ray meets it. Distortion and keystone are known.
-             Along a line that smile bends, reflectance uses the band of its middle.
+             pixel's ground is the point on its central ray. Distortion and keystone are known. With
+             smile, reflectance uses the band at the middle of the line.
     """
     lines, columns = numbers.shape
     require_memory(PIXEL_BYTES * lines * columns, f"a product of {columns} x {lines} pixels")
@@ -134,7 +136,7 @@ def make_product(
         advance(0.3 * strip.shape[0] / lines)
     ground = joined(grounds)
     if not ground.hit.any():
-        raise ValueError("an image must show the ground to be put on a map, but shows only sky")
+        raise ValueError("an image must show ground for a map, but shows only sky")
     distance = ground.distance.reshape(lines, columns)
     size = float(np.nanmedian(distance)) * channel.detector.pitch / channel.optics.image_distance
     image, here = _layers(radiance, grounds, setting, size)
@@ -167,7 +169,7 @@ def make_product(
 def _layers(
     radiance: Floats, grounds: list[Ground], setting: Setting, pixel: float
 ) -> tuple[dict[str, Floats], Setting]:
-    """Layers (lines, columns) in the image, and the setting with what surrounds each pixel."""
+    """Layers (lines, columns) in the image, and the setting with the surroundings of each pixel."""
     ends = np.cumsum([len(ground) for ground in grounds])[:-1]
     parts = np.split(radiance.ravel(), ends)
     around = retrieval.mean_reflectance(parts, grounds, setting)
@@ -184,11 +186,11 @@ def _layers(
 
 
 def against_truth(product: Product, truth: Floats) -> tuple[float, float]:
-    """Error of the mean radiance over the image, and rms of the differences, relative.
+    """Relative error of the image's mean radiance, and relative rms of the differences.
 
-    truth  (lines, columns) watt / m^2 / sr / um, before the lens: edges that the lens blurs are
-           part of the rms
-    Saturated pixels are left out, with the pixels around them, into which the lens spreads light.
+    truth  (lines, columns) watt / m^2 / sr / um, before the lens; the rms includes blurred edges
+    Saturated pixels are left out, and so are the pixels around them, into which the lens spreads
+    light.
     """
     radiance = product.image["radiance"]
     near = maximum_filter(product.saturated, 2 * SPREAD + 1)

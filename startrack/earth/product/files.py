@@ -19,14 +19,15 @@ from startrack.earth.product.retrieval import RadiometricCalibration
 from startrack.earth.terrain import require_rasterio
 from startrack.io import open_checked, regular_file, to_table, whole
 
-FORMAT = 1  # of the file of calibration frames
+FORMAT = 1  # format of the file of calibration frames
 
 
 class RawImage(NamedTuple):
-    """The image of a channel as `startrack earth render` leaves it.
+    """The image of a channel as written by `startrack earth render`.
 
     numbers  (lines, columns) digital number
-    truth    (lines, columns) watt / m^2 / sr / um, the five terms together; None without them
+    truth    (lines, columns) watt / m^2 / sr / um, sum of the five terms; None if the file has no
+             terms
     """
 
     numbers: NDArray[np.integer]
@@ -34,7 +35,8 @@ class RawImage(NamedTuple):
 
 
 def camera_id(channel: Channel) -> str:
-    """A short name of a channel with all that makes its numbers; not the lines of a scanner."""
+    """A hash of a channel and of all parameters of its numbers, except the number of lines of a
+    scanner."""
     channel = replace(
         channel, restore=None, reference=None, required=Performance(), measured=Performance()
     )
@@ -47,8 +49,8 @@ def camera_id(channel: Channel) -> str:
 def read_raw(path: Path, channel: Channel) -> RawImage:
     """The raw image of a channel.
 
-    Raises  FileNotFoundError; ValueError where it is something else, damaged, of another camera or
-            of another size.
+    Raises  FileNotFoundError; ValueError where the file is not a raw image, is damaged, or has
+            another camera or size.
     """
     with _opened(path, "a raw image of startrack earth render") as parts:
         first = parts[0]
@@ -77,7 +79,7 @@ def save_calibration(path: Path, calibration: RadiometricCalibration, channel: C
         "CHANNEL": channel.name,
         "CAMERA": (camera_id(channel), "parameters of the channel"),
         "EPERDN": (calibration.electrons, "electron / digital number, photon transfer"),
-        "FRAMES": (calibration.exposures, "exposures in each mean"),
+        "FRAMES": (calibration.exposures, "number of exposures in each mean"),
     }
     for key, value in cards.items():
         first.header[key] = value
@@ -94,7 +96,7 @@ def save_calibration(path: Path, calibration: RadiometricCalibration, channel: C
             parts[-1].header["BUNIT"] = unit
     parts[-1].header.add_comment(f"digital number for 1 {RADIANCE}")
     for part in parts:
-        part.add_checksum(when="of this part")  # and no date
+        part.add_checksum(when="of this part")  # without a date
     with whole(path) as draft:
         fits.HDUList(parts).writeto(draft)
 
@@ -147,12 +149,12 @@ def write_product(
     grid: MapGrid,
     tags: Mapping[str, Any],
 ) -> None:
-    """Layers of a product as bands of a GeoTIFF, 32-bit floats, NaN where there is nothing."""
+    """Layers of a product as bands of a GeoTIFF, 32-bit floats; NaN without data."""
     write_bands(path, layers, "float32", _place(grid) | {"nodata": np.nan}, units, tags)
 
 
 def write_quality(path: Path, quality: Bytes, grid: MapGrid) -> None:
-    """Quality of each cell as a GeoTIFF of bits; its tags name them."""
+    """Quality of each cell as a GeoTIFF of bits; tags name the bits."""
     tags = {f"BIT_{bit}": name for name, bit in QUALITY.items()}
     write_bands(path, {"quality": quality}, "uint8", _place(grid), {"quality": "bits"}, tags)
 

@@ -1,4 +1,4 @@
-"""Where a camera in flight sees points of the ground; an image on a grid of a map projection."""
+"""Points of the ground -> line and column in an image; an image on a grid of a map projection."""
 
 import math
 from collections.abc import Iterator
@@ -25,9 +25,9 @@ from startrack.earth.terrain import (
 )
 from startrack.space import sun_direction
 
-NODES = 65  # of the flight's spline over the image
-BEYOND = 0.1  # of the lines, before and after the image, in which the spline holds
-STEPS = 8  # of the search of a line, at most
+NODES = 65  # nodes of the flight's spline over the image
+BEYOND = 0.1  # fraction of the lines, before and after the image, over which the spline extends
+STEPS = 8  # largest number of steps of the search for a line
 CLOSE = 1e-6  # line
 NO_DATA, SATURATED, SHADOW, STEEP, HIDDEN, CLOUD, CLOUD_SHADOW = 1, 2, 4, 8, 16, 32, 64
 QUALITY = {
@@ -40,21 +40,21 @@ QUALITY = {
     "cloud shadow": CLOUD_SHADOW,
 }
 PROJECTIONS = "utm", "geographic"
-RESAMPLING = {"nearest": 0, "bilinear": 1, "cubic": 3}  # order of the spline
+RESAMPLING = {"nearest": 0, "bilinear": 1, "cubic": 3}  # order of each spline
 STEEPEST = 60 * deg  # between a slope's normal and the camera; chosen by hand
 CLOUDY = 0.1  # vertical optical depth from which a layer counts as cloud; chosen by hand
-CELLS = 2**17  # at a time, which limits the memory
-SLACK = 0.5  # pixel on the ground by which a hidden point lies behind the one that is seen
+CELLS = 2**17  # cells at a time, to limit the memory
+SLACK = 0.5  # pixel on the ground; a point this far behind the visible ground is hidden
 GEOGRAPHIC = "EPSG:4326"
 
 
 class Locator:
     """The inverse of a sight: from points to the image.
 
-    A line camera sees a point when it crosses the plane of the line; its time is searched by
-    Newton's method on splines of position, velocity and attitude.
+    A line camera sees a point when the point crosses the plane of the line. Newton's method finds
+    this time, on splines of position, velocity and attitude.
 
-    scene  with its sensor
+    scene  scene with its sensor
     lens   camera of the sensor's pixels, with its distortion; None: the sensor's own, without
     """
 
@@ -73,14 +73,14 @@ class Locator:
         self._at_once = not dating.period  # a matrix
 
     def locate(self, point: Floats) -> Floats:
-        """Places in the image at which points are seen.
+        """Places of points in the image.
 
         point     (n, 3) metre, in the Earth's fixed axes
-        Returns   (n, 2) column and line of the image, whole at the middle of a pixel; far outside,
-                  or NaN, where the image does not show them
+        Returns   (n, 2) column and line, integers at the centres of pixels; far outside the image,
+                  or NaN, for points that are not in it
         Accuracy  numerical: 1e-6 pixel. Staggered rows, and the stages of TDI, count as one row in
-                  their middle: even and odd columns lie to both sides of it by what the Earth turns
-                  in between, 0.09 pixel for the camera `hsrs`.
+                  their middle. Earth rotation between the rows displaces even and odd columns in
+                  opposite directions, by 0.09 pixel for the camera `hsrs`.
         """
         sensor, row = self._sensor, self._row
         if self._at_once:
@@ -105,7 +105,7 @@ class Locator:
         return self._at(line)[:, :3]
 
     def _pace(self, point: Floats, y: float, late: float) -> float:
-        """Rows by which the ground moves from line to line, near the image's middle."""
+        """Rows per line of the ground's motion, near the image's middle."""
         middle = (self._sensor.lines - 1) / 2 + late
         some = point[:: max(1, len(point) // 16)]
         before, after = (self._project(some, np.full(len(some), middle + d)) for d in (-0.5, 0.5))
@@ -117,7 +117,7 @@ class Locator:
         return np.asarray(self._flight(np.zeros_like(line) if self._at_once else line))
 
     def _project(self, point: Floats, line: Floats) -> Floats:
-        """Pixel (n, 2) of the camera's grid at which it would see points at the time of lines."""
+        """Pixel (n, 2) of points on the camera's grid, at the times of lines."""
         flight = self._at(line)
         sight = point - flight[:, :3]
         sight /= np.linalg.norm(sight, axis=1, keepdims=True)
@@ -135,7 +135,7 @@ Bytes = NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class MapGrid(NorthUp):
-    """Cells of a map, from the outer corner of the first; in metre, or degree if geographic.
+    """Cells of a map, from the outer corner of the first cell; in metre, or degree if geographic.
 
     system  coordinate system, such as EPSG:32632
     """
@@ -143,7 +143,7 @@ class MapGrid(NorthUp):
     system: str
 
     def places(self, rows: slice) -> tuple[Floats, Floats]:
-        """Longitude and latitude (n,) radian of the middles of the cells of some rows."""
+        """Longitude and latitude (n,), radian, of the centres of the cells in the given rows."""
         y = self.north - (np.arange(rows.start, rows.stop, dtype=float) + 0.5) * self.step_y
         x = self.west + (np.arange(self.columns, dtype=float) + 0.5) * self.step_x
         x, y = (coordinate.ravel() for coordinate in np.meshgrid(x, y))
@@ -153,7 +153,7 @@ class MapGrid(NorthUp):
 def transformed(
     x: Floats, y: Floats, system: str, other: str, unit: float, other_unit: float
 ) -> tuple[Floats, Floats]:
-    """Coordinates (n,) in another system; `unit` is what they are multiples of."""
+    """Coordinates (n,) in another system, in `unit`."""
     if system == other:
         return x * (other_unit / unit), y * (other_unit / unit)
     warp = require_rasterio("to project maps").warp
@@ -162,18 +162,18 @@ def transformed(
 
 
 def grid_of(longitude: Floats, latitude: Floats, projection: str, cell: float) -> MapGrid:
-    """The cells that hold all points; their corner is a multiple of their size.
+    """The cells that contain all points; the corner is a multiple of the cell size.
 
-    longitude, latitude  (n,) radian, at least one; NaN is left out
-    projection           utm, in the zone of the middle; or geographic, cells of as many metre
+    longitude, latitude  (n,) radian, at least one; NaN is ignored
+    projection           utm, in the zone of the middle; or geographic, with cells of equal size
                          east and north in the middle
-    cell                 metre
+    cell                 metre, size of a cell
     """
     one_of(PROJECTIONS, projection=projection)
     positive(cell=cell)
     finite = np.isfinite(longitude)
     longitude, latitude = longitude[finite], latitude[finite]
-    # Around the first point, so that no image ends at the date line.
+    # Longitudes relative to the first point, so that the date line does not split an image.
     longitude = longitude[0] + (longitude - longitude[0] + math.pi) % (2 * math.pi) - math.pi
     east, north = (float(np.median(angle)) / deg for angle in (longitude, latitude))
     if projection == "utm":
@@ -192,9 +192,9 @@ def grid_of(longitude: Floats, latitude: Floats, projection: str, cell: float) -
 
 
 class Part(NamedTuple):
-    """Some rows of a map: where the image shows each cell, and the quality of that place.
+    """Some rows of a map: place of each cell in the image, and quality of that place.
 
-    rows     of the grid
+    rows     rows of the grid
     pixel    (rows, columns, 2) line and column of the image
     quality  (rows, columns) bits, of geometry alone
     """
@@ -213,16 +213,16 @@ def place_cells(
     lens: Camera | None = None,
     clouds: tuple[Sheet, ...] = (),
 ) -> Iterator[Part]:
-    """Places in the image that show the terrain of each cell, some rows at a time.
+    """Places of each cell's terrain in the image, some rows at a time.
 
     distance  (lines, columns) metre from the camera to the ground of each pixel; NaN for the sky
-    spread    metre on the ground between rays of the image, which set the terrain's level
+    spread    metre on the ground between rays of the image, for the choice of the terrain's level
     lens      as for `Locator`
-    clouds    layers before the ground, or between it and the Sun
+    clouds    layers between the ground and the camera or the Sun
     """
     terrain, locator = scene.terrain.open(folder), Locator(scene, lens)
     sun = sun_direction(scene.carrier.epoch, scene.sensor.delay)
-    # The farthest of the pixels around, so that slopes are not taken for hidden.
+    # The farthest of the surrounding pixels, so that slopes do not count as hidden.
     farthest = maximum_filter(np.nan_to_num(distance, nan=0.0), 3)
     step = max(1, CELLS // grid.columns)
     for first in range(0, grid.rows, step):
@@ -268,9 +268,9 @@ def _quality(
 
 
 def resample(values: Floats, pixel: Floats, method: str) -> Floats:
-    """Values of an image at places between its pixels.
+    """Values of an image at fractional pixels.
 
-    values   (lines, columns); NaN is no value
+    values   (lines, columns); NaN: no value
     pixel    (..., 2) line and column
     method   nearest, bilinear, cubic (a spline through the pixels)
     Returns  (...); NaN outside, and beside pixels without a value
@@ -284,7 +284,8 @@ def resample(values: Floats, pixel: Floats, method: str) -> Floats:
     finite = np.isfinite(values)
     if not finite.any() or not inside.any():
         return out
-    # Half a pixel beyond the middles of the outermost ones, which are repeated there.
+    # The image extends half a pixel beyond the centres of the outermost pixels, which are repeated
+    # there.
     at = np.clip(pixel[inside], 0, np.array([lines - 1, columns - 1])).T
     filled = np.where(finite, values, values[finite].mean())
     interpolated = map_coordinates(filled, at, order=order, mode="nearest")
@@ -294,7 +295,7 @@ def resample(values: Floats, pixel: Floats, method: str) -> Floats:
 
 
 def touched(flags: Flags, pixel: Floats) -> Flags:
-    """Places (..., 2) of line and column that have a flagged pixel among the four around."""
+    """Whether places (..., 2), line and column, have a flagged pixel among the four neighbours."""
     out = np.zeros(pixel.shape[:-1], np.bool_)
     finite = np.isfinite(pixel).all(-1)
     at = pixel[finite].T

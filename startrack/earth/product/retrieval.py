@@ -13,15 +13,16 @@ from startrack.earth import imager
 from startrack.earth.terrain import Ground
 
 FRACTIONS = 0.1, 0.3, 0.6, 0.9  # signals of the flat frames over the largest signal; chosen by hand
-TOO_MUCH = 3.0  # of the largest signal; saturates every pixel that responds to light
+TOO_MUCH = 3.0  # times the largest signal; saturates every pixel that responds to light
 SIGMA = 4.0
-TRANSFER = 2  # the level of the photon transfer
-LINES, FRAMES = 256, 16  # by default: lines of a scanner, or frames of a matrix, that are averaged
-IN_TURN = 2**16  # exposures of one level
-ROUNDS = 6  # of the mean reflectance of the surroundings; each changes it by a tenth of the last
-MIXED = 5  # rounds of what surrounds each pixel; in haze each changes it by a third of the last
-FIRST = 0.2  # guess of it
-THINNED = 2**14  # pixels at most that give it
+TRANSFER = 2  # index of the flat for photon transfer
+# defaults: number of averaged lines of a scanner, of averaged frames of a matrix
+LINES, FRAMES = 256, 16
+IN_TURN = 2**16  # largest number of exposures of one level in memory
+ROUNDS = 6  # iterations of the surroundings' mean reflectance; each change is a tenth of the last
+MIXED = 5  # iterations of each pixel's surroundings; in haze each change is a third of the last
+FIRST = 0.2  # initial mean reflectance
+THINNED = 2**14  # largest number of pixels for the mean reflectance
 
 
 @printed
@@ -29,11 +30,11 @@ class RadiometricCalibration(NamedTuple):
     """Mean frames of one channel; lines of a scanner are averaged into one.
 
     dark       (r, columns) digital number, r = 1 for a scanner
-    flat       (k, r, columns) digital number, of even light
+    flat       (k, r, columns) digital number, in uniform light
     radiance   (k,) watt / m^2 / sr / um of the flats, rising
     gain       (r, columns) digital number for 1 watt / m^2 / sr / um, at the middle flat
     electrons  electron / digital number, measured by photon transfer
-    saturation  (r, columns) least digital number of a pixel that may be full: four sigma below the
+    saturation  (r, columns) least digital number that counts as saturated: four sigma below the
                 mean of saturated exposures
     exposures  in each mean
     """
@@ -57,12 +58,12 @@ def calibrate(
 ) -> RadiometricCalibration:
     """Simulate dark frames, and flat frames of known radiance, with the detector's own noise.
 
-    setting  of the channel's images
+    setting  setting of the channel's images
     seed     of the noise, which differs from the noise of an image with the same seed
-    count    exposures in each mean; None for 256 lines or 16 frames
+    count    exposures in each mean; None: 256 lines or 16 frames
     advance  called after each level, with 1
-    Accuracy model: the calibration lamp is even and known exactly. numerical: the mean of `count`
-             exposures has 1 / sqrt(count) of the noise of one, in each pixel.
+    Accuracy model: the calibration lamp is uniform and known exactly. numerical: the noise of each
+             pixel's mean is 1 / sqrt(count) of the noise of an exposure.
     """
     scanner = bool(channel.detector.scan)
     count = (LINES if scanner else FRAMES) if count is None else count
@@ -100,7 +101,7 @@ def calibrate(
 def _lines(
     channel: imager.Channel, setting: imager.Setting, light: float, count: int, seed: int, turn: int
 ) -> tuple[Floats, Floats]:
-    """Mean and variance (1, columns) of lines in even light, watt / m^2 / sr / m."""
+    """Mean and variance (1, columns) of lines in uniform light, watt / m^2 / sr / m."""
     even = np.full((count, channel.columns), light)
     electrons = imager.pixel_electrons(channel, setting, even)
     numbers = read_out(electrons, imager.as_matrix(channel, count), Streams(seed, turn))
@@ -119,7 +120,7 @@ def _frames(
         numbers = read_out(electrons, imager.as_matrix(channel, rows), Streams(seed, turn + n))
         values = numbers.astype(float)
         if n == 0:
-            start = values  # squares of differences lose no digits
+            start = values  # differences from it: squares lose no digits
         total += values - start
         squares += (values - start) ** 2
     return start + total / count, (squares - total**2 / count) / (count - 1)
@@ -132,8 +133,8 @@ def to_radiance(numbers: NDArray[np.integer], calibration: RadiometricCalibratio
     beyond the last flat. This corrects dark signal, gain and non-linearity together.
 
     numbers  (lines, columns)
-    Returns  (lines, columns); saturated pixels have the radiance of their number, too
-    Raises   ValueError where the frames are of another size, or a pixel does not respond to light.
+    Returns  (lines, columns); a saturated pixel has the radiance of its number
+    Raises   ValueError where the frames have another size, or a pixel does not respond to light.
     """
     lines, columns = numbers.shape
     rows, wide = calibration.dark.shape
@@ -155,19 +156,19 @@ def to_radiance(numbers: NDArray[np.integer], calibration: RadiometricCalibratio
 
 
 def is_thermal(band: imager.Band) -> bool:
-    """Whether thermal radiance exceeds sunlight: its product is a temperature."""
+    """Whether thermal radiance exceeds sunlight; the product is then a temperature."""
     return float(band.weight @ band.wavelength) > imager.INFRARED
 
 
 def retrieve(radiance: Floats, ground: Ground, setting: imager.Setting) -> dict[str, Floats]:
-    """The products of n pixels by their names; NaN for the sky.
+    """The products of n pixels by name; NaN for the sky.
 
     radiance  (n,) watt / m^2 / sr / um
-    ground    in the middles of the pixels
-    setting   with the mean reflectance of the ground around, as `surroundings`
-    Returns   (n,) each: reflectance at the top of the atmosphere, and of the Lambertian surface
-              that gives this radiance through the air; or kelvin, of the blackbody that gives it
-              without air
+    ground    ground at the centres of the pixels
+    setting   setting whose `surroundings` is the mean reflectance of the surrounding ground
+    Returns   (n,) each: reflectance at the top of the atmosphere, and reflectance of the Lambertian
+              surface with this radiance through the air; or temperature in kelvin of the blackbody
+              with this radiance without air
     """
     if is_thermal(setting.band):
         return {"brightness temperature": brightness_temperature(radiance, setting.band)}
@@ -184,8 +185,8 @@ def apparent_reflectance(radiance: Floats, sun_zenith: Floats, band: imager.Band
 
         pi L / (E_sun cos(sun))
 
-    with the Sun's mean irradiance in the band at its distance. Source: Thuillier, Wang and Chance,
-    as used for all products of level 1 (ESA, Sentinel-2 MSI technical guide).
+    E_sun is the Sun's mean irradiance in the band at its distance. Source: ESA, Sentinel-2 MSI
+    technical guide, for all products of level 1 (Thuillier, Wang and Chance).
     """
     cosine = np.cos(sun_zenith)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -194,14 +195,14 @@ def apparent_reflectance(radiance: Floats, sun_zenith: Floats, band: imager.Band
 
 
 def surface_reflectance(radiance: Floats, ground: Ground, setting: imager.Setting) -> Floats:
-    """Reflectance (n,) of Lambertian ground on its slope, in its light of Sun and sky.
+    """Reflectance (n,) of Lambertian ground on its slope, in light of Sun and sky.
 
         rho = (L - L_sc) / (L_dir + L_ind of white ground)
 
     Source: Krutz et al. (2011), eqs. (1) and (2), solved for the reflectance.
 
-    Accuracy  model: assumes the air of the scene and Lambertian ground, also where the reflectance
-              depends on directions. Uncertain where a slope is in shadow.
+    Accuracy  model: the air of the scene and Lambertian ground are assumed, even where the
+              reflectance depends on directions. The result is uncertain for slopes in shadow.
     """
     scattered, white = _air(ground, setting)
     out = np.full(len(radiance), math.nan)
@@ -213,11 +214,11 @@ def surface_reflectance(radiance: Floats, ground: Ground, setting: imager.Settin
 def mean_reflectance(
     radiance: list[Floats], grounds: list[Ground], setting: imager.Setting
 ) -> float:
-    """Mean of the surface's reflectance, which illuminates the air from below.
+    """Mean reflectance of the surface, which illuminates the air from below.
 
         rho' = mean of rho(rho'), solved by iteration over a sample of the pixels
 
-    radiance, grounds  of parts of an image
+    radiance, grounds  one entry for each part of an image
     Returns            NaN for thermal radiance
     """
     if is_thermal(setting.band):
@@ -237,12 +238,12 @@ def mean_reflectance(
 def environment_of(
     reflectance: Floats, ground: Ground, pixel: float, setting: imager.Setting, more: float = 0.0
 ) -> imager.Environment | None:
-    """Surroundings of each pixel, from the pixels themselves; beyond the image, their mean.
+    """Surroundings of each pixel, from the reflectance of all pixels; the mean beyond the image.
 
     reflectance  (n,) of the surface
     pixel        metre, size of a pixel on the ground
     more         1, reflectance of the ground beyond the image minus the image's mean
-    Returns      None where air does not scatter, or nothing is known
+    Returns      None where air does not scatter, or no pixel has a value
     """
     finite = np.flatnonzero(np.isfinite(reflectance))
     if setting.band.table.spread is None or not len(finite):
@@ -263,7 +264,7 @@ def environment_of(
 def settled(
     radiance: Floats, ground: Ground, pixel: float, setting: imager.Setting, more: float = 0.0
 ) -> imager.Setting:
-    """The setting with the surroundings of each pixel, solved by iteration over the whole image.
+    """The setting with the surroundings of each pixel, by iteration over the whole image.
 
     radiance, ground, pixel, more  as for `surface_reflectance` and `environment_of`
     """
@@ -283,13 +284,15 @@ def _air(ground: Ground, setting: imager.Setting) -> tuple[Floats, Floats]:
 
 
 def brightness_temperature(radiance: Floats, band: imager.Band) -> Floats:
-    """Temperature (n,) kelvin of a blackbody with this radiance in the band.
+    """Temperature (n,), kelvin, of a blackbody with this radiance in the band.
 
     Raises    ValueError where the band has no thermal radiance.
     Accuracy  numerical: 1 mK. NaN below 50 K and above 3,000 K.
     """
     if band.heat is None:
-        raise ValueError("band must be one of thermal radiance, got one below 1.5 um")
+        raise ValueError(
+            "band must lie above 1.5 um for a brightness temperature, got a band below"
+        )
     temperature = 1 / np.linspace(1 / 50.0, 1 / 3000.0, 4000)
     table = np.log(band.heat(temperature)[:, 0])
     with np.errstate(divide="ignore", invalid="ignore"):

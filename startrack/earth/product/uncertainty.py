@@ -1,4 +1,4 @@
-"""Uncertainty of each pixel of a product by its contributors, from the uncertainties of inputs."""
+"""Uncertainty of each pixel of a product by contributors, from the uncertainties of inputs."""
 
 import math
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from startrack.earth.imager import HAZIEST, Channel, Knowledge, Setting, Survey,
 from startrack.earth.product import retrieval
 from startrack.earth.terrain import Ground
 
-# The contributors of S2-RUT, and those of the surface.
+# The contributors of S2-RUT, and contributors of the surface.
 CAUSES = (
     "noise",
     "calibration",
@@ -24,8 +24,8 @@ CAUSES = (
     "registration",
     "surroundings",
 )
-WARM = np.array([290.0])  # kelvin, of ground whose heat changes with the wavelength
-CLEAREST = 100e3  # metre, visibility of the tables
+WARM = np.array([290.0])  # kelvin, ground for the change of heat with wavelength
+CLEAREST = 100e3  # metre, largest visibility of the tables
 
 
 def contributors(
@@ -38,22 +38,22 @@ def contributors(
     channel: Channel,
     amplified: float = 1.0,
 ) -> dict[str, dict[str, Floats]]:
-    """Standard uncertainty of each layer by causes, in the layer's unit; and of the place.
+    """Standard uncertainty of each layer by contributors, in the layer's unit; and of the place.
 
         u(y)^2 = sum over causes of (dy / dx)^2 u(x)^2,   with finite differences
 
     Source: Gorrono et al. (2017), Remote Sensing 9, 178 (S2-RUT), for the list of contributors;
     JCGM 100 (2008), eq. (10).
 
-    layers   of the image, (lines, columns) each, radiance first
-    ground   of the middles of all pixels
-    setting  with the surroundings of each pixel
+    layers   layers of the image, (lines, columns) each, radiance first
+    ground   ground at the centres of all pixels
+    setting  setting with the surroundings of each pixel
     amplified  1, noise after the filter of a restored image over noise before the filter
-    Returns  for each layer those CAUSES that apply and "total", (lines, columns) each; and `place`,
+    Returns  for each layer "total" and the CAUSES that apply, (lines, columns) each; and `place`,
              metre along each axis on the ground
-    Accuracy model: causes are independent, and first order; all but noise are common to many
-             pixels. The air's gases, its type of aerosol, reflectance that depends on directions
-             and edges that the lens blurs are left out.
+    Accuracy model: contributors are independent, and to first order; all except noise are common to
+             many pixels. Gases and aerosol type of the air, directional reflectance, and edges that
+             the lens blurs are left out.
     """
     knowledge, radiance = survey.knowledge, layers["radiance"]
     pixel = ground.distance * channel.detector.pitch / channel.optics.image_distance
@@ -111,9 +111,9 @@ def _of_surface(
 ) -> dict[str, Floats]:
     """Uncertainty of the surface's reflectance.
 
-    A change of all pixels also changes their surroundings, which weakens its effect.
+    A change of all pixels also changes their surroundings, which reduces the effect.
 
-    moved, hazier  the setting with another response, and in other air
+    moved, hazier  setting with a shifted response; setting with another visibility
     """
     size, lines = float(np.median(pixel[ground.hit])), of_radiance["noise"].shape
     base = retrieval.surface_reflectance(flat, ground, setting)
@@ -145,7 +145,7 @@ def _of_radiance(
     amplified: float = 1.0,
 ) -> dict[str, Floats]:
     """Uncertainty of the radiance. Photon noise follows from the measured electrons per digital
-    number, and is zero where read noise hides it; read noise is as designed.
+    number, and is zero where read noise exceeds it; read noise is the design's.
     """
     detector, measured = channel.detector, calibration.electrons
     signal = np.maximum(numbers - detector.offset, 0)
@@ -161,13 +161,13 @@ def _of_radiance(
 
 
 def _above(ground: Ground) -> float:
-    """Metre from ground to camera, in the middle of an image."""
+    """Distance from ground to camera in the middle of an image, metre."""
     cosine = np.cos(ground.view_zenith[ground.hit])
     return max(float(np.median(ground.distance[ground.hit] * cosine)), 1.0)
 
 
 def _hazier(survey: Survey, channel: Channel, ground: Ground, setting: Setting) -> Setting:
-    """The setting in air of another visibility, one standard deviation away."""
+    """The setting with the visibility changed by one standard deviation."""
     air = survey.air
     if air is None or air.table or air.aerosol == "none":
         return setting

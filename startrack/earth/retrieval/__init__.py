@@ -5,7 +5,7 @@ texture        Texture of a land -> its power spectrum, and realisations of it.
 patch          A channel's image of level ground straight below, with fires.
 context        Images in two channels -> excess of each pixel over its surroundings.
 fire           Excess radiance of a fire -> its radiative power, temperature and area.
-hot_spots      HotSpots: fires, their detection and power; a trial of both.
+hot_spots      HotSpots: detection of fires and their radiative power; a trial of both.
 fire_forecast  The smallest detectable fire, and the error of its power, by formula.
 minerals       Minerals: thermal spectra -> temperature, emissivity, Christiansen feature, class.
 spectrum       The spectrum of level ground at the sensor, and the rectangle of each band.
@@ -15,8 +15,8 @@ sea            A sea of wind waves -> the spectrum of its elevation, and its slo
 glint          Waves of random slopes -> the brightness of their glint, and the scatter of its
 squares.
 waves          Waves: height and direction of waves in the glint; their forecast and trials.
-criteria       Criteria that judge a retrieval: by name, by formula and by trials.
-study          EarthDesign: a scene with its camera, its retrieval and its campaign, and their file.
+criteria       Criteria of each retrieval: names, values by formula and values by trials.
+study          EarthDesign: a scene with its camera, retrieval and campaign; reads them from a file.
 keys           The keys of a scene file, as a list and as a JSON Schema.
 problem        EarthProblem: an Earth camera's interface for searches, samples and tests.
 """

@@ -9,16 +9,16 @@ from scipy import stats
 
 from startrack.core import Floats, Singles, printed
 
-LEAST = 1e-12  # relative variance; a channel with less has no contrast
+LEAST = 1e-12  # relative variance; a channel with a smaller variance has no contrast
 
 
 @printed
 class Contrast(NamedTuple):
     """Difference of each pixel of the mid infrared from the prediction by its surroundings.
 
-    score         1, excess over the standard deviation of such predictions
+    score         1, excess over the standard deviation of the prediction
     mid, thermal  watt / m^2 / sr / m, as given
-    mid_around, thermal_around  their means over the surroundings
+    mid_around, thermal_around  means of both channels over the surroundings
     """
 
     score: Singles
@@ -29,12 +29,13 @@ class Contrast(NamedTuple):
 
 
 def pixels_around(window: int, guard: int) -> int:
-    """Pixels of the surroundings."""
+    """Number of pixels of the surroundings."""
     return (2 * window + 1) ** 2 - (2 * guard + 1) ** 2
 
 
 def threshold_of(false_alarms: float, window: int, guard: int) -> float:
-    """The score that uniform ground exceeds in this fraction of pixels: a quantile of Student's t.
+    """The score that a given fraction of pixels of uniform ground exceeds: a quantile of Student's
+    t.
 
     The n surrounding pixels leave n - 3 degrees of freedom: two means and a slope are estimated.
     """
@@ -47,9 +48,9 @@ def contrast_of(mid: Floats, thermal: Floats, window: int, guard: int) -> Contra
         score = (m - <m> - slope (t - <t>)) / s,   slope = <m' t'> / <t' t'>,
         s^2 = n / (n - 3) (<m' m'> - slope <m' t'>) (1 + 1 / n)
 
-    with means over the n pixels of a surrounding square without its middle, and deviations m', t'
-    from these means. Changes of temperature and emissivity that affect both channels cause no
-    excess; a fire has an excess in the mid infrared alone.
+    <x> is the mean over the n pixels of a surrounding square without its middle; m' and t' are
+    deviations from the means. Changes of temperature and emissivity that affect both channels cause
+    no excess; a fire has an excess in the mid infrared alone.
 
     Source: contextual tests are those of Flasse and Ceccato (1996), Int. J. Remote Sensing 17,
     419, and of BIRD (Zhukov et al. 2006, Remote Sensing of Environment 100, 29), which tests
@@ -59,11 +60,11 @@ def contrast_of(mid: Floats, thermal: Floats, window: int, guard: int) -> Contra
     mid, thermal   (lines, columns) watt / m^2 / sr / m, of the same pixels
     window, guard  pixel, half a side of the square and of its middle
     Accuracy       statistical: exact for normal deviations that are independent between pixels.
-                   Smooth ground differs from its surroundings by less than their scatter: its false
-                   alarms are rarer.
+                   A pixel of smooth ground differs from its surroundings by less than their
+                   scatter; such ground has fewer false alarms.
     """
     count = pixels_around(window, guard)
-    # Subtracting the mean of the whole image first keeps the digits of the squares.
+    # The mean of the image is subtracted first, so that the squares lose no digits.
     level_m, level_t = float(mid.mean()), float(thermal.mean())
     m, t = mid - level_m, thermal - level_t
 

@@ -1,4 +1,4 @@
-"""Criteria that judge a retrieval: by name, by formula and by trials."""
+"""Criteria of each retrieval: names, values by formula and values by trials."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from startrack.earth.retrieval.fire_forecast import forecast_fires
 from startrack.earth.retrieval.study import EarthDesign
 from startrack.metrics import Interval, fraction_interval, level_interval, rms_interval
 
-LARGEST = 1e12  # square metre, stands for a fire that is not found, where numbers must be finite
+LARGEST = 1e12  # square metre; area of a fire that is not found, where numbers must be finite
 
 
 class Criterion(NamedTuple):
-    """One value that judges a retrieval; the smaller, the better.
+    """A figure of merit of a retrieval; smaller is better.
 
-    words      what it is
-    unit       as a text, "" for a pure number
-    objective  of a campaign that is computed from this criterion
-    limit      key of a limit in the campaign's requirements
-    column     of the rows from which it is computed
+    words      name for messages and tables
+    unit       text; "" for a pure number
+    objective  name of the campaign's objective that uses this criterion
+    limit      key of its limit in the campaign's requirements
+    column     column of the rows from which it is computed
     """
 
     words: str
@@ -34,38 +34,38 @@ class Criterion(NamedTuple):
 
 
 class RetrievalStudy(Protocol):
-    """A retrieval of a design, in one condition."""
+    """The retrieval of a design in one condition."""
 
     @property
     def criteria(self) -> dict[str, Criterion]:
-        """By their names."""
+        """Criteria by name."""
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Numbers of a row of one trial."""
+        """Names of the numbers in the row of one trial."""
 
     @property
     def per_image(self) -> int:
-        """Trials of one image."""
+        """Number of trials of one image."""
 
     @property
     def left_out(self) -> tuple[str, ...]:
         """Effects that formulas and trials leave out, in words."""
 
     def expected(self) -> dict[str, float]:
-        """Each criterion by formula."""
+        """Value of each criterion by formula."""
 
     def image(self, seed: int, number: int) -> dict[str, Floats]:
-        """Each column (n,) of the trials of one image."""
+        """Values (n,) of each column, for the trials of one image."""
 
     def shown(self, name: str, values: Floats, confidence: float = 0.95) -> Interval:
-        """A criterion of (n,) values of its column."""
+        """The criterion from (n,) values of its column."""
 
 
 def study_of(design: EarthDesign) -> RetrievalStudy:
     """The study of the retrieval of a design.
 
-    Raises  ValueError where the Sun at `retrieval.latitude` does not suit the retrieval.
+    Raises  ValueError where the retrieval cannot use the Sun at `retrieval.latitude`.
     """
     assert design.retrieval
     own = design.retrieval.below(design.carrier)
@@ -117,7 +117,7 @@ class Fires(NamedTuple):
     @property
     def left_out(self) -> tuple[str, ...]:
         """As in `RetrievalStudy`."""
-        out = ["lines of sight aside, relief and clouds", "the registration of both channels"]
+        out = ["oblique lines of sight, relief and clouds", "the registration of both channels"]
         if any(not channel.optics.plain for channel in self.design.camera.channels):
             out.append("formulas alone: the pupil's shape, segments, defocus and aberrations")
         return tuple(out)
@@ -148,8 +148,8 @@ class Fires(NamedTuple):
     def shown(self, name: str, values: Floats, confidence: float = 0.95) -> Interval:
         """As in `RetrievalStudy`.
 
-        An area is the quantile of the smallest areas of all fires; its interval assumes independent
-        trials.
+        The criterion of an area is a quantile of the smallest detectable areas of all fires. Its
+        interval assumes independent trials.
         """
         if name == "power":
             return rms_interval(values**2, confidence)
@@ -258,7 +258,7 @@ class MosaicStudy(NamedTuple):
         """As in `RetrievalStudy`."""
         return (
             "errors of calibration and of the air's visibility",
-            "lines of sight aside, relief and clouds",
+            "oblique lines of sight, relief and clouds",
             "the registration of channels",
         )
 
@@ -360,7 +360,7 @@ class SeaStudy(NamedTuple):
                 "square of wave height",
             ),
             "wave direction": Criterion(
-                "rms error of the waves' direction, opposite ones alike",
+                "rms error of the waves' direction, without its sense",
                 "rad",
                 "wave direction",
                 "max_wave_direction_error",
@@ -382,12 +382,12 @@ class SeaStudy(NamedTuple):
     def left_out(self) -> tuple[str, ...]:
         """As in `RetrievalStudy`."""
         return (
-            "errors of the wind and of the light of air, sky and water, which are taken as known",
-            "waves that are not linear, currents, a second system of waves, foam in patches",
-            "lines of sight aside, and the edges of an image: waves are periodic over it",
-            "formulas alone: products of four and more waves, for which errors of trials were 0.87 "
-            "to 1.06 times those by formula over five designs: 0.87 of heights under a Sun 15 "
-            "degrees from the zenith",
+            "errors of the wind and of the light of air, sky and water (assumed to be known)",
+            "non-linear waves, currents, a second wave system, foam in patches",
+            "oblique lines of sight, and the edges of an image: waves are periodic over the image",
+            "formulas alone: products of four and more waves; errors of trials were 0.87 to 1.06 "
+            "times the errors by formula over five designs (0.87 for wave heights under a Sun 15 "
+            "degrees from the zenith)",
         )
 
     def expected(self) -> dict[str, float]:

@@ -10,7 +10,7 @@ from startrack.earth.atmosphere import ThermalRadiance
 
 LOW, HIGH = 650.0, 1350.0  # kelvin, range of temperatures for the fit of the power law
 NODES = 141
-COOLEST, HOTTEST = 350.0, 2000.0  # kelvin, range of temperatures that can be retrieved
+COOLEST, HOTTEST = 350.0, 2000.0  # kelvin, range of retrieved temperatures
 STEPS = 331
 
 
@@ -30,7 +30,7 @@ def power_coefficient(heat: ThermalRadiance) -> float:
 
 
 def radiated_power(temperature: float, area: float) -> float:
-    """Watt that a blackbody radiates: its fire radiative power."""
+    """Fire radiative power of a blackbody, watt."""
     return float(Stefan_Boltzmann * temperature**4 * area)
 
 
@@ -41,9 +41,8 @@ def power_of(excess: Floats, heat: ThermalRadiance) -> Floats:
 
     Source: Wooster et al. (2003), eq. (6); (2005), J. Geophys. Res. 110, D24311.
 
-    excess   (n,) watt / sr / m: sums of excess radiance at the ground times the area of the
-             samples
-    heat     of the band in the mid infrared
+    excess   (n,) watt / sr / m: sum over pixels of excess radiance at the ground times pixel area
+    heat     thermal radiance of the band in the mid infrared
     Returns  (n,) watt
     """
     return excess * (Stefan_Boltzmann / power_coefficient(heat))
@@ -63,10 +62,10 @@ def temperature_and_area(
     from the background.
 
     mid, thermal  (n,) watt / sr / m, as for `power_of`, in each band
-    heats         of both bands
-    background    watt / m^2 / sr / m, radiance that leaves the ground around, in each band
+    heats         thermal radiance of both bands
+    background    watt / m^2 / sr / m, radiance that leaves the surrounding ground, in each band
     Returns       (n,) kelvin and (n,) square metre; NaN where no temperature between 350 and 2000 K
-                  has this ratio
+                  has the ratio of both bands
     Accuracy      numerical: 1e-4 of the temperature.
     """
     nodes = np.geomspace(COOLEST, HOTTEST, STEPS)
@@ -74,7 +73,7 @@ def temperature_and_area(
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = np.log(light[0] / light[1])
         wanted = np.log(mid / thermal)
-        # No solution is below the temperature at which a band is as bright as its background.
+        # A fire is hotter than the blackbody that is as bright as the background.
         good = np.isfinite(ratio)
         inside = (wanted >= ratio[good][0]) & (wanted <= ratio[good][-1])
         temperature = np.exp(np.interp(wanted, ratio[good], np.log(nodes[good])))

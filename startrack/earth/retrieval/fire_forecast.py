@@ -35,15 +35,15 @@ from startrack.earth.retrieval.patch import Radiation, radiation_over
 from startrack.optics import blur_transfer, pupil_transfer
 
 WAVES, TURNS = 96, 12  # frequencies and directions for the integrals over textures
-FINEST = 4.0  # cycles a pixel, highest frequency of a point's image
-LEAST_NODES = 48  # over the frequencies of a point's image, along each axis
-PHASES = 3  # places along half a side of the ground between two pixels
-COARSE, FINE = 20, 10  # areas between which the smallest is interpolated, one after the other
-WARMEST = 5.0  # standard deviations above the mean ground that a channel must not saturate at
-WIDTHS = 3  # of the surroundings: extent of the sum over the covariance of textures
-DIM = 0.1  # of the brightest pixel's light; a pixel with less finds no fire; chosen by hand
+FINEST = 4.0  # cycle / pixel, highest frequency of a point's image
+LEAST_NODES = 48  # nodes over the frequencies of a point's image, along each axis
+PHASES = 3  # positions along half of the pixel pitch on the ground
+COARSE, FINE = 20, 10  # areas of the first and of the second interpolation of the smallest area
+WARMEST = 5.0  # standard deviations; a channel must not saturate this far above the mean ground
+WIDTHS = 3  # widths of the surroundings: extent of the sum over the covariance of textures
+DIM = 0.1  # fraction of the brightest pixel's light; a dimmer pixel finds no fire; chosen by hand
 DRAWS = 6  # nodes over the ground's contrast
-SMALLEST = 1e-7  # of the ground between two pixels
+SMALLEST = 1e-7  # smallest area, relative to the ground area of a pixel
 
 
 class Side(NamedTuple):
@@ -53,10 +53,10 @@ class Side(NamedTuple):
     radiation      of the ground
     reflectance    1, mean of the ground
     temperature    kelvin
-    side, across, along  metre: pixel on the ground; between columns; between lines
+    side, across, along  metre on the ground: side of a pixel; between columns; between lines
     smear          pixel
     blur           metre on the detector, rms along an axis
-    electrons      of a radiance of 1
+    electrons      electron from a radiance of 1
     exposure       second
     """
 
@@ -80,7 +80,7 @@ class Side(NamedTuple):
 
     @property
     def saturation(self) -> float:
-        """Radiance of the largest number."""
+        """Radiance of the largest digital number."""
         detector = self.channel.detector
         numbers = 2**detector.bits - 1 - detector.offset
         full = min(detector.full_well, numbers * detector.electrons_per_dn)
@@ -88,12 +88,12 @@ class Side(NamedTuple):
 
     @property
     def stripes(self) -> float:
-        """Variance of the mean ground's radiance between columns of a scanner, by its PRNU."""
+        """Variance between the columns of a scanner by PRNU, of the mean ground's radiance."""
         detector = self.channel.detector
         return (detector.prnu * self.mean) ** 2 if detector.scan else 0.0
 
     def variance(self, radiance: Floats) -> Floats:
-        """Variance of a pixel's radiance by its noise, without `stripes`."""
+        """Variance of a pixel's radiance by its temporal noise; `stripes` are separate."""
         detector = self.channel.detector
         light = self.electrons * radiance
         step = detector.electrons_per_dn
@@ -113,22 +113,22 @@ class Side(NamedTuple):
         return np.asarray(lens * blur * pixel)
 
     def ground_slopes(self) -> tuple[float, float]:
-        """Change of radiance with the texture of reflectance, relative, and with temperature."""
+        """Derivatives of radiance with the relative texture of reflectance and with temperature."""
         near = self.temperature + np.array([-0.5, 0.0, 0.5])
         light = self.radiation.emitted(near)
         grey = self.reflectance * (self.radiation.lit - light[1])
         return float(grey), float((1 - self.reflectance) * (light[2] - light[0]))
 
     def ground_bends(self) -> tuple[float, float]:
-        """Half the second derivative with temperature, and the mixed one with temperature and
-        texture."""
+        """Half the second derivative with temperature, and the mixed second derivative with
+        temperature and texture."""
         light = self.radiation.emitted(self.temperature + np.array([-1.0, 0.0, 1.0]))
         bend = (1 - self.reflectance) * (light[0] - 2 * light[1] + light[2]) / 2
         return float(bend), float(-self.reflectance * (light[2] - light[0]) / 2)
 
 
 class LevelGround(Protocol):
-    """Level ground: its height in metre, and the zenith angle of the Sun in radian."""
+    """Level ground: height in metre, zenith angle of the Sun in radian."""
 
     @property
     def height(self) -> float: ...  # noqa: D102
@@ -137,7 +137,7 @@ class LevelGround(Protocol):
 
 
 class _Curves:
-    """Curves of a channel that depend on its band alone; channels with the same band share them."""
+    """Curves that depend on the band alone; channels with the same band share them."""
 
     def __init__(self, channel: Channel) -> None:
         self.channel = channel
@@ -190,12 +190,12 @@ def _lit(
 def side_of(survey: Survey, channel: Channel, spots: LevelGround) -> Side:
     """A channel over the ground of a retrieval.
 
-    Raises  ValueError where its lens has a table, or aberrations that its blur does not hold.
+    Raises  ValueError where the lens has a table, or aberrations that its blur does not contain.
     """
     optics = channel.optics
     if optics.tabulated or not optics.plain:
         raise Refused(
-            f"channel {channel.name}: a forecast knows a lens by its f-number and blur alone; "
+            f"channel {channel.name}: a forecast uses only the f-number and the blur of a lens; "
             "lens_file, lens_family, psf_file, pupil, defocus and aberrations must be left out"
         )
     carrier = survey.carrier
@@ -298,11 +298,11 @@ def forecast_fires(survey: Survey, spots: HotSpots) -> FireForecast:
     if any(
         side.mean + WARMEST * math.sqrt(variance + own) >= side.saturation
         for side, variance, own in zip((mid, thermal), np.diag(ground.around), steady, strict=True)
-    ):  # the warmest ground saturates: its pixels no longer differ from those of a fire
+    ):  # the warmest ground saturates, as a fire does
         return FireForecast((math.inf,) * len(spots.temperatures), math.inf, 0.0, math.inf, 0.0)
     near = pixels_of_fire(mid)
     shares = [_point_shares(side, near) for side in (mid, thermal)]
-    bright = shares[0].max(0) > DIM * shares[0].max()  # the other pixels find no further fires
+    bright = shares[0].max(0) > DIM * shares[0].max()  # dimmer pixels find no further fires
     shares = [share[:, bright] for share in shares]
     areas = []
     for temperature in spots.temperatures:
@@ -332,7 +332,8 @@ def _smallest(
     ground: float,
     wanted: float,
 ) -> float:
-    """Square metre of the smallest fire that is found with a given probability; inf where none is.
+    """Area of the smallest fire that is found with a given probability, square metre; inf where no
+    fire is found.
 
     excess  of each channel, (places, pixels) watt / m^2 / sr / m per m^2
     ground  common variance of the pixels around a fire
@@ -376,12 +377,13 @@ def _point_shares(side: Side, near: int) -> Floats:
     near  pixel, half a side of the square of pixels
     """
     across, along = side.across / side.side, side.along / side.side
-    inside = (np.arange(PHASES) + 0.5) / (2 * PHASES)  # of one half; the other is its mirror
+    # one half; the other half is its mirror image
+    inside = (np.arange(PHASES) + 0.5) / (2 * PHASES)
     step = np.arange(-near, near + 1) - inside[:, None]
     waves = FINEST * near * max(across, along)
     nodes, weights = _frequencies(max(LEAST_NODES, math.ceil(3 * waves) + LEAST_NODES // 2))
     transfer = side.transfer(nodes[None, :], nodes[:, None]) * np.outer(weights, weights)
-    # The transfer function is even in both: twice the cosine over each half.
+    # The transfer function is even along both axes: twice the cosine over each half.
     right = 2 * np.cos(2 * np.pi * across * step[..., None] * nodes)
     down = 2 * np.cos(2 * np.pi * along * step[..., None] * nodes)
     rows = down.reshape(-1, len(nodes)) @ transfer @ right.reshape(-1, len(nodes)).T
@@ -392,7 +394,7 @@ def _point_shares(side: Side, near: int) -> Floats:
 
 @lru_cache(maxsize=8)
 def _frequencies(count: int) -> tuple[Floats, Floats]:
-    """Nodes and weights from 0 to FINEST cycles a pixel."""
+    """Nodes and weights from 0 to FINEST cycle / pixel."""
     node, weight = np.polynomial.legendre.leggauss(count)
     return (node + 1) * FINEST / 2, weight * FINEST / 2
 
@@ -420,14 +422,14 @@ class _Ground(NamedTuple):
     kinds: Floats = np.zeros((2, 2, 2))
 
     def bent(self, weights: Floats) -> Floats:
-        """Variance (2,), around and here, of the contrast that is not linear in the textures."""
+        """Variance (2,), around and here, of the part of the contrast that is not linear in the
+        textures."""
         square, product = weights @ self.bends
         grey, warm = self.spreads.T
         return np.asarray(2 * square**2 * warm**2 + product**2 * warm * grey)
 
     def warming(self, weights: Floats, rms: float) -> float:
-        """Variance of the mean square by temperature waves that are longer than the
-        surroundings."""
+        """Variance of the mean square, caused by temperature waves longer than the surroundings."""
         if not self.spreads[0, 1]:
             return 0.0
         grey, warm = (float(weights @ part @ weights) for part in self.kinds)
@@ -453,7 +455,7 @@ class _Ground(NamedTuple):
 class _Waves(NamedTuple):
     """Textures on a grid of waves: square roots of the spectra within the surroundings.
 
-    amplitude  (kinds, 2, n, n) by each texture, of both channels
+    amplitude  (kinds, 2, n, n) for each texture and both channels
     width      pixel, a side of the surroundings
     """
 
@@ -528,7 +530,7 @@ def _waves(
     down: Floats = np.asarray(np.fft.fftfreq(count, mid.along), np.float64)
     x, y = np.broadcast_to(right, (count, count)), np.broadcast_to(down[:, None], (count, count))
     mean = _dirichlet(right * mid.across, width) * _dirichlet(down * mid.along, width)[:, None]
-    # The inverse transform, a sum over waves, is unitary with this factor.
+    # This factor makes the inverse transform, a sum over waves, unitary.
     density = texture.power(np.stack([x, y], -1), land.texture_cell) / (mid.across * mid.along)
     within = np.sqrt(density * (1 - mean**2))
     transfers = [side.transfer(x * side.side, y * side.side) * within for side in sides]
@@ -540,7 +542,7 @@ def _waves(
 
 
 def _dirichlet(cycles: Floats, count: int) -> Floats:
-    """Transfer function of the mean of N samples, at cycles per sample."""
+    """Transfer function of the mean of N samples; frequency in cycle / sample."""
     below = count * np.sin(np.pi * cycles)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(np.abs(below) < 1e-9, 1.0, np.sin(np.pi * cycles * count) / below)
@@ -556,14 +558,14 @@ def _power(spots: HotSpots, mid: Side, ground: _Ground, quiet: float) -> tuple[f
     shares = _point_shares(mid, spots.guard)
     excess = _flame(mid, spots.temperature) * spots.area * shares / mid.side**2
     light = np.minimum(mid.mean + excess, mid.saturation)
-    # The estimate takes the fire's light in the surroundings for light of the ground.
+    # The estimate attributes the fire's light in the surroundings to the ground.
     beside = _point_shares(mid, spots.window).sum(-1) - shares.sum(-1)
     share = shares.shape[1] / pixels_around(spots.window, spots.guard)
     lost = share * _flame(mid, spots.temperature) * spots.area * beside / mid.side**2
     means = per_radiance * ((light - mid.mean).sum(-1) - lost) - 1
     photons = (mid.variance(light) * (light < mid.saturation)).sum(-1).mean()
     pixels, count = shares.shape[1], pixels_around(spots.window, spots.guard)
-    # Columns of a fire have their own stripes.
+    # The columns of a fire differ from those around by PRNU.
     tall = 2 * spots.guard + 1
     stripes = mid.stripes * tall**3 * (1 + tall / (2 * spots.window + 1))
     variance = photons + pixels**2 * quiet / count + stripes + ground.summed

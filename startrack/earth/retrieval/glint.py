@@ -1,8 +1,8 @@
-"""Waves of random slopes -> the brightness of their glint, and the scatter of sums of its squares.
+"""Waves of random slopes -> the brightness of their glint, and the variance of its power spectrum.
 
-Brightness is the density of the small waves' slopes at the slope that mirrors the Sun. These slopes
-are normal about the slope of the long wave below. So brightness is not linear in the waves. Its
-moments over normal slopes are derived without a series.
+Brightness is the probability density of the small waves' slopes at the slope that mirrors the Sun.
+These slopes are normally distributed about the slope of the long wave. So brightness is not linear
+in the waves. Its moments over normal slopes are derived without a series.
 """
 
 import math
@@ -19,7 +19,7 @@ from startrack.earth.retrieval.sea import Sea, elevation_power
 class Glint(NamedTuple):
     """Statistics of the glint over the waves of a sea.
 
-    spectrum  (n, n) mean square of each wave of a grid, in the relative brightness
+    spectrum  (n, n) mean square of the relative brightness by each wave of a grid
     gain      (2,) g, change of the relative brightness with the slopes
     mean      1, mean brightness over the brightness on level long waves
     slopes    (2, 2) M, covariance of all slopes
@@ -32,11 +32,10 @@ class Glint(NamedTuple):
 
 
 class Scatter(NamedTuple):
-    """Changes of a weighted sum of squares of an image with its waves.
+    """Derivatives of a weighted sum of squares of an image with its waves.
 
-    follows  (n, n) change of the mean sum with ln of the mean square of a wave and its opposite
-    pairs    variance by products of three waves, minus its value if the pair of waves in the
-             brightness were independent of the third wave
+    follows  (n, n) derivative of the mean sum with ln of the mean square of a wave and its opposite
+    pairs    variance by products of three waves, minus the variance of independent waves
     """
 
     follows: Floats
@@ -79,8 +78,8 @@ def glint_over(
 
     <B> ~ N(Z; M),   <B B'> ~ N((Z, Z); (M, R; R, M)),   b = g . z + rest,   g = Z / M
 
-    with the covariance M of all slopes and that of long waves R between two places; the rest does
-    not correlate with the waves.
+    M is the covariance of all slopes, R the covariance of the long waves' slopes at two places. The
+    rest does not correlate with the waves.
 
     Source: Bussgang (1952), MIT Research Laboratory of Electronics, report 216; g is the transfer
     of Kudryavtsev et al. (2017), the relative change of the mean glint with Z.
@@ -99,7 +98,7 @@ def glint_over(
 
 
 def _product(slopes: Floats, r: Floats, towards: Floats) -> Floats:
-    """<B B'> / <B>^2 (n, n) of two places."""
+    """<B B'> / <B>^2 (n, n) at two places."""
     plus, minus = (_inverse(slopes[:, :, None, None] + sign * r) for sign in (1, -1))
     own = np.linalg.det(slopes)
     level = towards @ np.linalg.solve(slopes, towards)
@@ -121,26 +120,26 @@ def scatter_of(
     steps: tuple[float, float],
     shortest: float,
 ) -> Scatter:
-    """How the sum F = sum w |b_k|^2 of the squares of an image varies with its waves.
+    """Derivatives and variance of the sum F = sum w |b_k|^2 of the squares of an image.
 
         Cov(F, |z_k|^2) = S_k^2 d<F> / dS_k,   d ln<b b'> / dR = p p - (P - N) / 2,   p = P Z
         d ln<b b'> / dM = M^-1 - g g + p p - (P + N) / 2,   P, N = (M +- R)^-1
 
-    for normal slopes z, of mean squares S, under a brightness b. Pairs of waves are in b as
-    z H z / 2, H = g g - M^-1, and beside g z in F as u z H z, u what w makes of g z: of
+    The slopes z are normal with mean squares S; b is the brightness. Pairs of waves add z H z / 2
+    to b, H = g g - M^-1, and u z H z to F, where u is the image g z weighted by w. Of
 
         <u z H z, u' z' H z'> = 2 <u u'> tr(H R H R) + 4 <u z'> H R H <u' z>
 
-    `pairs` has the second part, summed over all places.
+    the second term, summed over all places, is `pairs`.
 
     Source: Price (1958), IRE Trans. Information Theory 4, 69; Isserlis (1918), Biometrika 12, 134.
 
     towards   (2,) Z, the slope that mirrors the Sun
-    weight    (n, n) w, a wave and its opposite alike, at the points of an image
-    steps     metre between these, along lines and columns
+    weight    (n, n) w at the points of an image, equal for a wave and its opposite
+    steps     metre between these points, along lines and columns
     shortest  metre, of the waves
-    Accuracy  model: `follows` without a series, but for waves that these points are too coarse for;
-              `pairs` by the second order of b in the slopes.
+    Accuracy  model: `follows` is exact except for waves shorter than two points;
+              `pairs` is of second order of b in the slopes.
     """
     size, state = len(weight), (sea, len(weight), steps, shortest)
     wave, g, own = _waves(*state), glint.gain, np.linalg.inv(glint.slopes)
@@ -167,7 +166,7 @@ def _growth(
     steps: tuple[float, float],
     shortest: float,
 ) -> tuple[Floats, Floats]:
-    """Changes (2, 2, n, n) of <b b'> of two places with R between them, and with M."""
+    """Derivatives (2, 2, n, n) of <b b'> at two places with R between them, and with M."""
     slopes, z = np.array([[m[0], m[1]], [m[1], m[2]]]), np.array(towards)
     r = _waves(sea, size, steps, shortest).slopes
     plus, minus = (_inverse(slopes[:, :, None, None] + sign * r)[0] for sign in (1, -1))

@@ -22,54 +22,55 @@ from startrack.earth.imager import Channel, Survey
 from startrack.earth.retrieval import fire, patch, texture
 from startrack.earth.retrieval.context import Contrast, contrast_of, threshold_of
 
-ALIKE = 1e-6  # relative difference of the ground between pixels of two channels, at most
+ALIKE = 1e-6  # largest relative difference between the ground pixels of two channels
 ROOM = 2  # pixel between the surroundings of a fire and the image's edge
-ROUNDS = 7  # in which the smallest area is found
-CLOSE = 0.01  # relative, of the smallest area
-WIDEST = 16.0  # factor by which an area is changed in a round, at most
+ROUNDS = 7  # rounds of the search for the smallest area
+CLOSE = 0.01  # relative tolerance of the smallest area
+WIDEST = 16.0  # largest factor by which a round changes an area
 
 
 class HotSpots(Parameters):
     """Detection of fires against their surroundings, and their radiative power.
 
-    Images are those of level ground straight below, with the cover, the temperature and the
-    textures of the scene's land at a height.
+    Images show level ground straight below, with the cover, the temperature and the textures of the
+    scene's land at the height of the ground.
     """
 
     mid: str = parameter("name of the channel in the mid infrared", default="mir")
     thermal: str = parameter("name of the channel in the thermal infrared", default="tir")
     false_alarms: float = parameter(
-        "fraction of the pixels without fire that may be found to be hot",
+        "false-alarm rate: fraction of pixels without fire that are found to be hot",
         limit=Range(1e-12, 0.1),
         default=1e-6,
     )
     window: int = parameter(
-        "pixel, half a side of the square that each pixel is compared with",
-        limit=Range(3, 50),
-        default=10,
+        "pixel, half a side of the square of surroundings", limit=Range(3, 50), default=10
     )
     guard: int = parameter(
-        "pixel, half a side of its middle, which is left out of it and over which the light of a "
-        "fire is summed",
+        "pixel, half a side of the square in the middle, which is no part of the surroundings; "
+        "the light of a fire is summed over it",
         limit=Range(1, 20),
         default=3,
     )
     height: float = parameter(
-        "of the ground above the ellipsoid", unit=Unit("m"), limit=Range(0, 9000), default=0.0
+        "height of the ground above the ellipsoid",
+        unit=Unit("m"),
+        limit=Range(0, 9000),
+        default=0.0,
     )
     sun_zenith: float = parameter(
-        "of the Sun; beyond 90 deg it is night",
+        "zenith angle of the Sun; beyond 90 deg it is night",
         unit=Unit("rad", "deg"),
         limit=Range(0, math.pi),
         default=math.radians(40),
     )
     temperatures: tuple[float, ...] = parameter(
-        "of fires, for each of which the smallest detectable area is computed",
+        "temperatures of fires; the smallest detectable area is computed for each",
         unit=Unit("K"),
         default=(800.0, 1000.0),
     )
     found: float = parameter(
-        "1, detection probability of a fire of the smallest area",
+        "1, probability of detection that defines the smallest detectable area",
         limit=Range(0.5, 0.99),
         default=0.95,
     )
@@ -103,13 +104,14 @@ class HotSpots(Parameters):
 
     @property
     def a_side(self) -> int:
-        """Fires along each side of an image; none is in the surroundings of another."""
+        """Number of fires along each side of an image; no fire is in the surroundings of
+        another."""
         room = self.size - 2 * (self.window + ROOM)
         return 1 + (room - 1) // (2 * (self.window + ROOM))
 
     @property
     def per_image(self) -> int:
-        """Fires of an image, each a trial."""
+        """Fires of an image; each is a trial."""
         return self.a_side**2
 
 
@@ -123,7 +125,7 @@ class Views(NamedTuple):
 def channels_of(survey: Survey, spots: HotSpots) -> tuple[Channel, Channel]:
     """The channels in the mid and in the thermal infrared.
 
-    Raises  ValueError where the camera has none of that name.
+    Raises  ValueError where the camera has no channel of that name.
     """
     names = {channel.name: channel for channel in survey.camera.channels}
     for key in ("mid", "thermal"):
@@ -165,7 +167,7 @@ class Sampled(Protocol):
 
 
 def pixels_of_fire(view: Sampled) -> int:
-    """Pixel from that of a fire within which one that is found hot is this fire."""
+    """Pixel; a hot pixel within this distance of a fire counts as that fire."""
     return math.ceil(view.side / min(view.across, view.along) - 1e-6)
 
 
@@ -174,7 +176,7 @@ def refuse_other_pixels(mid: Sampled, thermal: Sampled) -> None:
     refuse_other_grounds(mid, thermal)
     for view in (mid, thermal):
         if view.radiation.heat is None:
-            raise Refused(f"channel {view.channel.name} must be infrared, to see hot spots")
+            raise Refused(f"channel {view.channel.name} must be infrared to detect hot spots")
 
 
 def refuse_other_grounds(mid: Sampled, thermal: Sampled) -> None:
@@ -189,12 +191,12 @@ def refuse_other_grounds(mid: Sampled, thermal: Sampled) -> None:
 
 
 class Image(NamedTuple):
-    """Both channels of an image without fires, and where fires are put.
+    """Both channels of an image without fires, and the places of the fires.
 
     scene     radiance (size, size) of each channel, watt / m^2 / sr / m
-    streams   of the noise of each channel
+    streams   random streams of the noise of each channel
     pixel     (n, 2) of the fires, columns first
-    inside    (n, 2) pixel, of each fire from the middle of its pixel
+    inside    (n, 2) pixel, offset of each fire from the centre of its pixel
     """
 
     scene: tuple[Singles, Singles]
@@ -204,7 +206,7 @@ class Image(NamedTuple):
 
 
 def image_of(survey: Survey, spots: HotSpots, views: Views, seed: int, number: int) -> Image:
-    """An image's ground, and its fires' places, from a seed and its number."""
+    """The ground and the places of the fires of an image, from a seed and its number."""
     streams = Streams(seed, number)
     mid = views.mid
     size, rays, land = spots.size, survey.rays, survey.land
@@ -224,9 +226,9 @@ def image_of(survey: Survey, spots: HotSpots, views: Views, seed: int, number: i
 
 
 def _places(spots: HotSpots, stream: np.random.Generator) -> tuple[Ints, Floats]:
-    """Pixels (n, 2) of fires, columns first, and where in them (n, 2) each is.
+    """Pixels (n, 2) of fires, columns first, and offsets (n, 2) within the pixels.
 
-    They are a lattice with a random shift, so that they are not always in the same columns.
+    The places are a lattice with a random shift, so that columns vary between images.
     """
     apart = 2 * (spots.window + ROOM)
     spare = spots.size - apart - apart * (spots.a_side - 1)
@@ -237,14 +239,15 @@ def _places(spots: HotSpots, stream: np.random.Generator) -> tuple[Ints, Floats]
 
 
 class Burning(NamedTuple):
-    """Images of the fires of one temperature, for 1 m^2, in both channels, and where they are."""
+    """Images of fires of 1 m^2 and one temperature in both channels, and the places of the
+    fires."""
 
     mid: Floats
     thermal: Floats
 
 
 def burning(views: Views, image: Image, temperature: float, area: float) -> Burning:
-    """The excess radiance (n, k, k) of fires, each per m^2, in place of the ground that burns."""
+    """The excess radiance (n, k, k) of fires per m^2 of fire, over that of the replaced ground."""
     images = []
     for view, scene in zip(views, image.scene, strict=True):
         flame = view.radiation.path + view.radiation.emitted(np.array([temperature]))[0]
@@ -272,7 +275,7 @@ def smallest_areas(
 
     The noise of an image is the same for fires of any area: one random number a pixel.
 
-    guess    square metre, where the search begins
+    guess    square metre, start of the search
     Returns  inf where a fire as large as the ground between two pixels is not found
     Accuracy numerical: 1 %.
     """
@@ -303,7 +306,7 @@ def smallest_areas(
             break
         with np.errstate(invalid="ignore", divide="ignore"):
             straight = low + (high - low) * (limit - below) / (above - below)
-            # A little to the side of the farther end, so that both ends close in.
+            # The point is moved a little towards the farther end, so that both ends close in.
             nudge = np.where(straight - low < high - straight, 1 + CLOSE / 2, 1 - CLOSE / 2)
             least, last = low + 0.02 * (high - low), high - 0.02 * (high - low)
             inner = np.clip(straight * nudge, least, last)
@@ -312,14 +315,12 @@ def smallest_areas(
         )
         area = np.where(np.isfinite(high), inner, np.minimum(rising, most))
     found = np.where(np.isfinite(high), 0.5 * (high + np.where(low > 0, low, high)), math.inf)
-    # Where noise alone exceeds the limit, any fire is found.
+    # Where noise alone exceeds the threshold, any fire is found.
     return np.where((low == 0) & (below > limit), 0.0, found)
 
 
 class MeasuredFires(NamedTuple):
-    """Power, temperature and area that are retrieved of fires, (n,) each: watt, kelvin, square
-    metre.
-    """
+    """Retrieved power, temperature and area of fires, (n,) each: watt, kelvin, square metre."""
 
     power: Floats
     temperature: Floats
@@ -327,14 +328,16 @@ class MeasuredFires(NamedTuple):
 
 
 def measure(views: Views, image: Image, spots: HotSpots) -> MeasuredFires:
-    """Radiative power, temperature and area of fires of the area and temperature that are asked."""
+    """Retrieved radiative power, temperature and area of fires of the study's area and
+    temperature."""
     fires = burning(views, image, spots.temperature, spots.area)
     seen = observed(views, image, spots, fires, np.full(len(image.pixel), spots.area))
     half = spots.guard
     sums = []
     layers = (seen.mid, seen.mid_around), (seen.thermal, seen.thermal_around)
     for (radiance, around), view in zip(layers, views, strict=True):
-        # The surroundings of a fire's middle: those of its edge hold its light.
+        # The surroundings of the fire's centre are used; those of its edge contain light of the
+        # fire.
         excess = [
             (radiance[y - half : y + half + 1, x - half : x + half + 1] - around[y, x]).sum()
             for x, y in image.pixel
@@ -351,7 +354,7 @@ def measure(views: Views, image: Image, spots: HotSpots) -> MeasuredFires:
 
 
 def false_alarms(views: Views, image: Image, spots: HotSpots) -> tuple[int, int]:
-    """Pixels that are found to be hot in an image without fires, and pixels that are tested."""
+    """Number of false alarms in an image without fires, and number of tested pixels."""
     nothing = burning(views, image, spots.temperature, spots.area)
     seen = observed(views, image, spots, nothing, np.zeros(len(image.pixel)))
     inner = seen.score[spots.window : -spots.window, spots.window : -spots.window]

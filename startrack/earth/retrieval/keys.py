@@ -8,13 +8,14 @@ from startrack.earth.imager import Channel, cameras
 from startrack.earth.retrieval.study import EarthDesign
 
 CAMERA = "camera"
-SPECTRA = "reflectance", "volumetric", "geometric"  # which a file of a spectral library may give
-SHARED = "keys that all channels have, each over those of a channel's own file"
+# spectra that a file of a spectral library may give
+SPECTRA = "reflectance", "volumetric", "geometric"
+SHARED = "keys for all channels; a key in the file of a channel overrides them"
 
 
 @cache
 def scene_keys() -> tuple[Key, ...]:
-    """All keys that a scene file may have, with those of its study, in the order of their tables.
+    """All keys of a scene file and of its study, in the order of their tables.
 
     Where `camera` is a text, it names a camera of the catalogue or a TOML file.
     """
@@ -24,8 +25,8 @@ def scene_keys() -> tuple[Key, ...]:
 def scene_schema() -> dict[str, Any]:
     """A JSON Schema (draft 7) of scene files.
 
-    It has types, ranges, choices and the names of all keys. Whether a unit converts, rules between
-    several keys and which must be given are left to `load_earth_design`.
+    It has types, ranges, choices and the names of all keys. `load_earth_design` checks units, rules
+    between several keys, and which keys are required.
     """
     keys = {key.name: key for key in scene_keys()}
     schema = table_schema(EarthDesign, "", keys)
@@ -38,13 +39,13 @@ def scene_schema() -> dict[str, Any]:
     return {
         "$schema": DRAFT,
         "title": "startrack scene",
-        "description": "A camera over the Earth, what its images are for, and a study of it.",
+        "description": "A camera over the Earth, the purpose of its images, and a study of it.",
         **schema,
     }
 
 
 def _with_files(schema: dict[str, Any]) -> None:
-    """Let spectra of the land be in files."""
+    """Allow files for the spectra of the land."""
     for name, inner in schema.get("properties", {}).items():
         table = inner.get("items", inner)
         if name in SPECTRA and "properties" in table:

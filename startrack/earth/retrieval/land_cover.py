@@ -1,7 +1,7 @@
 """LandCover: reflectance, an index and classes of land; their errors by formula and by trials.
 
-The land is a mosaic of square fields, each of one of the scene's covers. Light of the fields around
-is mixed into a pixel by lens, pixel and smear, and by the air; the retrieval knows neither.
+The land is a mosaic of square fields, each of one of the scene's covers. Lens, pixel, smear and air
+mix light of neighbouring fields into a pixel. The retrieval does not correct for that mixing.
 """
 
 import math
@@ -32,36 +32,40 @@ from startrack.earth.retrieval import patch, texture
 from startrack.earth.retrieval.fire_forecast import FINEST, Side, side_of
 from startrack.earth.retrieval.hot_spots import refuse_other_grounds
 
-FAR = 3.0  # widths of a Gaussian of the air, to which fields around an image are drawn
-BROAD = 8.0  # fields, from which width on a Gaussian sees the mean of all covers
-STEP = 0.05  # by which the reflectance of the surroundings is changed, for derivatives
-NEAREST = 3.0  # pixel from a border, within which half of the points of a forecast lie
-WIDEST = 12.0  # pixel from a border, from which on its image is none
-TAIL = 3  # widths of the table of a point's image, over which the light outside is spread
-LEAST = 2.0  # pixels of a field, from which on a forecast is within 12 % of trials
-POINTS = 2**13  # of a forecast, over places, covers, texture, noise and surroundings
-NODES, TURNS = 96, 12  # frequencies of an edge's image and of the texture; directions
+FAR = 3.0  # widths of a Gaussian of the air; fields around an image are drawn to this distance
+BROAD = 8.0  # fields; a wider Gaussian averages over all covers
+STEP = 0.05  # step of the surroundings' reflectance for derivatives
+NEAREST = 3.0  # pixel; half of the points of a forecast lie within this distance of a border
+WIDEST = 12.0  # pixel; a border has no effect beyond this distance
+TAIL = 3  # widths of the table of a point's image; light outside the table is spread over them
+LEAST = 2.0  # pixel, smallest field for which a forecast is within 12 % of trials
+POINTS = 2**13  # points of a forecast, over places, covers, texture, noise and surroundings
+# numbers of frequencies (of an edge's image and of the texture) and of directions
+NODES, TURNS = 96, 12
 
 
 class LandCover(Parameters):
     """Reflectance, an index of two channels and the class of each pixel.
 
-    Images are those of level ground straight below, a mosaic of square fields whose covers are
-    those of the scene's land, each as often as the others, whatever their heights.
+    Images show level ground straight below: a mosaic of square fields. Each cover of the scene's
+    land is equally frequent; heights of covers are ignored.
     """
 
     channels: tuple[str, ...] = parameter(
-        "names of those whose reflectance is measured", default=("B2", "B3", "B4", "B8")
+        "names of the channels whose reflectance is measured", default=("B2", "B3", "B4", "B8")
     )
     red: str = parameter(
-        "channel of the index (infrared - red) / (infrared + red), one of `channels`", default="B4"
+        "channel of the index (infrared - red) / (infrared + red); one of `channels`", default="B4"
     )
     infrared: str = parameter("likewise", default="B8")
     field: float = parameter(
         "side of a field", unit=Unit("m"), limit=Range(0.01, 1e5), default=200.0
     )
     height: float = parameter(
-        "of the ground above the ellipsoid", unit=Unit("m"), limit=Range(0, 9000), default=0.0
+        "height of the ground above the ellipsoid",
+        unit=Unit("m"),
+        limit=Range(0, 9000),
+        default=0.0,
     )
     sun_zenith: float = parameter(
         "of the Sun", unit=Unit("rad", "deg"), limit=Range(0, math.radians(85)), default=0.7
@@ -82,7 +86,7 @@ class LandCover(Parameters):
 
     @property
     def pair(self) -> tuple[int, int]:
-        """Places of red and infrared in `channels`."""
+        """Indices of `red` and `infrared` in `channels`."""
         return self.channels.index(self.red), self.channels.index(self.infrared)
 
 
@@ -91,7 +95,7 @@ class AirOverLand(NamedTuple):
 
         L = path + rho lit + (black + rho white) . (around - mean)
 
-    black, white  (2,) change with the reflectance around, for lines of sight and for skylight
+    black, white  (2,) derivative with the reflectance around: for the line of sight, for skylight
     spread        (2, g) weights of Gaussians of `SPREADS`; zero without air
     """
 
@@ -108,7 +112,7 @@ def channels_of(survey: Survey, own: LandCover) -> list[Channel]:
 
 
 def _mean_ground(survey: Survey, band: Band) -> Survey:
-    """A survey whose surroundings are the mean of its covers in a band."""
+    """A survey whose surroundings have the mean reflectance of its covers in a band."""
     return replace(survey, surroundings=float(_covers(survey, band).mean()))
 
 
@@ -139,9 +143,9 @@ def _air(band: Band, radiation: patch.Radiation, own: LandCover, mean: float) ->
 
 
 class LandView(NamedTuple):
-    """What is constant over the images of a channel.
+    """Inputs that are the same for all images of a channel.
 
-    view     of it
+    view     constant inputs of the channel
     air      over the ground
     covers   (k,) 1, reflectance of each cover
     """
@@ -155,7 +159,7 @@ class LandView(NamedTuple):
 def land_views(survey: Survey, own: LandCover) -> tuple[LandView, ...]:
     """Each channel over the ground.
 
-    Raises  ValueError as `channels_of` and `view_below`, and where channels have other pixels.
+    Raises  ValueError as `channels_of` and `view_below`, and where the channels' pixels differ.
     """
     made = []
     for channel in channels_of(survey, own):
@@ -174,9 +178,9 @@ def land_views(survey: Survey, own: LandCover) -> tuple[LandView, ...]:
 class LandImage(NamedTuple):
     """An image and its truth.
 
-    truth      (b, n) 1, reflectance of the ground of each pixel, its mean
+    truth      (b, n) 1, mean reflectance of the ground of each pixel
     measured   (b, n) 1, from the digital numbers
-    cover      (n,) number of the cover in the middle of each pixel
+    cover      (n,) index of the cover at the centre of each pixel
     """
 
     truth: Floats
@@ -185,7 +189,7 @@ class LandImage(NamedTuple):
 
 
 def observe_land(survey: Survey, own: LandCover, seed: int, number: int) -> LandImage:
-    """An image of random fields, from a seed and its number."""
+    """An image of random fields, from a seed and the image's number."""
     views, streams = land_views(survey, own), Streams(seed, number)
     first, rays, size = views[0].view, survey.rays, own.size
     sides = size * first.along, size * first.across
@@ -242,9 +246,10 @@ def observe_land(survey: Survey, own: LandCover, seed: int, number: int) -> Land
 
 
 def _blurred(lattice: Singles, view: patch.View) -> Singles:
-    """Reflectance (size, size) that pixels see, of that at their rays (size, size, n).
+    """Reflectance (size, size) in the image, from the reflectance at the rays of pixels (size,
+    size, n).
 
-    Light beyond the table of a point's image comes evenly from `TAIL` times its width.
+    Light beyond the table of a point's image is spread evenly over `TAIL` times its width.
     """
     near = np.concatenate(list(blur_strips(iter([lattice]), view.weights)))
     wide = TAIL * view.weights.shape[1]
@@ -253,7 +258,7 @@ def _blurred(lattice: Singles, view: patch.View) -> Singles:
 
 
 def _within(borders: Floats, count: int, width: float) -> Floats:
-    """Fraction (count, n) of each of a row of cells that is in each of n fields."""
+    """Fraction (count, n) of each cell of a row that lies in each of n fields."""
     cells = np.arange(count + 1) * width
     inside = np.clip(cells[:, None], borders[:-1], borders[1:])
     return np.asarray(np.diff(inside, axis=0) / width, np.float64)
@@ -267,7 +272,7 @@ def index_of(own: LandCover, reflectance: Floats) -> Floats:
 
 
 class Belief(NamedTuple):
-    """What a classification knows of each cover: inverse covariance, and its log determinant."""
+    """Each cover as the classification assumes it: inverse covariance, and its log determinant."""
 
     means: Floats
     inverse: Floats
@@ -276,7 +281,7 @@ class Belief(NamedTuple):
 
 @lru_cache(maxsize=8)
 def _belief(survey: Survey, own: LandCover) -> Belief:
-    """Normal laws of each cover's reflectance: texture, and noise of the camera."""
+    """Normal distribution of each cover's reflectance, by texture and noise of the camera."""
     sides = _sides(survey, own)
     means = np.stack([side.covers for side in sides], 1)
     inner = _texture_seen(survey, sides[0].side) * survey.land.texture**2
@@ -287,7 +292,7 @@ def _belief(survey: Survey, own: LandCover) -> Belief:
 
 
 def classify_land(survey: Survey, own: LandCover, reflectance: Floats) -> Ints:
-    """The cover (n,) of the largest likelihood, of reflectances (b, n).
+    """The cover (n,) of maximum likelihood, from reflectances (b, n).
 
     Source: Richards (2013), Remote Sensing Digital Image Analysis, 8.2.
     """
@@ -332,11 +337,11 @@ def _noise(sides: tuple[LandSide, ...], reflectance: Floats) -> Floats:
 
 @printed
 class LandForecast(NamedTuple):
-    """What the formulas expect.
+    """Errors that the formulas predict.
 
     reflectance_error  1, rms over channels and pixels
     index_error        1, rms
-    wrong              1, fraction of pixels that are classified wrongly
+    wrong              1, fraction of misclassified pixels
     """
 
     reflectance_error: float
@@ -351,23 +356,23 @@ def forecast_land(survey: Survey, own: LandCover) -> LandForecast:
         c_i = products of C(x) or 1 - C(x) along both axes
         C(x) = 1/2 + Int H sin(2 pi f x) / (pi f)
 
-    of a pixel's own field and the three beyond its nearest corner, with the transfer function H of
-    lens, pixel and smear, the texture g' through it, the light a of the surroundings by the
-    Gaussians of the air, and the noise n, as the
-    digital numbers have it. Quadrature over the places of a pixel in its field, all
-    covers, textures, noise and surroundings is by a fixed Sobol sequence.
+    The sum is over the pixel's own field and the three fields beyond its nearest corner. H is the
+    transfer function of lens, pixel and smear; g' is the texture through H; a is the light of the
+    surroundings by the Gaussians of the air; n is the noise of the digital numbers. A fixed Sobol
+    sequence integrates over the place of a pixel in its field, covers, textures, noise and
+    surroundings.
 
     Raises    ValueError as `channels_of` and `side_of`; where a field is smaller than two pixels.
-    Accuracy  model: a field's border is an edge along each axis; of fields beyond the nearest
-              corner only the variance is known. numerical: 2 %. Within 12 % of trials over
-              the designs of experiments/retrieval_formulas.py.
+    Accuracy  model: a field's border is an edge along each axis; fields beyond the nearest corner
+              contribute their variance alone. numerical: 2 %. Within 12 % of trials over the
+              designs of experiments/retrieval_formulas.py.
     """
     sides = _sides(survey, own)
     largest = max(sides[0].side.across, sides[0].side.along)
     if own.field < LEAST * largest:
         raise Refused(
             f"retrieval.land_cover.field must be {LEAST:g} pixels or more for a forecast, "
-            f"{LEAST * largest:.4g} m, got {own.field:g} m: trials know smaller ones"
+            f"{LEAST * largest:.4g} m, got {own.field:g} m; trials accept smaller fields"
         )
     bands, kinds = len(sides), len(survey.land.covers)
     draws = _sobol(6 + 2 + kinds + bands)
@@ -408,7 +413,7 @@ def forecast_land(survey: Survey, own: LandCover) -> LandForecast:
 
 
 def _converted(side: Side, light: Floats, normal: Floats) -> Floats:
-    """Radiance (n,) of the digital numbers of light (n,) with noise of normal deviates (n,)."""
+    """Radiance (n,) from the digital numbers of light (n,), with noise of normal deviates (n,)."""
     detector = side.channel.detector
     step = detector.electrons_per_dn / side.electrons
     dark = detector.dark_rate * side.exposure / side.electrons
@@ -420,13 +425,13 @@ def _converted(side: Side, light: Floats, normal: Floats) -> Floats:
 
 @lru_cache(maxsize=4)
 def _sobol(dimensions: int) -> Floats:
-    """Points (n, d) within (0, 1)."""
+    """Points (n, d) of a Sobol sequence, within (0, 1)."""
     points = qmc.Sobol(dimensions, rng=Streams(1, 0)("nodes of land")).random(POINTS)
     return np.asarray(np.clip(points, 1e-9, 1 - 1e-9), np.float64)
 
 
 def _mixed(rho: Floats, shares: Floats) -> Floats:
-    """Reflectance (n,) of four fields (n, 4), by what is their own along both axes (2, n)."""
+    """Reflectance (n,) of four fields (n, 4), by the own fraction along both axes (2, n)."""
     down, right = shares
     parts = down * right, down * (1 - right), (1 - down) * right, (1 - down) * (1 - right)
     return np.asarray(sum(part * rho[:, n] for n, part in enumerate(parts)), np.float64)
@@ -466,18 +471,19 @@ def _squares(side: Side, place: Floats) -> Floats:
 
 
 class _Surroundings(NamedTuple):
-    """Shares of the light of Gaussians: of four fields (g, 4, n), and of any field twice (g, g)."""
+    """Fractions of the light of Gaussians: of four fields (g, 4, n), and of the same field in two
+    Gaussians (g, g)."""
 
     shares: Floats
     same: Floats
 
     def reflectance(self, spread: Floats, off: Floats, far: Floats, weight: Floats) -> Floats:
-        """Reflectance (n,) around, from its mean.
+        """Deviation (n,) of the reflectance around from its mean.
 
         spread  (g,) weights of the Gaussians
-        off     (n, 4) reflectance of the own and three other fields, from the mean
-        far     (n,) of the covers' variance, for the fields beyond
-        weight  (n,) of the points
+        off     (n, 4) deviation of the reflectance of the own and three other fields from the mean
+        far     (n,) random deviation with the variance of the covers, for the fields beyond
+        weight  (n,) weight of the points
         """
         shares = np.tensordot(spread, self.shares, 1)
         rest = float(spread @ self.same @ spread) - float((shares**2).sum(0) @ weight)
@@ -485,7 +491,7 @@ class _Surroundings(NamedTuple):
 
 
 def _surroundings(field: float, place: Floats) -> _Surroundings:
-    """Of points at (2, n) metre from the borders of their own field."""
+    """Surroundings of points at (2, n) metre from the borders of their own field."""
     widths = SPREADS[:, None, None]
     edge = special.ndtr(place / widths)
     inner = edge - special.ndtr((place - field) / widths)
@@ -499,7 +505,7 @@ def _surroundings(field: float, place: Floats) -> _Surroundings:
 
 
 def _texture_seen(survey: Survey, side: Side) -> float:
-    """Variance of a texture of variance one in the image."""
+    """Variance in the image of a texture of variance one."""
     return float(_texture_covariance(survey, side)[0, 0])
 
 
@@ -508,7 +514,7 @@ def _brightness(survey: Survey, side: Side, normal: Floats) -> Floats:
 
         E max(m + s z, 0) = m Phi(m / s) + s phi(m / s)
 
-    of the mean m of a pixel and the rest s of the texture, which lens and pixel do not show.
+    m is the mean of a pixel; s is the rms of the texture that lens and pixel do not resolve.
     """
     rms, covariance = survey.land.texture, _texture_covariance(survey, side)
     mean = 1 + rms * (normal @ _texture_root(survey, side).T).T
@@ -530,7 +536,7 @@ def _texture_root(survey: Survey, side: Side) -> Floats:
 def _texture_covariance(survey: Survey, side: Side) -> Floats:
     """(2, 2) covariance of the texture in the image and of its mean over a pixel.
 
-    It is what lens, pixel and smear leave of the variance, which is 1.
+    The variance is 1 before lens, pixel and smear.
     """
     cell = survey.land.texture_cell
     size = np.geomspace(0.5 / texture.TEXELS, math.sqrt(0.5), NODES + 1) / cell

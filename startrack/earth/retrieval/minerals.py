@@ -33,11 +33,11 @@ from startrack.earth.imager import Channel, Survey, exposure_of
 from startrack.io import from_table, shipped
 
 NODES = 5  # wavelengths in a channel
-COLDEST, HOTTEST, STEPS = 80.0, 1200.0, 1200  # kelvin, of brightness temperatures
-SMOOTHED = 5  # channels whose mean brightness temperature is that of the ground
-FITTED = 4  # channels on each side of the largest emissivity, through which a parabola goes
-FINE = 1e-9  # metre, of the place of a library's Christiansen feature
-PLACES = 6  # temperatures of the ground in a forecast
+COLDEST, HOTTEST, STEPS = 80.0, 1200.0, 1200  # kelvin; table of brightness temperatures
+SMOOTHED = 5  # channels; their mean brightness temperature is taken as the ground's
+FITTED = 4  # channels on each side of the largest emissivity, for the fit of a parabola
+FINE = 1e-9  # metre, resolution of the Christiansen feature of the library
+PLACES = 6  # number of ground temperatures in a forecast
 DRAWS = 32  # nodes over the noise of a spectrum in a forecast
 
 
@@ -45,23 +45,25 @@ class MineralBand(Parameters):
     """A reststrahlen band of a mineral."""
 
     at: float = parameter(unit=Unit("m", "um"))
-    width: float = parameter("where it falls to 1 / e", unit=Unit("m", "um"))
+    width: float = parameter("half width, where the band falls to 1 / e", unit=Unit("m", "um"))
     depth: float = parameter("1, of the emissivity", limit=Range(0, 1))
 
 
 class Mineral(Parameters):
-    """The emissivity of a mineral, a law of our own making, see catalogs/spectra/minerals.toml."""
+    """The emissivity of a mineral by an assumed law; see catalogs/spectra/minerals.toml."""
 
     name: str
-    centre: float = parameter("of the Christiansen feature without bands", unit=Unit("m", "um"))
-    rise: float = parameter("1 / um^2, of the side of shorter waves")
+    centre: float = parameter(
+        "wavelength of the Christiansen feature without bands", unit=Unit("m", "um")
+    )
+    rise: float = parameter("1 / um^2, curvature of the emissivity at shorter wavelengths")
     tail: float = parameter(
-        "1, by which the emissivity of longer waves is lower", limit=Range(0, 1)
+        "1, decrease of the emissivity at longer wavelengths", limit=Range(0, 1)
     )
     bands: tuple[MineralBand, ...] = ()
 
     def emissivity(self, wavelength: Floats, peak: float, contrast: float) -> Floats:
-        """(f,) 1, with bands of a contrast over those of the library."""
+        """Emissivity (f,), with the depth of the library's bands times `contrast`."""
         short = np.minimum((wavelength - self.centre) / um, 0.0)
         long = np.maximum((wavelength - self.centre) / um, 0.0)
         lost = self.rise * short**2 + self.tail * (1 - np.exp(-(long**2)))
@@ -74,7 +76,7 @@ class Minerals(Parameters):
     """Separation of temperature and emissivity, and classification among minerals."""
 
     channel: str = parameter(
-        "whose lens, exposure and detector the spectrometer has", default="8um"
+        "channel that gives the spectrometer its lens, exposure and detector", default="8um"
     )
     first: float = parameter(
         "shortest wavelength", unit=Unit("m", "um"), limit=Range(5 * um, 20 * um), default=7 * um
@@ -83,32 +85,34 @@ class Minerals(Parameters):
         "longest wavelength", unit=Unit("m", "um"), limit=Range(5 * um, 20 * um), default=14 * um
     )
     step: float = parameter(
-        "width of a spectral channel, and from one to the next",
+        "width and spacing of the spectral channels",
         unit=Unit("m", "nm"),
         limit=Range(5e-9, 1e-6),
         default=90e-9,
     )
     coldest: float = parameter(
-        "temperature of the ground, at least", unit=Unit("K"), limit=Range(150, 800), default=450.0
+        "lowest temperature of the ground", unit=Unit("K"), limit=Range(150, 800), default=450.0
     )
     hottest: float = parameter(
         "likewise, at most", unit=Unit("K"), limit=Range(150, 800), default=700.0
     )
     peak: float = parameter(
-        "1, emissivity at the Christiansen feature, of the ground",
+        "1, true emissivity of the ground at the Christiansen feature",
         limit=Range(0.5, 1),
         default=0.985,
     )
     assumed: float = parameter(
-        "1, the same as the retrieval assumes it", limit=Range(0.5, 1), default=0.98
+        "1, emissivity at the Christiansen feature that the retrieval assumes",
+        limit=Range(0.5, 1),
+        default=0.98,
     )
     contrast: float = parameter(
-        "1, of the bands over those of the library: fine and weathered ground has less",
+        "1, depth of the bands over the depth in the library; fine and weathered ground has less",
         limit=Range(0.01, 1),
         default=0.3,
     )
     pixels: int = parameter(
-        "of an image of a trial, each a spectrum", limit=Range(8, 2**12), default=128
+        "pixels of a trial's image; each has a spectrum", limit=Range(8, 2**12), default=128
     )
 
     def __post_init__(self) -> None:
@@ -125,7 +129,7 @@ class Minerals(Parameters):
 
     @property
     def wavelengths(self) -> Floats:
-        """(c,) metre, middles of the spectral channels."""
+        """Centres (c,) of the spectral channels, metre."""
         count = math.floor((self.last - self.first) / self.step + 1e-9)
         return np.asarray(self.first + (np.arange(count) + 0.5) * self.step, np.float64)
 
@@ -144,7 +148,7 @@ class MineralSpectrometer(NamedTuple):
     detector      with a pixel in each row and a spectral channel in each column
     exposure      second
     wavelength    (c,) metre
-    electrons     (c,) electron of a mean radiance of 1 watt / m^2 / sr / m
+    electrons     (c,) electron from a mean radiance of 1 watt / m^2 / sr / m
     temperature   (t,) kelvin
     blackbody     (t, c) watt / m^2 / sr / m, mean in each channel
     emissivity    (k, c) 1, of each mineral
@@ -159,7 +163,7 @@ class MineralSpectrometer(NamedTuple):
     emissivity: Floats
 
     def radiance(self, temperature: Floats) -> Floats:
-        """(n, c) of a blackbody at (n,) kelvin."""
+        """Radiance (n, c) of a blackbody at (n,) kelvin."""
         at = np.log(temperature / COLDEST) * (STEPS - 1) / math.log(HOTTEST / COLDEST)
         low = np.clip(at.astype(int), 0, STEPS - 2)
         part = (at - low)[:, None]
@@ -167,7 +171,7 @@ class MineralSpectrometer(NamedTuple):
         return np.asarray(np.exp(between), np.float64)
 
     def brightness(self, radiance: Floats) -> Floats:
-        """(n, c) kelvin of (n, c) radiance."""
+        """Brightness temperature (n, c) of (n, c) radiance, kelvin."""
         light = np.maximum(radiance, self.blackbody[0])
         columns = [
             np.interp(np.log(light[:, n]), np.log(self.blackbody[:, n]), np.log(self.temperature))
@@ -185,7 +189,7 @@ class MineralSpectrometer(NamedTuple):
 
     @property
     def full(self) -> Floats:
-        """(c,) radiance of the largest number."""
+        """Radiance (c,) of the largest digital number."""
         detector = self.detector
         charge = (2**detector.bits - 1 - detector.offset) * detector.electrons_per_dn
         dark = detector.dark_rate * self.exposure
@@ -195,7 +199,7 @@ class MineralSpectrometer(NamedTuple):
 def spectrometer_of(survey: Survey, minerals: Minerals) -> MineralSpectrometer:
     """Constant inputs of the spectra of a design.
 
-    Raises  ValueError where the camera has no such channel, or there is air.
+    Raises  ValueError where the camera has no such channel, or the scene has air.
     """
     names = {channel.name: channel for channel in survey.camera.channels}
     if minerals.channel not in names:
@@ -204,7 +208,7 @@ def spectrometer_of(survey: Survey, minerals: Minerals) -> MineralSpectrometer:
             f"{minerals.channel!r}"
         )
     if survey.air is not None:
-        raise Refused("air must be left out where minerals are classified, which knows none")
+        raise Refused("air must be left out: minerals are classified without an atmosphere")
     channel = names[minerals.channel]
     period = channel.sensor(1, ground_rate(survey.carrier)).dating(survey.carrier).period
     return _spectrometer(channel, minerals, exposure_of(channel, period))
@@ -275,13 +279,13 @@ def observe_minerals(survey: Survey, own: Minerals, seed: int, number: int) -> O
 
 @lru_cache(maxsize=8)
 def christiansen_of_library(own: Minerals) -> Floats:
-    """(k,) metre, where each mineral's emissivity is largest."""
+    """Wavelength (k,) of the largest emissivity of each mineral, metre."""
     fine = np.arange(own.first, own.last, FINE)
     return np.array([fine[np.argmax(mineral.emissivity(fine, 1.0, 1.0))] for mineral in library()])
 
 
 class Identified(NamedTuple):
-    """Minerals, temperatures and emissivities that are retrieved of n spectra.
+    """Minerals, temperatures and emissivities retrieved from n spectra.
 
     temperature   (n,) kelvin
     emissivity    (n, c) 1
@@ -299,7 +303,7 @@ def identify_minerals(survey: Survey, own: Minerals, radiance: Floats) -> Identi
     """Temperature, emissivity, Christiansen feature and class of n spectra.
 
         T = max over channels of the mean over 5 of T_b(L / e_max),   e = L / B(T)
-        class: least sum of ((e - e_k) / sigma)^2 beside a change of temperature
+        class: least sum of ((e - e_k) / sigma)^2, after the best change of temperature
 
     Source: the normalised emissivity method (NEM), Gillespie (1985); Gillespie et al. (1998), IEEE
     Trans. Geosci. Remote Sensing 36, 1113.
@@ -322,7 +326,7 @@ def identify_minerals(survey: Survey, own: Minerals, radiance: Floats) -> Identi
 def _temperature(
     device: MineralSpectrometer, own: Minerals, radiance: Floats
 ) -> tuple[Floats, Ints]:
-    """Kelvin (n,), and the middle channel (n,) that gave it."""
+    """Temperature (n,) in kelvin, and the middle (n,) of the channels that gave it."""
     bright = device.brightness(radiance / own.assumed)
     sums = np.cumsum(np.pad(bright, ((0, 0), (1, 0))), axis=1)
     means = (sums[:, SMOOTHED:] - sums[:, :-SMOOTHED]) / SMOOTHED
@@ -331,13 +335,13 @@ def _temperature(
 
 
 def _warmer(device: MineralSpectrometer, temperature: Floats) -> Floats:
-    """Relative change (n, c) of the radiance of a blackbody with its temperature, 1 / kelvin."""
+    """Relative derivative (n, c) of a blackbody's radiance with temperature, 1 / kelvin."""
     steps = [device.radiance(temperature + step) for step in (-0.5, 0.5)]
     return np.asarray(np.log(steps[1] / steps[0]))
 
 
 def _largest(device: MineralSpectrometer, emissivity: Floats) -> Floats:
-    """Metre (n,), the vertex of a parabola through the channels around the largest mean of 5."""
+    """Vertex (n,) of a parabola through the channels around the largest mean of 5, metre."""
     kernel = np.ones(SMOOTHED) / SMOOTHED
     smooth = np.stack([np.convolve(row, kernel, "valid") for row in emissivity])
     best = smooth.argmax(1) + SMOOTHED // 2
@@ -353,10 +357,10 @@ def _largest(device: MineralSpectrometer, emissivity: Floats) -> Floats:
 
 @printed
 class MineralForecast(NamedTuple):
-    """Errors of retrieved minerals that the formulas expect.
+    """Errors of retrieved minerals that the formulas predict.
 
     emissivity_error  1, rms over channels, minerals and temperatures
-    wrong             1, fraction of spectra that are classified wrongly
+    wrong             1, fraction of misclassified spectra
     snr               1, of the channel in the middle, at the mean temperature
     """
 
@@ -372,11 +376,11 @@ def forecast_minerals(survey: Survey, own: Minerals) -> MineralForecast:
         right = product over others of Phi(d / 2)
 
     The mean square is taken over nodes of the noise n; d is the distance of two minerals over the
-    noise, beside a change of temperature.
+    noise, after the best change of temperature.
 
     Raises    ValueError as `spectrometer_of`.
-    Accuracy  model: normal noise, independent between channels; minerals are mistaken for each
-              other independently. Beside trials: tests/earth/retrieval.
+    Accuracy  model: normal noise, independent between channels; confusions with each other mineral
+              are independent. tests/earth/retrieval compares with trials.
     """
     device = spectrometer_of(survey, own)
     node, part = np.polynomial.legendre.leggauss(PLACES)
@@ -399,7 +403,7 @@ def forecast_minerals(survey: Survey, own: Minerals) -> MineralForecast:
         square = (apart**2).sum(1) - (apart * along).sum(1) ** 2 / (along**2).sum(1)
         same = np.abs(true - other).max(1) < 1e-12
         right *= np.where(same, 1.0, special.ndtr(np.sqrt(np.maximum(square, 0)) / 2))
-    bright = (light >= device.full).any(1)  # of which nothing is known
+    bright = (light >= device.full).any(1)  # saturated: no information
     right = np.where(bright, 1 / count, right)
     centre, middle = true.shape[1] // 2, PLACES // 2
     snr = float(light[middle, centre] / noise[middle, centre])
@@ -408,7 +412,7 @@ def forecast_minerals(survey: Survey, own: Minerals) -> MineralForecast:
 
 @lru_cache(maxsize=8)
 def _normals(channels: int) -> Floats:
-    """Nodes (d, c) of a normal law, in pairs of opposite sign."""
+    """Nodes (d, c) of a normal distribution, in pairs of opposite sign."""
     half = Streams(1, 0)("nodes of spectra").standard_normal((DRAWS // 2, channels))
     half /= np.sqrt((half**2).mean(0))
     return np.concatenate([half, -half])

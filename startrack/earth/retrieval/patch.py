@@ -1,7 +1,7 @@
 """A channel's image of level ground straight below, with fires: radiance and digital numbers.
 
-What `render` does for any terrain and any place of the field, where it is even: one line of sight,
-one transmittance, textures instead of maps. An image takes milliseconds.
+`render` does the same for any terrain and the whole field. Here all pixels share one line of sight
+and one transmittance, and textures replace maps. An image takes milliseconds.
 """
 
 import math
@@ -36,8 +36,8 @@ from startrack.earth.imager import (
 from startrack.earth.terrain import Ground, cartesian
 
 FIRES = 37  # points of a fire as large as the ground between two pixels
-MOST_CHANNELS = 2**10  # of a camera, so that no two devices share a detector
-SMALL = 0.2  # of that ground's side, below which a fire is a point
+MOST_CHANNELS = 2**10  # channels of a camera, so that no two devices share a detector
+SMALL = 0.2  # of that ground's side; a smaller fire is a point
 
 
 @printed
@@ -46,7 +46,7 @@ class Radiation(NamedTuple):
 
         L = path + rho lit + (1 - rho) through B(T)
 
-    path, lit   light of the air; light that white ground sends to the sensor
+    path, lit   radiance of the air; radiance of white ground at the sensor
     through     1, transmittance from ground to sensor
     heat        B in the band; None where thermal radiance is negligible
     """
@@ -57,13 +57,13 @@ class Radiation(NamedTuple):
     heat: ThermalRadiance | None
 
     def emitted(self, temperature: Floats) -> Floats:
-        """(n,) of a blackbody on the ground at (n,) kelvin."""
+        """Radiance (n,) of a blackbody on the ground at (n,) kelvin."""
         if self.heat is None:
             return np.zeros(len(temperature))
         return self.through * self.heat(temperature)[:, 0]
 
     def of_ground(self, reflectance: Floats | float, temperature: Floats) -> Floats:
-        """(n,) of ground of some reflectance and temperature."""
+        """Radiance (n,) of ground of given reflectance and temperature."""
         return self.path + reflectance * self.lit + (1 - reflectance) * self.emitted(temperature)
 
 
@@ -72,13 +72,13 @@ class View(NamedTuple):
     """Constant inputs of the images of a channel.
 
     channel       with as many columns and lines as the image
-    setting       of its images
-    radiation     of the ground that it sees
+    setting       setting of its images
+    radiation     radiance over the ground
     reflectance, temperature  1, kelvin: means of the ground
-    side          metre, of a pixel projected on the ground
+    side          metre, side of a pixel projected on the ground
     across, along  metre between columns and between lines
     psf           images of points, smear included
-    weights       of the rays of a pixel, as `blur_weights`
+    weights       weights of the rays of a pixel, as `blur_weights`
     device        the detector with the image's lines as its rows
     """
 
@@ -101,9 +101,9 @@ class View(NamedTuple):
 
 
 def radiation_over(band: Band, surroundings: float, height: float, sun_zenith: float) -> Radiation:
-    """The radiance over level ground, from that of black and of white ground.
+    """The radiance over level ground, from the radiances over black and over white ground.
 
-    surroundings  1, reflectance of the ground around
+    surroundings  1, reflectance of the surrounding ground
     height        metre above the sea
     sun_zenith    radian; beyond pi / 2 it is night
     """
@@ -117,7 +117,7 @@ def radiation_over(band: Band, surroundings: float, height: float, sun_zenith: f
 
 
 def level_ground(count: int, height: float, sun_zenith: float) -> Ground:
-    """The same point of level ground, seen from above, repeated `count` times."""
+    """`count` copies of a point of level ground, seen from above."""
     zero, one = np.zeros(count), np.ones(count)
     vertical, sun = np.tile([1.0, 0.0, 0.0], (count, 1)), np.array([math.cos(sun_zenith), 0.0, 0.0])
     sun[1] = math.sin(sun_zenith)
@@ -141,29 +141,33 @@ def level_ground(count: int, height: float, sun_zenith: float) -> Ground:
 
 
 def sunlit_channels(survey: Survey, names: Sequence[str], key: str) -> list[Channel]:
-    """The channels of some names.
+    """The channels with the given names.
 
-    key     of the scene that has the names
-    Raises  Refused where the camera has none of a name, or one is infrared.
+    key     key of the scene with the names, for messages
+    Raises  Refused where the camera has no channel of a name, or a channel is infrared.
     """
     known = {channel.name: channel for channel in survey.camera.channels}
     for name in names:
         if name not in known:
-            raise Refused(f"{key} must be of the camera, {', '.join(known)}, got {name!r}")
+            raise Refused(
+                f"{key} must be a channel of the camera, {', '.join(known)}, got {name!r}"
+            )
         if mean_wavelength(known[name]) > INFRARED:
-            raise Refused(f"channel {name} must see reflected sunlight, shorter than 3 um")
+            raise Refused(
+                f"channel {name} must have a band of reflected sunlight, shorter than 3 um"
+            )
     return [known[name] for name in names]
 
 
 def view_below(survey: Survey, channel: Channel, size: int, height: float, sun: float) -> View:
     """Constant inputs of the images of one channel of size x size pixels.
 
-    height, sun  metre above the sea; radian, zenith angle of the Sun
+    height, sun  metre above the sea; zenith angle of the Sun, radian
     Raises  ValueError as `setting_below`.
     """
     own = channel.cropped(size, size)
     names = [other.name for other in survey.camera.channels]
-    # Each channel has a detector of its own, also where a file gives all of them one seed.
+    # Each channel has a different detector, even where a file gives all of them one seed.
     seed = own.detector.device_seed * MOST_CHANNELS + names.index(own.name)
     own = replace(own, detector=replace(own.detector, device_seed=seed))
     cover = cover_at(survey.land, height)
@@ -197,7 +201,7 @@ def view_below(survey: Survey, channel: Channel, size: int, height: float, sun: 
 def ground_radiance(
     view: View, land: Land, grey: Singles | None, warm: Singles | None, size: int, rays: int
 ) -> Singles:
-    """Radiance of each pixel of an image, the lens and the pixel included.
+    """Radiance of each pixel of an image, blurred by lens and pixel.
 
     grey, warm  (size rays, size rays) textures of reflectance and of temperature, of rms one; None
                 where the land has none
@@ -217,10 +221,10 @@ def ground_radiance(
 
 
 def fire_images(view: View, place: Floats, area: float) -> Floats:
-    """Images of fires: the pixel's light over that of a pixel that is all on fire, per m^2.
+    """Images of fires: the light of each pixel over the light of a pixel full of fire, per m^2.
 
-    place    (n, 2) pixel, from the middle of the images
-    area     square metre of each; it widens the images where it is no point
+    place    (n, 2) pixel, from the centre of the images
+    area     square metre of each; a fire larger than a point widens the images
     Returns  (n, k, k) 1 / m^2, k odd
     """
     across, along = view.across / view.side, view.along / view.side
@@ -240,7 +244,7 @@ def fire_images(view: View, place: Floats, area: float) -> Floats:
 
 
 def add_images(scene: Floats, pixel: Ints, images: Floats) -> None:
-    """Add images (n, k, k) to a scene, whose middles lie at pixels (n, 2), columns first."""
+    """Add images (n, k, k) to a scene, centred on pixels (n, 2), columns first."""
     half = images.shape[1] // 2
     padded = np.pad(scene, half)
     for (x, y), image in zip(pixel, images, strict=True):
@@ -249,11 +253,11 @@ def add_images(scene: Floats, pixel: Ints, images: Floats) -> None:
 
 
 def numbers_of(view: View, radiance: Floats, streams: Streams) -> Floats:
-    """Measured radiance of each pixel, from its digital number, watt / m^2 / sr / m.
+    """Measured radiance of each pixel from its digital number, watt / m^2 / sr / m.
 
-    The gain is that of the design; the differences between pixels (PRNU) stay in the image.
+    The design's gain is used; differences between pixels (PRNU) stay in the image.
 
-    Returns  (size, size); of saturated pixels that of their number
+    Returns  (size, size); a saturated pixel has the radiance of the largest number
     """
     electrons = pixel_electrons(view.channel, view.setting, radiance)
     detector = view.channel.detector

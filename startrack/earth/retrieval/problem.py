@@ -1,7 +1,7 @@
 """EarthProblem: an Earth camera as a problem for searches, samples and tests of requirements.
 
-A problem has parameters by name, costs, a forecast by formula, trials by number, and a judgement of
-their rows; it says in words what its values are.
+A problem has parameters by name, costs, a forecast by formula, numbered trials, and a judgement of
+the trials' rows. It describes its values in words.
 """
 
 from __future__ import annotations
@@ -33,22 +33,22 @@ IMAGE = "image"
 class EarthProblem:
     """The camera of a design, and the error of its retrieval.
 
-    Trials are of images of level ground straight below, with fires of known places, or of spectra
-    of known minerals, or of fields of known covers, or of known terrain, or of known waves; each
-    fire, each spectrum, and each image of fields, terrain or waves is one trial.
+    Trials use images of level ground straight below: fires at known places, spectra of known
+    minerals, fields of known covers, known terrain, or known waves. Each fire, each spectrum, and
+    each image of fields, terrain or waves is one trial.
 
-    Raises  ValueError where the design has no retrieval or no campaign, or a name is none.
+    Raises  ValueError where the design has no retrieval or no campaign, or a name is unknown.
     """
 
     design: EarthDesign
 
     def __post_init__(self) -> None:
         if self.design.retrieval is None or self.design.campaign is None:
-            raise Refused("a scene that is studied must have the tables [retrieval] and [campaign]")
+            raise Refused("a scene must have the tables [retrieval] and [campaign] for a study")
         _ = self.conditions
         if not self._objective():
             raise Refused(
-                f"campaign.objective must be one of this retrieval, "
+                f"campaign.objective must be an objective of this retrieval, "
                 f"{', '.join(dict.fromkeys(kind for kind in self._kinds()))}, got "
                 f"{self.campaign.objective!r}"
             )
@@ -61,7 +61,7 @@ class EarthProblem:
 
     @property
     def campaign(self) -> EarthCampaign:
-        """The question."""
+        """The campaign of the design."""
         assert self.design.campaign
         return self.design.campaign
 
@@ -77,7 +77,7 @@ class EarthProblem:
 
     @cached_property
     def columns(self) -> np.dtype[Any]:
-        """A row of one trial: numbers, named "condition: column"."""
+        """Names of the numbers of a trial's row: "condition: column"."""
         return np.dtype(
             [
                 (f"{condition}: {name}", np.float64)
@@ -89,15 +89,16 @@ class EarthProblem:
     fidelities = (IMAGE,)
 
     def replaced(self, values: Mapping[str, float]) -> EarthProblem:
-        """The problem with other values (SI) of parameters, and what links make of them.
+        """The problem with other values (SI) of parameters and of the parameters linked to them.
 
-        Raises  ValueError with the name, where the parameter refuses the value.
+        Raises  ValueError with the name, where a value is not allowed.
         """
         changed = followed(self.design, values, self.campaign.links)
         return EarthProblem(replaced_all(self.design, changed))
 
     def costs(self) -> dict[str, Margin]:
-        """Margins that need neither forecast nor trial: camera, optics, what channels require."""
+        """Margins that need neither forecast nor trial: camera, optics, requirements of
+        channels."""
         limits, channels = self.campaign.requirements, self.design.camera.channels
         height, rate = flight_height(self.design.carrier), ground_rate(self.design.carrier)
         margins, each = dict[str, Margin](), []
@@ -131,7 +132,7 @@ class EarthProblem:
     def expect(self, conditions: Sequence[str] | None = None) -> Expectation:
         """The objective and the margins of the retrieval, by formula.
 
-        conditions  names of those that are asked; None: all
+        conditions  names of the wanted conditions; None: all
         Raises      ValueError as `forecast_fires`.
         """
         parts = {
@@ -151,7 +152,7 @@ class EarthProblem:
             ),
             *(
                 f"formulas and trials: the Wiener filter of {channel.name} (restore); the "
-                "retrieval takes images as they are recorded"
+                "retrieval uses images as recorded"
                 for channel in self.design.camera.channels
                 if channel.restore is not None
             ),
@@ -165,14 +166,17 @@ class EarthProblem:
             return ()
         if retrieval.latitude is not None:
             return ()
-        return ("the Sun of orbit.local_time: without retrieval.latitude it is that of sun_zenith",)
+        return (
+            "the Sun of orbit.local_time: without retrieval.latitude, sun_zenith places the Sun",
+        )
 
     def trials(self, seed: int, numbers: range, fidelity: str = IMAGE) -> Rows:
         """Rows of trials by their numbers, the same for any worker.
 
-        Row n is part n % k of the image n // k; conditions have the same image.
+        An image has k trials: row n is trial n % k of the image n // k. Conditions use the same
+        images.
 
-        Raises  ValueError for another fidelity than "image", and as `views_of`.
+        Raises  ValueError for a fidelity other than "image", and as `views_of`.
         """
         if fidelity not in self.fidelities:
             raise Refused(f"fidelity must be {IMAGE} for an Earth camera, got {fidelity!r}")
@@ -187,7 +191,7 @@ class EarthProblem:
         return rows
 
     def judge(self, rows: Rows, confidence: float = 0.95) -> Judgement:
-        """The objective and the margins of rows, with intervals of a confidence."""
+        """The objective and the margins of rows, with confidence intervals."""
         parts = {
             f"{condition}: {name}": study.shown(
                 name, rows[f"{condition}: {criterion.column}"], confidence
@@ -210,7 +214,7 @@ class EarthProblem:
         return Judgement(Interval(value, low, high), margins, parts)
 
     def described(self) -> str:
-        """All that results depend on, for keys of stores."""
+        """All inputs of the results, for keys of stores."""
         return json.dumps([to_table(self.design), inputs_of(self.design)], sort_keys=True)
 
     def text(self) -> Words:
@@ -241,7 +245,7 @@ class EarthProblem:
         return asked
 
     def _mean(self, parts: Mapping[str, float]) -> float:
-        """Geometric mean of what the objective is made of, by the weights of conditions."""
+        """Geometric mean of the parts of the objective, with the weights of conditions."""
         total, weights = 0.0, 0.0
         for name in self._objective():
             weight = self.conditions[name.partition(": ")[0]][0]
@@ -290,5 +294,5 @@ def _camera_margins(
 
 @lru_cache(maxsize=4)
 def _image(design: EarthDesign, seed: int, number: int) -> dict[str, Floats]:
-    """Each column (n,) of the trials of one image."""
+    """Values (n,) of each column, for the trials of one image."""
     return study_of(design).image(seed, number)

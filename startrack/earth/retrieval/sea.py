@@ -1,7 +1,7 @@
 """A sea of wind waves -> the power spectrum of its elevation, and realisations of its slopes.
 
-Waves are linear and in deep water: a sum of waves of random phases. What is left out: sharp crests,
-currents, shallow water, swell of a second direction.
+Waves are linear and in deep water: a sum of waves of random phases. Sharp crests, currents, shallow
+water and swell of a second direction are left out.
 """
 
 import math
@@ -14,19 +14,19 @@ from scipy import special
 from startrack.core import Floats
 
 GRAVITY = 9.80665  # metre / second^2
-STEEP_BELOW, STEEP_ABOVE = 0.07, 0.09  # widths of the peak of JONSWAP
-PM_PEAK = 0.877  # U omega / g of the peak, U the wind at 19.5 m
-PM_LEVEL = 8.1e-3  # of Phillips
+STEEP_BELOW, STEEP_ABOVE = 0.07, 0.09  # widths of the JONSWAP peak below and above its frequency
+PM_PEAK = 0.877  # U omega / g at the peak; U is the wind at 19.5 m
+PM_LEVEL = 8.1e-3  # Phillips' constant
 
 
 class Sea(NamedTuple):
     """A state of the sea.
 
-    height      metre, significant: four standard deviations of the elevation
-    wavelength  metre, of the peak of the spectrum over frequency in time
+    height      metre, significant height: four standard deviations of the elevation
+    wavelength  metre, at the peak of the spectrum over temporal frequency
     direction   radian, of the waves from the first axis
-    peakedness  1: of Pierson and Moskowitz; 3.3: of JONSWAP
-    spreading   1, power of the cosine of the angle from that direction
+    peakedness  1: Pierson and Moskowitz; 3.3: JONSWAP
+    spreading   1, power of the cosine of the angle from the direction
     """
 
     height: float
@@ -51,17 +51,17 @@ def developed_sea(wind: float) -> tuple[float, float]:
 
 
 def elevation_power(sea: Sea, frequency: Floats, shortest: float = 0.0) -> Floats:
-    """Power spectral density of the elevation, of a wave and of its opposite one alike.
+    """Power spectral density of the elevation; opposite waves have the same density.
 
         S(k) = H^2 / 16 f(k / k_p) / (k_p k) D,   f(x) ~ x^-3 exp(-5 / 4 x^-2) G^r
         r = exp(-(sqrt(x) - 1)^2 / (2 s^2)),   D ~ |cos(angle)|^n
 
-    with both as integrals of one, in an image of which the waves' sense is not known.
+    f and D have integrals of one. An image does not show the sense of the waves.
 
     Source: Hasselmann et al. (1973), JONSWAP, Deutsche Hydrographische Zeitschrift A8 (12), by
     w^2 = g k; spreading by the square of the cosine, Pierson, Neumann and James (1955).
 
-    frequency  (..., 2) cycle / metre, along two axes
+    frequency  (..., 2) cycle / metre, along both axes
     shortest   metre, of the waves that are not left out
     Returns    (...) metre^4; its integral over the plane is H^2 / 16
     """
@@ -79,7 +79,7 @@ def elevation_power(sea: Sea, frequency: Floats, shortest: float = 0.0) -> Float
 
 
 def _shape(x: Floats, peakedness: float) -> Floats:
-    """f(x) of wave numbers over that of the peak, not normalised."""
+    """f(x), not normalised; x is the wave number over the wave number of the peak."""
     with np.errstate(over="ignore"):
         base = x**-3 * np.exp(-1.25 / x**2)
     if peakedness == 1:
@@ -103,7 +103,7 @@ def _spread_integral(power: float) -> float:
 
 
 def slope_variance(sea: Sea, shortest: float) -> float:
-    """Mean square slope, both axes together, of waves longer than a length in metre."""
+    """Mean square slope, summed over both axes, of waves longer than a length in metre."""
     x = np.geomspace(0.05, sea.wavelength / shortest, 4001)
     part = _shape(x, sea.peakedness) / _shape_integral(sea.peakedness) * x**2
     wave = 2 * math.pi / sea.wavelength
@@ -113,13 +113,13 @@ def slope_variance(sea: Sea, shortest: float) -> float:
 def draw_sea(
     sea: Sea, stream: np.random.Generator, count: int, step: tuple[float, float], shortest: float
 ) -> tuple[Floats, Floats, Floats]:
-    """A realisation: elevation (metre) and its slopes along lines and columns at points of a grid.
+    """A realisation: elevation (metre) and slopes along lines and columns at points of a grid.
 
     It is periodic over the grid.
 
     count     points along a side
     step      metre between points, along a column and along a line
-    shortest  metre, of the waves that are not left out: two steps or more
+    shortest  metre, shortest wavelength: two steps or more
     Returns   (count, count) each
     """
     down, right = np.fft.fftfreq(count, step[0]), np.fft.rfftfreq(count, step[1])

@@ -18,16 +18,16 @@ from startrack.earth.imager import (
 )
 from startrack.earth.retrieval.patch import level_ground
 
-TOGETHER = 200  # wavelengths that are computed at once
+TOGETHER = 200  # wavelengths computed at once
 
 
 @printed
 class Rectangle(NamedTuple):
     """A band as a rectangle with the same area, mean and variance of wavelength.
 
-    name         of the channel
+    name         name of the channel
     low, high    metre
-    radiance     watt / m^2 / sr / m, mean of the spectrum over the band
+    radiance     watt / m^2 / sr / m, mean over the band
     """
 
     name: str
@@ -41,9 +41,9 @@ class GroundSpectrum(NamedTuple):
     """A spectrum at the sensor.
 
     wavelength  (n,) metre, nodes of the air's table
-    radiance    (n,) watt / m^2 / sr / m, of the ground and the air
-    path        (n,) of the air over black ground
-    bands       of the channels inside
+    radiance    (n,) watt / m^2 / sr / m, ground and air
+    path        (n,) watt / m^2 / sr / m, air over black ground
+    bands       of the channels within the range
     """
 
     wavelength: Floats
@@ -55,19 +55,19 @@ class GroundSpectrum(NamedTuple):
 def ground_spectrum(
     survey: Survey, low: float, high: float, height: float = 0.0, sun_zenith: float = 0.7
 ) -> GroundSpectrum:
-    """Reflected sunlight of level ground straight below, the cover of its height all around.
+    """Reflected sunlight of level ground straight below; the surroundings have the same cover.
 
-    low, high   metre, of wavelengths
+    low, high   metre, limits of wavelength
     height      metre above the sea
     sun_zenith  radian
-    Raises      ValueError without air, where no table has it, or where the range is not in it.
-    Accuracy    numerical: means over the table's cells: 1 nm to 1 um and 5 nm beyond, of a
-                user's table as it has them. model:
-                thermal radiance is left out.
+    Raises      ValueError where the scene has no air, its air has no table, or the table does not
+                cover the range.
+    Accuracy    numerical: means over the cells of the air's table: 1 nm up to 1 um and 5 nm beyond;
+                a user's table has its own cells. model: thermal radiance is left out.
     """
     table = air_table(survey.air, infrared=False)
     if isinstance(table, atmosphere.InfraredTable):
-        raise Refused("the spectrum at the sensor needs a scene with the table [air]")
+        raise Refused("a scene must have the table [air] for the spectrum at the sensor")
     spectrum = table.spectrum
     used = np.flatnonzero((spectrum >= low) & (spectrum <= high))
     if len(used) < 2 or not spectrum[0] <= low < high <= spectrum[-1]:

@@ -1,8 +1,8 @@
 """Stereo: heights of terrain from two images along the track; their error by formula and by trials.
 
 A camera with lines that look ahead, down and back sees each point of the ground at several angles.
-A point that is higher by h lies h (tan b - tan a) farther along the track in the image at the angle
-b than in that at a. Matching measures that parallax.
+A height h moves a point by h (tan b - tan a) along the track between the images at the angles a and
+b. Matching measures that parallax.
 """
 
 import math
@@ -31,16 +31,16 @@ from startrack.earth.retrieval import patch, texture
 from startrack.earth.retrieval.fire_forecast import Side, side_of
 from startrack.earth.retrieval.hot_spots import refuse_other_grounds
 
-STEEPEST = 0.1  # product of slope and difference of tangents, above which ground is hidden or torn
-TURNS_OF_LIGHT = 12  # iterations, in which a line of sight meets the terrain
-UPDATES = 4  # of a match by least squares
-LEAST = 0.5  # correlation of both windows, below which a match is rejected
-FAR = 1.5  # pixel, between first and last parallax of a match that is accepted
+STEEPEST = 0.1  # largest slope times difference of tangents; above, ground is hidden or torn
+TURNS_OF_LIGHT = 12  # iterations of the intersection of a line of sight and the terrain
+UPDATES = 4  # updates of a match by least squares
+LEAST = 0.5  # least correlation of both windows for an accepted match
+FAR = 1.5  # pixel, largest change from the first to the last parallax of an accepted match
 SHIFTED = 0.877  # variance of noise after a cubic spline, the mean over shifts
-SLOPED = 0.470  # likewise of its differences over two pixels, halved
-CLEAR = 0.7  # expected correlation, below which a forecast is refused
-LOOSE = 0.28  # relative variance of a window's squared gradients, above which a forecast is refused
-WIDEST = 31  # pixel, a side of a window
+SLOPED = 0.470  # half the variance of its differences over two pixels, likewise
+CLEAR = 0.7  # least expected correlation for a forecast
+LOOSE = 0.28  # largest relative variance of a window's squared gradients for a forecast
+WIDEST = 31  # pixel, largest side of a window
 NODES, TURNS = 120, 12  # frequencies and directions
 
 
@@ -51,18 +51,26 @@ class Stereo(Parameters):
     """
 
     channels: tuple[str, str] = parameter(
-        "names of two whose views differ along the track", default=("nadir", "backward")
+        "names of two channels whose views differ along the track", default=("nadir", "backward")
     )
-    window: int = parameter("pixel, a side of the windows that are matched", default=9)
+    window: int = parameter("pixel, a side of the matched windows", default=9)
     relief: float = parameter(
-        "of the terrain over 1024 cells, rms", unit=Unit("m"), limit=NON_NEGATIVE, default=10.0
+        "rms height of the terrain over 1024 cells",
+        unit=Unit("m"),
+        limit=NON_NEGATIVE,
+        default=10.0,
     )
     cell: float = parameter("of the terrain", unit=Unit("m"), limit=Range(0.01, 1e5), default=1.0)
     roughness: float = parameter(
-        "of the terrain, lower for rougher", limit=Range(1.05, 4), default=2.0
+        "spectral exponent of the heights' amplitudes, lower for rougher terrain",
+        limit=Range(1.05, 4),
+        default=2.0,
     )
     height: float = parameter(
-        "of the ground above the ellipsoid", unit=Unit("m"), limit=Range(0, 9000), default=0.0
+        "height of the ground above the ellipsoid",
+        unit=Unit("m"),
+        limit=Range(0, 9000),
+        default=0.0,
     )
     sun_zenith: float = parameter(
         "of the Sun", unit=Unit("rad", "deg"), limit=Range(0, math.radians(85)), default=0.7
@@ -83,19 +91,19 @@ class Stereo(Parameters):
 def channels_of(survey: Survey, own: Stereo) -> tuple[Channel, Channel]:
     """Both channels.
 
-    Raises  ValueError as `sunlit_channels`, and where both look alike.
+    Raises  ValueError as `sunlit_channels`, and where both views are equal.
     """
     first, second = patch.sunlit_channels(survey, own.channels, "retrieval.stereo.channels")
     if abs(_base(first, second)) < 0.01:
         raise Refused(
-            f"channels {first.name} and {second.name} must look at different angles along the "
-            "track, by 0.01 or more of the height"
+            f"the base of channels {first.name} and {second.name} along the track must be 0.01 "
+            "or more of the height"
         )
     return first, second
 
 
 def _base(first: Channel, second: Channel) -> float:
-    """Base over height: the parallax of a height of one metre, metre."""
+    """Base over height: parallax in metre for a height of one metre."""
     return math.tan(second.forwards) - math.tan(first.forwards)
 
 
@@ -110,11 +118,11 @@ def _views(survey: Survey, own: Stereo) -> tuple[patch.View, patch.View]:
 
 
 class StereoImages(NamedTuple):
-    """Two images of a terrain and its truth.
+    """Two images of a terrain, and its true heights.
 
     first, second  (size, size) measured radiance
     height         (size, size) metre, of the ground that each pixel of the first sees
-    highest        metre, of the terrain above or below its mean
+    highest        metre, largest deviation of the terrain from its mean
     """
 
     first: Floats
@@ -124,7 +132,7 @@ class StereoImages(NamedTuple):
 
 
 def observe_terrain(survey: Survey, own: Stereo, seed: int, number: int) -> StereoImages:
-    """Images of a random terrain, from a seed and its number.
+    """Images of a random terrain, from a seed and the image's number.
 
     Raises  ValueError as `channels_of` and `view_below`.
     """
@@ -149,9 +157,9 @@ def observe_terrain(survey: Survey, own: Stereo, seed: int, number: int) -> Ster
 
 
 def _sighted(height: Floats, slant: float) -> Floats:
-    """Row (n, n) of the terrain that is seen from each place of an image, where it is level.
+    """Row (n, n) of the terrain in each pixel of an image, counted in pixels of level ground.
 
-    slant  rows of a line of sight over a metre of height
+    slant  rows by which a metre of height displaces a point
     """
     rows = np.arange(len(height), dtype=np.float64)[:, None] + np.zeros_like(height)
     source = rows
@@ -161,7 +169,7 @@ def _sighted(height: Floats, slant: float) -> Floats:
 
 
 def _along(values: Floats | Singles, rows: Floats, order: int) -> Floats:
-    """Values at fractional rows, of an image that is periodic."""
+    """Values of a periodic image at fractional rows."""
     columns = np.arange(values.shape[1], dtype=np.float64) + np.zeros_like(rows)
     return np.asarray(
         ndimage.map_coordinates(values, [rows, columns], order=order, mode="grid-wrap"), np.float64
@@ -169,7 +177,7 @@ def _along(values: Floats | Singles, rows: Floats, order: int) -> Floats:
 
 
 class Heights(NamedTuple):
-    """Heights (size, size) in metre, and which were matched; the border's are not."""
+    """Heights (size, size) in metre, and whether each pixel was matched; the border is not."""
 
     height: Floats
     matched: Flags
@@ -181,8 +189,8 @@ def match_heights(survey: Survey, own: Stereo, images: StereoImages) -> Heights:
 
         p = sum g (e + g p) / sum g^2
 
-    with the gradient g along the track and the difference e of the first image and of the second
-    that is shifted by the parallaxes p, over a window.
+    The sums are over a window. g is the gradient along the track; e is the first image minus the
+    second image shifted by the parallaxes p.
 
     Source: Foerstner (1982), On the geometric precision of digital correlation.
     """
@@ -214,7 +222,7 @@ def _mean(values: Floats, window: int) -> Floats:
 
 
 def _correlation(left: Floats, right: Floats, window: int) -> Floats:
-    """Correlation coefficient (n, n) of the windows around each pixel."""
+    """Correlation coefficient (n, n) of both windows around each pixel."""
     means = _mean(left, window), _mean(right, window)
     common = _mean(left * right, window) - means[0] * means[1]
     squares = (
@@ -236,12 +244,12 @@ def _correlated(left: Floats, right: Floats, most: int, window: int) -> Floats:
 
 @printed
 class StereoForecast(NamedTuple):
-    """What the formulas expect.
+    """Errors that the formulas predict.
 
     height_error  metre, rms
-    parallax_error  pixel, rms, of noise alone
-    smoothing     metre, rms of the terrain that windows smooth
-    base          1, over the height
+    parallax_error  pixel, rms, from noise alone
+    smoothing     metre, rms of the terrain that windows average out
+    base          1, base over height
     """
 
     height_error: float
@@ -256,15 +264,15 @@ def forecast_heights(survey: Survey, own: Stereo) -> StereoForecast:
         s_h^2 = (s_p m / (B / H))^2 + Int S_h (1 - W)^2 + sum_ij v_ij u_ij
         s_p^2 = 2 n^2 / (1 - sum_ij v_ij) / (N g^2),   v_ij = 2 c_ij^2 / N^2
 
-    with the noise n and the rms gradient g of an image whose texture is blurred by lens, pixel and
-    smear, the side m of a pixel along the track, N pixels and the transfer function W of a window,
-    the spectrum S_h of the terrain, the correlation c of gradients between pixels of a window, and
-    the covariance u of heights about the window's mean.
+    n is the noise and g the rms gradient of an image, blurred by lens, pixel and smear; m is the
+    side of a pixel along the track. A window has N pixels and the transfer function W. S_h is the
+    spectrum of the terrain, c the correlation of gradients between pixels of a window, u the
+    covariance of heights about the window's mean.
 
-    Source    Foerstner (1982) for s_p; terrain follows from the weights g^2 of least squares.
-    Raises    ValueError as `channels_of` and `side_of`; where texture is too weak for the noise, or
-              terrain too steep for both views.
-    Accuracy  model: matches are right, textures Gaussian; slopes do not change an image's scale.
+    Source    Foerstner (1982) for s_p; the terms of terrain follow from the weights g^2.
+    Raises    ValueError as `channels_of` and `side_of`; where the texture is too weak for the
+              noise, or the terrain too steep for both views.
+    Accuracy  model: matches are correct, textures Gaussian; slopes do not change an image's scale.
               Within 15 % of trials over the designs of experiments/retrieval_formulas.py, on which
               limits and one factor were chosen. f/8 and a blur of 6 um, 17 % too small, is refused.
     """
@@ -279,7 +287,7 @@ def forecast_heights(survey: Survey, own: Stereo) -> StereoForecast:
     if clear < CLEAR:
         raise Refused(
             f"images must be correlated by {CLEAR} or more for a forecast of heights, got "
-            f"{clear:.2f}: more light, less noise, or ground of more texture"
+            f"{clear:.2f}: increase light or texture, or reduce noise"
         )
     slope = _slope(own, first)
     tangents = (math.tan(side.channel.forwards) for side in (first, second))
@@ -287,7 +295,7 @@ def forecast_heights(survey: Survey, own: Stereo) -> StereoForecast:
     if steep > STEEPEST:
         raise Refused(
             f"rms slope times tan(view) must be {STEEPEST} or less for a forecast of heights, got "
-            f"{steep:.2f}: a smaller relief, or views less apart"
+            f"{steep:.2f}: reduce the relief or the angle between the views"
         )
     rough, uneven, long = _weights(own, first, image.gradients)
     stripes = sum(side.stripes / side.mean**2 for side in (first, second)) * long
@@ -307,7 +315,8 @@ def forecast_heights(survey: Survey, own: Stereo) -> StereoForecast:
 
 
 class _Moments(NamedTuple):
-    """Of an image, relative to its mean: variance in a window and of gradients; their spectrum."""
+    """Moments of an image relative to its mean: variance in a window, variance and spectrum of
+    gradients."""
 
     variance: float
     gradient: float
@@ -330,11 +339,12 @@ class _Spectrum(NamedTuple):
 
 
 def _weights(own: Stereo, side: Side, gradients: _Spectrum) -> tuple[float, float, float]:
-    """Of a window: variances of its squared gradients and of heights; share of stripes.
+    """Moments over a window: variances of squared gradients and of heights; noise factor of
+    stripes.
 
-    The first is relative; the second that of heights which squared gradients weight. The last is
-    the variance that noise has in the result where it is equal along a column, over
-    that of as much noise that is independent between pixels.
+    The first variance is relative. The second is of heights weighted by squared gradients. The
+    factor is the variance of the result by noise that is equal along a column, over its variance by
+    independent noise of the same rms.
     """
     count = own.window
     at = np.arange(count**2)
@@ -363,21 +373,21 @@ def _moments(survey: Survey, own: Stereo, first: Side, second: Side) -> _Moments
     spectrum = texture.power(np.stack([along, across], -1), land.texture_cell) * land.texture**2
     transfer = first.transfer(across * first.side, along * first.side)
     transfer = transfer * second.transfer(across * second.side, along * second.side)
-    # Of the radiance of the mean ground, what follows reflectance.
+    # The part of the mean ground's radiance that is proportional to reflectance.
     contrast = [side.ground_slopes()[0] / side.mean for side in (first, second)]
     seen = spectrum * transfer * contrast[0] * contrast[1]
     slope = seen * np.sin(2 * math.pi * along * first.along) ** 2 * area
     window = np.sinc(along * first.along * own.window) * np.sinc(across * first.across * own.window)
     inside = float((seen * (1 - window**2) * area).sum())
-    # Differences of both images are those from their means over windows. Repeated updates make
-    # up for what that takes from the gradient, by half in the logarithm: chosen by hand.
+    # Both images are taken relative to their means over windows, which reduces the gradient.
+    # Repeated updates restore half of that reduction in the logarithm: chosen by hand.
     high = _Spectrum(along, across, slope * (1 - window) ** 2)
     square = float(slope.sum() * (slope * (1 - window)).sum())
     return _Moments(inside, square / max(float(high.variance.sum()), 1e-300), high)
 
 
 def _terrain(own: Stereo, side: Side) -> _Spectrum:
-    """Of heights, their means over pixels."""
+    """Spectrum of the heights' means over pixels."""
     along, across, area = _polar(own.cell, math.sqrt(0.5) / own.cell)
     power = texture.power(np.stack([along, across], -1), own.cell, own.roughness) * own.relief**2
     pixel = np.sinc(along * side.along) * np.sinc(across * side.across)
@@ -394,6 +404,6 @@ def _smoothed(own: Stereo, side: Side) -> float:
 
 
 def _slope(own: Stereo, side: Side) -> float:
-    """1, rms of the terrain's slope along the track."""
+    """Rms slope of the terrain along the track, 1."""
     along, _, variance = _terrain(own, side)
     return math.sqrt(float((variance * (2 * math.pi * along) ** 2).sum()))

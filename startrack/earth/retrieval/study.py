@@ -1,4 +1,4 @@
-"""EarthDesign: a scene with its camera, what its images are for, and the question put to it."""
+"""EarthDesign: a scene with its camera, the purpose of its images, and the study's campaign."""
 
 from __future__ import annotations
 
@@ -27,22 +27,24 @@ PURPOSES = "hot_spots", "minerals", "land_cover", "stereo", "waves"  # tables of
 class Retrieval(Parameters):
     """Purpose of the images: one of its tables."""
 
-    hot_spots: HotSpots | None = parameter("fires, their power and temperature", default=None)
-    minerals: Minerals | None = parameter("emissivity of minerals, and their classes", default=None)
+    hot_spots: HotSpots | None = parameter(
+        "detection, power and temperature of fires", default=None
+    )
+    minerals: Minerals | None = parameter("emissivity and classes of minerals", default=None)
     land_cover: LandCover | None = parameter(
         "reflectance of land, an index and classes of its pixels", default=None
     )
     stereo: Stereo | None = parameter("heights from two images along the track", default=None)
     waves: Waves | None = parameter("height and direction of waves in the glint", default=None)
     latitude: float | None = parameter(
-        "of the ground, geodetic: the Sun's zenith angle is then that below the satellite as it "
-        "passes, by its orbit and date, in place of the table's `sun_zenith`",
+        "geodetic latitude of the ground; orbit and date of the pass over it then give the Sun's "
+        "zenith angle, in place of the table's `sun_zenith`",
         unit=Unit("rad", "deg"),
         limit=Range(-math.pi / 2, math.pi / 2),
         default=None,
     )
     flight: str = parameter(
-        "how the satellite passes `latitude`: ascending flies north",
+        "direction of the pass over `latitude`: ascending is northward",
         limit=Range(choices=("ascending", "descending")),
         default="descending",
     )
@@ -56,7 +58,7 @@ class Retrieval(Parameters):
             raise Refused("retrieval.latitude must be left out beside minerals and waves")
 
     def below(self, carrier: Carrier) -> Retrieval:
-        """The same with the Sun of the pass over `latitude`."""
+        """The retrieval with the Sun of the pass over `latitude`."""
         if self.latitude is None:
             return self
         zenith = sun_zenith_below(carrier, self.latitude, self.flight == "ascending")
@@ -67,17 +69,17 @@ class Retrieval(Parameters):
 
 
 class EarthCondition(Parameters):
-    """A condition in which a camera is judged, besides that of the file itself."""
+    """A further condition of the study, besides the condition of the file itself."""
 
-    name: str = parameter("for tables and messages")
+    name: str = parameter("name in tables and messages")
     weight: float = parameter(
-        "of its criterion in the objective, in which the file's own condition has 1; 0: only its "
-        "limits count",
+        "weight of its criterion in the objective, relative to the file's own condition; 0: only "
+        "its limits count",
         limit=NON_NEGATIVE,
         default=1.0,
     )
     change: tuple[Change, ...] = parameter(
-        'what is different, such as "retrieval.hot_spots.sun_zenith"', default=()
+        'keys and values that differ, such as "retrieval.hot_spots.sun_zenith"', default=()
     )
 
     def __post_init__(self) -> None:
@@ -87,44 +89,47 @@ class EarthCondition(Parameters):
 
 
 class CameraLimits(Parameters):
-    """Limits of a camera beside `required` of its channels; None: no limit.
+    """Limits of a camera, besides `required` of its channels; None: no limit.
 
         mass = mass_fixed + sum over lenses of mass_per_volume aperture^3
 
-    Channels with the same focal length, f-number and view have one lens. The law is that of star
-    trackers, with coefficients that are assumed: a lens of one shape grows in all directions.
+    Channels with the same focal length, f-number and view share a lens. The law is the same as for
+    star trackers: a lens scales in all directions. Its coefficients are assumed.
     """
 
     max_mass: float | None = parameter(unit=Unit("kg"), limit=POSITIVE, default=None)
     mass_fixed: float = parameter(
-        "of what does not grow with the aperture; assumed",
+        "mass that does not depend on the aperture; assumed",
         unit=Unit("kg"),
         limit=NON_NEGATIVE,
         default=1.0,
     )
     mass_per_volume: float = parameter(
-        "of lenses over the cubes of their apertures; assumed",
+        "mass of a lens over the cube of its aperture; assumed",
         unit=Unit("kg / m3"),
         limit=NON_NEGATIVE,
         default=6000.0,
     )
     max_aperture: float | None = parameter(
-        "of the largest lens", unit=Unit("m", "mm"), limit=POSITIVE, default=None
+        "limit of the largest lens", unit=Unit("m", "mm"), limit=POSITIVE, default=None
     )
     max_data_rate: float | None = parameter(
-        "of all channels together", unit=Unit("bit / s", "Mbit / s"), limit=POSITIVE, default=None
+        "limit of the sum over channels",
+        unit=Unit("bit / s", "Mbit / s"),
+        limit=POSITIVE,
+        default=None,
     )
     min_swath: float | None = parameter(
-        "of the narrowest channel", unit=Unit("m", "km"), limit=POSITIVE, default=None
+        "limit of the narrowest channel", unit=Unit("m", "km"), limit=POSITIVE, default=None
     )
     max_area: float | None = parameter(
-        "of the smallest fire that is found, at each temperature and in each condition",
+        "limit of the smallest detectable fire, at each temperature and in each condition",
         unit=Unit("m2"),
         limit=POSITIVE,
         default=None,
     )
     max_power_error: float | None = parameter(
-        "1, of the radiative power, relative and rms, in each condition",
+        "1, limit of the relative rms error of radiative power, in each condition",
         limit=POSITIVE,
         default=None,
     )
@@ -132,7 +137,7 @@ class CameraLimits(Parameters):
         "1, rms, in each condition", limit=POSITIVE, default=None
     )
     max_wrong: float | None = parameter(
-        "1, fraction of spectra or pixels that are classified wrongly, in each condition",
+        "1, limit of the fraction of misclassified spectra or pixels, in each condition",
         limit=POSITIVE,
         default=None,
     )
@@ -153,13 +158,13 @@ class CameraLimits(Parameters):
     )
 
     def mass(self, channels: Sequence[Channel]) -> float:
-        """Kilogram."""
+        """Mass of the camera, kilogram."""
         apertures = lenses_of(channels)
         return self.mass_fixed + sum(self.mass_per_volume * size**3 for size in apertures)
 
 
 def lenses_of(channels: Sequence[Channel]) -> list[float]:
-    """Metre, the aperture of each lens; channels that may have one have one."""
+    """Aperture of each lens, metre; channels that can share a lens share it."""
     lenses = {
         (channel.optics.focal_length, channel.optics.f_number, channel.forwards): channel
         for channel in channels
@@ -168,20 +173,20 @@ def lenses_of(channels: Sequence[Channel]) -> list[float]:
 
 
 class EarthCampaign(Settings):
-    """The question that is put to an Earth camera."""
+    """The campaign of an Earth camera: its objective, limits, conditions and variables."""
 
     variables: tuple[Variable, ...] = parameter("what may change", default=())
     links: tuple[Link, ...] = parameter("what follows them", default=())
     conditions: tuple[EarthCondition, ...] = parameter(
-        "seasons, hours and grounds in which the camera is judged, besides its own", default=()
+        "further seasons, hours and grounds of the study, besides the file's own condition",
+        default=(),
     )
     requirements: CameraLimits = parameter("what must hold", default_factory=CameraLimits)
     objective: str = parameter(
-        '"area" of the smallest fire that is found, the geometric mean of all temperatures; '
-        '"power", the relative error of the radiative power; "emissivity", its rms error; '
-        '"reflectance", "index", "height", "wave height" and "wave direction", likewise; "wrong", '
-        "the fraction of spectra or pixels that are classified wrongly. Of several conditions the "
-        "geometric mean by their weights",
+        '"area": smallest detectable fire, geometric mean over temperatures; "power": relative '
+        'error of the radiative power; "emissivity", "reflectance", "index", "height", "wave '
+        'height", "wave direction": rms error; "wrong": fraction of misclassified spectra or '
+        "pixels. Several conditions: geometric mean with their weights",
         limit=Range(
             choices=(
                 "area",
@@ -206,21 +211,23 @@ class EarthCampaign(Settings):
 
 
 class EarthDesign(Survey):
-    """A scene, what its images are for, and the question put to its camera."""
+    """A scene, the purpose of its images, and the campaign of its camera."""
 
-    # Short names of places, in names of parameters.
+    # Short names of tables in names of parameters.
     ALIASES: ClassVar[Mapping[str, str]] = {"channels": "camera.channels"}
 
-    retrieval: Retrieval | None = parameter("what the images are for", default=None)
-    campaign: EarthCampaign | None = parameter("the question put to the camera", default=None)
+    retrieval: Retrieval | None = parameter("purpose of the images", default=None)
+    campaign: EarthCampaign | None = parameter(
+        "objective, limits and variables of the study", default=None
+    )
 
     def __hash__(self) -> int:
         return hash((self.camera, self.orbit, self.retrieval, self.campaign))
 
     def conditions(self) -> dict[str, tuple[float, EarthDesign]]:
-        """Weight and design of each condition, its own first.
+        """Weight and design of each condition, the file's own condition first.
 
-        Raises  ValueError where a change does not fit its parameter.
+        Raises  ValueError where a changed value is not allowed.
         """
         made: dict[str, tuple[float, EarthDesign]] = {OWN: (1.0, self)}
         for condition in self.campaign.conditions if self.campaign else ():
@@ -233,10 +240,10 @@ class EarthDesign(Survey):
 
 
 def load_earth_design(scene: str | Path, changes: Sequence[str] = ()) -> EarthDesign:
-    """A design from a scene file, or from one of the catalogue by its name.
+    """A design from a scene file, or from a scene of the catalogue by name.
 
-    changes  values over those of the file: "channels.mir.optics.f_number=2.5"
-    Raises   ValueError as `load_survey`, and where a change is none.
+    changes  values that replace the file's: "channels.mir.optics.f_number=2.5"
+    Raises   ValueError as `load_survey`, and where a change cannot be read.
     """
     name = str(scene)
     path = Path(scene)

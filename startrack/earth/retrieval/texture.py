@@ -1,8 +1,8 @@
 """The texture of a land -> its power spectrum, and realisations of it over an image.
 
 The land's fractal (`texture` and `temperature_texture` of a scene) is one realisation over a period
-of 1024 cells. Trials draw others of the same spectrum, as means over the cells of an image's rays,
-without the edges of the fractal's square cells.
+of 1024 cells. Trials draw other realisations of the same spectrum, as means over the cells of an
+image's rays. They have no edges of square cells.
 """
 
 import math
@@ -48,13 +48,13 @@ def draw(
     cell: float,
     roughness: float = ROUGHNESS,
 ) -> Singles:
-    """A realisation, the mean over each of a grid's cells.
+    """A realisation: the mean over each cell of a grid.
 
-    Waves longer than the grid are one constant over it.
+    Waves longer than the grid add one constant.
 
-    step       metre along lines and along columns, sides of the cells
+    step       metre, sides of the cells along lines and along columns
     roughness  1, smaller for rougher textures
-    Returns    (lines, columns) of mean zero and rms one over many
+    Returns    (lines, columns); mean 0 and rms 1 over many realisations
     Accuracy model: a Gaussian field; the land's fractal has waves of fixed amplitude.
     """
     down, right = np.fft.fftfreq(lines, step[0]), np.fft.rfftfreq(columns, step[1])

@@ -1,9 +1,9 @@
 """Waves: height and direction of a sea from its glint; their errors by formula and by trials.
 
 Each slope of the water mirrors another part of the sky. Where the camera sees the glint of the Sun,
-waves that are longer than a pixel tilt the small ones on them, and brightness follows their slope
-towards the Sun. Waves that run across that direction are not seen, and an image does not tell a
-wave from one that runs the opposite way.
+waves longer than a pixel tilt the small waves on them, and brightness follows their slope towards
+the Sun. Waves across that direction are invisible. An image does not distinguish a wave from the
+opposite wave.
 """
 
 import math
@@ -38,38 +38,38 @@ from startrack.earth.retrieval.fire_forecast import Side, side_of
 from startrack.earth.retrieval.glint import Glint, glint_over, scatter_of
 from startrack.earth.retrieval.sea import Sea, draw_sea, elevation_power, slope_variance
 
-HIGHEST = 0.49  # cycle / pixel along each axis, of the waves that are fitted
-RAYS = 2  # points of a pixel along each axis, of the statistics of slopes
-LEAST_RAYS = 3  # likewise, of the images of trials: two are too few for a sharp lens
+HIGHEST = 0.49  # cycle / pixel, highest frequency of the fitted waves along each axis
+RAYS = 2  # points of a pixel along each axis, for the statistics of slopes
+LEAST_RAYS = 3  # likewise, for images of trials: two are too few for a sharp lens
 SMALL = 1e-4  # step of derivatives of the spectrum
-STEP = 1e-3  # likewise, of the image and the results
-LENGTHS, DIRECTIONS = 8, 6  # of the seas in which a fit begins
-BLIND = 0.2  # cosine to the Sun's direction, below which waves are not seen
-RINGS = 12  # of wave numbers
-ROUNDS = 5  # of a fit, each with the statistics of the last
-SCORINGS = 30  # of a round, at most
-CLOSE = 1e-4  # of its steps
-COARSE = 0.6  # steps of the converter, of waves and noise together, from which on steps are noise
-FOLLOWS = 0.75  # of the variance of brightness by waves, that must follow their slopes
-WORST = 0.1  # of the height, and radian: larger errors are not those of a linear theory
+STEP = 1e-3  # step of derivatives of the image and the results
+LENGTHS, DIRECTIONS = 8, 6  # lengths and directions of the seas where a fit begins
+BLIND = 0.2  # cosine to the Sun's direction; waves below it are invisible
+RINGS = 12  # rings of wave numbers
+ROUNDS = 5  # rounds of a fit, each with the statistics of the last round
+SCORINGS = 30  # most scoring steps of a round
+CLOSE = 1e-4  # tolerance of scoring steps
+COARSE = 0.6  # rms of waves and noise in steps of the converter; above, quantisation is noise
+FOLLOWS = 0.75  # least fraction of the brightness variance that must follow the waves' slopes
+WORST = 0.1  # relative height error, and radian; linear theory does not hold for larger errors
 
 
 class Waves(Parameters):
     """Significant height and direction of waves in the glint of the Sun.
 
-    Images are those of level water straight below; the air, the wind and the light of the water
-    itself are taken as known.
+    Images show level water straight below. The air, the wind and the light of the water itself are
+    assumed to be known.
     """
 
-    channel: str = parameter("name of the one whose image has the glint", default="B8")
+    channel: str = parameter("name of the channel whose image has the glint", default="B8")
     wind: float = parameter(
-        "12.5 m above the water, which makes it rough",
+        "wind speed 12.5 m above the water; sets the roughness",
         unit=Unit("m / s"),
         limit=Range(0.5, 20),
         default=8.0,
     )
     significant_height: float = parameter(
-        "of the waves: four standard deviations of the elevation",
+        "significant height of the waves: four standard deviations of the elevation",
         unit=Unit("m"),
         limit=POSITIVE,
         default=1.4,
@@ -78,7 +78,7 @@ class Waves(Parameters):
         "of the waves", unit=Unit("m"), limit=Range(0.1, 2000), default=60.0
     )
     direction: float = parameter(
-        "of the waves, from the direction of flight to the right",
+        "direction of the waves, from the direction of flight to the right",
         unit=Unit("rad", "deg"),
         limit=Range(-math.pi, math.pi),
         default=math.radians(20),
@@ -87,16 +87,16 @@ class Waves(Parameters):
         "1: spectrum of Pierson and Moskowitz; 3.3: JONSWAP", limit=Range(1, 10), default=1.0
     )
     spreading: float = parameter(
-        "power of the cosine of the angle from that direction", limit=Range(1, 60), default=2.0
+        "power of the cosine of the angle from the direction", limit=Range(1, 60), default=2.0
     )
     sun_azimuth: float = parameter(
-        "of the Sun, from the direction of flight to the right",
+        "azimuth of the Sun, from the direction of flight to the right",
         unit=Unit("rad", "deg"),
         limit=Range(-math.pi, math.pi),
         default=math.radians(-30),
     )
     height: float = parameter(
-        "of the water above the ellipsoid", unit=Unit("m"), limit=Range(0, 9000), default=0.0
+        "height of the water above the ellipsoid", unit=Unit("m"), limit=Range(0, 9000), default=0.0
     )
     sun_zenith: float = parameter(
         "of the Sun", unit=Unit("rad", "deg"), limit=Range(0.02, 1.4), default=math.radians(20)
@@ -118,14 +118,14 @@ class Waves(Parameters):
 
 
 class Mirror(NamedTuple):
-    """What waves do to the light of a channel.
+    """Radiance of a channel as a function of the slopes of waves.
 
         L = base + glint exp((|Z|^2 - |Z - z|^2) / s^2)
 
     base     watt / m^2 / sr / m, of air, sky and water
-    glint    likewise, of water whose long waves are level
+    glint    likewise, glint of water whose long waves are level
     towards  (2,) Z, the slope that mirrors the Sun into the camera, along lines and columns
-    rough    s^2, mean square slope of the waves shorter than those that are drawn
+    rough    s^2, mean square slope of the waves shorter than the drawn waves
     """
 
     base: float
@@ -134,7 +134,7 @@ class Mirror(NamedTuple):
     rough: float
 
     def gain(self, down: Floats, right: Floats) -> Floats:
-        """Glint over that of level long waves, at their slopes z."""
+        """Glint at the slopes z of long waves, over the glint of level long waves."""
         bright = 2 * (self.towards[0] * down + self.towards[1] * right)
         return np.asarray(np.exp((bright - down**2 - right**2) / self.rough))
 
@@ -145,21 +145,23 @@ def channel_of(survey: Survey, own: Waves) -> Channel:
 
 
 def _shortest(view: Side | patch.View) -> float:
-    """Metre, a pixel: longer waves tilt those that are shorter."""
+    """Shortest resolved wave, one pixel, metre: longer waves tilt the shorter waves."""
     return max(view.along, view.across)
 
 
 def mirror_of(survey: Survey, own: Waves, side: Side) -> Mirror:
     """The glint over a sea.
 
-    Source: Cox and Munk (1954), J. Opt. Soc. Am. 44, 838; slopes of waves that are seen and of
-    those that are not, Kudryavtsev et al. (2017), J. Geophys. Res. Oceans 122, 1369.
+    Source: Cox and Munk (1954), J. Opt. Soc. Am. 44, 838; slopes of resolved and unresolved waves,
+    Kudryavtsev et al. (2017), J. Geophys. Res. Oceans 122, 1369.
 
-    Raises  Refused where waves of the lengths that are seen are steeper than the wind makes all.
+    Raises  Refused where the resolved waves are steeper than all waves of the wind.
     """
     water, band = Water(wind=own.wind), side.band
     if survey.rays < LEAST_RAYS:
-        raise Refused(f"rays must be {LEAST_RAYS} or more where waves are seen, got {survey.rays}")
+        raise Refused(
+            f"rays must be {LEAST_RAYS} or more for a retrieval of waves, got {survey.rays}"
+        )
     shortest = _shortest(side)
     rough = water.slope_variance - slope_variance(own.sea, shortest)
     if rough < water.slope_variance / 3:
@@ -197,7 +199,7 @@ class WaveImage(NamedTuple):
 
     radiance   (size, size) measured
     height     metre, significant, of the waves in the image
-    direction  radian, their mean, opposite ones alike
+    direction  radian, mean direction without sense
     """
 
     radiance: Floats
@@ -213,7 +215,7 @@ def _view(survey: Survey, own: Waves) -> tuple[patch.View, Mirror]:
 
 
 def observe_waves(survey: Survey, own: Waves, seed: int, number: int) -> WaveImage:
-    """An image of a random sea, from a seed and its number. It is periodic.
+    """A periodic image of a random sea, from a seed and the image's number.
 
     Raises  ValueError as `channel_of`, `mirror_of` and `view_below`.
     """
@@ -229,7 +231,7 @@ def observe_waves(survey: Survey, own: Waves, seed: int, number: int) -> WaveIma
     around = np.pad(lattice, ((half, half), (half, half), (0, 0)), "wrap")
     seen = np.concatenate(list(blur_strips(iter([around]), view.weights)))
     near = seen[half : half + size, half : half + size].astype(np.float64)
-    # Light beyond the table of a point's image is that of the mean.
+    # Light beyond the table of a point's image has the mean radiance.
     seen = view.psf.energy * near + (1 - view.psf.energy) * float(lattice.mean())
     down, right = _plane(len(level), step)
     wave = np.abs(np.fft.fft2(level)) ** 2 / level.size**2
@@ -247,11 +249,11 @@ def _plane(size: int, step: tuple[float, float]) -> tuple[Floats, Floats]:
 
 
 def _moments(sea: Sea, wave: Floats, model: Floats, turn: Floats) -> tuple[float, float]:
-    """Significant height (metre) and mean direction (radian) of waves; opposite ones are alike.
+    """Significant height (metre) and mean direction (radian, without sense) of waves.
 
-    sea    that waves which are not among them have
+    sea    the sea of the waves that are not among `wave`
     wave   metre^2, mean square of each
-    model  metre^2, likewise in that sea
+    model  metre^2, mean square of each in that sea
     turn   radian, direction of each
     """
     more, phase = wave - model, np.exp(2j * turn)
@@ -266,13 +268,13 @@ def _evenness(sea: Sea) -> float:
 
 
 class _Modes(NamedTuple):
-    """Waves that an image may show, (n,) each: one of each pair of opposite ones.
+    """Waves that an image can show, (n,) each: one of each pair of opposite waves.
 
     down, right  cycle / metre, along lines and columns
-    places       of them in the transform of an image
+    places       their places in the transform of an image
     seen         transfer function of lens, pixel and smear; zero where stripes hide waves
     fine         likewise, of all waves of a grid of several points a pixel
-    area         square metre of an image
+    area         square metre, area of an image
     """
 
     down: Floats
@@ -283,12 +285,12 @@ class _Modes(NamedTuple):
     area: float
 
     def power(self, sea: Sea) -> Floats:
-        """Mean square elevation of each, metre^2."""
+        """Mean square elevation of each wave, metre^2."""
         frequency = np.stack([self.down, self.right], -1)
         return 2 * elevation_power(sea, frequency) / self.area
 
     def turn(self) -> Floats:
-        """Radian, direction of each from the lines' order to the right."""
+        """Direction of each wave from the lines' order to the right, radian."""
         return np.arctan2(self.right, self.down)
 
 
@@ -303,19 +305,19 @@ def _modes(own: Waves, side: Side) -> _Modes:
         side.transfer(across * side.side, along * side.side)
         for along, across in ((down, right), fine)
     )
-    # Differences between columns are alike in all lines.
+    # Differences between columns are equal in all lines.
     seen = np.where(down > 0, seen, 0.0)
     return _Modes(down, right, places, seen, every, own.size**2 * math.prod(steps))
 
 
 class _Transfer(NamedTuple):
-    """How an image shows the waves of a sea, (n,) each.
+    """Transfer from the waves of a sea to an image, (n,) each.
 
     gain    1 / metre^2, mean square of the brightness over that of the elevation
-    rest    1, mean square of the brightness that does not follow the elevation, noise included
+    rest    1, mean square of the other brightness, noise included
     glint   statistics of the brightness
-    rms     watt / m^2 / sr / m, of the brightness by waves: one number
-    mean    likewise, of the glint
+    rms     watt / m^2 / sr / m, rms brightness by waves: one number
+    mean    likewise, mean of the glint
     noise   variance of a pixel, likewise squared
     """
 
@@ -328,7 +330,8 @@ class _Transfer(NamedTuple):
 
 
 def _noise(side: Side, radiance: float) -> float:
-    """Variance of a pixel's radiance; differences between columns are no noise of waves."""
+    """Variance of a pixel's radiance by noise; differences between columns do not count as
+    noise."""
     detector = side.channel.detector
     every = float(side.variance(np.array(radiance)))
     return every + side.stripes - (detector.prnu * radiance) ** 2 if detector.scan else every
@@ -340,7 +343,7 @@ def _transfer(own: Waves, side: Side, mirror: Mirror, modes: _Modes, sea: Sea) -
     glint = glint_over(
         mirror.rough, *mirror.towards.tolist(), sea, own.size * RAYS, steps, _shortest(side)
     )
-    # What a pixel's grid is too coarse for is seen as longer waves.
+    # Waves too short for the grid of pixels appear as longer waves (aliasing).
     every = glint.spectrum * modes.fine**2
     folded = every.reshape(RAYS, own.size, RAYS, own.size).sum((0, 2))
     mean = mirror.glint * glint.mean
@@ -363,9 +366,9 @@ class _Fit(NamedTuple):
 
     sea     the state
     wave    (n,) metre^2, mean square of each wave
-    image   (n,) mean square of each in the image
+    image   (n,) mean square of each wave in the image
     slopes  (3, n) metre^2, derivatives of `wave` with ln(height), ln(wavelength) and direction
-    covariance  (3, 3) of these three
+    covariance  (3, 3) of the three
     """
 
     sea: Sea
@@ -391,7 +394,7 @@ def _fit(modes: _Modes, transfer: _Transfer, sea: Sea) -> _Fit:
 
 
 def _moved(sea: Sea, change: Floats) -> Sea:
-    """A sea of another ln(height), ln(wavelength) and direction."""
+    """The sea with changed ln(height), ln(wavelength) and direction."""
     return sea._replace(
         height=sea.height * math.exp(change[0]),
         wavelength=sea.wavelength * math.exp(change[1]),
@@ -401,12 +404,11 @@ def _moved(sea: Sea, change: Floats) -> Sea:
 
 @printed
 class WaveEstimate(NamedTuple):
-    """What is retrieved of an image.
+    """Results of the retrieval from an image.
 
     height      metre, significant
-    direction   radian, from the direction of flight to the right; an image does not tell it from
-                the opposite direction
-    wavelength  metre, of the peak
+    direction   radian, from the direction of flight to the right; its sense is not known
+    wavelength  metre, at the peak of the spectrum
     """
 
     height: float
@@ -419,8 +421,9 @@ def retrieve_waves(survey: Survey, own: Waves, radiance: Floats) -> WaveEstimate
 
         b = (L - base) / mean - 1,   |b_k|^2 = (g . k)^2 T^2 |z_k|^2 + rest
 
-    The spectrum S of maximum likelihood is the prior of waves that the image hardly shows. The
-    posterior mean square of each wave is that of a Wiener filter plus its remaining variance:
+    The spectrum S of maximum likelihood is the prior of waves that are hardly visible. The
+    posterior mean square of each wave is the square of its Wiener estimate plus its remaining
+    variance:
 
         |z_k|^2 = W^2 |b_k|^2 / gain + (1 - W) S,   W = gain S / (gain S + rest)
 
@@ -450,12 +453,12 @@ def _estimated(modes: _Modes, transfer: _Transfer, sea: Sea, square: Floats) -> 
 
 
 def _cost(image: Floats, square: Floats) -> float:
-    """Minus the logarithm of the likelihood of squares whose means are an image's."""
+    """Minus the log-likelihood of squares with the means `image`."""
     return float((np.log(image) + square / image).sum())
 
 
 def _start(own: Waves, mirror: Mirror, modes: _Modes, square: Floats) -> Sea:
-    """The best of a few seas; brightness that does not follow the waves is that of blind ones."""
+    """The best of a few seas; invisible waves give the brightness that does not follow waves."""
     slopes = (mirror.towards[0] * modes.down + mirror.towards[1] * modes.right) / mirror.rough
     gain = (4 * math.pi * slopes * modes.seen) ** 2
     size = np.hypot(modes.down, modes.right)
@@ -471,7 +474,7 @@ def _start(own: Waves, mirror: Mirror, modes: _Modes, square: Floats) -> Sea:
             sea = own.sea._replace(height=1.0, wavelength=wavelength, direction=direction)
             image = gain * modes.power(sea)
             more = square - rest
-            # Of strong waves by their sum, of weak ones by the slope of the likelihood.
+            # Strong waves give their sum, weak waves the slope of the likelihood.
             for level in (
                 float(more.sum() / image.sum()),
                 float((more * image / rest**2).sum() / ((image / rest) ** 2).sum()),
@@ -483,7 +486,7 @@ def _start(own: Waves, mirror: Mirror, modes: _Modes, square: Floats) -> Sea:
 
 
 def _best(modes: _Modes, transfer: _Transfer, sea: Sea, square: Floats) -> _Fit:
-    """The sea of the largest likelihood of (n,) squares of an image, from one that is near."""
+    """The sea of maximum likelihood for (n,) squares of an image, from a nearby sea."""
     fit = _fit(modes, transfer, sea)
     least = _cost(fit.image, square)
     for _ in range(SCORINGS):
@@ -503,7 +506,7 @@ def _best(modes: _Modes, transfer: _Transfer, sea: Sea, square: Floats) -> _Fit:
 
 @lru_cache(maxsize=8)
 def _plan(survey: Survey, own: Waves) -> tuple[Mirror, Side, _Modes]:
-    """What retrieval and forecast know: the glint, the channel, and waves of an image."""
+    """Known inputs of retrieval and forecast: the glint, the channel, and the waves of an image."""
     side = side_of(survey, channel_of(survey, own), own)
     mirror = mirror_of(survey, own, side)
     return mirror, side, _modes(own, side)
@@ -515,7 +518,7 @@ class WaveForecast(NamedTuple):
 
     height_error     metre, rms
     direction_error  radian, rms
-    gain             1, change of ln(glint) with slope towards the Sun
+    gain             1, derivative of ln(glint) with slope towards the Sun
     """
 
     height_error: float
@@ -530,18 +533,18 @@ def forecast_waves(survey: Survey, own: Waves) -> WaveForecast:
         Var e = sum (S d<sum t |b|^2> / dS - a S)^2 + sum (t E)^2 (1 - W^2) + pairs
         r = d(gain S) / E,   e = dE / E,   E = gain S + N,   W = gain S / E
 
-    of waves z of the powers S whose image has b, with a = 1 for height and the sine of twice the
-    angle from the mean direction for that, per change of the result; d is a derivative with height,
-    wavelength and direction of the sea that the fit finds, g that of the result. Higher waves have
-    more of the brightness N that does not follow them, and less of that which does: so b knows more
-    of z than E says. `scatter_of` has how much, and what pairs of waves that are seen with a third
-    add where they are not independent of it. All else of N, camera's noise included, is taken as
-    independent of the waves.
+    Waves z have the powers S; b is their image. a, per change of the result, is 1 for height; for
+    direction it is the sine of twice the angle from the mean direction. d is a derivative with
+    height, wavelength and direction of the fitted sea, g the derivative of the result. Higher waves
+    increase the brightness N that does not follow them and reduce the brightness that does, so b
+    contains more information on z than E implies. `scatter_of` computes this information, and the
+    variance by pairs of waves that depend on a third wave. The rest of N, with the camera's noise,
+    is assumed to be independent of the waves.
 
     Source    Kay (1993), Fundamentals of Statistical Signal Processing, 3.9 and 11.
-    Raises    ValueError as `channel_of`, `mirror_of` and `side_of`; where waves are hardly seen,
-              brightness follows more than their slopes, or steps of the converter are too coarse.
-    Accuracy  model: waves linear, slopes normal, the wind and the light of air and water known.
+    Raises    ValueError as `channel_of`, `mirror_of` and `side_of`; where waves are hardly visible,
+              brightness depends on more than their slopes, or the converter's steps are too coarse.
+    Accuracy  model: linear waves, normal slopes; the wind and the light of air and water are known.
     """
     mirror, side, modes = _plan(survey, own)
     sea = own.sea
@@ -558,9 +561,9 @@ def forecast_waves(survey: Survey, own: Waves) -> WaveForecast:
     if follows < FOLLOWS:
         raise Refused(
             f"brightness must follow the slopes of waves for a forecast, {FOLLOWS:.0%} of its "
-            f"variance, got {follows:.0%}: a lower Sun, or fewer waves across its direction"
+            f"variance, got {follows:.0%}: use a lower Sun or waves along it"
         )
-    # By how much image and results change with the sea that the retrieval takes them for.
+    # Derivatives of image and results with the sea that the retrieval assumes.
     growth, results = [], []
     for unit in np.eye(3):
         other = _moved(sea, unit * STEP)
@@ -574,7 +577,7 @@ def forecast_waves(survey: Survey, own: Waves) -> WaveForecast:
     kept = transfer.gain * fit.wave / fit.image
 
     def squared(weight: Floats, response: Floats) -> float:
-        """Variance of a sum of weighted squares of waves that responds so to the sea."""
+        """Variance of a sum of weighted squares of waves with this response to the sea."""
         waves = weight * fit.wave
         image = kept * waves + response @ towards @ relative
         half = np.zeros((own.size, own.size))
@@ -591,16 +594,16 @@ def forecast_waves(survey: Survey, own: Waves) -> WaveForecast:
     turned = np.sin(2 * (modes.turn() - sea.direction)) / (2 * total * _evenness(sea))
     detector = side.channel.detector
     pixels = own.size if detector.scan else own.size**2
-    # The mean of the glint, by which brightness is divided, has differences of pixels.
+    # Brightness is divided by the mean of the glint, which contains differences of pixels.
     level = detector.prnu * (mirror.base + transfer.mean) / transfer.mean / math.sqrt(pixels)
     linear = np.full(len(turned), 2 / math.sqrt(total))
     height = squared(linear, response[:, 0]) + (sea.height * level) ** 2
     direction = squared(turned, response[:, 1])
     if height > (WORST * sea.height) ** 2 or direction > WORST**2:
         raise Refused(
-            f"waves must be seen well enough for a forecast, errors within {WORST:.0%} of the "
+            f"waves must be visible enough for a forecast: errors within {WORST:.0%} of the "
             f"height and {WORST:g} rad, got {math.sqrt(height) / sea.height:.0%} and "
-            f"{math.sqrt(direction):.2g} rad: more light, less noise, or higher waves"
+            f"{math.sqrt(direction):.2g} rad: increase light or wave height, or reduce noise"
         )
     return WaveForecast(
         math.sqrt(height), math.sqrt(direction), 2 * float(np.hypot(*mirror.towards)) / mirror.rough

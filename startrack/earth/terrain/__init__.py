@@ -12,16 +12,16 @@ ground           The values of an Earth scene: rays from a camera, and the groun
 path             The path of a straight ray over a grid, near one of its points: quadratic in the
                  distance.
 march            The cell in which a ray first meets a surface: max-mip marching on curved paths.
-horizon          Heights above which parallel rays, such as those to the Sun, no longer meet a
+horizon          Heights above which parallel rays, such as rays to the Sun, no longer meet a
                  surface.
-bundle           Exact points and normals where rays meet a surface, for bundles of rays at a time.
-trace            Where rays meet a surface in memory, and its normals there; or only whether they
-                 meet it.
-constant_height  Where rays meet a surface of constant height above the ellipsoid: sea, or no
-                 terrain.
-scan             Where rays meet a surface, by a search of every cell: slow, simple, the reference.
-pyramid          Terrain of one surface, or of any size: each ray on the level that its resolution
-                 needs.
+bundle           Exact points and normals where rays meet a surface, for bundles of rays.
+trace            Points and normals where rays meet a surface in memory; or only whether they meet
+                 it.
+constant_height  Points where rays meet a surface of constant height above the ellipsoid, such as
+                 the sea.
+scan             Points where rays meet a surface, by a search of every cell: the slow, simple
+                 reference.
+pyramid          Terrain of any size: each ray uses the level that its resolution needs.
 survey           Ground from rays: what each ray meets, its illumination by the Sun, shadows, and
                  the values of the maps that accompany the terrain.
 """

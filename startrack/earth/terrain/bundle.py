@@ -1,4 +1,4 @@
-"""Exact points and normals where rays meet a surface, for bundles of rays at a time."""
+"""Exact points and normals where rays meet a surface, for bundles of rays."""
 
 import math
 
@@ -10,8 +10,8 @@ from startrack.earth.terrain.march import RaySegment, above, entry_and_exit, seg
 from startrack.earth.terrain.path import Path, Ray, path_at
 from startrack.earth.terrain.surface import Lattice
 
-POLISHED = 1e-9  # metre, change at the next step of Newton's method
-NEAR = 1.0  # metre, within which a path is its ray to 1e-12 m, its vertical good to 2e-7 radian
+POLISHED = 1e-9  # metre, last step of Newton's method at convergence
+NEAR = 1.0  # metre; within it a path deviates from its ray by 1e-12 m, its vertical by 2e-7 radian
 STEPS = 60  # of bisection in the worst case, which reduce 100 km to 1e-13 m
 
 
@@ -28,8 +28,8 @@ def refine(
 
     j, i     row and column of the cell
     corner   four numbers, as for `corners`
-    Returns  whether they found the point; its distance; columns, rows and height there, sine and
-             cosine of the latitude
+    Returns  whether Newton's method converged; distance of the point; its column, row and height,
+             sine and cosine of its latitude
     """
     a, b, c, d = corner
     path = path_at(lines, ray, guess)
@@ -62,11 +62,11 @@ def settle(
     high: float,
     s: float,
 ) -> tuple[float, tuple[float, float, float, float, float]]:
-    """The root between two distances, where the ray goes from above the surface to below.
+    """The point between two distances where the ray passes from above the surface to below.
 
-    Newton's method, kept between its bounds, on new paths where it moves away.
+    Newton's method within bounds; a new path is laid where a step leaves the old path.
 
-    Returns  its distance; columns, rows and height there, sine and cosine of the latitude
+    Returns  distance of the point; its column, row and height, sine and cosine of its latitude
     """
     base = s
     path = path_at(lines, ray, s)
@@ -104,7 +104,7 @@ def normal_at(
     to_column: float,
     to_row: float,
 ) -> tuple[float, float, float]:
-    """The normal of the surface at a point of it, from its change with columns and rows.
+    """The normal of the surface at a point, from the slopes along columns and rows.
 
     normal ~ up - h_lon / ((N + h) cos(lat)) east - h_lat / (M + h) north
     """
@@ -151,14 +151,14 @@ WIDTH = 128  # rays, so that all rows fit into the first-level cache
     SINE,
     COSINE,  # the path
 ) = range(0, 23 * WIDTH, WIDTH)
-# These replace the path once a ray has met a cell: the cell, its corners; then the point.
+# These replace the path once a ray has met a cell: the cell and its corners, then the point.
 GUESS, LOW, HIGH, ROW, COLUMN, A, B, C, D = range(BEGIN, BEGIN + 9 * WIDTH, WIDTH)
 FOUND, U, V, HEIGHT, NX, NY, NZ = range(D + WIDTH, D + 8 * WIDTH, WIDTH)
 
 
 @kernel
 def empty_bundle() -> Floats:
-    """A bundle of equal rays that meet nothing, to be filled in."""
+    """A bundle of equal rays that meet nothing; the caller fills in rays."""
     bundle = np.zeros(23 * WIDTH)
     bundle[OX : OX + WIDTH] = 1e8
     bundle[DX : DX + WIDTH] = 1.0
@@ -171,7 +171,7 @@ def lay_all(bundle: Floats, lines: Lattice, exact: bool) -> None:
     for k in range(WIDTH):
         ray, start = ray_of(bundle, k), bundle[START + k]
         begin, end = entry_and_exit(lines, ray, start)
-        # A shadow begins on the surface, where its path must be best.
+        # The ray of a shadow begins on the surface, where its path must be most accurate.
         ahead = (not exact) & (begin <= start)
         middle, half, margin, path = segment_from(lines, ray, begin, end, ahead)
         bundle[BEGIN + k], bundle[END + k] = begin, end

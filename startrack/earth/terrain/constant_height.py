@@ -1,4 +1,4 @@
-"""Where rays meet a surface of constant height above the ellipsoid: sea, or no terrain."""
+"""Points where rays meet a surface of constant height above the ellipsoid, such as the sea."""
 
 import math
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from startrack.earth.terrain.ground import Levels, Rays
 from startrack.earth.terrain.march import HIT, MISS
 from startrack.earth.terrain.trace import RayHits, no_hits
 
-STEPS = 8  # of Newton's method; it begins within a metre and converges quadratically
+STEPS = 8  # steps of Newton's method; the start is within a metre, the convergence quadratic
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class ConstantHeight:
         Accuracy  numerical: 1e-8 m; a ray that grazes within 1e-6 m may be put on the wrong side.
         """
         hits = no_hits(len(rays))
-        # A whole number would be compiled for anew.
+        # An integer would compile the kernel again.
         _meet(rays.origin, rays.direction, float(self.height), hits)
         return hits, np.zeros(len(rays), np.int8)
 
@@ -67,9 +67,11 @@ def _meet(origin: Floats, direction: Floats, height: float, hits: RayHits) -> No
 
 @kernel
 def tangent_height(origin: Floats, direction: Floats) -> Floats:
-    """Lowest height of each ray above the ellipsoid, (n,) metre; of its origin if it only rises.
+    """Lowest height of each ray above the ellipsoid, (n,) metre; the origin's height if the ray
+    rises.
 
-    Newton's method on the slope of the height; its slope is cos^2(e) / r, nearly constant.
+    Newton's method on the slope of the height. The derivative of the slope is cos^2(e) / r, nearly
+    constant.
     """
     out = np.empty(len(origin))
     for n in range(len(origin)):

@@ -33,7 +33,7 @@ def cartesian(longitude: Floats, latitude: Floats, height: Floats) -> Floats:
 def geodetic(point: Floats) -> tuple[Floats, Floats, Floats]:
     """Longitude, latitude and height of Earth-fixed points.
 
-    Source: Bowring (1985), Survey Review 28, 202, with one step more.
+    Source: Bowring (1985), Survey Review 28, 202, with one more step.
 
     point    (..., 3) metre
     Returns  longitude in (-pi, pi] and latitude, (...) radian; height, (...) metre
@@ -72,7 +72,7 @@ def _geodetic_all(point):  # type: ignore[no-untyped-def]
 def vertical(x: float, y: float, z: float) -> tuple[float, float, float, float]:
     """Sine and cosine of the latitude, height, and distance from the axis of one point.
 
-    Free of trigonometric functions: latitude and reduced latitude are kept as sine and cosine.
+    It calls no trigonometric function: latitude and reduced latitude are kept as sine and cosine.
     """
     across = math.sqrt(x * x + y * y)
     radius = math.sqrt(across * across + z * z)
@@ -124,17 +124,17 @@ def angle(y, x):  # type: ignore[no-untyped-def]
 def shell(
     ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, height: float
 ) -> tuple[float, float]:
-    """Distances at which a ray enters and leaves the ellipsoid whose axes are longer by `height`.
+    """Distances at which a ray enters and leaves the ellipsoid with axes longer by `height`.
 
-    It lies within 2 cm of the surface of that height up to 9 km, and 14 cm at 100 km.
-    Entry above leave: a miss.
+    That ellipsoid deviates from the surface of constant height by 2 cm up to 9 km, by 14 cm at 100
+    km. The ray misses if the first distance is the larger.
     """
     wide, tall = 1 / (EQUATORIAL + height), 1 / (POLAR + height)
     ox, oy, oz = ox * wide, oy * wide, oz * tall
     dx, dy, dz = dx * wide, dy * wide, dz * tall
     a = dx * dx + dy * dy + dz * dz
     b = ox * dx + oy * dy + oz * dz
-    # The square of the distance from the centre, without the loss of digits of b^2 - a c.
+    # The square of the distance from the centre; b^2 - a c would lose digits.
     cx, cy, cz = oy * dz - oz * dy, oz * dx - ox * dz, ox * dy - oy * dx
     rest = a - (cx * cx + cy * cy + cz * cz)
     root = math.sqrt(rest) if rest >= 0 else -math.inf

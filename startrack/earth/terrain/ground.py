@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from startrack.core import Flags, Floats, printed
 from startrack.earth.terrain.ellipsoid import cartesian, up
 
-ABOVE = 20e3  # metre from which rays look straight down
-Levels = NDArray[np.int8]  # of a pyramid of terrain, 0 the finest
+ABOVE = 20e3  # metre, height from which rays look straight down
+Levels = NDArray[np.int8]  # levels of a pyramid of terrain; 0 is the finest
 
 
 @printed
@@ -38,7 +38,7 @@ class Rays:
 
 
 def rays_down(longitude: Floats, latitude: Floats, spacing: float) -> Rays:
-    """Rays straight down to places (n,) radian, `spacing` metre apart on the ground."""
+    """Rays straight down to points (n,) in radian, `spacing` metre apart on the ground."""
     above = cartesian(longitude, latitude, np.full(len(longitude), ABOVE))
     return Rays(above, -up(longitude, latitude), np.full(len(above), spacing / ABOVE))
 
@@ -49,25 +49,25 @@ class Ground:
     """Ground that rays meet: a point of the terrain, or the sky. All vectors in the Earth's fixed
     axes.
 
-    hit                  (n,) whether the ray meets the ground; where not, it sees the sky, and all
-                         floats below but `tangent_height` are NaN
+    hit                  (n,) whether the ray meets the ground; otherwise it sees the sky, and all
+                         floats below except `tangent_height` are NaN
     distance             (n,) metre from the ray's origin
     point                (n, 3) metre
     longitude, latitude  (n,) radian
     height               (n,) metre above the ellipsoid
     normal               (n, 3) unit vector of the terrain's surface
-    incidence            (n,) radian, between the normal and the way back to the camera
+    incidence            (n,) radian, between the normal and the direction to the camera
     sun_incidence        (n,) radian, between the normal and the sun; beyond pi / 2 it is unlit
     shadow               (n,) whether there is no direct sunlight: the sun is behind the slope,
                          behind other terrain or below the horizon; false for the sky
-    sky_view             (n,) 1, fraction of the light of a uniform sky that reaches the slope; 1
-                         where it was not computed
-    tangent_height       (n,) metre, lowest height of the ray above the ellipsoid where it meets no
-                         ground; that of its origin where it rises; NaN for hits
-    level                (n,) of the terrain's pyramid, 0 the finest; -1 for the sky
-    maps                 of each name (n,) values of the accompanying map, in its unit
+    sky_view             (n,) 1, fraction of the light of a uniform sky that reaches the slope; 1 if
+                         not computed
+    tangent_height       (n,) metre, lowest height above the ellipsoid of a ray that meets no
+                         ground; the origin's height if the ray rises; NaN for hits
+    level                (n,) level of the terrain's pyramid; 0 is the finest, -1 the sky
+    maps                 (n,) values of each accompanying map by name, in its unit
     sun                  (3,) unit vector towards the sun
-    direction            (n, 3) unit vectors, of the rays
+    direction            (n, 3) unit vectors of the rays
     """
 
     hit: Flags
@@ -95,12 +95,12 @@ class Ground:
 
     @property
     def view_zenith(self) -> Floats:
-        """(n,) radian, between the vertical of the ground and the way back to the camera."""
+        """Angle between the vertical of the ground and the direction to the camera, (n,) radian."""
         return between(up(self.longitude, self.latitude), -self.direction)
 
     @property
     def sun_zenith(self) -> Floats:
-        """(n,) radian, between the vertical of the ground and the sun."""
+        """Angle between the vertical of the ground and the sun, (n,) radian."""
         return between(up(self.longitude, self.latitude), self.sun)
 
 
@@ -110,7 +110,7 @@ def joined(parts: Sequence[Ground]) -> Ground:
 
 
 def _changed(parts: Sequence[Ground], change: Callable[[list[Any]], Any]) -> Ground:
-    """The first part with what `change` makes of each array of all parts."""
+    """The first part, with `change` applied to each array of all parts."""
     names = [field.name for field in fields(Ground) if field.name not in ("sun", "maps")]
     maps = {name: change([part.maps[name] for part in parts]) for name in parts[0].maps}
     arrays = {name: change([getattr(part, name) for part in parts]) for name in names}

@@ -10,30 +10,31 @@ from startrack.earth.terrain.ground import Rays
 from startrack.earth.terrain.surface import FULL_TURN, Horizon, Surface
 from startrack.earth.terrain.tile import BLOCKS, CELLS, SIZE
 
-FEWEST = 20_000  # rays, from which on the sweep costs less than it saves; measured
-HIGHEST = 25.0  # degree of elevation, above which rays soon leave the terrain anyway; measured
-FINEST, COARSEST = 2, 5  # level of the blocks; measured
-MOST_BLOCKS = 2**17  # of the grid; larger grids have larger blocks
-STEP = 100.0  # metre along a ray, over which its slopes are taken
-PLACES = 5  # along each side of the grid where they are taken
-SLACK = 2.0  # factor of their range, for what lies between
-STEEPEST = 1.5  # cells aside for a cell along, at most
-WIDEST = 0.5  # radian, of a grid; and distance that it keeps from the poles, a tenth of that
-ROUNDING = 0.01  # metre, more than single precision rounds
+FEWEST = 20_000  # rays; for more rays the sweep saves time; measured
+HIGHEST = 25.0  # degree of elevation; steeper rays leave the terrain soon; measured
+FINEST, COARSEST = 2, 5  # levels of the blocks; measured
+MOST_BLOCKS = 2**17  # largest number of blocks of a grid; larger grids have larger blocks
+STEP = 100.0  # metre along a ray, base of its slopes
+PLACES = 5  # points along each side of the grid for the slopes
+SLACK = 2.0  # factor of the slopes' range, for rays between the points
+STEEPEST = 1.5  # largest number of cells aside for a cell along
+WIDEST = 0.5  # radian, widest grid; a tenth of it is the least distance from the poles
+ROUNDING = 0.01  # metre, above the rounding of single precision
 
 
 def with_horizon(surface: Surface, rays: Rays) -> Surface:
-    """The surface with the horizon of many parallel rays; as it is where that would not help.
+    """The surface with the horizon of many parallel rays; unchanged where a horizon would not save
+    time.
 
     Rays that rise are swept over blocks of cells in strips along their direction, from the last
     column of blocks to the first,
 
         bound_I = max(M_I, enter_(I+1)),   enter_I = max(M_I, enter_(I+1) - rise),
 
-    with M the maximum of the blocks below a strip and `rise` the least that a ray rises in a
-    column: a ray in column I above the bound of its strip meets nothing any more. A strip is wider
-    by as much as rays leave straight lines of columns and rows over the longest shadow, and its
-    blocks at least as large as that.
+    M is the maximum of the blocks below a strip, `rise` the least rise of a ray in a column. A ray
+    in column I above the bound of its strip meets nothing any more. Strips are widened by the
+    largest deviation of rays from straight lines of columns and rows over the longest shadow.
+    Blocks are at least as large as that deviation.
 
     Accuracy  numerical: the slopes of the rays are taken at 50 places of the grid, with twice their
               range; shadows are the same with and without.
@@ -80,11 +81,11 @@ def with_horizon(surface: Surface, rays: Rays) -> Surface:
 
 
 def _slopes(surface: Surface, direction: Floats) -> tuple[bool, float, float, float, float] | None:
-    """Parallel rays over a grid, in cells along their main direction and aside of it.
+    """Slopes of parallel rays over a grid, in cells along their main direction and across it.
 
-    Returns  whether the main direction is from row to row; its sign; cells across per cell
-             along: the mean, and the largest deviation from it; least rise per cell along, metre.
-             None where rays do not rise everywhere, rise steeply, or change their main direction
+    Returns  whether the main direction is from row to row; its sign; cells across per cell along:
+             mean and largest deviation from the mean; least rise per cell along, metre. None where
+             rays do not rise everywhere, rise steeply, or change their main direction
     """
     across, down = surface.columns * surface.step_x, surface.rows * surface.step_y
     if max(across, down) > min(WIDEST, FULL_TURN / 2):

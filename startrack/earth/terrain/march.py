@@ -1,7 +1,7 @@
 """The cell in which a ray first meets a surface: max-mip marching on curved paths.
 
 Blocks of cells are skipped where the path stays above their maximum by more than its error. Within
-a cell, where the path alone cannot decide, the exact geodetic height of the ray does.
+a cell, the exact geodetic height of the ray decides where the path cannot.
 """
 
 import math
@@ -16,20 +16,22 @@ from startrack.earth.terrain.path import Path, Ray, crossing, path_at, reach
 from startrack.earth.terrain.surface import Horizon, Lattice, Surface, corners
 from startrack.earth.terrain.tile import CELLS, PATCH, SIZE, block, patch
 
-MISS, HIT, ABSENT = 0, 1, 2  # absent: the ray needs a tile that is not in memory
-CLEAR = 3  # above all that lies ahead, on this path and on those after it
-SHELL_MARGIN = 2.0  # metre, more than `shell` differs from a surface of constant height up to 9 km
-DIVE = 4  # levels that a ray descends at a time, if it falls more steeply than 8 to 1
-CLOSED = 1e-6  # metre, more than the rounding steps of the height above a surface at cell borders
-JUST = 0.1  # metre, more than the error of a path along its ray
-STRAIGHT = 5e-4  # 1, curvature of a path up to which `crossing` is its series
-SEAMLESS = 0.9  # of a turn; a path cannot leave a narrower grid and return on its other side
+MISS, HIT, ABSENT = 0, 1, 2  # ABSENT: the ray needs a tile that is not in memory
+CLEAR = 3  # above all terrain ahead, on this path and on later paths
+# metre, above the deviation of `shell` from a surface of constant height up to 9 km
+SHELL_MARGIN = 2.0
+DIVE = 4  # levels per descent of a ray that falls more steeply than 8 to 1
+CLOSED = 1e-6  # metre, above the rounding of the height above a surface at cell borders
+JUST = 0.1  # metre, above the error of a path along its ray
+STRAIGHT = 5e-4  # 1, largest curvature of a path for which `crossing` is a series
+# fraction of a turn; a path cannot leave a narrower grid and return on the other side
+SEAMLESS = 0.9
 
 
 class RaySegment(NamedTuple):
     """A part of a ray, and the path that approximates it.
 
-    middle  metre along the ray, from where the path counts its distances
+    middle  metre along the ray, zero of the path's distances
     half    metre, half the length
     margin  metre, bound of the error of the path's height at the ends
     """
@@ -43,8 +45,8 @@ class RaySegment(NamedTuple):
 class Piece(NamedTuple):
     """A part of a path on which columns and rows are monotonic.
 
-    u0           columns of the path at its middle, less whole turns around the Earth
-    begin, end   metre from the middle of the path; `begin` may lie before the grid
+    u0           column of the path at its middle, less whole turns around the Earth
+    begin, end   metre from the middle of the path; `begin` may lie outside the grid
     east, south  1 where columns or rows grow, else -1
     """
 
@@ -57,7 +59,7 @@ class Piece(NamedTuple):
 
 @kernel(forceinline=True)
 def entry_and_exit(lines: Lattice, ray: Ray, start: float) -> tuple[float, float]:
-    """Distances between which a ray can meet a surface; the second is smaller if it cannot."""
+    """Distances between which a ray can meet a surface; the second is the smaller if it cannot."""
     enter, end = shell(ray.x, ray.y, ray.z, ray.dx, ray.dy, ray.dz, lines.highest + SHELL_MARGIN)
     below, _ = shell(ray.x, ray.y, ray.z, ray.dx, ray.dy, ray.dz, lines.lowest - SHELL_MARGIN)
     begin = start if start > enter else enter
@@ -66,9 +68,9 @@ def entry_and_exit(lines: Lattice, ray: Ray, start: float) -> tuple[float, float
 
 @kernel(forceinline=True)
 def segment_from(lines: Lattice, ray: Ray, begin: float, end: float, ahead: bool) -> RaySegment:
-    """The Segment of a ray that begins at `begin`.
+    """The segment of a ray that begins at `begin`.
 
-    ahead  whether its middle, where it is exact, lies at `begin` and not half its length farther
+    ahead  whether the middle, where the path is exact, lies at `begin`; else half a length farther
     """
     wish = end - begin if ahead else 0.5 * (end - begin)
     half, margin = reach(lines, ray, begin, wish)
@@ -80,11 +82,11 @@ def segment_from(lines: Lattice, ray: Ray, begin: float, end: float, ahead: bool
 def march(
     lines: Lattice, surface: Surface, ray: Ray, segment: RaySegment, begin: float, end: float
 ) -> tuple[int, float, float, float, int, int]:
-    """Follow one ray, a unit direction from a point, on its first path and those after it.
+    """Follow one ray, a unit direction from a point, on its first path and on later paths.
 
-    Returns  MISS, HIT or ABSENT; two distances that enclose the intersection, and an estimate of
-             it, or three times the distance from which to continue; row and column of the cell
-             that was hit, or of the tile that is absent
+    Returns  MISS, HIT or ABSENT; three distances: two that enclose the intersection, and an
+             estimate of it (all three are the distance to continue from, if ABSENT); row and column
+             of the hit cell or of the absent tile
     """
     while True:
         middle, half = segment.middle, segment.half
@@ -107,7 +109,7 @@ def _along(
     path, half = segment.path, segment.half
     first = _turning(path.u1, path.u2, half)
     second = _turning(path.v1, path.v2, half)
-    # A path that leaves a closed grid on one side comes back on the other.
+    # A path that leaves a closed grid on one side enters it on the other.
     around = 1 if lines.columns > SEAMLESS * lines.turn else 0
     for end in (min(first, second), max(first, second), half):
         if end <= begin:
@@ -131,7 +133,7 @@ def _along(
 
 @kernel
 def _turning(q1: float, q2: float, half: float) -> float:
-    """Point at which a quadratic turns around, if it does between -half and half; else half."""
+    """Extremum of a quadratic between -half and half; half if there is none."""
     if abs(q1) >= 2 * abs(q2) * half:
         return half
     return -q1 / (2 * q2)
@@ -157,7 +159,7 @@ def _within(
 def _border(
     q0: float, q1: float, q2: float, inverse: float, curl: float, sign: int, target: float
 ) -> float:
-    """Like `crossing`, from 1 / q1 and q2 / q1, which are NaN for the other branch."""
+    """As `crossing`, from 1 / q1 and q2 / q1, which are NaN for the other branch."""
     straight = (target - q0) * inverse
     bend = straight * curl
     if abs(bend) < STRAIGHT:
@@ -171,10 +173,10 @@ def _cell(position: float, low: int, high: int) -> int:
 
 
 class Rates(NamedTuple):
-    """Bounds of a monotonic piece from where it is followed on.
+    """Bounds of the rest of a monotonic piece.
 
     u, v   largest columns and rows per metre
-    slack  1, by which the error of the path's slope may grow
+    slack  1, largest growth of the error of the path's slope
     """
 
     u: float
@@ -196,10 +198,10 @@ class Borders(NamedTuple):
     """Borders of the blocks that a monotonic piece of a ray crosses.
 
     last_u, last_v   column and row at the end of the piece
-    end_i, end_j     the cell there
+    end_i, end_j     cell at the end of the piece
     per_u, per_v     metre per column and row; NaN where the piece is on the other branch
-    curl_u, curl_v   1 / metre, bend of columns and rows over their slope
-    past_u, past_v   blocks between the near border of a block and that at which the piece leaves it
+    curl_u, curl_v   1 / metre, curvature of columns and rows over their slope
+    past_u, past_v   blocks between the near border of a block and the border where the piece leaves
     """
 
     last_u: float
@@ -240,7 +242,7 @@ def _exits(
 ) -> tuple[float, float]:
     """Distances at which a piece leaves its block through a column and through a row.
 
-    Infinity where it ends inside the block.
+    Infinity where the piece ends inside the block.
     """
     exit_u = exit_v = math.inf
     if (i ^ borders.end_i) >> level:
@@ -260,12 +262,12 @@ def _through(
 ) -> tuple[int, float, float, float, int, int]:
     """Follow a monotonic piece from `s` on through the blocks of the grid.
 
-    A block is entered, and split where the path comes below its maximum, until it is a single cell,
-    where `_cell_by_parabola` or `_cell_exact` decides; then the path leaves for the next block.
+    A block is split where the path falls below its maximum. In a single cell `_cell_by_parabola` or
+    `_cell_exact` decides. Then the path goes on to the next block.
 
-    Returns  as `march`, distances from the middle of the path; CLEAR where nothing lies ahead
+    Returns  as `march`, with distances from the middle of the path; CLEAR where nothing lies ahead
     """
-    # Once, as numba counts each use of an array of a tuple.
+    # Read once: numba counts each use of a tuple's array.
     heights, maxima, steepness = surface.heights, surface.maxima, surface.steepness
     top, slots, used, horizon = surface.top, surface.slot, surface.used, surface.horizon
     path, margin, u0, end = segment.path, segment.margin, piece.u0, piece.end
@@ -317,7 +319,7 @@ def _through(
                 return HIT, low, high, guess, j, i
             sure = not math.isnan(low)
         else:
-            sure = bound > -math.inf  # no hole, below which a ray could continue under the surface
+            sure = bound > -math.inf  # no hole: in a hole a ray could continue below the surface
         if leave >= end:
             return MISS, math.inf, math.inf, math.inf, 0, 0
         s, old_j, old_i, by_column = leave, j, i, exit_u <= exit_v
@@ -330,7 +332,7 @@ def _through(
         outer = ((old_i ^ i) if by_column else (old_j ^ j)) >> (level + 1)
         if i < 0 or j < 0 or i > last_i or j > last_j:
             return MISS, math.inf, math.inf, math.inf, 0, 0
-        if outer and level < SIZE:  # out of the next larger block, too
+        if outer and level < SIZE:  # the piece leaves the next larger block, too
             level += 1
             if (old_i ^ i) >> SIZE or (old_j ^ j) >> SIZE:
                 slot = slots[j >> SIZE, i >> SIZE]
@@ -360,9 +362,8 @@ def _first_block(
 ) -> tuple[int, bool, int]:
     """Level of the first block of a piece in the cell [j, i].
 
-    extent   cells, of the piece along columns or rows
-    Returns  level; whether the path is surely above the surface there; levels that it descends at a
-             time
+    extent   cells, length of the piece along columns or rows
+    Returns  level; whether the path is surely above the surface there; levels of one descent
     """
     path, level, sure, drop = segment.path, SIZE, False, 1
     slope = path.h1 + 2 * s * path.h2
@@ -373,7 +374,7 @@ def _first_block(
         if sure:
             height = _at(path.h0, path.h1, path.h2, s) - segment.margin
             level = _start(maxima, steepness, slot, j, i, height, slope, rates)
-    elif slot >= 0:  # begin with blocks about as large as the piece is long
+    elif slot >= 0:  # begin with blocks about as large as the piece
         level = 0
         while level < SIZE and extent > (1 << level):
             level += 1
@@ -387,7 +388,7 @@ def _first_block(
 
 @kernel(forceinline=True)
 def _lowest(path: Path, slope: float, s: float, leave: float) -> float:
-    """Least height of a path between two distances; `slope` is that at the first."""
+    """Least height of a path between two distances; `slope` is its slope at the first."""
     if slope < 0 < path.h1 + 2 * leave * path.h2:
         return path.h0 - 0.25 * path.h1 * path.h1 / path.h2
     return _at(path.h0, path.h1, path.h2, s if slope >= 0 else leave)
@@ -395,7 +396,7 @@ def _lowest(path: Path, slope: float, s: float, leave: float) -> float:
 
 @kernel(borrows=True, forceinline=True)
 def _highest(top: Floats, maxima: Singles, slot: int, level: int, j: int, i: int) -> float:
-    """Largest height of the block around the cell [j, i]; infinity of a single cell."""
+    """Largest height of the block around the cell [j, i]; infinity for a single cell."""
     if level == SIZE:
         return top[j >> SIZE, i >> SIZE]
     if level == 0:
@@ -406,21 +407,21 @@ def _highest(top: Floats, maxima: Singles, slot: int, level: int, j: int, i: int
 
 @kernel(forceinline=True)
 def _cell_in_block(position: float, cell: int, level: int, last: int) -> int:
-    """Number of the cell at a position, kept inside the block of another and inside the grid."""
+    """Index of the cell at a position, clipped to the block of another cell and to the grid."""
     first = (cell >> level) << level
     return _cell(position, first, min(first + (1 << level) - 1, last))
 
 
 @kernel(forceinline=True)
 def _next_block(cell: int, level: int, sign: int) -> int:
-    """Number of the first cell beyond the block of a cell."""
+    """Index of the first cell beyond the block of a cell."""
     first = (cell >> level) << level
     return first + (1 << level) if sign > 0 else first - 1
 
 
 @kernel(borrows=True, forceinline=True)
 def _horizon_at(horizon: Horizon, u: float, v: float) -> float:
-    """Height above which rays at a place meet nothing any more."""
+    """Height above which rays at a point meet nothing any more."""
     ahead, across = (v, u) if horizon.by_rows else (u, v)
     along = horizon.offset + horizon.sign * ahead
     column = math.floor(along * horizon.per_side)
@@ -442,7 +443,8 @@ def _cell_by_parabola(
     j: int,
     i: int,
 ) -> tuple[int, float, float, float]:
-    """Whether the path meets the surface of one cell between two distances, and an estimate where.
+    """Whether the path meets the surface of one cell between two distances, and an estimated
+    distance.
 
     A parabola through three heights above the surface decides: MISS, HIT, or ABSENT where exact
     heights must decide. In a hole the first returned distance is NaN.
@@ -455,7 +457,7 @@ def _cell_by_parabola(
     # The error of the path grows with the cube of the distance from its middle.
     fraction = max(abs(s), abs(leave)) / segment.half
     margin = segment.margin * (fraction * fraction * fraction)
-    if not _parabola_minimum(first, second, third)[0] <= margin:  # true of a hole too
+    if not _parabola_minimum(first, second, third)[0] <= margin:  # also true for a hole
         return MISS, first, math.inf, math.inf
     if first > margin and third < -margin:
         bend, slope = 0.5 * (first + third) - second, 0.5 * (third - first)
@@ -485,7 +487,7 @@ def _start(
     slope: float,
     rates: Rates,
 ) -> int:
-    """Level of a block, nearly the largest, that a rising path leaves without meeting its
+    """Level of a block, nearly the largest, that a rising path leaves without meeting its surface.
 
     The path is above the surface of the cell [j, i].
     """
@@ -506,7 +508,7 @@ def _start(
 
 @kernel(borrows=True, forceinline=True)
 def _over(heights: Singles, path: Path, u0: float, slot: int, j: int, i: int, s: float) -> bool:
-    """Whether a path is above the surface of a cell; not so in a hole."""
+    """Whether a path is above the surface of a cell; false in a hole."""
     a, b, c, d = corners(heights, slot, j & (CELLS - 1), i & (CELLS - 1))
     return _clear(path, u0 - i, path.v0 - j, a, b, c, d, s) > 0
 
@@ -533,7 +535,7 @@ def _cell_exact(
     j: int,
     i: int,
 ) -> tuple[int, float, float, float]:
-    """Like `_cell_by_parabola`, on exact heights."""
+    """As `_cell_by_parabola`, with exact heights."""
     half = 0.5 * (leave - s)
     low, high, guess = s, leave, s + half
     first = second = third = 0.0
@@ -542,11 +544,12 @@ def _cell_exact(
         path = path_at(lines, ray, middle + here)
         value = above(lines, heights, slot, j, i, path, 0.0)[0]
         if turn == 0 and s > piece.begin and not value >= -CLOSED:
-            # Out of a hole or over an edge, whose position the path gives less well than the ray.
+            # Out of a hole or over an edge: the ray gives the position more accurately than the
+            # path.
             late = _entry(lines, path, j, i, piece.east, piece.south)
             s += late
             value = above(lines, heights, slot, j, i, path, late)[0]
-        if turn == 0 and value <= 0:  # from the side, or from below
+        if turn == 0 and value <= 0:  # the ray comes from the side or from below
             return HIT, s, s, s
         if value <= 0:
             high = here
@@ -580,16 +583,17 @@ def _parabola_minimum(first: float, second: float, third: float) -> tuple[float,
         return second - 0.25 * slope * slope / bend, -0.5 * slope / bend
     if first < third:
         return first, -1.0
-    return third, 1.0  # of NaN, NaN
+    return third, 1.0  # NaN gives NaN
 
 
 @kernel(borrows=True)
 def above(
     lines: Lattice, heights: Singles, slot: int, j: int, i: int, path: Path, s: float
 ) -> tuple[float, float, float]:
-    """Height of an exact path above the surface, its change with the distance, and its twist.
+    """Height of an exact path above the surface; its derivative with distance; the absolute second
+    derivative by the cell's twist.
 
-    The cell is the one near [j, i] that contains the point, so that the value is continuous.
+    The cell near [j, i] that contains the point is used, so that the value is continuous.
     """
     u0 = path.u0 - lines.turn * math.floor((path.u0 - i) / lines.turn + 0.5)
     u = u0 + s * (path.u1 + s * path.u2) - ((i >> SIZE) << SIZE)

@@ -17,26 +17,27 @@ from startrack.earth.terrain.tile import CELLS, VERTICES
 class Mosaic:
     """Sources that cover parts of one grid.
 
-    A level has every second vertex of the one before. At each vertex the finest source counts
-    that has a value there.
+    A level has every second vertex of the level before. Each vertex has the value of the finest
+    source that covers it.
 
-    sources  in any order
+    sources  the sources, in any order
     """
 
     sources: tuple[Source, ...]
 
     def __post_init__(self) -> None:
         if not self.sources:
-            raise ValueError("sources must be one or more, got none")
+            raise ValueError("sources must have one entry or more, got none")
 
     @cached_property
     def ordered(self) -> tuple[Source, ...]:
-        """The source of the smallest cells first."""
+        """The sources, smallest cells first."""
         return tuple(sorted(self.sources, key=lambda own: own.grid.step_y * own.grid.step_x))
 
     @cached_property
     def grid(self) -> Grid:
-        """The vertices of level 0: those of the finest source, as far as the sources reach."""
+        """The vertices of level 0: spaced as in the finest source, over the extent of all
+        sources."""
         first = self.ordered[0].grid
         if first.closed:
             west, columns = first.west, first.columns
@@ -55,7 +56,8 @@ class Mosaic:
 
     @cached_property
     def levels(self) -> int:
-        """Number of levels, down to one of a few cells; around the Earth, as long as they close."""
+        """Number of levels, down to a level of a few cells; around the Earth, down to the last
+        closed level."""
         grid = self.grid
         coarsest = max(1, (min(grid.columns, grid.rows) - 1).bit_length() - 1)
         if not grid.closed:
@@ -63,13 +65,13 @@ class Mosaic:
         return min(coarsest, (grid.columns & -grid.columns).bit_length())
 
     def shape(self, level: int) -> tuple[int, int]:
-        """Cells down and across at a level; they reach over the edges by less than a cell."""
+        """Cells down and across at a level; they extend beyond the edges by less than a cell."""
         return -(-(self.grid.rows - 1) >> level), -(-self.grid.cells_across >> level)
 
     def level_of(self, place: Floats) -> NDArray[np.int8]:
         """The level of the finest source at longitudes and latitudes (n, 2); (n,).
 
-        Beside all sources that of the coarsest.
+        The level of the coarsest source holds outside all sources.
         """
         finest = self.grid.step_y
         levels = [
@@ -88,7 +90,7 @@ class Mosaic:
         return out
 
     def window(self, level: int, j: int, i: int) -> Grid | None:
-        """The vertices of one tile that lie over the grid; None where they are beyond a pole."""
+        """The vertices of one tile within the grid; None beyond a pole."""
         grid, scale = self.grid, 1 << level
         step_x, step_y = grid.step_x * scale, grid.step_y * scale
         down, across = self.shape(level)
@@ -100,7 +102,7 @@ class Mosaic:
         return Grid(grid.west + i * CELLS * step_x, north, step_x, step_y, columns, rows)
 
     def read(self, level: int, j: int, i: int) -> Singles:
-        """The values of one tile, (513, 513); NaN where no source has any."""
+        """The values of one tile, (513, 513); NaN where no source has a value."""
         tile = np.full((VERTICES, VERTICES), np.nan, np.float32)
         window = self.window(level, j, i)
         if window:
@@ -112,7 +114,7 @@ class Mosaic:
         return tile
 
     def covers(self, longitude: Floats, latitude: Floats) -> Flags:
-        """Places (n,), in radian, that lie within any of the sources."""
+        """Whether points (n,), in radian, lie within any source."""
         inside = np.zeros(longitude.shape, np.bool_)
         for source in self.ordered:
             inside |= source.covers(longitude, latitude)
@@ -120,7 +122,7 @@ class Mosaic:
 
 
 def _span(grids: list[Grid]) -> tuple[float, float]:
-    """West edge and width of the shortest span of longitudes that holds all grids."""
+    """West edge and width of the shortest span of longitudes that contains all grids."""
     best = (0.0, math.inf)
     for first in grids:
         if first.closed:

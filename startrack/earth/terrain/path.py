@@ -7,8 +7,9 @@ from startrack.core import kernel
 from startrack.earth.terrain.ellipsoid import ECCENTRICITY_2, EQUATORIAL
 from startrack.earth.terrain.surface import Lattice, locate
 
-TOLERANCE = 1e-2  # metre, or of a cell where that is less: largest deviation of a path from its ray
-LONGEST = 0.125  # of the distance from the Earth's axis: largest half length of a path
+# metre, or fraction of a cell if smaller: largest deviation of a path from its ray
+TOLERANCE = 1e-2
+LONGEST = 0.125  # largest half length of a path over the distance from the Earth's axis
 
 
 class Ray(NamedTuple):
@@ -33,8 +34,8 @@ class Path(NamedTuple):
 
     u, v    columns and rows from the vertex [0, 0]
     h       metre above the ellipsoid
-    sine    of the latitude at the middle
-    cosine  of the latitude at the middle
+    sine    sine of the latitude at the middle
+    cosine  cosine of the latitude at the middle
     """
 
     u0: float
@@ -54,11 +55,12 @@ class Path(NamedTuple):
 def reach(lines: Lattice, ray: Ray, s: float, longest: float) -> tuple[float, float]:
     """Half the length up to which a quadratic path keeps its tolerance, and its height margin.
 
-    The third derivatives of the path, in metres, stay below 8 c / p^2, with c the horizontal
-    part of the direction and p the distance from the axis: of the height 3 sin(e) cos^2(e) / r^2,
-    of the latitude 6 c / r^2, of the longitude 6 c / p^2. Taylor's remainder gives the length.
+    The third derivatives of the path, in metres, stay below 8 c / p^2; c is the horizontal part of
+    the direction, p the distance from the axis. They are 3 sin(e) cos^2(e) / r^2 for the height, 6
+    c / r^2 for the latitude, and 6 c / p^2 for the longitude. Taylor's remainder gives the length.
 
-    Returns  metre; metre, bound of the error of height above the terrain at the ends
+    Returns  half the length, metre; bound of the error of height above the terrain at the ends,
+             metre
     """
     x, y, z = point_at(ray, s)
     across_2 = x * x + y * y
@@ -88,7 +90,7 @@ def _cube_root(volume: float) -> float:
 
 @kernel(forceinline=True)
 def path_at(lines: Lattice, ray: Ray, s: float) -> Path:
-    """The path around a point, its derivatives from those of the local axes.
+    """The path around a point, with derivatives from the rotation of the local axes.
 
     With e, n, w the parts of the direction to the east, to the north and upwards:
         lon' = e / p,  lat' = n / (M + h),  h' = w,  p' = cos(lat) w - sin(lat) n
@@ -131,8 +133,8 @@ def path_at(lines: Lattice, ray: Ray, s: float) -> Path:
 def crossing(q0: float, q1: float, q2: float, sign: int, target: float) -> float:
     """Point at which a quadratic reaches `target` on its branch that rises (sign 1) or falls (-1).
 
-    Where the quadratic is nearly straight, by its reverted series, to 1e-16. Infinity where the
-    quadratic does not reach the target.
+    A reverted series, accurate to 1e-16, is used where the quadratic is nearly straight. Infinity
+    where the quadratic does not reach the target.
     """
     rest = target - q0
     slow = q1 * q1

@@ -1,4 +1,4 @@
-"""Terrain of one surface, or of any size: each ray on the level that its resolution needs."""
+"""Terrain of any size: each ray uses the level that its resolution needs."""
 
 from dataclasses import dataclass, field
 
@@ -18,14 +18,15 @@ from startrack.earth.terrain.trace import RayHits, go_on, no_hits, waiting
 
 
 def beside(surface: Surface, wet: RayHits, hits: RayHits) -> RayHits:
-    """The same hits, replaced by those of the sea where it is met first, beside the surface."""
+    """The same hits; a hit of the sea replaces the hit of a ray that meets the sea first, outside
+    the surface."""
     first = wet.hit & (wet.distance < hits.distance) & ~covered(surface, wet.place)
     hits.put(first, wet.of(first))
     return hits
 
 
 def under(surface: Surface, sea: float | None, rays: Rays, start: float) -> Flags:
-    """Rays that lead into the sea beside the surface, or below its lowest height."""
+    """Whether rays lead into the sea outside the surface, or below the lowest height."""
     deep = ConstantHeight(surface.lowest if sea is None else min(sea, surface.lowest))
     stopped = deep.stops(rays, np.zeros(0, np.int8), start)
     if sea is not None:
@@ -36,19 +37,18 @@ def under(surface: Surface, sea: float | None, rays: Rays, start: float) -> Flag
 
 @dataclass(frozen=True, eq=False)
 class Pyramid:
-    """Terrain of which only the tiles that rays need are read.
+    """Terrain that reads only the tiles that rays need.
 
-    terrain          the sources of its heights
-    sea              metre, height of what no source covers, above the geoid if there is one, else
-                     above the ellipsoid
-    holes            metre, height of holes inside the sources, likewise; None refuses those that
-                     rays meet
-    geoid            undulations, where the heights are above the geoid; None where they are above
-                     the ellipsoid
-    lowest, highest  metre above the ellipsoid, between which all heights lie
-    tiles            that fit into memory
-    sharpness        1, ground resolution of a ray over the cells of the level that it gets; 1 for
-                     cells of at most the size of a pixel's side, 0 for the finest level always
+    terrain          sources of its heights
+    sea              metre, height where no source covers the Earth; above the geoid if there is
+                     one, else above the ellipsoid
+    holes            metre, height of holes inside the sources, likewise; None: rays into holes are
+                     refused
+    geoid            undulations, for heights above the geoid; None: heights are above the ellipsoid
+    lowest, highest  metre above the ellipsoid, bounds of all heights
+    tiles            largest number of tiles in memory
+    sharpness        1, ground resolution of a ray over the cell size of its level; 1: cells up to a
+                     pixel's side; 0: always the finest level
     """
 
     terrain: Mosaic
@@ -72,11 +72,11 @@ class Pyramid:
         object.__setattr__(self, "cache", Cache(self._read, self.tiles))
 
     def meet(self, rays: Rays) -> tuple[RayHits, Levels]:
-        """Points at which rays meet the terrain, each ray on one level.
+        """Points where rays meet the terrain, each ray on one level.
 
         Raises    OSError where a tile cannot be read; Refused where a height lies beyond the
-                  bounds, and where a ray meets a hole whose height is not given.
-        Accuracy  model: a ray keeps the level that follows from its resolution at the sea.
+                  bounds, or a ray meets a hole without a given height.
+        Accuracy  model: the resolution of a ray at the sea determines its level.
         """
         wet, out = ConstantHeight(self.sea).meet(rays)[0], no_hits(len(rays))
         level = self.choose(rays, wet)
@@ -92,7 +92,7 @@ class Pyramid:
         return out, level
 
     def stops(self, rays: Rays, level: Levels, start: float) -> Flags:
-        """Rays that meet the terrain at given levels, the sea, or the Earth below them."""
+        """Whether rays meet the terrain at given levels, the sea, or the Earth below them."""
         out = np.zeros(len(rays), np.bool_)
         for own_level in np.unique(level):
             mine = np.flatnonzero(level == own_level)
@@ -105,9 +105,9 @@ class Pyramid:
         return out
 
     def choose(self, rays: Rays, there: RayHits) -> Levels:
-        """The level of each ray, from its resolution where it meets the sea.
+        """The level of each ray, from its resolution at the sea.
 
-        level = floor(log2(sharpness * distance * spread / cell)),  at least that of the source
+        level = floor(log2(sharpness * distance * spread / cell)),  at least the source's level
         """
         seen = there.hit & (rays.spread > 0) & (self.sharpness > 0)
         cell = self.terrain.grid.step_y * EQUATORIAL
@@ -120,9 +120,9 @@ class Pyramid:
         return level
 
     def _fetch(self, level: int, hits: RayHits) -> bool:
-        """Load tiles that rays wait for; whether any ray waits.
+        """Load tiles that rays wait for. Returns whether any ray waits.
 
-        At most half of the cache at a time: the tiles of the last call are then still there, and
+        A call loads at most half of the cache. So the tiles of the last call stay in memory, and
         the first waiting ray advances with every call.
         """
         self.cache.refresh()
@@ -149,7 +149,7 @@ class Pyramid:
         surface.slot[j, i], surface.top[j, i] = slot, highest
 
     def _read(self, level: int, j: int, i: int) -> Singles:
-        """Heights of a tile above the ellipsoid, sea where there are none."""
+        """Heights of a tile above the ellipsoid; the sea where sources have none."""
         tile = self.terrain.read(level, j, i)
         window = self.terrain.window(level, j, i)
         if window is None:
@@ -166,7 +166,8 @@ class Pyramid:
         return tile
 
     def _fill(self, part: Singles, window: Grid) -> Flags:
-        """Give heights to what no source has a value for; the (rows, columns) holes in sources."""
+        """Fill in heights where no source has a value. Returns the (rows, columns) of holes in
+        sources."""
         holes = np.isnan(part)
         v, u = np.nonzero(holes)
         if v.size:
@@ -178,7 +179,7 @@ class Pyramid:
         return holes
 
     def _require_heights(self, level: int, hits: RayHits) -> None:
-        """Refuse hits in holes whose height nobody gave."""
+        """Refuse hits in holes without a given height."""
         grid, hit = self.terrain.grid, np.flatnonzero(hits.hit)
         u = ((hits.place[hit, 0] - grid.west) % FULL_TURN) / grid.step_x / 2.0**level
         v = (grid.north - hits.place[hit, 1]) / grid.step_y / 2.0**level
@@ -198,7 +199,7 @@ class Pyramid:
             longitude, latitude = np.degrees(hits.place[hit[met][0], :2])
             raise Refused(
                 f"holes must be given (0 m for a sea): {np.count_nonzero(met)} rays meet ground "
-                f"that has no height in the files, the first at longitude {longitude:.4f}, "
+                f"without a height in the files, the first at longitude {longitude:.4f}, "
                 f"latitude {latitude:.4f} degree; or fill the holes in the files",
                 key="holes",
                 rule="must be given",
@@ -213,7 +214,7 @@ class Pyramid:
                 grid.north,
                 grid.step_x * (1 << level),
                 grid.step_y * (1 << level),
-                # Kernels would be compiled anew for bounds that are whole numbers.
+                # Integer bounds would compile the kernels again.
                 cells[1],
                 cells[0],
                 float(self.lowest),

@@ -1,8 +1,8 @@
-"""Where rays meet a surface, by a search of every cell: slow, simple, the reference.
+"""Points where rays meet a surface, by a search of every cell: the slow, simple reference.
 
-The search shares only the surface's definition with the march: meridians are planes and parallels
-are cones, so a ray meets the borders of cells in closed form, and between them the height above
-the surface is searched with exact geodetic coordinates.
+The search shares only the surface's definition with the march. Meridians are planes and parallels
+are cones, so the intersections of a ray with the borders of cells have a closed form. Between
+borders the height above the surface is searched with exact geodetic coordinates.
 """
 
 import math
@@ -18,13 +18,13 @@ from startrack.earth.terrain.march import HIT, MISS
 from startrack.earth.terrain.surface import FULL_TURN, Grid, index
 from startrack.earth.terrain.trace import RayHits, describe_all, no_hits
 
-SAMPLES = 5  # in each cell, between which the height above the surface is searched
+SAMPLES = 5  # samples of the height above the surface in each cell
 GOLDEN = (math.sqrt(5) - 1) / 2
 
 
 @dataclass(frozen=True, eq=False)
 class TerrainScan:
-    """The reference: every cell is searched between two distances in metres along each ray."""
+    """The reference: it searches every cell between two distances in metres along each ray."""
 
     grid: Grid
     heights: NDArray[np.floating]
@@ -32,7 +32,7 @@ class TerrainScan:
     stop: float
 
     def meet(self, rays: Rays) -> tuple[RayHits, Levels]:
-        """The first cell on or under whose surface each ray lies."""
+        """The first cell in which each ray lies on or under the surface."""
         hits = no_hits(len(rays))
         heights = self.heights.astype(np.float32)
         hits.distance[:] = self._search(heights, rays, self.start)
@@ -42,14 +42,14 @@ class TerrainScan:
         return hits, np.zeros(len(rays), np.int8)
 
     def stops(self, rays: Rays, level: Levels, start: float) -> Flags:
-        """Rays that meet it from `start` on over the same length."""
+        """Whether rays meet the surface from `start` on, over the same length."""
         return np.isfinite(self._search(self.heights, rays, start))
 
     def _search(self, heights: NDArray[np.floating], rays: Rays, start: float) -> Floats:
         """Distance (n,) metre at which each ray first lies on or under the surface, or infinity.
 
-        Accuracy  numerical: 1e-9 m of a bisection; a dip under the surface that is shorter than a
-                  fifth of a cell is found where a parabola shows it.
+        Accuracy  numerical: 1e-9 m, by bisection; a dip under the surface shorter than a fifth of a
+                  cell is found only where a parabola shows it.
         """
         shape = (self.grid.west, self.grid.north, self.grid.step_x, self.grid.step_y)
         stop = start + (self.stop - self.start)
@@ -77,7 +77,7 @@ def _scan(grid, heights, origin, direction, start, stop):  # type: ignore[no-unt
 
 @kernel
 def _borders(grid, rows, columns, origin, direction, start, stop, out):  # type: ignore[no-untyped-def]
-    """All distances at which a line crosses a meridian or a parallel of the grid."""
+    """All distances where a line crosses a meridian or a parallel of the grid."""
     west, north, step_x, step_y = grid
     out[0], out[1] = start, stop
     count = 2
@@ -132,7 +132,7 @@ def _search(grid, heights, origin, direction, begin, end):  # type: ignore[no-un
         value = _clear(grid, columns, corner, j, i, origin, direction, high)
         if value <= 0:
             return _bisect(grid, columns, corner, j, i, origin, direction, low, high)
-        # A dip between the samples: golden section, where a straight line cannot exclude it.
+        # Golden section finds a dip between the samples, unless a straight line excludes it.
         if min(before, value) < step:
             a, b = low, high
             while b - a > 1e-7:
@@ -164,7 +164,7 @@ def _bisect(grid, columns, corner, j, i, origin, direction, low, high):  # type:
 
 @kernel
 def _place(grid, columns, origin, direction, s):  # type: ignore[no-untyped-def]
-    """Columns, rows and height of a point of a ray."""
+    """Column, row and height of a point of a ray."""
     west, north, step_x, step_y = grid
     x, y = origin[0] + s * direction[0], origin[1] + s * direction[1]
     z = origin[2] + s * direction[2]

@@ -27,28 +27,30 @@ from startrack.earth.terrain.surface import FULL_TURN, Grid
 from startrack.io import regular_file
 
 GEOGRAPHIC = "EPSG:4326"  # longitude and latitude in degree on WGS84
-FRACTAL_BYTES = 40  # of a height while terrain is made; measured: 36
-# Of a step, to the south-east: a vertex on the edge that two tiles share lies in one of them.
+FRACTAL_BYTES = 40  # memory of a height while terrain is made; measured: 36
+# Fraction of a step to the south-east: a vertex on the common edge of two tiles then lies in one
+# tile.
 NUDGE = 1e-7
-NEAR_POLE = 0.1  # cosine of the latitude, below which a grid of degrees is GDAL's
-PIXELS = 2**22  # that are read at a time for the extremes of a file
-# GDAL's drivers whose data stand in one file; others, such as VRT and WMS, name more of them.
+NEAR_POLE = 0.1  # cosine of the latitude; below it, GDAL chooses the grid in degree
+PIXELS = 2**22  # pixels per block, for the extremes of a file
+# GDAL's drivers with all data in one file; others, such as VRT and WMS, name further files.
 DRIVERS = ("GTiff", "SRTMHGT", "DTED", "USGSDEM", "GTX")
-# Options of GDAL by which it reads nothing beside the file: no .aux.xml, .ovr, .msk or .tfw.
+# Options that let GDAL read no further file: no .aux.xml, .ovr, .msk or .tfw.
 ALONE = {
     "GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR",
     "GDAL_PAM_ENABLED": "NO",
-    "GTIFF_REPORT_COMPD_CS": "YES",  # else a vertical coordinate system would be dropped
+    "GTIFF_REPORT_COMPD_CS": "YES",  # without it GDAL drops a vertical coordinate system
     "CPL_VSIL_CURL_ALLOWED_FILENAME": "none",
 }
-GRIDS = "PROJ_NETWORK"  # variable by which PROJ would fetch grids of datums
-ELSEWHERE = ("OVERVIEWS", "xml:VRT")  # domains of metadata by which GDAL opens other files
+GRIDS = "PROJ_NETWORK"  # variable that lets PROJ fetch grids of datums
+ELSEWHERE = ("OVERVIEWS", "xml:VRT")  # domains of metadata that let GDAL open other files
 SURVEY_FOOT = 1200 / 3937  # metre
-DEEPEST, HIGHEST = -11_100.0, 9_100.0  # metre, of ground and sea floor, geoid and margin included
-# Numbers that many programs write where there is no height; the sea is 9999 m deep in trenches.
+# metre, limits of ground and sea floor, with geoid and margin
+DEEPEST, HIGHEST = -11_100.0, 9_100.0
+# Numbers that many programs write for a missing height. (Trenches of the sea reach -9999 m.)
 VOIDS = (-9999.0, -32768.0)
-SEARCHED = 2**28  # pixel, of the largest file that is searched for them before heights are read
-# Metre in each unit of height, as GDAL, EPSG and the makers of elevation models name them.
+SEARCHED = 2**28  # pixel, largest file that is searched for these numbers before heights are read
+# Metre per unit of height; names of GDAL, EPSG and the makers of elevation models.
 METRES = {
     **dict.fromkeys(("m", "metre", "meter", "metres", "meters"), 1.0),
     **dict.fromkeys(("dm", "decimetre", "decimeter"), 0.1),
@@ -61,10 +63,10 @@ METRES = {
 
 
 class Scaling(NamedTuple):
-    """Value = scale * number + offset, in metre for heights; of a file's band.
+    """Scale of a band: value = scale * number + offset, in metre for heights.
 
-    unit     of the numbers, as the file names it, "" where it does not
-    surface  vertical coordinate system of heights, "" where the file names none
+    unit     unit of the numbers as the file names it; "" if it does not
+    surface  vertical coordinate system of heights; "" if the file names none
     """
 
     scale: float
@@ -74,10 +76,10 @@ class Scaling(NamedTuple):
 
 
 class Extremes(NamedTuple):
-    """Extremes of the values of a file; NaN where it has none.
+    """Extremes of the values of a file; NaN without values.
 
     holes        1, fraction without a value
-    void_number  the lowest number, before scale and unit, where it is one of VOIDS
+    void_number  lowest number, before scale and unit, if it is among VOIDS
     """
 
     lowest: float
@@ -87,33 +89,33 @@ class Extremes(NamedTuple):
 
     @property
     def impossible(self) -> float | None:
-        """Value that is no height of the Earth in metre; None where all may be."""
+        """First extreme outside the heights of the Earth, metre; None if both are possible."""
         if self.lowest < DEEPEST:
             return self.lowest
         return self.highest if self.highest > HIGHEST else None
 
     @property
     def of_the_earth(self) -> bool:
-        """Whether all may be heights of the Earth, and none stands for a place without a height."""
+        """Whether all values can be heights of the Earth and none of them is in VOIDS."""
         return self.impossible is None and self.void_number is None
 
 
 @dataclass(frozen=True)
 class Raster:
-    """A map in a file of one of the DRIVERS, in whatever coordinates; GDAL warps it.
+    """A map in a file of one of the DRIVERS, in any coordinates; GDAL warps it.
 
-    Nothing outside the file is read: no side-car files, and no other file or address that it may
-    name. Its scale and offset are applied. Heights are converted to metre from the unit of the
-    band and of the vertical coordinate system; a band without a unit is taken as metre.
+    No other file is read: no side-car file, and no file or address that the file names. Scale and
+    offset are applied. Heights are converted to metre from the unit of the band and of the vertical
+    coordinate system; metre is assumed for a band without a unit.
 
     path     of the file
     band     1, the first
-    exact    whether values are classes, such as land cover, between which there is no mean
+    exact    whether values are classes, such as land cover, which have no mean
     heights  whether values are heights or undulations of a geoid
 
-    Raises  ImportError where rasterio is missing; OSError where the file cannot be read; Refused
-            where it has no georeference or none that PROJ knows, and where heights have no unit
-            of length, two units, or point down.
+    Raises  ImportError without rasterio; OSError where the file cannot be read; Refused where it
+            has no georeference that PROJ knows, or heights have a unit other than length, have two
+            units, or point down.
     """
 
     path: Path
@@ -126,9 +128,9 @@ class Raster:
 
     @cached_property
     def grid(self) -> Grid:
-        """Pixel centres, of the file itself where its axes are longitude and latitude.
+        """Pixel centres; the file's own where its axes are longitude and latitude.
 
-        Of a map projection, cells as large as its pixels in the middle, along both axes.
+        For a map projection, cells have the size of its pixels in the middle, along both axes.
         """
         rasterio = require_rasterio("to read terrain files")
         with _opened(self.path) as file:
@@ -143,7 +145,7 @@ class Raster:
                     transform, columns, rows = _as_fine(file, transform, columns, rows)
             except Exception as error:
                 if not type(error).__module__.startswith("rasterio."):
-                    raise  # GDAL's own errors are rasterio's, too, but have no public name
+                    raise  # GDAL's errors are also rasterio's, but have no public name
                 raise Refused(
                     f"{self.path} must have a coordinate system that PROJ knows: {error}"
                 ) from None
@@ -154,7 +156,7 @@ class Raster:
 
     @cached_property
     def scaling(self) -> Scaling:
-        """Factor and offset from the numbers of the band to heights in metre."""
+        """Factor and offset that convert numbers of the band to heights in metre."""
         with _opened(self.path) as file:
             scale, offset = file.scales[self.band - 1], file.offsets[self.band - 1]
             if not (math.isfinite(scale) and scale != 0 and math.isfinite(offset)):
@@ -169,10 +171,10 @@ class Raster:
         return Scaling(scale * metre, offset * metre, unit, surface)
 
     def read(self, grid: Grid) -> Singles:
-        """Bilinear (nearest where exact), with GDAL's smoothing where the steps are coarser.
+        """Values by bilinear interpolation (nearest if exact), smoothed by GDAL for coarser steps.
 
-        Raises    Refused for heights that are not of the Earth; warns of a file of heights that
-                  holds one of VOIDS, and names no number for places without a height.
+        Raises    Refused for heights outside the heights of the Earth. Warns of a file of heights
+                  that contains one of VOIDS without declaring a number for missing heights.
         Accuracy  a file of more than SEARCHED pixels is not searched for VOIDS.
         """
         out = np.full((grid.rows, grid.columns), np.nan, np.float32)
@@ -192,7 +194,8 @@ class Raster:
         return out
 
     def covers(self, longitude: Floats, latitude: Floats) -> Flags:
-        """Places that lie within the file, by at least a pixel; it may have a hole there."""
+        """Whether points lie within the file by at least a pixel; the file may have a hole
+        there."""
         rasterio = require_rasterio("to read terrain files")
         inside = np.zeros(longitude.shape, np.bool_)
         with _opened(self.path) as file:
@@ -207,9 +210,9 @@ class Raster:
         return inside
 
     def extremes(self, advance: Callable[[int], None] = lambda _: None) -> Extremes:
-        """Lowest and highest value of all pixels, and the fraction of them that has none.
+        """Lowest and highest value of all pixels, and the fraction of pixels without a value.
 
-        advance  is called with the number of rows that were read since
+        advance  called with the number of rows read since the last call
         """
         lowest, highest, holes = math.inf, -math.inf, 0
         with _opened(self.path) as file:
@@ -238,25 +241,25 @@ class Raster:
 
     @cached_property
     def _unnamed_void(self) -> float | None:
-        """The number of VOIDS that the file holds without naming it."""
+        """The number among VOIDS that the file contains without declaring it."""
         with _opened(self.path) as file:
             named = file.nodatavals[self.band - 1] is not None
             large = file.width * file.height > SEARCHED
         return None if named or large else self.extremes().void_number
 
     def _judge(self, heights: Extremes) -> None:
-        """Warn of numbers that may stand for places without a height, and refuse what is none."""
+        """Warn of numbers that may mean missing heights, and refuse impossible heights."""
         if heights.void_number is not None:
             warnings.warn(
-                f"{self.path} has numbers of {heights.void_number:g}, and names no number for "
-                "places without a height (nodata): they are taken as heights",
+                f"{self.path} contains {heights.void_number:g} and declares no number for missing "
+                "heights (nodata): it is taken as a height",
                 stacklevel=3,
             )
         if heights.impossible is not None:
             raise Refused(
                 f"heights of {self.path} must lie in [{DEEPEST:g}, {HIGHEST:g}] m, got "
-                f"{heights.impossible:g} m: a file names the number that it has where it has no "
-                "height (nodata)"
+                f"{heights.impossible:g} m: declare the number for missing heights in the file "
+                "(nodata)"
             )
 
     def _warp(self, grid: Grid, west: float) -> Singles:
@@ -277,7 +280,7 @@ class Raster:
                     resampling=method.nearest if self.exact else method.bilinear,
                     nodata=math.nan,
                     dtype="float32",
-                    # GDAL would guess them from the sizes of windows, and smooth small ones.
+                    # GDAL would guess them from the sizes of windows, and smooth small windows.
                     XSCALE=min(1.0, self.grid.step_x / grid.step_x),
                     YSCALE=min(1.0, self.grid.step_y / grid.step_y),
                 ) as warped:
@@ -287,9 +290,9 @@ class Raster:
 
 
 def _as_fine(file: Any, warped: Any, columns: int, rows: int) -> tuple[Any, int, int]:
-    """A grid (transform in degree, columns, rows) of the pixel size of a projected file.
+    """A grid (transform in degree, columns, rows) with the pixel size of a projected file.
 
-    GDAL's own has steps of one size in degree, too coarse along the meridian.
+    GDAL's grid has equal steps in degree, too coarse along the meridian.
     """
     rasterio = require_rasterio("to read terrain files")
     own = file.transform
@@ -307,10 +310,11 @@ def _as_fine(file: Any, warped: Any, columns: int, rows: int) -> tuple[Any, int,
 
 
 def _height_unit(path: Path, band: str | None, system: Any) -> tuple[str, str]:
-    """Unit of the heights of a file, "" for none; what they are above, where the file says it.
+    """Unit of the heights of a file, "" for none; their vertical coordinate system, if the file
+    names it.
 
-    Raises  Refused where that is no unit of length, where band and coordinate system disagree, and
-            where the axis points down.
+    Raises  Refused where the unit is not a length, band and coordinate system disagree, or the axis
+            points down.
     """
     table = system.to_dict(projjson=True)
     axes = [
@@ -353,9 +357,9 @@ def _height_unit(path: Path, band: str | None, system: Any) -> tuple[str, str]:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
-    """A raster file while GDAL has it open, without its side-car files and what it may name."""
+    """A raster file, open in GDAL without its side-car files and the files that it names."""
     rasterio = require_rasterio("to read terrain files")
-    regular_file(path, "a raster file")  # GDAL would wait for a FIFO, and read a network
+    regular_file(path, "a raster file")  # GDAL would wait for a FIFO or read from a network
     real = os.path.realpath(path)  # absolute: GDAL takes a name with a colon for a protocol
     if real.startswith("/vsi"):
         raise Refused(
@@ -391,10 +395,10 @@ def _opened_by_driver(path: Path, real: str) -> Any:
 
 
 def require_rasterio(purpose: str) -> Any:
-    """The package, with its warping.
+    """The package rasterio with its module for warping.
 
-    purpose  of it, for the message: "to read terrain files"
-    Raises   ImportError where it is missing.
+    purpose  for the message: "to read terrain files"
+    Raises   ImportError without rasterio.
     """
     try:
         import rasterio
@@ -411,18 +415,18 @@ class Source(Protocol):
 
     @property
     def grid(self) -> Grid:
-        """Its vertices, or the ones that fit it best."""
+        """Vertices of the map, or the vertices that fit it best."""
         ...
 
     def read(self, grid: Grid) -> Singles:
-        """Its values at the vertices of another grid, smoothed to that one's steps.
+        """Values at the vertices of another grid, smoothed to the steps of that grid.
 
-        Returns  (rows, columns); NaN where it has none
+        Returns  (rows, columns); NaN where the map has no value
         """
         ...
 
     def covers(self, longitude: Floats, latitude: Floats) -> Flags:
-        """Whether places (radian, of any shape) lie within the map, which may have holes."""
+        """Whether points (radian, of any shape) lie within the map, which may have holes."""
         ...
 
 
@@ -430,8 +434,8 @@ class Source(Protocol):
 class Array:
     """A map in memory.
 
-    grid    its vertices
-    values  (rows, columns); NaN is no value
+    grid    vertices of the map
+    values  (rows, columns); NaN: no value
     """
 
     grid: Grid
@@ -446,11 +450,11 @@ class Array:
 
     @cached_property
     def _levels(self) -> list[Singles]:
-        """The levels of the pyramid that were computed so far, the finest first."""
+        """The levels of the pyramid computed so far, the finest first."""
         return [self.values.astype(np.float32)]
 
     def level(self, wanted: int) -> tuple[Singles, int]:
-        """The wanted level of the pyramid, or the last one if there are fewer, and its number.
+        """The wanted level of the pyramid, or the last level if there are fewer, and its number.
 
         Each level has every second vertex of the level before.
         """
@@ -461,7 +465,8 @@ class Array:
         return levels[number], number
 
     def read(self, grid: Grid) -> Singles:
-        """Bilinear, in the coarsest level whose steps do not exceed those of `grid`."""
+        """Values by bilinear interpolation in the coarsest level with steps up to the steps of
+        `grid`."""
         ratio = max(grid.step_x / self.grid.step_x, grid.step_y / self.grid.step_y)
         values, level = self.level(max(0, int(np.floor(np.log2(ratio) + 1e-6))))
         scale = 2.0**level
@@ -473,7 +478,7 @@ class Array:
         return bilinear(values, v[:, None] / scale, u[None] / scale, self.grid.closed)
 
     def covers(self, longitude: Floats, latitude: Floats) -> Flags:
-        """Places that lie within its grid."""
+        """Whether points lie within the grid of the map."""
         mine = self.grid
         east = (longitude - mine.west) % FULL_TURN
         across = east <= mine.cells_across * mine.step_x
@@ -487,8 +492,8 @@ def _steps(first: float, step: float, count: int) -> Floats:
 def halve(values: Singles) -> Singles:
     """Every second vertex, as a mean with its neighbours weighted 1, 2, 1 along both axes.
 
-    What has no value is left out of the mean. A grid of an even number of vertices loses its
-    outermost one.
+    Vertices without a value are left out of the mean. A grid with an even number of vertices loses
+    the outermost vertex.
     """
     finite = np.isfinite(values)
     total, weight = np.where(finite, values, 0).astype(np.float64), finite.astype(np.float64)
@@ -508,12 +513,12 @@ def _tent(values: Floats, axis: int) -> Floats:
 def bilinear(
     values: Singles, v: Floats, u: Floats, closed: bool = False, exact: bool = False
 ) -> Singles:
-    """Values between vertices, at rows v and columns u that broadcast; NaN beyond the edges.
+    """Values between vertices, at rows v and columns u, which broadcast; NaN beyond the edges.
 
     exact  whether to take the nearest vertex instead
     """
     rows, columns = values.shape
-    slack = 1e-6  # of a step, so that rounding does not lose the vertices of an edge
+    slack = 1e-6  # fraction of a step, so that rounding does not lose the vertices of an edge
     inside = (v >= -slack) & (v <= rows - 1 + slack) & (closed | (u >= -slack))
     inside = inside & (closed | (u <= columns - 1 + slack))
     u = u % columns if closed else np.clip(u, 0, columns - 1)
@@ -531,7 +536,7 @@ def bilinear(
         (j + 1, i, y * (1 - x)),
         (j + 1, after, y * x),
     ):
-        # A vertex without a fraction has no say, be it a hole.
+        # A vertex of weight zero has no effect, even as a hole.
         used = fraction > 1e-9
         out += np.where(used, values[row, column] * fraction, 0.0) if used.any() else 0.0
     return np.where(inside, out, np.nan).astype(np.float32)
@@ -549,7 +554,7 @@ def fractal(
 
     relief     metre, from the lowest height, which is 0, to the highest
     roughness  1, lower for rougher terrain
-    Returns    (rows, columns) metre; it repeats itself beyond its edges
+    Returns    (rows, columns) metre; the terrain is periodic
     """
     whole(2, 2**15, rows=rows, columns=columns)
     positive(relief=relief)

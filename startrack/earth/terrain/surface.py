@@ -1,4 +1,4 @@
-"""The one surface through heights on a grid that hits, normals and shadows use.
+"""The surface through heights on a grid, for hits, normals and shadows.
 
 Between four vertices the height is bilinear in longitude and latitude. A cell with a vertex that
 is not a number is a hole.
@@ -16,16 +16,17 @@ from startrack.earth.terrain.ellipsoid import angle, vertical
 from startrack.earth.terrain.tile import BLOCKS, CELLS, PATCHES, VERTICES, fill
 
 FULL_TURN = 2 * math.pi
-SEAM = 1e-6  # of a step, within which a grid closes around the Earth or reaches a pole
+# fraction of a step; tolerance for a grid that closes around the Earth or reaches a pole
+SEAM = 1e-6
 
 
 @dataclass(frozen=True)
 class NorthUp:
     """An array on the ground, north up and west left, evenly spaced.
 
-    west, north      where it begins
-    step_x, step_y   to the next column eastwards and to the next row southwards
-    columns, rows    how many
+    west, north      edges of the array
+    step_x, step_y   steps to the next column eastwards and to the next row southwards
+    columns, rows    number of columns and rows
     """
 
     west: float
@@ -38,7 +39,7 @@ class NorthUp:
 
 @dataclass(frozen=True)
 class Grid(NorthUp):
-    """Vertices of an array of heights; in radian, from the longitude and latitude of [0, 0]."""
+    """Vertices of an array of heights, in radian, from the longitude and latitude of [0, 0]."""
 
     def __post_init__(self) -> None:
         finite(west=self.west, north=self.north)
@@ -46,7 +47,7 @@ class Grid(NorthUp):
         whole(2, 2**31, columns=self.columns, rows=self.rows)
         if (self.columns - 1) * self.step_x > FULL_TURN * (1 + SEAM):
             raise ValueError(
-                f"columns must not reach around more than a full turn, got {self.columns} of "
+                f"columns must span at most a full turn, got {self.columns} of "
                 f"{math.degrees(self.step_x):g} degree"
             )
         if max(self.north, -self.south) > math.pi / 2 + SEAM * self.step_y:
@@ -67,20 +68,20 @@ class Grid(NorthUp):
 
     @property
     def cells_across(self) -> int:
-        """Cells between its columns."""
+        """Number of cells along a row."""
         return self.columns if self.closed else self.columns - 1
 
 
 class Horizon(NamedTuple):
     """Heights above which parallel rays meet nothing any more; see `with_horizon`.
 
-    Along is offset + sign * (row or column), across the other of both, and aside
-    across - shear * along.
+    `along` is offset + sign * (row or column), `across` the other coordinate, and aside is across -
+    shear * along.
 
     bound     (blocks along, strips aside) metre; empty where there is no horizon
     by_rows   1 where rays go mostly along rows of cells up or down, else 0
-    sign, offset, shear, begin  of along and aside, in cells; strips begin at `begin`
-    per_side  blocks to a cell
+    sign, offset, shear, begin  as above, in cells; strips begin at aside = `begin`
+    per_side  blocks per cell
     """
 
     bound: Singles
@@ -105,11 +106,13 @@ class Surface(NamedTuple):
     lowest, highest              metre, bounds of all heights
     heights                      (slots, 513, 513) metre, float32
     maxima                       (slots, 87381) metre, of the blocks of each tile
-    steepness                    (slots, 5461, 2) metre to a column and to a row, of the larger ones
-    slot                         (tiles down, tiles across) of a tile in `heights`, -1 if absent
+    steepness                    (slots, 5461, 2) metre per column and per row, of blocks of level 3
+                                 and more
+    slot                         (tiles down, tiles across) index of a tile in `heights`, -1 if
+                                 absent
     top                          (tiles down, tiles across) metre, bound of each tile
-    used                         (slots,) set to 1 where a tile was read
-    horizon                      of the parallel rays that are asked about
+    used                         (slots,) 1 where a tile was used
+    horizon                      horizon of the parallel rays of the call
     """
 
     west: float
@@ -133,10 +136,10 @@ def index(grid: Grid, heights: NDArray[np.floating]) -> Surface:
     """The surface through heights that are all in memory.
 
     heights  (rows, columns) metre above the ellipsoid; NaN is a hole, through which rays pass
-    Returns  the surface, all its tiles present; it copies the heights and takes
-             1.38 times their memory where they fill its tiles
-    Raises    ValueError where the shape is not that of the grid, where a height is infinite, or all
-              are NaN.
+    Returns  the surface with all tiles present; it copies the heights and needs 1.38 times their
+             memory where they fill the tiles
+    Raises    ValueError where the shape differs from the grid's, a height is infinite, or all
+              heights are NaN.
     Accuracy  numerical: heights are kept in single precision, which rounds by 0.3 mm at most up to
               8 km.
     """
@@ -183,10 +186,10 @@ def index(grid: Grid, heights: NDArray[np.floating]) -> Surface:
 
 
 def close(grid: Grid, heights: Singles) -> tuple[Singles, float]:
-    """Add the missing column that closes the turn and rows that reach the poles.
+    """Add the missing column that closes the turn, and rows at the poles.
 
-    Rows of pixel centres end half a step before the pole. The row put beyond it makes the height
-    at the pole the mean of the last row from every side.
+    Rows of pixel centres end half a step before the pole. A row is added beyond the pole, so that
+    the height at the pole is the mean of the last row from every side.
 
     Returns  the heights, and the latitude of their first row in radian
     """
@@ -212,13 +215,13 @@ def _beyond(row: Singles, fraction: float) -> Singles:
 class Lattice(NamedTuple):
     """The grid of a surface as kernels use it, without the arrays.
 
-    Only numbers: a kernel copies it freely, where every array taken out of a tuple costs a count of
-    references.
+    It contains only numbers, which a kernel copies freely; each array of a tuple would cost
+    reference counting.
 
-    cosine, sine         of the longitude in the middle of the grid
-    middle               columns to there
-    north                radian, of the first row
-    per_column, per_row  columns and rows to a radian
+    cosine, sine         of the longitude of the grid's middle
+    middle               columns from the west edge to the middle
+    north                radian, latitude of the first row
+    per_column, per_row  columns and rows per radian
     turn                 columns around the Earth
     columns, rows        cells
     lowest, highest      metre, bounds of all heights
@@ -239,7 +242,7 @@ class Lattice(NamedTuple):
 
 @kernel(borrows=True)
 def lattice(surface):  # type: ignore[no-untyped-def]
-    """The lines of a surface."""
+    """The grid of a surface as a `Lattice`."""
     longitude = surface.west + 0.5 * surface.columns * surface.step_x
     return Lattice(
         math.cos(longitude),
@@ -258,9 +261,9 @@ def lattice(surface):  # type: ignore[no-untyped-def]
 
 @kernel(forceinline=True)
 def locate(lines, x, y, z):  # type: ignore[no-untyped-def]
-    """Position of one Earth-fixed point over a grid, at most half a turn from its middle.
+    """Position of an Earth-fixed point over a grid, at most half a turn from the grid's middle.
 
-    Returns  columns and rows from the vertex [0, 0], height, sine and cosine of the latitude,
+    Returns  column and row from the vertex [0, 0], height, sine and cosine of the latitude,
              distance from the axis
     """
     sine, cosine, height, across = vertical(x, y, z)
@@ -282,7 +285,7 @@ def corners(heights, slot, j, i):  # type: ignore[no-untyped-def]
 
 @kernel
 def covered(surface, place):  # type: ignore[no-untyped-def]
-    """Places, (n, 3) longitude and latitude in radian and any third, that lie over the grid."""
+    """Whether places, (n, 3) longitude and latitude in radian and any third, lie over the grid."""
     out = np.zeros(len(place), np.bool_)
     turn = FULL_TURN / surface.step_x
     for n in range(len(place)):

@@ -18,18 +18,19 @@ from startrack.earth.terrain.surface import FULL_TURN
 from startrack.earth.terrain.tile import CELLS
 from startrack.earth.terrain.trace import RayHits
 
-LIFT = 1e-3  # metre towards the light, so that a point does not shade itself; chosen by hand
+# metre, offset towards the light, so that a point does not shade itself; chosen by hand
+LIFT = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class HeightChart:
     """One map of the ground, in the same pyramid of tiles as the terrain.
 
-    mosaic  its sources
-    exact   whether its values are classes: then the nearest one on the finest level is used,
-            else a bilinear mean on the level whose cells are as large as the terrain's
-    absent  value where no source has any
-    tiles   that fit into memory
+    mosaic  sources of the map
+    exact   whether values are classes: then the nearest value on the finest level is used, else the
+            bilinear mean on the level with cells as large as the terrain's
+    absent  value where no source has one
+    tiles   largest number of tiles in memory
     """
 
     mosaic: Mosaic
@@ -91,11 +92,11 @@ class Intersector(Protocol):
     """Terrain that rays can meet."""
 
     def meet(self, rays: Rays) -> tuple[RayHits, Levels]:
-        """Points at which rays meet it, and the (n,) levels of its pyramid that were used."""
+        """Points where rays meet the terrain, and the (n,) levels of its pyramid that were used."""
         ...
 
     def stops(self, rays: Rays, level: Levels, start: float) -> Flags:
-        """Rays that meet it beyond the distance `start` in metres, at (n,) levels."""
+        """Whether rays meet the terrain beyond the distance `start` in metres, at (n,) levels."""
         ...
 
 
@@ -103,11 +104,10 @@ def survey(ground: Intersector, rays: Rays, sun: Floats, sky_rays: int = 0) -> G
     """The ground that rays meet, and its illumination.
 
     sun       (3,) unit vector towards the sun, Earth-fixed; the sun is a point source
-    sky_rays  rays from each point that sample the sky; 0 leaves `sky_view` at 1
-    Returns   Ground, its maps empty
+    sky_rays  number of rays from each point that sample the sky; 0: `sky_view` is 1
+    Returns   Ground without maps
     Raises    ValueError where `sun` is not a unit vector.
-    Accuracy  numerical: that of the intersector; the visible fraction of the sky as in
-              `view_sky`.
+    Accuracy  numerical: as the intersector; the visible fraction of the sky as in `view_sky`.
     """
     whole(0, 2**16, sky_rays=sky_rays)
     sun = np.asarray(sun, float)
@@ -155,14 +155,14 @@ def view_sky(
 
         V = (1 / pi) Int visible(w) cos(w, normal) dw, over the half space before the slope
 
-    Source: Dozier and Frew (1990), IEEE TGRS 28, 963, eq. (3), which this sums over directions
-    drawn in proportion to the cosine.
+    Source: Dozier and Frew (1990), IEEE TGRS 28, 963, eq. (3), summed here over directions drawn in
+    proportion to the cosine.
 
     point, normal  (n, 3) metre, unit vectors
     count          rays
     Returns        (n,) 1
     Accuracy       numerical: rms 0.03, 0.013, 0.005 and 0.002 with 16, 64, 256 and 1024 rays in a
-                   spherical bowl, whose fraction is known.
+                   spherical bowl of known fraction.
     """
     seen = np.zeros(len(point))
     east = np.cross([0.0, 0.0, 1.0], normal)

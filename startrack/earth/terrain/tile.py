@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from startrack.core import Singles, kernel, whole
 
-SIZE = 9  # a tile is a block of level 9
-CELLS = 1 << SIZE  # of a tile, along each side
-VERTICES = CELLS + 1  # neighbours share their outermost vertices
-BLOCKS = (4**SIZE - 1) // 3  # of the levels 1 to 9 in a tile
-PATCH = 3  # the level from which on the steepness of blocks is known
-PATCHES = (4 ** (SIZE + 1 - PATCH) - 1) // 3  # of the levels 3 to 9 in a tile
+SIZE = 9  # level of a tile as a block
+CELLS = 1 << SIZE  # cells of a tile along each side
+VERTICES = CELLS + 1  # neighbouring tiles share their outermost vertices
+BLOCKS = (4**SIZE - 1) // 3  # blocks of the levels 1 to 9 in a tile
+PATCH = 3  # lowest level with a steepness of blocks
+PATCHES = (4 ** (SIZE + 1 - PATCH) - 1) // 3  # blocks of the levels 3 to 9 in a tile
 
 
 @kernel
@@ -35,13 +35,13 @@ def patch(level, j, i):  # type: ignore[no-untyped-def]
 def fill(tile: Singles, maxima: Singles, steepness: Singles) -> tuple[float, float]:
     """Fill in the maxima and the steepness of a tile, in place; returns its extreme heights.
 
-    NaN, a hole, is lower than all heights, so that blocks of holes are never entered, and
+    A hole (NaN) counts as lower than all heights, so that blocks of holes are never entered, and as
     infinitely steep.
 
     tile       (513, 513) metre
-    maxima     (87381,) metre; that of a block covers all vertices of its cells
-    steepness  (5461, 2) metre to a column and to a row, at most, between neighbouring vertices;
-               of the blocks of level 3 and more
+    maxima     (87381,) metre, over all vertices of a block's cells
+    steepness  (5461, 2) metre, largest difference between neighbouring vertices along columns and
+               rows, for the blocks of level 3 and more
     Returns    lowest and highest height
     """
     _fill_steepness(tile, steepness)
@@ -111,10 +111,11 @@ Key = tuple[int, int, int]  # level, row and column of a tile
 
 @dataclass(eq=False)
 class Cache:
-    """Tiles with the maxima and steepness of their blocks; the least recently used one is replaced.
+    """Tiles with the maxima and steepness of their blocks; a new tile replaces the least recently
+    used.
 
-    read      gives the (513, 513) heights of a tile
-    capacity  tiles
+    read      returns the (513, 513) heights of a tile
+    capacity  largest number of tiles
     """
 
     read: Callable[[int, int, int], Singles]
@@ -137,7 +138,7 @@ class Cache:
 
     @property
     def memory(self) -> int:
-        """Bytes of all tiles."""
+        """Memory of all tiles, bytes."""
         return self.heights.nbytes + self.maxima.nbytes + self.steepness.nbytes
 
     def refresh(self) -> None:
@@ -150,7 +151,7 @@ class Cache:
     def load(self, key: Key) -> tuple[int, Key | None, float, float]:
         """Read a tile that is not in memory.
 
-        Returns  its slot, the tile that it replaces, and its lowest and highest height
+        Returns  slot of the tile, the tile that it replaces, and its lowest and highest height
         """
         gone = None
         if len(self._slots) < self.capacity:

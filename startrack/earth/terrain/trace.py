@@ -1,4 +1,4 @@
-"""Where rays meet a surface in memory, and its normals there; or only whether they meet it."""
+"""Points and normals where rays meet a surface in memory; or only whether they meet it."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from startrack.earth.terrain.tile import CELLS, SIZE
 
 @printed
 class RayHits(NamedTuple):
-    """Points at which rays meet a surface; NaN, and infinity as the distance, where they do not.
+    """Points where rays meet a surface; for other rays NaN, with infinity as the distance.
 
     status    (n,) MISS, HIT, or ABSENT: the ray waits at `distance` for the tile `tile`
     distance  (n,) metre
@@ -45,7 +45,7 @@ class RayHits(NamedTuple):
         return self.status == HIT
 
     def put(self, choice: NDArray[np.intp] | Flags, other: RayHits) -> None:
-        """Take the rays of `choice` from other hits, in their order."""
+        """Replace the rays of `choice` by other hits, in their order."""
         pairs: Any = zip(self, other, strict=True)
         for mine, theirs in pairs:
             mine[choice] = theirs
@@ -65,11 +65,11 @@ def trace(surface: Surface, rays: Rays) -> RayHits:
     """Find the nearest point at which each ray meets a surface that is in memory.
 
     The ray is straight; the surface is bilinear in longitude and latitude above WGS84. A ray that
-    begins under the surface, or gets below it from its side or out of a hole, ends there.
+    begins under the surface, or gets below it through its side or a hole, ends there.
 
-    Accuracy  numerical: 1e-8 m of the exact intersection, in the middle 1e-9 m; a ray that grazes a
-              ridge within 1e-6 m may be put on the wrong side. Nothing is ABSENT where all tiles
-              are in memory.
+    Accuracy  numerical: within 1e-8 m of the exact intersection, typically 1e-9 m; a ray that
+              grazes a ridge within 1e-6 m may be put on the wrong side. Nothing is ABSENT where all
+              tiles are in memory.
     """
     hits = waiting(len(rays), 0.0)
     go_on(surface, rays.origin, rays.direction, hits, True)
@@ -77,7 +77,7 @@ def trace(surface: Surface, rays: Rays) -> RayHits:
 
 
 def waiting(count: int, start: float) -> RayHits:
-    """Hits of rays that have not begun, to be filled in by `go_on`; `start` in metres."""
+    """Hits of rays before the search, for `go_on` to fill in; `start` in metres."""
     place, normal = np.full((2, count, 3), np.nan)
     tile = np.full((count, 2), -1, np.int32)
     return RayHits(np.full(count, ABSENT, np.uint8), np.full(count, start), place, normal, tile)
@@ -95,7 +95,7 @@ def go_on(surface: Surface, origin: Floats, direction: Floats, hits: RayHits, ex
     exact  whether to find their points and normals
     """
     lines, bundle, who = lattice(surface), empty_bundle(), np.empty(WIDTH, np.int64)
-    n = np.int64(0)  # no literal, for which numba would compile `_gather` once more
+    n = np.int64(0)  # a literal would let numba compile `_gather` again
     while n < len(origin):
         n, count = _gather(bundle, who, n, origin, direction, hits)
         lay_all(bundle, lines, exact)
@@ -109,7 +109,8 @@ def go_on(surface: Surface, origin: Floats, direction: Floats, hits: RayHits, ex
 def _gather(
     bundle: Floats, who: Ints, n: int, origin: Floats, direction: Floats, hits: RayHits
 ) -> tuple[int, int]:
-    """Fill a bundle with waiting rays from number n on; returns the next number, and how many."""
+    """Fill a bundle with waiting rays from number n on. Returns the next number and the count of
+    rays."""
     status, distance, count = hits.status, hits.distance, 0
     while n < len(origin) and count < WIDTH:
         if status[n] == ABSENT:
@@ -149,7 +150,8 @@ def _march_all(
             bundle[of.COLUMN + k], bundle[of.ROW + k] = i, j
             slot = surface.slot[j >> SIZE, i >> SIZE]
             a, b, c, d = corners(surface.heights, slot, j & (CELLS - 1), i & (CELLS - 1))
-            bundle[of.A + k] = a if low < high else math.nan  # met from the side, not from above
+            # the ray comes from the side, not from above
+            bundle[of.A + k] = a if low < high else math.nan
             bundle[of.B + k], bundle[of.C + k], bundle[of.D + k] = b, c, d
 
 
@@ -157,7 +159,7 @@ def _march_all(
 def _describe_all(
     surface: Surface, lines: Lattice, bundle: Floats, who: Ints, hits: RayHits
 ) -> None:
-    """Point and normal of each ray that hit; by `settle` where `refine` did not find them."""
+    """Point and normal of each ray that hit; `settle` finds the points that `refine` does not."""
     status, distance, place, normal = hits.status, hits.distance, hits.place, hits.normal
     for k in range(len(who)):
         n = who[k]
@@ -210,7 +212,7 @@ def _describe(
     place: Floats,
     normal: Floats,
 ) -> None:
-    """Fill in the geodetic place of a point of the surface in a tile, and the normal there."""
+    """Fill in the geodetic coordinates and the normal of a point of the surface in a tile."""
     u, v, height, sine, cosine = over
     _put_place(surface, u, v, place)
     place[2] = height

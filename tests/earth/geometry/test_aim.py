@@ -74,7 +74,7 @@ def test_what_no_orbit_can_reach_is_refused():
         "1 25544U 98067A   08264.51782528 -.00002182  00000-0 -11606-4 0  2927",
         "2 25544  51.6416 247.4627 0006703 130.5360 325.0288 15.72125391563537",
     )
-    with pytest.raises(ValueError, match="two-line elements fix where and when"):
+    with pytest.raises(ValueError, match="two-line elements fix place and time"):
         aimed(TwoLines(*lines), Pointing(), *PLACE)
 
 

@@ -286,7 +286,7 @@ def test_saturated_pixels_are_marked_on_the_map():
 
 
 def test_an_image_of_the_sky_has_no_map():
-    with pytest.raises(ValueError, match="must show the ground to be put on a map"):
+    with pytest.raises(ValueError, match="must show ground for a map"):
         made(flown(pointing=Pointing(roll=100 * deg)))
 
 

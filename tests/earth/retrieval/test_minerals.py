@@ -119,5 +119,5 @@ def test_what_cannot_be_is_refused():
     with pytest.raises(Refused, match="steps or more"):
         replace(OWN, last=7.5 * um)
     campaign = replace(PROBLEM.campaign, objective="area")
-    with pytest.raises(Refused, match="must be one of this retrieval, emissivity, wrong"):
+    with pytest.raises(Refused, match="must be an objective of this retrieval, emissivity, wrong"):
         EarthProblem(replace(DESIGN, campaign=campaign))

@@ -27,5 +27,5 @@ def test_a_range_outside_the_table_is_refused():
     for low, high in ((0.2, 0.5), (0.6, 0.5), (3.0, 5.0)):
         with pytest.raises(Refused, match=r"wavelengths must rise, from 0\.35 to 4\.00 um"):
             ground_spectrum(DESIGN, low * um, high * um)
-    with pytest.raises(Refused, match="needs a scene with the table"):
+    with pytest.raises(Refused, match="must have the table"):
         ground_spectrum(load_earth_design("mertis"), 0.5 * um, 0.6 * um)

@@ -131,7 +131,7 @@ def test_what_is_no_sea_is_refused():
     start = EarthProblem(DESIGN)
     with pytest.raises(Refused, match="bits of channel B8 must make steps"):
         start.replaced({"channels.*.detector.bits": 7, "channels.*.detector.offset": 4}).expect()
-    with pytest.raises(Refused, match="seen well enough"):
+    with pytest.raises(Refused, match="visible enough"):
         start.replaced({"channels.*.detector.read_noise": 5000.0}).expect()
     with pytest.raises(Refused, match="follow the slopes"):
         forecast_waves(DESIGN, replace(OWN, sun_zenith=0.1))

@@ -141,23 +141,23 @@ def test_numbers_that_stand_for_no_height_are_not_taken_for_heights(tmp_path):
     void = Raster(write(tmp_path / "void.tif", heights), heights=True)
     assert not void.extremes().of_the_earth
     with (
-        pytest.warns(UserWarning, match="numbers of -32768"),
+        pytest.warns(UserWarning, match="contains -32768"),
         pytest.raises(
-            ValueError, match=r"must lie in \[-11100, 9100\] m, got -32768 m: a file names"
+            ValueError, match=r"must lie in \[-11100, 9100\] m, got -32768 m: declare"
         ),
     ):
         void.read(GRID)
     heights[80:120, 80:120] = -9999
     deep = Raster(write(tmp_path / "deep.tif", heights), heights=True)
     assert not deep.extremes().of_the_earth
-    with pytest.warns(UserWarning, match="has numbers of -9999, and names no number"):
+    with pytest.warns(UserWarning, match="contains -9999 and declares no number"):
         deep.read(GRID)
     # Also where the steps are so coarse that single numbers are smoothed away, or the unit is feet.
     heights[:] = 700
     heights[90, 90] = -9999
     coarse = Grid(GRID.west, GRID.north, 16 * GRID.step_x, 16 * GRID.step_y, 8, 8)
     feet = Raster(write(tmp_path / "feet.tif", heights, unit="ft"), heights=True)
-    with pytest.warns(UserWarning, match="has numbers of -9999"):
+    with pytest.warns(UserWarning, match="contains -9999"):
         feet.read(coarse)
     named = Raster(write(tmp_path / "named.tif", heights, nodata=-9999), heights=True)
     named.read(coarse)
