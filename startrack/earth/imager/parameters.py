@@ -401,7 +401,9 @@ class Knowledge(Parameters):
         limit=NON_NEGATIVE,
         default=0.01,
     )
-    height: float = parameter("height of the terrain", unit=Unit("m"), limit=NON_NEGATIVE, default=5.0)
+    height: float = parameter(
+        "height of the terrain", unit=Unit("m"), limit=NON_NEGATIVE, default=5.0
+    )
     registration: float = parameter(
         "pixel, registration along each axis", limit=NON_NEGATIVE, default=0.3
     )

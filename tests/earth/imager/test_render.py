@@ -262,7 +262,9 @@ def test_surveys_that_cannot_be(change, words):
 
 def test_what_no_picture_would_show_is_refused():
     one = channel(flat_band(500 * nm, 600 * nm))
-    with pytest.raises(ValueError, match=r"optics.k1 must be left out: .* do not simulate it, got -0.1"):
+    with pytest.raises(
+        ValueError, match=r"optics.k1 must be left out: .* do not simulate it, got -0.1"
+    ):
         replace(one, optics=replace(one.optics, k1=-0.1))
     with pytest.raises(ValueError, match=r"detector.crosstalk must be left out: .*, got 0.02"):
         replace(one, detector=replace(one.detector, crosstalk=0.02))

@@ -142,9 +142,7 @@ def test_numbers_that_stand_for_no_height_are_not_taken_for_heights(tmp_path):
     assert not void.extremes().of_the_earth
     with (
         pytest.warns(UserWarning, match="contains -32768"),
-        pytest.raises(
-            ValueError, match=r"must lie in \[-11100, 9100\] m, got -32768 m: declare"
-        ),
+        pytest.raises(ValueError, match=r"must lie in \[-11100, 9100\] m, got -32768 m: declare"),
     ):
         void.read(GRID)
     heights[80:120, 80:120] = -9999
