@@ -144,7 +144,7 @@ def command(options: argparse.Namespace) -> int:
         expected, floor = recalled(_as_designed)(case)
     options.units = options.units or (UNITS if case.varying else None)
     by_trials = _measured(options, case)
-    result: dict[str, Any] = {"design": str(path), "analytic": _values(expected)}
+    result = dict[str, Any]()
     show = terminal.sections(options)
     required, units = campaign.requirements.accuracy if campaign else (), None
     if options.units:
@@ -172,6 +172,8 @@ def command(options: argparse.Namespace) -> int:
     if design.unknowns and options.draws:
         result["not_known"], sentences = units_over_unknowns(options, path)
         show("\n".join(sentences))
+    if options.out or options.json:
+        result = {"design": str(path), "analytic": _values(expected)} | result
     if options.out:
         save_json(options.out / "budget.json", finite(result))
         result["out"] = str(options.out)

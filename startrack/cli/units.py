@@ -62,7 +62,8 @@ def budgets_of(
             recalled(unit_budgets)(case, options.seed, options.units, age, progress=advance)
             for age in ages
         ]
-    return [_values(at_age, required) for at_age in budgets], budgets[-1]
+    with_levels = bool(options.full or options.json or options.out)
+    return [_values(at_age, required, with_levels) for at_age in budgets], budgets[-1]
 
 
 def units_answer(units: UnitBudgets, required: tuple[Accuracy, ...]) -> str:
@@ -217,7 +218,18 @@ def _yield_share(values: dict[str, Any]) -> str:
     return f"{value:.0f} % [{low:.0f}, {high:.0f}]"
 
 
-def _values(budgets: UnitBudgets, required: tuple[Accuracy, ...]) -> dict[str, Any]:
+def _values(
+    budgets: UnitBudgets, required: tuple[Accuracy, ...], with_levels: bool
+) -> dict[str, Any]:
+    levels = {
+        kind.value: {
+            f"{100 * fraction:g}": {
+                name: budgets.level(axes, fraction, kind) / arcsec for name, axes in AXES.items()
+            }
+            for fraction in LEVELS
+        }
+        for kind in (Interpretation if with_levels else ())
+    }
     return {
         "age_years": budgets.age / YEAR,
         "units": len(budgets),
@@ -231,16 +243,7 @@ def _values(budgets: UnitBudgets, required: tuple[Accuracy, ...]) -> dict[str, A
         "as_published_arcsec": {
             name: _pair(_sum(budgets, terms)) for name, terms in PUBLISHED.items()
         },
-        "levels_arcsec": {
-            kind.value: {
-                f"{100 * fraction:g}": {
-                    name: budgets.level(axes, fraction, kind) / arcsec
-                    for name, axes in AXES.items()
-                }
-                for fraction in LEVELS
-            }
-            for kind in Interpretation
-        },
+        "levels_arcsec": levels,
         "yields": [
             _yield_values(limit, yield_of(limit, units_expected(limit.objective, budgets)))
             for limit in required

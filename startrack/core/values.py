@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from startrack.core.arrays import Flags, Floats, Ints, Singles
@@ -140,27 +140,34 @@ class PsfTable(NamedTuple):
 
 def arranged(tables: Floats, oversampling: int, several: bool) -> PsfTable:
     """Tables (k, m, m) of a PSF for the kernels; `several`: of a FieldPsf."""
-    count, side, _ = tables.shape
-    step = oversampling
+    side, step = tables.shape[-1], oversampling
     across = -(-side // step)
-    padded = np.zeros((count, across * step, across * step))
+    if several:
+        lines, bend = (EMPTY, EMPTY), np.array([_bend(table) for table in tables])
+        all_tables = _by_strides(tables, step, across, np.float32)
+    else:
+        lines, bend = _separate(tables[0]), NO_BEND
+        all_tables = np.empty((0, step, step, across * (across + 2)), np.float32)
+    strides = _by_strides(tables[:1], step, across, np.float64)[0]
+    return PsfTable(strides, all_tables, bend, *lines, side, step, across)
+
+
+def _by_strides(tables: Floats, step: int, across: int, kind: DTypeLike) -> NDArray[Any]:
+    """Tables (k, m, m) as `PsfTable.several`, filled up with zeros."""
+    count, side, _ = tables.shape
+    padded = np.zeros((count, across * step, across * step), kind)
     padded[:, :side, :side] = tables
     strides = padded.reshape(count, across, step, across, step).transpose(0, 2, 4, 1, 3)
     # Kernels read whole rows, also from the last pixels on.
-    room = np.zeros((count, step, step, across * (across + 2)))
-    room[..., : across**2] = strides.reshape(count, step, step, -1)
-    if several:
-        lines, bend = (EMPTY, EMPTY), np.array([_bend(table) for table in tables])
-        all_tables = np.ascontiguousarray(room, np.float32)
-    else:
-        lines, bend = _separate(tables[0]), NO_BEND
-        all_tables = np.empty((0, *room.shape[1:]), np.float32)
-    return PsfTable(room[0].copy(), all_tables, bend, *lines, side, step, across)
+    room = np.zeros((count, step, step, across * (across + 2)), kind)
+    room[..., : across**2].reshape(count, step, step, across, across)[:] = strides
+    return room
 
 
 def _bend(table: Floats) -> float:
     """Largest error of straight lines between samples: an eighth of the second differences."""
-    return sum(float(np.abs(np.diff(table, 2, axis=axis)).max()) for axis in (0, 1)) / 8
+    bends = (np.diff(table, 2, axis=axis) for axis in (0, 1))
+    return sum(max(float(bend.max()), -float(bend.min())) for bend in bends) / 8
 
 
 def _separate(table: Floats) -> tuple[Floats, Floats]:

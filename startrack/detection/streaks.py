@@ -5,7 +5,8 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from scipy import fft, ndimage, special
+import scipy
+from scipy import fft, special
 
 from startrack.core import Floats, Frame, Spots
 from startrack.detection.parameters import LONGEST_STREAK
@@ -77,15 +78,15 @@ def streak_of(frame: Frame, plan: DetectionPlan) -> Streak:
     noise = max(1.4826 * float(np.median(np.abs(value))), QUANTUM)
     value = np.clip(value / noise, -3.0, BRIGHTEST)
     # A pixel far above all of its neighbours is hot, not part of a star.
-    value = np.minimum(value, SHARP * ndimage.maximum_filter(value, footprint=AROUND))
+    value = np.minimum(value, SHARP * scipy.ndimage.maximum_filter(value, footprint=AROUND))
     value -= value.mean()
     far = math.ceil(LONGEST_STREAK * math.sqrt(2)) + 8
     ridge, spread = _autocorrelation(value, far), math.sqrt(value.size)
     ridge[far, far] = ridge[[far - 1, far + 1, far, far], [far, far, far - 1, far + 1]].mean()
     sigma = _width(plan)
-    smooth = ndimage.gaussian_filter(ridge, sigma, mode="nearest")
+    smooth = scipy.ndimage.gaussian_filter(ridge, sigma, mode="nearest")
     tried, place, weight, norm = _lines(far, sigma)
-    along = ndimage.map_coordinates(smooth, place, order=1)
+    along = scipy.ndimage.map_coordinates(smooth, place, order=1)
     height = np.add.reduceat(along * weight, tried[:, 2].astype(int)) / (norm * spread)
     best = tried[int(height.argmax()), :2]
     return _fitted(ridge / spread, best, sigma, float(height.max()))
@@ -102,7 +103,7 @@ def refined(frame: Frame, plan: DetectionPlan, spots: Spots, first: Streak) -> S
     images = []
     for k in range(min(len(spots), STACKED)):
         at = np.array([spots.y[k] + y, spots.x[k] + x])
-        image = ndimage.map_coordinates(value, at, order=1, cval=np.nan)
+        image = scipy.ndimage.map_coordinates(value, at, order=1, cval=np.nan)
         level = np.median(image[[0, -1]])
         if np.isfinite(image).all() and (total := float((image - level).sum())) > 0:
             images.append((image - level) / total)

@@ -7,8 +7,9 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import fft, ndimage
+from scipy import fft
 
 from startrack.core import Floats, Psf, Stars, Streams, printed
 from startrack.detector import electron_rate
@@ -186,7 +187,7 @@ def _gravity(psf: Psf, smear: Floats) -> Floats:
     grid = (np.arange(len(psf.table)) - len(psf.table) // 2) / step
     seen = []
     for axis, moved in enumerate(smear):
-        line = ndimage.gaussian_filter1d(psf.table.sum(axis), moved * step, mode="constant")
+        line = scipy.ndimage.gaussian_filter1d(psf.table.sum(axis), moved * step, mode="constant")
         pixel = np.interp(side - PLACES[:, None], grid, line, 0.0, 0.0)
         seen.append(pixel @ side / pixel.sum(1))
     # A star far inside a pixel has the same centre of gravity wherever it is.

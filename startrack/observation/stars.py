@@ -190,6 +190,7 @@ def _close(selection: Selection, radius: float) -> tuple[Ints, Floats]:
 
 # Limit of pairs whose images may disturb each other; by hand: some seconds, half a gigabyte.
 MOST_PAIRS = 5_000_000
+CROWDED = 8  # times as many pairs as even stars have, for which there is memory without a count
 
 
 @kept(8)
@@ -204,8 +205,9 @@ def near_pairs(selection: Selection, radius: float, faintest: float) -> Ints:
     rank = np.argsort(magnitude, kind="stable")
     bright = int((magnitude <= faintest).sum())
     chord, seen = 2 * math.sin(min(radius, math.pi) / 2), cKDTree(tree.data[:bright])
-    pairs = int(seen.count_neighbors(tree, chord))
-
+    pairs = bright * len(magnitude) * chord**2 / 4  # if they were evenly distributed
+    if pairs > MOST_PAIRS / CROWDED:
+        pairs = int(seen.count_neighbors(tree, chord))
     if pairs > MOST_PAIRS:
         raise Refused(
             "instrument.optics.focal_length must be so long that stars do not overlap: within "

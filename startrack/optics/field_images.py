@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from startrack.core import Camera, FieldPsf, Floats, Refused, lagrange_weights, nm
 from startrack.optics.lens_table import spline
@@ -390,7 +390,7 @@ class _FieldPlan:
         middle = len(image) // 2
         u = (x * math.cos(azimuth) + y * math.sin(azimuth) - along) * size + middle
         v = (y * math.cos(azimuth) - x * math.sin(azimuth)) * size + middle
-        return np.asarray(ndimage.map_coordinates(image, [v, u], order=3, mode="constant"))
+        return np.asarray(scipy.ndimage.map_coordinates(image, [v, u], order=3, mode="constant"))
 
     def _averaged(self, image: Floats) -> Floats:
         table = averaged(image, self.oversampling, self.pixel, self.blur)

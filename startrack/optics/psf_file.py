@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from startrack.core import Floats, Psf, Refused, Unit, non_negative, positive, printed, within
 from startrack.io import open_checked, whole
@@ -139,7 +139,11 @@ def psf_of_file(
     step = max(FINE, math.ceil(1 / spacing - SAME))
     table = _resampled(image, spacing * step)
     if file.pixel:
-        table = ndimage.gaussian_filter(table, kernel * step, mode="constant") if kernel else table
+        table = (
+            scipy.ndimage.gaussian_filter(table, kernel * step, mode="constant")
+            if kernel
+            else table
+        )
     else:
         table = averaged(table, step, math.sqrt(fill_factor), kernel)
     table = table * (file.energy * step**2 / table.sum())
@@ -154,7 +158,9 @@ def _resampled(image: Floats, size: float) -> Floats:
     half = math.floor(min(middle, len(image) - 1 - middle) * size + 1e-9)
     at = np.arange(-half, half + 1) / size + middle
     return np.asarray(
-        ndimage.map_coordinates(image, np.meshgrid(at, at, indexing="ij"), order=3, mode="nearest")
+        scipy.ndimage.map_coordinates(
+            image, np.meshgrid(at, at, indexing="ij"), order=3, mode="nearest"
+        )
     )
 
 

@@ -6,7 +6,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from scipy import ndimage
+import scipy
 from scipy.special import ndtr
 
 from startrack import detection
@@ -204,7 +204,7 @@ def near_stars(case: Case, side: int, samples: int = SAMPLES) -> tuple[float, Fl
     excess = np.zeros((detector.rows, detector.columns))
     excess.ravel()[pattern.outlying] = pattern.excess
     inside = (slice(half, detector.rows - half), slice(half, detector.columns - half))
-    near = ndimage.maximum_filter(np.abs(excess), side)[inside] > 0
+    near = scipy.ndimage.maximum_filter(np.abs(excess), side)[inside] > 0
     random = Streams(0, 0)("windows with hot pixels")
     chosen = random.choice(np.flatnonzero(near), samples)
     row, column = np.divmod(chosen, near.shape[1])

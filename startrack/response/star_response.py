@@ -7,7 +7,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from scipy import ndimage
+import scipy
 from scipy.special import ndtr
 
 from startrack.core import Floats, Frame, Ints, Psf, Refused, Streams, kept, require_memory
@@ -483,7 +483,7 @@ def _blurred(psf: Psf, sigma: float) -> Psf:
     """A PSF with one more Gaussian blur, pixel; light beyond the table is lost."""
     if not sigma:
         return psf
-    table = ndimage.gaussian_filter(psf.table, sigma * psf.oversampling, mode="constant")
+    table = scipy.ndimage.gaussian_filter(psf.table, sigma * psf.oversampling, mode="constant")
     return replace(psf, table=table)
 
 

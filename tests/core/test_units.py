@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from startrack.core import Refused
-from startrack.core.units import fraction, parse, utc_text, write
+from startrack.core.units import SCALES, fraction, parse, utc_text, write
 
 
 @pytest.mark.parametrize(
@@ -124,6 +124,13 @@ def test_what_is_no_number_with_a_unit_is_refused(text):
 )
 def test_what_is_written_reads_back_to_the_last_bit(value, units):
     assert parse(write(value, *units), units[0]) == value
+
+
+def test_factors_of_common_units_are_those_of_astropy():
+    from astropy import units
+
+    for (source, target), scale in SCALES.items():
+        assert scale == float(units.Unit(source).to(units.Unit(target))), (source, target)
 
 
 @pytest.mark.parametrize(
