@@ -9,6 +9,7 @@ fit         Attitude and scale from matched directions and points in the image p
 agree       One-to-one matches of spots and predicted stars, and the attitude that they give.
 evidence    The log-evidence for a match, from positions and from brightness.
 verify      The number of spots that a hypothesis explains, and the bound on chance.
+regrow      A sparse match grown again from each of its patches, where one false match may hold it.
 search      The first accepted hypothesis from triangles of spots, brightest first.
 identify    Matches from spots, the believed camera and the catalogue.
 blind       Spots of an unknown camera -> matches and field of view, then the distortion of its

@@ -10,7 +10,7 @@ from startrack.core import Floats, Ints, Refused, first_not_below, kernel, media
 from startrack.identification.fit import fit
 from startrack.identification.grids import SkyGrid
 from startrack.identification.parameters import Identification
-from startrack.identification.seen import Seen, predict, project, see, with_focal
+from startrack.identification.seen import Seen, predict, project, see
 
 
 @kernel
@@ -91,7 +91,6 @@ def agree(
     scale: float,
     match_radius: float,
     fewest: int,
-    without: int,
 ) -> Agreed:
     """Match and fit alternately until the matches stay the same.
 
@@ -105,15 +104,12 @@ def agree(
     rotation      (3, 3) icrs_to_camera to start from, as scale
     match_radius  1, radius of the first round in the image plane
     fewest        matches; with fewer it ends
-    without       index of the match to leave out of the first fit, -1 for none
     """
     n = len(seen.sigma)
     radius, weight = np.empty(n), np.empty(n)
     for i in range(n):
         radius[i], weight[i] = match_radius, 1 / seen.sigma[i] ** 2
     spot, taken, distance = pair(seen.plane, place, radius)
-    if 0 <= without < len(spot):
-        weight[spot[without]] = 0.0
     for turn in range(ROUNDS):
         if len(spot) < fewest:
             break
@@ -122,7 +118,7 @@ def agree(
             seen.plane, weight, direction, spot, star[taken], rotation, scale, seen.focal, 2
         )
         place = project(direction, star, rotation, scale)
-        excess = _excess(seen, spot, taken, place)
+        excess = excess_variance(seen, spot, taken, place)
         for i in range(n):
             sigma = math.sqrt(seen.sigma[i] ** 2 + excess)
             widest = max(seen.radius, REACH * seen.sigma[i])
@@ -167,12 +163,12 @@ def fit_matches(
         rotation, scale = fit(
             seen.plane, weight, direction, spot, star, rotation, scale, seen.focal, 3
         )
-        excess = _excess(seen, spot, every, project(direction, star, rotation, scale))
+        excess = excess_variance(seen, spot, every, project(direction, star, rotation, scale))
     return rotation, scale
 
 
 @kernel
-def _excess(seen: Seen, spot: Ints, taken: Ints, place: Floats) -> float:
+def excess_variance(seen: Seen, spot: Ints, taken: Ints, place: Floats) -> float:
     """Variance per axis of the residuals beyond the noise: distortion and catalogue errors.
 
     From the median, which is robust against few false matches: the median squared length of a
@@ -220,7 +216,7 @@ def gather(
     """
     star, place = _brightest(seen, faint, magnitude, rotation, scale)
     match_radius = max(seen.excess, REACH * median(seen.sigma))
-    agreed = agree(seen, faint.direction, star, place, rotation, scale, match_radius, 2, -1)
+    agreed = agree(seen, faint.direction, star, place, rotation, scale, match_radius, 2)
     matched = star[agreed.taken]
     return Gathered(
         agreed.spot,
@@ -230,49 +226,6 @@ def gather(
         quaternion(agreed.rotation),
         min(max(agreed.scale, 1 - seen.focal), 1 + seen.focal),
     )
-
-
-# Chosen by hand beside 285,500 skies (experiments/solvers.py), of which seven were false.
-SPARSE = 0.5  # of the spots: fewer matches are examined
-UNEXPLAINED = 0.5  # of the noise variance, by which their residuals exceed it
-FREE = 5.0  # times the tolerance: standard deviation of a free focal length
-DECISIVE = 1.5  # times the matches: more matches without one of them are accepted
-
-
-@kernel
-def release(seen: Seen, faint: SkyGrid, magnitude: Floats, held: Gathered, fewest: int) -> Gathered:
-    """The matches with a free focal length, if one false match may have biased it.
-
-    One false match far from the true ones can pull the fit to a wrong focal length. Then few other
-    stars are matched, and their residuals exceed the noise. Without that match, all others agree
-    with the true focal length.
-
-    held     matches that were found within the tolerance of the focal length
-    fewest   matches, of `agree`
-    Returns  `held`, or the matches with a free focal length (of any scale) if they are DECISIVE
-             times as many
-    """
-    if seen.focal == 0 or len(held.spot) >= SPARSE * len(seen.plane):
-        return held
-    every, noise = np.empty(len(held.spot), np.int64), np.empty(len(held.spot))
-    for k in range(len(held.spot)):
-        every[k], noise[k] = k, seen.sigma[held.spot[k]] ** 2
-    place = project(held.direction, every, held.rotation, held.scale)
-    if not _excess(seen, held.spot, every, place) > UNEXPLAINED * median(noise):
-        return held
-    free = with_focal(seen, FREE * seen.focal)
-    star, place = _brightest(free, faint, magnitude, held.rotation, held.scale)
-    radius = max(seen.excess, REACH * median(seen.sigma))
-    most, rotation, scale = len(held.spot), held.rotation, held.scale
-    for without in range(len(held.spot)):
-        agreed = agree(
-            free, faint.direction, star, place, held.rotation, held.scale, radius, fewest, without
-        )
-        if len(agreed.spot) > most:
-            most, rotation, scale = len(agreed.spot), agreed.rotation, agreed.scale
-    if most < DECISIVE * len(held.spot):
-        return held
-    return gather(free, faint, magnitude, rotation, scale)
 
 
 @kernel

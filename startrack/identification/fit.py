@@ -88,7 +88,12 @@ def derivatives(rotation: Floats, direction: Floats, scale: float) -> Floats:
     Returns    per radian about the camera's axes, and per unit of the scale
     """
     px, py, pz = rotated(rotation, direction)
-    x, y = px / pz, py / pz
+    return derivatives_at(px / pz, py / pz, scale)
+
+
+@kernel
+def derivatives_at(x: float, y: float, scale: float) -> Floats:
+    """`derivatives` of a star at x / z and y / z of its direction in the camera's axes."""
     rows = np.empty((2, 4))
     slope_x, slope_y = plane_slopes(x, y)
     for k in range(3):

@@ -7,13 +7,14 @@ from scipy.spatial.transform import Rotation
 
 from startrack import core
 from startrack.core import Camera, Floats, Ints, Matches, Refused, Status, kernel
-from startrack.identification.agree import FOCAL_ROUNDS, Gathered, gather, release
+from startrack.identification.agree import FOCAL_ROUNDS, Gathered, gather
 from startrack.identification.grids import SkyGrid, VerificationStars
 from startrack.identification.index import CodeTable, PatternIndex
 from startrack.identification.parameters import Identification, matches_by_code
+from startrack.identification.regrow import FREE, is_doubtful, regrown
 from startrack.identification.search import TripleLimits, breadth_first, search
-from startrack.identification.seen import Seen, keep_brightest, see, usable
-from startrack.identification.verify import MatchVerdict, scale_tolerance
+from startrack.identification.seen import Seen, keep_brightest, see, usable, with_focal
+from startrack.identification.verify import MatchVerdict, scale_tolerance, verify
 
 # Bound on chance below which a refused hypothesis is reported as ambiguous instead of no match.
 # Chosen by hand: it changes only the status.
@@ -97,12 +98,14 @@ def _identify(
     voting = keep_brightest(seen, limits.voting)
     best, tried = search(voting, choices, table, voters, limits)
     gathered = gather(seen, faint, magnitude, best.rotation, best.scale)
-    if best.log_p < limits.log_accepted:
-        held, gathered = gathered, release(seen, faint, magnitude, gathered, limits.fewest)
-        if len(gathered.spot) > len(held.spot):
-            best = MatchVerdict(
-                gathered.rotation, gathered.scale, best.matches, best.expected, best.log_p
-            )
+    if best.log_p < limits.log_accepted and is_doubtful(seen, gathered):
+        rotation, scale = regrown(voting, voters, gathered, limits.fewest)
+        verdict = verify(voting, voters, rotation, scale, limits.fewest)
+        if verdict.log_p < best.log_p:
+            best = verdict
+        within = abs(scale - 1) <= scale_tolerance(seen)
+        believed = seen if within else with_focal(seen, FREE * seen.focal)
+        gathered = gather(believed, faint, magnitude, rotation, scale)
     return best, tried, gathered, abs(gathered.scale - 1) > scale_tolerance(seen)
 
 

@@ -24,7 +24,6 @@ from startrack.identification.verify import (
     FIRST_RADIUS,
     MatchVerdict,
     attempt_attitude,
-    leave_one_out,
     prefilter,
     verify,
 )
@@ -32,9 +31,6 @@ from startrack.identification.verify import (
 # Chosen by hand.
 # Tolerance of a code for noise: a larger one takes time, a smaller one loses triangles.
 SIGMAS = 3.5
-# Fraction of matches with the brightest stars, below which `leave_one_out` checks an accepted
-# hypothesis: a larger one takes time, a smaller one misses fits that a false spot distorted.
-EXPECTED = 0.7
 
 
 @lru_cache(maxsize=128)
@@ -86,7 +82,7 @@ def search(
     """
     _, code_tolerance, fewest, log_accepted, most_hypotheses = limits
     tried = 0
-    best = MatchVerdict(np.eye(3), 1.0, 0, 0, 0.0)
+    best = MatchVerdict(np.eye(3), 1.0, 0, 0.0)
     screen = spot_grid(seen.plane, seen.low, seen.high, FIRST_RADIUS * seen.radius)
     names, codes = np.empty((6, 3), np.int64), np.empty((6, 2))
     direction = table.sky.direction
@@ -123,8 +119,6 @@ def search(
                         if verdict.log_p < best.log_p:
                             best = verdict
                         if best.log_p < log_accepted:
-                            if best.expected < EXPECTED * best.matches:
-                                best = leave_one_out(seen, voters, best, fewest)
                             return best, tried
                     if tried >= most_hypotheses:
                         return best, tried

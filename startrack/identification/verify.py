@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from startrack.core import Floats, Ints, kernel, order
+from startrack.core import Floats, Ints, kernel
 from startrack.identification.agree import Agreed, agree
 from startrack.identification.evidence import LOG_ATTITUDES, log_brightness, log_evidence
 from startrack.identification.fit import align, derivatives
@@ -24,14 +24,12 @@ class MatchVerdict(NamedTuple):
     rotation  (3, 3) icrs_to_camera
     scale     1, true over believed focal length
     matches   number of matched spots, 0 where the hypothesis is refused without a test
-    expected  number of matches with the k brightest stars of the image, for k matches
     log_p     ln of the bound on chance
     """
 
     rotation: Floats
     scale: float
     matches: int
-    expected: int
     log_p: float
 
 
@@ -75,64 +73,13 @@ def verify(
     """
     star, place = predict(seen, voters.sky, rotation, scale)
     agreed = agree(
-        seen,
-        voters.sky.direction,
-        star,
-        place,
-        rotation,
-        scale,
-        FIRST_RADIUS * seen.radius,
-        fewest,
-        -1,
+        seen, voters.sky.direction, star, place, rotation, scale, FIRST_RADIUS * seen.radius, fewest
     )
-    return _verdict(seen, voters, star, agreed, fewest)
-
-
-@kernel
-def leave_one_out(
-    seen: Seen, voters: VerificationStars, verdict: MatchVerdict, fewest: int
-) -> MatchVerdict:
-    """The best verdict: this one, or one of those with each match left out of the first fit.
-
-    One false spot far from a group of true ones can rotate and scale the fit so that all other
-    stars are missed, while the group alone is enough evidence.
-    """
-    star, place = predict(seen, voters.sky, verdict.rotation, verdict.scale)
-    best = verdict
-    for without in range(verdict.matches):
-        agreed = agree(
-            seen,
-            voters.sky.direction,
-            star,
-            place,
-            verdict.rotation,
-            verdict.scale,
-            seen.radius,
-            fewest,
-            without,
-        )
-        if len(agreed.spot) > best.matches:
-            other = _verdict(seen, voters, star, agreed, fewest)
-            if other.log_p < best.log_p:
-                best = other
-    return best
-
-
-@kernel
-def _verdict(
-    seen: Seen, voters: VerificationStars, star: Ints, agreed: Agreed, fewest: int
-) -> MatchVerdict:
-    """The verdict on what `agree` found; refused where it is too little or the scale is off."""
     matches = len(agreed.spot)
     if matches < fewest or not abs(agreed.scale - 1) <= scale_tolerance(seen):
-        return MatchVerdict(agreed.rotation, agreed.scale, 0, 0, 0.0)
+        return MatchVerdict(agreed.rotation, agreed.scale, 0, 0.0)
     evidence = log_evidence_of_match(seen, voters, star, agreed)
-    magnitude = voters.magnitude[star]
-    limit = magnitude[order(magnitude)[matches - 1]]
-    expected = 0
-    for taken in agreed.taken:
-        expected += magnitude[taken] <= limit
-    return MatchVerdict(agreed.rotation, agreed.scale, matches, expected, min(-evidence, 0.0))
+    return MatchVerdict(agreed.rotation, agreed.scale, matches, min(-evidence, 0.0))
 
 
 @kernel
