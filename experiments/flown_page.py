@@ -46,7 +46,7 @@ def text_of(
     text += "\n**Cannot be predicted**\n"
     for name, why in frozen["cannot"].items():
         text += f"- {name}: {why}.\n"
-    text += "\nDark current that the model of BRITE's CCD has, electron/s of a pixel (median, "
+    text += "\nDark current of a pixel in the model of BRITE's CCD, electron/s (median, "
     text += "factor of 68 %): "
     text += "; ".join(
         f"{celsius} degC {median:g} ({factor:g})"
@@ -56,7 +56,7 @@ def text_of(
 
 
 def shares(table: dict[str, Any], seen: dict[str, Any]) -> dict[int, float]:
-    """Fraction of the figures with a result that intervals of 68, 90 and 95 % hold."""
+    """Fraction of the figures with a result that intervals of 68, 90 and 95 % contain."""
     known = {name: row["value"] for name, row in seen.items() if name in table}
     return {
         level: sum(held(table[name], value, level) for name, value in known.items()) / len(known)
@@ -67,9 +67,9 @@ def shares(table: dict[str, Any], seen: dict[str, Any]) -> dict[int, float]:
 def scored(table: dict[str, Any], results: dict[str, Any], second: dict[str, float]) -> str:
     """Shares, and all figures with measured values, misses first."""
     seen = {name: row["value"] for name, row in results.items() if name in table}
-    text = f"\nOf {len(seen)} figures with a result, intervals of 68, 90 and 95 % hold "
+    text = f"\nOf {len(seen)} figures with a result, intervals of 68, 90 and 95 % contain fractions of "
     text += ", ".join(f"{share:.2f}" for share in shares(table, results).values())
-    text += ", by camera (90 %): "
+    text += "; by camera (90 %): "
     text += ", ".join(
         f"{camera} {sum(held(table[name], seen[name], 90) for name in own)} of {len(own)}"
         for camera, own in by_camera(seen).items()
@@ -78,12 +78,12 @@ def scored(table: dict[str, Any], results: dict[str, Any], second: dict[str, flo
     order = sorted(seen, key=lambda name: -misses(table[name], seen[name]))
     outside = [name for name in order if not held(table[name], seen[name], 90)]
     for title, names in (
-        ("Outside the interval of 90 %, the farthest first", outside),
+        ("Outside the interval of 90 %, largest deviation first", outside),
         ("Inside", [name for name in table if name in seen and name not in outside]),
     ):
         text += f"\n**{title}**\n\n"
         text += (
-            "| figure | seen | median | 68 % | 90 % | seen / median | second, after the look |\n"
+            "| figure | measured | median | 68 % | 90 % | measured / median | second prediction |\n"
         )
         text += "|---|---|---|---|---|---|---|\n"
         for name in names:

@@ -1,4 +1,4 @@
-"""At the first run, a second process compiles while this one works."""
+"""At the first run, a second process compiles kernels while the command works."""
 
 import os
 import subprocess
@@ -16,19 +16,20 @@ try:
 except ImportError:  # Windows
     fcntl = None
 
-# Commands of one trial, which Python runs; other commands compile what they need.
+# Commands of one trial, which run without compilation; other commands compile the kernels they
+# need.
 ONE_TRIAL = ("simulate", "solve", "detect")
 IDENTIFICATION, TRIAL = "identification", "fidelity frame"  # parts of `startrack tools warm`
-LOCK = "compiling.lock"  # held by the process that compiles, as long as it runs
+LOCK = "compiling.lock"  # locked by the compiling process while it runs
 
 
 @contextmanager
 def compiled_beside(command: str) -> Iterator[None]:
-    """Compile kernels that this process or the next command needs, on a second core.
+    """Compile the kernels of this process and of the next command on a second core.
 
-    Meanwhile a command of one trial runs kernels as Python code; the second process continues after
-    its end. No process is started if all kernels are compiled, if they cannot be kept, if there is
-    only one core, or if another command has started one.
+    Meanwhile a command of one trial runs kernels as Python code. The second process continues after
+    the command's end. It is not started if all kernels are compiled, if they cannot be cached, on a
+    single core, or if another command has started one.
     """
     folder = kernel_folder()
     if is_ready():
@@ -52,13 +53,14 @@ def compiled_beside(command: str) -> Iterator[None]:
 
 
 def start(parts: tuple[str, ...], lock: Path) -> subprocess.Popen[bytes] | None:
-    """A process that compiles, in a separate session; None if another process already compiles."""
+    """Start the compiling process in a separate session; None if another process already
+    compiles."""
     command = [sys.executable, "-m", "startrack.cli", "warm"]
     command += [word for part in parts for word in ("--part", part)]
     file = _held(lock, close=False)
     if file is None:
         return None
-    try:  # the lock is inherited, and ends with the process
+    try:  # the process inherits the lock and releases it at its end
         return subprocess.Popen(
             command,
             stdin=subprocess.DEVNULL,

@@ -54,34 +54,34 @@ if wanted(__name__):
     from startrack.sequence import Sequence as Profiled
     from startrack.trial import SingleStars
 
-UNITS = 6  # default number for a design with variations
-MOST_ROWS = 12  # of single stars in text; JSON has all
-FEW_CAUSES = 3  # largest causes that are explained without --full
+UNITS = 6  # default number of units for a design with variations
+MOST_ROWS = 12  # rows of single stars in text; JSON has all
+FEW_CAUSES = 3  # largest causes explained without --full
 STARS = (
-    "single stars, rms per axis: as the tracker states, from exposure to exposure, by the centroid "
-    "method, in all, and without the few that hot pixels move far"
+    "single stars, rms per axis: stated by the tracker, noise between exposures, error of the "
+    "centroid method, sum, and sum without the few stars that hot pixels displace far"
 )
-MUCH_BETTER, LESS_OFTEN = 0.05, 1e-3  # relative error and availability of what is suggested
-FAR = 0.1  # relative difference of the two columns that is printed
+# least relative gain in error, largest loss of availability of a suggestion
+MUCH_BETTER, LESS_OFTEN = 0.05, 1e-3
+FAR = 0.1  # least relative difference of both columns that is printed
 
 
 declare = Options(
-    "Prints the error with its limits and what decides it, the analytic budget cause by cause, "
-    "what of this design it does not count, and whether some trials agree with it; with --full "
-    "also single stars, what each cause means and what would be better, all levels of units; with "
-    "--montecarlo also the measured budget, and a note where the two differ by more than 10 %. "
-    "With --out it writes budget.json, budget.png, sky.png (stars and error over "
-    "the sky) and curves.png (error over rate, magnitude and field). The status is 3 if a part of "
-    "the sky has no attitude.",
+    "Prints the error with its limits and largest cause, the analytic budget cause by cause, "
+    "effects that it does not count, and a check by trials. --full adds single stars, "
+    "explanations of causes, improvements, and all levels of units. --montecarlo adds the "
+    "measured budget, and a note where both differ by more than 10 %. --out writes budget.json, "
+    "budget.png, sky.png (stars and error over the sky) and curves.png (error over rate, "
+    "magnitude and field). The status is 3 if a part of the sky has no attitude.",
     *DESIGN,
     Option(
         "--full",
-        "all tables: single stars over magnitude, every cause and its keys, other centroids and "
-        "more stars, all levels of the units",
+        "print all tables: single stars over magnitude, every cause and its keys, other "
+        "centroids and more stars, all levels of the units",
     ),
     Option(
         "--montecarlo N",
-        "measure it on N random attitudes by switching causes (default: analytic only)",
+        "measure the budget on N random attitudes by switching causes (default: analytic only)",
         whole(1),
     ),
     Option(
@@ -99,19 +99,19 @@ declare = Options(
     ),
     Option(
         "--draws N",
-        "draws of the values that the design does not know, which give its accuracy an interval; "
-        "each takes a budget of three units (default: none)",
+        "draws of unknown values, which give the accuracy an interval; each draw takes a budget "
+        "of three units (default: none)",
         whole(0, 10**4),
         0,
     ),
     Option(
         "--tolerances",
-        "with --units: what halving the scale of each [[variation]] buys at the end of life "
+        "with --units: gain by halving the scale of each [[variation]], at the end of life "
         "(until version 0.3; then what-matters)",
     ),
     Option(
         "--levers",
-        "with --units: what a step of each lever buys and costs at the end of life (until version "
+        "with --units: gain and cost of a step of each lever, at the end of life (until version "
         "0.3; then what-matters)",
     ),
     Option(
@@ -131,12 +131,13 @@ declare = Options(
 
 
 def command(options: argparse.Namespace) -> int:
-    """Print the budget as it is computed; with --out, write budget.json and then pictures."""
+    """Print each part of the budget when it is known; with --out, write budget.json and then
+    pictures."""
     path = options.design or terminal.example()
     design = terminal.read_design(path, options.set)
     case, campaign = design.case, design.campaign
     _check_options(options, case)
-    # First, because the design may be unable to follow the profile.
+    # The profile comes first, because the design may be unable to follow it.
     indices = None
     if options.profile:
         indices = _indices(case, terminal.read_sequence(options.profile), options)
@@ -186,7 +187,7 @@ def command(options: argparse.Namespace) -> int:
 
 
 def _check_options(options: argparse.Namespace, case: Case) -> None:
-    """Refuse options that do not fit the design; name options that will be removed."""
+    """Refuse options that do not fit the design; report options that will be removed."""
     if options.tolerances and not (options.units and case.variation):
         raise WrongUse("--tolerances needs --units and a design with [[variation]] tables")
     if options.levers and not options.units:
@@ -207,7 +208,7 @@ def _as_designed(case: Case) -> tuple[Budget[Any], float]:
 
 
 def _measured(options: argparse.Namespace, case: Case) -> Budget[SkySample] | None:
-    """The budget of --montecarlo, by switching causes in trials."""
+    """The measured budget of --montecarlo, by switching causes in trials."""
     members = options.montecarlo
     if not members:
         return None
@@ -220,7 +221,7 @@ def _measured(options: argparse.Namespace, case: Case) -> Budget[SkySample] | No
 def _trials_beside(
     options: argparse.Namespace, case: Case, expected: Budget[Any], show: Callable[[str], None]
 ) -> dict[str, Any]:
-    """Print effects that the budget does not count, and a check by trials; their values for
+    """Print effects that the budget does not count, and a check by trials. Returns their values for
     JSON."""
     with terminal.stage("trials beside the formula"):
         checked = recalled(_check)(case, options.seed, expected=expected)
@@ -240,7 +241,7 @@ def _check(case: Case, seed: int, *, expected: Budget[Any]) -> budgets.TrialChec
 def _gains(
     options: argparse.Namespace, case: Case, campaign: Campaign | None, show: Callable[[str], None]
 ) -> dict[str, Any]:
-    """Print the results of --tolerances and --levers; their values for JSON."""
+    """Print the results of --tolerances and --levers. Returns their values for JSON."""
     values = dict[str, Any]()
     for name, changes in (("tolerances", halved), ("levers", levers)):
         if getattr(options, name):
@@ -252,7 +253,7 @@ def _gains(
 
 
 def _typical_star(case: Case, floor: float) -> tuple[dict[str, Any], str]:
-    """Centroid error (pixel) of a typical star without noise: for JSON, and a sentence."""
+    """Centroid error (pixel) of a typical star without noise: for JSON, and as text."""
     stated = case.tracker.attitude.centroid_floor
     assumed = "this, star by star" if stated is None else f"{stated:g} pixel for all stars"
     values = {"star_without_noise_px": floor, "centroid_floor_px": stated}
@@ -263,7 +264,7 @@ def _typical_star(case: Case, floor: float) -> tuple[dict[str, Any], str]:
 
 
 def _in_full(case: Case, expected: Budget[Any], show: Callable[[str], None]) -> dict[str, Any]:
-    """Print single stars over magnitude, and improvements; their values for JSON."""
+    """Print single stars over magnitude, and improvements. Returns their values for JSON."""
     with terminal.stage("single stars over magnitude"):
         stars = _star_table(case, budgets.single_stars(case))
     # Only a few rows in text.
@@ -294,14 +295,14 @@ def _draw(
 
 
 def _better(case: Case, expected: Budget[Any]) -> tuple[list[dict[str, Any]], list[str]]:
-    """The other centroid, and twice as many stars, if they lower the error by the formula."""
+    """Another centroid, and twice the number of stars, if they reduce the error by the formula."""
     detection, gains, lines = case.tracker.detection, list[dict[str, Any]](), list[str]()
     other = "likelihood" if detection.centroid != "likelihood" else "gravity"
     for name, value in (("centroid", other), ("max_spots", 2 * detection.max_spots)):
         key = f"tracker.detection.{name}"
         try:
             changed = analytic(replaced(case, key, value))
-        except Refused:  # another method has limits of its own
+        except Refused:  # another method has other limits
             continue
         across, about = (error / arcsec for error in changed.sum)
         as_often = changed.availability > expected.availability - LESS_OFTEN
@@ -339,7 +340,7 @@ def _star_table(case: Case, stars: SingleStars) -> metrics.Table:
 
 
 def _checked(checked: budgets.TrialCheck, expected: Budget[Any]) -> list[str]:
-    """Results of the check by trials, a line each."""
+    """Results of the check by trials, one line each."""
     doubt = [checked.summary.doubt, budgets.unseen(expected)] if checked.summary.doubt else []
     trials = f"{checked.summary.trials} trials ({checked.fidelity})"
     if not checked.differs:
@@ -348,7 +349,7 @@ def _checked(checked: budgets.TrialCheck, expected: Budget[Any]) -> list[str]:
 
 
 def _values(budget: Budget[Any]) -> dict[str, Any]:
-    """A budget for JSON, arcsecond per axis; a level is not exceeded in its fraction of the
+    """A budget for JSON, arcsecond per axis; a level is not exceeded in the given fraction of
     cases."""
     simulated = hasattr(budget.whole.spread, "error")
     many = simulated and budget.whole.spread.error.shape[1] > 1
@@ -364,7 +365,7 @@ def _values(budget: Budget[Any]) -> dict[str, Any]:
 
 
 def _bounds(spread: Spread) -> dict[str, Any]:
-    """Intervals of what was simulated, for JSON."""
+    """Intervals of simulated values, for JSON."""
     if not isinstance(spread, SkySample):
         return {}
     bounds = {name: spread.rms_interval(axes) for name, axes in AXES.items()}
@@ -375,7 +376,7 @@ def _bounds(spread: Spread) -> dict[str, Any]:
 
 
 def _pair(errors: Iterable[float]) -> dict[str, float]:
-    """Radian, across and about, for JSON."""
+    """Values across and about (radian) for JSON."""
     return {name: error / arcsec for name, error in zip(AXES, errors, strict=True)}
 
 
@@ -399,7 +400,7 @@ def _levels(spread: Spread, fraction: float, way: metrics.Interpretation) -> lis
 
 
 def _table(expected: Budget[Any], by_trials: Budget[Any] | None) -> str:
-    """A row for each cause, analytic beside measured."""
+    """A row for each cause, analytic and measured."""
     both = [budget for budget in (expected, by_trials) if budget]
     head = ["measured", "", ""] if by_trials else []
     rows = [["arcsec rms per axis", "term", "across", "about", *head]]
@@ -443,14 +444,14 @@ def _cell(value: float | Interval) -> str:
 
 
 def _rms_of(line: BudgetLine[Spread]) -> list[float | Interval]:
-    """Across and about, with intervals of what was simulated."""
+    """Rms across and about, with intervals of simulated values."""
     if isinstance(line.spread, SkySample):
         return [line.spread.rms_interval(axes) for axes in AXES.values()]
     return [line.across, line.about]
 
 
 def _bounded_levels(spread: Spread, fraction: float) -> list[float | Interval]:
-    """Mixed levels across and about, with intervals of what was simulated."""
+    """Mixed levels across and about, with intervals of simulated values."""
     if isinstance(spread, SkySample):
         return [spread.level_interval(axes, fraction) for axes in AXES.values()]
     return [*_levels(spread, fraction, metrics.Interpretation.MIXED)]
@@ -471,7 +472,7 @@ def _open_ended(by_trials: Budget[SkySample]) -> list[str]:
 def _difference(
     line: BudgetLine[Any] | None, other: BudgetLine[Any] | None, by_trials: Budget[Any] | None
 ) -> str:
-    """Difference of the two columns if it is large; small causes may differ."""
+    """Difference of both columns if it is large; small causes may differ."""
     if not (line and other and by_trials):
         return ""
     off = [

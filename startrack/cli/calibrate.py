@@ -28,36 +28,32 @@ if wanted(__name__):
 ANGLES = {"yz": ("y_angle", "z_angle"), "xy": ("x_angle", "y_angle")}
 WARM = {"auto": None, "none": False, "linear": True}
 PINHOLE = "columns", "rows", "focal_length_px", "k1", "k2", "p1", "p2"
-ORDER = "name", "distortion", "temperature_terms", "unknowns"  # of the chosen camera
-ROUNDS = 3  # a better camera model matches more stars
+ORDER = "name", "distortion", "temperature_terms", "unknowns"  # fields of the chosen camera
+ROUNDS = 3  # rounds: a better camera model matches more stars
 
 
 declare = Options(
     "Solves images, fits one camera model to all of them, and prints focal length, principal "
-    "point and distortion with their sigma. The status is 3 if an image has no attitude.\n\n"
-    "A table of stars (CSV with a line of names, ECSV, FITS or VOTable) takes the place of the "
-    "images: a row for each star, of one camera at one attitude. Its columns are found "
-    "by their names, with the unit at the end of a name (_arcsec, _arcmin, _deg, _rad, _px, "
-    "_c, _k) or in the table:\n\n"
-    "  directions   y_angle and z_angle about a boresight +x, tan(y_angle) = y / x;\n"
-    "               x_angle and y_angle about a boresight +z; ra and dec; or the unit\n"
-    "               vector ux, uy, uz (also direction_x, ...)\n"
-    "  pixels       column and row, or x and y\n"
-    "  temperature  temperature or camera_temperature; may be missing\n"
-    "  weights      weight (an inverse variance) or sigma; may be missing\n\n"
-    "Pixels below -0.5 are taken to be counted from the middle of the array. The fit is "
+    "point and distortion with their sigma. The status is 3 if an image has no attitude.\n\nA "
+    "table of stars (CSV with a line of names, ECSV, FITS or VOTable) takes the place of the "
+    "images: a row for each star, of one camera at one attitude. Its columns are found by their "
+    "names, with the unit at the end of a name (_arcsec, _arcmin, _deg, _rad, _px, _c, _k) or in "
+    "the table:\n\n directions y_angle and z_angle about a boresight +x, tan(y_angle) = y / x;\n "
+    "x_angle and y_angle about a boresight +z; ra and dec; or the unit\n vector ux, uy, uz (also "
+    "direction_x, ...)\n pixels column and row, or x and y\n temperature temperature or "
+    "camera_temperature; may be missing\n weights weight (an inverse variance) or sigma; may be "
+    "missing\n\nPixels below -0.5 mean coordinates from the middle of the array. The fit is "
     "robust: beyond 2 sigma of the typical residual a star counts less, beyond 6 not at all. "
-    "Cross-validation (the residual of each star to a fit without its tenth of the table) says "
-    "which order the stars bear: the one of fewest unknowns within a standard error of the "
-    "best, which is the result.\n\n"
-    "  startrack calibrate stars.csv --camera camera.toml\n"
-    "  startrack calibrate stars.fits --directions yag:arcsec,zag:arcsec --pixels col,row\n"
-    "  startrack calibrate later.csv --fitted camera.toml",
-    *images(" of one camera; or one table of stars"),
+    "Cross-validation (the residual of each star to a fit without its tenth of the table) "
+    "selects the order: the result is the model of fewest unknowns within a standard error of "
+    "the best.\n\n startrack calibrate stars.csv --camera camera.toml\n startrack calibrate "
+    "stars.fits --directions yag:arcsec,zag:arcsec --pixels col,row\n startrack calibrate "
+    "later.csv --fitted camera.toml",
+    *images(" images of one camera; or one table of stars"),
     Option(
         "--fov DEG",
-        "images: approximate field of view across the columns, degree (default: "
-        "as `solve` finds it)",
+        "images: approximate field of view across the columns, degree (default: found as by "
+        "`solve`)",
         degrees,
     ),
     *shared.FIELD_AND_SKY,
@@ -69,17 +65,17 @@ declare = Options(
     ),
     Option(
         "--distortion",
-        "distortion to fit: none, k1 (radial; default of images) or k1, k2, "
-        "p1, p2 (full); of a table also a polynomial over the field of order 1, 2 or 3, or "
-        "auto: the best of all (default)",
+        "distortion to fit: none, k1 (radial; default of images) or k1, k2, p1, p2 (full); for a "
+        "table also a polynomial over the field of order 1, 2 or 3, or auto: the best of all "
+        "(default)",
         ("none", "radial", "full", "1", "2", "3", "auto"),
     ),
     shared.Group(
         "tables of stars",
         Option(
             "--fitted CAMERA",
-            "camera of another table, as --camera wrote it: only the "
-            "attitude is fitted, and what is left over is printed",
+            "camera of another table, written by --camera: only the attitude is fitted, and "
+            "residuals are printed",
             Path,
         ),
         Option(
@@ -91,24 +87,24 @@ declare = Options(
         Option("--directions NAMES", "columns of directions, such as yag:arcsec,zag:arcsec"),
         Option(
             "--directions-are",
-            "what these columns are (default: by their names)",
+            "meaning of these columns (default: by their names)",
             ("vectors", "radec", "yz", "xy"),
         ),
         Option("--pixels NAMES", "columns of pixels, such as col,row"),
         Option("--temperature NAME", "column of temperature, such as t:K; '' for none"),
         Option("--weight NAME", "column of weights; '' for none"),
-        Option("--size COLUMNS,ROWS", "pixels of the array (default: as the table needs)"),
+        Option("--size COLUMNS,ROWS", "pixels of the array (default: enough for the table)"),
         Option(
             "--first-pixel X,Y",
-            "place of the first pixel's centre as the table counts (default: 0,0)",
+            "coordinates of the first pixel's centre in the table (default: 0,0)",
         ),
-        Option("--folds N", "parts of the table in the cross-validation", whole(2), 10),
+        Option("--folds N", "number of parts of the table in the cross-validation", whole(2), 10),
     ),
     Option("--out FILE", "JSON file for the result", Path),
     Option(
         "--camera FILE",
-        "TOML file for the camera: `solve --camera` reads it, and its table "
-        "[tracker.camera] is what a tracker of a design believes",
+        "TOML file for the camera: `solve --camera` reads it; its table [tracker.camera] is the "
+        "camera model of a design's tracker",
         Path,
     ),
     Option(
@@ -206,8 +202,8 @@ def _start(
             continue
         if photo.view != PhotographView():
             terminal.print_message(
-                f"startrack calibrate: {path} is solved as {photo.view}, which a camera of "
-                "square pixels is not"
+                f"startrack calibrate: {path} is solved as {photo.view}; calibrate needs a "
+                "camera of square pixels"
             )
             continue
         lens = photo.matches.camera
@@ -263,13 +259,13 @@ def _posterior(
     lines = ["", "posterior: median and 95 % interval"]
     for name in posterior.names:
         middle, low, high = posterior.interval(name)
-        note = ", hardly constrained by these images" if name in posterior.unconstrained else ""
+        note = ", poorly constrained by these images" if name in posterior.unconstrained else ""
         lines.append(f"{name:16} {middle:12.6g} [{low:.6g}, {high:.6g}]{note}")
     return values, [*lines, said]
 
 
 def _result(fit: calibration.Calibrated, images: int) -> tuple[dict[str, Any], list[str]]:
-    """A camera of images: values for JSON, and lines."""
+    """A camera from images: values for JSON, and lines."""
     camera, field = fit.camera, math.degrees(fit.camera.fov_x)
     sigma = dict(
         zip(calibration.UNKNOWNS, np.sqrt(fit.covariance.diagonal()).tolist(), strict=True)
@@ -326,8 +322,8 @@ def _calibrate_table(options: argparse.Namespace) -> int:
     _write(options, result, fit.camera)
     if options.size is None:
         terminal.print_message(
-            f"startrack calibrate: no --size, so that an array of {columns} x {rows} pixels is "
-            f"assumed, whose first pixel's centre is ({first[0]:g}, {first[1]:g}) in the table"
+            f"startrack calibrate: without --size, an array of {columns} x {rows} pixels is "
+            f"assumed; its first pixel's centre is ({first[0]:g}, {first[1]:g}) in the table"
         )
     terminal.print_result(options, result, *_table_text(result, tried, chosen))
     return Exit.DONE
@@ -342,7 +338,7 @@ def _as_fitted(options: argparse.Namespace, path: Path) -> int:
         table = calibration.read_star_table(path, _names(options))
         columns, rows, first = _array(options, table)
         if options.size is None:
-            # Counted from the middle or from the first pixel, of the camera's own array.
+            # Coordinates from the middle or from the first pixel of the camera's array.
             middle = ((1 - camera.columns) / 2, (1 - camera.rows) / 2)
             first = middle if first != (0.0, 0.0) else first
         elif (columns, rows) != (camera.columns, camera.rows):
@@ -471,11 +467,11 @@ def _table_text(
         f"out; {result['chosen']['name']}: residual {result['residual_rms_px']:.4f} px",
         f"focal length {camera['focal_length_px']:.3f} px, field {result['fov_x_deg']:.4f} deg",
         "",
-        f"on stars that the fit has not seen   {first:>9} arcsec {second:>11} arcsec   px",
+        f"on stars outside the fit   {first:>9} arcsec {second:>11} arcsec   px",
     ]
     for unseen, values in zip(tried, result["orders"], strict=True):
         across, down = values["unseen_rms_arcsec"].values()
-        mark = "  <- borne by the stars" if unseen is chosen else ""
+        mark = "  <- selected" if unseen is chosen else ""
         lines.append(
             f"{values['name']:44} {across:9.3f} {down:18.3f} {values['unseen_rms_px']:8.4f}{mark}"
         )

@@ -22,10 +22,10 @@ LEDGER = "ledger.sqlite"
 
 
 def open_workers(options: argparse.Namespace) -> AbstractContextManager[Executor]:
-    """The executor of --workers or --scheduler, not yet open."""
+    """The executor of --workers or --scheduler; the caller opens it."""
     encrypted = (options.scheduler or "").startswith("tls://")
     if encrypted != bool(options.tls):
-        raise WrongUse("--tls must be given with --scheduler tls://host:port, and with no other")
+        raise WrongUse("--tls must be given with --scheduler tls://host:port alone")
     if not options.scheduler:
         return pool(options.workers)
     with as_wrong_use(ValueError, OSError):
@@ -34,7 +34,7 @@ def open_workers(options: argparse.Namespace) -> AbstractContextManager[Executor
 
 
 def require_campaign_fidelity(campaign: Campaign, case: Case) -> None:
-    """Refuse a campaign with a fidelity that cannot compute its trials in one of its conditions.
+    """Refuse a campaign whose fidelity cannot compute trials in one of its conditions.
 
     Raises  ValueError that names the key.
     """
@@ -47,9 +47,9 @@ def require_campaign_fidelity(campaign: Campaign, case: Case) -> None:
 
 
 class ReadCampaign(NamedTuple):
-    """A campaign that was read and checked.
+    """A checked campaign.
 
-    spaces  of its choices, or the one of its variables
+    spaces  spaces of its choices, or the space of its variables
     """
 
     path: Path
@@ -71,25 +71,26 @@ def read_study(options: argparse.Namespace) -> ReadCampaign:
 
 
 def unmet_text(study: ReadCampaign) -> str:
-    """The costs that every design of a study exceeds; empty if all limits can be met."""
+    """Message on cost limits that every design of a study exceeds; empty if all limits can be
+    met."""
     needs = study.campaign.requirements
     nearest = [
         "{} {} at best, limit {}".format(name, *limited(needs, name, margin))
         for name, margin in unmet_costs(study.spaces, needs).items()
     ]
     short = "; ".join(nearest)
-    return f"no design of the space keeps its costs within their limits: {short}" if short else ""
+    return f"no design of the space meets the limits of costs: {short}" if short else ""
 
 
 @contextmanager
 def open_runner(
     options: argparse.Namespace, study: ReadCampaign, doing: str
 ) -> Iterator[TrialRunner]:
-    """Open workers and the ledger of the folder; yields the runner of the study's trials.
+    """Open workers and the ledger of the folder. Yields the runner of the study's trials.
 
-    Workers import the package while this process compiles the kernels; then each worker reads them
-    from the cache. The ledger holds the results of an interrupted run, so that the same command
-    continues it.
+    Workers import the package while this process compiles the kernels; then each worker reads the
+    kernels from the cache. The ledger has the results of an interrupted run, so that the same
+    command continues it.
     """
     workers = open_workers(options)
     terminal.print_message(
@@ -101,9 +102,9 @@ def open_runner(
         if not options.scheduler and options.workers > 1:
             for _ in range(options.workers):
                 executor.submit(_imported)
-        # Designs that no trial can compute are refused before a ledger is made.
+        # Designs without possible trials are refused before a ledger is made.
         for fidelity in dict.fromkeys((study.campaign.fidelity, Fidelity.FRAME)):
-            with suppress(Refused):  # a start that cannot be rendered is judged by the search
+            with suppress(Refused):  # the search judges a start that cannot be rendered
                 warm(study.design.case, Sampling(fidelity))
         with Ledger(options.out / LEDGER) as ledger:
             yield TrialRunner(options.seed, executor, options.workers, ledger)
@@ -111,7 +112,7 @@ def open_runner(
 
 @contextmanager
 def stages(title: str) -> Iterator[Callable[[SearchStage], None]]:
-    """A progress bar of the stages of a search; yields the function that shows a stage."""
+    """A progress bar of the stages of a search. Yields the function that shows a stage."""
     with terminal.progress(title, 100) as advance:
         done = 0.0
 
@@ -125,7 +126,7 @@ def stages(title: str) -> Iterator[Callable[[SearchStage], None]]:
 
 
 def _imported() -> None:
-    """Do nothing: a worker calls it in order to import this file."""
+    """Do nothing. Workers call it to import this file."""
 
 
 def write_study(

@@ -20,16 +20,15 @@ if wanted(__name__):
 
 declare = Options(
     "A few rendered trials remove the bias; many statistical trials reduce the variance. The "
-    "estimate is that of the rendered trials, with a narrower interval. For example\n\n"
-    "  startrack montecarlo --trials 200 --control --store frames.sqlite\n"
-    "  startrack montecarlo --trials 20000 --fidelity covariance --store covariance.sqlite\n"
-    "  startrack montecarlo combine frames.sqlite covariance.sqlite",
+    "estimate is the error of the rendered trials, with a narrower interval. For example\n\n "
+    "startrack montecarlo --trials 200 --control --store frames.sqlite\n startrack montecarlo "
+    "--trials 20000 --fidelity covariance --store covariance.sqlite\n startrack montecarlo "
+    "combine frames.sqlite covariance.sqlite",
     Option(
         "campaigns CAMPAIGN.sqlite",
-        "stores of `montecarlo`, of one design and one seed, made "
-        "without --sobol: a few frames (best with --control), many windows, or very many "
-        "trials of fidelity covariance. The approximations of the other fidelities do not bias "
-        "the estimate",
+        "stores of `montecarlo`, of one design and one seed, made without --sobol: a few trials "
+        "of fidelity frame (best with --control), many of window, or very many of covariance. "
+        "The approximations of the other fidelities do not bias the estimate",
         Path,
         many="+",
     ),
@@ -37,7 +36,8 @@ declare = Options(
 
 
 def command(options: argparse.Namespace) -> int:
-    """Print the error of the campaign of highest fidelity, its variance reduced by the others."""
+    """Print the error of the campaign of highest fidelity, with the variance reduced by the
+    others."""
     files = [os.path.realpath(path) for path in options.campaigns]
     if len(files) < 2:
         raise WrongUse(
@@ -65,7 +65,7 @@ def command(options: argparse.Namespace) -> int:
         alone = combined(levels[:1], about).root()
         low, high = alone.low / arcsec, alone.high / arcsec
         known = f"[{low:.3f}, {high:.3f}]"
-        by_itself = known if math.isfinite(low) else "of too few trials for an interval"
+        by_itself = known if math.isfinite(low) else "too few trials for an interval"
         rows += [
             Row(f"{name}_rms_arcsec", together, name, ARCSEC, note=f"rms, alone {by_itself}"),
             Row(f"{name}_alone_rms_arcsec_95", [low, high]),
@@ -82,12 +82,11 @@ def _must_belong_together(stores: list[Store]) -> None:
     for store in stores:
         if store.sampling.attitudes != "random":
             raise WrongUse(
-                f"{store.path} must have random attitudes, whose trials are independent, but has "
-                "Sobol points; make it again without --sobol, which saves little when campaigns "
-                "are combined"
+                f"{store.path} must have random attitudes, for independent trials, but has Sobol "
+                "points; make it again without --sobol"
             )
         if store.seed != first.seed or store.case != first.case:
             raise WrongUse(
-                f"{store.path} must hold the design and the seed of {first.path}: trials of one "
+                f"{store.path} must have the design and the seed of {first.path}: trials of one "
                 "number must have the same sky and noise"
             )

@@ -33,15 +33,15 @@ if wanted(__name__):
 
 AVAILABILITY = "availability"
 CHANGE = "second / first"
-LEVEL = 0.9973  # of the errors that are compared
-WIDEST = 40  # letters of a value in the table of parameters
+LEVEL = 0.9973  # level of the compared errors
+WIDEST = 40  # largest number of letters of a value in the table of parameters
 
 
 class ComparedSide(NamedTuple):
-    """One of the two: a design, or a campaign with its trials.
+    """One side of the comparison: a design, or a campaign with its trials.
 
-    outcomes  None for a design, whose trials are run
-    drawn     source of its attitudes and noise: seed and kind of attitudes
+    outcomes  None for a design, whose trials are run by the command
+    drawn     source of attitudes and noise: seed and kind of attitudes
     """
 
     case: Case
@@ -51,21 +51,18 @@ class ComparedSide(NamedTuple):
 
 
 declare = Options(
-    "Prints the parameters in which two designs differ, and their errors and availability side by "
-    "side, with the ratio of the errors, the difference of the availability, and their 95 % "
-    "intervals. Trials of the same seed have the same skies and noise, so that the ratios are "
-    "paired and known better than either error.",
+    "Prints the parameters in which two designs differ, and their errors and availability side "
+    "by side, with the ratio of the errors, the difference of the availability, and their 95 % "
+    "intervals. Trials of the same seed have the same skies and noise. The ratios are then "
+    "paired, with smaller intervals than the errors.",
     Option("first FIRST", "design file, or store of `montecarlo` (.sqlite)", Path),
     Option("second SECOND", "design file, or store of `montecarlo` (.sqlite)", Path),
     Option(
-        "--trials N",
-        "trials of each design file; of two campaigns, all are used",
-        whole(2, 10**8),
-        200,
+        "--trials N", "trials of each design file; campaigns use all trials", whole(2, 10**8), 200
     ),
     *shared.SET,
     DRAWS,
-    fidelity("of the trials of design files (default: frame); see montecarlo"),
+    fidelity("fidelity of the trials of design files (default: frame); see montecarlo"),
     shared.SEED,
     shared.WORKERS,
     problems=True,
@@ -146,7 +143,7 @@ def _trials(
 def _over_unknowns(
     options: argparse.Namespace, statistics: list[Found]
 ) -> tuple[dict[str, Any], list[str]]:
-    """The ratios of the errors over the unknown values of the designs: values for JSON, and lines.
+    """The ratios of errors over the unknown values of the designs: values for JSON, and lines.
 
     Unknowns of the same name have the same quantiles in both.
     """
@@ -161,25 +158,25 @@ def _over_unknowns(
     ratios = [difference.change.value for difference in statistics[:2]]
     found = over_unknowns(ratios, factors[1] / factors[0])
     values = {"draws": options.draws, "unknowns": {n: d.unknowns for n, d in drawn.items()}}
-    lines = [f"over what is not known, {CHANGE} of the rms:"]
+    lines = [f"over the unknown values, {CHANGE} of the rms:"]
     for axis in AXES:
         if not found:
             continue
         least, most = found[axis]["95"]
         shown = least > 1 or most < 1
-        better = "" if shown else "; which is better is not shown"
+        better = "" if shown else "; the better design is not shown"
         lines.append(f"  {axis}: {written(found[axis])}{better}")
         values[axis] = found[axis] | {"shown": shown}
     lost = "".join(f"; of {name}{lost_text(one)}" for name, one in drawn.items() if one.lost)
     lines.append(
-        f"  of {options.draws} draws, the same of both for values of the same name, by the ratio "
-        f"above and the formula{lost}"
+        f" {options.draws} draws, common to values of the same name in both, by the ratio above "
+        f"and the formula{lost}"
     )
     return {"not_known": values}, lines
 
 
 def _common(first: ComparedSide, second: ComparedSide, paired: bool) -> tuple[Rows, Rows]:
-    """The trials of two campaigns; if they are paired, only trials with the same numbers."""
+    """The trials of two campaigns; for paired campaigns, only trials with the same numbers."""
     assert first.outcomes is not None
     assert second.outcomes is not None
     if not paired:
@@ -188,12 +185,12 @@ def _common(first: ComparedSide, second: ComparedSide, paired: bool) -> tuple[Ro
         first.outcomes["trial"], second.outcomes["trial"], return_indices=True
     )
     if not len(both):
-        raise WrongUse("FIRST and SECOND must have trials of the same numbers, they have none")
+        raise WrongUse("FIRST and SECOND must have trials of the same numbers")
     return first.outcomes[a], second.outcomes[b]
 
 
 def _changed(first: Any, other: Any, place: str = "") -> dict[str, tuple[str, str]]:
-    """The parameters in which two tables differ, and their values."""
+    """The parameters that differ between two tables, and their values."""
     if isinstance(first, dict) and isinstance(other, dict):
         changed = dict[str, tuple[str, str]]()
         for key in dict.fromkeys([*first, *other]):
@@ -209,7 +206,7 @@ def _short(value: Any) -> str:
 
 
 def _row(difference: Found) -> Table:
-    """A statistic of both, and its difference."""
+    """A statistic of both sides, and its difference."""
     fraction = difference.name == AVAILABILITY
     unit = PERCENT if fraction else ARCSEC
     change = (
@@ -239,7 +236,7 @@ def _text(
     rows += [[name, *pair, ""] for name, pair in changed.items()]
     rows += [_row(difference).cells[0] for difference in statistics]
     how = (
-        f"on the same skies and noise in {trials[0]} trials; errors of those that both solved"
+        f"on the same skies and noise in {trials[0]} trials; errors of trials that both solved"
         if paired
         else f"on different skies: {trials[0]} and {trials[1]} trials"
     )

@@ -1,4 +1,4 @@
-"""`startrack compare-flight`: a design beside images that its tracker sent down."""
+"""`startrack compare-flight`: a design compared with flight images of its tracker."""
 
 from __future__ import annotations
 
@@ -19,38 +19,36 @@ if wanted(__name__):
     from startrack.metrics import Column, Table
     from startrack.prediction import drawn_cases, save_told
 
-TABLES = (".npz", ".fits", ".fit", ".fts")  # of images of stars, where there is one file
+TABLES = (".npz", ".fits", ".fit", ".fts")  # endings of one file with images of stars
 
 
 declare = Options(
-    "Measures images of stars over time, and images of the same stars on the same paths that the "
-    "design predicts, by the same code, and prints both with 95 % intervals, of what is predicted "
-    "those that hold a further detector: background, light, "
-    "gain and read noise by photon transfer, the image by the phase of the pixel, the scatter of "
-    "centroids from exposure to exposure and in all, steps of the image, and the centroid over "
-    "the pixel. A difference is marked, with the keys of the design that it points to; the design "
-    "is not changed. Writes flight.json and flight.png; of images of 8 x 8 pixels, as whole "
-    "frames give, also told.toml: the design with [[told]] figures of what was measured, of which "
-    "startrack predict says what they mean for its unknown values.\n\n"
-    "The images are whole frames, files in the order of time or a SER, raw or video file, in which "
-    "the tracker's search finds the brightest stars and its box follows them, at the times of SER "
-    "or of DATE-OBS (MJD-OBS, JD) in FITS, without these at the update rate of the detector; or a "
-    "file of numpy arrays (npz) or FITS "
-    "tables, with the time (second), the numbers of each image less the offset, and col0, row0, "
-    "the place of its first pixel; background, magnitude, magnitude_g and acquired may be missing. "
-    "The predicted images have the light that is seen: the brightness tests transmission and "
-    "quantum efficiency only of stars with magnitude_g, Gaia's G, which whole frames have of the "
-    "stars that the tracker matches in the first. In an npz "
-    "each name begins with that of its star and '_': s4_time, s4_number, s4_col0, s4_row0, "
-    "s4_background.\n\n"
-    "  startrack compare-flight trackers/chandra-aca.toml flight.npz --stars s4,s5",
+    "Measures images of stars over time, and predicted images of the same stars on the same "
+    "paths, by the same code. Prints both with 95 % intervals; an interval of the prediction "
+    "holds for a further detector. Quantities: background, light, gain and read noise by photon "
+    "transfer, the image by the phase of the pixel, the scatter of centroids from exposure to "
+    "exposure and in all, steps of the image, and the centroid over the pixel. A difference is "
+    "marked, with the keys of the design that it points to; the design is not changed. Writes "
+    "flight.json and flight.png. For images of 8 x 8 pixels, as from whole frames, it also "
+    "writes told.toml: the design with the measured figures as [[told]]; startrack predict "
+    "derives its unknown values from them.\n\nThe images are whole frames: files in the order of "
+    "time, or a SER, raw or video file. The tracker's search finds the brightest stars and its "
+    "box follows them. Times are from SER or from DATE-OBS (MJD-OBS, JD) in FITS; without them, "
+    "frames follow at the update rate of the detector. Or the images are a file of numpy arrays "
+    "(npz) or FITS tables, with the time (second), the numbers of each image less the offset, "
+    "and col0, row0, the place of its first pixel; background, magnitude, magnitude_g and "
+    "acquired may be missing. The predicted images have the measured light. Brightness tests "
+    "transmission and quantum efficiency only for stars with magnitude_g, Gaia's G; whole frames "
+    "have it for stars that the tracker matches in the first frame. In an npz each name begins "
+    "with the name of its star and '_': s4_time, s4_number, s4_col0, s4_row0, s4_background.\n\n "
+    "startrack compare-flight trackers/chandra-aca.toml flight.npz --stars s4,s5",
     Option("design DESIGN.toml", "design file", Path),
     *images("; or one npz or FITS file of the images of several stars over time"),
     Option(
         "--dark-frame IMAGE",
-        "with frames: dark frame of the detector, best the mean of many, "
-        "of which a tracker with tracker.detection.dark_map makes its map; the predicted images "
-        "have dark frames of the drawn detectors",
+        "with frames: dark frame of the detector, best a mean of many; a tracker with "
+        "tracker.detection.dark_map makes its map from it; the predicted images have dark frames "
+        "of the drawn detectors",
         Path,
     ),
     Option(
@@ -58,7 +56,7 @@ declare = Options(
     ),
     Option(
         "--devices N",
-        "detectors that are drawn, each with other values of what the design does not know",
+        "number of drawn detectors, each with different values of the design's unknowns",
         whole(2, 1000),
         8,
     ),
@@ -73,7 +71,7 @@ def command(options: argparse.Namespace) -> int:
     """Print predicted and measured figures; write flight.json and flight.png."""
     with shared.as_wrong_use():
         path = terminal.found_file(options.design)
-    design = terminal.read_design(path, options.set, "each detector that is drawn has others")
+    design = terminal.read_design(path, options.set, "each drawn detector has different values")
     case, count = design.case, options.devices
     with shared.as_wrong_use(ValueError, OSError):
         stars = _stars(options, case)
@@ -82,7 +80,8 @@ def command(options: argparse.Namespace) -> int:
             flown = verification.compare_flown(case, stars, count, options.seed, advance, unknown)
         if flown.left:
             terminal.print_message(
-                f"startrack: {', '.join(flown.left)} left out: no steady light, seen or predicted"
+                f"startrack: {', '.join(flown.left)} left out: no steady light, measured or "
+                "predicted"
             )
         told = _told(case, stars, options.images[0].name)
         if options.keep:
@@ -108,7 +107,7 @@ def command(options: argparse.Namespace) -> int:
         },
     }
     save_json(options.out / "flight.json", finite(result))
-    title = f"{options.design.stem}, {first.name}: predicted over seen"
+    title = f"{options.design.stem}, {first.name}: predicted over measured"
     plots.draw_flown(options.out / "flight.png", flown, title)
     lines = [*_text(flown, table), *_told_text(told, options)]
     terminal.print_result(options, result | {"out": str(options.out)}, *lines)
@@ -133,7 +132,7 @@ def _stars(options: argparse.Namespace, case: Case) -> list[verification.Windows
 
 
 def _told(case: Case, stars: list[verification.Windows], source: str) -> list[Told]:
-    """Figures of the design from the images; none if the images are too small."""
+    """Told figures from the images; none if the images are too small."""
     try:
         return verification.told_by_frames(case, stars, source)
     except Refused as error:
@@ -151,8 +150,8 @@ def _told_text(told: list[Told], options: argparse.Namespace) -> list[str]:
     without = ", without the changes of --set" if options.set else ""
     return [
         "",
-        f"told figures, in {options.out / 'told.toml'} over the design{without}; startrack predict "
-        "gives what they say of its unknown values:",
+        f"told figures, in {options.out / 'told.toml'} over the design{without}; startrack "
+        "predict derives its unknown values from them:",
         *lines,
     ]
 

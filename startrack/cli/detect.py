@@ -19,8 +19,8 @@ if wanted(__name__):
     from startrack.metrics import Column, Table
     from startrack.observation import psf_of
 
-MANY = 0.01  # fraction of the pixels; stars that saturate cover far less
-LEAST_RANGE = 255  # digital number, the end of the range of 8 bits
+MANY = 0.01  # fraction fraction of the pixels; saturated stars cover far less
+LEAST_RANGE = 255  # digital number, largest number of 8 bits
 
 declare = Options(
     "Prints a row per spot, brightest first: position (the centre of the first pixel is 0, 0) and "
@@ -36,7 +36,7 @@ declare = Options(
     Option("--threshold SIGMA", "detection threshold (default: 5.5)", float),
     Option(
         "--false N",
-        "set the threshold by the mean number of false spots per image, such as 0.05",
+        "mean number of false spots per image, such as 0.05, which sets the threshold",
         float,
     ),
     Option("--sigma PIXEL", "sigma of the image of a star, pixel (default: 1)", float),
@@ -50,7 +50,7 @@ declare = Options(
 
 
 def command(options: argparse.Namespace) -> int:
-    """Search each image; one that cannot be read does not stop the others."""
+    """Search each image; an unreadable image does not stop the others."""
     with as_wrong_use(ValueError, TypeError, OSError):
         plan = detection.plan_detection(*_settings(options))
     read = image_reader(options)
@@ -59,7 +59,7 @@ def command(options: argparse.Namespace) -> int:
         try:
             frame = read(path)
             spots = detection.detect(frame, plan)
-        except Exception as error:  # whatever is wrong with it, the others are searched
+        except Exception as error:  # the other images are searched in any case
             print_failed_image(options, path, error)
             status = Exit.FAILED
             continue
@@ -81,7 +81,7 @@ def command(options: argparse.Namespace) -> int:
 
 
 def _at_largest(image: NDArray[Any]) -> tuple[float, float]:
-    """Largest number of an image, and the fraction of its pixels that have it.
+    """Largest number of an image, and the fraction of pixels with this number.
 
     Pixels without a number, NaN, do not count.
     """
@@ -91,7 +91,8 @@ def _at_largest(image: NDArray[Any]) -> tuple[float, float]:
 
 
 def _saturation(largest: float, part: float) -> str:
-    """Words where more pixels have the largest number of an image than stars that saturate."""
+    """Warning where more pixels have the largest number of an image than saturated stars
+    explain."""
     if part == 1:
         return f"; all pixels have the number {largest:g}: saturated or without light"
     if part > MANY and largest >= LEAST_RANGE:
@@ -116,7 +117,7 @@ def _settings(options: argparse.Namespace) -> tuple[detection.Detection, Psf | N
 
 
 def _table(spots: Spots) -> Table:
-    """A record for each spot, by its number."""
+    """A record for each spot, by number."""
     xx, xy, yy = (spots.covariance[:, i, j] for i, j in ((0, 0), (0, 1), (1, 1)))
     columns = [
         Column("", "#", lambda n: n + 1, form="d"),

@@ -46,27 +46,27 @@ if wanted(__name__):
 
 EARTH = """\
 A scene file gives an orbit (or tle), a sensor, a pointing and the terrain. The default is the
-example, a pushbroom camera over mountains that are generated from a seed. For real terrain, put
-GeoTIFF files of any resolution, such as tiles of the Copernicus DEM or of SRTM, into a folder:
+example: a pushbroom camera over mountains generated from a seed. For real terrain, put GeoTIFF
+files of any resolution, such as tiles of the Copernicus DEM or of SRTM, into a folder:
 
-  startrack earth terrain 'dem/*.tif'         what they cover, and the table [terrain] to copy
-  startrack earth geometry SCENE.toml         what each pixel sees
+  startrack earth terrain 'dem/*.tif'         their area, and the table [terrain] to copy
+  startrack earth geometry SCENE.toml         the ground in each pixel
   startrack earth render SCENE.toml           the image, in digital numbers
   startrack earth spectrum SCENE.toml         the spectrum at the sensor
   startrack earth process SCENE.toml          radiance and reflectance, on a map
-  startrack earth aim SCENE.toml --at 47 10   the orbit that looks at a place
+  startrack earth aim SCENE.toml --at 47 10   the orbit for a view of a place
   startrack earth air RUN1.tp7 RUN2.tp7       a table of the air from output of MODTRAN
 
 A scene to render also gives a camera (of the catalogue, or in the file), the land and the air;
-catalogs/scenes/hsrs.toml is an example. Heights of both kinds of tiles are above a geoid, whose
-grid is the key `geoid`. Scale, offset and unit (ft, dm) of a file are applied. Where files overlap,
-the finest is used; holes inside them need the key `holes`. A table [motion] as in a design gives
-the drift and jitter of the camera, one motion for all channels of an image.
+catalogs/scenes/hsrs.toml is an example. Heights of both kinds of tiles are above a geoid; the key
+`geoid` names its grid. Scale, offset and unit (ft, dm) of a file are applied. Where files overlap,
+the finest is used; holes in files need the key `holes`. A table [motion] as in a design gives drift
+and jitter of the camera, common to all channels of an image.
 """
 
 
-LEVELS = 6  # of light of calibration frames, from none to too much
-PANEL = 1500  # lines and columns of a preview, at most
+LEVELS = 6  # levels of light of calibration frames, from darkness to saturation
+PANEL = 1500  # largest number of lines and columns of a preview
 
 # Unit and meaning of each written map.
 MAPS = {
@@ -91,8 +91,8 @@ declare = Parts(
             "Writes geometry.png and geometry.nc (NetCDF).",
             Option(
                 "scene SCENE",
-                "scene file, or one of the catalogue (default: mountains); of a camera with "
-                "channels the first one",
+                "scene file, or one of the catalogue (default: mountains); a camera with "
+                "channels: its first channel",
                 many="?",
             ),
             SEED,
@@ -100,7 +100,7 @@ declare = Parts(
         ),
     ),
     render=(
-        "render images: digital numbers, and the radiance in its five terms",
+        "render images: digital numbers, and radiance in five terms",
         Options(
             "Writes a FITS and a PNG file of each channel.",
             Option(
@@ -125,13 +125,13 @@ declare = Parts(
     process=(
         "turn raw images into radiance, reflectance and maps on the terrain",
         Options(
-            "Reads CHANNEL.fits and CHANNEL-calibration.fits, as `render --calibration` writes "
-            "them. Writes CHANNEL-map.tif and CHANNEL-quality.tif (GeoTIFF; extra `earth`), "
-            "CHANNEL-map.png, and earth.html, a page of camera, images and products. Camera, "
-            "flight and terrain are those of the scene file; of its land nothing is used.",
+            "Reads CHANNEL.fits and CHANNEL-calibration.fits, written by `render --calibration`. "
+            "Writes CHANNEL-map.tif and CHANNEL-quality.tif (GeoTIFF; extra `earth`), "
+            "CHANNEL-map.png, and earth.html, a page of camera, images and products. The scene "
+            "file gives camera, flight and terrain; its land is not used.",
             Option(
                 "scene SCENE",
-                "scene file, or one of the catalogue (default: hsrs), that was rendered",
+                "rendered scene: file, or name in the catalogue (default: hsrs)",
                 many="?",
             ),
             Option(
@@ -142,19 +142,19 @@ declare = Parts(
             ),
             Option(
                 "--projection",
-                "of the map: UTM in the zone of the image's middle (default), or "
+                "projection of the map: UTM in the zone of the image's middle (default), or "
                 "longitude and latitude; on WGS84",
                 ("utm", "geographic"),
                 "utm",
             ),
             Option(
                 "--cell METRE",
-                "size of a cell (default: of a pixel in the middle of the image, rounded)",
+                "size of a cell (default: size of a pixel in the middle of the image, rounded)",
                 float,
             ),
             Option(
                 "--resampling",
-                "how values between pixels are found",
+                "interpolation between pixels",
                 ("bilinear", "nearest", "cubic"),
                 "bilinear",
             ),
@@ -165,7 +165,7 @@ declare = Parts(
             ),
             Option(
                 "--restore SNR",
-                "raise the modulation by a Wiener filter for this signal-to-noise ratio, in place "
+                "signal-to-noise ratio of a Wiener filter that raises the modulation, in place "
                 "of the channel's `restore`",
                 float,
             ),
@@ -175,8 +175,8 @@ declare = Parts(
     spectrum=(
         "compute the spectrum of sunlight at the sensor, and the rectangle of each band",
         Options(
-            "Writes spectrum.csv and spectrum.png. The ground is level, straight below, the cover "
-            "of its height all around; thermal radiance is left out.",
+            "Writes spectrum.csv and spectrum.png. The ground is level and straight below, with "
+            "the same cover all around; thermal radiance is left out.",
             Option("scene SCENE", "scene file, or one of the catalogue (default: hsrs)", many="?"),
             Option("--low NM", "shortest wavelength (default: 400)", float, 400.0),
             Option("--high NM", "longest wavelength (default: 1000)", float, 1000.0),
@@ -186,10 +186,11 @@ declare = Parts(
         ),
     ),
     air=(
-        "turn output of MODTRAN into a table of the air that a scene may name",
+        "turn output of MODTRAN into a table of the air for scenes",
         Options(
             "Two runs of the same geometry over grounds of different albedo make one geometry of "
-            'the table; [air] table = "air.csv" in a scene uses it. docs/own-air.md has the form.',
+            'the table; [air] table = "air.csv" in a scene uses it. docs/own-air.md '
+            "describes the format.",
             Option("first RUN1", "tape7, tape7.scn or CSV", Path),
             Option("second RUN2", "tape7, tape7.scn or CSV", Path),
             Option(
@@ -217,11 +218,11 @@ declare = Parts(
         ),
     ),
     aim=(
-        "print the orbit from which a scene's camera looks at a place",
+        "print the orbit for a view of a place by a scene's camera",
         Options(
-            "Changes node and anomaly; of an orbit with a local time, epoch and anomaly; of an "
-            "aircraft, its place. At the epoch, in the middle of the image, the optical axis "
-            "points to the place.",
+            "Changes node and anomaly of an orbit; epoch and anomaly of an orbit with a local "
+            "time; the place of an aircraft. At the epoch, in the middle of the image, the "
+            "optical axis points to the place.",
             Option("scene SCENE", "scene file, or one of the catalogue (default: hsrs)", many="?"),
             Option("--at LAT LON", "latitude and longitude of the place, degree", float),
             Option(
@@ -231,7 +232,7 @@ declare = Parts(
         ),
     ),
     terrain=(
-        "print area and heights of height files, and the table that a scene needs",
+        "print area and heights of height files, and the table for a scene file",
         Options(
             "",
             Option("files FILE", "height files, or a quoted pattern such as 'dem/*.tif'", many="+"),
@@ -295,7 +296,7 @@ def rendered(options: argparse.Namespace) -> int:
     with as_wrong_use():
         survey = imager.load_survey(path)
         above = flight_height(survey.carrier)
-        for channel in survey.channels:  # a band without air is refused before any image is made
+        for channel in survey.channels:  # bands without air are refused before the first image
             imager.band_of(channel, survey.air, above, survey.distance_to_sun)
     first = None
     for channel in survey.channels:
@@ -340,9 +341,10 @@ def rendered(options: argparse.Namespace) -> int:
 
 
 def _beside(pyramid: Pyramid, longitude: Floats, latitude: Floats) -> float:
-    """Fraction of the visible ground, (lines, columns) degree, outside all heights of a scene.
+    """Fraction of the visible ground outside all heights of a scene; places are (lines, columns)
+    degree.
 
-    By at most PANEL lines and columns; 0 if no ground is visible.
+    At most PANEL lines and columns are used; 0 if no ground is visible.
     """
     seen = [imager.thinned(angle, PANEL).ravel() for angle in (longitude, latitude)]
     ground = np.isfinite(seen[0])
@@ -357,20 +359,18 @@ def _beside_text(result: dict[str, Any]) -> list[str]:
     if not share:
         return []
     return [
-        f"terrain   {100 * share:.3g} % of the ground that is seen lies beside the heights of the "
-        "scene, and has the height of `terrain.sea`; `startrack earth aim SCENE.toml --at LAT LON` "
-        "moves the camera"
+        f"terrain {100 * share:.3g} % of the visible ground has no heights in the scene, and "
+        "gets the height `terrain.sea`; `startrack earth aim SCENE.toml --at LAT LON` moves the "
+        "camera"
     ]
 
 
 def _dark_text(result: dict[str, Any]) -> list[str]:
-    """Why an image has no light."""
+    """The reason for an image without light."""
     if not result["seen"]:
-        return ["ground    none is seen: the lines of sight pass the Earth"]
+        return ["ground    none is visible: the lines of sight miss the Earth"]
     if not sum(result["radiance"].values()):
-        return [
-            "light     none: the Sun is below the horizon, or it shines on no ground that is seen"
-        ]
+        return ["light     none: the Sun is below the horizon, or all visible ground is in shadow"]
     return []
 
 
@@ -410,7 +410,7 @@ def _picture_values(
 
 
 def _other_air(survey: imager.Survey, channel: imager.Channel) -> dict[str, Any]:
-    """The aerosol of a scene, if an infrared band uses another one."""
+    """The aerosol of a scene, if an infrared band uses another."""
     air = survey.air
     if air is None or air.table or imager.mean_wavelength(channel) <= imager.INFRARED:
         return {}
@@ -448,8 +448,8 @@ def _picture_text(result: dict[str, Any]) -> list[str]:
     ]
     if "aerosol_not_used" in result:
         lines.append(
-            "air       rural aerosol with 23 km of visibility, as all bands beyond 3 um have, not "
-            f"that of the scene ({result['aerosol_not_used']})"
+            "air rural aerosol with 23 km of visibility, as for all bands beyond 3 um, not the "
+            f"scene's ({result['aerosol_not_used']})"
         )
     off = "pixel {}across and {:.3g} along off the first channel"
     if "illumination" in result:
@@ -509,7 +509,7 @@ def _save_product(
     mapped: product.Product,
     settings: product.ProductSettings,
 ) -> dict[str, str]:
-    """Write map, quality, uncertainty and picture of a channel; the files, by their kind."""
+    """Write map, quality, uncertainty and picture of a channel. Returns the files by kind."""
     start, quality = out / f"{channel.name}-map", out / f"{channel.name}-quality.tif"
     tags = {
         "CHANNEL": channel.name,
@@ -657,7 +657,7 @@ def _product_text(result: dict[str, Any], mapped: product.Product) -> list[str]:
     if math.isfinite(result["radiance_error"]):
         truth = [
             f"truth     mean radiance {100 * result['radiance_error']:+.2f} %, pixels "
-            f"{100 * result['radiance_rms']:.1f} % rms (noise, and edges that the lens blurs)"
+            f"{100 * result['radiance_rms']:.1f} % rms (noise and blurred edges)"
         ]
     return [
         f"{result['channel']}: {_grid_text(mapped)}, {result['resampling']}",
@@ -673,7 +673,7 @@ def _product_text(result: dict[str, Any], mapped: product.Product) -> list[str]:
 
 
 def aim(options: argparse.Namespace) -> int:
-    """Print the table of the carrier from which a scene's camera looks at a place."""
+    """Print the table of the carrier for a view of a place by a scene's camera."""
     path = _scene_path(options)
     if options.at is None:
         raise shared.WrongUse("--at LAT LON must name the place")
@@ -683,7 +683,7 @@ def aim(options: argparse.Namespace) -> int:
         scene = imager.load_survey(path) if "camera" in table else read_scene(path)[0]
         latitude, longitude = options.at[0] * deg, options.at[1] * deg
         carrier = aimed(
-            scene.orbit or scene.carrier,  # an orbit as it is given, with its local time
+            scene.orbit or scene.carrier,  # an orbit as given, with its local time
             scene.pointing,
             longitude,
             latitude,
@@ -729,7 +729,7 @@ def terrain(options: argparse.Namespace) -> int:
             "unit": scaling.unit,
             "above": scaling.surface,
         }
-        unit = f"numbers in {scaling.unit}" if scaling.unit else "no unit named: taken as m"
+        unit = f"numbers in {scaling.unit}" if scaling.unit else "no unit declared: m is assumed"
         if (scaling.scale, scaling.offset) != (1.0, 0.0):
             unit += f"; {scaling.scale:.6g} m times the numbers, plus {scaling.offset:.6g} m"
         print_result(
@@ -739,13 +739,13 @@ def terrain(options: argparse.Namespace) -> int:
             f"{result['cell_across_m']:.1f} x {result['cell_m']:.1f} m, "
             f"longitude {result['west_deg']:.4f} to {result['east_deg']:.4f}, "
             f"latitude {result['south_deg']:.4f} to {result['north_deg']:.4f}",
-            f"  heights {lowest:.1f} to {highest:.1f} m ({unit}) above "
+            f" heights {lowest:.1f} to {highest:.1f} m ({unit}) above "
             f"{scaling.surface or 'a surface that the file does not name'}",
             *([f"  {100 * holes:.3g} % of the pixels have no height"] if holes else []),
             *(
                 [
-                    "  these may not all be heights of the Earth: does the file name the number "
-                    "that it has where it has no height (nodata)?"
+                    " some may not be heights of the Earth: does the file declare its number for "
+                    "missing heights (nodata)?"
                 ]
                 if not extremes.of_the_earth
                 else []
@@ -755,7 +755,7 @@ def terrain(options: argparse.Namespace) -> int:
         names = ", ".join(f'"{path}"' for path in files)
         print(f"\n[terrain]\nfiles = [{names}]")
         print('# geoid = "egm2008.tif"  # the grid of the geoid, if heights are above it')
-        print('# holes = "0 m"  # height of what has no value inside the files')
+        print('# holes = "0 m"  # height of holes inside the files')
     return Exit.DONE
 
 
@@ -763,7 +763,7 @@ def read_scene(path: Path) -> tuple[EarthScene, Motion]:
     """The scene of a file and its table [motion]; raises WrongUse where it cannot be used."""
     with as_wrong_use():
         table = read_table(path, "a scene file")
-        if "camera" in table:  # of all channels the first
+        if "camera" in table:  # the first channel
             survey = imager.load_survey(path)
             return survey.scene(survey.channels[0]), survey.motion
     with as_wrong_use(path=path):
@@ -772,7 +772,7 @@ def read_scene(path: Path) -> tuple[EarthScene, Motion]:
 
 
 def jitter(scene: EarthScene, motion: Motion, seed: int) -> Callable[[Floats], Floats] | None:
-    """The turn of the camera over the time since the epoch; None without motion."""
+    """The rotation of the camera over the time since the epoch; None without motion."""
     if motion == Motion():
         return None
     duration = scene.sensor.lines * scene.sensor.dating(scene.carrier).period

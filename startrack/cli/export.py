@@ -25,23 +25,21 @@ declare = shared.Parts(
     aocs=(
         "write the error of a design as JSON and C, for simulators of attitude control",
         Options(
-            "Writes startrack_head.json, and startrack_head.c, .h and _data.h, C99 that needs its "
-            "libm "
-            "alone: errors over time with their noise, errors over the pixel and the field, bias "
-            "and "
-            "thermo-elastic swing; availability over the slew rate and the angles to Sun, Moon and "
-            "Earth; latency; the convention of the quaternion.",
+            "Writes startrack_head.json, and startrack_head.c, .h and _data.h, in C99 that needs "
+            "libm alone. Contents: errors over time with their noise, errors over the pixel and "
+            "the field, bias and thermo-elastic swing; availability over the slew rate and the "
+            "angles to Sun, Moon and Earth; latency; the convention of the quaternion.",
             *shared.DESIGN,
             Option(
                 "--unit RANK",
-                "unit whose error is exported: the middle unit; the unit whose error 95 %% of the "
-                "units do not exceed; the worst unit; or the unit as designed, without differences "
-                "between units (default: 95, at the end of life)",
+                "unit whose error is exported: the median unit; the unit whose error 95 %% of "
+                "the units do not exceed; the worst unit; or the unit as designed, without "
+                "differences between units (default: 95, at the end of life)",
                 ("middle", "95", "worst", "designed"),
                 "95",
             ),
             Option(
-                "--units N", "number of units among which this unit is found", whole(1, 10000), 20
+                "--units N", "number of drawn units for the choice of the unit", whole(1, 10000), 20
             ),
             Option(
                 "--age YEARS", "age of the unit (default: the end of its life)", decimal(0, 100)
@@ -58,45 +56,44 @@ declare = shared.Parts(
             ),
             Option(
                 "--rate DEG/S",
-                "slew rate at which basilisk and 42 have the errors (default: that of the design)",
+                "slew rate of the errors for basilisk and 42 (default: the design's)",
                 decimal(0, 360),
             ),
             out("startrack-export"),
         ),
     ),
     catalogue=(
-        "write the guide stars of a design and the triangles of them, for its flight software",
+        "write the guide stars of a design and their triangles, for its flight software",
         Options(
             "Writes startrack_guide.bin (layout: docs/onboard.md), the same bytes as "
             "startrack_guide_data.h, the stars as startrack_guide.csv, and a reader in C99, "
-            "startrack_guide.c and .h: the star nearest to a direction, the stars in a cone, the "
-            "triangles like a given one, and the stars of a list of directions at an unknown "
-            "attitude. "
-            "Directions are ICRS, seen from the barycentre. The same arguments give the same "
-            "files.",
+            "startrack_guide.c and .h. The reader finds the star nearest to a direction, the "
+            "stars in a cone, the triangles similar to a given triangle, and the stars of a list "
+            "of directions at an unknown attitude. Directions are barycentric, in ICRS. Equal "
+            "arguments give equal files.",
             *shared.DESIGN,
             Option(
                 "--limit MAG",
-                "magnitude of the faintest star in the band of the instrument: that "
-                "of sunlike stars is their G (default: limit_g of the tracker's catalogue)",
+                "magnitude of the faintest star in the band of the instrument, in which sunlike "
+                "stars have their G magnitude (default: limit_g of the tracker's catalogue)",
                 decimal(-2, 21),
             ),
             Option(
                 "--epoch YEAR",
-                "Julian year to which proper motions move the stars, such as 2031.5 "
-                "(default: that of the tracker's catalogue)",
+                "Julian year of the stars' directions, such as 2031.5 (default: epoch of the "
+                "tracker's catalogue)",
                 decimal(),
             ),
             Option(
                 "--resolution ARCSEC",
-                "stars closer than this are one star, at their centre of "
-                "light (default: as the design's identification, 1/512 of the field)",
+                "stars closer than this are merged at their centre of light (default: as the "
+                "design's identification, 1/512 of the field)",
                 positive,
             ),
             Option(
                 "--doubles",
-                "stars that are several within the resolution: mark them with a flag, "
-                "or leave them out (default: mark)",
+                "double stars within the resolution: mark them with a flag, or leave them out "
+                "(default: mark)",
                 ("mark", "omit"),
                 "mark",
             ),
@@ -116,16 +113,16 @@ declare = shared.Parts(
             ),
             Option(
                 "--per-field N",
-                "guide stars in the area of a field: a star with N brighter ones "
-                "in the circle of this area around it is left out",
+                "guide stars per field: a star is left out if the circle of a field's area "
+                "around it has N brighter stars",
                 whole(3, 40),
                 16,
             ),
             Option(
                 "--pattern-stars N",
-                "the brightest of any circle that fits into a field, which "
-                "form triangles (default: 6); an index of more of them is larger and finds skies "
-                "with more false spots",
+                "number of brightest stars of each circle within a field that form triangles "
+                "(default: 6); more stars make a larger index, which identifies skies with more "
+                "false spots",
                 whole(3, 12),
                 6,
             ),
@@ -136,7 +133,7 @@ declare = shared.Parts(
 
 
 def command(options: argparse.Namespace) -> int:
-    """Write the files, and print what they hold."""
+    """Write the files and print their contents."""
     path = options.design or example()
     case = read_design(path, options.set).case
     part = _aocs if options.part == "aocs" else _catalogue
@@ -174,13 +171,13 @@ def _aocs(options: argparse.Namespace, case: Case, name: str) -> tuple[dict[str,
 def _also(
     options: argparse.Namespace, case: Case, model: HeadModel
 ) -> tuple[list[Path], list[str]]:
-    """Write the forms of --also: the files, and what there is to say of them."""
+    """Write the formats of --also. Returns the files, and notes on them."""
     rate = case.instrument.motion.rate if options.rate is None else options.rate * deg
     files, notes = list[Path](), list[str]()
     if rate > model.rate[-1]:
         raise shared.WrongUse(
-            f"--rate must be at most {model.rate[-1] / deg:.3g} deg/s, beyond which there is no "
-            f"attitude, got {rate / deg:.3g}"
+            f"--rate must be at most {model.rate[-1] / deg:.3g} deg/s, the largest rate "
+            f"with an attitude, got {rate / deg:.3g}"
         )
     if "fmu" in options.also:
         files.append(options.out / "startrack_head.fmu")
@@ -231,8 +228,8 @@ def _catalogue(options: argparse.Namespace, case: Case, name: str) -> tuple[dict
     text = (
         f"{_wrote(options, files)}\n{values['stars']} guide stars to {guide.limit:g} mag in the "
         f"band of the instrument, {values['triangles']} triangles, {size / 1000:.1f} kB\n"
-        f"field {values['field_deg']:.2f} deg, stars within {values['resolution_arcsec']:.1f} "
-        f"arcsec are one: {values['doubles']}; variable: {values['variables']}; epoch "
+        f"field {values['field_deg']:.2f} deg, stars merged within "
+        f"{values['resolution_arcsec']:.1f} arcsec: {values['doubles']}; variable: {values['variables']}; epoch "
         f"{guide.epoch:g}"
     )
     return values, text

@@ -1,4 +1,4 @@
-"""`startrack init`: a design file to begin with."""
+"""`startrack init`: a new design file."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if wanted(__name__):
 
 
 declare = Options(
-    "Writes a design file with what each value means beside it, to be edited. For example\n\n"
+    "Writes a design file for editing, with the meaning of each value. For example\n\n"
     "  startrack init mine.toml --from imx250",
     Option(
         "design DESIGN",
@@ -30,7 +30,7 @@ declare = Options(
         default="",
         dest="product",
     ),
-    Option("--all", "add the keys that may be left out, as comments"),
+    Option("--all", "add optional keys as comments"),
 )
 
 

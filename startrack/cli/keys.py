@@ -1,4 +1,4 @@
-"""`startrack keys`: the keys that a file may have."""
+"""`startrack keys`: the keys of a kind of file."""
 
 from __future__ import annotations
 
@@ -19,36 +19,33 @@ if wanted(__name__):
     from startrack.design import Key, design_keys, design_schema, keys_of, search_keys
     from startrack.earth import retrieval
 
-WIDEST = 100  # letters of a line
+WIDEST = 100  # letters per line
 
 declare = Options(
-    "Prints each key of a design file with its type, the unit that its value is written with, "
-    "its range and default, what it means, and which fidelities take it where some do not (in "
-    "brackets: run without it): all, or those of one table. For example\n\n"
-    "  startrack keys instrument.detector\n"
-    "  startrack keys field of view\n"
-    "  startrack keys --mission orbit\n\n"
-    "Words that are no table are looked for in names and meanings, and among the words of "
-    "datasheets; what no design file has, in the other kinds of files. "
-    "--schema prints a JSON Schema of them, by which editors complete and check design files: "
-    "with taplo, as in VS Code's Even Better TOML, by a first line\n\n"
-    "  #:schema ./design.schema.json",
+    "Prints all keys of a design file, or the keys of one table: type, unit, range, default and "
+    "meaning. If some fidelities do not take a key, the others are listed (in brackets: "
+    "fidelities that run without it). For example\n\n startrack keys instrument.detector\n "
+    "startrack keys field of view\n startrack keys --mission orbit\n\nWords that name no table "
+    "are searched in names and meanings, and among words of datasheets; without a match in "
+    "design files, in other kinds of files. --schema prints a JSON Schema, with which editors "
+    "complete and check design files. For taplo, as in VS Code's Even Better TOML, the first "
+    "line is\n\n #:schema ./design.schema.json",
     Option(
         "table TABLE",
         "table or key, such as instrument.optics, or words (default: all)",
         default=[],
         many="*",
     ),
-    Option("--scene", "those of a scene file of an Earth camera, in place of a design file"),
-    Option("--mission", "those of a mission file"),
-    Option("--profile", "those of a profile of `startrack sequence`"),
-    Option("--search", "those of a search for moving objects"),
+    Option("--scene", "keys of a scene file of an Earth camera, in place of a design file"),
+    Option("--mission", "keys of a mission file"),
+    Option("--profile", "keys of a profile of `startrack sequence`"),
+    Option("--search", "keys of a search for moving objects"),
     Option("--schema", "print the JSON Schema of a whole design file, or with --scene of a scene"),
 )
 
 
 class FileKeys(NamedTuple):
-    """A kind of file, in words, and the keys that it may have."""
+    """A kind of file, in words, and its keys."""
 
     what: str
     listed: Callable[[], Iterable[Key]]
@@ -73,7 +70,7 @@ def command(options: argparse.Namespace) -> int:
     }
     asked = [name for name in kinds if getattr(options, name, False)]
     if len(asked) > 1:
-        raise WrongUse(f"one kind of file must be asked for, got {' and '.join(asked)}")
+        raise WrongUse(f"at most one kind of file must be given, got {' and '.join(asked)}")
     if options.schema:
         if asked not in ([], ["scene"]):
             raise WrongUse(f"--schema must be of a design or a scene, got --{asked[0]}")

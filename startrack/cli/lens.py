@@ -24,22 +24,22 @@ if wanted(__name__):
     from startrack.io import aligned
 
 LENS = """\
-A lens table holds the wavefront, the place of the chief ray, the pupil and the vignetting of a lens
+A lens table has the wavefront, the place of the chief ray, the pupil and the vignetting of a lens
 over field, wavelength and temperature. A design names it: lens_file = "my-lens.fits" under
 [instrument.optics].
 
   startrack lens import my-lens.zmx --field 12   trace a prescription (extra `lens`)
   startrack lens import huygens-*.txt            PSFs that Zemax saved as text
-  startrack lens measure night-*.fits            PSF of your own stars
-  startrack lens show my-lens.fits               what a table holds
-  startrack lens show double_gauss               a shipped one
+  startrack lens measure night-*.fits            PSF from images of stars
+  startrack lens show my-lens.fits               contents of a table
+  startrack lens show double_gauss               a shipped table
 
-Images of a point take its place where no prescription is known: psf_file = "psf.fits".
+Without a known prescription, images of a point replace the table: psf_file = "psf.fits".
 """
 
 IMPORT = """\
 A prescription is traced to a lens table (lens_file) and needs optiland: pip install
-'startrack[lens]'. Wavefront maps become a lens table, too: their terms to Noll 37, a round pupil.
+'startrack[lens]'. Wavefront maps also become a lens table, with terms to Noll 37 and a round pupil.
 Huygens PSFs and FITS become a file of PSFs (psf_file); catalogs/psfs/README.md describes it.
 """
 
@@ -60,16 +60,22 @@ declare = shared.Parts(
             ),
             Option(
                 "--field DEG",
-                "of a prescription, needed: largest angle from the axis, to the "
-                "corner of the detector, degree",
+                "for a prescription, required: largest angle from the axis, to the corner of the "
+                "detector, degree",
                 float,
             ),
-            Option("--focal-length MM", "of wavefront maps, needed: mm", float),
-            Option("--f-number N", "of wavefront maps, needed", float),
+            Option("--focal-length MM", "for wavefront maps, required: mm", float),
+            Option("--f-number N", "for wavefront maps, required", float),
             Option(
-                "--flip", "wavefront maps are positive where the path is shorter (default: longer)"
+                "--flip",
+                "sign of wavefront maps: positive where the path is shorter (default: longer)",
             ),
-            Option("--fields N", "field angles from the axis to that", whole(2, 200), 9),
+            Option(
+                "--fields N",
+                "number of field angles from the axis to the largest",
+                whole(2, 200),
+                9,
+            ),
             Option(
                 "--band NM NM",
                 "shortest and longest wavelength, nm (default: 400 1000)",
@@ -92,7 +98,7 @@ declare = shared.Parts(
                 "--check", "also trace between the nodes, and print the error of the interpolation"
             ),
             Option("--name TEXT", "name of the lens (default: that of the file)", dest="title"),
-            Option("--source TEXT", "where its numbers come from (default: name of the file)"),
+            Option("--source TEXT", "source of its numbers (default: name of the file)"),
             Option(
                 "--out FILE",
                 "lens table to write (default: name of the first file with .fits)",
@@ -103,17 +109,17 @@ declare = shared.Parts(
     measure=(
         "reconstruct an oversampled PSF from images of stars",
         Options(
-            "Takes the brightest stars that stand alone and are not saturated, of all images "
-            "together, "
-            "and writes the PSF that they share as FITS, for psf_file of a design: fractions of a "
-            "star's light in pixels, with OVERSAMP samples per pixel.",
+            "Takes the brightest isolated, unsaturated stars of all images, and writes their "
+            "common PSF as FITS, for psf_file of a design: fractions of a star's light in "
+            "pixels, with OVERSAMP samples per pixel.",
             *images(),
             Option("--half PIXEL", "half side of the box around a star, pixel", whole(3, 50), 7),
             Option("--oversampling N", "samples per pixel", whole(2, 8), 4),
-            Option("--stars N", "how many stars at most", whole(8, 5000), 300),
+            Option("--stars N", "largest number of stars", whole(8, 5000), 300),
             Option(
                 "--saturation FRACTION",
-                "of an image's largest number, at and above which a star is left out",
+                "fraction of an image's largest number; a star with this number or more is left "
+                "out",
                 float,
                 0.9,
             ),
@@ -121,8 +127,8 @@ declare = shared.Parts(
         ),
     ),
     show=(
-        "print what a lens table holds",
-        Options("", Option("table TABLE", "lens table, or name of a shipped one")),
+        "print the contents of a lens table",
+        Options("", Option("table TABLE", "lens table, or name of a shipped table")),
     ),
 )
 
@@ -193,7 +199,7 @@ def _import(options: argparse.Namespace) -> int:
         raise WrongUse("FILE must be one prescription, one .fits, or pages .txt of Zemax")
     if not kinds <= {".fits", ".fit"}:
         return _trace(options)
-    with shared.as_wrong_use(ValueError, OSError):  # checked, and written with checksums
+    with shared.as_wrong_use(ValueError, OSError):  # errors of checks and of writing with checksums
         psfs = optics.load_psf_file(path)
     if options.source:
         psfs = replace(psfs, source=options.source)
@@ -228,7 +234,7 @@ def _import_pages(options: argparse.Namespace) -> int:
 def _save_images(options: argparse.Namespace, psfs: optics.PsfFile, out: Path) -> int:
     optics.save_psf_file(out, psfs)
     result = images_summary(psfs) | {"psf": str(out)}
-    text = f'{_images_text(result)}\nwrote {out}, which a design takes as psf_file = "{out}"'
+    text = f'{_images_text(result)}\nwrote {out}, for a design: psf_file = "{out}"'
     print_result(options, result, text)
     return Exit.DONE
 
@@ -240,7 +246,7 @@ def _trace(options: argparse.Namespace) -> int:
     out = options.out or path.with_suffix(".fits").name
     with shared.as_wrong_use(ValueError):
         lens = optics.read_prescription(path)
-    # The tracer prints on standard output that it has no data on the extinction of a glass.
+    # The tracer prints on standard output that it has no extinction data for a glass.
     with warnings.catch_warnings(), redirect_stdout(sys.stderr):
         # Numba warns about variables of the tracer's functions; they compile nevertheless.
         warnings.filterwarnings("ignore", r"variable '.*' is not in scope")
@@ -252,7 +258,7 @@ def _trace(options: argparse.Namespace) -> int:
                 lens, options.title or path.stem, options.source or path.name, tracing, advance
             )
         optics.save_lens(Path(out), table)
-        with suppress(ValueError):  # of surfaces that are no spheres
+        with suppress(ValueError):  # for surfaces other than spheres
             surfaces = optics.surfaces_of(lens)
             optics.save_surfaces(Path(out), surfaces)
             if not surfaces.mirror.any():
@@ -270,7 +276,7 @@ def _trace(options: argparse.Namespace) -> int:
 
 
 def _understood(path: Path) -> dict[str, Any]:
-    """Unit of length, glasses and ignored contents of a prescription, for the reader."""
+    """Unit of length, glasses and ignored contents of a prescription, for the output."""
     if path.suffix.lower() == ".json":
         return {}
     prescription = optics.parse_prescription(path)
@@ -290,7 +296,8 @@ def _tracing(options: argparse.Namespace) -> optics.Tracing:
     for celsius in options.temperatures:
         if not -200 < celsius < 300:
             raise WrongUse(f"--temperatures must lie between -200 and 300 degC, got {celsius:g}")
-    # The dispersion of glass is about inverse square; inverse steps keep some nodes in the red.
+    # The dispersion of glass is about inverse square; steps of inverse wavelength keep some nodes
+    # in the red.
     wavelength = 1 / np.linspace(1 / last, 1 / first, options.wavelengths)[::-1] * nm
     if options.wavelengths == 1:
         wavelength = np.array([(first + last) / 2 * nm])
@@ -308,7 +315,7 @@ def _nodes(tracing: optics.Tracing) -> int:
 
 
 def _between(tracing: optics.Tracing) -> optics.Tracing:
-    """The middles between the nodes; all temperatures."""
+    """Midpoints between the nodes; all temperatures."""
     fields, waves = np.array(tracing.field), np.array(tracing.wavelength)
     middle = (waves[1:] + waves[:-1]) / 2 if len(waves) > 1 else waves
     angles = 0.0, *((fields[1:] + fields[:-1]) / 2).tolist()
@@ -396,12 +403,13 @@ def _text(result: dict[str, Any]) -> str:
     ]
     if "terms_leave_waves" in result:
         lines.append(
-            f"terms to Noll {result['terms']} leave at most {result['terms_leave_waves']:.2g} "
-            "waves rms of the traced wavefront"
+            f"terms to Noll {result['terms']} fit the traced wavefront to "
+            f"{result['terms_leave_waves']:.2g} waves rms"
         )
     if "interpolation_rms_waves" in result:
         lines.append(
-            f"between the nodes the table errs by at most {result['interpolation_rms_waves']:.2g} "
+            "between the nodes the largest errors of the table are "
+            f"{result['interpolation_rms_waves']:.2g} "
             f"waves rms, {result['interpolation_place_um']:.2g} um in place, "
             f"{result['interpolation_area']:.2g} in area"
         )

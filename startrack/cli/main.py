@@ -21,11 +21,10 @@ from startrack.cli import stopping
 from startrack.cli.options import load, memory_of, postpone
 
 # Each command is a file of this name with `declare`, its table of options, and `command(options)`.
-# Only the file of the called command is imported; the packages that it computes with are imported
-# when it runs.
+# Only the file of the called command is imported; its computing packages are imported when it runs.
 COMMANDS = {
     "simulate": "render one frame of a design to FITS and PNG",
-    "psf": "compute how the optics of a design blur a star: width, energy, MTF",
+    "psf": "compute the blur of a star by a design's optics: width, energy, MTF",
     "lens": "trace a lens prescription into a table; show a table",
     "detect": "find the stars of images",
     "solve": "find the attitude of images",
@@ -33,31 +32,31 @@ COMMANDS = {
     "budget": "compute the error of a design cause by cause",
     "predict": "predict the errors of a design with unknown values, with intervals",
     "montecarlo": "measure the error of a design over many trials",
-    "merge": "put parts of a campaign from several machines together",
+    "merge": "merge parts of a campaign from several machines",
     "combine": "estimate one error from campaigns of different fidelity",
     "compare": "show two designs or campaigns side by side",
-    "compare-flight": "compare a design with images that its tracker sent down",
-    "report": "write a campaign as one self-contained HTML page",
+    "compare-flight": "compare a design with flight images of its tracker",
+    "report": "write a campaign as a self-contained HTML page",
     "sequence": "simulate a tracker in time: tracking, loss, reacquisition",
     "serve": "answer a control loop: attitudes in, frames and attitudes out",
-    "mission": "fly heads on a spacecraft: blinding, availability, over years",
+    "mission": "simulate heads on a spacecraft over years: blinding, availability",
     "export": "write a design as data and code for other programs",
-    "requirements": "compute the margins of a design to its requirements, without a trial",
+    "requirements": "compute the margins of a design to its requirements, without trials",
     "verify": "judge each requirement of a design by trials: pass, fail or not shown",
     "sweep": "compute errors and margins of a design over the values of one or two keys",
-    "solve-for": "find the value of a key at which a design just keeps a limit",
+    "solve-for": "find the value of a key at which a design just meets a limit",
     "optimize": "find a better design",
     "page": "show a design in a browser: sliders, budget, frame, searches",
     "sample": "compute the tolerance of each parameter of a design",
-    "pareto": "find designs that no other beats in both of two goals",
-    "what-matters": "answer what the error and the tightest margin of a design depend on",
-    "init": "write a design file to begin with",
-    "keys": "print what a design file may hold: keys, units, ranges, defaults",
+    "pareto": "find the Pareto front of two goals",
+    "what-matters": "show what the error and the tightest margin of a design depend on",
+    "init": "write a new design file",
+    "keys": "print the keys of a design file: units, ranges, defaults",
     "earth": "simulate Earth cameras over terrain: geometry, images",
     "warm": "compile all kernels before they are needed",
     "bench": "measure CPU time and error of every stage on this machine",
 }
-# Order of the list of commands; commands in no group come last.
+# Order of the list of commands; commands without a group come last.
 GROUPS = {
     "begin here": ("init", "budget", "optimize", "page"),
     "design": ("keys", "requirements", "psf", "lens", "simulate"),
@@ -69,9 +68,9 @@ GROUPS = {
     "fly": ("mission", "export", "serve", "earth"),
     "this machine": ("warm", "bench"),
 }
-# Commands that are called as parts of another word; their names alone work, too.
+# Commands that are called after another word; their names alone also work.
 WITHIN = {"merge": "montecarlo", "combine": "montecarlo", "warm": "tools", "bench": "tools"}
-# Names that commands had in earlier versions; they work until version 0.3.
+# Earlier names of commands; they work until version 0.3.
 EARLIER = {"sensitivity": "what-matters"}
 # Commands that find or identify stars; at the first run a second core compiles their kernels.
 IDENTIFY = (
@@ -102,13 +101,14 @@ startrack COMMAND --help lists the options and the output files of a command. Ex
   startrack budget                          its error, cause by cause
   startrack verify startrack-optimize/best.toml   whether it meets its requirements
   startrack optimize                        a better design, in a few minutes
-  startrack page --open                     the same with sliders, in a browser
+  startrack page --open                     a design with sliders, in a browser
   startrack montecarlo startrack-optimize/best.toml --out trials
   startrack report trials/campaign.sqlite   the results as an HTML page
-  startrack montecarlo combine frames.sqlite windows.sqlite   one error of few frames, many windows
+  startrack montecarlo combine frames.sqlite windows.sqlite   one error from few frames and many
+                                                              windows
   startrack sample startrack-optimize/best.toml   the tolerance of each parameter
   startrack sweep nanosatellite instrument.optics.f_number=1.2..2.4   errors and margins over a key
-  startrack what-matters noise_only         what the error and the tightest margin depend on
+  startrack what-matters noise_only         causes of the error and of the tightest margin
   startrack pareto                          accuracy against mass
   startrack sequence                        a slew: acquisition, loss, reacquisition
   startrack detect photo.jpg                the stars of a real image
@@ -119,9 +119,9 @@ startrack COMMAND --help lists the options and the output files of a command. Ex
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit status.
 
-    Every error becomes one sentence here, and nowhere else.
+    Errors become messages only here.
     """
-    alone = arguments is None  # this process runs only one command
+    alone = arguments is None  # this process runs a single command
     if alone:
         # Processes share the cores; a second thread for small matrices mostly waits.
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -132,9 +132,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if alone:
                 stopping.open_streams()
                 stopping.stop_with_input()
-            # Imports of the command take seconds, in which a signal may arrive.
+            # A signal may arrive during the imports, which take seconds.
             status, message = _run(_parsed(arguments)), ""
-        except SystemExit:  # help is printed, or a word is wrong
+        except SystemExit:  # after help, or for wrong arguments
             if alone:
                 stopping.drop_unwritten_messages()
             raise
@@ -144,17 +144,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if "--debug" in arguments and not isinstance(error, KeyboardInterrupt):
                 traceback.print_exception(error)
     if message:
-        with suppress(OSError):  # if nobody can read it, the status is enough
+        with suppress(OSError):  # the status suffices if the message cannot be written
             print(f"{' '.join(('startrack', *_called(arguments)))}: {message}", file=sys.stderr)
     if alone:
         stopping.ignore_signals()
         stopping.drop_unwritten_messages()
-        gc.freeze()  # or Python searches all objects for garbage at the end: 0.6 s
+        gc.freeze()  # without it Python searches all objects for garbage at the end: 0.6 s
     return int(status)
 
 
 def parts_alone(arguments: Sequence[str]) -> list[str]:
-    """The arguments without the word before a command that is a part of it: "tools warm"."""
+    """The arguments without the word before a command, as in "tools warm"."""
     if list(arguments) == ["tools"]:
         return ["tools", "--help"]
     within = len(arguments) > 1 and WITHIN.get(arguments[1]) == arguments[0]
@@ -162,7 +162,7 @@ def parts_alone(arguments: Sequence[str]) -> list[str]:
 
 
 def named_now(arguments: Sequence[str]) -> list[str]:
-    """The arguments with the current name of the command; prints a note if the name has changed."""
+    """The arguments with the current name of the command; prints a note for an earlier name."""
     first, *others = arguments or [""]
     if first not in EARLIER:
         return list(arguments)
@@ -179,7 +179,7 @@ def _full_name(name: str) -> str:
 
 
 def _list_of_commands() -> str:
-    """The commands in groups, each with its sentence."""
+    """The commands in groups, each with its description."""
     grouped = {name for names in GROUPS.values() for name in names}
     others = tuple(name for name in COMMANDS if name not in grouped)
     lines = list[str]()
@@ -190,7 +190,7 @@ def _list_of_commands() -> str:
 
 
 def _parsed(arguments: Sequence[str]) -> argparse.Namespace:
-    """The options of a command; ends the process if only help was requested.
+    """The options of a command. Ends the process after help.
 
     Raises  OSError if help cannot be written, which argparse would hide.
     """
@@ -212,7 +212,7 @@ def _run(options: argparse.Namespace) -> int:
     """The exit status of a command."""
     with (
         warnings.catch_warnings(),
-        _compiled_beside(options),  # first, because the kernels are needed soon after the imports
+        _compiled_beside(options),  # first: the kernels are needed soon after the imports
     ):
         said = set[str]()
         warnings.showwarning = lambda message, *_, **__: _print_warning(message, said)
@@ -222,7 +222,7 @@ def _run(options: argparse.Namespace) -> int:
         terminal = import_module("startrack.cli.terminal")
         core = import_module("startrack.core")
         with (
-            # An overflow is visible in the result, or is refused with a sentence.
+            # An overflow is visible in the result, or refused with a message.
             import_module("numpy").errstate(all="ignore"),
             core.code_of_command(getattr(options, "allow_code", False)),
             core.limited_memory(memory_of(options, core.memory_limit())),
@@ -230,7 +230,7 @@ def _run(options: argparse.Namespace) -> int:
             terminal.report_compiling(),
             terminal.claimed_out(options),
         ):
-            # The only place that decides whether files are of star trackers.
+            # The only place that decides whether files describe star trackers.
             if getattr(options, "problems", False):
                 problems = import_module("startrack.cli.problems")
                 command = problems.command_of(options, module.declare.given(options)) or command
@@ -251,9 +251,9 @@ def _compiled_beside(options: argparse.Namespace) -> AbstractContextManager[None
 
 
 def _print_warning(message: Warning | str, said: set[str]) -> None:
-    """Print a warning once, as one line, without the line of code that raised it.
+    """Print a warning once, in one line, without its line of code.
 
-    Python forgets its earlier warnings whenever code sets its filters.
+    Python forgets earlier warnings when code sets its filters.
     """
     line = stopping.one_line(message)
     if line not in said:
@@ -275,7 +275,7 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
         dest="name", required=True, metavar="COMMAND", help=argparse.SUPPRESS
     )
     called = _called(arguments)
-    # Only help requested before a command lists all commands.
+    # Help before a command lists all commands.
     alone = bool(called) and called[0] in COMMANDS and arguments[0] == called[0]
     for name in called if alone else COMMANDS:
         text = COMMANDS[name]
@@ -294,7 +294,7 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
             "tools",
             prog="startrack tools",
             usage="startrack tools COMMAND ...",
-            description="\n".join(["what a machine needs once:", *lines]),
+            description="\n".join(["tasks once per machine:", *lines]),
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
         tools.add_argument("tool", metavar="COMMAND", choices=names, help=argparse.SUPPRESS)

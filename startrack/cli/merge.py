@@ -23,21 +23,19 @@ SQLITE = b"SQLite format 3\0"
 declare = Options(
     "The parts are stores (`montecarlo --first K --trials N --store PART.sqlite`) or sketches "
     "(`--sketch PART.json`) of one campaign. The result has the same bytes in any order of the "
-    "parts. Parts of another design, seed, sampling or version are refused. Trials that several "
-    "stores have are kept once and reported, and refused where their outcomes differ; sketches "
-    "with a trial in two of them are refused. Trials that no part has, from number 0 on, are "
-    "refused, too, unless they may be missing.",
+    "parts. Parts of another design, seed, sampling or version are refused. Trials in several "
+    "stores are kept once and reported; different outcomes are refused. Sketches with a common "
+    "trial are refused. Missing trials, from number 0 on, are refused without --missing.",
     Option("parts PART", "stores, or sketches, of montecarlo", Path, many="+"),
     Option("--out FILE", "file to write, of the same kind", Path, required=True),
     Option(
         "--partial",
-        "accept that trials are missing, such as those of a lost job; their "
-        "numbers are in the result",
+        "accept missing trials, for example of a lost job; their numbers are in the result",
     ),
     Option(
         "--trials N",
-        "of the whole campaign, whose last part may be missing, too (default: as "
-        "many as the parts have)",
+        "trials of the whole campaign, whose last part may be missing (default: trials of the "
+        "parts)",
         whole(1),
     ),
 )

@@ -26,36 +26,34 @@ if wanted(__name__):
     from startrack.space import two_line_record
     from startrack.trial import observe
 
-ROWS = 20_000  # most rows of the table, without --every
-STORE = "mission.sqlite"  # in the folder of the results
-OLD_ELEMENTS = 7.0  # days, from which on the age of two-line elements is said; chosen by hand
+ROWS = 20_000  # largest number of rows of the table, without --every
+STORE = "mission.sqlite"  # store in the folder of the results
+OLD_ELEMENTS = 7.0  # days; a larger age of two-line elements is reported; chosen by hand
 
 
 declare = Options(
-    "Moves a spacecraft along its orbit and attitude law, and prints when Sun, Moon and Earth "
-    "blind each of its heads, how many heads are valid, and whether the mission's requirements "
-    "are met. Writes report.html, summary.json, mission.png, beta.png, tracks.png and "
-    "timeline.csv. The status is 3 if a requirement is not met.",
+    "Simulates a spacecraft along its orbit and attitude law, and prints the times when Sun, "
+    "Moon and Earth blind each head, the number of valid heads, and whether the mission's "
+    "requirements are met. Writes report.html, summary.json, mission.png, beta.png, tracks.png "
+    "and timeline.csv. The status is 3 if a requirement is not met.",
     Option(
         "mission MISSION.toml",
-        "mission file (default: the example, "
-        "catalogs/missions/sun-synchronous.toml: three heads, a year); several write to "
-        "folders of their names",
+        "mission file (default: the example, catalogs/missions/sun-synchronous.toml: three "
+        "heads, a year); each of several missions has a folder of its name",
         Path,
         many="*",
     ),
     Option(
         "--set KEY=VALUE",
-        "a value over that of the mission file, such as 'time.duration=30 "
-        "d' or 'heads.0.age=5 yr'; may be given several times",
+        "a value in place of the mission file's, such as 'time.duration=30 d' or 'heads.0.age=5 "
+        "yr'; may be given several times",
         default=[],
         append=True,
     ),
     shared.ALLOW_CODE,
     Option(
         "--every N",
-        "steps between two rows of the table of the timeline (default: so that it "
-        f"has at most {ROWS} rows)",
+        f"steps between two rows of the timeline's table (default: for at most {ROWS} rows)",
         whole(1, 10**8),
     ),
     Option(
@@ -71,47 +69,46 @@ declare = Options(
     ),
     Option(
         "--place",
-        "search for better mountings of the heads first, and compare; writes "
-        "placed.toml and placement.png. With --baffle LEAST LARGEST: the lightest heads that "
-        "meet the requirements, directions and angle of the baffles together",
+        "search for better mountings of the heads first, and compare; writes placed.toml and "
+        "placement.png. With --baffle LEAST LARGEST: search for the lightest heads that meet the "
+        "requirements, over directions and baffle angle together",
     ),
     Option(
         "--heads N",
-        "compare this number of heads instead, each placed by a coarse search (default "
-        "with --baffle: as many as the mission has)",
+        "compare these numbers of heads instead, each placed by a coarse search (default with "
+        "--baffle: the mission's number)",
         whole(1, 8),
         many="+",
     ),
     Option(
         "--baffle DEG",
-        "compare baffles that keep the Sun out from such angles on instead, "
-        "with their length and mass (default with --heads: the exclusion angle of the first "
-        "head)",
+        "compare baffles of these Sun exclusion angles instead, with length and mass (default "
+        "with --heads: the exclusion angle of the first head)",
         shared.decimal(1, 89),
         many="+",
     ),
     Option(
         "--units N",
-        "fly N spacecraft whose heads are drawn units, too: what 95 %% of "
-        "them keep, temperatures, and what alignment in flight gains",
+        "also simulate N spacecraft with drawn units as heads: error that 95 %% of them do not "
+        "exceed, temperatures, and gain of alignment in flight",
         whole(1, 10**6),
     ),
     Option(
         "--frames N",
-        "render all heads at N random instants, too (fidelity: "
-        "check.fidelity): frames.csv, how far they agree with what the mission expects, and the "
-        "angles between heads before and after a thermal model",
+        "also render all heads at N random instants (fidelity: check.fidelity): frames.csv, "
+        "agreement with the mission's expectation, and the angles between heads before and after "
+        "a thermal model",
         whole(1, 10**6),
     ),
     Option(
         "--frame SECOND",
-        "render what each head sees at this time after the begin instead: HEAD.fits, HEAD.png",
+        "render the view of each head at this time after the begin instead: HEAD.fits, HEAD.png",
         shared.decimal(0, 1e12),
     ),
     Option(
         "--scheduler ADDRESS",
-        "fly several missions on the workers of a Dask cluster that "
-        "share the folder of the results (tcp://host:port)",
+        "simulate several missions on workers of a Dask cluster that share the folder of the "
+        "results (tcp://host:port)",
         shared.address,
     ),
     shared.WORKERS,
@@ -171,7 +168,7 @@ def _print_unknown(loaded: mission.Loaded) -> None:
 
 
 def _several(options: argparse.Namespace, paths: list[Path]) -> int:
-    """Fly several missions, each by one worker, into folders of their names."""
+    """Simulate several missions, each by one worker, into folders of their names."""
     names = [path.stem for path in paths]
     if len(set(names)) < len(names):
         raise WrongUse(f"several missions must have different names, got {', '.join(names)}")
@@ -204,7 +201,8 @@ def _several(options: argparse.Namespace, paths: list[Path]) -> int:
 def fly_whole(
     options: argparse.Namespace, path: Path, out: Path, loaded: mission.Loaded
 ) -> tuple[dict[str, Any], str, bool]:
-    """Plan, check and fly a mission, write its files; values, text, and whether all is met."""
+    """Plan, check and simulate a mission, and write its files. Returns values, text, and whether
+    all requirements are met."""
     plan, checks, flown = mission.flown_from(mission.plan_of(loaded), out / STORE)
     flight = report.ReportedFlight(plan, checks, flown, mission.availability_of(flown))
     return *_written(options, path, out, flight), flight.met
@@ -213,7 +211,7 @@ def fly_whole(
 def _written(
     options: argparse.Namespace, path: Path, out: Path, flight: report.ReportedFlight
 ) -> tuple[dict[str, Any], str]:
-    """Write the files of a flown mission; values and text."""
+    """Write the files of a simulated mission. Returns values and text."""
     steps = flight.plan.loaded.mission.time.steps
     every = options.every or -(-steps // ROWS)
     with progress("rows", -(-steps // every)) as advance:
@@ -233,7 +231,7 @@ def _written(
 
 def _check_lines(flight: report.ReportedFlight) -> list[str]:
     if not flight.checks:
-        return ["errors are not checked by trials (--set check.trials=200)"]
+        return ["errors without a check by trials (--set check.trials=200)"]
     return [f"{report.CHECKED}:", *report.checks_table(flight).text()]
 
 
@@ -286,10 +284,10 @@ def _render(options: argparse.Namespace, path: Path, plan: mission.MissionPlan) 
 
 
 def _trade(options: argparse.Namespace, path: Path, plan: mission.MissionPlan) -> int:
-    """Print numbers of heads and angles of baffles, with their quality and mass."""
+    """Print numbers of heads and angles of baffles, with quality and mass."""
     counts = options.heads or [len(plan.heads)]
     angles = [angle * deg for angle in options.baffle or [plan.heads[0].limits.sun / deg]]
-    how = "at 96 orbits of 100 instants, placed on a grid of 15 deg; mass by the cost laws"
+    how = "96 orbits of 100 instants; heads placed on a grid of 15 deg; mass by the cost laws"
     if options.place:
         if len(angles) != 2:
             raise WrongUse("--baffle must give two angles, the least and the largest, with --place")
@@ -297,9 +295,9 @@ def _trade(options: argparse.Namespace, path: Path, plan: mission.MissionPlan) -
             lightest = mission.lightest(plan, counts, (angles[0], angles[1]), advance)
         traded = [trade for trade, _ in lightest]
         best = min(lightest, key=lambda pair: (not pair[0].met, pair[0].mass))
-        text = f"{path.name}, the lightest heads and baffles that were found"
+        text = f"{path.name}, the lightest heads and baffles of the search"
         mission.save_mission(options.out / "placed.toml", best[1].mission, text)
-        how = "at 96 orbits of 100 instants, directions and baffles together; mass by the cost laws"
+        how = "96 orbits of 100 instants; directions and baffles together; mass by the cost laws"
     else:
         with progress("searches", len(counts) * len(angles)) as advance:
             traded = mission.trades(plan, counts, angles, advance)
@@ -333,8 +331,8 @@ def _trade(options: argparse.Namespace, path: Path, plan: mission.MissionPlan) -
 
 
 def _place(options: argparse.Namespace, path: Path, before: report.ReportedFlight) -> int:
-    """Search for mountings, and print the whole mission with the file's mountings and with the
-    best."""
+    """Search for mountings, and print the mission with the file's mountings and with the best
+    mountings."""
     plan = before.plan
     with progress("mountings", 5000) as advance:
         placement = mission.place(plan, advance)
@@ -361,7 +359,7 @@ def _place(options: argparse.Namespace, path: Path, before: report.ReportedFligh
         "out": str(options.out),
     }
     mission.save_mission(
-        options.out / "placed.toml", placement.mission, f"{path.name}, heads placed anew"
+        options.out / "placed.toml", placement.mission, f"{path.name}, new mountings of heads"
     )
     picture, title = options.out / "placement.png", f"directions of {plan.heads[0].name}"
     clear = plan.loaded.mission.keep_out
@@ -463,7 +461,7 @@ def _head_values(flight: report.ReportedFlight, h: int) -> dict[str, Any]:
 
 
 def _which(plan: mission.MissionPlan) -> str:
-    """Units and ages that the errors of the heads belong to."""
+    """Units and ages of the heads' errors."""
     heads, time = plan.loaded.mission.heads, plan.loaded.mission.time
     drawn = sum(head.unit is not None for head in heads)
     units = "perfect units" if not drawn else f"{drawn} drawn units" * (drawn == len(heads))
@@ -475,7 +473,7 @@ def _which(plan: mission.MissionPlan) -> str:
 
 
 def _frames(plan: mission.MissionPlan, table: Rows) -> tuple[dict[str, Any], list[str]]:
-    """Agreement of rendered heads with the mission, and angles between them: values and lines."""
+    """Agreement of rendered heads with the mission, and angles between heads: values and lines."""
     heads, lines, values = range(len(plan.heads)), list[str](), dict[str, Any]()
     values["heads"] = []
     for h in heads:
@@ -595,14 +593,15 @@ def _left_out(plan: mission.MissionPlan) -> list[str]:
     own = plan.loaded.mission
     old = _days_of_elements(own)
     elements = (
-        f"age of two-line elements: the mission lies up to {old:.0f} days from their epoch, and "
-        "SGP4 is some kilometres further off each day"
+        f"age of two-line elements: the mission is up to {old:.0f} days from their epoch; errors "
+        "of SGP4 grow by some kilometres a day"
     )
     return [text] * (own.radiation.hits is not None) + [elements] * (old > OLD_ELEMENTS)
 
 
 def _days_of_elements(own: mission.Mission) -> float:
-    """Most days between the epoch of two-line elements and the mission; 0 without such."""
+    """Largest time in days between the epoch of two-line elements and the mission; 0 without
+    them."""
     if not own.orbit.tle:
         return 0.0
     record = two_line_record(own.orbit.tle)
@@ -612,7 +611,7 @@ def _days_of_elements(own: mission.Mission) -> float:
 
 
 def _platform_lines(plan: mission.MissionPlan) -> list[str]:
-    """Motion of the platform within the errors; nothing where no design has any."""
+    """Motion of the platform within the errors; empty if no design has any."""
     moved = [
         f"{math.sqrt((x + y) / 2) / arcsec:.2f} across and {math.sqrt(z) / arcsec:.2f} about "
         f"({head.name})"
@@ -622,15 +621,15 @@ def _platform_lines(plan: mission.MissionPlan) -> list[str]:
     ]
     if not moved:
         return []
-    said = f"of them the motion of the platform in an exposure, arcsec rms: {', '.join(moved)}"
+    said = f"part by motion of the platform in an exposure, arcsec rms: {', '.join(moved)}"
     still = [head.name for head in plan.heads if not head.moved.any()]
     if not still:
-        return [f"{said}; it is one for all heads, and fusion does not reduce it"]
+        return [f"{said}; it is common to all heads, and fusion does not reduce it"]
     return [
         said,
-        f"the design of {', '.join(still)} has no such motion (or tracker.reference is 'mean'), so "
-        "that the head counts as at rest; one platform moves all heads, so that "
-        "[instrument.motion] of all designs should have it",
+        f"the design of {', '.join(still)} has no such motion (or tracker.reference is 'mean'), "
+        "so that the head counts as at rest; as one platform moves all heads, "
+        "[instrument.motion] of all designs should have this motion",
     ]
 
 
@@ -649,7 +648,7 @@ def _text(flight: report.ReportedFlight) -> list[str]:
         lines.append(f"{words:24s}{100 * available.at_least(count):10.4f} % of the time")
     none = available.none
     lines.append(
-        f"without a valid head: {len(none.length)} times, the longest {none.longest:g} s"
+        f"without a valid head: {len(none.length)} times, at most {none.longest:g} s"
         + (f", from {utc_text(time.begin, none.worst(1)[0][0])} UTC" if len(none.length) else "")
     )
     again = [
@@ -676,7 +675,7 @@ def _text(flight: report.ReportedFlight) -> list[str]:
         )
     lines += [
         f"behind {row['shielding_mm']:g} mm of aluminium: {row['krad_per_year']:.3g} krad a year, "
-        f"and atoms displaced as by {row['protons_10_mev_per_cm2_year']:.2g} protons of 10 MeV a "
+        f"and displacement damage of {row['protons_10_mev_per_cm2_year']:.2g} protons of 10 MeV a "
         "square centimetre"
         for row in _radiation(plan)
     ]

@@ -45,7 +45,7 @@ if wanted(__name__):
 Workers = AbstractContextManager[Executor]
 STORE = "campaign.sqlite"
 HALL = "Hall's transformation of Student's t, for skew squares"
-UNREACHED = 1e-6  # without --precision: one that no campaign reaches
+UNREACHED = 1e-6  # without --precision: a precision that no campaign reaches
 
 
 declare = Options(
@@ -56,26 +56,26 @@ declare = Options(
     Option("--trials N", "number of trials", whole(1, 10**9), 200),
     Option(
         "--first K",
-        "number of the first trial (default: 0), so that the jobs of a cluster "
-        "run parts of one campaign, which `startrack montecarlo merge` puts together",
+        "number of the first trial (default: 0): jobs of a cluster run parts of a campaign, "
+        "which `startrack montecarlo merge` joins",
         whole(0, 2**62),
         0,
     ),
     Option(
         "--sketch FILE.json",
-        "keep moments, quantiles within 0.1 %% and the worst trial in a "
-        "file of some 1 MB instead of all trials, from which an interrupted run continues; for "
-        "up to 10^9 trials, best of fidelity covariance",
+        "keep moments, quantiles within 0.1 %% and the worst trial instead of all trials, in a "
+        "file of some 1 MB from which an interrupted run continues; for up to 10^9 trials, best "
+        "of fidelity covariance",
         Path,
     ),
     shared.SEED,
     shared.WORKERS,
     fidelity(
-        "frame: render whole frames (default); window: only the pixels around stars, with "
-        "the same noise, in a fifth of the time, but slower than frames with units behind a "
-        "lens table, each of which has a plan of its own; spots: draw the spots from their "
-        "covariance, without an image, and identify them; covariance: draw the spots, "
-        "identification is assumed to be perfect"
+        "frame: render whole frames (default); window: render only the pixels around stars, with "
+        "the same noise, in a fifth of the time (slower than frame for units behind a lens "
+        "table, which need a plan for each unit); spots: draw the spots from their covariance, "
+        "without an image, and identify them; covariance: draw the spots, identification is "
+        "assumed to be perfect"
     ),
     Option("--sobol", "use attitudes from a Sobol sequence; 16 scrambled copies give the interval"),
     Option(
@@ -86,15 +86,14 @@ declare = Options(
     ),
     Option(
         "--units N",
-        "N units of the design, drawn from its [[variation]] tables and "
-        "calibrated, with --trials of each; the summary has the yield and explains the worst "
-        "unit",
+        "number of units of the design, drawn from its [[variation]] tables and calibrated, with "
+        "--trials of each; the summary has the yield and explains the worst unit",
         whole(1, 10**6),
     ),
     Option(
         "--environments N",
-        "environments of each unit, its trials shared among them, at most "
-        "one for each (default: 10, or --trials where these are fewer)",
+        "environments of each unit, which share its trials, at most one per trial (default: 10, "
+        "or --trials if fewer)",
         whole(1, 10**6),
     ),
     Option("--age TIME", "age of the units, such as '5 yr' (default: the lifetime of the design)"),
@@ -102,8 +101,8 @@ declare = Options(
     Option("--out DIR", "folder for store, table and picture", Path),
     Option(
         "--table FILE",
-        "table of the trials: RA, Dec, roll, rate, angles to Sun, Moon and "
-        "Earth, status, reason, errors; CSV or Parquet, as the name ends",
+        "table of the trials: RA, Dec, roll, rate, angles to Sun, Moon and Earth, status, "
+        "reason, errors; CSV or Parquet by the name's ending",
         Path,
     ),
     Option(
@@ -114,8 +113,8 @@ declare = Options(
     ),
     Option(
         "--precision FRACTION",
-        "stop when half the width of the interval of the statistic is "
-        "below this fraction of its value; --trials is then the largest number of trials",
+        "stop when half the width of the statistic's interval is below this fraction of its "
+        "value; --trials is then the largest number of trials",
         shared.decimal(1e-6, 1),
     ),
     Option(
@@ -127,9 +126,9 @@ declare = Options(
         "across",
     ),
     Option(
-        "--confidence FRACTION", "confidence of that interval", shared.decimal(0.5, 0.9999), 0.95
+        "--confidence FRACTION", "confidence of the interval", shared.decimal(0.5, 0.9999), 0.95
     ),
-    Option("--seconds SECONDS", "start no trial after this time, s", positive),
+    Option("--seconds SECONDS", "time limit for the start of a trial, s", positive),
     *shared.SCHEDULER,
     Option(
         "--log FILE",
@@ -142,11 +141,11 @@ declare = Options(
 
 
 class TriedDesign(NamedTuple):
-    """A design, and its trials in the store at this time.
+    """A design, and its current trials in the store.
 
     outcomes   a row of each trial
-    attitudes  of the trials, as drawn
-    ends       end of each trial, and its reason
+    attitudes  attitudes of the trials, as drawn
+    ends       outcome of each trial, and its reason
     failures   blocks of trials that failed, and the error of each
     rate       new trials per second
     """
@@ -160,22 +159,22 @@ class TriedDesign(NamedTuple):
 
     @property
     def needs(self) -> Requirements | None:
-        """The requirements of its campaign."""
+        """The requirements of the design's campaign."""
         return self.design.campaign.requirements if self.design.campaign else None
 
     @property
     def accuracy(self) -> tuple[Accuracy, ...]:
-        """Limits on errors."""
+        """Limits of errors."""
         return self.needs.accuracy if self.needs else ()
 
 
-Section = tuple[dict[str, Any], list[str]]  # part of the result: for JSON, and lines of text
+Section = tuple[dict[str, Any], list[str]]  # part of the result: values for JSON, and lines of text
 
 
 def command(options: argparse.Namespace) -> int:
     """Print the summary; with --out, write trials.csv, errors.png and summary.json.
 
-    With --out or --store each block of trials is on disk before the next one starts: the same
+    With --out or --store each block of trials is on disk before the next starts, so that the same
     command continues an interrupted run.
     """
     path = options.design or terminal.example()
@@ -192,8 +191,8 @@ def command(options: argparse.Namespace) -> int:
         require_fidelity(case, sampling.fidelity)
         conditions, refused = cases(case, campaign) if campaign else ((), ())
     workers = open_workers(options)
-    with terminal.stage("first trial, and what all need"):
-        montecarlo.warm(case, sampling)  # refuses before the first trial what no trial can do
+    with terminal.stage("first trial, and inputs of all"):
+        montecarlo.warm(case, sampling)  # refuses impossible trials before the first
     if options.sketch:
         return _sketch(options, case, sampling, limits, workers)
     tried = _run(options, design, sampling, watched, workers)
@@ -203,7 +202,7 @@ def command(options: argparse.Namespace) -> int:
     rows = metrics.summary_rows(summary, limits)
     result = {"design": str(path), "seed": options.seed, "fidelity": sampling.fidelity.value}
     result |= metrics.to_json(rows) | {"trials_per_s": tried.rate} | required
-    doubt = f"{summary.doubt}; `startrack budget` names what the tracker does not know"
+    doubt = f"{summary.doubt}; `startrack budget` names effects that the tracker does not know"
     text = [_answer(summary), *([doubt] if summary.doubt else [])]
     text += [*metrics.to_lines(rows), *verdicts]
     for values, lines in (
@@ -237,9 +236,9 @@ def _judged(
     claims: int,
     others: Sequence[str],
 ) -> tuple[metrics.Summary, dict[str, Any], list[str]]:
-    """The summary of the trials that count, and each limited error beside its limit.
+    """The summary of the trials that count, and each limited error with its limit.
 
-    claims  number of all that `verify` judges together
+    claims  number of all claims that `verify` judges together
     others  conditions of the design that only `verify` runs
     """
     needs, judged = tried.needs, tried.outcomes
@@ -253,8 +252,7 @@ def _judged(
     summary, errors, verdicts = _required(needs, judged, boresight, summary, claims)
     if others:
         verdicts.append(
-            "this is the design's own condition alone; `startrack verify` also judges: "
-            + "; ".join(others)
+            "only the design's own condition; `startrack verify` also judges: " + "; ".join(others)
         )
     return summary, {"required": errors, "conditions_not_run": list(others)}, verdicts
 
@@ -275,7 +273,7 @@ def _over_unknowns(
     sampling: Sampling,
     summary: metrics.Summary,
 ) -> Section:
-    """Intervals over the values that the design does not know."""
+    """Intervals over the unknown values of the design."""
     if not (tried.design.unknowns and options.draws):
         return {}, []
     if isinstance(sampling.units, Units):
@@ -289,7 +287,7 @@ def _over_unknowns(
 
 def _answer(summary: metrics.Summary) -> str:
     """The errors, and the fraction of trials with a correct attitude."""
-    errors = "no trial has a correct attitude, so that there is no error"
+    errors = "no trial has a correct attitude, so that no error is known"
     if math.isfinite(summary.across.value):
         across = metrics.bracketed(summary.across, ".3f", arcsec)
         about = metrics.bracketed(summary.about, ".3f", arcsec)
@@ -309,7 +307,7 @@ def _save(
 ) -> None:
     """Write the table of the trials to --table; table, picture and result to the folder of --out.
 
-    The result says where they are.
+    The result has their paths.
     """
     if where := _store_of(options):
         result["store"] = str(where)
@@ -335,7 +333,7 @@ def _run(
     watched: Precision,
     workers: Workers,
 ) -> TriedDesign:
-    """Run the trials that the store does not hold yet."""
+    """Run the trials that are not yet in the store."""
     where = _store_of(options)
     began, precision = time.perf_counter(), watched if options.precision else None
     numbers = range(options.first, options.first + options.trials)
@@ -347,7 +345,7 @@ def _run(
             for block in store.done()
         )
         if before:
-            terminal.print_message(f"{where} holds {before} trials; continuing")
+            terminal.print_message(f"{where} has {before} trials; continuing")
         with (
             terminal.progress("trials", options.trials) as advance,
             montecarlo.Watch(store, watched, options.trials, advance, options.log) as watch,
@@ -387,7 +385,7 @@ def _details(options: argparse.Namespace, tried: TriedDesign, precision: Precisi
     lost = {end.value: count for end, count in tried.ends.count().items() if count}
     result["endings"] = lost
     if set(lost) != {montecarlo.Ending.CORRECT.value}:
-        text.append("trials by their end: " + ", ".join(f"{n} {name}" for name, n in lost.items()))
+        text.append("trials by outcome: " + ", ".join(f"{n} {name}" for name, n in lost.items()))
     if options.precision:
         width = montecarlo.half_width(precision.interval(tried.outcomes))
         result |= {"statistic": precision.statistic, "relative_half_width": width}
@@ -404,14 +402,14 @@ def _details(options: argparse.Namespace, tried: TriedDesign, precision: Precisi
 
 
 def _refuse_parts(options: argparse.Namespace) -> None:
-    """Refuse options that do not fit parts of a campaign, or sketches."""
+    """Refuse options that do not fit parts of a campaign or sketches."""
     if options.first and (options.precision or options.units):
         other = "precision" if options.precision else "units"
         raise shared.WrongUse(f"--first must be left out beside --{other}")
     apart = ("out", "store", "table", "precision", "units", "control", "seconds", "log")
     for name in (name for name in apart if options.sketch and getattr(options, name)):
         raise shared.WrongUse(
-            f"--{name} must be left out beside --sketch, which keeps no single trial"
+            f"--{name} must be left out beside --sketch, which does not keep single trials"
         )
 
 
@@ -452,10 +450,10 @@ def _required(
     summary: metrics.Summary,
     claims: int = 1,
 ) -> tuple[metrics.Summary, dict[str, Any], list[str]]:
-    """Each limited error, with the bounds that judge it; for a verdict see `verify`.
+    """Each limited error with the bounds that judge it; for a verdict see `verify`.
 
     boresight  (n, 3) of the outcomes, ICRS
-    claims     number of all that `verify` judges together
+    claims     number of all claims that `verify` judges together
     """
     required, lines = {}, []
     every = bounds_of_errors(needs, outcomes, boresight, claims)
@@ -502,7 +500,7 @@ def _sampling(options: argparse.Namespace, case: Case) -> Sampling:
 
 
 def _reduced_variance(outcomes: Rows, sobol: bool) -> list[Row]:
-    """The errors with Sobol points and controls, and the factor of trials that both save."""
+    """The errors with Sobol points and controls, and the factor of saved trials."""
     rows = []
     for name, about in (("across", False), ("about", True)):
         plain = montecarlo.mean_square(outcomes[list(OUTCOMES.names or ())], about)

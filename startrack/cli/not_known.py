@@ -1,4 +1,5 @@
-"""Figures of commands over a design's unknown values: intervals, and limits that draws meet."""
+"""Figures of commands over a design's unknown values: intervals, and fractions of draws that meet
+limits."""
 
 from __future__ import annotations
 
@@ -26,15 +27,14 @@ QUANTILES = (0.5, 0.16, 0.84, 0.025, 0.975)
 AXES = ("across", "about")
 DRAWS = Option(
     "--draws N",
-    "draws of the values that the design does not know, which give figures for their middle an "
-    "interval (0: none)",
+    "draws of unknown values, which give intervals to figures for their median (0: none)",
     whole(0, 10**4),
     32,
 )
 
 
 def draws_of(options: argparse.Namespace, path: Path) -> DesignedDraws | None:
-    """Draws of a design's unknown values; None where all are known, or no draws were asked for."""
+    """Draws of a design's unknown values; None if all are known, or without draws."""
     path = design_file(path)
     if not options.draws or not load_design(path, options.set).unknowns:
         return None
@@ -45,8 +45,9 @@ def draws_of(options: argparse.Namespace, path: Path) -> DesignedDraws | None:
 def over_unknowns(values: Sequence[float], factors: Floats) -> dict[str, Any]:
     """Errors over the unknown values, for JSON: median and intervals, by axis.
 
-    values   (2,) with all unknowns at their middle, across and about
-    factors  (n, 2) error of each draw over the error of the middle; NaN: no attitude
+    values   (2,) across and about, with all unknowns at their median
+    factors  (n, 2) error of each draw over the error with all unknowns at their median; NaN: no
+             attitude
     """
     seen = factors[~np.isnan(factors).any(axis=1)]
     if not len(seen):
@@ -63,7 +64,7 @@ def errors_over_unknowns(
 ) -> tuple[dict[str, Any], list[str]]:
     """Errors of trials over the unknown values: values for JSON, arcsecond, and lines.
 
-    errors  (2,) radian with all unknowns at their middle, across and about
+    errors  (2,) radian, across and about, with all unknowns at their median
     """
     found = over_unknowns([error / arcsec for error in errors], drawn.factors)
     values = {"unknowns": drawn.unknowns, "draws": len(drawn.draws), "without_attitude": drawn.lost}
@@ -72,9 +73,9 @@ def errors_over_unknowns(
         return values, [f"not known: none of {len(drawn.draws)} draws has an attitude"]
     across, about = (written(found[axis]) for axis in AXES)
     text = (
-        f"over {drawn.unknowns} values that are not known: {across} arcsec across and {about} "
-        f"about, rms per axis; of {len(drawn.draws)} draws, each with the errors above times "
-        "what the formula gives for it over that for the middle"
+        f"over {drawn.unknowns} unknown values: {across} arcsec across and {about} about, rms "
+        f"per axis; {len(drawn.draws)} draws; the error of a draw is the error above times the "
+        "ratio of its error to the median's by the formula"
     )
     return values, [text + lost_text(drawn)]
 
@@ -100,17 +101,17 @@ def units_over_unknowns(
                 progress=advance,
             )
         except Refused as error:
-            return {"refused": str(error)}, [f"no interval over what is not known: {error}"]
-    return prediction_values(sure), [f"with all that is not known, {prediction_answer(sure)}"]
+            return {"refused": str(error)}, [f"no interval over the unknown values: {error}"]
+    return prediction_values(sure), [f"with all unknown values, {prediction_answer(sure)}"]
 
 
 def lost_text(drawn: DesignedDraws) -> str:
-    """Number of draws that the figures leave out, as the end of a sentence."""
-    return f"; {drawn.lost} draws have no attitude, and are not in it" if drawn.lost else ""
+    """Number of omitted draws, as the end of a sentence."""
+    return f"; {drawn.lost} draws have no attitude and are left out" if drawn.lost else ""
 
 
 def written(levels: dict[str, Any]) -> str:
-    """A median with the intervals that hold 68 and 95 %."""
+    """A median with its 68 and 95 % intervals."""
     (low, high), (least, most) = levels["68"], levels["95"]
     return (
         f"{levels['median']:.3g} [{low:.3g}, {high:.3g}] in 68 % and [{least:.3g}, {most:.3g}] "
@@ -119,8 +120,8 @@ def written(levels: dict[str, Any]) -> str:
 
 
 def limits_text(drawn: DesignedDraws) -> str:
-    """Number of draws that meet each requirement, in words; one sentence for those that all draws
-    meet."""
+    """Number of draws that meet each requirement, in words; one sentence for requirements that all
+    draws meet."""
     open_ = {name: n for name, n in drawn.count_met().items() if n < len(drawn.draws)}
     if not open_:
         return f"by the formula all {len(drawn.draws)} draws meet all requirements"

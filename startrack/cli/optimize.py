@@ -25,18 +25,17 @@ LOG = "search.jsonl"
 
 
 declare = Options(
-    "Varies the variables of [campaign] under its requirements, and compares the best design with "
-    "the start on fresh trials. Writes best.toml (a design for any other command), comparison.md, "
-    "convergence.png, evaluations.csv, result.json, search.jsonl (a line for each forecast and "
-    "each design that was tried, while it runs), and ledger.sqlite, from which the same command "
-    "continues after an interruption. Where no design is better than the start, the start "
-    "stays, and the text says what stands in the way. The status is 3 if a requirement is not met. "
-    "Of the scene of an Earth camera, by its file or name, it writes best.json in place of "
-    "best.toml, and no evaluations.csv.",
+    "Varies the variables of [campaign] under its requirements, and compares the best design "
+    "with the start on fresh trials. Writes best.toml (a design for other commands), "
+    "comparison.md, convergence.png, evaluations.csv, result.json, search.jsonl (a line for each "
+    "forecast and each tried design, during the run), and ledger.sqlite, from which the same "
+    "command continues after an interruption. If no design is better than the start, the start "
+    "stays, and the text gives the reason. The status is 3 if a requirement is not met. For a "
+    "scene of an Earth camera, by file or name, it writes best.json in place of best.toml, and "
+    "no evaluations.csv.",
     *study("optimize"),
     Option(
-        "--whole",
-        "write best.toml with all values (default: over the design file, with what differs)",
+        "--whole", "write best.toml with all values (default: the changes over the design file)"
     ),
     problems=True,
 )
@@ -64,7 +63,7 @@ def command(options: argparse.Namespace) -> int:
     table = optimise.comparison(optimum, campaign)
     note = f"found by startrack optimize, seed {options.seed}"
     for unknown in design.undrawn:
-        note += f"\nfound for the middle of what is not known: {unknown.name}, {unknown}"
+        note += f"\nfound for the medians of unknown values: {unknown.name}, {unknown}"
     _save_best(options, Design(optimum.best, design.campaign, design.open_unknowns), note)
     optimise.write_evaluations(options.out / "evaluations.csv", optimum.evaluations)
     plots.draw_convergence(options.out / "convergence.png", optimum, campaign)
@@ -87,8 +86,7 @@ def _save_best(options: argparse.Namespace, design: Design, note: str) -> None:
 
 
 def _keep_start(options: argparse.Namespace, opened: ReadCampaign, unmet: str) -> int:
-    """Write the start as best.toml, and the limits on costs that no design of the space can
-    meet."""
+    """Write the start as best.toml, and the cost limits that no design of the space can meet."""
     _save_best(options, opened.design, "the start of startrack optimize")
     result = {
         "out": str(options.out),
@@ -100,6 +98,6 @@ def _keep_start(options: argparse.Namespace, opened: ReadCampaign, unmet: str) -
         "margins": cost_margins(opened.campaign.requirements, opened.design.case),
         "ending": unmet,
     }
-    text = f"The start stays, and nothing was forecast: {unmet}."
+    text = f"The start stays, without a forecast: {unmet}."
     write_study(options, "comparison", text, result)
     return Exit.UNSOLVED

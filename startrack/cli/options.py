@@ -1,9 +1,9 @@
 """Common parts of commands: exit status, wrong use, readers of numbers, options, late imports.
 
 A command's file imports its computing modules under `if wanted(__name__):`. The condition is false
-only while a process reads its own command line; that process runs the file once more before it
-calls the command. So the help of a command loads none of these modules. `lazy from module import
-name` of Python 3.15 (PEP 810) will do the same.
+only while a process reads its own command line; that process runs the file again before it calls
+the command. So the help of a command loads none of these modules. `lazy from module import name` of
+Python 3.15 (PEP 810) will do the same.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _WAITING = list[str]()  # modules whose imports wait
 
 
 def wanted(module: str) -> bool:
-    """Whether a module shall import everything now; else `load` runs it once more."""
+    """Whether a module imports everything now; otherwise `load` runs it again."""
     if _POSTPONING:
         _WAITING.append(module)
     return not _POSTPONING
@@ -39,7 +39,7 @@ def postpone() -> None:
 
 
 def load() -> None:
-    """Import all that waits."""
+    """Import all waiting modules."""
     global _POSTPONING
     _POSTPONING = False
     if not _WAITING:
@@ -53,7 +53,8 @@ def load() -> None:
 
 LARGEST_SEED = 2**63 - 1
 GIB = 2**30  # byte
-MOST_FOLDERS = 500  # in a path. Chosen by hand: Python makes each folder by one more nested call
+# largest number of folders in a path. Chosen by hand: Python makes each folder by a nested call
+MOST_FOLDERS = 500
 KNOWN = 0.003  # relative tolerance of the focal length of a calibrated camera
 
 
@@ -64,40 +65,40 @@ class Exit(IntEnum):
     FAILED = 1
     WRONG_USE = 2
     UNSOLVED = 3  # done, but something is unsolved
-    INTERRUPTED = 130  # by Ctrl-C
+    INTERRUPTED = 130  # interrupted by Ctrl-C
 
 
 class WrongUse(ValueError):
-    """An argument or a design file that cannot be used."""
+    """An unusable argument or design file."""
 
 
 @contextmanager
 def as_wrong_use(*kinds: type[Exception], path: Path | None = None) -> Iterator[None]:
     """Raise errors of these kinds, ValueError by default, as WrongUse.
 
-    path  file that the message begins with
+    path  file at the beginning of the message
     """
     caught = kinds or (ValueError,)
     try:
         yield
     except caught as error:
-        core = import_module("startrack.core")  # not before, as the help loads no package
+        core = import_module("startrack.core")  # not earlier: the help loads no package
         raise WrongUse(core.of_file(str(error), path) if path else str(error)) from None
 
 
-LEAST_MEMORY = 2**29  # byte of one process
+LEAST_MEMORY = 2**29  # byte, least memory of a process
 
 
 def memory_of(options: argparse.Namespace, limit: int) -> int:
-    """Bytes that each process of a command may take: its share of the limit.
+    """Memory of each process of a command, byte: its share of the limit.
 
-    limit  byte, without --memory
+    limit  byte, if --memory is not given
     Raises  WrongUse where the limit is too low for one process.
     """
     if not options.memory and limit < LEAST_MEMORY:
         raise WrongUse(f"STARTRACK_MEMORY must be at least {LEAST_MEMORY} (512M), got {limit}")
     workers = getattr(options, "workers", 1)
-    # Shares below 1 GiB do not suffice: the libraries of a process alone take a third of it.
+    # Shares below 1 GiB do not suffice: the libraries of a process take a third of that.
     return max((options.memory or limit) // workers, min(options.memory or limit, GIB))
 
 
@@ -116,7 +117,7 @@ def memory_size(text: str) -> int:
 
 
 def whole(low: int, high: int = 10**6) -> Callable[[str], int]:
-    """Reader of whole numbers from `low` to `high`."""
+    """Reader of integers from `low` to `high`."""
 
     def read(text: str) -> int:
         try:
@@ -182,7 +183,7 @@ def address(text: str) -> str:
 
 
 def path(text: str) -> Path:
-    """Read a path; its number of folders is limited, because Python makes each by a nested call."""
+    """Read a path. Its number of folders is limited, because Python makes each by a nested call."""
     if (folders := text.count("/")) > MOST_FOLDERS:
         raise argparse.ArgumentTypeError(f"must have at most {MOST_FOLDERS} /, got {folders}")
     return Path(text)
@@ -191,14 +192,14 @@ def path(text: str) -> Path:
 class Option:
     """An option or an argument of a command.
 
-    name     the option and the words for its values in the help, such as "--trials N"; a flag
-             without word and kind; an argument without dashes
-    text     of the help; the default is added, unless the text names it
-    kind     reader of a value; or all possible values
+    name     option and words for its values in the help, such as "--trials N"; a flag has neither
+             word nor kind, an argument no dashes
+    text     help text; the default is added unless the text has it
+    kind     reader of a value, or all possible values
     many     number of values: "?", "*", "+"; by default the number of words
     append   whether each use adds a value
-    claims   whether its value is a folder to which only one process at a time may write
-    more     of `ArgumentParser.add_argument`
+    claims   whether the value is a folder to which only one process at a time may write
+    more     further arguments of `ArgumentParser.add_argument`
     """
 
     def __init__(
@@ -231,16 +232,16 @@ class Option:
 
     @property
     def attribute(self) -> str:
-        """Name of its value among the parsed arguments."""
+        """Name of the option's value among the parsed arguments."""
         return str(self.more.get("dest", self.name.strip("-").replace("-", "_")))
 
     def add_to(self, parser: Any) -> None:
-        """Declare it."""
+        """Add the option to a parser."""
         parser.add_argument(self.name, **self.more)
 
 
 class Group:
-    """Options under a title of their own in the help."""
+    """Options under a common title in the help."""
 
     claims = False
 
@@ -248,7 +249,7 @@ class Group:
         self.title, self.options = title, options
 
     def add_to(self, parser: Any) -> None:
-        """Declare them."""
+        """Add the options to a parser."""
         group = parser.add_argument_group(self.title)
         for option in self.options:
             option.add_to(group)
@@ -257,8 +258,8 @@ class Group:
 class Options:
     """The options of a command or of a part of it.
 
-    about     paragraphs of the help, wrapped here; paragraphs that begin with two spaces keep their
-              lines
+    about     paragraphs of the help, which are wrapped; paragraphs that begin with two spaces keep
+              their lines
     defaults  values of names without an option, or in place of an option's default
     """
 
@@ -291,7 +292,7 @@ class Options:
 
 
 class Parts:
-    """A command of parts, each with its line of the help and its options.
+    """A command of parts, each with a line of help and options.
 
     about  text of the help
     """
@@ -300,7 +301,7 @@ class Parts:
         self.about, self.parts = about, parts
 
     def __call__(self, parser: argparse.ArgumentParser) -> None:
-        """Declare them; the name of the called one is the option `part`."""
+        """Add the parts to a parser; the option `part` is the name of the called part."""
         if self.about:
             parser.description = self.about
         parsers = parser.add_subparsers(dest="part", required=True, metavar="PART")
@@ -322,23 +323,22 @@ JSON = Option("--json", "print one JSON object per line on standard output")
 COMMON = (
     Option(
         "--memory SIZE",
-        "memory that the command may take, such as 4G or 800M (default: half "
-        "of the machine's); what would need more is refused",
+        "memory limit of the command, such as 4G or 800M (default: half of the machine's); "
+        "larger requests are refused",
         memory_size,
     ),
-    Option("--debug", "print the traceback of an error, too"),
+    Option("--debug", "print the traceback of errors"),
 )
 ALLOW_CODE = Option(
     "--allow-code",
-    "run the code, not part of startrack, that the design names "
-    "(module:function); only for designs whose code you trust",
+    "run user code that the design names (module:function); only for designs with trusted code",
 )
 SET = (
     Option(
         "--set KEY=VALUE",
-        "a value over that of the design file, such as "
-        "instrument.optics.f_number=2.0, 'scene.background_g=21' or variation.0.scale=0.5; KEY= "
-        "takes it out of the file, so that its default holds; may be given several times",
+        "a value in place of the design file's, such as instrument.optics.f_number=2.0, "
+        "'scene.background_g=21' or variation.0.scale=0.5; KEY= removes the key, so that its "
+        "default holds; may be given several times",
         default=[],
         append=True,
     ),
@@ -383,7 +383,7 @@ FIELD_AND_SKY = (
 
 
 def campaign(more: str = "") -> tuple[Option, ...]:
-    """The option of the design file with its campaign; `more` names other possible files."""
+    """The argument for a design file with a campaign; `more` names other possible files."""
     text = (
         "design file with a table [campaign], or a scene of an Earth camera with [retrieval] and "
         "[campaign] (default: the example, a nanosatellite)" + more
@@ -397,7 +397,7 @@ def study(name: str, *options: Option) -> tuple[Option, ...]:
 
 
 def images(more: str = "") -> tuple[Option, ...]:
-    """The options of the image files and of their reading; `more` names other possible files."""
+    """The options for image files and their reading; `more` names other possible files."""
     return (
         Option(
             "images IMAGE",
@@ -414,31 +414,30 @@ def images(more: str = "") -> tuple[Option, ...]:
         ),
         Option(
             "--bayer",
-            "colours of the first two pixels of the first two rows of a raw image "
-            "(default: as BAYERPAT of FITS or the header of a SER says); the image then has "
-            "half the size",
+            "colours of the first two pixels of the first two rows of a raw image (default: "
+            "BAYERPAT of FITS or the header of a SER); the image then has half the size",
             ("RGGB", "GRBG", "GBRG", "BGGR", "none"),
         ),
         Option(
             "--colour",
-            "what such an image becomes: the mean of each two by two pixels "
-            "(default), or the pixels of one colour",
+            "conversion of a raw colour image: mean of each two by two pixels (default), or "
+            "pixels of one colour",
             ("superpixel", "red", "green", "blue"),
             "superpixel",
         ),
         Option(
             "--raw COLUMNSxROWS:TYPE",
-            "size and type of pixels of files without a header, row "
-            "by row: uint8, uint16, uint16be or float32, such as 1024x768:uint16",
+            "size and pixel type of files without a header, row by row: uint8, uint16, uint16be "
+            "or float32, such as 1024x768:uint16",
         ),
     )
 
 
 def fidelity(text: str) -> Option:
-    """The fidelity of the trials."""
+    """The option for the fidelity of trials."""
     return Option("--fidelity", text, FIDELITIES, "frame")
 
 
 def out(folder: str) -> Option:
-    """The folder for results, which one process at a time may write to."""
+    """The option for the folder of results; one process at a time may write to it."""
     return Option("--out DIR", "folder for results", Path, Path(folder), claims=True)

@@ -1,4 +1,4 @@
-"""`startrack page`: a design and its searches on a page of a browser."""
+"""`startrack page`: a design and its searches in a browser."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ if wanted(__name__):
     from startrack.montecarlo import pool
     from startrack.page import EarthPage, PageServer, Routes, TrackerPage
 
-BESIDE = 2  # processes: one for results that are shown later, one for trials
+BESIDE = 2  # processes: one for later results, one for trials
 
 
 declare = Options(
-    "Shows a design on a page of the browser of this machine: its values as a form and sliders; "
-    "beside them error budget, frame, sky, curves and requirements, which are painted anew at "
-    "each change; a search and trials, which can be watched and stopped. The page says the "
-    "numbers of budget, requirements, optimize and montecarlo. It is on 127.0.0.1 alone, asks for "
-    "the token in the printed address, and needs no network. Files are written to the folder of "
-    "--out alone. Ctrl-C ends it.",
+    "Shows a design in the browser of this machine: its values as a form and sliders; error "
+    "budget, frame, sky, curves and requirements, which follow each change; a search and trials, "
+    "which can be watched and stopped. The numbers are the same as by budget, requirements, "
+    "optimize and montecarlo. The page is served on 127.0.0.1 alone, requires the token in the "
+    "printed address, and needs no network. Files are written only to the folder of --out. "
+    "Ctrl-C ends it.",
     Option(
         "design DESIGN.toml",
         "design file, or a scene of an Earth camera with [retrieval] and [campaign] (default: the "
@@ -36,7 +36,7 @@ declare = Options(
         many="?",
     ),
     *shared.SET,
-    Option("--port N", "port (default: one that is free)", whole(0, 65535), 0),
+    Option("--port N", "port (default: a free port)", whole(0, 65535), 0),
     Option("--open", "open the address in the browser"),
     shared.SEED,
     shared.WORKERS,
@@ -48,12 +48,12 @@ def command(options: argparse.Namespace) -> int:
     """Serve the page until Ctrl-C."""
     page = _page(options)
     options.out.mkdir(parents=True, exist_ok=True)
-    if options.allow_code:  # also in the processes that compute
+    if options.allow_code:  # also in the computing processes
         os.environ["STARTRACK_ALLOW_CODE"] = "*"
     try:
         with pool(max(options.workers, BESIDE)) as executor:
             _serve(options, page, executor)
-    except KeyboardInterrupt:  # it has already ended the processes
+    except KeyboardInterrupt:  # Ctrl-C has already ended the processes
         terminal.print_message("startrack page: ended")
     return Exit.DONE
 
@@ -70,7 +70,7 @@ def _serve(options: argparse.Namespace, page: TrackerPage | EarthPage, executor:
     with server:
         result = {"address": server.address, "out": str(options.out)}
         terminal.print_result(options, result, f"open {server.address}\nCtrl-C ends the page")
-        # Before the browser asks: the first design compiles kernels and reads the sky.
+        # Before the browser's request: the first design compiles kernels and reads the sky.
         threading.Thread(target=routes.answer, args=("paint", first), daemon=True).start()
         if options.open:
             webbrowser.open(server.address)
@@ -82,7 +82,8 @@ def _serve(options: argparse.Namespace, page: TrackerPage | EarthPage, executor:
 
 
 def _page(options: argparse.Namespace) -> TrackerPage | EarthPage:
-    """The design or the scene of the command, read once so that a fault in it ends the command."""
+    """The design or scene of the command, read once so that a fault in the file ends the
+    command."""
     path = options.design or terminal.example()
     with shared.as_wrong_use():
         if terminal.is_scene(path):

@@ -1,4 +1,4 @@
-"""`startrack pareto`: designs that no other design beats in both of two goals."""
+"""`startrack pareto`: the Pareto front of two goals."""
 
 from __future__ import annotations
 
@@ -29,11 +29,12 @@ if wanted(__name__):
 FIRST = "across"
 GOALS = (
     "across, about, both, or a level such as about-99.73; mass, power, data rate, volume or cost; "
-    "of a scene: objective (default), one of its parts, or a limit from above"
+    "for a scene: objective (default), one of its parts, or an upper limit"
 )
 declare = Options(
-    "Finds designs that no other beats in both goals, by the analytic budget, and measures each "
-    "by trials. Writes front.md, front.png and result.json.",
+    "Finds the Pareto front of two goals (no other design is better in both) by the analytic "
+    "budget, and measures each of its designs by trials. Writes front.md, front.png and "
+    "result.json.",
     *study("pareto"),
     Option("--first GOAL", f"first goal: {GOALS}", default=FIRST),
     Option("--second GOAL", f"second goal: {GOALS}", default="mass"),
@@ -81,7 +82,7 @@ def write_front(
     labels: Sequence[str],
     trials: int,
 ) -> int:
-    """Print a front and write it.
+    """Print and write a Pareto front.
 
     words   both goals in words
     texts   variables of each point

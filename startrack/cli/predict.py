@@ -1,4 +1,4 @@
-"""`startrack predict`: the errors of a design with values that are not known, with intervals."""
+"""`startrack predict`: the errors of a design with unknown values, with intervals."""
 
 from __future__ import annotations
 
@@ -31,21 +31,21 @@ if wanted(__name__):
         save_posterior,
     )
 
-MOST_CAUSES = 5  # of the width, in text; JSON has all
-LEAST_CAUSE = 0.02  # fraction of the variance, below which a cause is not printed
+MOST_CAUSES = 5  # largest number of causes in text; JSON has all
+LEAST_CAUSE = 0.02  # least fraction of the variance of a printed cause
 
 
 declare = Options(
-    "Predicts the errors of a design some of whose values are not known, each given by a law: "
-    "f_number = { low = 1.2, high = 2.0 }, { median = 1.4, factor = 1.2 } or "
-    "{ among = [1.2, 1.4] }. Prints the median, the intervals that hold 68 and 95 %, and which "
-    "unknown makes how much of their width. [[told]] figures of the design, measured or published, "
-    "narrow what is not known. With --out it writes prediction.json, prediction.png and, where "
-    "figures were told, posterior.toml: the design with the laws that they leave.",
+    "Predicts the errors of a design with unknown values. Each unknown value has a law: f_number "
+    "= { low = 1.2, high = 2.0 }, { median = 1.4, factor = 1.2 } or { among = [1.2, 1.4] }. "
+    "Prints the median, the 68 and 95 % intervals, and the share of each unknown in their width. "
+    "[[told]] figures of the design, measured or published, constrain the unknowns. With --out "
+    "it writes prediction.json, prediction.png and, with [[told]] figures, posterior.toml: the "
+    "design with posterior laws.",
     *DESIGN,
     Option("--draws N", "draws of all unknowns (default: 32)", whole(8, 10**4)),
     Option("--units N", "units of each draw (default: 3)", whole(1, 1000)),
-    Option("--age TIME", 'of the units, such as "3 yr" (default: the end of life)'),
+    Option("--age TIME", 'age of the units, such as "3 yr" (default: the end of life)'),
     shared.SEED,
     shared.WORKERS,
     Option("--out DIR", "folder for prediction.json and prediction.png", Path),
@@ -92,16 +92,16 @@ def command(options: argparse.Namespace) -> int:
 
 
 def _print_middle(draw: Draw) -> None:
-    """The first answer, some seconds before the intervals."""
+    """The error with medians, some seconds before the intervals."""
     if draw.refused:
         terminal.print_message(
-            f"with every unknown at its middle there is no error: {draw.refused}"
+            f"with every unknown at its median there is no error: {draw.refused}"
         )
         return
     terms = [draw.terms[term] for term in PUBLISHED[ACCURACY] if term in draw.terms]
     across, about = np.linalg.norm(terms, axis=0) / arcsec
     terminal.print_message(
-        f"with every unknown at its middle: accuracy {across:.3g} arcsec across and {about:.3g} "
+        f"with every unknown at its median: accuracy {across:.3g} arcsec across and {about:.3g} "
         "about, rms per axis (1 sigma); intervals follow"
     )
 
@@ -140,15 +140,15 @@ def prediction_values(prediction: Prediction) -> dict[str, Any]:
 
 
 def prediction_answer(prediction: Prediction) -> str:
-    """The accuracy with its intervals, and the unknown that contributes most to their width."""
+    """The accuracy with its intervals, and the unknown with the largest share of their width."""
     across, about = (prediction.figure(ACCURACY, axis) for axis in ("across", "about"))
     number = len(prediction.unknowns)
     return (
         f"accuracy, rms per axis (1 sigma): {across.median / arcsec:.3g} arcsec across "
         f"{_interval(across.low_68, across.high_68)} and {about.median / arcsec:.3g} about "
-        f"{_interval(about.low_68, about.high_68)} in 68 %, at {prediction.age / YEAR:g} yr; "
-        f"of {number} unknown value{'s' * (number > 1)} {across.causes[0][0]} makes the largest "
-        f"part of the width across, {across.causes[0][1]:.0%}"
+        f"{_interval(about.low_68, about.high_68)} in 68 %, at {prediction.age / YEAR:g} yr; of "
+        f"{number} unknown value{'s' * (number > 1)} {across.causes[0][0]} has the largest share "
+        f"of the width across, {across.causes[0][1]:.0%}"
     )
 
 
@@ -178,25 +178,25 @@ def _text(prediction: Prediction) -> str:
         *(_learned(prediction.learned) if prediction.learned else []),
     ]
     lines += [
-        f"{count} of {prediction.draws} draws have no error, and are not in the figures: {reason}"
+        f"{count} of {prediction.draws} draws have no error and are left out: {reason}"
         for reason, count in prediction.reasons
     ]
     lines.append(
         f"availability {prediction.availability[1]:.2%} in the median, "
-        f"{prediction.availability[0]:.2%} at least; of {prediction.draws} draws with "
-        f"{prediction.units} units each, by the formula, rms over units, of which `startrack "
-        "budget` has the median; middle: with every unknown at its middle"
+        f"{prediction.availability[0]:.2%} at least; {prediction.draws} draws of "
+        f"{prediction.units} units each, by the formula, rms over units (`startrack budget` has "
+        "their median); middle: with every unknown at its median"
     )
     return "\n".join(lines)
 
 
 def _learned(learned: Learned) -> list[str]:
-    """What the told figures say about each unknown."""
-    lines = ["", f"after {len(learned.told)} told figures, which the intervals above count:"]
+    """The posterior of each unknown by the told figures."""
+    lines = ["", f"after {len(learned.told)} told figures, which the intervals above include:"]
     lines += [
         f"  {lesson.unknown.name}: "
-        + ("the figures say nothing of it" if lesson.silent else f"{lesson.unknown}")
-        + (f" ({lesson.shift:+.1f} sigma of its law before)" if lesson.far else "")
+        + ("not constrained by the figures" if lesson.silent else f"{lesson.unknown}")
+        + (f" ({lesson.shift:+.1f} sigma of its prior)" if lesson.far else "")
         for lesson in learned.lessons
     ]
     if reason := learned.chains.reason_unconverged:
@@ -209,6 +209,6 @@ def _interval(low: float, high: float) -> str:
 
 
 def _causes(figure: PredictedFigure) -> str:
-    """The largest causes of the width of a figure, in words."""
+    """The largest causes of the width of an interval, in words."""
     largest = [cause for cause in figure.causes[:MOST_CAUSES] if cause[1] >= LEAST_CAUSE]
     return ", ".join(f"{name} {part:.0%}" for name, part in largest)

@@ -25,7 +25,7 @@ from startrack.optimise import Evaluation, Foresight
 from startrack.problem import Expectation, Judgement, Margin, Problem, compare_problems
 from startrack.report import write_problem_report
 
-# Options of star trackers that a problem does not take, by commands.
+# Options for star trackers that a problem does not accept, by command.
 REFUSED = {
     "montecarlo": (
         *("--fidelity", "--sobol", "--control", "--units", "--environments", "--age", "--table"),
@@ -39,22 +39,22 @@ REFUSED = {
     "solve-for": ("--fidelity",),
     "report": ("--stars", "--slews", "--budget", "--fidelity-trials", "--worst", "--conditions"),
 }
-# Commands whose folder has a ledger.
+# Commands with a ledger in their folder.
 FOLDERS = (
     *("optimize", "montecarlo", "verify", "sample", "what-matters", "pareto", "sweep"),
     "solve-for",
 )
-DESIGNS = 32  # from which the sensitivities of a page are computed
-APART = 1.5  # least factor between trials and formula that is reported
+DESIGNS = 32  # designs for the sensitivities of a page
+APART = 1.5  # least reported factor between trials and formula
 Command = Callable[[argparse.Namespace], int]
 
 
 def command_of(options: argparse.Namespace, given: Iterable[str]) -> Command | None:
     """The action of a command on the given scenes of Earth cameras.
 
-    given   names of the options that were given
-    Returns None where the files are others
-    Raises  WrongUse for options that only star trackers have.
+    given   names of the given options
+    Returns None for other files
+    Raises  WrongUse for options that only star trackers accept.
     """
     names = ("first", "second") if options.name == "compare" else ("campaign", "design")
     paths = [path for name in names if (path := getattr(options, name, None)) is not None]
@@ -73,9 +73,9 @@ def command_of(options: argparse.Namespace, given: Iterable[str]) -> Command | N
 
 
 def problem_of(path: Path, changes: list[str]) -> Problem:
-    """The problem of a file, or of a shipped one by its name.
+    """The problem of a file, or of a shipped file by name.
 
-    Raises  WrongUse where the file is no problem, or a scene without a study.
+    Raises  WrongUse where the file is not a problem, or is a scene without a study.
     """
     with as_wrong_use(path=path):
         return _load(path, changes)
@@ -89,7 +89,7 @@ def _load(path: Path, changes: Sequence[str]) -> Problem:
 
 @contextmanager
 def opened(options: argparse.Namespace, problem: Problem) -> Iterator[optimise.ProblemSource]:
-    """Workers, and the ledger in the folder of --out, from which the same command continues."""
+    """Workers and the ledger in the folder of --out, from which the same command continues."""
     path = getattr(options, "campaign", None) or getattr(options, "design", None)
     folder: Path | None = options.out if options.name in FOLDERS else None
     options.scheduler = getattr(options, "scheduler", None)
@@ -137,7 +137,7 @@ def optimize(options: argparse.Namespace, problem: Problem) -> int:
 
 
 def montecarlo(options: argparse.Namespace, problem: Problem) -> int:
-    """Run trials of a problem; print their results beside the forecast."""
+    """Run trials of a problem; print their results and the forecast."""
     numbers = range(options.first, options.first + options.trials)
     with opened(options, problem) as source, terminal.progress("trials", len(numbers)) as advance:
         rows = source.rows(problem, len(numbers), options.first, advance)
@@ -189,7 +189,7 @@ def verify(options: argparse.Namespace, problem: Problem) -> int:
         "",
         *dict.fromkeys(row.note for row in verified.verdicts if row.note),
         f"tested at {sizes} trials until decided; a pass or a fail of the whole is wrong with a "
-        f"probability of at most {alpha:g} %, as exactly as intervals hold. Values are in SI; "
+        f"probability of at most {alpha:g} %, within the accuracy of intervals. Values are in SI; "
         "margins are fractions of the limits.",
         *_not_counted(problem.expect().left_out),
     ]
@@ -216,7 +216,7 @@ def sample_around(options: argparse.Namespace, problem: Problem) -> int:
 
 
 def forecast_what_matters(options: argparse.Namespace, problem: Problem) -> int:
-    """Print and write the sensitivities of the objective and the margins; all by forecast."""
+    """Print and write the sensitivities of the objective and the margins, by forecast."""
     with opened(options, problem) as source:
         found = what_matters.forecast(options, source)
         region = what_matters.sampled_region(source) if options.full else None
@@ -225,7 +225,7 @@ def forecast_what_matters(options: argparse.Namespace, problem: Problem) -> int:
 
 
 def trade_off(options: argparse.Namespace, problem: Problem) -> int:
-    """Print and write the designs that no other design beats in both goals."""
+    """Print and write the Pareto front of two goals."""
     first = optimise.OBJECTIVE if options.first == pareto.FIRST else options.first
     with opened(options, problem) as source, stages("trading off") as show:
         goals = optimise.ProblemGoals(problem, first, options.second)
@@ -339,7 +339,7 @@ def report(options: argparse.Namespace, problem: Problem) -> int:
     return Exit.DONE
 
 
-# Each takes the problems of the files that its command was called with.
+# Each takes the problems of the command's files.
 STUDIES: dict[str, Callable[..., int]] = {
     "optimize": optimize,
     "montecarlo": montecarlo,
@@ -355,7 +355,7 @@ STUDIES: dict[str, Callable[..., int]] = {
 
 
 def beside_forecast(problem: Problem, judged: Judgement, expected: Expectation) -> list[list[str]]:
-    """The objective and its parts: name, by trials, by formula."""
+    """The objective and its parts: name, value by trials, value by formula."""
     words = problem.text()
     return [
         [words.value, _shown(judged.value, words.unit), f"{expected.value:.4g}"],
@@ -387,7 +387,7 @@ def _shown(value: Interval, unit: str) -> str:
 
 
 def improved_table(problem: Problem, found: optimise.Improved) -> str:
-    """Start beside best, as Markdown."""
+    """Start and best design, as Markdown."""
     words, (first, last) = problem.text(), found.judged
     head = ["", "start", "best", f"range within {100 * problem.settings.precision:g} % of the best"]
     spans, lines = found.landscape.spans, list[list[str]]()
@@ -404,8 +404,8 @@ def improved_table(problem: Problem, found: optimise.Improved) -> str:
     more = [f"By formula the best has {found.expected.value:.4g} {words.unit}."]
     if found.apart > APART:
         more.append(
-            f"Trials and formula differ by a factor of up to {found.apart:.2g} in the designs that "
-            "were tried: where the formula fails, a better design may have been missed."
+            f"Trials and formula differ by a factor of up to {found.apart:.2g} in tried designs: "
+            "the search may have missed a better design where the formula fails."
         )
     if found.landscape.prices:
         limits = ", ".join(
@@ -414,8 +414,8 @@ def improved_table(problem: Problem, found: optimise.Improved) -> str:
         )
         more.append(f"It is limited by {limits}.")
     more.append(
-        "Intervals hold 95 %, each alone: of several limits, one may be wrongly met. That of the "
-        "ratio takes both designs as independent, which is too wide."
+        "Each interval has 95 % confidence: among several limits, one may be met by chance. The "
+        "interval of the ratio assumes independent designs, so that it is too wide."
     )
     said = _verdict_lines(found.verdicts, found.costs, last)
     return "\n".join(

@@ -23,12 +23,12 @@ if wanted(__name__):
     from startrack.scene import WAVELENGTH
 
 NYQUIST = 0.5  # cycle / pixel
-SMALL = 0.01  # fill factor, least of a detector, so that images through a lens are without pixels
+SMALL = 0.01  # least fill factor of a detector: images through a lens then have no pixel blur
 
 
 declare = Options(
     "Prints the diffraction model with its error bound, the width, the energy within circles and "
-    "pixels, and the MTF at the Nyquist frequency factor by factor. Writes psf.png and psf.json.",
+    "pixels, and each factor of the MTF at the Nyquist frequency. Writes psf.png and psf.json.",
     *DESIGN,
     out("startrack-psf"),
 )
@@ -40,8 +40,8 @@ def command(options: argparse.Namespace) -> int:
     instrument = read_design(path, options.set).case.instrument
     if instrument.optics.psf_file:
         raise WrongUse(
-            "psf_file must be left out where diffraction models are shown; `startrack lens show` "
-            "prints what its file holds"
+            "psf_file must be left out for a comparison of diffraction models; `startrack lens "
+            "show` prints its contents"
         )
     weight = detected_spectrum(instrument)
     response = psf_of(instrument)
@@ -83,7 +83,7 @@ def _curves(
         "optics": optics.modulation(image, frequency, angle),
         "pixel": np.abs(optics.pixel_transfer(frequency, math.sqrt(detector.fill_factor))),
     }
-    if lens.total_blur and not lens.traced:  # images of a traced lens contain it
+    if lens.total_blur and not lens.traced:  # images of a traced lens contain the blur
         factors["blur in optics"] = optics.blur_transfer(frequency, lens.total_blur / pitch)
     if detector.diffusion:
         factors["diffusion"] = optics.blur_transfer(frequency, detector.diffusion / pitch)
@@ -130,7 +130,7 @@ def _text(
     lines = [
         f"model               {choice.model}, because {choice.reason}; error at most "
         f"{choice.error:.2g} of the peak",
-        f"mean wavelength     {mean * 1e9:.0f} nm, of a star like the Sun",
+        f"mean wavelength     {mean * 1e9:.0f} nm, for a sunlike star",
         f"FWHM                {judged.fwhm_x:.3f} x {judged.fwhm_y:.3f} pixel before the pixels",
         "energy within       " + _energies("{0:g} px", optics.RADII, judged.encircled),
         "energy in pixels    " + _energies("{0} x {0}", optics.BLOCKS, judged.ensquared),

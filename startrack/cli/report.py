@@ -1,4 +1,4 @@
-"""`startrack report`: a campaign as one self-contained HTML page."""
+"""`startrack report`: a campaign as a self-contained HTML page."""
 
 from __future__ import annotations
 
@@ -27,31 +27,24 @@ if wanted(__name__):
 declare = Options(
     "The page has the design, a verdict on each requirement, the summary, causes of lost trials, "
     "distributions, maps of the sky, error budget, error over magnitude, field and slew rate, "
-    "fidelities, the worst trials with their frames, and all inputs. Some trials are repeated for "
-    "it; their numbers set the time.",
+    "fidelities, the worst trials with their frames, and all inputs. Some trials are repeated "
+    "for the page; their number determines the time.",
     Option(
         "campaign CAMPAIGN.sqlite", "store of `montecarlo`, or a scene of an Earth camera", Path
     ),
     Option("--out FILE.html", "page to write (default: beside the campaign)", Path),
     Option("--title TEXT", "title of the page (default: the name of the campaign)"),
-    Option("--author NAME", "author, for the page's head", default=""),
+    Option("--author NAME", "author, for the head of the page", default=""),
     ALLOW_CODE,
-    Option(
-        "--trials N", "trials of the camera of a scene, which are run for the page", whole(2), 400
-    ),
+    Option("--trials N", "trials of a scene's camera for the page", whole(2), 400),
     SEED,
     WORKERS,
-    Option("--stars N", "trials whose single stars are measured", whole(1), 60),
+    Option("--stars N", "trials with measurements of single stars", whole(1), 60),
     Option("--slews N", "trials at each of seven slew rates", whole(1), 60),
-    Option("--budget N", "trials that the error budget is measured on", whole(2), 60),
-    Option("--fidelity-trials N", "trials at each fidelity, to compare them", whole(2), 60),
+    Option("--budget N", "trials for the measured error budget", whole(2), 60),
+    Option("--fidelity-trials N", "trials at each fidelity, for comparison", whole(2), 60),
     Option("--worst N", "worst trials to show with their frames", whole(0), 3),
-    Option(
-        "--conditions N",
-        "trials in each condition of the verdict, but the design's own",
-        whole(2),
-        200,
-    ),
+    Option("--conditions N", "trials in each further condition of the verdict", whole(2), 200),
     Option("--rungs", argparse.SUPPRESS, whole(2), dest="fidelity_trials"),
     problems=True,
 )

@@ -28,13 +28,13 @@ if wanted(__name__):
     from startrack.verification import limited, needed_magnitude
 
 EARTH_TOO = (
-    "; or an Earth camera (sentinel2-msi, landsat8-oli, landsat8-tirs, waoss, hsrs, mertis, ads40 "
-    "or a scene file), to print its ground resolution, MTF, SNR, dynamic range and data rate "
-    "beside what is required and measured; or a file with a table [goals] "
+    "; or an Earth camera (sentinel2-msi, landsat8-oli, landsat8-tirs, waoss, hsrs, mertis, "
+    "ads40 or a scene file), to print its ground resolution, MTF, SNR, dynamic range and data "
+    "rate with required and measured values; or a file with a table [goals] "
     "(catalogs/scenes/goals.toml), to compute focal length, aperture and pixel rate"
 )
 
-PACE = 0.5  # pixel over all stages; names the cause of a larger blur; chosen by hand
+PACE = 0.5  # pixel over all stages; a larger mismatch is reported; chosen by hand
 
 
 declare = Options(
@@ -66,7 +66,7 @@ def command(options: argparse.Namespace) -> int:
     with stage("error budget"):
         budget, margins, error = recalled(_expected)(design.case, campaign)
     objective = campaign.goal_of(design.case)
-    # A value that is not a number meets no requirement.
+    # NaN meets no requirement.
     met = all(math.isfinite(margin) and margin >= 0 for margin in margins.values())
     result = {"design": str(path), "met": met, "margins": margins, **costs}
     result |= {"objective": objective, "expected_arcsec": error, "stars": budget.stars}
@@ -86,9 +86,9 @@ def command(options: argparse.Namespace) -> int:
             for name, limit in limits.items()
         ),
         f"expected {objective}: {error:.3f} arcsec with {budget.stars:.1f} stars; errors and "
-        "availability by the analytic budget. Margins are fractions of the limits; that of stars "
-        f"is in mag: the faintest that is detected beside the one that {needs.min_stars} stars in "
-        f"{100 * needs.sky_fraction:g} % of the sky need.",
+        "availability by the analytic budget. Margins are fractions of the limits; the margin of "
+        f"stars is in mag: detection limit minus the limit for {needs.min_stars} stars in "
+        f"{100 * needs.sky_fraction:g} % of the sky.",
         *caveats(design.case, budget.left_out),
     ]
     show("\n".join(lines))
@@ -124,7 +124,7 @@ def _rows(case: Case, needs: Requirements, margins: Mapping[str, float]) -> list
 
 
 def _earth_requirements(options: argparse.Namespace) -> int | None:
-    """Print the figures or parameters of an Earth camera; None if the file is another."""
+    """Print the figures or parameters of an Earth camera; None for other files."""
     path = options.campaign
     if path is None:
         return None
@@ -159,7 +159,7 @@ def _earth_requirements(options: argparse.Namespace) -> int | None:
 
 
 def _first_text(first: imager.First) -> list[str]:
-    """The parameters of the smallest camera that meets goals."""
+    """The parameters of the smallest camera that meets the goals."""
     return [
         f"focal length  {1e3 * first.focal_length:.4g} mm",
         f"aperture      {1e3 * first.aperture:.4g} mm, f/{first.f_number:.3g}: for Rayleigh "
@@ -213,32 +213,32 @@ def _exposure(channel: imager.Channel, figures: imager.Figures) -> float:
 
 
 def _cut(channel: imager.Channel, figures: imager.Figures) -> list[str]:
-    """A warning, if a line takes less time than the detector's exposure in the file."""
+    """A warning if the time of a line is shorter than the detector's exposure in the file."""
     given, own = channel.detector.exposure, _exposure(channel, figures)
     if own == given:
         return []
     return [
-        f"  EXPOSED FOR LESS     a line is exposed for all of its {1e3 * own:.4g} ms, not "
+        f"  EXPOSED FOR LESS     a line is exposed for {1e3 * own:.4g} ms, not "
         f"{1e3 * given:.4g} ms (detector.exposure)"
     ]
 
 
 def _smeared(channel: imager.Channel, figures: imager.Figures) -> list[str]:
-    """A warning, if the lines of a TDI detector do not keep pace with the ground; names the right
+    """A warning if the line rate of a TDI detector does not match the ground; gives the right
     period."""
     if abs(figures.ahead) <= PACE:
         return []
     right = figures.period / (1 + figures.ahead / (channel.stages - 1))
     return [
         f"  SMEARED ALONG        the ground runs {figures.ahead:+.3g} pixel ahead of the charge "
-        f"over {channel.stages} stages; lines every {1e3 * right:.4g} ms keep pace (period)"
+        f"over {channel.stages} stages; lines every {1e3 * right:.4g} ms match (period)"
     ]
 
 
 def _saturated(figures: imager.Figures) -> list[str]:
     if figures.radiance <= figures.saturation:
         return []
-    return ["  SATURATED            the light of this SNR is more than a pixel holds"]
+    return ["  SATURATED            the light of this SNR exceeds full well"]
 
 
 def _beside(channel: imager.Channel, name: str) -> str:

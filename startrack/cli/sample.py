@@ -17,10 +17,10 @@ if wanted(__name__):
 
 
 declare = Options(
-    "Samples the designs around this one whose error is larger by at most the fraction `margin` "
-    "of [campaign] and that meet its requirements. Numbers of the design that are laws are "
-    "sampled, too, with their laws as priors. Writes tolerance.md, corner.png, samples.csv and "
-    "result.json. If the chains did not converge it writes nothing, and the status is 3.",
+    "Samples the designs around the given design that meet its requirements and whose error is "
+    "larger by at most the fraction `margin` of [campaign]. Unknown values with laws are also "
+    "sampled, with the laws as priors. Writes tolerance.md, corner.png, samples.csv and "
+    "result.json. If the chains did not converge, nothing is written, and the status is 3.",
     *study("sample"),
     problems=True,
 )

@@ -19,14 +19,14 @@ if wanted(__name__):
 
 declare = Options(
     "Simulates a profile frame by frame, from random attitudes, and prints the errors of the "
-    "filter beside those of single frames. Writes frames.csv, sequence.png and summary.json. The "
-    "status is 3 if the attitude was not known after each frame.",
+    "filter and of single frames. Writes frames.csv, sequence.png and summary.json. The status "
+    "is 3 if the attitude was not known after each frame.",
     *DESIGN,
     Option(
         "--profile PROFILE.toml",
-        "file with the legs of the attitude profile, frame rate and "
-        "gyroscope, and further heads, or the name of a shipped one: slew, with a slew too fast "
-        "for an attitude (the default), or two_heads",
+        "file with the legs of the attitude profile, frame rate and gyroscope, and further "
+        "heads, or the name of a shipped profile: slew, with a slew too fast for an attitude "
+        "(the default), or two_heads",
         Path,
     ),
     Option("--sequences N", "number of sequences, from random attitudes", whole(1), 8),
@@ -39,13 +39,13 @@ declare = Options(
     ),
     Option(
         "--stars",
-        "keep the images and places of each matched star over time, in the folder "
-        "frames, as compare-flight reads them",
+        "keep the images and places of each matched star over time in the folder frames, for "
+        "compare-flight",
     ),
     Option(
         "--fidelity",
-        "frame, or window: only windows of each frame are rendered, which is "
-        "faster where pixels do not flicker",
+        "frame, or window: only windows of each frame are rendered, which is faster without "
+        "flicker of pixels",
         ("frame", "window"),
         "frame",
     ),
@@ -86,8 +86,8 @@ def command(options: argparse.Namespace) -> int:
     plots.draw_sequence(options.out / "sequence.png", first, title)
     save_json(options.out / "summary.json", finite(result))
     counted = (
-        f"{len(table)} frames in {tracking.sequences} sequences; intervals: 95 % confidence, open "
-        "if there is one sequence only"
+        f"{len(table)} frames in {tracking.sequences} sequences; intervals: 95 % confidence, "
+        "open for a single sequence"
     )
     terminal.print_result(options, result, *to_lines(rows), counted)
     return Exit.DONE if tracking.known.value == 1 else Exit.UNSOLVED
@@ -118,7 +118,13 @@ def _rows(tracking: Tracking, heads: int) -> list[Row]:
             note="rms per axis, of all frames",
         ),
         Row("worst_arcsec", tracking.worst, "worst, all axes", ARCSEC, note="of all frames"),
-        Row("beyond", tracking.beyond, "half a degree off or more", PERCENT, note="of the frames"),
+        Row(
+            "beyond",
+            tracking.beyond,
+            "wrong by half a degree or more",
+            PERCENT,
+            note="of the frames",
+        ),
         Row("known", tracking.known, "attitude known", PERCENT, note="of the frames"),
         Row("losses_per_hour", tracking.losses_per_hour, "losses of track, per hour"),
         Row("reacquisition", tracking.reacquisition, "from loss to attitude", SECOND),

@@ -29,45 +29,44 @@ if TYPE_CHECKING:
     from startrack.sequence import SeenFrame
 
 HOST = "127.0.0.1"
-LONGEST = 65536  # byte of a request
+LONGEST = 65536  # byte, longest request
 KEYS = ("attitude_xyzw", "rate_deg_s", "frame", "time_s", "pixels")
-LIMITS = 0.5, 0.99  # quantiles of the times that are printed
+LIMITS = 0.5, 0.99  # quantiles of the printed times
 
 declare = Options(
     "Listens on a port of 127.0.0.1. A client sends one JSON object a line: attitude_xyzw, the "
     "quaternion icrs_to_camera in the middle of the exposure, scalar last; and optionally "
     "rate_deg_s, the rate of the camera about its axes (default: that of the design); frame, the "
-    "number of the frame (default: the next one); time_s, which comes back as it is; pixels, "
+    "number of the frame (default: the next); time_s, which is returned unchanged; pixels, "
     "whether the image follows. The reply is one JSON object a line: frame, time_s, status, "
-    "attitude_xyzw and sigma_arcsec as the tracker states them, spots, stars, and where pixels "
-    "were asked for their rows, columns, dtype and bytes; as many bytes follow the line. A "
-    "request that cannot be met is answered by an object with the key error. One client is served "
-    "at a time.",
+    "attitude_xyzw and sigma_arcsec as stated by the tracker, spots, stars, and with pixels "
+    "their rows, columns, dtype and bytes; that number of bytes follows the line. The reply to "
+    "an invalid request is an object with the key error. One client is served at a time.",
     *DESIGN,
     shared.SEED,
-    Option("--port N", "port; 0: a free one, which is printed", whole(0, 65535), 0),
+    Option("--port N", "port; 0: a free port, which is printed", whole(0, 65535), 0),
     Option("--once", "end when the first client leaves"),
 )
 
 
 def command(options: argparse.Namespace) -> int:
-    """Answer clients one after the other, until a signal ends it."""
+    """Answer one client after the other until a signal ends the command."""
     case = terminal.read_design(options.design or terminal.example(), options.set).case
     with shared.as_wrong_use():
         loop = CameraLoop(case, options.seed)
-    with terminal.stage("first frames"):  # the first frames compute what a design needs once
+    with terminal.stage("first frames"):  # the first frames compute inputs that a design needs once
         for rate in (None, np.zeros(3)):
             loop.see(Rotation.identity(), rate, 0)
     with shared.as_wrong_use(OSError):
         listener = socket.create_server((HOST, options.port))
     seconds = list[float]()
-    loop = CameraLoop(case, options.seed)  # which begins with frame 0
+    loop = CameraLoop(case, options.seed)  # begins with frame 0
     with closing(listener), terminal.waiting():
         port = listener.getsockname()[1]
         detector = case.instrument.detector
         text = (
             f"serving frames of {detector.columns} x {detector.rows} pixels on {HOST}:{port}, "
-            f"seed {options.seed}; one every {loop.period:.3g} s by the design; Ctrl-C ends it"
+            f"seed {options.seed}; design period {loop.period:.3g} s; Ctrl-C ends it"
         )
         about = {"host": HOST, "port": port, "period_s": loop.period, "seed": options.seed}
         terminal.print_result(options, about, text)
@@ -88,7 +87,7 @@ def command(options: argparse.Namespace) -> int:
 
 @contextmanager
 def _lost() -> Iterator[None]:
-    """A client that leaves in the middle of a reply ends its own connection alone."""
+    """A client that leaves during a reply ends only its own connection."""
     try:
         yield
     except ConnectionError as error:
@@ -98,7 +97,8 @@ def _lost() -> Iterator[None]:
 def _replies(
     loop: CameraLoop, stream: BufferedRWPair, seconds: list[float]
 ) -> Iterator[tuple[dict[str, Any], bytes]]:
-    """The reply to each request, and the pixels that follow it; each adds its seconds."""
+    """The reply to each request, and the pixels that follow; each reply adds its time in
+    seconds."""
     while line := stream.readline(LONGEST + 1):
         began = time.perf_counter()
         if len(line) > LONGEST:
@@ -120,7 +120,7 @@ def _replies(
 
 
 def _request(line: bytes) -> dict[str, Any]:
-    """A request. Raises ValueError that names the key, the rule and the value."""
+    """A checked request. Raises ValueError with the key, the rule and the value."""
     try:
         request = json.loads(line)
     except (ValueError, RecursionError):
@@ -156,7 +156,7 @@ def _numbers(request: dict[str, Any], key: str, count: int) -> list[float] | Non
 
 
 def _is_finite(value: Any) -> bool:
-    """Whether a float can hold a value of JSON: whole numbers of JSON have no limit."""
+    """Whether a JSON value fits into a float: integers of JSON have no limit."""
     return type(value) in (int, float) and abs(value) <= sys.float_info.max
 
 

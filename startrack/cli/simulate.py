@@ -26,20 +26,21 @@ if TYPE_CHECKING:
 
 
 declare = Options(
-    "Writes frame.fits, with its WCS and a table of its true stars; frame.png, with its spots "
-    "and true stars; and raw.png, where the tracker has a dark map. Without --ra, "
-    "--dec and --roll it uses the random attitude of this seed and trial; if one is given, the "
-    "others are 0.",
+    "Writes frame.fits, with WCS and a table of true stars; frame.png, with spots and true "
+    "stars; and raw.png, if the tracker has a dark map. Without --ra, --dec and --roll it uses "
+    "the random attitude of this seed and trial; if one of them is given, the others are 0.",
     *DESIGN,
     Option("--ra DEG", "right ascension of the boresight, ICRS, degree", decimal()),
     Option("--dec DEG", "declination of the boresight, ICRS, degree", decimal(-90, 90)),
-    Option("--roll DEG", "celestial north, counter-clockwise from image up, degree", decimal()),
+    Option(
+        "--roll DEG", "angle of celestial north, counter-clockwise from image up, degree", decimal()
+    ),
     shared.SEED,
     Option("--trial N", "number of the trial within the seed", whole(0, shared.LARGEST_SEED), 0),
     Option(
         "--pixels",
-        "write the image also as pixels.png of 16 bits, pixels.ser or "
-        "pixels-*.raw, with time and true attitude in pixels.csv",
+        "also write the image as pixels.png of 16 bits, pixels.ser or pixels-*.raw, with time "
+        "and true attitude in pixels.csv",
         ("png", "ser", "raw"),
     ),
     out("startrack-simulate"),
@@ -96,9 +97,9 @@ def command(options: argparse.Namespace) -> int:
 
 
 def draw_record(path: Path, case: Case, record: Record, title: str) -> Path | None:
-    """Draw a frame as its tracker searches it, with spots and true stars; beside it raw.png.
+    """Draw a frame as searched by the tracker, with spots and true stars; also raw.png.
 
-    Returns  the picture of all pixels; None without a dark map: then both pictures are the same
+    Returns  the picture of raw pixels; None without a dark map, when both pictures are equal
     """
     saturation = case.tracker.detection.saturation
     if case.instrument.detector.scan:
@@ -109,6 +110,6 @@ def draw_record(path: Path, case: Case, record: Record, title: str) -> Path | No
     if seen is not record.frame:
         raw = path.with_name("raw.png" if path.stem == "frame" else f"{path.stem}-raw.png")
         plots.draw_frame(raw, record.frame, title, *sky, saturation)
-        title += "; dark map taken off"
+        title += "; dark map subtracted"
     plots.draw_solution(path, seen, record.spots, record.matches, *sky[1:], title, saturation)
     return raw

@@ -54,32 +54,31 @@ if wanted(__name__):
 
 declare = Options(
     "Prints the boresight of each image, its roll, its field of view and the probability of a "
-    "false match. The boresight is the direction of the centre of the image, as the catalogue has "
-    "it: refraction of the air and aberration are in it. With --place the direction without both "
-    "is printed, too, with azimuth and elevation. Without --camera the lens is unknown: its "
-    "distortion is estimated where the stars show it; with it the optical axis is printed, too. "
-    "Scale and squeeze of the image that refraction of the air causes are estimated where the "
-    "stars show them. Mirrored and "
-    "squeezed images are tried after others; the result then is that of the image as a camera "
-    "with square pixels would see it, and says so. The status is 3 if an image has no attitude, "
-    "with the reason, and 1 if one cannot be read.",
+    "false match. The boresight is the apparent direction of the image's centre among catalogue "
+    "stars, with refraction of the air and aberration. With --place the direction without both "
+    "is also printed, with azimuth and elevation. Without --camera the lens is unknown, and its "
+    "distortion is estimated if the stars show it; with --camera the optical axis is also "
+    "printed. Scale and squeeze of the image by refraction are estimated if the stars show them. "
+    "Mirrored and squeezed images are tried last; the result is then for the image as a camera "
+    "with square pixels would see it, with a note. The status is 3 if an image has no attitude, "
+    "with the reason, and 1 if an image cannot be read.",
     *images(),
     Option(
         "--fov DEG",
-        "field of view across the columns, degree, which is tried first (default: "
-        "that of the file's EXIF, then a search from 1.5 to 90, and fisheyes to 180)",
+        "field of view across the columns, degree, which is tried first (default: from the "
+        "file's EXIF, then a search from 1.5 to 90, and fisheyes to 180)",
         degrees,
     ),
     Option(
         "--aspect RATIO",
-        "width of a pixel over its height (default: 1, then the ratios of usual image shapes, "
-        "for images that were squeezed from one shape to another)",
+        "width of a pixel over its height (default: 1, then ratios for images squeezed between "
+        "usual shapes)",
         shared.decimal(0.1, 10),
     ),
     Option(
         "--exposure S",
-        "exposure time, second, of images whose files do not say it: gives the "
-        "rate of a camera that turned while its stars became streaks",
+        "exposure time, second, for files without it; needed for the rate of a turning camera "
+        "with streaks",
         shared.decimal(1e-9, 1e9),
     ),
     *shared.FIELD_AND_SKY,
@@ -92,19 +91,19 @@ declare = Options(
     Option("--height METRE", "height of the place above the sea (default: 0)", float, 0.0),
     Option(
         "--time UTC",
-        "of the exposure, such as 2026-08-21T22:10:05 (default: as the file is stamped, taken as "
-        "UTC)",
+        "time of the exposure, such as 2026-08-21T22:10:05 (default: time stamp of the file, "
+        "taken as UTC)",
     ),
     Option(
         "--tables DIR",
-        "folder for FITS files as astrometry.net writes them: spots (.axy), "
-        "matches (.corr) and WCS (.wcs) of each image",
+        "folder for FITS files in the format of astrometry.net: spots (.axy), matches (.corr) "
+        "and WCS (.wcs) of each image",
         Path,
     ),
     Option(
         "--keys",
-        "names of the values of --json: its own (default), or those of tetra3, "
-        "described in docs/json.md",
+        "names of the values of --json: startrack's (default) or tetra3's, described in "
+        "docs/json.md",
         ("startrack", "tetra3"),
         "startrack",
     ),
@@ -120,14 +119,14 @@ declare = Options(
 
 BRIGHT = "bright"
 DEEPER = "; a field of a few degrees may need the fainter stars of --catalog deep"
-ANY_TIME = "2000-01-01T00:00:00"  # to check a place without an image
-WIDEST = 240.0  # degree across the columns, of a fisheye
+ANY_TIME = "2000-01-01T00:00:00"  # for the check of a place without an image
+WIDEST = 240.0  # degree across the columns, largest fisheye
 
-# Options that all images of a process share, by name; and the reader of images, camera, settings
-# and indexes that they determine.
+# Options common to all images of a process, by name; and the resulting reader of images, camera,
+# settings and indexes.
 SHARED = "fov_tolerance", "plane", "bayer", "colour", "raw", "dark", "catalog", "epoch", "camera"
-SAID = "said"  # attribute of an error that holds the warnings before it
-# Values of JSON that are missing for an image without an attitude.
+SAID = "said"  # attribute of an error with the warnings before it
+# JSON values that are missing without an attitude.
 ATTITUDE = "icrs_to_camera_xyzw", "ra_deg", "dec_deg", "roll_deg", "fov_x_deg"
 IMAGE = (
     "mirrored",
@@ -149,7 +148,9 @@ def command(options: argparse.Namespace) -> int:
             positive(fov=options.fov)
             within(0, WIDEST, fov=options.fov)
         if options.camera and options.fov is not None:
-            raise ValueError("--fov and --camera must not both be given: the camera has its field")
+            raise ValueError(
+                "--fov and --camera must not both be given: the camera determines the field"
+            )
         if options.place is None and (options.time or options.height):
             raise ValueError("--time and --height need --place LAT LON")
         if options.place is not None:
@@ -165,10 +166,10 @@ def command(options: argparse.Namespace) -> int:
             try:
                 try:
                     solved = job.result()
-                except BrokenExecutor:  # a process died, maybe at another image
+                except BrokenExecutor:  # a process died, possibly at another image
                     solved = executor.submit(_solved_with_warnings, options, path).result()
                 (result, text, status), said = solved
-            except Exception as error:  # whatever its error, the other images are solved
+            except Exception as error:  # the other images are solved in any case
                 _warn(getattr(error, SAID, ()))
                 terminal.print_failed_image(options, path, error)
                 statuses.add(Exit.FAILED)
@@ -196,8 +197,7 @@ def _opened(
 def _solved_with_warnings(
     how: argparse.Namespace, path: Path
 ) -> tuple[tuple[dict[str, Any], str, Exit], list[str]]:
-    """The result of `_solved`, and its warnings; an error has the warnings in its attribute
-    SAID."""
+    """The result of `_solved` and its warnings; an error has the warnings in its attribute SAID."""
     with warnings.catch_warnings(record=True) as caught:
         try:
             solved = _solved(how, path)
@@ -208,13 +208,13 @@ def _solved_with_warnings(
 
 
 def _warn(said: Iterable[str]) -> None:
-    """Warn in this process, because a worker would also print the line of code."""
+    """Warn in this process; a worker would also print the line of code."""
     for warning in said:
         warnings.warn(warning, stacklevel=1)
 
 
 def _solved(how: argparse.Namespace, path: Path) -> tuple[dict[str, Any], str, Exit]:
-    """Solve one image and write its files; its values, its line, and its status."""
+    """Solve one image and write its files. Returns values, line and status."""
     read, camera, identification, indexes = _opened(*(getattr(how, name) for name in SHARED))
     frame, stars, place = read(path), indexes.stars, ""
     if camera:
@@ -228,7 +228,7 @@ def _solved(how: argparse.Namespace, path: Path) -> tuple[dict[str, Any], str, E
         upwards = rows_upwards(path)
         solved = solve_photograph(frame, indexes, identification, hint, how.aspect, upwards)
         if upwards and solved.axis is not None:
-            place = "; the rows of the file go upwards, by its ROWORDER"
+            place = "; rows of the file go upwards, by its ROWORDER"
     placed, where = _placed(how, frame, solved, camera)
     place += where
     seen = solved.spots, solved.matches, solved.estimate
@@ -265,7 +265,7 @@ def _solved(how: argparse.Namespace, path: Path) -> tuple[dict[str, Any], str, E
 def _with_camera(
     frame: Frame, camera: Camera, indexes: PatternIndexes, identification: Identification
 ) -> Photograph:
-    """The first search by a calibrated camera that finds an attitude, or the last."""
+    """The first search with a calibrated camera that finds an attitude, or the last search."""
     rows, columns = frame.image.shape
     if (camera.rows, camera.columns) != (rows, columns):
         raise ValueError(
@@ -294,16 +294,16 @@ def _site(how: argparse.Namespace, time: str) -> Site:
 def _placed(
     how: argparse.Namespace, frame: Frame, solved: Photograph, camera: Camera | None
 ) -> tuple[dict[str, Any], str]:
-    """Direction of the camera by its place and time: for JSON, and in words; empty without a
+    """Direction of the camera by place and time: values for JSON, and words; empty without a
     place."""
     if how.place is None or solved.axis is None:
         return {}, ""
     if how.time is None and not math.isfinite(frame.time):
-        raise ValueError("--time must be given with --place: the file is not stamped")
+        raise ValueError("--time must be given with --place: the file has no time stamp")
     time = how.time or (YEAR_2000 + timedelta(seconds=frame.time)).isoformat()
     try:
         placed = place_photograph(solved, _site(how, time), camera)
-    except Refused as reason:  # the attitude stays
+    except Refused as reason:  # the attitude remains
         return {"place": {"reason": str(reason)}}, f"; no direction without refraction: {reason}"
     fit = placed.fit
     angles = {
@@ -356,7 +356,7 @@ def _values(solved: Photograph, exposure: float) -> dict[str, Any]:
 
 
 def _rate(solved: Photograph, exposure: float) -> float | None:
-    """Degree a second, by which the camera turned; None where stars are points, or not known."""
+    """Rate of the camera, degree / second; None if stars are points or the exposure is unknown."""
     if solved.streak is None or not exposure > 0:
         return None
     turn = math.hypot(*solved.streak) / solved.matches.camera.focal_length_px

@@ -1,4 +1,4 @@
-"""`startrack solve-for`: the value of a key at which a design just keeps a limit."""
+"""`startrack solve-for`: the value of a key at which a design just meets a limit."""
 
 from __future__ import annotations
 
@@ -20,37 +20,35 @@ if wanted(__name__):
 
 
 declare = Options(
-    "Finds where a margin is zero: by formula over the range, then corrected by trials on the same "
-    "skies and noise, with the interval of 95 % that these leave. Several values, or none, are "
-    "said. Writes solve-for.png, result.json and ledger.sqlite, from which the same command "
-    "continues. The status is 3 if there is no such value.\n\n"
-    "  startrack solve-for noise_only instrument.optics.f_number=1..4 --until across=1arcsec\n"
-    "  startrack solve-for mine.toml instrument.detector.exposure --until availability=0.99\n"
-    "  startrack solve-for mine.toml instrument.optics.f_number --until 'mass=0.3 kg'",
+    "Finds the value with zero margin: by formula over the range, then corrected by trials on "
+    "the same skies and noise, with a 95 % interval. Several values, or none, are reported. "
+    "Writes solve-for.png, result.json and ledger.sqlite, from which the same command continues. "
+    "The status is 3 if there is no such value.\n\n startrack solve-for noise_only "
+    "instrument.optics.f_number=1..4 --until across=1arcsec\n startrack solve-for mine.toml "
+    "instrument.detector.exposure --until availability=0.99\n startrack solve-for mine.toml "
+    "instrument.optics.f_number --until 'mass=0.3 kg'",
     DESIGN_FILE,
     Option(
         "key KEY[=A..B]",
-        "key of the design file, and the range that is looked at (default: a tenth to ten times "
-        "the value of the design, in equal ratios)",
+        "key of the design file, and the searched range (default: a tenth to ten times the value "
+        "of the design, in equal ratios)",
     ),
     Option(
         "--until LIMIT",
         "limit on an error, such as 'across=5 arcsec' for its rms or 'about-99.73=60 arcsec' for a "
         "level; on availability, mass, power, volume, data rate, cost, update rate or stars in the "
-        "sky; or the name of a margin of the design, as alone for an Earth camera",
+        "sky; or the name of a margin of the design (the only form for an Earth camera)",
         str,
         required=True,
     ),
     Option(
         "--points N",
-        "values of the range at which the formula is looked at; two that lie between neighbours "
-        "are not seen",
+        "values of the range at which the formula is evaluated; two solutions between neighbours "
+        "are missed",
         whole(2, 1000),
         25,
     ),
-    Option(
-        "--trials N", "trials at each value that is tried; 0: by formula", whole(0, 10**8), 1000
-    ),
+    Option("--trials N", "trials at each tried value; 0: by formula", whole(0, 10**8), 1000),
     *SHARED,
     shared.out("startrack-solve-for"),
     fidelity=None,
@@ -77,9 +75,9 @@ def command(options: argparse.Namespace) -> int:
 
 
 def write_solution(options: argparse.Namespace, solution: optimise.Solution, path: Path) -> int:
-    """Print a solution and write it.
+    """Print and write a solution.
 
-    path  of the design, by whose name the picture is called
+    path  path of the design; its name is the title of the picture
     """
     unit = solution.key.unit
     table = Table(

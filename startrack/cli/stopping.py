@@ -1,4 +1,4 @@
-"""A signal or an error -> what ends a command, and the words that tell it."""
+"""A signal or an error -> the end of a command, and its message."""
 
 import errno
 import os
@@ -16,13 +16,14 @@ from startrack.cli.options import Exit, WrongUse
 
 PACKAGE = Path(__file__).parents[1]
 LONGEST = 600  # characters of a message
-AGAIN = 1.0  # second, after which a signal that nothing has handled is sent again
-STOPS_WITH_INPUT = "STARTRACK_STOPS_WITH_INPUT"  # in the environment, as `startrack.page` sets it
+AGAIN = 1.0  # second; an unhandled signal is sent again after this time
+STOPS_WITH_INPUT = "STARTRACK_STOPS_WITH_INPUT"  # environment variable, set by `startrack.page`
 ENDING = ("SIGINT", "SIGTERM", "SIGHUP")
 
 
 class Stopped(KeyboardInterrupt):
-    """The process was asked to end; no code that goes on after an Exception goes on after it."""
+    """A request to end the process. It is not an Exception, so that code that handles exceptions
+    does not continue."""
 
     def __init__(self, number: int):
         self.signal = number
@@ -33,13 +34,13 @@ class Stopped(KeyboardInterrupt):
 def stopped_by_signals() -> Iterator[list[int]]:
     """Let Ctrl-C, SIGTERM and SIGHUP end a command: files are closed, workers ended.
 
-    Yields the signals that came. An error after one is that signal: a library in C may turn what a
-    handler raises into an error of its own.
+    Yields the received signals. An error after a signal counts as that signal, because a library in
+    C may convert the handler's exception.
 
-    The signal is sent again each second until something handles it: Python discards what is raised
-    while it deletes an object, and so do libraries that call Python code.
+    The signal is sent again each second until it is handled: Python discards exceptions raised
+    during the deletion of an object, and so do libraries that call Python code.
     """
-    asked, again = list[int](), list[int]()  # without locks, which handlers must not wait for
+    asked, again = list[int](), list[int]()  # without locks: handlers must not wait
     over, sending = threading.Event(), threading.Lock()
     main = threading.current_thread()
     if main is not threading.main_thread():
@@ -64,35 +65,35 @@ def stopped_by_signals() -> Iterator[list[int]]:
         raise Stopped(number)
 
     def discarded(thing: Any) -> None:
-        if not asked:  # or a half-deleted object says what it lacks
+        if not asked:  # or a half-deleted object raises an error
             sys.__unraisablehook__(thing)
 
     kinds = [getattr(signal, name) for name in ENDING if hasattr(signal, name)]
     before = {kind: signal.getsignal(kind) for kind in kinds}
     for kind, handler in before.items():
-        if handler != signal.SIG_IGN:  # as nohup asks
+        if handler != signal.SIG_IGN:  # for nohup
             signal.signal(kind, stop)
     hook, sys.unraisablehook = sys.unraisablehook, discarded
     try:
         yield asked
     finally:
         over.set()
-        with sending:  # none is sent to the handlers of before
+        with sending:  # no signal is sent to the earlier handlers
             sys.unraisablehook = hook
         for kind, handler in before.items():
             signal.signal(kind, handler or signal.SIG_DFL)
 
 
 def _is_handled(error: BaseException | None) -> bool:
-    """Whether a Stopped is on its way: code between here and its handler is ending."""
+    """Whether a Stopped is being handled: code up to its handler is ending."""
     while error is not None and not isinstance(error, Stopped):
         error = error.__context__
     return error is not None
 
 
 def stop_with_input() -> None:
-    """End the command as by SIGTERM when standard input ends, where the process that started it
-    asks for that: it holds the other end, which is closed when it ends, also by SIGKILL.
+    """End the command as by SIGTERM when standard input ends, if the parent process requests that.
+    The parent has the other end, which is closed at its end, even by SIGKILL.
     """
     if not os.environ.pop(STOPS_WITH_INPUT, ""):
         return
@@ -100,20 +101,20 @@ def stop_with_input() -> None:
     def watch() -> None:
         while os.read(0, 1024):
             pass
-        os.kill(os.getpid(), signal.SIGTERM)  # SIGINT is ignored in the background of a shell
+        os.kill(os.getpid(), signal.SIGTERM)  # background processes of a shell ignore SIGINT
 
     threading.Thread(target=watch, daemon=True).start()
 
 
 def ignore_signals() -> None:
-    """Let no signal end the process from here on: its command is done, and Python tidies up."""
+    """Ignore signals from here on: the command is done, and Python cleans up."""
     for name in ENDING:
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
 
 
 def drop_unwritten_messages() -> None:
-    """Keep the exit status where messages cannot be written: Python's own would be 120."""
+    """Keep the exit status if messages cannot be written; Python would return 120."""
     try:
         sys.stderr.flush()
     except OSError:
@@ -122,9 +123,9 @@ def drop_unwritten_messages() -> None:
 
 
 def open_streams() -> None:
-    """Open what is closed of the standard streams, so that no other file gets its number.
+    """Open closed standard streams, so that no other file gets their numbers.
 
-    Raises  OSError without a standard output, since results go there.
+    Raises  OSError without a standard output, which receives results.
     """
     closed = False
     for number, (name, mode) in enumerate((("stdin", "r"), ("stdout", "w"), ("stderr", "w"))):
@@ -141,7 +142,7 @@ def open_streams() -> None:
 
 
 def status_and_sentence(error: BaseException) -> tuple[int, str]:
-    """The exit status and the sentence of what a command raised."""
+    """The exit status and the message of a command's exception."""
     match error:
         case Stopped() if error.signal != signal.SIGINT:
             return 128 + error.signal, f"stopped by {error}; no file is left half-written"
@@ -150,11 +151,11 @@ def status_and_sentence(error: BaseException) -> tuple[int, str]:
         case WrongUse():
             return Exit.WRONG_USE, one_line(error)
         case BrokenPipeError():
-            # What reads the output has ended, such as `head`: no one would read a message.
+            # The reader of the output, such as `head`, has ended: nobody would read a message.
             _drop_output()
             return Exit.FAILED, ""
         case OSError(errno=errno.ENOSPC, filename=None):
-            _drop_output()  # what it still holds does not fit either
+            _drop_output()  # its buffer cannot be written either
             return Exit.FAILED, error.strerror or one_line(error)
         case FileExistsError(filename=str() | bytes() as name):
             place = os.fsdecode(name)
@@ -183,17 +184,17 @@ def _drop_output() -> None:
 
 
 def one_line(error: object) -> str:
-    """Message of an error or a warning, on one line of printable characters."""
-    # A KeyError shows its key alone.
+    """Message of an error or a warning, in one line of printable characters."""
+    # The text of a KeyError is its key alone.
     text = f"no {error}" if isinstance(error, KeyError) else str(error)
-    text = ", ".join([text, *getattr(error, "__notes__", [])])  # such as the trial
+    text = ", ".join([text, *getattr(error, "__notes__", [])])  # notes, such as the trial
     words = " ".join(text.split())
     clean = "".join(letter if letter.isprintable() else "?" for letter in words)
     return clean if len(clean) <= LONGEST else f"{clean[: LONGEST - 3]}..."
 
 
 def place_of(error: BaseException) -> str:
-    """File and line of the package that an error comes from."""
+    """File and line in the package where an error comes from."""
     frames = [
         frame
         for frame in traceback.extract_tb(error.__traceback__)

@@ -22,14 +22,14 @@ if wanted(__name__):
 DESIGN_FILE = Option(
     "design DESIGN.toml",
     "design file, a scene of an Earth camera with [retrieval] and [campaign], or the name of a "
-    "shipped one",
+    "shipped file",
     Path,
 )
 SHARED = (
-    Option("--log", "values of a range in equal ratios (default: in equal steps)"),
+    Option("--log", "spacing of a range's values in equal ratios (default: in equal steps)"),
     shared.fidelity(
-        "of the trials (default: that of the campaign, window without one); frame, window, spots, "
-        "covariance: see montecarlo"
+        "fidelity of the trials (default: the campaign's; without a campaign, window); frame, "
+        "window, spots, covariance: see montecarlo"
     ),
     *shared.SET,
     shared.SEED,
@@ -37,17 +37,17 @@ SHARED = (
     *shared.SCHEDULER,
 )
 declare = Options(
-    "Computes the design with each value of a key, or with each pair of values of two: errors, "
-    "availability, margins of the requirements and costs, as `requirements` and `budget` have "
-    "them by formula; with --trials errors, availability and their margins as `montecarlo` has "
-    "them, on the same skies and noise at every value. A value that the design refuses is a row "
-    "that says why. Writes sweep.csv, sweep.png, result.json and ledger.sqlite, from which the "
-    "same command continues. The status is 3 if a value is refused or has no attitude.\n\n"
-    "  startrack sweep nanosatellite instrument.optics.f_number=1.2..2.4\n"
-    "  startrack sweep mine.toml 'instrument.detector.exposure=20..200 ms' --log --trials 1000\n"
-    "  startrack sweep balloon.toml scene.date=2026-08-21T12:00..2026-08-22T12:00\n"
-    "  startrack sweep mine.toml instrument.detector.product=imx174,cmv4000 \\\n"
-    "      'instrument.optics.focal_length=16 mm,25 mm,35 mm'",
+    "Computes the design with each value of a key, or with each pair of values of two keys: "
+    "errors, availability, margins of the requirements and costs by formula, as `requirements` "
+    "and `budget`; with --trials errors, availability and their margins by trials, as "
+    "`montecarlo`, on the same skies and noise at every value. A refused value is a row with the "
+    "reason. Writes sweep.csv, sweep.png, result.json and ledger.sqlite, from which the same "
+    "command continues. The status is 3 if a value is refused or has no attitude.\n\n startrack "
+    "sweep nanosatellite instrument.optics.f_number=1.2..2.4\n startrack sweep mine.toml "
+    "'instrument.detector.exposure=20..200 ms' --log --trials 1000\n startrack sweep "
+    "balloon.toml scene.date=2026-08-21T12:00..2026-08-22T12:00\n startrack sweep mine.toml "
+    "instrument.detector.product=imx174,cmv4000 \\\n 'instrument.optics.focal_length=16 mm,25 "
+    "mm,35 mm'",
     DESIGN_FILE,
     Option(
         "keys KEY=A..B",
@@ -55,7 +55,11 @@ declare = Options(
         "names, files, products or dates; at most two",
         many="+",
     ),
-    Option("--points N", "values of a range (default: 9; of two keys 5 each)", whole(2, 1000)),
+    Option(
+        "--points N",
+        "number of values of a range (default: 9; 5 each for two keys)",
+        whole(2, 1000),
+    ),
     Option(
         "--trials N",
         "trials of each design in each of its conditions (default: none, by formula)",

@@ -26,32 +26,33 @@ from startrack.metrics import Row, to_json, to_lines
 from startrack.sequence import Sequence, load_sequence
 
 EXAMPLE = "designs/nanosatellite.toml"
-SHIPPED = ("designs", "trackers")  # folders of design files
-FEWEST_LETTERS = 3  # of a part of a name, by which a shipped design is suggested
+SHIPPED = ("designs", "trackers")  # folders of shipped design files
+FEWEST_LETTERS = 3  # letters of a part of a name for the suggestion of a shipped design
 CATALOGS = ("bright", "deep")
 LONG_COMPILING = 2.0  # second
-EARLIEST = 0.02  # of the steps, before which the time left is not told: the first ones compile
-SILENT = 30.0  # second, between two lines where there is no terminal
+# fraction of the steps before the remaining time is printed: the first steps compile
+EARLIEST = 0.02
+SILENT = 30.0  # second between two lines without a terminal
 UNKEPT_CODE = (
-    "startrack: compiled code cannot be kept, as no folder can be written to: each run compiles "
-    "again, up to a minute; set NUMBA_CACHE_DIR to a folder that can be written to"
+    "startrack: compiled code cannot be cached, because no folder is writable: each run compiles "
+    "again, up to a minute; set NUMBA_CACHE_DIR to a writable folder"
 )
-_running = list[Callable[[], str]]()  # what steps say of themselves, the innermost last
+_running = list[Callable[[], str]]()  # texts of running steps, the innermost last
 COMPILING = "startrack: compiling for this machine; once after an installation, up to a minute"
 
 
 def example() -> Path:
-    """The design that is shipped as an example: a tracker for a nanosatellite."""
+    """The shipped example: a tracker for a nanosatellite."""
     return io.shipped(EXAMPLE)
 
 
 def is_scene(path: Path) -> bool:
-    """Whether a path is that of a scene of an Earth camera, or the name of a shipped one."""
+    """Whether a path leads to a scene of an Earth camera, or is the name of a shipped scene."""
     return _is_kind(path, "scenes", {"camera", "retrieval"}) and not is_search(path)
 
 
 def _is_kind(path: Path, folder: str, keys: set[str]) -> bool:
-    """Whether a file has some of the keys at its top, or is shipped in a folder."""
+    """Whether a file has some of the keys at top level, or is shipped in a folder."""
     if path.suffix != ".toml":
         return path.name in {file.stem for file in io.shipped(folder).glob("*.toml")}
     if not path.is_file():
@@ -62,19 +63,19 @@ def _is_kind(path: Path, folder: str, keys: set[str]) -> bool:
 
 
 def is_search(path: Path) -> bool:
-    """Whether a path is that of a search for moving objects, or the name of a shipped one."""
+    """Whether a path leads to a search for moving objects, or is the name of a shipped search."""
     return _is_kind(path, "searches", {"moving_object"})
 
 
-MOST_NAMES = 3  # of values that are not known, in a message
+MOST_NAMES = 3  # names of unknown values in a message
 
 
 def read_design(path: Path, changes: Iterable[str] = (), unknown: str = "") -> Design:
-    """The design of a file with the changes of --set; raises WrongUse where it cannot be used.
+    """The design of a file with the changes of --set. Raises WrongUse for an unusable file.
 
-    A file that is not there is looked for among those that are shipped, by its path or name alone.
+    A missing file is searched among the shipped files, by path or name.
 
-    unknown  which values figures are for, where a command does not take the middle of each law
+    unknown  values of unknowns that the figures are for, if not the median of each law
     """
     path = design_file(path)
     with as_wrong_use():
@@ -86,19 +87,19 @@ def read_design(path: Path, changes: Iterable[str] = (), unknown: str = "") -> D
 
 
 def design_file(path: Path) -> Path:
-    """The path of a design, also of one that is shipped; raises WrongUse for other files."""
+    """The path of a design, or of a shipped design. Raises WrongUse for other files."""
     if is_scene(path):
         raise WrongUse(
-            f"{path} is a scene of an Earth camera, which earth, requirements, montecarlo, "
-            "optimize, verify, sample, what-matters, sweep, solve-for, pareto, compare and report "
-            "take; this command takes the design of a star tracker"
+            f"{path} is a scene of an Earth camera, for the commands earth, requirements, "
+            "montecarlo, optimize, verify, sample, what-matters, sweep, solve-for, pareto, "
+            "compare and report; this command needs the design of a star tracker"
         )
     with as_wrong_use():
         return found_file(path)
 
 
 def print_unknown(design: Design, owner: str = "the design", values: str = "") -> None:
-    """Say which values of what is not known of a design figures are for: the middle of each law, or
+    """Print the values of a design's unknowns that figures are for: the median of each law, or
     other `values`.
     """
     if not design.unknowns:
@@ -107,18 +108,18 @@ def print_unknown(design: Design, owner: str = "the design", values: str = "") -
     drawn = design.campaign.unknown_draws if design.campaign else 0
     more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
     values = values or (
-        "figures are for the middle of their laws"
+        "figures are for the medians of their laws"
         + (f", conditions for {drawn} draws" if drawn else "")
         + ", `startrack predict` gives intervals"
     )
     print_message(
-        f"startrack: not known of {owner}: {len(names)} value{'s' * (len(names) > 1)} "
+        f"startrack: unknown in {owner}: {len(names)} value{'s' * (len(names) > 1)} "
         f"({', '.join(names[:MOST_NAMES])}{more}); {values}"
     )
 
 
 def found_file(path: Path, folders: Iterable[str] = SHIPPED, kind: str = "a design file") -> Path:
-    """The path of a file, of one that is shipped where there is none; close names said."""
+    """The path of a file, or of a shipped file; the message suggests similar names."""
     if path.exists():
         return path
     files = (file for name in folders for file in sorted(io.shipped(name).glob("*.toml")))
@@ -141,7 +142,7 @@ def found_file(path: Path, folders: Iterable[str] = SHIPPED, kind: str = "a desi
 
 
 def read_campaign(path: Path, changes: Iterable[str] = ()) -> tuple[Design, Campaign]:
-    """A design that comes with a campaign."""
+    """A design with a campaign."""
     design = read_design(path, changes)
     campaign = design.asked
     if campaign is None or not campaign.variables:
@@ -150,13 +151,13 @@ def read_campaign(path: Path, changes: Iterable[str] = ()) -> tuple[Design, Camp
 
 
 def read_sequence(path: Path) -> Sequence:
-    """The sequence of a file, or of a shipped one; raises WrongUse where it cannot be used."""
+    """The sequence of a file, or of a shipped file. Raises WrongUse for an unusable file."""
     with as_wrong_use():
         return load_sequence(found_file(path, ("sequences",), "a sequence file"))
 
 
 def read_camera(path: Path) -> Camera:
-    """The camera in [tracker.camera] of a TOML file; raises WrongUse where it cannot be used."""
+    """The camera in [tracker.camera] of a TOML file. Raises WrongUse for an unusable file."""
     with as_wrong_use():
         table: Any = io.read_table(path, "a file with a table [tracker.camera]")
     for key in ("tracker", "camera"):
@@ -168,21 +169,21 @@ def read_camera(path: Path) -> Camera:
 
 
 def save_camera(path: Path, camera: Camera) -> None:
-    """Write a camera that `read_camera` reads back to an equal one."""
+    """Write a camera for `read_camera`, without loss."""
     io.save_toml(path, {"tracker": {"camera": io.to_table(camera)}})
 
 
 def image_reader(options: argparse.Namespace) -> Callable[[Path], Frame]:
-    """Reads an image file as the options say, less --dark, over --flat.
+    """Reader of image files by the options: minus --dark, divided by --flat.
 
-    Raises  WrongUse where what they say is no layout, or where one of these two cannot be read
+    Raises  WrongUse where the layout is not valid, or a dark frame or flat field cannot be read
     """
     layout, correct = _reading(options)
     return lambda path: correct(io.read_image(path, layout))
 
 
 def read_series(options: argparse.Namespace) -> tuple[int, Iterator[Frame]]:
-    """The frames of all image files in their order, as `image_reader` reads them, and how many."""
+    """The frames of all image files in order, as read by `image_reader`, and their number."""
     layout, correct = _reading(options)
     with as_wrong_use(ValueError, OSError):
         single = options.plane is not None
@@ -192,7 +193,7 @@ def read_series(options: argparse.Namespace) -> tuple[int, Iterator[Frame]]:
 
 
 def _reading(options: argparse.Namespace) -> tuple[io.Layout, Callable[[Frame], Frame]]:
-    """Settings by the options: how images are read, and what is subtracted from each."""
+    """Settings by the options: layout of images, and frames to subtract and divide by."""
     with as_wrong_use(ValueError, TypeError, OSError):
         layout = io.Layout(options.plane, options.bayer, options.colour, options.raw)
         dark, flat = (
@@ -208,7 +209,7 @@ def _reading(options: argparse.Namespace) -> tuple[io.Layout, Callable[[Frame], 
 
 
 def read_stars(catalog: str, epoch: float) -> Stars:
-    """The stars of `--catalog` at an epoch; raises WrongUse where it cannot be used."""
+    """The stars of `--catalog` at an epoch. Raises WrongUse for an unusable catalogue."""
     if catalog not in CATALOGS and not Path(catalog).is_file():
         raise WrongUse(f"--catalog must be {' or '.join(CATALOGS)}, or a file, got {catalog!r}")
     with as_wrong_use(ValueError, OSError, ImportError):
@@ -221,7 +222,7 @@ def print_message(message: str) -> None:
 
 
 def print_result(options: argparse.Namespace, result: dict[str, Any], *lines: str) -> None:
-    """Print a result: one JSON object on a line with --json, the lines of text without."""
+    """Print a result: one JSON object on a line with --json, lines of text without it."""
     if options.json:
         if changes := getattr(options, "set", []):
             result = {**result, "set": changes}
@@ -233,7 +234,7 @@ def print_result(options: argparse.Namespace, result: dict[str, Any], *lines: st
 
 
 def sections(options: argparse.Namespace) -> Callable[[str], None]:
-    """What prints sections of a text as each is known, blank lines between; none with --json."""
+    """A function that prints sections of a text, separated by blank lines; nothing with --json."""
     before = ""
 
     def show(section: str) -> None:
@@ -246,19 +247,19 @@ def sections(options: argparse.Namespace) -> Callable[[str], None]:
 
 
 def _print_text(text: str) -> None:
-    # The name of a file may hold what the encoding of the output cannot.
+    # The name of a file may have characters outside the encoding of the output.
     encoding = sys.stdout.encoding or "utf-8"
     print(text.encode(encoding, "backslashreplace").decode(encoding), flush=True)
 
 
 def print_rows(options: argparse.Namespace, rows: Iterable[Row], *more: str) -> None:
-    """Print the rows of a result, and in text more lines below them."""
+    """Print the rows of a result, and in text more lines below the rows."""
     shown = list(rows)
     print_result(options, to_json(shown), *to_lines(shown), *more)
 
 
 def print_failed_image(options: argparse.Namespace, path: Path, error: Exception) -> None:
-    """Print why an image was skipped, as a result, too, where results are JSON."""
+    """Print the reason for a skipped image; with --json also as a result."""
     _, reason = status_and_sentence(error)
     if str(path) not in reason:
         reason = f"{path}: {reason}"
@@ -271,9 +272,9 @@ def print_failed_image(options: argparse.Namespace, path: Path, error: Exception
 
 @contextmanager
 def progress(title: str, total: int) -> Iterator[Callable[..., None]]:
-    """A bar on standard error where that is a terminal; else a line now and then.
+    """A progress bar on standard error if it is a terminal; otherwise occasional lines.
 
-    Yields a function of the number of steps done, and of a note to show beside the bar.
+    Yields a function of the number of steps done and of a note beside the bar.
     """
     if not sys.stderr.isatty():
         done, said, begun = [0.0], [""], time.monotonic()
@@ -315,7 +316,7 @@ def progress(title: str, total: int) -> Iterator[Callable[..., None]]:
 
 @contextmanager
 def _named(text: Callable[[], str]) -> Iterator[None]:
-    """Inside this context, `lines_now_and_then` prints this text for the running step."""
+    """In this context, `lines_now_and_then` prints the text for the running step."""
     _running.append(text)
     try:
         yield
@@ -324,13 +325,13 @@ def _named(text: Callable[[], str]) -> Iterator[None]:
 
 
 def waiting() -> AbstractContextManager[None]:
-    """Within: no line now and then, since the command waits for others."""
+    """In this context no lines are printed, because the command waits for other processes."""
     return _named(lambda: "")
 
 
 @contextmanager
 def stage(title: str) -> Iterator[None]:
-    """A moving sign beside a name on a terminal, while a step without a bar runs."""
+    """A moving sign and a name on a terminal while a step without a bar runs."""
     if not sys.stderr.isatty():
         with _named(lambda: title):
             yield
@@ -343,7 +344,7 @@ def stage(title: str) -> Iterator[None]:
 
 @contextmanager
 def lines_now_and_then() -> Iterator[None]:
-    """Without a terminal, print a line each SILENT seconds: the step, and the remaining time."""
+    """Without a terminal, print the step and the remaining time every SILENT seconds."""
     if sys.stderr.isatty():
         yield
         return
@@ -354,7 +355,7 @@ def lines_now_and_then() -> Iterator[None]:
             text = _running[-1]() if _running else "at work"
             if not text:
                 continue
-            with suppress(OSError, ValueError):  # nobody can read it
+            with suppress(OSError, ValueError):  # the output is closed
                 print_message(f"startrack: {text}; {time.monotonic() - begun:.0f} s so far")
 
     thread = threading.Thread(target=show, daemon=True)
@@ -368,7 +369,7 @@ def lines_now_and_then() -> Iterator[None]:
 
 @contextmanager
 def report_compiling() -> Iterator[None]:
-    """Print one message where numba compiles kernels for longer than LONG_COMPILING."""
+    """Print one message if numba compiles kernels for longer than LONG_COMPILING."""
     if kernel_folder() is None:
         print_message(UNKEPT_CODE)
     spent = 0.0
@@ -385,7 +386,7 @@ def report_compiling() -> Iterator[None]:
 
 @contextmanager
 def claimed_out(options: argparse.Namespace) -> Iterator[None]:
-    """Claim the folder of --out for this process, where the command writes to one."""
+    """Claim the folder of --out for this process, if the command writes to a folder."""
     folder: Path | None = options.out if getattr(options, "claims", False) else None
     with io.claimed_folder(folder) if folder else nullcontext():
         yield
@@ -406,5 +407,5 @@ def attitude_values(icrs_to_camera: Rotation) -> dict[str, Any]:
 def pointing_text(icrs_to_camera: Rotation, digits: int, of_roll: int) -> str:
     """An attitude in words; digits of right ascension and declination, and of roll."""
     ra, dec, roll = io.celestial(icrs_to_camera)
-    turned = round(roll, of_roll) % 360  # so that 359.99 is never printed as 360.0
+    turned = round(roll, of_roll) % 360  # 359.99 must not be printed as 360.0
     return f"RA {ra:.{digits}f}, Dec {dec:+.{digits}f}, roll {turned:.{of_roll}f} deg"

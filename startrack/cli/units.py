@@ -27,23 +27,23 @@ if TYPE_CHECKING:
     from startrack.core import Floats
 
 if wanted(__name__):
-    # What classes of error of units are, which the unit as designed has not.
+    # Explanations of the classes of error that only units have, not the unit as designed.
     ADVICE = {
-        Term.BIAS: "mounting and camera differ from what they were calibrated to: "
-        "tracker.calibration, [[variation]] per unit, launch and life",
+        Term.BIAS: "mounting and camera differ from their calibration: tracker.calibration, "
+        "[[variation]] per unit, launch and life",
         Term.THERMO_ELASTIC: "heat turns the boresight over an orbit: instrument.structure, "
         "instrument.mounting in [[variation]] per environment",
-        Term.FIELD: "what calibration and heat leave of the places of stars, and neighbours: "
-        "tracker.calibration, instrument.residual, tracker.detection.max_spots",
+        Term.FIELD: "residual errors of stars' places after calibration, with heat, and "
+        "neighbours: tracker.calibration, instrument.residual, tracker.detection.max_spots",
     }
 AXES = {"across": (0, 1), "about": (2,)}
-BRIEF = ("NEA", "and thermo-elastic: accuracy")  # of PUBLISHED, without --full
+BRIEF = ("NEA", "and thermo-elastic: accuracy")  # rows of PUBLISHED without --full
 
 
 def require_units(case: Case) -> None:
-    """Refuse a design whose units are all alike.
+    """Refuse a design whose units are all equal.
 
-    Raises  ValueError that says what they could differ by.
+    Raises  ValueError with the tables that make units differ.
     """
     if not case.differs:
         raise ValueError(
@@ -55,7 +55,7 @@ def require_units(case: Case) -> None:
 def budgets_of(
     case: Case, required: tuple[Accuracy, ...], options: argparse.Namespace
 ) -> tuple[list[dict[str, Any]], UnitBudgets]:
-    """Budgets of some units: values for JSON, one for each age; those at the last age."""
+    """Budgets of units: values for JSON, one for each age; budgets at the last age."""
     ages = list(dict.fromkeys((0.0, case.end_of_life)))
     with progress("units", options.units * len(ages)) as advance:
         budgets = [
@@ -67,9 +67,9 @@ def budgets_of(
 
 
 def units_answer(units: UnitBudgets, required: tuple[Accuracy, ...]) -> str:
-    """The error of the median unit with its limits, and the class of error that decides it.
+    """The error of the median unit with its limits, and the largest class of error.
 
-    Both are medians over the units: no class of error exceeds the error of its unit.
+    Both are medians over the units; in each unit, no class of error exceeds the error.
     """
     limits = {limit.name: limit for limit in required if limit.objective.rms_per_axis}
     medians = float(np.median(units.across())), float(np.median(units.about()))
@@ -85,9 +85,9 @@ def units_answer(units: UnitBudgets, required: tuple[Accuracy, ...]) -> str:
     ]
     return "; ".join(
         [
-            f"{errors_text(*medians, required, '.3g')} of the median of {len(units)} units at "
-            f"{units.age / YEAR:g} yr, without its bias",
-            f"most of it across is {largest}: {classes[largest]:.3g} arcsec",
+            f"{errors_text(*medians, required, '.3g')} for the median of {len(units)} units at "
+            f"{units.age / YEAR:g} yr, without bias",
+            f"largest class across: {largest}, {classes[largest]:.3g} arcsec",
             *short,
             f"available in {100 * float(units.availability.mean()):.2f} % of the sky",
         ]
@@ -124,17 +124,17 @@ def gains_of(
         "levers" if lever else "halved": entries,
     }
     text = [
-        f"{objective} that {100 * fraction:g} % of {options.units} units at "
-        f"{allocated.age / YEAR:g} yr do not exceed: {allocated.level / arcsec:.3f} arcsec",
+        f"{objective} not exceeded by {100 * fraction:g} % of {options.units} units at "
+        f"{allocated.age / YEAR:g} yr: {allocated.level / arcsec:.3f} arcsec",
         *aligned(rows, (0,)),
         *(f"not possible: {reason}" for reason in allocated.refused),
-        "by the formula, on the same draws of the same units, with their biases; brackets hold "
-        "with 95 % for other units",
+        "by the formula, on the same draws of the same units, with biases; brackets: 95 % "
+        "intervals for other units",
     ]
     if lever:
         text.append(
-            "gains do not add; no law says what care with lens, detector or structure costs, "
-            "where price is 0"
+            "gains do not add; a price of 0: no law gives the cost of better lens, detector or "
+            "structure"
         )
     return values, "\n".join(text)
 
@@ -142,7 +142,7 @@ def gains_of(
 def _gain_values(
     gain: LeverGain, added: dict[str, float], required: tuple[Accuracy, ...], lever: bool
 ) -> dict[str, Any]:
-    """A gain for JSON; `added`: costs that the change adds."""
+    """A gain for JSON; `added`: additional costs of the change."""
     change = gain.change
     values = {
         "lever" if lever else "tolerance": change.name,
@@ -153,7 +153,7 @@ def _gain_values(
 
 
 def _gain_row(gain: LeverGain, added: dict[str, float], lever: bool) -> list[str]:
-    """A gain as a row of the table; `added`: costs that the change adds."""
+    """A gain as a row of the table; `added`: additional costs of the change."""
     costs = [
         f"{1e3 * added['mass_kg']:+.3g}",
         f"{1e3 * added['power_w']:+.3g}",
@@ -171,7 +171,7 @@ def _gain_row(gain: LeverGain, added: dict[str, float], lever: bool) -> list[str
 def trials_of(
     case: Case, seed: int, sampling: Sampling, outcomes: Rows, required: tuple[Accuracy, ...]
 ) -> tuple[dict[str, Any], list[str]]:
-    """Results of trials of units: their errors, the yield of each accuracy, and the worst unit."""
+    """Results of trials of units: errors, the yield of each accuracy, and the worst unit."""
     units = sampling.units
     assert isinstance(units, Units)
     by_unit, years, lines = per_unit(outcomes), units.age / YEAR, list[str]()
@@ -189,7 +189,7 @@ def trials_of(
         if units.trials < fewest:
             lacking.append(
                 f"no yield of {limit.objective} at most {limit.most / arcsec:g} arcsec: it needs "
-                f"--trials {fewest} of each unit, of which one is beyond that level"
+                f"--trials {fewest} for each unit, so that one trial exceeds the level"
             )
             continue
         share = _yield_values(limit, by_unit.meets(outcomes, limit.objective, limit.most))
@@ -200,12 +200,14 @@ def trials_of(
         parts = explain(case, seed, units, worst)
         values["worst"] = {"unit": worst, "removes": dict(parts)}
         shown = "; ".join(f"{name} {100 * part:+.0f} %" for name, part in parts[:4])
-        lines.append(f"worst unit {worst}; as designed instead changes its rms across by: {shown}")
+        lines.append(
+            f"worst unit {worst}; change of its rms across with the value as designed: {shown}"
+        )
     return values, lines
 
 
 def _yield_values(limit: Accuracy, share: Interval) -> dict[str, Any]:
-    """A yield for JSON: requirement and limit, share of the units with its 95 % interval."""
+    """A yield for JSON: requirement, limit, and fraction of the units with its 95 % interval."""
     return {"requirement": str(limit.objective), "most_arcsec": limit.most / arcsec} | asdict(share)
 
 
@@ -256,7 +258,7 @@ def _classes(budgets: UnitBudgets) -> dict[Term, Floats]:
 
 
 def _sum(budgets: UnitBudgets, terms: tuple[Term, ...]) -> Floats:
-    """Radian (n, 3), root sum square of classes of error of each unit."""
+    """Root sum square (n, 3) of classes of error of each unit, radian."""
     every = _classes(budgets)
     square = [every[term] ** 2 for term in terms if term in every]
     return np.asarray(np.sqrt(np.sum(square, axis=0)) if square else np.zeros_like(budgets.bias))
@@ -272,7 +274,7 @@ def _pair(values: Floats) -> dict[str, float]:
 
 
 def units_text(ages: list[dict[str, Any]], full: bool) -> str:
-    """The values of `budgets_of` as a table, a pair of columns for each age; `full`: all rows."""
+    """The values of `budgets_of` as a table with two columns for each age; `full`: all rows."""
     years = [f"{values['age_years']:g} yr" for values in ages]
 
     def row(label: str, pairs: list[dict[str, float]]) -> str:
@@ -300,8 +302,8 @@ def units_text(ages: list[dict[str, Any]], full: bool) -> str:
         ]
         lines.append(f"{_yield_name(yields[0])}: {', '.join(shares)}")
     lines.append(
-        "by the formula, per axis; a bias is constant for a unit, counts in yields and is left out "
-        "below it else"
+        "by the formula, per axis; the bias of a unit is constant; it counts in yields, but not "
+        "in other rows below it"
     )
     last = ages[-1]["classes_rms_arcsec"]
     lines += [
@@ -309,7 +311,7 @@ def units_text(ages: list[dict[str, Any]], full: bool) -> str:
         for term, text in ADVICE.items()
         if last.get(term, {}).get("across", 0.0) > 0
     ]
-    lines.append("`startrack what-matters` says what a step of each buys and costs")
+    lines.append("`startrack what-matters` prints gain and cost of a step of each")
     return "\n".join(lines)
 
 

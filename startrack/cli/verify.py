@@ -29,15 +29,15 @@ if wanted(__name__):
 
 
 declare = Options(
-    "Judges each requirement of [campaign.requirements], in the design's own condition, at rest, "
-    "and in all other conditions that it names: pass, fail, or not shown, with the number of "
-    "trials that would do. Errors and availability are shown by trials that no other command "
-    "uses, doubled until each is decided; either answer is wrong with a probability of at most "
-    "one minus the confidence that is required (default: 5 %). With --out it writes verdict.md, "
-    "verdict.json and ledger.sqlite, from which the same command continues. The status is 3 if a "
-    "requirement is not met, or not shown.",
+    "Judges each requirement of [campaign.requirements] in the design's own condition, at rest, "
+    "and in all other conditions of the campaign: pass, fail, or not shown, with the sufficient "
+    "number of trials. Errors and availability are tested by trials that no other command uses. "
+    "Their number is doubled until each requirement is decided. A pass or a fail is wrong with a "
+    "probability of at most one minus the required confidence (default: 5 %). With --out it "
+    "writes verdict.md, verdict.json and ledger.sqlite, from which the same command continues. "
+    "The status is 3 if a requirement is not met, or not shown.",
     *campaign(),
-    Option("--trials N", "trials in each condition at most", whole(2, 10**8), 8192),
+    Option("--trials N", "largest number of trials in each condition", whole(2, 10**8), 8192),
     Option(
         "--first N",
         "trials in each condition at the first test (default: 256, or --trials if fewer)",
@@ -49,8 +49,8 @@ declare = Options(
     shared.WORKERS,
     Option(
         "--units N",
-        "judge N units of the design instead, by the share that meets each "
-        "requirement, at the begin and the end of life; fidelity window by default",
+        "judge N units of the design instead, by the fraction that meets each requirement, at "
+        "the begin and the end of life; default fidelity: window",
         whole(2, 10**5),
     ),
     DRAWS,
@@ -82,7 +82,7 @@ def command(options: argparse.Namespace) -> int:
     if units:
         ages = len(dict.fromkeys((0.0, case.end_of_life)))
         total = units * verification.trials_of_a_unit(campaign) * ages * len(judged)
-    warm(case, Sampling(fidelity))  # what no trial can do is refused before the first
+    warm(case, Sampling(fidelity))  # impossible trials are refused before the first
     with (
         Ledger(options.out / LEDGER if options.out else None) as ledger,
         pool(options.workers) as executor,
@@ -128,7 +128,7 @@ def _as_designed(
     runner: TrialRunner,
     advance: Callable[..., None],
 ) -> _Verdict:
-    """The verdict on the unit as designed; `advance` as `terminal.progress` yields it."""
+    """The verdict on the unit as designed; `advance` as from `terminal.progress`."""
 
     def trials(case: Case, number: int) -> Rows:
         return runner.run(case, number, fidelity, VERIFYING, advance)
@@ -165,9 +165,9 @@ def _of_units(
 
 
 def _where_unknown(verdict: _Verdict, design: Design, drawn: DesignedDraws | None) -> _Verdict:
-    """NOT SHOWN where values are not known; a failure stays one unless a draw meets all limits.
+    """NOT SHOWN for a design with unknown values; a failure stays unless a draw meets all limits.
 
-    drawn  by formula; None: without draws
+    drawn  draws by formula; None: without draws
     """
     unknowns, not_shown = design.unknowns, verification.Answer.NOT_SHOWN
     fails = verdict.answer is verification.Answer.FAIL and not (drawn and drawn.all_met)
@@ -179,8 +179,7 @@ def _where_unknown(verdict: _Verdict, design: Design, drawn: DesignedDraws | Non
     conditions = f" and {draws} draws" if draws else ""
     _, _, rest = verdict.table.partition("\n")
     table = (
-        f"verdict: NOT SHOWN: not known: {names}, "
-        f"and what is answered below is so for the middle of their laws{conditions}"
-        f"{by_formula}; startrack predict gives the interval\n{rest}"
+        f"verdict: NOT SHOWN: unknown: {names}; the answers below are for the medians of their "
+        f"laws{conditions}{by_formula}; startrack predict gives the interval\n{rest}"
     )
     return _Verdict(not_shown, verdict.values | {"verdict": not_shown.value}, table)

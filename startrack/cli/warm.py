@@ -1,4 +1,4 @@
-"""`startrack tools warm`: compile the kernels before they are needed."""
+"""`startrack tools warm`: compile the kernels in advance."""
 
 from __future__ import annotations
 
@@ -23,25 +23,25 @@ if wanted(__name__):
     from startrack.trial import identify_and_solve, pattern_indexes, run_random_trial
 
 MB = 1e6  # byte
-# Parts that another process compiles at the same time, on a second core.
+# Parts that a second process compiles at the same time, on a second core.
 SECOND_HALF = ("identification", "fidelity spots", "fidelity covariance", "sequence")
-GARBAGE = 100_000  # objects between searches for cycles, which else take 8 % of the time
-SPOTS, SIGMA = 20, 0.1  # of the field that is identified: their number, and noise in pixel
+GARBAGE = 100_000  # objects between searches for cycles, which otherwise take 8 % of the time
+SPOTS, SIGMA = 20, 0.1  # number of spots in the identified field, and noise in pixel
 
 
 declare = Options(
-    "For containers, clusters and installations that are read-only later. Runs the example design "
-    "and one with a single PSF in the fidelities, in a sequence and through the analytic budget, "
-    "so that numba compiles what they need, on two cores. Compiled code is kept beside the "
-    "package, or in the folder that NUMBA_CACHE_DIR names, and serves this kind of processor and "
-    "these versions of Python, numba and NumPy; another machine compiles again. Kernels of other "
-    "designs, such as line scanners, are compiled when they are first used.",
+    "For containers, clusters and later read-only installations. Runs the example design, and a "
+    "design with a single PSF, in all fidelities, in a sequence and through the analytic budget, "
+    "so that numba compiles their kernels, on two cores. Compiled code is cached beside the "
+    "package, or in the folder NUMBA_CACHE_DIR, for this kind of processor and these versions of "
+    "Python, numba and NumPy; another machine compiles again. Kernels of other designs, such as "
+    "line scanners, are compiled at first use.",
     Option(
         "--part NAME",
-        "one part alone, such as `identification`; more than once for more (default: all)",
+        "one part alone, such as `identification`; may be given several times (default: all)",
         append=True,
     ),
-    Option("--earth", "also the kernels of Earth cameras (extra `earth`)"),
+    Option("--earth", "also compile the kernels of Earth cameras (extra `earth`)"),
 )
 
 
@@ -60,7 +60,7 @@ def command(options: argparse.Namespace) -> int:
         other = start(SECOND_HALF, folder / LOCK)
     for name, job in jobs.items():
         if other and name == SECOND_HALF[0]:
-            other.wait()  # what it has compiled is loaded now
+            other.wait()  # its compiled code is loaded now
         terminal.print_message(f"{name} ...")
         job()
     if folder and {IDENTIFICATION, TRIAL} <= set(jobs):
@@ -79,7 +79,7 @@ def command(options: argparse.Namespace) -> int:
 
 
 def parts(case: Case) -> dict[str, Callable[[], object]]:
-    """The parts that are run, by name."""
+    """The parts to run, by name."""
     sequence = terminal.read_sequence(shipped("sequences/slew.toml"))
     plain = terminal.read_design(shipped("designs/noise_only.toml")).case
 
@@ -113,7 +113,7 @@ def identification(case: Case) -> None:
 
 def earth_geometry() -> None:
     """The first lines of the example scene."""
-    # Here alone, for what it takes to import them delays all that another process waits for.
+    # Imported here alone: the import would delay the other process.
     from startrack.cli.earth import read_scene
     from startrack.earth.geometry import observe_earth
 

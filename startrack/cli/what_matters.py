@@ -1,4 +1,4 @@
-"""`startrack what-matters`: what the error and the margins of a design depend on."""
+"""`startrack what-matters`: sensitivity of the error and the margins of a design."""
 
 from __future__ import annotations
 
@@ -31,13 +31,14 @@ if wanted(__name__):
     from startrack.report import write_study_page
     from startrack.verification import margins as margins_of
 
-TIMED, LONG = 4, 2.0  # forecasts by which the time is known, and minutes from which it is said
-UNITS = 6  # where a design varies from unit to unit and no number is asked for
-FEW = 3  # variables, steps or margins that a sentence names
-# Share of the variance below which a variable is said not to matter.
+# forecasts for the estimate of the time, and minutes above which it is printed
+TIMED, LONG = 4, 2.0
+UNITS = 6  # default number of units of a design that varies from unit to unit
+FEW = 3  # largest number of variables, steps or margins in a sentence
+# Least share of the variance of a variable that matters.
 NOTHING = 0.01
-LITTLE = 1e-3  # relative change of the objective, below which a step buys nothing
-# How costs are written: title, size and name of their unit.
+LITTLE = 1e-3  # least relative change of the objective by a useful step
+# Costs in tables: title, size and name of the unit.
 COSTS = {
     "mass_kg": ("mass", 1e3, "g"),
     "power_w": ("power", 1e3, "mW"),
@@ -45,42 +46,42 @@ COSTS = {
     "price": ("price", 1.0, ""),
 }
 MEANING = (
-    "All by forecasts, without a trial. Variables of [campaign]: what 1 % more (1 % of the range "
-    "from zero) does to the objective, to the tightest margin and to the costs; the objective with "
-    "this one alone at its bounds; the total Sobol index of ln(objective) over the ranges, with "
-    "the 95 % interval of the emulator; and the range in which the objective stays within "
-    "{precision:g} % of {best}, while the others follow. Margins are fractions of their limits; "
-    "that of stars in the sky is in magnitudes."
+    "All values are forecasts, without trials. Variables of [campaign]: effect of an increase by "
+    "1 % (by 1 % of the range at zero) on the objective, on the tightest margin and on the "
+    "costs; the objective with the variable alone at its bounds; the total Sobol index of "
+    "ln(objective) over the ranges, with the 95 % interval of the emulator; and the range in "
+    "which the objective stays within {precision:g} % of {best}, while the other variables are "
+    "optimised. Margins are fractions of their limits; the margin of stars in the sky is in "
+    "magnitudes."
 )
 STEPS = (
-    "Steps of what the campaign does not vary, by budgets {of}. Gains do not add; no law says what "
-    "care with lens, detector or structure costs, where no cost is named."
+    "Steps of parameters that the campaign does not vary, by budgets {of}. Gains do not add; an "
+    "empty cost: no law gives the cost of better lens, detector or structure."
 )
 
 declare = Options(
-    "Answers what the error of a design and its tightest margin depend on, by forecasts: a row for "
-    "each variable of [campaign], with its effect, its Sobol index with an interval, and the range "
-    "in which the error stays within `precision` of the best; and a row for each lever and "
-    "tolerance, with what a step of it buys and costs. Without a campaign it has only the latter. "
-    "Writes what-matters.md, what-matters.html, tornado.png, result.json and ledger.sqlite, from "
-    "which the same command continues.",
+    "Prints the sensitivity of a design's error and of its tightest margin, by forecasts: a row "
+    "for each variable of [campaign], with its effect, its Sobol index with an interval, and the "
+    "range in which the error stays within `precision` of the best; and a row for each lever and "
+    "tolerance, with gain and cost of a step. Without a campaign only levers and tolerances are "
+    "printed. Writes what-matters.md, what-matters.html, tornado.png, result.json and "
+    "ledger.sqlite, from which the same command continues.",
     *study("what-matters"),
     Option(
         "--full",
-        "also slopes, first-order indices, every margin, limits missed at the bounds, all steps, "
-        "and the region in which all variables may vary together (emcee; corner.png)",
+        "also print slopes, first-order indices, every margin, limits missed at the bounds, all "
+        "steps, and the region in which all variables may vary together (emcee; corner.png)",
     ),
     Option(
         "--designs N",
-        "number of designs over the ranges that the Sobol indices are computed from, a power of "
-        "two",
+        "number of designs over the ranges for the Sobol indices, a power of two",
         power_of_two,
         64,
     ),
     Option(
         "--units N",
-        "units by which levers and tolerances are judged at the end of life; 0: leave them out "
-        f"(default: {UNITS} where the design varies from unit to unit, else the design itself)",
+        "number of units for levers and tolerances at the end of life; 0: leave them out "
+        f"(default: {UNITS} if the design varies from unit to unit, else the design itself)",
         whole(0, 10**4),
     ),
     problems=True,
@@ -88,12 +89,12 @@ declare = Options(
 
 
 class MatterRow(NamedTuple):
-    """A variable of a campaign, or a step of something else.
+    """A variable of a campaign, or a step of a lever or tolerance.
 
     objective  relative change
-    margin     change of the tightest margin; empty where the step has none
-    over       the objective at the bounds
-    total      Sobol index; empty where there is none
+    margin     change of the tightest margin; empty if the step does not change it
+    over       objective at the bounds
+    total      total Sobol index; empty for steps
     """
 
     name: str
@@ -108,7 +109,7 @@ class MatterRow(NamedTuple):
 
 
 class Steps(NamedTuple):
-    """Rows of levers and tolerances, what they are, and their values for JSON."""
+    """Rows of levers and tolerances, their description, and their values for JSON."""
 
     rows: tuple[MatterRow, ...] = ()
     text: str = ""
@@ -136,14 +137,14 @@ def command(options: argparse.Namespace) -> int:
 
 
 def forecast(options: argparse.Namespace, source: Any) -> WhatMatters:
-    """Forecast what matters of a source's designs."""
+    """Forecast the sensitivities of a source's designs."""
     needed = optimise.forecasts_needed(len(source.names), options.designs)
     with terminal.progress("forecasts", needed) as advance:
         return optimise.what_matters(source, options.designs, _timed(advance, needed))
 
 
 def _timed(advance: Callable[[int], None], needed: int) -> Callable[[int], None]:
-    """The same, which says once how long all will take, where that is long."""
+    """The forecasts, with one message on the time if it is long."""
     begun, done = time.monotonic(), 0
 
     def count(number: int) -> None:
@@ -155,7 +156,7 @@ def _timed(advance: Callable[[int], None], needed: int) -> Callable[[int], None]
             if minutes > LONG:
                 terminal.print_message(
                     f"startrack: {needed} forecasts take about {minutes:.0f} min; fewer --designs "
-                    "take less, and the causes of the error alone are those of `startrack budget`"
+                    "take less; `startrack budget` prints the causes of the error alone"
                 )
 
     return count
@@ -177,9 +178,9 @@ def _steps(
 ) -> Steps:
     """Levers and tolerances that are not among the variables of the campaign.
 
-    tightest  name of a margin, of which those that need no trial are in the rows
+    tightest  name of the tightest margin; rows have it if it needs no trial
     """
-    # Of a design whose units are all alike, one is enough.
+    # One unit suffices for a design whose units are all equal.
     count = UNITS if options.units is None else options.units
     options.units = min(count, 1) if not case.differs else count
     named = {change.name: change for change in (*optimise.halved(case), *optimise.levers(case))}
@@ -209,14 +210,14 @@ def _steps(
     of = "of the design as designed"
     if options.units > 1:
         of = (
-            f"of {options.units} units at the end of life ({100 * values['fraction']:g} % of them "
-            "keep the error; brackets hold 95 % for other units)"
+            f"of {options.units} units at the end of life ({100 * values['fraction']:g} % of "
+            "them do not exceed the error; brackets: 95 % intervals for other units)"
         )
     return Steps(tuple(rows), STEPS.format(of=of), values)
 
 
 def _costs_text(costs: Mapping[str, float]) -> str:
-    """Changes of costs, of which those without one are left out."""
+    """Changes of costs, without zero changes."""
     parts = list[str]()
     for name, change in costs.items():
         title, size, unit = COSTS.get(name, (name, 1.0, ""))
@@ -227,14 +228,14 @@ def _costs_text(costs: Mapping[str, float]) -> str:
 
 
 def _write_steps_alone(options: argparse.Namespace, steps: Steps) -> int:
-    """Print and write levers and tolerances of a design that has no campaign."""
+    """Print and write levers and tolerances of a design without a campaign."""
     if not steps.rows:
         raise WrongUse(
             "the design must have [campaign] with variables, or levers and --units above 0"
         )
     first = steps.rows[0]
     answer = (
-        f"{first.name} {first.step} buys most: it changes the error by "
+        f"{first.name} {first.step} has the largest gain: it changes the error by "
         f"{_per_cent(first.objective)}; the design has no [campaign] with variables"
     )
     result = {"out": str(options.out), "answer": answer, "changes": steps.values}
@@ -250,18 +251,18 @@ def write_what_matters(
     steps: Steps = Steps(),  # noqa: B008, never changed
     region: Tolerance | None = None,
 ) -> int:
-    """Print what matters and write it.
+    """Print and write the sensitivities.
 
-    ending  of fields of JSON that have the unit of the objective
-    region  in which all variables may vary together
+    ending  ending of JSON fields in the unit of the objective
+    region  region in which all variables may vary together
     """
     unit, labels = source.unit.name, source.labels()
     answer = _answer(found, objective, unit, labels, steps)
     rows = [_row(source, found, influence) for influence in found.ordered]
     shown = _table((*rows, *steps.rows), found.tightest, unit, source.precision)
-    best = f"the best that {found.count} forecasts found, {_text(math.exp(found.best.expected))}"
+    best = f"the best of {found.count} forecasts, {_text(math.exp(found.best.expected))}"
     if not found.met:
-        best += ", which misses a limit as all designs that were forecast do"
+        best += ", which misses a limit, as do all forecast designs"
     meaning = MEANING.format(precision=100 * source.precision, best=f"{best} {unit}".strip())
     studied = [influence.sensitivity for influence in found.influences]
     picture = options.out / "tornado.png"
@@ -294,7 +295,7 @@ def write_what_matters(
 def _answer(
     found: WhatMatters, objective: str, unit: str, labels: Mapping[str, str], steps: Steps
 ) -> str:
-    """What matters most, in a sentence."""
+    """The largest sensitivities, in a sentence."""
     order = found.ordered
     decide = [influence for influence in order if influence.sensitivity.total.value >= NOTHING]
     idle = [influence for influence in order if influence not in decide]
@@ -305,7 +306,7 @@ def _answer(
         for influence in decide[:FEW]
     )
     if len(order) > 1:
-        parts.append(f"over the ranges its variance is due to {shares}")
+        parts.append(f"shares of its variance over the ranges: {shares}")
     steepest = max(order, key=lambda influence: abs(influence.change))
     name = labels[steepest.sensitivity.name]
     parts.append(f"here 1 % more of {name} changes it by {_per_cent(steepest.change)}")
@@ -320,10 +321,10 @@ def _answer(
     if steps.rows:
         first = steps.rows[0]
         if _middle(first.objective) < -LITTLE:
-            buys = f"{first.name} {first.step} buys most ({_per_cent(first.objective)})"
+            buys = f"{first.name} {first.step} has the largest gain ({_per_cent(first.objective)})"
         else:
             buys = f"none buys {100 * LITTLE:g} %"
-        parts.append(f"of other steps {buys}")
+        parts.append(f"among other steps, {buys}")
     if idle:
         names = ", ".join(labels[influence.sensitivity.name] for influence in idle)
         parts.append(f"{names} do{'es' * (len(idle) == 1)} not matter")
@@ -349,7 +350,7 @@ def _row(source: Any, found: WhatMatters, influence: Influence) -> MatterRow:
 
 
 def _influence_values(source: Any, influence: Influence) -> dict[str, Any]:
-    """The new figures of a variable, for JSON."""
+    """The further figures of a variable, for JSON."""
     name, span = influence.sensitivity.name, influence.span
     ends = [source.values(end)[name] for end in (span.at_low, span.at_high)]
     return {
@@ -384,7 +385,7 @@ def _table(rows: Collection[MatterRow], tightest: str, unit: str, precision: flo
 
 
 def _details(found: WhatMatters, labels: Mapping[str, str], ending: str) -> Table:
-    """Slopes, indices and limits of the variables, the one that matters most first."""
+    """Slopes, indices and limits of the variables, the most important first."""
 
     def missed(influence: Influence) -> str:
         ends = zip(("low", "high"), influence.missed, strict=True)
@@ -406,7 +407,7 @@ def _details(found: WhatMatters, labels: Mapping[str, str], ending: str) -> Tabl
 
 
 def _all_margins(found: WhatMatters, labels: Mapping[str, str]) -> Table:
-    """What 1 % of each variable does to each margin."""
+    """Effect of 1 % of each variable on each margin."""
 
     def column(margin: str) -> Column:
         left = found.here.margins[margin]
@@ -427,9 +428,9 @@ def _write(
     pictures: Mapping[str, Any] = {},
     together: str = "",
 ) -> int:
-    """Write Markdown, page and JSON; print the answer, the table and what it means.
+    """Write Markdown, page and JSON; print the answer, the table and its meaning.
 
-    together  the region in which all variables may vary together, as Markdown
+    together  Markdown of the region in which all variables may vary together
     """
     answer, *meanings = [text for text in texts if text]
     tables = [shown, *more]

@@ -1,9 +1,8 @@
-"""How the line of sight moves during an exposure.
+"""Motion of the line of sight during an exposure.
 
 parameters     Motion: rates, tones and broadband jitter of the platform.
-realisation    Motion -> MotionRealisation: how the camera turns in one trial, at any time.
-line_of_sight  Motion -> LineOfSight of an exposure, the drift and blur that it makes, its transfer
-               function.
+realisation    Motion -> MotionRealisation: rotation of the camera in one trial, at any time.
+line_of_sight  Motion -> LineOfSight of an exposure, its drift, blur and transfer function.
 """
 
 from startrack.motion.line_of_sight import (

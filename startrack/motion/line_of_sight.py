@@ -1,4 +1,4 @@
-"""Motion -> LineOfSight of an exposure, and the drift and blur that it makes."""
+"""Motion -> LineOfSight of an exposure, its drift, blur and transfer function."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -16,18 +16,18 @@ from startrack.core import Camera, Floats, LineOfSight, Refused, Streams, read_o
 from startrack.motion.parameters import AXES, Motion, Tone
 from startrack.motion.realisation import MotionRealisation, bands, realise_motion
 
-SHARPEST = 0.5  # pixel, sigma of the sharpest PSF whose smear must be right
-TOLERANCE = 1e-6  # of the contrast of each wave, and so about of the flux
-PROBES = (0.15, 0.3, 0.5, 0.75, 1.0, 1.25, 1.5)  # cycles per pixel, of the waves compared
-# Chosen by hand: the first number of points, and its growth until two of them agree. They change
-# the computing time, not the error.
+SHARPEST = 0.5  # pixel, sigma of the sharpest PSF for which smear is accurate
+TOLERANCE = 1e-6  # tolerance of the contrast of each wave, and about of the flux
+PROBES = (0.15, 0.3, 0.5, 0.75, 1.0, 1.25, 1.5)  # cycle / pixel, frequencies of the compared waves
+# First number of points, and its growth until two results agree. Chosen by hand; they change the
+# computing time, not the error.
 FEWEST_POINTS = 3
 POINTS_PER_PIXEL = 1.2
 POINTS_PER_CYCLE = 2.0
 GROWTH = 1.25
-MOST_POINTS = 2**15  # a smear of some 15 000 pixel
-WIDEST = 1.55  # radian, half of a field that a plane detector can have
-HALF_FIELD = math.pi / 4  # radian, larger than that of most star trackers
+MOST_POINTS = 2**15  # enough for a smear of some 15 000 pixel
+WIDEST = 1.55  # radian, half of the largest field of a plane detector
+HALF_FIELD = math.pi / 4  # radian, larger than for most star trackers
 
 
 def sample_jitter(
@@ -39,7 +39,7 @@ def sample_jitter(
 ) -> LineOfSight:
     """The line of sight in the exposure of one trial.
 
-    A motion without random numbers is computed once; arguments and errors as `slew`.
+    A motion without random numbers is computed once. Arguments and errors as `slew`.
     """
     if motion.drawn:
         return trace(realise_motion(motion, exposure, streams), exposure, pixel_angle, half_field)
@@ -53,15 +53,15 @@ def slew(
     """The line of sight of a motion without random numbers.
 
     A star's image is the mean of its PSF over the exposure. Gauss-Lobatto points in time give
-    that mean with an error that falls exponentially, because the PSF is smooth. Their number is
-    increased until the image no longer changes.
+    that mean with an error that falls exponentially, because the PSF is smooth. Their number
+    increases until the image no longer changes.
 
     exposure     second
-    pixel_angle  radian that a pixel spans on the boresight
-    half_field   radian from the boresight to the corner, where roll smears most
-    Returns      line of sight whose first and last points are the start and end of the exposure
-    Raises       ValueError where it needs more than 32768 points, a smear of some 15 000 pixel.
-                 TypeError where the motion has random numbers.
+    pixel_angle  radian, angle of a pixel on the boresight
+    half_field   radian from the boresight to the corner, where smear by roll is largest
+    Returns      line of sight; its first and last points are the start and end of the exposure
+    Raises       ValueError where more than 32768 points are needed, for a smear of some 15 000
+                 pixel. TypeError where the motion has random numbers.
     Accuracy     numerical: 1e-6 of the flux for a PSF of sigma 0.5 pixel or wider; at 0.35 pixel,
                  usually 2e-6, at worst 1e-4.
     """
@@ -80,7 +80,7 @@ def trace(
     if not motion.speed.any():
         return LineOfSight(np.zeros(1), np.ones(1), np.zeros((1, 3)))
     wave, damping = _probes(pixel_angle, half_field)
-    # Pixel by which a rotation of one radian about x, y or z moves a star in the corner.
+    # Motion of a star in the corner, in pixel, by a rotation of one radian about x, y or z.
     lever = np.array([1 + math.tan(half_field) ** 2] * 2 + [math.tan(half_field)]) / pixel_angle
     smear = float(np.linalg.norm(motion.speed * lever)) * exposure
     visible = np.hypot(motion.cosine, motion.sine) @ lever > TOLERANCE
@@ -102,7 +102,7 @@ def trace(
         coarse, before = path, now
         count = len(weight) * GROWTH
     raise Refused(
-        f"exposure must be so short that a path needs at most {MOST_POINTS} points, got "
+        f"exposure must be short enough for a path of at most {MOST_POINTS} points, got "
         f"{exposure:g} s in which a star moves over some {smear:.0f} pixel"
     )
 
@@ -123,21 +123,21 @@ def _probes(pixel_angle: float, half_field: float) -> tuple[Floats, Floats]:
 
 
 def _flow(u: float, v: float) -> Floats:
-    """(2, 3) derivative of (x / z, y / z) of a direction (u, v, 1) by a small rotation vector."""
+    """Derivative (2, 3) of (x / z, y / z) of a direction (u, v, 1) with a small rotation vector."""
     return np.array([[-u * v, 1 + u * u, -v], [-(1 + v * v), u * v, u]])
 
 
-PANEL = 64  # points of a panel, chosen by hand: finding them costs the square of their number
+PANEL = 64  # points of a panel, chosen by hand: the cost of finding them is quadratic
 
 
 @lru_cache(maxsize=128)
 def lobatto_points(count: int) -> tuple[Floats, Floats, Floats]:
     """About `count` Gauss-Lobatto points of an exposure from -1/2 to 1/2, both ends included.
 
-    More than 64 points are divided into panels, which share their ends.
+    More than 64 points are divided into panels with common ends.
 
     Returns   (p,) 1, starts of the panels; (j,) 1, points of each panel from its start; (m,) 1,
-              weights of all points in the order of `join_panels`, of sum 1
+              weights of all points in the order of `join_panels`, with the sum 1
     Accuracy  numerical: exact for polynomials of degree 2 j - 3 in each panel.
     """
     panels = math.ceil((count - 1) / (PANEL - 1))
@@ -150,7 +150,7 @@ def lobatto_points(count: int) -> tuple[Floats, Floats, Floats]:
 
 
 def join_panels(panels: Floats) -> Floats:
-    """Values at the points of each panel (p, j, ...) in one row (m, ...), shared ends once."""
+    """Values at the points of each panel (p, j, ...) as one row (m, ...), with common ends once."""
     return np.concatenate([panels[:, :-1].reshape(-1, *panels.shape[2:]), panels[-1:, -1]])
 
 
@@ -161,7 +161,7 @@ def _lobatto(count: int) -> tuple[Floats, Floats]:
     return node, weight
 
 
-MIN_BLUR_POINTS, BLUR_PER_CYCLE = 32, 8  # of a mean square, whose frequencies are doubled
+MIN_BLUR_POINTS, BLUR_PER_CYCLE = 32, 8  # for a mean square, which doubles frequencies
 
 
 class Stability(NamedTuple):
@@ -169,9 +169,10 @@ class Stability(NamedTuple):
 
     start  at the start of the exposure, relative to its middle
     end    at its end, relative to its middle
-    mean   over the exposure, relative to its middle: the smallest possible error of a tracker; the
-           mean performance error (MPE) of ECSS-E-ST-60-10C, if the attitude refers to the middle
-    rms    about that mean: the blur; the relative performance error (RPE)
+    mean   mean over the exposure, relative to its middle: the smallest possible error of a tracker;
+           the mean performance error (MPE) of ECSS-E-ST-60-10C, if the attitude refers to the
+           middle
+    rms    rms about the mean: the blur; the relative performance error (RPE)
     """
 
     start: Floats
@@ -183,9 +184,9 @@ class Stability(NamedTuple):
 def stability(path: LineOfSight) -> Stability:
     """Drift and blur of one line of sight, from the start to the end of the exposure.
 
-    path      as `sample_jitter` and `slew` give it
-    Accuracy  numerical: it has only the points that the image needs: 1e-8 of an rms of 0.1 pixel,
-              but 5 % of one of 1e-3. `blur` has no such limit.
+    path      result of `sample_jitter` or `slew`
+    Accuracy  numerical: the path has only the points that the image needs: the error is 1e-8 of an
+              rms of 0.1 pixel, but 5 % of an rms of 1e-3 pixel. `blur` has no such limit.
     """
     mean = path.weight @ path.rotation
     rms = np.sqrt(path.weight @ (path.rotation - mean) ** 2)
@@ -197,7 +198,7 @@ def blur(motion: Motion, exposure: float) -> Floats:
 
         blur^2 = deterministic part + Int S(f) [1 - sinc(f T)^2] df,   sinc(a) = sin(pi a) / (pi a)
 
-    Below 1 / T a spectrum acts as drift, above it as blur.
+    Frequencies below 1 / T act as drift, higher frequencies as blur.
     Source: Lucke, Sirlin and San Martin (1992), J. Astronautical Sciences 40, 557.
 
     exposure  second, T
@@ -216,7 +217,7 @@ def blur(motion: Motion, exposure: float) -> Floats:
 
 @lru_cache(maxsize=64)
 def jitter_rms(motion: Motion, exposure: float) -> Floats:
-    """Rms, over trials, of the mean line of sight of an exposure less that at its middle.
+    """Rms, over trials, of an exposure's mean line of sight minus the line of sight at its middle.
 
     `motion.jitter` is left out.
 
@@ -240,8 +241,8 @@ def exposure_mean_rms(
         rms^2 = Int S(f) sinc(f T)^2 passed(f) df
 
     exposure  second, T
-    passed    1, function of hertz: fraction of the power that a filter over the sequence of
-              exposures keeps
+    passed    1, function of hertz: fraction of the power that passes a filter over the sequence of
+              exposures
     Returns   (3,) radian, about the camera's axes; `motion.jitter` is left out
     """
     return np.sqrt(
@@ -257,9 +258,9 @@ def exposure_mean_rms(
 def _with_lines(
     square: Floats, tones: Sequence[Tone], motion: Motion, part: Callable[[Any], Any]
 ) -> Floats:
-    """A mean square (3,), radian^2, with a part of the power of tones and of broadband jitter.
+    """A mean square (3,), radian^2, plus a fraction of the power of tones and of broadband jitter.
 
-    part  1, function of hertz
+    part  1, the fraction as a function of hertz
     """
     square, power = square.copy(), motion.jitter_factor**2
     for tone in tones:
@@ -268,14 +269,14 @@ def _with_lines(
     node, weight = np.polynomial.legendre.leggauss(6)
     for spectrum in motion.broadband:
         table = bands(spectrum)
-        # Equal fractions of the power of a band, so that the frequencies contain the density.
+        # Frequencies at equal fractions of a band's power, so that they follow the density.
         seen = part(table.frequency_at((node[:, None] + 1) / 2))
         square[AXES.index(spectrum.axis)] += power * (weight / 2 @ seen @ table.power)
     return square
 
 
 def _deterministic_square(motion: MotionRealisation, exposure: float) -> Floats:
-    """(3,) radian^2, the mean square of a motion about its mean."""
+    """Mean square (3,) of a motion about its mean, radian^2."""
     cycles = motion.frequency.max(initial=0.0) * exposure
     start, step, weight = lobatto_points(math.ceil(MIN_BLUR_POINTS + BLUR_PER_CYCLE * cycles))
     angle = join_panels(motion.over(exposure * start, exposure * step))
@@ -283,14 +284,14 @@ def _deterministic_square(motion: MotionRealisation, exposure: float) -> Floats:
 
 
 def _blurred_fraction(cycles: Floats | float) -> Floats:
-    """Fraction of the power of a line that blurs an exposure of this many cycles."""
+    """Fraction of a line's power that blurs, for an exposure of the given number of cycles."""
     x = np.square(np.pi * np.asarray(cycles, float))
-    # The series, where the difference would lose digits.
+    # A series is used where the difference would lose digits.
     return np.where(x < 1e-3, x / 3 * (1 - x * (2 / 15 - x / 105)), 1 - np.sinc(cycles) ** 2)
 
 
 def image_path(path: LineOfSight, camera: Camera, direction: Floats) -> Floats:
-    """Positions of the image of a star relative to that at the middle of the exposure.
+    """Positions of the image of a star relative to its position at the middle of the exposure.
 
     direction  (3,) in camera axes, at the middle of the exposure
     Returns    (m, 2) pixel, (x, y) at each time of the path
@@ -299,7 +300,7 @@ def image_path(path: LineOfSight, camera: Camera, direction: Floats) -> Floats:
     direction = np.asarray(direction, float)
     seen = Rotation.from_rotvec(path.rotation).apply(direction)
     if direction[2] <= 0 or (seen[:, 2] <= 0).any():
-        raise Refused("the star must stay before the camera in the whole exposure, it does not")
+        raise Refused("the star must stay in front of the camera for the whole exposure")
     return camera.project(seen) - camera.project(direction)
 
 
@@ -308,14 +309,14 @@ def transfer(offset: Floats, weight: Floats, frequency: Floats) -> NDArray[np.co
 
         M(f) = (1 / T) Int exp(-2 pi i f . s(t)) dt
 
-    The integral over time replaces 1 / |v_x| in eq. (14) of Krutz et al. (2011), so that rest,
-    turning points and motion along y need no exception.
+    An integral over time replaces 1 / |v_x| in eq. (14) of Krutz et al. (2011), so that rest,
+    turning points and motion along y are no exceptions.
 
     offset     (m, 2) pixel, (x, y)
     weight     (m,) 1, fraction of the exposure
     frequency  (..., 2) cycles / pixel, along x and y
     Returns    (...) 1; its modulus is the modulation transfer function (MTF)
-    Accuracy   numerical: that of the points of the path: 1e-6 up to the Nyquist frequency.
+    Accuracy   numerical: 1e-6 up to the Nyquist frequency, by the points of the path.
     """
     phase = np.asarray(frequency, float) @ np.asarray(offset, float).T
     return np.exp(-2j * np.pi * phase) @ weight

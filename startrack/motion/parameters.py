@@ -23,16 +23,16 @@ from startrack.core import (
 AXES = ("x", "y", "z")
 
 
-LEAD = "phase of these axes ahead of x: -90 deg makes a circle"
+LEAD = "phase of y and z ahead of x: -90 deg makes a circle"
 TONE_RMS = "root mean square about each of the camera's axes"
 
 
 class Tone(Parameters):
-    """A sinusoidal jitter, such as that of a reaction wheel or a cooler.
+    """Sinusoidal jitter, for example of a reaction wheel or a cooler.
 
         angle about an axis = sqrt(2) rms cos(2 pi frequency t + phase + lead),   t = 0 mid-exposure
 
-    About all axes of the camera it has one frequency and one phase.
+    All axes of the camera have the same frequency and phase.
     """
 
     frequency: float = parameter("of the sinusoid", unit=Unit("Hz"), limit=POSITIVE)
@@ -47,18 +47,18 @@ class Tone(Parameters):
 
     @property
     def silent(self) -> bool:
-        """Whether it has no amplitude."""
+        """Whether the amplitude is zero."""
         return not (self.rms_x or self.rms_y or self.rms_z)
 
 
 class Broadband(Parameters):
     """Random jitter about one axis, with a power spectral density (PSD) given as a table.
 
-    Between its points the density is a power law (linear in logarithms), as vibration levels are
-    specified; outside them it is zero. Its integral is the rms squared.
+    Between the points of the table the density is a power law (linear in logarithms), as in
+    specifications of vibration. Outside the table it is zero. The integral is the rms squared.
     """
 
-    axis: str = parameter("x, y or z, of the camera", limit=Range(choices=AXES))
+    axis: str = parameter("axis of the camera: x, y or z", limit=Range(choices=AXES))
     frequency: tuple[float, ...] = parameter("increasing", unit=Unit("Hz"), limit=POSITIVE)
     density: tuple[float, ...] = parameter(
         "one-sided", unit=Unit("rad2 / Hz", "arcsec2 / Hz"), limit=POSITIVE
@@ -75,7 +75,7 @@ class Broadband(Parameters):
             raise Refused(f"frequency must increase, got {self.frequency}")
 
 
-RATE = "about the axes along the columns and rows: they smear stars along y and x"
+RATE = "rates about the axes along columns and rows; they smear stars along y and x"
 
 
 class Motion(Parameters):
@@ -84,33 +84,33 @@ class Motion(Parameters):
     rate_x: float = parameter(RATE, unit=Unit("rad/s", "deg/s"), limit=FINITE, default=0.0)
     rate_y: float = parameter(RATE, unit=Unit("rad/s", "deg/s"), limit=FINITE, default=0.0)
     rate_z: float = parameter(
-        "about the boresight: it smears stars around it",
+        "rate about the boresight; it smears stars around it",
         unit=Unit("rad/s", "deg/s"),
         limit=FINITE,
         default=0.0,
     )
     tones: tuple[Tone, ...] = parameter(
-        "sinusoidal jitter; one without amplitude does not change the draws of the others",
+        "sinusoidal jitter; a tone without amplitude does not change the draws of the others",
         default=(),
     )
     broadband: tuple[Broadband, ...] = parameter(
         "random jitter, at most one spectrum for each axis", default=()
     )
     jitter: tuple[str, ...] = parameter(
-        "user code that draws lines of jitter in each trial, see docs/extensions.md",
+        "user code that draws lines of jitter in each trial; see docs/extensions.md",
         limit=Range(code="jitters"),
         default=(),
     )
     jitter_of: str = parameter(
-        '"platform": tones, broadband and jitter are of the spacecraft: one motion of all of its '
-        'heads, which no fusion reduces, and no noise of the sensor; "head": of its own mount, '
-        "independent of other heads'",
+        '"platform": tones, broadband and jitter move the spacecraft with all its heads; fusion '
+        'does not reduce them, and they are no noise of the sensor; "head": they move the '
+        "mount of the head, independently of other heads",
         limit=Range(choices=("platform", "head")),
         default="platform",
     )
     jitter_factor: float = parameter(
-        "on the angles of all tones, spectra and code of jitter: the level of a whole spectrum by "
-        "one number, such as a variable of a campaign or a damper's transmission; densities grow "
+        "factor of the angles of all tones, spectra and user code: one number for the level of a "
+        "spectrum, such as a variable of a campaign or a damper's transmission; densities grow "
         "with its square",
         limit=NON_NEGATIVE,
         default=1.0,
@@ -126,27 +126,27 @@ class Motion(Parameters):
 
     @property
     def rates(self) -> Floats:
-        """Radian / second (3,)."""
+        """Rotation rates (3,), radian / second."""
         return np.array([self.rate_x, self.rate_y, self.rate_z])
 
     @property
     def rate(self) -> float:
-        """Radian / second, length of the rate vector."""
+        """Length of the rate vector, radian / second."""
         return math.hypot(self.rate_x, self.rate_y, self.rate_z)
 
     @property
     def steady(self) -> Motion:
-        """The same without jitter: its rates alone."""
+        """The motion without jitter: rates alone."""
         return replace(self, tones=(), broadband=(), jitter=(), jitter_factor=1.0)
 
     @property
     def jitters(self) -> bool:
-        """Whether more than the rates moves the camera."""
+        """Whether the motion has jitter."""
         return bool(self.jitter_factor and (self.tones or self.broadband or self.jitter))
 
     @property
     def drawn(self) -> bool:
-        """Whether each trial has its own random motion."""
+        """Whether the motion is random in each trial."""
         return self.jitters and (
             bool(self.broadband or self.jitter)
             or any(tone.phase is None and not tone.silent for tone in self.tones)

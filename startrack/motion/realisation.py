@@ -1,4 +1,4 @@
-"""Motion -> MotionRealisation: how the camera turns in one trial, at any time."""
+"""Motion -> MotionRealisation: rotation of the camera in one trial, at any time."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ Lines = tuple[Floats, NDArray[np.complex128]]
 
 @dataclass(frozen=True, eq=False)
 class JitterInput:
-    """Inputs from which jitter is drawn.
+    """Inputs of user code that draws jitter.
 
     exposure   second
-    generator  random numbers of this trial for this jitter alone
+    generator  random numbers of the trial for this jitter alone
 
-    The function returns (k, 7): frequency in hertz, then for the camera's axes x, y and z the
-    amplitudes of the cosines and those of the sines in radian, all at the middle of the exposure
+    The function returns (k, 7): frequency in hertz, then the amplitudes of the cosines about x, y
+    and z, then of the sines about x, y and z, in radian; time zero is the middle of the exposure
     """
 
     exposure: float
@@ -37,9 +37,9 @@ class JitterInput:
 
 
 def lines_by_code(name: str, exposure: float, generator: np.random.Generator) -> Lines:
-    """Frequencies (k,) hertz and complex amplitudes (k, 3) radian of a function of a design.
+    """Frequencies (k,) hertz and complex amplitudes (k, 3) radian from a design's user code.
 
-    Raises  ValueError where the function raises an error, or returns what it must not.
+    Raises  ValueError where the function raises an error or returns an invalid value.
     """
     answer = call_code(GROUP, name, JitterInput(exposure, generator))
     lines = returned(GROUP, name, answer, (-1, 7))
@@ -53,11 +53,11 @@ BANDS_PER_OCTAVE = 8  # chosen by hand: a sum of tens of lines is nearly normal
 
 @dataclass(frozen=True, eq=False)
 class Bands:
-    """A spectrum in narrow bands, each of which is represented by one line in an exposure.
+    """A spectrum in narrow bands; one line represents each band in an exposure.
 
     low       (k,) hertz, lower end of each band
-    octave    (k,) 1, natural logarithm of the ratio of its ends
-    exponent  (k,) 1, of the power law frequency * density
+    octave    (k,) 1, natural logarithm of the ratio of the band's ends
+    exponent  (k,) 1, exponent of the power law frequency * density
     power     (k,) radian^2, integral of the density over the band
     """
 
@@ -68,13 +68,13 @@ class Bands:
 
     @property
     def width(self) -> Floats:
-        """(k,) hertz."""
+        """Width (k,) of each band, hertz."""
         return self.low * np.expm1(self.octave)
 
     def frequency_at(self, fraction: Floats) -> Floats:
-        """Hertz below which each band has this fraction (..., k) of its power.
+        """Frequency (..., k), hertz, below which each band has a fraction (..., k) of its power.
 
-        The inverse of the cumulative power: uniform random fractions give frequencies in
+        It is the inverse of the cumulative power: uniform random fractions give frequencies in
         proportion to the density.
         """
         flat = np.abs(self.exponent) * self.octave < 1e-9
@@ -98,7 +98,7 @@ def bands(spectrum: Broadband) -> Bands:
     exponent = np.repeat(np.diff(s) / np.diff(f) + 1, count)
     start = np.exp(np.interp(low, f, s) + low)
     growth = exponent * octave
-    # (e^u - 1) / u without its singularity at 0, where the density falls as 1 / f.
+    # (e^u - 1) / u without the singularity at 0, where the density falls as 1 / f.
     mean = np.where(np.abs(growth) < 1e-9, 1.0, np.expm1(growth) / np.where(growth, growth, 1.0))
     return Bands(np.exp(low), octave, exponent, start * octave * mean)
 
@@ -126,19 +126,19 @@ class MotionRealisation:
 
         time     (m,) second from the middle of the exposure
         Returns   (m, 3) radian; the sky turns against the camera, hence the minus sign
-        Accuracy  model: the rotation vectors of slew and jitter are added, an error of half their
-                  product.
+        Accuracy  model: the rotation vectors of slew and jitter are added, with an error of half
+                  their product.
         """
         angle = np.multiply.outer(time, self.rate)
         if len(self.frequency):
             half = np.multiply.outer(time, np.pi * self.frequency)
             sine = np.sin(half)
-            # cos - 1 and sin of the whole phase, without the cancellation of cos - 1.
+            # cos - 1 and sin of the phase, without cancellation in cos - 1.
             angle += -2 * sine**2 @ self.cosine + 2 * sine * np.cos(half) @ self.sine
         return -angle
 
     def over(self, start: Floats, step: Floats) -> Floats:
-        """Like `at`, at all sums of a start and a step, with only p + j sines for each line.
+        """As `at`, at all sums of a start and a step, with only p + j sines for each line.
 
         start    (p,) second
         step     (j,) second
@@ -149,8 +149,8 @@ class MotionRealisation:
             np.exp(2j * np.pi * np.multiply.outer(time, self.frequency)) for time in (start, step)
         )
         amplitude = self.cosine - 1j * self.sine
-        # Per axis, because most lines turn about one only; summed by einsum, because the last digit
-        # of a matrix product depends on the number of threads.
+        # Axis by axis, because most lines rotate about one axis. einsum is used, because the last
+        # digit of a matrix product depends on the number of threads.
         lines = []
         for axis, used in enumerate((amplitude != 0).T):
             a, b = first[:, used] * amplitude[used, axis], second[:, used].conj()
@@ -160,23 +160,23 @@ class MotionRealisation:
         return -(time[..., None] * self.rate + np.stack(lines, axis=-1))
 
     def mean(self, exposure: float) -> Floats:
-        """Rotation vector (3,) as `at`, mean over an exposure (second) about time zero; exact."""
+        """Mean rotation vector (3,), as `at`, over an exposure (second) about time zero; exact."""
         drop = np.sinc(self.frequency * exposure) - 1
         return np.asarray(-drop @ self.cosine)
 
     def later(self, time: float) -> MotionRealisation:
-        """The same motion with the zeros of time and angle moved to `time` (second)."""
+        """The motion with the zeros of time and angle moved to `time` (second)."""
         line = (self.cosine - 1j * self.sine) * np.exp(2j * np.pi * time * self.frequency)[:, None]
         return MotionRealisation(self.rate, self.frequency, line.real.copy(), -line.imag)
 
     def seen_from(self, turn: Rotation) -> MotionRealisation:
-        """The same motion about the axes of another camera, to which `turn` rotates."""
+        """The motion about the axes of another camera, to which `turn` rotates."""
         rate, cosine, sine = (turn.apply(part) for part in (self.rate, self.cosine, self.sine))
         return MotionRealisation(rate, self.frequency, cosine, sine)
 
     @property
     def tones(self) -> tuple[Tone, ...]:
-        """Its lines as tones of known phases, of which `realise_motion` makes it again."""
+        """The lines as tones of known phases, from which `realise_motion` makes the same motion."""
         line = self.cosine - 1j * self.sine
         phase, rms = np.angle(line), np.abs(line) / math.sqrt(2)
         return tuple(
@@ -188,7 +188,7 @@ class MotionRealisation:
 
     @property
     def speed(self) -> Floats:
-        """(3,) radian / second, root mean square about each axis."""
+        """Rms rate (3,) about each axis, radian / second."""
         lines = (2 * np.pi * self.frequency[:, None]) ** 2 * (self.cosine**2 + self.sine**2) / 2
         return np.sqrt(self.rate**2 + lines.sum(axis=0))
 
@@ -198,12 +198,12 @@ def realise_motion(
 ) -> MotionRealisation:
     """Draw the phases of the tones and the lines of the broadband jitter.
 
-    exposure  second; sets how much the power of a band varies between trials
-    streams   of the trial; needed only for a random motion
-    dither    tones that are commanded, besides: no factor of the jitter is on them
-    Raises    TypeError where a random motion has no streams.
-    Accuracy  model: the covariance of the sum is exact at all times; its distribution is that of a
-              sum over tens of bands, nearly normal.
+    exposure  second; determines the variation of a band's power between trials
+    streams   random streams of the trial; needed only for a random motion
+    dither    commanded tones in addition, without the factor of the jitter
+    Raises    TypeError for a random motion without streams.
+    Accuracy  model: the covariance of the sum is exact at all times; the distribution is nearly
+              normal, as a sum over tens of bands.
     """
     factors = [motion.jitter_factor] * len(motion.tones) + [1.0] * len(dither)
     tones = enumerate(zip((*motion.tones, *dither), factors, strict=True))
@@ -244,9 +244,8 @@ def _broadband(spectrum: Broadband, exposure: float, streams: Streams | None) ->
     """One line for each band: (k,) hertz, (k, 3) radian.
 
     The frequency is drawn in proportion to the density, so that the covariance is exact for any
-    width of the band. A process of bandwidth B has B T independent lines in a time T: its power
-    in this time has a gamma distribution of shape B T, at least one; with shape one the amplitude
-    is normal.
+    width of the band. A process of bandwidth B has B T independent lines in a time T. So its power
+    has a gamma distribution of shape B T, at least 1; for shape 1 the amplitude is normal.
 
     Source: Shinozuka and Deodatis (1991), Applied Mechanics Reviews 44, 191, for the sum of lines.
     """

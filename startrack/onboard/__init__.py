@@ -1,11 +1,11 @@
-"""Flight software's data: a design becomes its guide-star catalogue and pattern index.
+"""Data for flight software: guide-star catalogue and pattern index of a design.
 
-guide     Case -> its guide stars: in the band of the instrument, doubles and variables marked,
-          thinned; and the triangles of them.
-layout    Guide stars and triangles -> the bytes of a file, its C header and reader; and back.
+guide     Case -> guide stars, with magnitudes in the instrument's band, marked doubles and
+          variables, thinned; and their triangles.
+layout    Guide stars and triangles <-> the bytes of a file; its C header and reader.
 compiled  The reader in C, compiled on this machine and called with the bytes of a file.
 
-startrack_guide.h and startrack_guide.c are the reader in C99 that is written beside the file.
+startrack_guide.h and startrack_guide.c are the reader in C99, written beside the file.
 """
 
 from startrack.onboard.compiled import CompiledGuide, c_compiler

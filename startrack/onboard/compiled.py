@@ -16,7 +16,7 @@ from startrack.core import Floats, Ints
 STRICT = ("-std=c99", "-O2", "-Wall", "-Wextra", "-pedantic", "-Werror")
 GOOD = 0
 REASONS = {1: "no file of guide stars", 2: "cut", 3: "damaged", 4: "of contradicting numbers"}
-MOST = 4096  # triangles that a look-up returns
+MOST = 4096  # largest number of triangles of a look-up
 
 
 class _Struct(ctypes.Structure):
@@ -33,12 +33,12 @@ class _Struct(ctypes.Structure):
 
 
 def c_compiler() -> str | None:
-    """The C compiler of this machine, None where there is none."""
+    """The C compiler of this machine; None if there is none."""
     return next((path for path in map(shutil.which, ("cc", "gcc", "clang")) if path), None)
 
 
 class CompiledGuide:
-    """Operations of flight software on the bytes of startrack_guide.bin, by its own code.
+    """Operations of flight software on the bytes of startrack_guide.bin, by the C reader.
 
     data    the bytes
     Raises  ValueError without a C compiler, and where the reader refuses the bytes.
@@ -46,13 +46,15 @@ class CompiledGuide:
 
     def __init__(self, data: bytes):
         self._c = _library()
-        self._data = data  # the reader refers to it
+        self._data = data  # the C reader refers to these bytes
         self._guide = _Struct()
         status = self._c.startrack_guide_open(
             ctypes.byref(self._guide), data, ctypes.c_size_t(len(data))
         )
         if status != GOOD:
-            raise ValueError(f"the bytes must be those of guide stars, got some {REASONS[status]}")
+            raise ValueError(
+                f"the bytes must be a file of guide stars, got bytes {REASONS[status]}"
+            )
 
     def star(self, number: int) -> tuple[Floats, float, int]:
         """Direction (3,), magnitude and flags of a star."""
@@ -67,12 +69,12 @@ class CompiledGuide:
         return direction, magnitude.value, flags.value
 
     def nearest(self, direction: Floats) -> int:
-        """Like `Guide.nearest`."""
+        """As `Guide.nearest`."""
         place = ctypes.byref(self._guide), _given(direction), None
         return int(self._c.startrack_guide_nearest(*place))
 
     def cone(self, direction: Floats, radius: float) -> Ints:
-        """Like `Guide.cone`."""
+        """As `Guide.cone`."""
         stars = np.empty(self._guide.stars, np.uint32)
         count = self._c.startrack_guide_cone(
             ctypes.byref(self._guide),
@@ -84,7 +86,7 @@ class CompiledGuide:
         return stars[:count].astype(np.int64)
 
     def patterns(self, seen: Floats, error: float) -> set[tuple[tuple[int, ...], tuple[int, ...]]]:
-        """Like `Guide.patterns`, by the cells."""
+        """As `Guide.patterns`, by means of the cells."""
         triangles, order = np.empty((MOST, 3), np.uint32), np.empty((MOST, 3), np.int32)
         count = self._c.startrack_guide_patterns(
             ctypes.byref(self._guide),
@@ -100,11 +102,11 @@ class CompiledGuide:
         return {(tuple(stars), tuple(names)) for stars, names in pairs}
 
     def identify(self, seen: Floats, sigma: float, chance: float = 1e-5) -> tuple[Ints, Floats]:
-        """The star of each direction (n,), -1 for none, and the matrix (3, 3) icrs_to_camera.
+        """The star of each direction (n,), -1 for no star, and the matrix (3, 3) icrs_to_camera.
 
         seen    (n, 3) unit vectors, camera axes, brightest first
-        sigma   radian, standard deviation of these along each axis
-        chance  accepted bound on the probability that chance makes such a match
+        sigma   radian, standard deviation of the directions along each axis
+        chance  accepted bound of the probability of a match by chance
         """
         star, turn = np.full(len(seen), -1, np.int32), np.zeros((3, 3))
         count = self._c.startrack_guide_identify(
@@ -122,7 +124,7 @@ class CompiledGuide:
 
 
 def _given(array: Floats) -> ctypes.c_void_p:
-    return _pointer(np.ascontiguousarray(array, np.float64))  # the pointer keeps it
+    return _pointer(np.ascontiguousarray(array, np.float64))  # the pointer keeps the array
 
 
 def _pointer(array: NDArray[Any]) -> ctypes.c_void_p:
@@ -134,7 +136,7 @@ def _library() -> ctypes.CDLL:
     """The reader as a library, compiled with the strictest warnings."""
     compiler = c_compiler()
     if compiler is None:
-        raise ValueError("startrack_guide.c needs a C compiler, such as gcc, and there is none")
+        raise ValueError("a C compiler such as gcc must be installed for startrack_guide.c")
     with TemporaryDirectory() as folder:
         path = Path(folder) / "guide.so"
         source = Path(__file__).with_name("startrack_guide.c")

@@ -1,4 +1,4 @@
-"""Case -> its guide stars: in the band of the instrument, thinned; and the triangles of them."""
+"""Case -> guide stars, with magnitudes in the instrument's band, thinned; and their triangles."""
 
 import math
 from dataclasses import replace
@@ -28,18 +28,22 @@ from startrack.io import shipped
 from startrack.observation import colour_correction, index_resolution
 from startrack.onboard.layout import DOUBLE, STILL, UNIT, VARIABLE, Guide, triangle_codes
 
-NEAR = 20 * core.arcsec  # of a variable star's place in its list, at J2000
+NEAR = 20 * core.arcsec  # distance from a variable star's place in its list, at J2000
 CHOICES = ("mark", "omit")
-MOST_STARS = 2**16 - 1  # their numbers have 16 bits
-FAINTER = 4.0  # magnitude below the limit of stars that make others double: 2.5 % of the light
-SMALLEST = 0.2  # of the field, longest side of a triangle: its code's noise grows as the inverse
-CIRCLE = 0.45  # of the field, radius of the circles that give triangles
-NARROWEST = 1 * deg  # smaller fields need more than 3e5 circles, and hold few stars to G = 8
+MOST_STARS = 2**16 - 1  # indices of stars have 16 bits
+FAINTER = 4.0  # magnitudes below the limit: a companion of 2.5 % of the light still makes a double
+# of the field, shortest longest side of a triangle: noise of its code grows as the inverse
+SMALLEST = 0.2
+CIRCLE = 0.45  # of the field, radius of the circles of triangles
+NARROWEST = 1 * deg  # smaller fields need more than 3e5 circles, and have few stars to G = 8
 COARSEST = 0.1  # of the field, largest resolution
-# Chosen by hand, as the number of stars of a circle: more find more skies, and make a larger index.
+# Chosen by hand, as is the number of stars of a circle: more circles identify more skies and
+# enlarge the index.
 CENTRES = 8  # circles per field of the sphere, a third of the field apart
-CELLS_X, CELLS_Y = 25, 88  # of codes, 0.02 wide: x to 1/2, and y to sqrt(3) / 2 on either side
-SHARE = 0.01  # of a star's light, from which on others within the resolution make it double
+# cells of codes, 0.02 wide: x to 1/2, and y to sqrt(3) / 2 on either side
+CELLS_X, CELLS_Y = 25, 88
+# least fraction of a star's light: brighter neighbours within the resolution make it a double
+SHARE = 0.01
 
 
 class GuideVariable(NamedTuple):
@@ -50,19 +54,19 @@ class GuideVariable(NamedTuple):
 
 
 class GuideSettings(Parameters):
-    """Settings by which the guide stars of a design are chosen.
+    """Settings for the choice of guide stars.
 
-    limit           magnitude of the faintest, in the band of the instrument: that of a star of the
-                    Sun's colour is its G; None: the limit of the tracker's catalogue
-    epoch           Julian year of the directions, None for that of the tracker's catalogue
-    resolution      radian, stars closer than this are one, at their centre of light; None: that of
+    limit           magnitude of the faintest star, in the band of the instrument, where a star of
+                    the Sun's colour has its G magnitude; None: the limit of the tracker's catalogue
+    epoch           Julian year of the directions; None: epoch of the tracker's catalogue
+    resolution      radian; closer stars are merged at their centre of light; None: resolution of
                     the tracker's identification
-    doubles         "mark" keeps stars that are several within the resolution, "omit" leaves them
+    doubles         "mark" keeps stars that are doubles within the resolution, "omit" leaves them
                     out
-    variables       the same for stars of the list
-    per_field       guide stars in the area of a field: a star with as many brighter ones in the
-                    circle of this area around it is left out
-    pattern_stars   the brightest of any circle that fits into a field, which form triangles
+    variables       likewise for stars of the list
+    per_field       guide stars per field: a star is left out if the circle of a field's area around
+                    it has this number of brighter stars
+    pattern_stars   number of brightest stars of each circle within a field that form triangles
     """
 
     limit: float | None = parameter(limit=Range(-2, 21), default=None)
@@ -78,7 +82,7 @@ def read_variables(path: Path | None = None) -> list[GuideVariable]:
     """Variable stars of a CSV file with the columns ra, dec (degree, J2000) and name.
 
     path     None: the shipped list
-    Raises   ValueError for a file that is no such table.
+    Raises   ValueError where the file is not such a table.
     """
     path = shipped("stars/variables.csv") if path is None else path
     table = csv_table(path)
@@ -96,16 +100,16 @@ def read_variables(path: Path | None = None) -> list[GuideVariable]:
 def guide_stars(
     case: Case, settings: GuideSettings | None = None, variables: list[GuideVariable] | None = None
 ) -> Guide:
-    """The guide stars of a design, and the triangles of them; the same for the same arguments.
+    """The guide stars of a design and their triangles; equal for equal arguments.
 
-    Directions are seen from the barycentre: flight software adds aberration and parallax itself.
+    Directions are barycentric: flight software adds aberration and parallax.
 
     variables  None: `read_variables()`
-    Raises     ValueError where too few stars are left, or more than 65535; for a field below 1 deg,
-               or a resolution above a tenth of the field.
-    Accuracy   model: the brightness is that of blackbodies in the band of the instrument; double
-               stars are known where both are in the catalogue; proper motions as the catalogue
-               has them.  numerical: 0.1 mas.
+    Raises     ValueError where fewer than 4 or more than 65535 stars are left; for a field below 1
+               deg, or a resolution above a tenth of the field.
+    Accuracy   model: brightness of blackbodies in the band of the instrument; double stars are
+               marked if both stars are in the catalogue; proper motions of the catalogue.
+               numerical: 0.1 mas.
     """
     settings = settings or GuideSettings()
     known_variables = read_variables() if variables is None else variables
@@ -135,11 +139,12 @@ def guide_stars(
 
 
 def _stars(case: Case, limit: float, epoch: float) -> tuple[core.Stars, Flags]:
-    """All stars that count, with magnitudes in the band; whether the motion of each is unknown."""
+    """All relevant stars, with magnitudes in the band; whether the proper motion of each is
+    unknown."""
     seen = _barycentric(case.believed_catalog, epoch, limit + FAINTER + 1)
     barycentric = replace(seen, proper_motion=True)
     stars = open_sky(barycentric).stars
-    # A star without a proper motion stays where it is, to the last digit.
+    # A star without a proper motion keeps its direction to the last digit.
     other = open_sky(replace(barycentric, epoch=epoch + (-1 if epoch > 2100 else 1))).stars
     still = (stars.direction == other.direction).all(axis=1)
     magnitude = stars.magnitude_g + colour_correction(case, stars.colour)
@@ -149,14 +154,14 @@ def _stars(case: Case, limit: float, epoch: float) -> tuple[core.Stars, Flags]:
 
 
 def _barycentric(catalog: Selection, epoch: float, limit: float = math.inf) -> Selection:
-    """All stars of a catalogue to a magnitude, where the barycentre sees them in a Julian year."""
+    """All stars of a catalogue to a magnitude, at barycentric directions of a Julian year."""
     limit = min(limit, LIMITS.get(catalog.source, 21.0))
     still = replace(catalog, aberration=False, parallax=False, orbital_velocity=())
     return replace(still, limit_g=limit, epoch=epoch)
 
 
 def _variable(case: Case, stars: core.Stars, variables: list[GuideVariable]) -> Flags:
-    """Stars of the list: the brightest near each place, at J2000."""
+    """Variable stars: the brightest star near each place of the list, at J2000."""
     variable = np.zeros(len(stars), bool)
     old = open_sky(_barycentric(case.believed_catalog, 2000.0))
     sky = Sky(old.stars)
@@ -179,7 +184,7 @@ def _with_triangles(
             f"guide stars must number 4 to {MOST_STARS}, got {len(stars)} to the magnitude "
             f"{limit:g} with {settings.per_field} per field"
         )
-    direction: Floats = np.round(stars.direction / UNIT) * UNIT  # as the file has them
+    direction: Floats = np.round(stars.direction / UNIT) * UNIT  # rounded as in the file
     order = np.lexsort((*direction.T[:2], direction[:, 2]))
     stars, flags, direction = stars[order], flags[order], direction[order]
     base = SMALLEST * field, field
@@ -190,11 +195,11 @@ def _with_triangles(
 
 
 def _triangles(stars: core.Stars, field: float, count: int, base: tuple[float, float]) -> Ints:
-    """Triangles (k, 3) of the brightest stars of all circles that fit into a field.
+    """Triangles (k, 3) of the brightest stars of all circles within a field.
 
-    Every image holds such a circle, nearly, and so has triangles wherever it looks.
+    Nearly every image contains such a circle, and so has triangles in any direction.
 
-    count  stars of a circle
+    count  number of stars of a circle
     base   radian, smallest and largest of the longest side
     """
     sky = Sky(stars)

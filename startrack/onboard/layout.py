@@ -1,4 +1,4 @@
-"""Guide stars and triangles -> the bytes of a file, its C header and reader; and back."""
+"""Guide stars and triangles <-> the bytes of a file; its C header and reader."""
 
 import zlib
 from dataclasses import dataclass
@@ -11,8 +11,8 @@ from startrack.core import Floats, Ints, printed, ra_dec
 from startrack.io import read_bytes, save_csv, save_text, whole
 
 MAGIC, VERSION = b"STARGUID", 1
-UNIT = 2.0**-30  # of coordinates and angles: 0.19 mas
-# Of the file, little-endian and without gaps; docs/onboard.md has the same table.
+UNIT = 2.0**-30  # step of coordinates and angles: 0.19 mas
+# Format of the file, little-endian and without gaps; docs/onboard.md has the same table.
 WORDS = ("triangles", "limit", "epoch", "field_of_view", "resolution", "smallest", "largest")
 HEADER = np.dtype(
     [
@@ -35,21 +35,21 @@ NAME = "startrack_guide"
 @printed
 @dataclass(frozen=True, eq=False)
 class Guide:
-    """Guide stars in rising order of z, and triangles of them, as a file holds them.
+    """Guide stars in rising order of z, and their triangles, as in a file.
 
     direction      (n, 3) unit vectors, ICRS, from the barycentre, in steps of 2^-30
     magnitude      (n,) in the band of the instrument, in steps of 0.001
     flags          (n,) sum of DOUBLE, VARIABLE and STILL
-    identifier     (n,) of the star's catalogue; not in the file, 0 where it was read from one
-    triangle       (k, 3) stars A, B, C of each triangle, A and B farthest apart; by cells
+    identifier     (n,) identifier in the catalogue; not in the file: 0 after reading
+    triangle       (k, 3) stars A, B, C of each triangle, A and B farthest apart; sorted by cells
     start          (cells_x cells_y + 1,) index of the first triangle of each cell
-    cells          along x from 0 to 1/2, and along y as many below the base as above
+    cells          number of cells along x from 0 to 1/2, and along y on either side of the base
     epoch          Julian year of the directions
     field_of_view  radian
-    limit          magnitude of the faintest star that was admitted
-    resolution     radian, stars closer than this are one
+    limit          magnitude of the faintest admitted star
+    resolution     radian; closer stars are merged
     base           radian, smallest and largest of the longest side of a triangle
-    per_field      guide stars per field that the thinning leaves
+    per_field      guide stars per field after thinning
     """
 
     direction: Floats
@@ -98,13 +98,14 @@ class Guide:
         return np.flatnonzero(np.square(self.direction - direction).sum(axis=1) <= chord**2)
 
     def patterns(self, seen: Floats, error: float) -> set[tuple[tuple[int, ...], tuple[int, ...]]]:
-        """Triangles like that of three directions, on any axes.
+        """Triangles similar to the triangle of three directions, in any axes.
 
-        All triangles are compared one by one, without the cells: a reference for readers.
+        All triangles are compared one by one, without the cells: a reference for implementations of
+        a reader.
 
         seen     (3, 3) unit vectors
-        error    1, largest difference of the codes and of the logarithm of the longest sides
-        Returns  pairs of the stars A, B, C and of the directions that these are
+        error    1, largest difference of codes and of logarithms of the longest side
+        Returns  pairs of the stars A, B, C and of the indices of their directions
         """
         code, base = self._codes
         side = [_separation(seen[k], seen[(k + 1) % 3]) for k in range(3)]
@@ -149,11 +150,11 @@ def _separation(a: Floats, b: Floats) -> Floats:
 def write_guide(folder: Path, guide: Guide) -> list[Path]:
     """Write a guide for flight software.
 
-    startrack_guide.bin     its bytes
-    startrack_guide_data.h  the same as an array of C
+    startrack_guide.bin     bytes of the guide
+    startrack_guide_data.h  the same bytes as an array of C
     startrack_guide.csv     number, identifier, place, magnitude and flags of each star
-    startrack_guide.h, .c   reader in C99 that needs the C library alone
-    Returns                 the files
+    startrack_guide.h, .c   reader in C99; it needs the C library alone
+    Returns                 paths of the files
     """
     data = bytes(guide)
     with whole(folder / f"{NAME}.bin") as draft:
@@ -188,7 +189,8 @@ static const unsigned char startrack_guide_data[{len(data)}] = {{
 def read_guide(path: Path) -> Guide:
     """Read startrack_guide.bin.
 
-    Raises  FileNotFoundError without the file; ValueError where it is cut, damaged or no such file.
+    Raises  FileNotFoundError without the file; ValueError where it is incomplete, damaged or
+            another kind of file.
     """
     data = read_bytes(path, "a file of guide stars")
     if len(data) < HEADER.itemsize or data[:8] != MAGIC:

@@ -1,12 +1,12 @@
-"""The local page of a design: what it shows, the searches that it runs, and its server.
+"""The local page of a design: its contents, its searches, and its server.
 
-form      Tables of a design, its keys -> rows of a form, and sliders of what a campaign varies.
-tracker   Star tracker's file, changed values -> budget, sky, frame and margins, as commands have.
-earth     The same of an Earth camera's scene: forecast and margins.
-search    The command `optimize` beside the page: started, watched, stopped, continued.
+form      Tables of a design, its keys -> rows of a form, and sliders of the campaign's variables.
+tracker   Star tracker's file, changed values -> budget, sky, frame and margins, as by the commands.
+earth     Earth camera's scene, changed values -> forecast and margins.
+search    Start, watch, stop and continue the command `optimize` in the background.
 trials    Trials of a design, block after block, until they are stopped.
-routes    Path and body of a request -> the answer, or the sentence that a command would print.
-server    HTTP on 127.0.0.1 for one token: pages, requests, and what is refused.
+routes    Path and body of a request -> the answer, or the error message of a command.
+server    HTTP on 127.0.0.1 for one token: pages, requests, and refusals.
 """
 
 from startrack.page.earth import EarthPage

@@ -1,4 +1,4 @@
-"""Earth camera's scene, changed values -> its forecast and margins, as commands have them."""
+"""Earth camera's scene, changed values -> forecast and margins, as by the commands."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ class EarthPage:
     kind: ClassVar[str] = "earth"
     all_keys: ClassVar = staticmethod(scene_keys)
     not_shown: ClassVar[str] = (
-        "images, the ground and trials of an Earth camera: see the commands earth, montecarlo and "
-        "verify. A scene is not saved here: give the changed values to a command by --set"
+        "images, the ground and trials of an Earth camera: see the commands earth, montecarlo "
+        "and verify. The page does not save a scene: give changed values to a command by --set"
     )
 
     def load(self, changes: Sequence[str]) -> EarthProblem:
@@ -37,7 +37,7 @@ class EarthPage:
         return form.rows(to_table(self.load(changes).design), self.all_keys())
 
     def paint(self, changes: Sequence[str], trial: int) -> dict[str, Any]:
-        """Forecast and margins; the number of the trial changes nothing."""
+        """Forecast and margins; they do not depend on the trial's number."""
         problem = self.load(changes)
         words, costs = problem.text(), _margins(problem.costs())
         sliders = form.sliders(problem.design, problem.variables)

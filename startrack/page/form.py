@@ -1,4 +1,4 @@
-"""Tables of a design, its keys -> rows of a form, and sliders of what a campaign varies."""
+"""Tables of a design, its keys -> rows of a form, and sliders of the campaign's variables."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from typing import Any
 from startrack.design import Key, found_at
 from startrack.problem import Bounds
 
-MOST_LETTERS = 400  # of a value that is shown; longer lists are edited in the file
+MOST_LETTERS = 400  # letters of a shown value; longer lists are edited in the file
 ONE_OF = "one of "
 
 
 def rows(table: Mapping[str, Any], keys: Sequence[Key]) -> list[dict[str, Any]]:
     """A row for each key that a form can change, in the order of the keys.
 
-    table  of the design, as a file has it
+    table  table of the design, as in a file
     """
     values: dict[str, dict[str, Any]] = {}
     for path, value in _leaves(table, ""):
@@ -66,7 +66,7 @@ def _leaves(value: Any, path: str) -> Iterator[tuple[str, Any]]:
 
 
 def sliders(design: Any, variables: Sequence[Bounds]) -> list[dict[str, Any]]:
-    """Variables of a design, in the units in which they are written."""
+    """Variables of a design, in the units of its file."""
     return [
         {
             "key": variable.name,

@@ -1,4 +1,4 @@
-"""Path and body of a request -> the answer, or the sentence that a command would print."""
+"""Path and body of a request -> the answer, or the error message of a command."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ Body = Mapping[str, Any]
 
 
 class Routes:
-    """All that a page may ask for.
+    """All requests of a page.
 
-    folder    that files are written to
-    executor  computes what is shown later, so that painting does not wait
-    changes   that the command was called with
+    folder    folder for written files
+    executor  computes later results, so that painting does not wait
+    changes   changes given to the command
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class Routes:
         return path in self._by_path
 
     def answer(self, path: str, body: Body) -> Any:
-        """The answer to a request; where it is refused, {"refused": sentence}."""
+        """The answer to a request; {"refused": message} for a refused request."""
         try:
             with np.errstate(all="ignore"):
                 return self._by_path[path](body)
@@ -92,20 +92,20 @@ class Routes:
             return {"refused": " ".join(str(error).split()) or type(error).__name__}
 
     def close(self) -> None:
-        """End what runs."""
+        """End searches and trials that run."""
         for stop in self._stops:
             stop()
 
     def _alone(self, start: Callable[..., None], *values: Any) -> None:
-        with self._starting:  # of two tabs, one
+        with self._starting:  # only one of two tabs starts a run
             start(*values)
 
     def _paint(self, body: Body) -> dict[str, Any]:
-        with self._painting:  # one after the other, so that each is quick
+        with self._painting:  # one at a time, so that each is quick
             return self._page.paint(_changes(body), _whole(body, "trial"))
 
     def _later(self, page: TrackerPage, body: Body) -> Any:
-        """What takes longer: margins over units and conditions, or the error at a slew rate."""
+        """Longer computations: margins over units and conditions, or the error at a slew rate."""
         rate = body.get("rate")
         if rate is None:
             return self._executor.submit(page.requirements, _changes(body)).result()

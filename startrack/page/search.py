@@ -1,4 +1,4 @@
-"""The command `optimize` beside the page: started, watched, stopped, continued."""
+"""Start, watch, stop and continue the command `optimize` in the background."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from typing import Any
 from startrack.core import Refused
 
 LOG, RESULT, MESSAGES = "search.jsonl", "result.json", "messages.txt"
-STOPS_WITH_INPUT = "STARTRACK_STOPS_WITH_INPUT"  # as `startrack.cli.stopping` reads it
-POLITE = 10  # steps of priority below the page's own, so that it stays quick
-PATIENCE = 20.0  # second, until a search that was asked to stop is ended
+STOPS_WITH_INPUT = "STARTRACK_STOPS_WITH_INPUT"  # read by `startrack.cli.stopping`
+POLITE = 10  # steps of priority below the page's process, which stays quick
+PATIENCE = 20.0  # second from a request to stop until the search is killed
 
 
 class SearchRun:
-    """One search at a time, as a process of its own; its ledger lets it continue.
+    """One search at a time, in a separate process; its ledger lets it continue.
 
-    folder  of the results, within that of the page
+    folder  folder of the results, within the page's folder
     """
 
     def __init__(self, path: Path, folder: Path, seed: int, workers: int) -> None:
@@ -33,11 +33,11 @@ class SearchRun:
 
     @property
     def running(self) -> bool:
-        """Whether it computes."""
+        """Whether the search computes."""
         return self._process is not None and self._process.poll() is None
 
     def start(self, changes: Sequence[str]) -> None:
-        """Begin, or continue what was begun with the same values."""
+        """Begin a search, or continue the search with the same values."""
         if self.running:
             raise Refused("a search runs already: stop it before another begins")
         self._release()
@@ -50,7 +50,7 @@ class SearchRun:
         with (self._folder / MESSAGES).open("wb") as messages:
             self._process = subprocess.Popen(
                 words,
-                stdin=subprocess.PIPE,  # which ends with the page, however that ends
+                stdin=subprocess.PIPE,  # it closes with the page, however the page ends
                 env={**os.environ, STOPS_WITH_INPUT: "1"},
                 stdout=subprocess.DEVNULL,
                 stderr=messages,
@@ -61,9 +61,9 @@ class SearchRun:
             os.setpriority(os.PRIO_PROCESS, self._process.pid, POLITE)
 
     def stop(self) -> None:
-        """Ask it to end; what was computed stays in its ledger.
+        """Ask the search to end; computed results stay in its ledger.
 
-        Not by SIGINT, which shells let what they start in the background ignore.
+        SIGINT is not used: shells let background processes ignore it.
         """
         if self._process is None or not self.running:
             self._release()
@@ -83,7 +83,7 @@ class SearchRun:
             self._process.stdin.close()
 
     def state(self, first: int) -> dict[str, Any]:
-        """Lines of the log from number `first` on, and how the search ended where it has."""
+        """Lines of the log from number `first` on, and the end of the search if it has ended."""
         ended = self._process is not None and not self.running  # before the last lines are read
         lines = self._lines(self._folder / LOG)
         state: dict[str, Any] = {"lines": lines[first:], "count": len(lines)}
@@ -97,7 +97,7 @@ class SearchRun:
 
     @staticmethod
     def _lines(path: Path) -> list[Any]:
-        """The whole lines of a file that may still grow."""
+        """The complete lines of a file that may still grow."""
         try:
             text = path.read_text(encoding="utf-8")
         except OSError:

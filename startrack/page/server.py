@@ -1,4 +1,4 @@
-"""HTTP on 127.0.0.1 for one token: pages, requests, and what is refused."""
+"""HTTP on 127.0.0.1 for one token: pages, requests, and refusals."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from startrack.io import finite
 from startrack.page.routes import Routes
 
 HOST = "127.0.0.1"
-MOST_BYTES = 2**20  # of a request's body
-SECONDS = 60.0  # that a connection may be silent
+MOST_BYTES = 2**20  # largest body of a request
+SECONDS = 60.0  # timeout of a silent connection
 FILES = Path(__file__).with_name("files")
 KINDS = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".txt": "text/plain"}
 SHOWN = {file.name: file for file in FILES.iterdir() if file.suffix in KINDS}
@@ -33,15 +33,15 @@ HEADERS = {
 }
 NOTHING: Mapping[str, str] = {}
 STALE = (
-    "this page is of another run of startrack page, or lacks its token: open the address that the "
-    "running command printed"
+    "this page has no token of the running startrack page: open the address that the running "
+    "command printed"
 )
 
 
 class PageServer(ThreadingHTTPServer):
-    """The server of one page. It answers nobody without its token.
+    """The server of one page. It answers only requests with its token.
 
-    address  with the token, for a browser's first request
+    address  address with the token, for a browser's first request
     """
 
     daemon_threads = True
@@ -55,11 +55,11 @@ class PageServer(ThreadingHTTPServer):
         self.address = f"http://{HOST}:{self.server_port}/?token={self.token}"
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Say nothing of connections that a browser has closed."""
+        """Do not report connections that a browser has closed."""
 
 
 class _Denied(Exception):
-    """A request that is not answered: its status of HTTP and a sentence."""
+    """A denied request: HTTP status and message."""
 
     def __init__(self, status: int, sentence: str) -> None:
         super().__init__(sentence)
@@ -73,7 +73,7 @@ class _Handler(BaseHTTPRequestHandler):
     timeout = SECONDS
 
     def do_GET(self) -> None:
-        """The page and its files; the first request brings the token, and takes a cookie."""
+        """The page and its files; the first request has the token and receives a cookie."""
         try:
             self._check_origin()
             url = urlsplit(self.path)
@@ -110,12 +110,12 @@ class _Handler(BaseHTTPRequestHandler):
         return self.server
 
     def _check_origin(self) -> None:
-        """Deny a request that names another host, or comes from another page."""
+        """Deny a request that names another host or comes from another page."""
         host, origin = self.headers.get("Host", ""), self.headers.get("Origin")
         if host not in self._page.names:
             raise _Denied(403, f"Host must be {HOST}:{self._page.server_port}")
         if origin is not None and origin != f"http://{host}":
-            raise _Denied(403, "Origin must be that of this page")
+            raise _Denied(403, "Origin must be the address of this page")
 
     def _check_cookie(self) -> None:
         try:
@@ -133,7 +133,7 @@ class _Handler(BaseHTTPRequestHandler):
             raise _Denied(415, "a request must be application/json")
         length = self.headers.get("Content-Length", "")
         if not (length.isascii() and length.isdecimal()):
-            raise _Denied(411, "a request must say its length")
+            raise _Denied(411, "a request must state its length")
         if len(length) > 9 or int(length) > MOST_BYTES:
             raise _Denied(413, f"a request must have at most {MOST_BYTES} bytes")
         try:
@@ -160,4 +160,4 @@ class _Handler(BaseHTTPRequestHandler):
         self.wfile.write(content)
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Nothing: a request is no message to the user."""
+        """Print nothing: requests are not reported to the user."""

@@ -1,4 +1,4 @@
-"""Star tracker's file, changed values -> budget, sky, frame and margins, as commands have."""
+"""Star tracker's file, changed values -> budget, sky, frame and margins, as by the commands."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from startrack.plots import stretch
 from startrack.response import errors
 from startrack.trial import observe, searched
 
-# Sliders of a design whose campaign varies nothing; they go from half to twice the value.
+# Sliders of a design without campaign variables; they range from half to twice the value.
 USUAL = ("optics.focal_length", "optics.f_number", "detector.exposure")
 
 
@@ -51,9 +51,9 @@ class TrackerPage:
         return form.rows(to_table(design.case) | campaign, self.all_keys())
 
     def paint(self, changes: Sequence[str], trial: int) -> dict[str, Any]:
-        """All that is shown of the design as designed, without a trial but the one of the frame.
+        """All results of the design as designed; the only trial is that of the frame.
 
-        trial  number of the frame's sky and noise
+        trial  number of the frame's trial: its sky and noise
         """
         design = self.load(changes)
         case, campaign = design.case, design.campaign
@@ -82,7 +82,7 @@ class TrackerPage:
         return shown
 
     def requirements(self, changes: Sequence[str]) -> dict[str, Any]:
-        """All margins, over units and conditions, as `startrack requirements` has them."""
+        """All margins, over units and conditions, as printed by `startrack requirements`."""
         design = self.load(changes)
         case, campaign = design.case, design.campaign
         if campaign is None:
@@ -95,13 +95,14 @@ class TrackerPage:
         }
 
     def at_rate(self, changes: Sequence[str], rate: float) -> dict[str, Any]:
-        """The error (arcsec) at a slew rate about x: in radian / second, out deg / s."""
+        """The error (arcsec) at a slew rate about x (radian / second); the result gives the rate in
+        deg / s."""
         curve = budgets.analytic_curve(self.load(changes).case, np.array([rate]))
         across, about = (float(error[0]) / arcsec for error in (curve.across, curve.about))
         return {"rate": rate / deg, "across": across, "about": about}
 
     def save(self, changes: Sequence[str], path: Path) -> str:
-        """Write the design as an overlay; returns what was done."""
+        """Write the design as an overlay. Returns a message."""
         note = f"saved by startrack page, from {self.path.name}"
         designs.save_overlay(path, self.load(changes), self.path, note)
         return f"{path} is written; startrack budget {path} has the numbers shown here"
@@ -165,7 +166,7 @@ def _stars(case: Case) -> dict[str, Any]:
 def _requirements(
     case: Case, campaign: Campaign | None, more: Mapping[str, float]
 ) -> list[dict[str, Any]]:
-    """Each margin with its value and limit; costs without a limit have no margin.
+    """Each margin with value and limit; costs without a limit have no margin.
 
     more  margins of errors and availability
     """
@@ -185,7 +186,7 @@ def _requirements(
 
 
 def _frame(case: Case, seed: int, trial: int) -> dict[str, Any]:
-    """The frame of a trial as its tracker searches it, its spots and its error."""
+    """The frame of a trial as searched by the tracker, its spots and the error."""
     streams = Streams(seed, trial)
     attitude = random_attitude(streams)
     record = observe(case, attitude, streams)

@@ -1,4 +1,4 @@
-"""Trials of a design, block after block, until they are stopped."""
+"""Trials of a design, block by block, until they are stopped."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from startrack.metrics import correct, summarise, summary_rows, to_lines
 from startrack.optimise import Ledger, TrialRunner
 from startrack.page.tracker import TrackerPage
 
-BLOCK = 4  # trials between two looks at whether to stop; chosen by hand
+BLOCK = 4  # trials between checks for a stop; chosen by hand
 MOST = 100_000
 
 
 class TrialsRun:
     """Trials 0, 1, ... of one design at a time, the same trials that `startrack montecarlo` runs.
 
-    A ledger in the folder keeps them, so that they continue.
+    A ledger in the folder keeps the trials, so that a run can continue.
     """
 
     def __init__(self, page: TrackerPage, folder: Path, executor: Executor, workers: int) -> None:
@@ -36,11 +36,11 @@ class TrialsRun:
 
     @property
     def running(self) -> bool:
-        """Whether it computes."""
+        """Whether trials run."""
         return self._thread is not None and self._thread.is_alive()
 
     def start(self, changes: Sequence[str], trials: int, fidelity: str) -> None:
-        """Begin, or continue what was begun with the same values."""
+        """Begin trials, or continue trials with the same values."""
         if self.running:
             raise Refused("trials run already: stop them before others begin")
         if not 1 <= trials <= MOST:
@@ -66,7 +66,7 @@ class TrialsRun:
         self._thread.start()
 
     def stop(self) -> None:
-        """End after the block that runs."""
+        """End after the current block."""
         self._stop.set()
         if self._thread:
             self._thread.join()

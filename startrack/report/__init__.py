@@ -6,7 +6,7 @@ pictures  Distributions and sky maps of the errors of trials, single stars, slew
 write     The page from a campaign's store.
 mission   The page of a mission.
 study     The page of a study: answer, tables, pictures.
-problem   The page of a problem: question, trials beside formulas, verdicts, sensitivity.
+problem   The page of a problem: question, trials and formulas, verdicts, sensitivity.
 earth     The page of an Earth camera: its figures, requirements, images, products and scene.
 """
 

@@ -16,14 +16,14 @@ def write_earth_report(
 ) -> str:
     """The page as HTML.
 
-    products  of each channel what `startrack earth process` prints, with the path of its picture
-              as `png`; `image`, if there is one, is that of the raw image
+    products  for each channel the values that `startrack earth process` prints, with the path of
+              the picture as `png` and, if available, of the raw image's picture as `image`
     scene     text of the scene file
     """
     lead = (
-        f"{len(products)} channels of a simulated camera: what it should do by formulas, what it "
-        "saw, and what comes back of the scene after calibration and mapping. The products use "
-        "the scene's flight, pointing and terrain; what its drift and jitter move is not put back."
+        f"{len(products)} channels of a simulated camera: performance by formulas, simulated "
+        "images, and products after calibration and mapping. The products use the scene's "
+        "flight, pointing and terrain; displacement by drift and jitter is not corrected."
     )
     sections = [
         Section("Camera", _camera(survey)),
@@ -75,7 +75,7 @@ def _requirements(survey: Survey) -> str:
             met = "met" if margin >= 0 else "NOT MET"
             rows.append([channel.name, name, f"{limit:.4g}", f"{margin:+.3f}", met])
     if not rows:
-        return paragraph("The camera names no requirement.")
+        return paragraph("The camera has no requirements.")
     caption = "Margins are fractions of the required value"
     return table(caption, ("channel", "of", "required", "margin", "verdict"), rows)
 
@@ -88,7 +88,7 @@ def _images(products: Sequence[Mapping[str, Any]]) -> str:
         for product in products
         if "image" in product
     ]
-    return "".join(shown) or paragraph("The folder of the raw images holds no pictures of them.")
+    return "".join(shown) or paragraph("The folder of the raw images has no pictures.")
 
 
 def _products(products: Sequence[Mapping[str, Any]]) -> str:
@@ -114,7 +114,7 @@ def _products(products: Sequence[Mapping[str, Any]]) -> str:
     ]
     if truth:
         head = ("channel", "mean radiance (%)", "rms of the pixels (%)")
-        caption = "Difference from the truth; the rms holds noise, and edges that the lens blurs"
+        caption = "Difference from the truth; the rms includes noise and blurred edges"
         parts.append(table(caption, head, truth))
     for product in products:
         unit = "degree" if product["projection"].endswith(":4326") else "m"

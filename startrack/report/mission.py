@@ -16,12 +16,12 @@ from startrack.report.page import Section, code, embedded, page, paragraph, reco
 
 DEGREE = DisplayUnit("deg", deg, deg)
 MINUTE = DisplayUnit("min", 60.0, 1.0)
-BLIND = DisplayUnit("", 0.01, 1.0)  # percent, said by the caption
-MOST = 10  # rows of a list of the worst
+BLIND = DisplayUnit("", 0.01, 1.0)  # percent, stated in the caption
+MOST = 10  # rows of a list of worst moments
 
 
 class ReportedFlight(NamedTuple):
-    """A mission that was flown: plan, trials beside it, steps, and how often heads are valid."""
+    """A simulated mission: plan, trials that check it, steps, and availability of heads."""
 
     plan: mission.MissionPlan
     checks: tuple[mission.Checked, ...]
@@ -30,7 +30,7 @@ class ReportedFlight(NamedTuple):
 
     @property
     def verdicts(self) -> list[mission.MissionVerdict]:
-        """One for each requirement."""
+        """One verdict for each requirement."""
         requirements = self.plan.loaded.mission.requirements
         return mission.verdicts(requirements, self.available, float(self.flown.rms.max()))
 
@@ -45,14 +45,13 @@ def write_mission_report(
 ) -> str:
     """The page as HTML.
 
-    pictures  caption and PNG file of each, which the page holds itself
+    pictures  captions and PNG files, which the page embeds
     """
     plan, time = flight.plan, flight.plan.loaded.mission.time
     lead = (
         f"{time.steps} steps of {time.step:g} s from {time.begin} UTC, "
-        f"{number_of_heads(len(plan.heads))}, "
-        f"{100 * flight.flown.eclipse.mean():.1f} % of the time in eclipse. Begins and ends of "
-        "times are right to a step."
+        f"{number_of_heads(len(plan.heads))}, {100 * flight.flown.eclipse.mean():.1f} % of the "
+        "time in eclipse. Begin and end of intervals are accurate to a step."
     )
     text = tomli_w.dumps(to_table(plan.loaded.mission))
     beta = "By the angle from the Sun to the plane of the orbit"
@@ -70,7 +69,7 @@ def write_mission_report(
 
 
 def verdict_table(met: Sequence[mission.MissionVerdict]) -> Table:
-    """Requirements of the mission; an error in arcsecond, in JSON all in SI."""
+    """Requirements of the mission; errors in arcsecond, all values in SI in JSON."""
     units = {"max_error": ARCSEC, "max_blind": SECOND}
 
     def shown(verdict: mission.MissionVerdict, value: float) -> str:
@@ -97,7 +96,7 @@ def number_of_heads(count: int) -> str:
 
 
 def heads_table(flight: ReportedFlight) -> Table:
-    """Table of the time that each head is blind, and of its error while it is valid."""
+    """Table of each head's blind time, and of its error while valid."""
     plan, _, flown, available = flight
     error = np.sqrt(flown.head_sum[:, 1:3] / np.maximum(flown.head_sum[:, :1], 1))
     names = ("Sun", "Moon", "Earth", "ground", "SAA", "structure")
@@ -151,13 +150,13 @@ def spells_table(none: mission.Spells, begin: str) -> Table:
 
 
 CHECKED = (
-    "Rms of trials over that of the budget, with standard errors; corrected: each half of the "
-    "trials by what the other half says"
+    "Rms of trials over rms of the budget, with standard errors; corrected: each half of the "
+    "trials is corrected by the ratio of the other half"
 )
 
 
 def checks_table(flight: ReportedFlight) -> Table:
-    """The trials beside the errors of the budget, for each group of heads."""
+    """Errors of trials and errors of the budget for each group of heads."""
 
     def names(row: mission.Checked) -> list[str]:
         return [flight.plan.heads[h].name for h in row.heads]
@@ -188,7 +187,7 @@ def checks_table(flight: ReportedFlight) -> Table:
 
 def _requirements(met: Sequence[mission.MissionVerdict]) -> Section:
     if not met:
-        return Section("Requirements", paragraph("The mission names no requirement."))
+        return Section("Requirements", paragraph("The mission has no requirements."))
     return Section("Requirements", records("Requirements of the mission", verdict_table(met)))
 
 
@@ -214,7 +213,7 @@ def _errors(flight: ReportedFlight) -> Section:
     flown = flight.flown
     fused = [[axis, f"{rms / arcsec:.3g}"] for axis, rms in zip("xyz", flown.rms, strict=True)]
     body = table("Rms error of the fused attitude about the axes, arcsec", ["axis", "rms"], fused)
-    unchecked = "By the error budget, which no trial checked (check.trials of the mission file)."
+    unchecked = "By the error budget, without a check by trials (check.trials of the mission file)."
     body += records(CHECKED, checks_table(flight)) if flight.checks else paragraph(unchecked)
     begin = flight.plan.loaded.mission.time.begin
     moments = [[f"{s:.0f}", utc_text(begin, s), f"{e / arcsec:.3g}"] for s, e in flown.worst[:MOST]]
@@ -234,7 +233,7 @@ def _blinded(flight: ReportedFlight) -> Section:
     longest = paragraph("A head is valid at all times.")
     if len(none.length):
         longest = records("Longest times without a valid head", spells_table(none, begin))
-    shown = table("How often a head is blind for so long", head, rows)
+    shown = table("Number of blind intervals of a head by duration", head, rows)
     return Section("Blindings", shown + longest)
 
 
@@ -246,7 +245,7 @@ def _reacquired(flight: ReportedFlight) -> Section:
         spell = mission.reacquisition_of(design.case, chances)
         if spell.times:
             rows.append([head.name, str(spell.times), f"{spell.mean:.3g}", f"{spell.level:.3g}"])
-    text = "From the end of a blinding to the next attitude, without the tracker's computing time"
+    text = "From the end of blinding to the next attitude, without the tracker's computing time"
     shown = table(text, ["head", "times", "mean (s)", "99 % (s)"], rows)
-    none = paragraph("No head is blinded, or none has errors.")
+    none = paragraph("No head is blinded, or no errors are known.")
     return Section("Reacquisition", shown if rows else none)

@@ -18,7 +18,7 @@ from startrack.plots import SETTINGS, plain_numbers
 
 
 def inline(figure: Figure, name: str, alternative: str) -> str:
-    """SVG with identifiers that no other figure of the page has.
+    """SVG with identifiers that are unique on the page.
 
     name         letters that no other figure of the page has
     alternative  text for readers who cannot see the figure
@@ -27,9 +27,9 @@ def inline(figure: Figure, name: str, alternative: str) -> str:
     for axes in figure.axes:
         for axis in (axes.xaxis, axes.yaxis):
             plain_numbers(axis)
-    # Letters stay text, which a reader can search and a screen reader can read.
+    # Letters stay text, for search and screen readers.
     with matplotlib.rc_context({**SETTINGS, "svg.fonttype": "none", "svg.hashsalt": name}):
-        # As figure.savefig, which draws twice.
+        # As figure.savefig, but drawn once.
         FigureCanvasSVG(figure).print_svg(text, metadata={"Date": None})
     svg = text.getvalue()
     svg = svg[svg.index("<svg") :]
@@ -85,20 +85,21 @@ POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 
 
 class PagePicture(NamedTuple):
-    """A figure, and a text for readers who cannot see it."""
+    """A figure, and alternative text for readers who cannot see it."""
 
     figure: Figure
     alternative: str
 
 
-NARROW = 3  # columns of a table that a narrow screen shows as it is
-# Letters of a cell and of its column's name, from which on it takes a narrow screen's width.
+NARROW = 3  # columns of a table that a narrow screen shows unchanged
+# Letters of a cell and of its column's name; a longer cell takes a narrow screen's width.
 LONG = 19
-WIDE, HIGH = 4.6, 3.7  # inch, of a figure in `panels`: letters of 9 points are legible at 400 pixel
+# inch, size of a figure in `panels`: letters of 9 points are legible at 400 pixel
+WIDE, HIGH = 4.6, 3.7
 
 
 class Section(NamedTuple):
-    """A titled part of the page; the body is HTML already."""
+    """A titled part of the page; the body is HTML."""
 
     title: str
     body: str
@@ -140,10 +141,10 @@ def paragraph(text: str) -> str:
 
 
 def table(caption: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Plain text in cells; numbers are right-aligned. Wide tables scroll, also by keys.
+    """Plain text in cells; numbers are right-aligned. Wide tables scroll, also by keyboard.
 
-    On a narrow screen a table of more columns than `NARROW` shows each row as a block: its first
-    cell as the title, then names and values in two columns.
+    On a narrow screen a table with more than `NARROW` columns shows each row as a block: the first
+    cell is the title, then names and values follow in two columns.
     """
     cells = [list(row) for row in rows]
     right = {i for row in cells[:1] for i, text in enumerate(row) if _numeric(text)}
@@ -158,14 +159,14 @@ def table(caption: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> s
 
 
 def records(caption: str, shown: Table) -> str:
-    """A table of results as `table` makes it."""
+    """A table of results in the form of `table`."""
     return table(caption, shown.head, shown.cells)
 
 
 def panels(pictures: Sequence[PagePicture], name: str, caption: str) -> str:
     """Figures side by side, one below the other on a narrow screen, with one caption (plain text).
 
-    Each is drawn at the width of a phone, so that its letters are legible there.
+    Figures are drawn at the width of a phone, so that letters are legible there.
 
     name  letters that no other figure of the page has
     """
@@ -180,9 +181,9 @@ def panels(pictures: Sequence[PagePicture], name: str, caption: str) -> str:
 
 
 def embedded(caption: str, file: Path, alternative: str = "") -> str:
-    """A picture file in the page itself, with its caption (plain text).
+    """A picture file embedded in the page, with its caption (plain text).
 
-    alternative  text for readers who cannot see it; none: the caption
+    alternative  text for readers who cannot see the picture; empty: the caption
     """
     data = base64.b64encode(file.read_bytes()).decode()
     kind = {".png": "png", ".jpg": "jpeg"}[file.suffix]
@@ -203,7 +204,7 @@ def code(title: str, text: str) -> str:
 
 
 def _row(kind: str, texts: Sequence[str], right: set[int], head: Sequence[str] = ()) -> str:
-    """Cells; those of a row name their column, for narrow screens."""
+    """Cells of a row or of the head; cells of a row name their column, for narrow screens."""
     scope, cells = ' scope="col"' if kind == "th" else "", []
     for i, (text, name) in enumerate(zip_longest(texts, head[: len(texts)])):
         long = len(text) + len(name or "") > LONG

@@ -22,18 +22,19 @@ from startrack.montecarlo import Regions, quantile_interval
 from startrack.report.page import HIGH, WIDE, PagePicture
 
 FRACTIONS = (0.5, 0.68, 0.9545, 0.9973)
-POINTS = 300  # of a curve
-FAR = 20.0  # median errors, from which on the axis is logarithmic
+POINTS = 300  # points of a curve
+FAR = 20.0  # median errors; the axis is logarithmic for larger errors
 
 
 def sizes(outcomes: Rows) -> tuple[Floats, Floats]:
-    """Radian, of the solved trials that are not false: angle across, size about the boresight."""
+    """Sizes of errors of solved trials that are not false, radian: angle across the boresight, size
+    about it."""
     correct = outcomes[outcomes["solved"] & ~outcomes["false"]]
     return np.hypot(correct["error_x"], correct["error_y"]), np.abs(correct["error_z"])
 
 
 def quantiles(size: Floats) -> list[Interval]:
-    """Radian, the quantiles of the sizes, with distribution-free 95 % intervals."""
+    """Quantiles of the sizes, radian, with distribution-free 95 % intervals."""
     return [quantile_interval(size, fraction) for fraction in FRACTIONS]
 
 
@@ -86,7 +87,7 @@ def _exceedance(size: Floats, law: Any, label: str) -> PagePicture:
     )
     axes.set_yscale("log")
     axes.set_ylim(0.3 / n, 1.2)
-    # An outlier does not squash the curve: far errors need a logarithmic axis.
+    # Large outliers need a logarithmic axis, or they would compress the curve.
     if ordered[-1] > FAR * np.median(ordered):
         axes.set_xscale("log")
         axes.set_xlim(left=float(np.median(ordered)) / arcsec / FAR)
@@ -96,21 +97,22 @@ def _exceedance(size: Floats, law: Any, label: str) -> PagePicture:
     return picture
 
 
-# Trials in a region on average, below which the sky is cut into fewer; and at least, below which a
-# region stays blank. Chosen by hand: the rms of 12 trials is known to 15 %.
+# Least mean number of trials per region, or the sky has fewer regions; least number of trials of a
+# region, or it stays blank. Chosen by hand: the rms of 12 trials is known to 15 %.
 IN_A_REGION, FEWEST = 12, 5
 CUTS = ((6, 12), (4, 8), (3, 6), (2, 4))  # bands and sectors
-LETTERS = 50  # of a title's line
+LETTERS = 50  # letters of a title's line
 FINE = 12  # pieces along each border of a region
 
 
 @plots.styled
 def sky_map(boresight: Floats, outcomes: Rows) -> list[PagePicture]:
-    """The error of each trial at its boresight, and its rms over regions of equal area.
+    """The error of each trial at its boresight, and the rms over regions of equal area.
 
-    As many regions as the trials bear; none where they are too few for eight.
+    The number of trials determines the number of regions; there are none if trials are too few for
+    eight.
 
-    boresight  (n, 3) unit vectors, ICRS axes, of the outcomes
+    boresight  (n, 3) unit vectors of the outcomes, ICRS axes
     """
     solved = outcomes["solved"] & ~outcomes["false"]
     square = (outcomes["error_x"] ** 2 + outcomes["error_y"] ** 2) / 2
@@ -154,7 +156,7 @@ def _sky() -> tuple[Figure, Axes]:
     hours = np.arange(-150, 151, 60)
     axes.set_xticks(np.radians(hours), [f"{int(-h % 360) // 15} h" for h in hours])
     axes.set_yticks(np.radians([-60, -30, 0, 30, 60]))
-    axes.set_axisbelow(False)  # numbers and lines over the map
+    axes.set_axisbelow(False)  # numbers and lines above the map
     for text in axes.get_xticklabels():
         text.set(path_effects=[plots.outline("white")])
     return figure, axes
@@ -166,7 +168,7 @@ def _panel() -> tuple[Figure, Axes]:
 
 
 def _bar(drawn: ScalarMappable, axes: Axes, values: Floats) -> None:
-    """The scale of colours; arrows where values lie beyond."""
+    """The scale of colours; arrows mark values beyond it."""
     label = "error across the boresight (arcsec)"
     plots.colour_bar(drawn, axes, values, label, orientation="horizontal", shrink=0.8, pad=0.04)
 
@@ -190,7 +192,7 @@ def _cell_rms(regions: Regions, cell: Ints, square: Floats) -> Floats:
 
 
 def _regions(axes: Axes, regions: Regions, value: Floats, scale: LogNorm) -> QuadMesh:
-    # From 12 h over 0 h to 12 h, edge to edge; drawn finely, because borders are curved.
+    # From 12 h over 0 h to 12 h, edge to edge; finely divided, because borders are curved.
     cells = np.roll(value.reshape(regions.bands, regions.sectors), regions.sectors // 2, axis=1)
     fine = cells.repeat(FINE, axis=0).repeat(FINE, axis=1)
     ra, dec = Regions(regions.bands * FINE, regions.sectors * FINE).corners()
@@ -198,7 +200,7 @@ def _regions(axes: Axes, regions: Regions, value: Floats, scale: LogNorm) -> Qua
 
 
 BINS = 8
-FEWEST = 8  # stars in a bin, at least; chosen by hand
+FEWEST = 8  # least number of stars in a bin; chosen by hand
 
 
 @plots.styled
@@ -237,7 +239,7 @@ def _binned(axes: Axes, at: Floats, error: Floats) -> None:
             zorder=3,
             label=next(named),
         )
-    # Rasterised, because thousands of points would make a large file.
+    # Rasterised: thousands of points would make a large file.
     axes.plot(
         at,
         np.sqrt((error**2).mean(axis=1)),
@@ -265,7 +267,7 @@ def draw_slews(
         figure, axes = _panel()
         if any(expected.budgets):
             first = expected.first_left_out
-            if first is not None:  # at rest the formula leaves out less
+            if first is not None:  # at rest the formula omits fewer effects
                 axes.axvspan(
                     expected.rate[first] / deg,
                     1.3 * expected.rate[-1] / deg,

@@ -1,4 +1,4 @@
-"""The page of a problem: its question, trials beside formulas, verdicts, what it depends on."""
+"""The page of a problem: question, trials and formulas, verdicts, sensitivity."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from startrack.plots import BLACK, BLUE, SMALL, bars_of, styled, with_unit
 from startrack.problem import Expectation, Judgement, Problem
 from startrack.report.page import WIDE, PagePicture, Section, code, page, panels, paragraph, table
 
-COLUMNS = 8  # of rows at most whose distributions are drawn
+COLUMNS = 8  # largest number of columns with drawn distributions
 BINS = 30
 
 
@@ -25,7 +25,7 @@ def write_problem_report(
     """The page as HTML.
 
     rows     of trials
-    studied  sensitivities; none: the page has no section of them
+    studied  sensitivities; empty: the page has no section for them
     """
     judged, expected = problem.judge(rows), problem.expect()
     lead = (
@@ -40,9 +40,11 @@ def write_problem_report(
     ]
     if studied:
         sections.append(Section("Sensitivity", _sensitivity(problem, studied)))
-    left_out = "; ".join(expected.left_out) or "nothing that is known"
-    sections.append(Section("Not counted", paragraph(f"Neither formulas nor trials: {left_out}.")))
-    sections.append(Section("Inputs", code("All that results depend on", problem.described())))
+    left_out = "; ".join(expected.left_out) or "no known effect"
+    sections.append(
+        Section("Not counted", paragraph(f"Left out of formulas and trials: {left_out}."))
+    )
+    sections.append(Section("Inputs", code("All inputs of the results", problem.described())))
     return page(title, lead, sections)
 
 
@@ -51,10 +53,10 @@ def _question(problem: Problem) -> str:
     for variable in problem.variables:
         values = variable.start, variable.low, variable.high
         rows.append([variable.name, *map(variable.shown, values)])
-    asked = paragraph(f"Made small: {with_unit(words.value, words.unit)}.")
+    asked = paragraph(f"Objective, to be minimised: {with_unit(words.value, words.unit)}.")
     if not rows:
         return asked
-    return asked + table("What a search may change", ("variable", "is", "from", "to"), rows)
+    return asked + table("Variables of a search", ("variable", "is", "from", "to"), rows)
 
 
 def _results(problem: Problem, judged: Judgement, expected: Expectation) -> str:
@@ -95,7 +97,7 @@ def _ratios(ratios: dict[str, Interval]) -> Figure:
 
 
 def _folded(name: str) -> str:
-    """The text in two lines, where it is long."""
+    """The text, in two lines if it is long."""
     if len(name) < 24:
         return name
     at = name.rfind(" ", 0, len(name) // 2 + 6)
@@ -117,7 +119,7 @@ def _requirements(problem: Problem, judged: Judgement) -> str:
         for name, verdict in verdicts(costs, judged).items()
     ]
     if not rows:
-        return paragraph("The problem names no limit.")
+        return paragraph("The problem has no limits.")
     head = "requirement", "value", "limit", "unit", "margin", "verdict"
     return table("Margins are fractions of the limits", head, rows)
 
@@ -125,7 +127,7 @@ def _requirements(problem: Problem, judged: Judgement) -> str:
 def _distributions(rows: Rows) -> str:
     names = [name for name in rows.dtype.names or () if np.isfinite(rows[name]).any()][:COLUMNS]
     pictures = [PagePicture(_histogram(rows, name), f"distribution of {name}") for name in names]
-    return panels(pictures, "columns", "Of the trials; what is not finite is left out")
+    return panels(pictures, "columns", "Of the trials; values that are not finite are left out")
 
 
 @styled

@@ -33,7 +33,8 @@ from startrack.report import page
 from startrack.report.page import table
 from startrack.trial import observe, searched
 
-OTHER = 2 * 10**8  # number of the first trial in the other conditions, which no command repeats
+# number of the first trial in the other conditions; no command uses these numbers
+OTHER = 2 * 10**8
 
 
 def design(case: Case) -> page.Section:
@@ -91,12 +92,13 @@ def design(case: Case) -> page.Section:
 def verdict(store: Store, outcomes: Rows, trials: int, advance: Advance) -> page.Section:
     """Each requirement of the campaign, by analysis and by trials.
 
-    trials  in each condition but the design's own, whose trials are those of the store
+    trials  number of trials in each further condition; the store has the trials of the design's own
+            condition
     """
     campaign = store.campaign
     lacking = ""
     if campaign is None:
-        lacking = "The design names no requirement."
+        lacking = "The design has no requirements."
     elif store.sampling.attitudes != "random":
         lacking = "A verdict needs trials at random attitudes."
     elif len(outcomes) < 2:
@@ -113,7 +115,7 @@ def verdict(store: Store, outcomes: Rows, trials: int, advance: Advance) -> page
     looks = verification.Looks(len(outcomes), len(outcomes), 1 - campaign.requirements.confidence)
     verified = verification.verify(store.case, campaign, of, store.seed, looks)
     own = verified.verdicts[0].condition
-    # Those by formula have no trials.
+    # Requirements by formula have no trials.
     counted = (
         replace(verdict, number=trials) if verdict.trials and verdict.condition != own else verdict
         for verdict in verified.verdicts
@@ -122,9 +124,9 @@ def verdict(store: Store, outcomes: Rows, trials: int, advance: Advance) -> page
     lines = verification.verdict_notes(verified)
     lines[-1] = (
         f"Tested once: the design's own condition on the {len(outcomes)} trials of the campaign, "
-        f"each other one on {trials}. {lines[-1].partition('decided; ')[2]} "
-        "Bounds are one-sided, as the test asks; errors of the summary that are limited have the "
-        "same, all else two-sided intervals of 95 %."
+        f"each other one on {trials}. {lines[-1].partition('decided; ')[2]} Bounds are "
+        "one-sided, as in the test; limited errors in the summary have the same bounds, all "
+        "other values two-sided intervals of 95 %."
     )
     return page.Section(
         "Verdict",
@@ -141,7 +143,7 @@ def other_conditions(store: Store) -> int:
 
 
 def lost(store: Store, outcomes: Rows) -> page.Section:
-    """Ends of trials, with counts."""
+    """Outcomes of trials, with counts."""
     needs = campaign.requirements if (campaign := store.campaign) else None
     attitudes = store.sampling.attitudes_of(store.seed, outcomes["trial"].tolist())
     limits, keep_out = (needs.limits, needs.min_keep_out) if needs else (STATED_ALONE, None)
@@ -166,18 +168,19 @@ TITLE = "Error budget"
 def budget(
     case: Case, seed: int, members: int, summary: Summary | None, advance: Advance
 ) -> page.Section:
-    """Each cause in the terms of ECSS-E-ST-60-20C, analytic and measured; or why there is none.
+    """Each cause in the terms of ECSS-E-ST-60-20C, analytic and measured; or the reason why there
+    is no budget.
 
-    summary  of the campaign's trials, with which the formulas are compared; None: they are not, as
-             for trials of units that differ
+    summary  of the campaign's trials, for comparison with the formulas; None: no comparison, as for
+             trials of different units
 
-    A detector that scans has no budget, nor has a design that finds no attitude.
+    A scanning detector has no budget, and neither has a design without attitudes.
     """
     try:
         expected = analytic(case)
         by_trials = measured(case, members, seed, Serial(), progress=advance)
     except Refused as error:
-        return page.Section(TITLE, page.paragraph(f"There is none for this design: {error}."))
+        return page.Section(TITLE, page.paragraph(f"This design has no budget: {error}."))
     beside = {line.name: line for line in by_trials.lines}
     named = {line.name: line for line in expected.lines}
     rows = []
@@ -192,13 +195,14 @@ def budget(
     differ = (f"formula and trials differ: {text}" for text in apart)
     return page.Section(
         TITLE,
-        "".join(map(_sentence, refusal(case, expected.refused)))  # why errors are large comes first
+        # the reason for large errors comes first
+        "".join(map(_sentence, refusal(case, expected.refused)))
         + table("Rms per axis, arcsec", head, rows)
         + page.paragraph(
             "By the analytic budget an attitude is available in "
             f"{100 * expected.availability:.2f} % of the sky with {expected.stars:.1f} stars; "
-            f"over {members} trials, in which each cause is switched off in turn, "
-            f"in {100 * by_trials.availability:.2f} % with {by_trials.stars:.1f}."
+            f"over {members} trials, with each cause switched off in turn, in "
+            f"{100 * by_trials.availability:.2f} % with {by_trials.stars:.1f}."
         )
         + "".join(map(_sentence, [*caveats(case, expected.left_out), *differ])),
     )
@@ -215,7 +219,7 @@ def _cells(line: Any) -> list[str]:
 
 
 def _intervals(line: BudgetLine[SkySample] | None) -> list[str]:
-    """Measured, with their 95 % intervals over the members."""
+    """Measured values, with 95 % intervals over the members."""
     if line is None:
         return ["none", "none"]
     square = (line.spread.error**2).mean(axis=1)
@@ -228,11 +232,11 @@ def _sum(budget: Budget[Any]) -> list[str]:
     return [f"{across / arcsec:.3f}", f"{about / arcsec:.3f}"]
 
 
-SHOWN = 6  # numbers that changed the worst unit most
+SHOWN = 6  # numbers with the largest effect on the worst unit
 
 
 def units(store: Store, outcomes: Rows) -> list[page.Section]:
-    """The section on units; none where all trials are of the unit as designed."""
+    """The section on units; empty where all trials use the unit as designed."""
     how = store.sampling.units
     if not isinstance(how, Units):
         return []
@@ -253,7 +257,7 @@ def units(store: Store, outcomes: Rows) -> list[page.Section]:
             rows,
         )
         if rows
-        else page.paragraph("The design limits no error, so that there is no yield.")
+        else page.paragraph("The design has no limit of errors, so that there is no yield.")
     )
     pictures = [
         _spread(errors, name, limits.get(name))
@@ -264,9 +268,9 @@ def units(store: Store, outcomes: Rows) -> list[page.Section]:
         f"{how.environments} environments at {years:g} years."
     )
     text = page.paragraph(
-        "Summary, distributions and sky are of all units together, the worst trials each of its "
-        "unit; the sections on stars, slew rate, budget and fidelities, and the verdict's other "
-        "conditions, are of the unit as designed."
+        "Summary, distributions and sky are for all units together; each worst trial is for its "
+        "unit. The sections on stars, slew rate, budget and fidelities, and the verdict's other "
+        "conditions, are for the unit as designed."
     )
     drawn = page.panels(pictures, "units", caption)
     return [page.Section("Units", shown + drawn + _worst(store, by_unit) + text)]
@@ -301,15 +305,15 @@ def _spread(errors: Floats, name: str, limit: float | None) -> page.PagePicture:
 
 
 def _worst(store: Store, by_unit: PerUnit) -> str:
-    """Causes of the worst unit's errors, number by number."""
+    """Causes of the worst unit's errors, parameter by parameter."""
     how, worst = store.sampling.units, by_unit.worst
     if not isinstance(how, Units) or worst is None:
         return ""
     rms = float(np.nanmax(by_unit.across)) / arcsec
     if store.sampling.fidelity is not Fidelity.COVARIANCE:
         return page.paragraph(
-            f"The worst unit is {worst}, with {rms:.3g} arcsec rms across. What made it bad is "
-            "explained for trials of fidelity covariance."
+            f"The worst unit is {worst}, with {rms:.3g} arcsec rms across. Causes are explained "
+            "only for trials of fidelity covariance."
         )
     parts = explain(store.case, store.seed, how, worst)[:SHOWN]
     rows = [[name, f"{100 * change:+.0f}"] for name, change in parts]
@@ -318,7 +322,8 @@ def _worst(store: Store, by_unit: PerUnit) -> str:
 
 
 def worst(outcomes: Rows, count: int) -> Ints:
-    """Numbers of the worst trials: false attitudes, then none, then the largest errors."""
+    """Numbers of the worst trials: false attitudes, then trials without attitude, then the largest
+    errors."""
     size = np.hypot(outcomes["error_x"], outcomes["error_y"])
     badness = np.where(outcomes["solved"], size, math.pi)
     badness = np.where(outcomes["false"], 2 * math.pi, badness)
@@ -326,7 +331,7 @@ def worst(outcomes: Rows, count: int) -> Ints:
 
 
 def show(case: Case, seed: int, number: int, icrs_to_camera: Rotation) -> str:
-    """A trial, repeated, as a picture with its result as the caption (HTML)."""
+    """A repeated trial as a picture, with the result as caption (HTML)."""
     record = observe(case, icrs_to_camera, Streams(seed, number))
     outcome = record.outcome
     ra, dec, _ = celestial(record.icrs_to_camera)

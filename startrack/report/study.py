@@ -1,4 +1,4 @@
-"""The page of a study: its answer, its tables, pictures and what they mean."""
+"""The page of a study: answer, tables, pictures and their meaning."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -17,10 +17,10 @@ def write_study_page(
 ) -> str:
     """The page as HTML.
 
-    answer    a sentence, which stands first
-    meanings  paragraphs on what the tables say, and how it was computed
-    pictures  files, by their captions
-    more      preformatted texts, by their titles
+    answer    a sentence at the top of the page
+    meanings  paragraphs on the meaning of the tables and on the computation
+    pictures  files by caption
+    more      preformatted texts by title
     """
     shown = "".join(records("By forecast", table) for table in tables)
     sections = [Section("Table", shown)]

@@ -14,18 +14,18 @@ from startrack.population import AS_DESIGNED
 from startrack.report import pictures, sections
 from startrack.report.page import Section, code, page, panels, paragraph, table
 
-MOST_POINTS = 5000  # trials on the map
+MOST_POINTS = 5000  # largest number of trials on the map
 
 
 class Depth(Parameters):
-    """Numbers of trials that the page repeats for its details.
+    """Numbers of trials that are repeated for details of the page.
 
-    stars                trials whose stars are evaluated one by one
+    stars                trials with an evaluation of single stars
     slews                trials at each slew rate
     budget               trials of the measured budget
     fidelity_comparison  trials at each fidelity
     worst                trials shown with their frames
-    conditions           trials in each condition of the verdict, but the design's own
+    conditions           trials in each further condition of the verdict
     """
 
     stars: int = parameter(limit=Range(1, 10**6), default=60)
@@ -37,13 +37,13 @@ class Depth(Parameters):
 
     @property
     def trials(self) -> int:
-        """All of them."""
+        """Sum of all trials."""
         again = self.stars + self.slews * len(budget.SMEARS) + self.worst
         return again + self.budget + self.fidelity_comparison * len(Fidelity)
 
 
 def repeated(store: Store, depth: Depth) -> int:
-    """Number of trials that the page of a store repeats, or runs in other conditions."""
+    """Number of trials that the page of a store repeats or runs in other conditions."""
     return depth.trials + depth.conditions * sections.other_conditions(store)
 
 
@@ -54,9 +54,9 @@ def write_report(
 
     title     plain text
     author    name, for the head of the page
-    progress  called with the number of trials that were just repeated
-    Raises    ValueError where the store holds no trial, or a startrack of another version made it,
-              whose trials this one cannot repeat.
+    progress  called with the number of newly repeated trials
+    Raises    ValueError where the store has no trial, or is of another version of startrack whose
+              trials cannot be repeated.
     """
     if store.startrack != (version := origin()["startrack"]):
         raise ValueError(
@@ -69,7 +69,8 @@ def write_report(
         raise ValueError(f"{store.path} must hold trials, but holds none")
     advance = progress or (lambda _: None)
     case, seed = store.case, store.seed
-    # Trials of units that differ are not those of the design as designed, which the formula is of.
+    # The formula is for the design as designed, so that it is not compared with trials of different
+    # units.
     alike = metrics.summarise(outcomes) if store.sampling.units == AS_DESIGNED else None
     shown = [
         sections.design(case),
@@ -112,7 +113,7 @@ def _summary(store: Store, outcomes: Rows) -> Section:
         summary = verification.with_bounds(summary, needs, bounds)
     text = (
         f"On average {summary.stars:.1f} stars are matched. The mean squared error over the "
-        f"variance that the tracker states is {summary.nees:.2f}; 3 if its covariance is right."
+        f"variance stated by the tracker is {summary.nees:.2f}; a correct covariance gives 3."
     )
     alone = f" {budget.noise_only(store.case)}." if store.sampling.units == AS_DESIGNED else ""
     cells = metrics.to_cells(metrics.summary_rows(summary, limits))
@@ -129,7 +130,7 @@ def _verdict(summary: metrics.Summary) -> str:
     ]
     return paragraph(
         f"{summary.trials - sum(counts)} trials gave no attitude, {counts[1]} an inaccurate and "
-        f"{counts[2]} a false one. Errors are those of all that are not false."
+        f"{counts[2]} a false one. Errors include all attitudes that are not false."
     )
 
 
@@ -142,11 +143,13 @@ def _distributions(outcomes: Rows) -> Section:
         )
     ]
     head = ["fraction not exceeding", "across, radial", "from", "to", "about", "from", "to"]
-    caption = f"How often an error is exceeded, over {len(across)} attitudes that are not false."
+    caption = (
+        f"Fraction of trials that exceed an error, over {len(across)} attitudes that are not false."
+    )
     return Section(
         "Distributions",
         panels(pictures.exceedance(outcomes), "spread", caption)
-        + table("Angles that a fraction of the trials does not exceed, arcsec", head, rows),
+        + table("Quantiles of the angles, arcsec", head, rows),
     )
 
 
@@ -230,7 +233,7 @@ def _inputs(store: Store) -> Section:
         for numbers, report in store.failures()
     )
     about = f"Seed {store.seed}, {store.sampling}; the design, as a file that startrack reads:"
-    worked = table("When the campaign was worked on (UTC), and by what", ["began", *made_by], rows)
+    worked = table("Sessions of the campaign: times (UTC) and versions", ["began", *made_by], rows)
     machine = json.dumps(dict(sessions[-1][1]), indent=1)
     return Section(
         "Inputs",

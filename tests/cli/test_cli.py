@@ -476,7 +476,10 @@ def test_where_a_covariance_is_too_small_the_second_line_says_where_to_look(caps
         answer, second, *_ = capsys.readouterr().out.splitlines()
         assert re.match(r"error \S+ \[.*\] arcsec across .* correct in \S+ % of 100 trials", answer)
         assert second.startswith("covariance not trustworthy") == doubted
-        assert second.endswith("`startrack budget` names what the tracker does not know") == doubted
+        assert (
+            second.endswith("`startrack budget` names effects that the tracker does not know")
+            == doubted
+        )
 
 
 def test_combine_narrows_the_interval_of_frames(call, tmp_path):
@@ -503,7 +506,7 @@ def test_combine_narrows_the_interval_of_frames(call, tmp_path):
     Store(even, load_design(EXAMPLE).case, 1, Sampling(Fidelity.WINDOW, "sobol")).close()
     for wrong, sentence in (
         ([made["frame"], even], "make it again without --sobol"),
-        ([made["frame"], other], "must hold the design and the seed of"),
+        ([made["frame"], other], "must have the design and the seed of"),
         ([made["frame"], tmp_path / "none"], "must be a campaign store, but there is none"),
     ):
         status, out, err = call("combine", *wrong, "--json")

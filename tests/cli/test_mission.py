@@ -79,7 +79,7 @@ def test_a_head_without_the_motion_of_its_platform_is_said():
         SimpleNamespace(name=name, moved=moved[k]) for name, k in (("A", 0), ("B", 0), ("C", 1))
     )
     (both,) = mission._platform_lines(SimpleNamespace(heads=(a, b)))
-    assert "4.12 across and 2.00 about (A), 4.12 across and 2.00 about (B); it is one" in both
+    assert "4.12 across and 2.00 about (A), 4.12 across and 2.00 about (B); it is common" in both
     first, second = mission._platform_lines(SimpleNamespace(heads=(a, still)))
     assert first.endswith("(A)")
     assert "the design of C has no such motion" in second

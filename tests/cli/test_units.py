@@ -56,7 +56,7 @@ def test_the_largest_part_is_of_the_median_unit_as_the_error_beside_it_is():
     )
     answer = units_answer(units, ())
     assert answer.startswith("error 2 arcsec across")
-    assert "most of it across is FOV spatial: 1.8 arcsec;" in answer
+    assert "largest class across: FOV spatial, 1.8 arcsec;" in answer
 
 
 def test_units_have_a_yield_and_the_worst_is_explained(design, tmp_path, capsys):
@@ -86,7 +86,7 @@ def test_a_yield_of_a_level_needs_trials_beyond_it(design, capsys):
     command += ["--set", "campaign.requirements.level=90 %", "--trials"]
     main([*command, "9"])
     shown = capsys.readouterr().out
-    assert "it needs --trials 10 of each unit" in shown
+    assert "it needs --trials 10 for each unit" in shown
     assert "yield, " not in shown
     main([*command, "10", "--json"])
     assert len(json.loads(capsys.readouterr().out)["units"]["yields"]) == 1

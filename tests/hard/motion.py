@@ -31,12 +31,12 @@ def _rest() -> float:
     return float(len(sample_jitter(Motion(), 0.1, PIXEL, Streams(1, 0)).time))
 
 
-@hard("motion", "a star that goes behind the camera", "the star must stay before the camera")
+@hard("motion", "a star that goes behind the camera", "the star must stay in front of the camera")
 def _behind() -> str:
     path = slew(Motion(rate_y=1.0), 2.0, 1e-3)
     return refused(lambda: image_path(path, Camera(100, 100, 1000.0), [1.0, 0.0, 1.0]))
 
 
-@hard("motion", "a hundred thousand pixels of smear", "exposure must be so short")
+@hard("motion", "a hundred thousand pixels of smear", "exposure must be short enough")
 def _endless() -> str:
     return refused(lambda: slew(Motion(rate_x=10.0), 1.0, PIXEL))

@@ -110,7 +110,9 @@ def test_work_grows_with_the_length_of_the_path():
 
 def test_only_what_no_memory_holds_is_refused():
     assert len(slew(Motion(rate_x=1.0), 1.0, 1e-4, 0.1).time) > 10000
-    with pytest.raises(ValueError, match=r"exposure must be so short .* 32768 points, got 1 s in"):
+    with pytest.raises(
+        ValueError, match=r"exposure must be short enough .* 32768 points, got 1 s in"
+    ):
         slew(Motion(rate_x=10.0), 1.0, PIXEL)
     with pytest.raises(ValueError, match="exposure must be positive, got 0"):
         slew(Motion(), 0.0, PIXEL)
@@ -146,7 +148,7 @@ def test_stars_go_against_the_turn_of_the_camera():
 
 def test_a_star_behind_the_camera_is_refused():
     path = slew(Motion(rate_y=1.0), 2.0, 1e-3)
-    with pytest.raises(ValueError, match="the star must stay before the camera"):
+    with pytest.raises(ValueError, match="the star must stay in front of the camera"):
         image_path(path, Camera(100, 100, 1000.0), [1.0, 0.0, 1.0])
 
 

@@ -145,7 +145,7 @@ def test_a_damaged_guide_is_refused(guide, tmp_path, damage):
     with pytest.raises(ValueError, match=r"startrack_guide\.bin must"):
         read_guide(path)
     if c_compiler():
-        with pytest.raises(ValueError, match="must be those of guide stars"):
+        with pytest.raises(ValueError, match="must be a file of guide stars"):
             CompiledGuide(data)
 
 

@@ -158,7 +158,7 @@ def test_a_campaign_that_solved_nothing_has_a_page_all_the_same(case):
     with Store(None, dark, SEED) as store:
         store.keep(0, run(dark, 3, SEED, Serial()))
         text = write_report(store, TITLE, Depth(2, 2, 2, 2, 1))
-    assert "There is none for this design: the case must see enough stars somewhere" in text
+    assert "This design has no budget: the case must see enough stars somewhere" in text
     assert "no attitude: " in text
 
 
@@ -182,7 +182,7 @@ def test_units_have_a_section_with_yield_spread_and_the_worst_explained(case):
 def test_a_detector_that_scans_has_no_budget_and_the_page_says_why():
     lines = load_design(shipped("designs/scanner.toml")).case
     section = budget(lines, SEED, 2, summarise(np.empty(0, OUTCOMES)), lambda _: None)
-    assert "There is none for this design: detector.scan must be absent" in section.body
+    assert "This design has no budget: detector.scan must be absent" in section.body
 
 
 def test_stars_are_looked_at_where_the_campaign_looked(case):
