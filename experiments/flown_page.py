@@ -67,7 +67,10 @@ def shares(table: dict[str, Any], seen: dict[str, Any]) -> dict[int, float]:
 def scored(table: dict[str, Any], results: dict[str, Any], second: dict[str, float]) -> str:
     """Shares, and all figures with measured values, misses first."""
     seen = {name: row["value"] for name, row in results.items() if name in table}
-    text = f"\nOf {len(seen)} figures with a result, intervals of 68, 90 and 95 % contain fractions of "
+    text = (
+        f"\nOf {len(seen)} figures with a result, intervals of 68, 90 and 95 % contain "
+        "fractions of "
+    )
     text += ", ".join(f"{share:.2f}" for share in shares(table, results).values())
     text += "; by camera (90 %): "
     text += ", ".join(

@@ -229,8 +229,8 @@ def _catalogue(options: argparse.Namespace, case: Case, name: str) -> tuple[dict
         f"{_wrote(options, files)}\n{values['stars']} guide stars to {guide.limit:g} mag in the "
         f"band of the instrument, {values['triangles']} triangles, {size / 1000:.1f} kB\n"
         f"field {values['field_deg']:.2f} deg, stars merged within "
-        f"{values['resolution_arcsec']:.1f} arcsec: {values['doubles']}; variable: {values['variables']}; epoch "
-        f"{guide.epoch:g}"
+        f"{values['resolution_arcsec']:.1f} arcsec: {values['doubles']}; variable: "
+        f"{values['variables']}; epoch {guide.epoch:g}"
     )
     return values, text
 
