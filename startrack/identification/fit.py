@@ -55,26 +55,25 @@ def fit(
     Returns     rotation (3, 3), scale; NaN where the matches do not determine them
     """
     rotation, unknowns = rotation.copy(), 4 if focal > 0 else 3
-    row_x, row_y = np.zeros(4), np.zeros(4)
+    normal, right, step = np.empty((4, 4)), np.empty(4), np.empty(4)
     for _ in range(steps):
-        normal, right = np.zeros((4, 4)), np.zeros(4)
+        normal[:], right[:] = 0.0, 0.0
         if focal > 0:
             normal[3, 3], right[3] = focal**-2, (1 - scale) * focal**-2
         for i in range(len(spot)):
             px, py, pz = rotated(rotation, direction[star[i]])
             x, y = px / pz, py / pz
             slope_x, slope_y = plane_slopes(x, y)
-            row_x[0], row_x[1], row_x[2] = slope_x
-            row_y[0], row_y[1], row_y[2] = slope_y
-            row_x[3], row_y[3] = x / scale, y / scale
+            row_x = (*slope_x, x / scale)
+            row_y = (*slope_y, y / scale)
             dx = plane[spot[i], 0] / scale - x
             dy = plane[spot[i], 1] / scale - y
             w = weight[spot[i]]
-            for j in range(unknowns):
+            for j in range(4):  # the fourth is not read where the scale is held
                 right[j] += w * (row_x[j] * dx + row_y[j] * dy)
                 for k in range(j + 1):
                     normal[j, k] += w * (row_x[j] * row_x[k] + row_y[j] * row_y[k])
-        step = _solve(normal, right, unknowns)
+        _solve(normal, right, unknowns, step)
         turn_by(step, rotation)
         scale += step[3]
     return rotation, scale
@@ -114,10 +113,10 @@ def cholesky(matrix: Floats, n: int) -> None:
 
 
 @kernel
-def _solve(normal: Floats, right: Floats, n: int) -> Floats:
-    """The solution (4,) of the first n equations; NaN where there is none."""
+def _solve(normal: Floats, right: Floats, n: int, solution: Floats) -> None:
+    """Write the solution (4,) of the first n equations, else 0; NaN where there is none."""
     cholesky(normal, n)
-    solution = np.zeros(4)
+    solution[:] = 0.0
     for j in range(n):
         total = right[j]
         for i in range(j):
@@ -128,4 +127,3 @@ def _solve(normal: Floats, right: Floats, n: int) -> Floats:
         for i in range(j + 1, n):
             total -= normal[i, j] * solution[i]
         solution[j] = total / normal[j, j]
-    return solution
