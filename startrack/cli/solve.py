@@ -217,6 +217,7 @@ def _solved(how: argparse.Namespace, path: Path) -> tuple[dict[str, Any], str, E
     """Solve one image and write its files. Returns values, line and status."""
     read, camera, identification, indexes = _opened(*(getattr(how, name) for name in SHARED))
     frame, stars, place = read(path), indexes.stars, ""
+    time = _time_of(how, frame)  # refused before the search
     if camera:
         solved = _with_camera(frame, camera, indexes, identification)
         if solved.estimate.icrs_to_camera is not None:
@@ -229,7 +230,7 @@ def _solved(how: argparse.Namespace, path: Path) -> tuple[dict[str, Any], str, E
         solved = solve_photograph(frame, indexes, identification, hint, how.aspect, upwards)
         if upwards and solved.axis is not None:
             place = "; rows of the file go upwards, by its ROWORDER"
-    placed, where = _placed(how, frame, solved, camera)
+    placed, where = _placed(how, time, solved, camera)
     place += where
     seen = solved.spots, solved.matches, solved.estimate
     values = (
@@ -291,16 +292,22 @@ def _site(how: argparse.Namespace, time: str) -> Site:
     return Site(latitude, longitude, utc(time).isot, how.height)
 
 
+def _time_of(how: argparse.Namespace, frame: Frame) -> str:
+    """Time of the exposure, UTC; "" without a place."""
+    if how.place is None:
+        return ""
+    if how.time is None and not math.isfinite(frame.time):
+        raise ValueError("--time must be given with --place: the file has no time stamp")
+    return how.time or (YEAR_2000 + timedelta(seconds=frame.time)).isoformat()
+
+
 def _placed(
-    how: argparse.Namespace, frame: Frame, solved: Photograph, camera: Camera | None
+    how: argparse.Namespace, time: str, solved: Photograph, camera: Camera | None
 ) -> tuple[dict[str, Any], str]:
     """Direction of the camera by place and time: values for JSON, and words; empty without a
     place."""
     if how.place is None or solved.axis is None:
         return {}, ""
-    if how.time is None and not math.isfinite(frame.time):
-        raise ValueError("--time must be given with --place: the file has no time stamp")
-    time = how.time or (YEAR_2000 + timedelta(seconds=frame.time)).isoformat()
     try:
         placed = place_photograph(solved, _site(how, time), camera)
     except Refused as reason:  # the attitude remains

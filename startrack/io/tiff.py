@@ -55,7 +55,9 @@ def read_tiff(
     except (MemoryError, Refused):
         raise
     except Exception as error:  # tifffile, its decoders and numpy each raise their own
-        raise Refused(f"{path} must be a whole TIFF image: {first_line(error)}") from None
+        raise Refused(
+            f"{path} must be a whole TIFF image, but it is cut or damaged: {first_line(error)}"
+        ) from None
 
 
 def _page(path: Path, file: Any, plane: int | None) -> Any:

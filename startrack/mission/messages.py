@@ -1,5 +1,6 @@
 """Orbits and attitudes of CCSDS messages in keywords (OEM, AEM) -> their segments."""
 
+import codecs
 import re
 import warnings
 from collections.abc import Sequence
@@ -282,9 +283,14 @@ def _scalar_last(part: _Segment, numbers: Floats) -> Floats:
 def _segments(path: Path, kind: str, versions: Sequence[str]) -> list[_Segment]:
     """Read the lines of a message; blocks of covariances and comments are left out."""
     try:
-        text = read_bytes(path, f"a CCSDS {kind}", LARGEST).decode("utf-8-sig", "replace")
+        content = read_bytes(path, f"a CCSDS {kind}", LARGEST)
     except OSError as error:
         raise Refused(str(error) if error.errno is None else f"{path}: {error}") from None
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        raise Refused(f"{path} must be text in ASCII or UTF-8, but is in UTF-16")
+    text = content.decode("utf-8-sig", "replace")
+    if not text.strip():
+        raise Refused(f"{path} must be a CCSDS {kind}, but is empty")
     first, version, segments = f"CCSDS_{kind}_VERS", "", list[_Segment]()
     place = "header"  # header, meta, between, data, covariance
     for number, line in enumerate(map(str.strip, text.splitlines()), 1):

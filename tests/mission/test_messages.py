@@ -269,6 +269,12 @@ def test_other_bodies_and_cut_files_are_refused(tmp_path):
     (tmp_path / "c.aem").write_text('<?xml version="1.0"?>')
     with pytest.raises(Refused, match=r"CCSDS_AEM_VERS = 1\.0 or 2\.0 in its first line"):
         read_aem(tmp_path / "c.aem")
+    (tmp_path / "d.aem").write_text(whole, encoding="utf-16")
+    with pytest.raises(Refused, match="must be text in ASCII or UTF-8, but is in UTF-16"):
+        read_aem(tmp_path / "d.aem")
+    (tmp_path / "e.aem").write_text("\n")
+    with pytest.raises(Refused, match="must be a CCSDS AEM, but is empty"):
+        read_aem(tmp_path / "e.aem")
 
 
 def test_polynomials_of_attitudes_go_through_the_numbers_of_their_degree(tmp_path):
