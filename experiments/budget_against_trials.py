@@ -301,7 +301,7 @@ def page(compared: list[Compared], slews: list[Slew], figures: dict[str, Any]) -
     apart = [one for one in compared if one.apart > AGREE]
     return "\n".join(
         [
-            "# The analytic budget beside trials",
+            "# The analytic budget compared with trials",
             f"{command.source('budget_against_trials.py --markdown FILE')}. Brackets hold 95 % "
             "intervals.",
             "",

@@ -1,10 +1,11 @@
-"""Stated uncertainties of Earth products beside trials with errors in the products' assumptions.
+"""Stated uncertainties of Earth products compared with trials that have errors in the products'
+assumptions.
 
-Each trial draws true values of all that `Knowledge` names: the lamp, stray light, the response,
+Each trial draws true values of all quantities in `Knowledge`: the lamp, stray light, the response,
 visibility, the terrain, the pointing. It renders the scene with the true values and the detector's
 noise, and computes the product with the assumed values. The product is compared with the radiance
 of the true atmosphere and terrain in the assumed band and direction, and with the map of
-reflectance at the position that the product states. Pixels on the edge of the image are left out.
+reflectance at the stated position. Pixels at the edge of the image are left out.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ from startrack.optics import Optics
 
 Floats = NDArray[np.float64]
 SIDE, PIXEL = 28, 30.0  # pixel, metre
-EDGE = 3  # pixel that are left out
+EDGE = 3  # pixel, width of the edge
 KNOWN = Knowledge(
     lamp=0.01,
     straylight=0.005,
@@ -58,13 +59,13 @@ KNOWN = Knowledge(
     beyond=0.03,
 )
 LAYERS = "radiance", "reflectance", "surface reflectance", "place"
-WARM = "radiance", "brightness temperature", "place"  # of a thermal channel
+WARM = "radiance", "brightness temperature", "place"  # layers of a thermal channel
 
 
 def shares(trials: int, seed: int = 1, thermal: bool = False) -> dict[str, tuple[float, float]]:
-    """Of each layer, the shares of pixels within one and two standard deviations of the truth.
+    """For each layer, the fractions of pixels within one and two standard deviations of the truth.
 
-    thermal  of a channel at 10.8 um, not of one at 520 nm
+    thermal  a channel at 10.8 um instead of 520 nm
     """
     rng = np.random.default_rng(seed)
     near: dict[str, list[Floats]] = {layer: [] for layer in (WARM if thermal else LAYERS)}
@@ -109,14 +110,14 @@ def shares(trials: int, seed: int = 1, thermal: bool = False) -> dict[str, tuple
 
 
 def places(picture: Picture) -> Floats:
-    """Metre east and north (2, lines, columns) of the pixels of an image, from the equator."""
+    """Places (2, lines, columns) of an image's pixels, metre east and north from the equator."""
     north = picture.latitude * deg
     return EQUATORIAL * np.stack([picture.longitude * deg * np.cos(north.mean()), north])
 
 
 def scene(folder: Path, rng: np.random.Generator, thermal: bool) -> Survey:
     """Hills and fields that change over some pixels."""
-    cells = round(2.4 * SIDE)  # the image and little more
+    cells = round(2.4 * SIDE)  # the image with a margin
     grid = MapGrid(500000.0, 5200000.0, PIXEL / 2, PIXEL / 2, cells, cells, "EPSG:32632")
     heights = 400 + 60 * smooth(cells, 20.0, rng)
     write(folder / "dem.tif", heights, grid)
@@ -163,11 +164,12 @@ def scene(folder: Path, rng: np.random.Generator, thermal: bool) -> Survey:
 
 
 def fitted(survey: Survey, folder: Path) -> Survey:
-    """The scene in the middle of its map, with a full well of 1.6 times its mean signal."""
+    """The scene at the middle of its map, with a full well of 1.6 times its mean signal."""
     channel = survey.channels[0]
     picture = Picture.blank(SIDE, SIDE)
     setting = render(survey, channel, folder, 1, picture)
-    # The camera looks at the Earth's centre, which is not below it: so much must be taken off.
+    # The camera looks at the Earth's centre, which is not on the local vertical: the difference is
+    # subtracted.
     plane = survey.aircraft
     assert plane
     away = {
@@ -188,7 +190,8 @@ def wrong(survey: Survey, folder: Path, rng: np.random.Generator, z: Floats, mea
         heights, step = file.read(1).astype(float), file.transform.a
         corner = file.transform.c, file.transform.f
     grid = MapGrid(*corner, step, step, heights.shape[1], heights.shape[0], "EPSG:32632")
-    width = 4.0  # cells: a Gaussian of it has slopes of rms 1 / (sqrt(2) width) of its height
+    # cells: a Gaussian field of this width has slopes of rms 1 / (sqrt(2) width) times its height
+    width = 4.0
     rough = smooth(len(heights), width, rng) * KNOWN.slope * np.sqrt(2) * width * step
     write(folder / "true.tif", heights + rough, grid)
     beyond = max(mean + KNOWN.beyond * z[6], 0.0)
@@ -212,8 +215,8 @@ def wrong(survey: Survey, folder: Path, rng: np.random.Generator, z: Floats, mea
 def made(
     true: Survey, believed: Survey, folder: Path, seed: int, lamp: float, stray: float
 ) -> tuple[dict[str, Floats], dict[str, dict[str, Floats]], Floats]:
-    """Layers of the product of a true scene by what is believed, their uncertainties, and where
-    the pixels truly lie, as for `places`."""
+    """Layers of the product from a true scene and the assumed inputs, their uncertainties, and true
+    places of the pixels, as for `places`."""
     channel, mine = true.channels[0], believed.channels[0]
     picture = Picture.blank(SIDE, SIDE)
     setting = render(true, channel, folder, seed, picture)
@@ -229,7 +232,7 @@ def made(
 
 
 def smooth(cells: int, width: float, rng: np.random.Generator) -> Floats:
-    """A field of mean zero and rms one that changes over `width` cells."""
+    """A random field of mean zero and rms one, smooth over `width` cells."""
     field = gaussian_filter(rng.standard_normal((cells, cells)), width, mode="wrap")
     return (field - field.mean()) / field.std()
 

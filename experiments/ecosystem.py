@@ -1,35 +1,36 @@
-"""Does startrack work with the code, clusters, images and hardware of others?
+"""Does startrack work with other people's code, clusters, images and hardware?
 
 python experiments/ecosystem.py [--json FILE] [--only PART] [--trials 64] [--quick]
 
-plugin_same         1, of the results of a design with a centroid, an identification and a detector
-                    effect of an installed package, in two processes and with Dask (where it is
-                    installed), those that are as in one process: bytes of trials, and the optimum
-                    and the fresh trials of `optimize`
-builtin_slowdown    1, CPU time of trials of a design without such code over that of the same
-                    trials without the places where code could be named: the shortest of --turns of
-                    each, which alternate; beside it the median of the pairs with its 95 % interval
-keys_documented     1, of all keys of designs and missions, those with a meaning in the reference
-wide_blind_solved   1, of 25 photographs (half field some 30 degrees, distorted lens), those solved
-                    without a field of view
-wide_blind_wrong    1, of these solved ones, those whose centre is more than 8 arcmin off a
-                    reference that is good to 5
+plugin_same         1, fraction of results that are equal to the results of one process, in two
+                    processes and with Dask (if installed): bytes of trials, and the optimum and
+                    fresh trials of `optimize`, for a design with a centroid, an identification and
+                    a detector effect of an installed package
+builtin_slowdown    1, CPU time of trials of a design without user code, over the CPU time of the
+                    same trials with the hooks for user code removed: shortest of --turns
+                    alternating runs; also the median of the pairs with its 95 % interval
+keys_documented     1, fraction of keys of designs and missions with a meaning in the reference
+wide_blind_solved   1, fraction of 25 photographs (half field some 30 degrees, distorted lens)
+                    solved without a field of view
+wide_blind_wrong    1, fraction of the solved photographs whose centre differs by more than 8 arcmin
+                    from a reference with an accuracy of 5 arcmin
 onboard_kb          kB of the guide catalogue for 15 degrees and magnitude 6, by onboard.py
-onboard_same        1, of 1,000 random skies, those on which the C reader of it and Python find the
-                    same nearest star, cone and triangles
-onboard_solved      1, of other 1,000, those whose stars the C reader identifies
-hil_frames_per_s    1/s, frames of a megapixel of a sequence that are rendered, searched, followed
-                    and written as FITS, raw or SER on two cores: twice those of a second of CPU
-                    time of one process; the slowest of the formats
-hil_solved_by_peers 1, of --frames frames of a slew of 0.3 deg/s, kept as 16-bit PNG, those that a
-                    peer solves within 60 arcsec of the table beside them; the least of the peers
-                    of hil_peers.py that are there, each of which has a figure of its own
-sketch_gb           GB, largest memory of a process that sketches --sketched trials, which does not
-                    grow with their number, and merges a thousand sketches of a million trials
-                    each; these repeat the counts of the sketched ones, 1e9 trials are not run
-sketch_same         1, of comparisons of bytes: ten parts in two orders with the sketch of all
-                    trials at once, and the thousand parts in one order with another
-A part whose data or packages are not there is left out.
+onboard_same        1, fraction of 1,000 random skies on which its C reader and Python find the same
+                    nearest star, cone and triangles
+onboard_solved      1, fraction of 1,000 other skies whose stars the C reader identifies
+hil_frames_per_s    1/s, rate of megapixel frames of a sequence that are rendered, searched, tracked
+                    and written as FITS, raw or SER on two cores: twice the number per second of CPU
+                    time of one process; the slowest format
+hil_solved_by_peers 1, fraction of --frames frames of a slew of 0.3 deg/s, kept as 16-bit PNG, that
+                    a peer solves within 60 arcsec of the table beside them; the lowest of the
+                    available peers of hil_peers.py; there is also a figure for each peer
+sketch_gb           GB, largest memory of a process that sketches --sketched trials and merges a
+                    thousand sketches of a million trials each; it does not grow with the number of
+                    trials. The merged sketches repeat the counts of the sketched trials: 1e9 trials
+                    are not run
+sketch_same         1, fraction of equal bytes: ten parts in two orders compared with the sketch of
+                    all trials at once, and the thousand parts in two orders
+A part without its data or packages is left out.
 """
 
 from __future__ import annotations
@@ -107,10 +108,10 @@ CAMPAIGN = (
 )
 EXAMPLE_DESIGN = "designs/noise_only.toml"
 WRONG = 8.0  # arcmin
-PERIOD, SLEW = 0.1, 0.3 * deg  # second, radian / second, of the frames for hardware in the loop
+PERIOD, SLEW = 0.1, 0.3 * deg  # second and radian / second, of the frames for hardware in the loop
 SEED = 3
 DRAWN = 10  # parts of drawn trials
-TIMED = 8  # trials of a turn
+TIMED = 8  # trials of a timed run
 
 
 def main() -> None:
@@ -167,7 +168,7 @@ def examples_installed() -> Iterator[None]:
 
 
 def own_code(options: argparse.Namespace) -> dict[str, float]:
-    """The same trials and the same optimum in one process, in two, and with Dask."""
+    """Trials and optimum in one process, in two processes, and with Dask."""
     with examples_installed():
         design = load_design(shipped(EXAMPLE_DESIGN), [*CODE, *CAMPAIGN], allow_code=True)
         case, campaign = design.case, design.campaign
@@ -181,7 +182,7 @@ def own_code(options: argparse.Namespace) -> dict[str, float]:
             return trials, found.best, found.fresh
 
         alone = made(Serial(), 1)
-        # A process takes seconds to begin.
+        # A process takes seconds to start.
         with contextlib.nullcontext(Serial()) if options.quick else pool(2) as executor:
             same = [one == other for one, other in zip(made(executor, 2), alone, strict=True)]
         if not options.quick and not command.missing("Dask", "distributed"):
@@ -196,7 +197,8 @@ def own_code(options: argparse.Namespace) -> dict[str, float]:
 
 
 def slowdown(options: argparse.Namespace) -> dict[str, float]:
-    """Trials, and the sending of their case, with and without the places for code, in turns."""
+    """Trials, and the sending of their case, with and without the hooks for user code,
+    alternately."""
     case = load_design(shipped(EXAMPLE_DESIGN)).case
     run_trials(case, SEED, range(2))
     took: dict[bool, list[float]] = {True: [], False: []}
@@ -205,7 +207,7 @@ def slowdown(options: argparse.Namespace) -> dict[str, float]:
             with without_places_for_code() if plain else contextlib.nullcontext():
                 took[plain].append(seconds(lambda: run_trials(copy.copy(case), SEED, range(TIMED))))
     ratios = sorted(a / b for a, b in zip(took[False], took[True], strict=True))
-    # The median lies between these two in 95 % of all measurements.
+    # The true median is between these two in 95 % of all measurements.
     low = max(int(stats.binom.ppf(0.025, len(ratios), 0.5)) - 1, 0)
     return {
         "builtin_slowdown": min(took[False]) / min(took[True]),
@@ -217,9 +219,9 @@ def slowdown(options: argparse.Namespace) -> dict[str, float]:
 
 @contextlib.contextmanager
 def without_places_for_code() -> Iterator[None]:
-    """Take out what each frame asks: the name of the centroid, and the exchange of user code.
+    """Remove two hooks of each frame: the name of the centroid, and the exchange of user code.
 
-    Two questions of a frame stay: for the method of the identification, and for effects by code.
+    Two hooks stay: the method of the identification, and effects by user code.
     """
     plain = property(lambda plan: CENTROIDS[plan.settings.centroid])
     with (
@@ -238,10 +240,11 @@ def seconds(call: Callable[[], Any]) -> float:
 
 
 def sketches(options: argparse.Namespace) -> dict[str, float]:
-    """Memory and bytes of sketches: of drawn trials, whole and in parts, and of a thousand parts.
+    """Memory and bytes of sketches: of drawn trials, as a whole and in parts, and of a thousand
+    parts.
 
-    The thousand parts have a million trials each, which were not run: the sums and counts are those
-    of the drawn parts, repeated.
+    The thousand parts have a million trials each, which were not run: they repeat the sums and
+    counts of the drawn parts.
     """
     case, drawn = load_design(shipped(EXAMPLE_DESIGN)).case, Sampling(Fidelity.COVARIANCE)
     trials, parts = (400, 20) if options.quick else (options.sketched, 1000)
@@ -273,7 +276,7 @@ def sketches(options: argparse.Namespace) -> dict[str, float]:
 
 
 def repeated(sketch: Sketch, times: int, part: int) -> Sketch:
-    """A part of a campaign as large as some repetitions of a sketch."""
+    """A part of a campaign made of repetitions of a sketch."""
     trials = sketch.trials * times
     return dataclasses.replace(
         sketch,
@@ -288,7 +291,7 @@ def repeated(sketch: Sketch, times: int, part: int) -> Sketch:
 
 
 def documented(options: argparse.Namespace) -> dict[str, float]:
-    """Keys in the reference, with a meaning there that says more than the key itself."""
+    """Keys of the reference whose meaning adds information to the key's name."""
     from startrack.design import design_keys
 
     meanings = rows_of("reference.md")
@@ -300,7 +303,7 @@ def documented(options: argparse.Namespace) -> dict[str, float]:
 
 
 def rows_of(page: str) -> dict[str, str]:
-    """The meaning of each key of a page, by the key's place in a file."""
+    """The meaning of each key of a page, by the key's path in a file."""
     found, table = {}, ""
     for line in (PAGE.parent / page).read_text(encoding="utf-8").splitlines():
         if heading := re.fullmatch(r"## `\[+([\w.]+)\]+`", line):
@@ -311,12 +314,12 @@ def rows_of(page: str) -> dict[str, str]:
 
 
 def said(meaning: str, name: str) -> str:
-    """A meaning; empty where it only repeats the name."""
+    """A meaning; empty if it only repeats the name."""
     return "" if meaning.strip() == name.rpartition(".")[2].replace("_", " ") else meaning.strip()
 
 
 def one_field(first: float = 0.0) -> list[float]:
-    """Radian; in place of all fields of view, that of the lens of the photographs."""
+    """The field of view of the photographs' lens, radian, in place of all fields of view."""
     return [0.83]
 
 
@@ -328,7 +331,7 @@ def wide_images(options: argparse.Namespace) -> dict[str, float]:
         return {}
     truth = json.loads((folder / "truth.json").read_text())["images"]
     names = sorted(name for name in truth if (folder / name).is_file())
-    if options.quick:  # one photograph, and of the thirty fields of view that of its lens
+    if options.quick:  # one photograph, and one of the thirty fields of view: its lens's
         names = names[:1]
         command.shorten("startrack.identification.blind", fields=one_field)
     with contextlib.redirect_stdout(io.StringIO()) as out:
@@ -348,7 +351,7 @@ def wide_images(options: argparse.Namespace) -> dict[str, float]:
 def onboard(options: argparse.Namespace) -> dict[str, float | None]:
     """The guide catalogue of 15 degrees and magnitude 6, and its reader in C.
 
-    Not under --quick, where `onboard.py` makes it.
+    A quick run leaves this out: `onboard.py` makes the catalogue there.
     """
     if options.quick:
         return {}
@@ -361,7 +364,7 @@ def onboard(options: argparse.Namespace) -> dict[str, float | None]:
 
 
 def hardware(options: argparse.Namespace) -> dict[str, Any]:
-    """Frames in time for hardware in the loop, and their solutions by other solvers."""
+    """Rate of frames for hardware in the loop, and solutions of frames by other solvers."""
     size = 256 if options.quick else 1024
     changes = [f"instrument.detector.{side}={size}" for side in ("columns", "rows")]
     changes.append("instrument.detector.pixel_rate=40 Mpix / s")  # for ten frames a second
@@ -372,7 +375,7 @@ def hardware(options: argparse.Namespace) -> dict[str, Any]:
 
     rates = {}
     with tempfile.TemporaryDirectory() as folder:
-        fly(case, turning(2), SEED, 0)  # compiles and opens what all frames use
+        fly(case, turning(2), SEED, 0)  # compiles kernels and opens the data of all frames
         timed = turning(3 if options.quick else 100)
         for kind in ("fits", "ser", "raw"):
             began = time.process_time()
@@ -392,7 +395,7 @@ def hardware(options: argparse.Namespace) -> dict[str, Any]:
 
 
 PARTS: dict[str, Callable[[argparse.Namespace], dict[str, Any]]] = {
-    "sketches": sketches,  # first, for it measures the memory of the process so far
+    "sketches": sketches,  # first, because it measures the memory of the process so far
     "code": own_code,
     "keys": documented,
     "images": wide_images,

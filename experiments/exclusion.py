@@ -1,8 +1,10 @@
-"""How near may Sun, Moon and Earth be to a tracker's field, and what do they cost farther away?
+"""How close may Sun, Moon and Earth be to a tracker's field, and how much do they increase the
+error farther away?
 
 The nanosatellite's tracker behind a baffle whose point-source transmittance falls by a decade every
-nine degrees: the veil, the error across the boresight and the availability over the angle, by the
-analytic budget, and the angles beyond which the error is at most a tenth above that of a dark sky.
+nine degrees: stray light, error across the boresight and availability over the angle, by the
+analytic budget, and the angles beyond which the error is at most a tenth larger than for a dark
+sky.
 
     python experiments/exclusion.py [--json FILE] [--figure FILE] [--quick]
 """
@@ -24,7 +26,7 @@ from startrack.budget import Exclusion, exclusions
 from startrack.optics import Baffle
 from startrack.plots import CYCLE, LINES, picture, save_picture, styled
 
-# Of the usual shape for a two-stage baffle; an assumption, not a product's.
+# Usual shape for a two-stage baffle; assumed, not of a product.
 BAFFLE = Baffle(
     tuple(np.array([0.0, 5, 10, 20, 30, 40, 60, 90]) * deg),
     (1e-1, 1e-2, 1e-3, 1e-5, 1e-6, 1e-7, 1e-9, 1e-10),

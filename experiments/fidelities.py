@@ -1,12 +1,12 @@
-"""What do the cheaper fidelities cost, and do their results have the distribution of whole frames?
+"""How fast are the cheaper fidelities, and do their results have the distribution of whole frames?
 
-Two designs on a quarter of the example's pixels, a bright one and a marginal one whose stars are
-few and whose noise makes false spots. Whole frames and windows, of different seeds: the number of
-spots, false spots, the centroid of a star, and the error of the attitude by two-sample tests. The
-least of all p-values times their number is to exceed 0.01, which it fails to do by chance once in
-100 runs. Spots drawn from their covariance, identified or with matches known: the rms of the
-attitude's error over that of frames. A third design has so few stars that most skies are lost:
-there the fraction of solved trials is compared.
+Two designs have a quarter of the example's pixels: a bright design, and a marginal design with few
+stars and with false spots by noise. Whole frames and windows, with different seeds, are compared by
+two-sample tests of the number of spots, the number of false spots, the centroid of a star, and the
+error of the attitude. The smallest p-value times their number must exceed 0.01, which fails by
+chance once in 100 runs. For spots drawn from their covariance, identified or with known matches,
+the rms error of the attitude is compared with that of frames. For a third design, with too few
+stars in most skies, the fraction of solved trials is compared.
 
     python experiments/fidelities.py [--trials N] [--json FILE] [--picture FILE] [--quick]
 """
@@ -54,11 +54,11 @@ Drawn = dict[str, list[Floats]]  # errors of each fidelity by the design's name,
 
 EXAMPLE = load_design(shipped("designs/noise_only.toml")).case
 TRIALS = 5000
-DRAWN = 20_000  # trials of the covariance
-ROUNDS = 60  # of each time, of which the least counts
-LOST = 2.5e-3  # second of exposure, that leaves five stars of the marginal design
+DRAWN = 20_000  # trials of fidelity covariance
+ROUNDS = 60  # rounds of each time; the shortest counts
+LOST = 2.5e-3  # second, exposure that leaves five stars of the marginal design
 NEAR = 3.0  # pixel; a spot farther from all stars is false
-ALONE = 12.0  # pixel, to the next star of one whose centroid is looked at
+ALONE = 12.0  # pixel, distance of a compared star from the next star
 ARCSEC = math.pi / 180 / 3600
 
 
@@ -78,7 +78,8 @@ def designs() -> dict[str, Case]:
 
 
 class Sample(NamedTuple):
-    """Of each trial: spots, false spots, centroid error (pixel) of a star, attitude error (rad)."""
+    """For each trial: spots, false spots, centroid error (pixel) of a star, attitude error
+    (rad)."""
 
     spots: Floats
     false: Floats
@@ -93,7 +94,7 @@ def spots_in_frame(case: Case, attitude: Rotation, streams: Streams) -> Spots:
 def sample(
     case: Case, search: Callable[[Case, Rotation, Streams], Spots], seed: int, count: int
 ) -> Sample:
-    """Try a way to get spots many times."""
+    """Trials with one way to obtain spots."""
     camera, indexes = case.believed_camera, PatternIndexes(open_sky(case.catalog).stars)
     rows = []
     for number in range(count):
@@ -173,7 +174,7 @@ def laws(count: int, many: int) -> tuple[dict[str, float], Drawn]:
 
 
 def lost(count: int) -> dict[str, float]:
-    """Share of right attitudes in a design that loses most skies, and Fisher's test against
+    """Fraction of correct attitudes in a design that loses most skies, and Fisher's test against
     frames."""
     case = with_detector(designs()["marginal"], exposure=LOST)
     found = {each: run_trials(case, 25, range(count), each) for each in Fidelity}
@@ -192,19 +193,19 @@ def rms(values: Floats) -> float:
 
 
 def least(call: Callable[[int], object], count: int) -> float:
-    """Least seconds of processor time of one call."""
+    """Shortest CPU time of a call, second."""
     return min(seconds(call, number) for number in range(count))
 
 
 def seconds(call: Callable[[int], object], number: int) -> float:
-    """Processor time of one call."""
+    """CPU time of a call."""
     start = time.process_time()
     call(number)
     return time.process_time() - start
 
 
 def rate(case: Case, fidelity: Fidelity, rounds: int) -> float:
-    """Trials in a second of processor time, without the one-time cost of a design."""
+    """Trials per second of CPU time, without the one-time cost of a design."""
     size, repeats = (1024, -(-rounds // 8)) if fidelity is Fidelity.COVARIANCE else (1, rounds)
     run_trials(case, 1, range(3), fidelity)
     return size / least(
@@ -213,13 +214,13 @@ def rate(case: Case, fidelity: Fidelity, rounds: int) -> float:
 
 
 def look(case: Case, number: int) -> int:
-    """Render and search the windows of one trial; returns the number of spots."""
+    """Render and search the windows of a trial. Returns the number of spots."""
     streams = Streams(1, number)
     return len(spots_in_windows(case, random_attitude(streams), streams))
 
 
 def speeds(rounds: int, side: int) -> dict[str, float]:
-    """Time of a trial of each fidelity, and of 30 windows on a megapixel with their search.
+    """Time of a trial of each fidelity, and of rendering and searching 30 windows on a megapixel.
 
     side  1024 pixels of a megapixel
     """
@@ -233,7 +234,7 @@ def speeds(rounds: int, side: int) -> dict[str, float]:
     figures["covariance_trials_per_s"] = figures["example_covariance_trials_per_s"]
     fields = range(min(rounds, 20))
     figures["window_30_spots"] = float(np.mean([look(thirty, number) for number in fields]))
-    # In turns, because a field that is looked at twice running is still in the caches.
+    # Alternately, because a field used twice in a row is still in the caches.
     times = [[seconds(partial(look, thirty), n) for n in fields] for _ in range(rounds // 20 + 1)]
     figures["window_30_ms"] = 1e3 * float(np.min(times, axis=0).mean())
     figures |= hot_pixels(rounds)
@@ -264,7 +265,7 @@ def hot_pixels(rounds: int) -> dict[str, float]:
 
 @styled
 def picture(path: Path, drawn: Drawn, figures: dict[str, float]) -> None:
-    """Distributions of the attitude's error, and time against error."""
+    """Draw distributions of the attitude's error, and time against error."""
     plot = blank(10.5, "Errors of the fidelities on the same designs, and their cost")
     axes = plot.subplots(3, 1)
     for axis, (name, errors) in zip(axes, drawn.items(), strict=False):

@@ -1,13 +1,13 @@
-"""Do the pages state the figures that the commands measure?
+"""Do pages and commands agree on measured figures?
 
     python experiments/figures.py [--write] [--results DIR] [--commands NAME ...] [--list]
         [--json FILE] [--quick]
 
-Runs the commands of `figures.toml`, on a machine that does nothing else, and compares their figures
-with the words of the pages; --write writes them there, with the commit. Results are kept as
-DIR/NAME.json, and a command whose result is there is not run again. --list runs nothing: it prints
-each line of README.md and of the pages in `docs` that states a measure (a number with a unit) and
-stands in no template of `figures.toml`, in no page that a script writes, and names no script.
+Runs the commands of `figures.toml`, on an otherwise idle machine, and compares their figures with
+the text of the pages; --write writes the figures there, with the commit. Results are kept as
+DIR/NAME.json; a command with a result is not run again. --list runs nothing. It prints each line of
+README.md and of the pages in `docs` that states a measure (a number with a unit) without a template
+in `figures.toml`, outside pages written by scripts, and without the name of a script.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ ROOT = Path(__file__).parents[1]
 TABLE = Path(__file__).with_suffix(".toml")
 PLACE = re.compile(r"\{(\w+)\}")
 MEASURE = re.compile(r"\d (?:arcsec|s|ms|min|%|GB|MB|times|seconds)\b")
-# Written by scripts, or about what a user gives.
+# Written by scripts, or about a user's inputs.
 WRITTEN = (
     "reference.md",
     "api.md",
@@ -44,10 +44,10 @@ WRITTEN = (
 
 
 class Figure(NamedTuple):
-    """Words of a page with places for figures, and the measured value of each place.
+    """Text of a page with fields for figures, and the measured value of each field.
 
-    text    of the page, each place a name in braces
-    places  name: the place in the JSON of the command, keys joined by "/", and a form of `format`
+    text    text of the page; each field is a name in braces
+    places  by field: path in the JSON of the command, keys joined by "/", and a format
     """
 
     page: str
@@ -57,7 +57,7 @@ class Figure(NamedTuple):
 
     @property
     def pattern(self) -> re.Pattern[str]:
-        """A pattern that finds the words with any figures; each place is a group."""
+        """A pattern that finds the text with any figures; each field is a group."""
         parts = PLACE.split(self.text)
         named = (
             f"(?P<{part}>\\S+?)" if number % 2 else re.escape(part)
@@ -66,7 +66,7 @@ class Figure(NamedTuple):
         return re.compile("".join(named))
 
     def written(self, result: Any) -> dict[str, str]:
-        """The figures of a result, by their place; "open" where an interval has no end."""
+        """The figures of a result, by field; "open" for an interval without an end."""
         return {
             name: "open" if (value := found(result, path)) is None else format(value, form)
             for name, (path, form) in self.places.items()
@@ -118,14 +118,14 @@ def read(path: Path) -> tuple[dict[str, dict[str, list[str]]], list[Figure]]:
 
 
 def found(result: Any, path: str) -> Any:
-    """A value of JSON by its place."""
+    """A JSON value by path."""
     for key in path.split("/"):
         result = result[int(key)] if isinstance(result, list) else result[key]
     return result
 
 
 def result_of(name: str, row: Mapping[str, list[str]], options: argparse.Namespace) -> Any:
-    """The JSON of a command, with its seconds and the commit that it ran at."""
+    """The JSON of a command, with its time in seconds and the commit."""
     kept = options.results / f"{name}.json"
     if not kept.is_file():
         options.results.mkdir(parents=True, exist_ok=True)
@@ -147,15 +147,15 @@ def design(name: str) -> str:
 
 
 def compared(figure: Figure, result: Any, path: Path, write: bool) -> int:
-    """Number of a page's figures that differ from a result; writes the results if asked to.
+    """Number of a page's figures that differ from a result; with --write, writes the results.
 
-    Raises  SystemExit where the words do not stand in the page exactly once.
+    Raises  SystemExit if the page does not contain the text exactly once.
     """
     text = path.read_text(encoding="utf-8")
     matches = list(figure.pattern.finditer(text))
     if len(matches) != 1:
         raise SystemExit(
-            f"{figure.page} must say once: {figure.text}; it does {len(matches)} times"
+            f"{figure.page} must contain once: {figure.text}; it does {len(matches)} times"
         )
     [match], measured = matches, figure.written(result)
     differing = {name: value for name, value in measured.items() if match[name] != value}
@@ -168,7 +168,7 @@ def compared(figure: Figure, result: Any, path: Path, write: bool) -> int:
 
 
 def unwritten() -> Iterator[str]:
-    """Lines that state a measure which no script writes, with page and number."""
+    """Lines that state a measure without a script, with page and line number."""
     _, figures = read(TABLE)
     pages = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
     for path in pages:

@@ -1,21 +1,21 @@
-"""How long does a newcomer wait from installation to first results, and how large is the
+"""How long does a new user wait from installation to first results, and how large is the
 installation?
 
-Makes a virtual environment, installs the project with pip, and runs three commands there, each cold
-(no cache but what the installation brought) and, where it says so, warm (the same once more).
-`--before COMMIT` does the same with another commit, the two in turns. Times are wall-clock, for
-which the processor should be idle; their CPU times, children included, are beside them. A command
-may leave a process that compiles for the next one: `simulate_left_s` is how long that goes on after
-its end, and its CPU time is in `simulate_left_cpu_s` and in `compile_cpu_s`. pip uses its cache and
-its index as ever: `install_s` without a cache is mainly the network.
+Makes a virtual environment, installs the project with pip, and runs three commands there: cold
+(with the caches of the installation alone) and, for some, warm (a second time). `--before COMMIT`
+does the same with another commit, alternately. Times are wall-clock times, for an idle processor;
+CPU times, with child processes, are also given. A command may leave a process that compiles kernels
+for the next command: `simulate_left_s` is the duration of that process after the command's end; its
+CPU time is in `simulate_left_cpu_s` and in `compile_cpu_s`. pip uses its usual cache and index:
+`install_s` without a cache is mainly the network.
 
-`installed_mb` is what all installed distributions weigh except pip and setuptools, 1 MB = 1e6
-bytes, and is listed by distribution. `import_ms` is what `python -X importtime` says of `import
-startrack`, the best of several.
+`installed_mb` is the size of all installed distributions except pip and setuptools (1 MB = 1e6
+bytes), listed by distribution. `import_ms` is the time of `import startrack` by `python -X
+importtime`, the shortest of several.
 
     python experiments/first_run.py [--json FILE] [--before COMMIT] [--photo FILE] [--quick]
 
-Without `--photo` an image of STARTRACK_DATA is solved, else a frame that `simulate` rendered.
+Without `--photo` an image of STARTRACK_DATA is solved, or else a frame rendered by `simulate`.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from typing import Any, NamedTuple
 import command
 
 ROOT = Path(__file__).parents[1]
-IMPORTS = 15  # processes, of which the best counts
+IMPORTS = 15  # processes; the shortest time counts
 SIMULATE = ("simulate", "--ra", "83", "--dec", "-5", "--out", "frame")
 OPTIMIZE = ("optimize", "--out", "better")
 WEIGH = """
@@ -78,9 +78,9 @@ class Spent(NamedTuple):
 
 
 class Place(NamedTuple):
-    """An interpreter, and an empty home for its caches.
+    """An interpreter with an empty home folder for caches.
 
-    installed   files of startrack that the installation brought; none where it is not ours
+    installed   installed files of startrack; none if another installation is used
     """
 
     python: Path
@@ -88,26 +88,26 @@ class Place(NamedTuple):
     installed: frozenset[Path] = frozenset()
 
     def environment(self) -> dict[str, str]:
-        """The environment of a newcomer: no cache, path or home from elsewhere."""
+        """The environment of a new user: no cache, path or home from elsewhere."""
         own = ("PYTHON", "NUMBA_", "STARTRACK_", "XDG_", "MPL")
         kept = {name: text for name, text in os.environ.items() if not name.startswith(own)}
         return kept | {"HOME": str(self.home)}
 
     def run(self, *words: str) -> Spent:
-        """Seconds of `startrack` with these words."""
+        """Seconds of `startrack` with the given arguments."""
         return clocked(
             [str(self.python), "-m", "startrack.cli", *words], self.home, self.environment()
         )
 
     def forget(self) -> None:
-        """Remove all that was made since the installation."""
+        """Remove all files made since the installation."""
         shutil.rmtree(self.home)
         self.home.mkdir()
         for path in self.sources() - self.installed:
             path.unlink()
 
     def sources(self) -> frozenset[Path]:
-        """All files in the folder of its startrack."""
+        """All files in the folder of the installed startrack."""
         told = subprocess.run(
             [self.python, "-c", "import startrack; print(startrack.__path__[0])"],
             capture_output=True,
@@ -157,12 +157,12 @@ def works_in(process: Path, folder: Path) -> bool:
     try:
         alive = (process / "stat").read_text().rpartition(")")[2].split()[0] != "Z"
         return alive and (process / "cwd").resolve() == folder.resolve()
-    except OSError:  # it has ended, or is of another user
+    except OSError:  # it has ended, or belongs to another user
         return False
 
 
 def here(folder: Path) -> dict[str, Any]:
-    """Under --quick: the environment that runs this with its caches, and the simplest design."""
+    """For --quick: the running environment with its caches, and the simplest design."""
     design = str(ROOT / "catalogs" / "designs" / "noise_only.toml")
     words = [sys.executable, "-m", "startrack.cli", *SIMULATE, design]
     spent = clocked(words, folder, dict(os.environ))
@@ -175,7 +175,7 @@ def here(folder: Path) -> dict[str, Any]:
 
 
 def fresh(folder: Path, options: argparse.Namespace) -> dict[str, Any]:
-    """Install and measure the project as it is and, where asked for, another commit, in turns."""
+    """Install and measure the present project and, with --before, another commit, alternately."""
     photo = (options.photo or first_photo() or Path("frame/frame.png")).expanduser()
     photo = photo.resolve() if photo.exists() else photo
     figures: dict[str, Any] = {"photo": photo.name}
@@ -221,7 +221,7 @@ def fresh(folder: Path, options: argparse.Namespace) -> dict[str, Any]:
 
 
 def tell(figures: dict[str, Any], name: str, spent: Spent) -> None:
-    """Keep both times of a step, and print them as progress."""
+    """Keep and print both times of a step."""
     figures |= {f"{name}_s": spent.wall, f"{name}_cpu_s": spent.cpu}
     print(f"{name:24} {spent.wall:8.1f} s   CPU {spent.cpu:8.1f} s", flush=True)
 

@@ -1,22 +1,24 @@
-"""Question: do predictions of cameras that flew hold, frozen before the data were opened?
+"""Question: do predictions for flown cameras hold? They were frozen before the data were opened.
 
     python experiments/flown.py [--predict FILE] [--measure FOLDER] [--page FILE] [--json FILE]
                                  [--quick]
 
-Designs with laws of what is not published (experiments/flown/*.toml) are drawn DRAWS times; each
-draw gives the figures of docs/figures/flown.md from the light of sky and stars in the design, and
-from laws of what no design holds, which stand here beside each figure. `--predict` writes
-medians and intervals; those frozen before the look are experiments/flown/predictions.json, what was
-seen is results.json there (by `flown_results.py`), and second.json has predictions after the look.
+Designs with laws for unpublished values (experiments/flown/*.toml) are drawn DRAWS times. Each draw
+gives the figures of docs/figures/flown.md from the light of sky and stars in the design, and from
+laws for quantities outside designs, which are given here with each figure. `--predict` writes
+medians and intervals. experiments/flown/predictions.json has the frozen predictions, results.json
+the measurements (by `flown_results.py`), and second.json predictions made after the data were
+opened.
 
 figures               with a result
-held_68, _90, _95     share of them that the intervals hold
-same                  1 where the medians frozen are those of this code, within 2 %
-sky_error             largest error of the sky beside sasktran2, 60 places, molecules alone
-tim_background_ratio  seen over the median; `_second`: with the team's gain, known after the look
-tim_solved_points     share of frames with an attitude, seen less the median, per cent
-ebex_peaks_held       of three numbers of peaks, in the intervals of 90 %
-brite_flux_ratio, tess_ratio  seen over the median: B1 of each satellite, G4
+held_68, _90, _95     fraction of the figures within the intervals
+same                  1 if this code gives the frozen medians within 2 %
+sky_error             largest difference of the sky from sasktran2, 60 places, molecules alone
+tim_background_ratio  measurement over median; `_second`: with the team's gain, known after the data
+                      were opened
+tim_solved_points     fraction of frames with an attitude, measurement minus median, per cent
+ebex_peaks_held       number of peaks within the 90 % intervals, of three
+brite_flux_ratio, tess_ratio  measurement over median: B1 of each satellite, G4
 """
 
 from __future__ import annotations
@@ -64,40 +66,40 @@ QUANTILES |= {"low_95": 0.025, "high_95": 0.975}
 Figures = dict[str, float]
 
 FRAMES: Floats = np.array([block[1] for block in BLOCKS], float)
-ANALYSED = 0.165  # number / electron, with which the team counts electrons
-MEAN_COLOUR = 0.9  # BP - RP of the stars that are seen
+ANALYSED = 0.165  # number / electron, gain used by the team
+MEAN_COLOUR = 0.9  # BP - RP of the detected stars
 
 
 def tim(draw: Draw) -> Figures:
     """Figures T1 to T13."""
     detector, optics = draw.case.instrument.detector, draw.case.instrument.optics
-    of_team = draw.uniform("tim team", 0, 1) < 0.45  # its photon transfer, or the data sheet
+    of_team = draw.uniform("tim team", 0, 1) < 0.45  # the team's photon transfer, or the data sheet
     gain = ANALYSED if of_team else draw.uniform("tim gain", 0.40, 0.44)
     gain *= draw.about("tim own gain", 1.0, 1.05)
     offset = draw.uniform("tim offset", 0, 20)
-    # Sunlight past the baffle, over the sky, 90 degrees from the Sun; it falls with the angle, and
-    # with the cosine of the Sun's zenith.
+    # Sunlight past the baffle over the sky, 90 degrees from the Sun; it decreases with the angle
+    # and with the cosine of the Sun's zenith angle.
     stray = draw.about("tim stray light", 0.06, 3.5)
-    # The cosine of the angle off the axis to the fourth, and pupils that edges cut.
+    # The fourth power of the cosine of the field angle, and vignetting.
     shaded = draw.uniform("tim vignetting", 0.8, 1.0)
     noon = lit_from(draw, 44.7, 47.1, 84.0)
     electrons = []
     for name, _, sun, _, _, elevation, distance, _ in BLOCKS:
         sky = lit_from(draw, elevation, sun, distance)
         past = stray * noon * (84.0 / distance) ** 2.5 * min(1.0, max(sun + 7, 0.0) / 15)
-        # Reflections of the gondola, ground that differs; dusk below a low Sun; the first block may
-        # be lower than float.
+        # Reflections of the gondola and variations of the ground; dusk below a low Sun; the first
+        # block may be before float.
         scatter = draw.about(f"tim block {name}", 1.0, 1.04 if sun > 10 else 1.15)
         rising = 1 + 0.6 * draw.uniform("tim rising", 0, 1) ** 3 if name == "18:08" else 1.0
         electrons.append((sky + past) * shaded * scatter * rising)
     sky_electron = np.array(electrons) + 4.0  # dark current
     level = np.minimum(sky_electron * gain + offset, 4095.0)
     background = _weighted(level)
-    # Of the focus, which was stepped: the width of each block.
+    # The focus was stepped: width of the image in each block.
     best = draw.uniform("tim focus", -450, -380)
-    step = draw.about("tim defocus", 0.035, 1.8)  # pixel a step
+    step = draw.about("tim defocus", 0.035, 1.8)  # pixel per step
     width = np.array([math.hypot(draw.fwhm, step * (block[7] - best)) for block in BLOCKS])
-    # Pixels respond unequally, skies have slopes: over the noise of photons.
+    # Unequal response of pixels and slopes of the sky, over photon noise.
     uneven = draw.about("tim flat field", 1.25, 1.4)
     noise = np.sqrt(sky_electron + detector.read_noise**2 + 1 / 12 / gain**2)
     noise = np.hypot(noise, detector.prnu * sky_electron * 0.5) * uneven
@@ -107,7 +109,7 @@ def tim(draw: Draw) -> Figures:
     rp = np.array([3.0, 5.0, 7.0])
 
     def snr(magnitude: Floats) -> Floats:
-        """Median over the frames, as the team counts."""
+        """Median over the frames, as by the team."""
         light = star * 10 ** (-0.4 * green(magnitude, np.full(len(magnitude), MEAN_COLOUR)))
         counted_light = light * inside[:, None] * gain / ANALYSED
         sigma = noise[:, None] * gain / ANALYSED
@@ -115,21 +117,21 @@ def tim(draw: Draw) -> Figures:
         return np.array([_weighted(column) for column in ratio.T])
 
     snrs = snr(rp)
-    # Chance matches lift the fit at the faint end.
+    # Chance matches raise the fit at the faint end.
     floor = draw.uniform("tim chance matches", 0.0, 1.5)
     grid = np.arange(3.0, 11.0, 0.02)
     below = np.flatnonzero(snr(grid) + floor < 3)
     faintest = float(grid[below[0]]) if len(below) else 11.0
-    # Stars that pass in a matched filter at some threshold, and an attitude from them.
+    # Stars above some threshold of a matched filter, and an attitude from them.
     threshold = draw.about("tim threshold", 4.5, 1.25)
     fewest = draw.about("tim stars for an attitude", 10.0, 1.6)
     false = draw.about("tim false spots", 100.0, 4.0)
-    # Of the stars seen, those that the index of the solver holds and that agree.
+    # Detected stars that are in the solver's index and agree.
     indexed = min(draw.about("tim index", 0.4, 1.8), 0.95)
     solved, matched, spots = [], [], []
     signal = star * gain  # of G = 0, number
     for k, (_, _, _, ra, dec, _, _, _) in enumerate(BLOCKS):
-        area = 2.27 * width[k] ** 2 + 4  # pixel, of noise that counts
+        area = 2.27 * width[k] ** 2 + 4  # pixel, area of effective noise
         least = threshold * noise[k] * gain * math.sqrt(area)
         limit = -2.5 * math.log10(least / signal)
         limit = float(limit - 0.62 * MEAN_COLOUR + 0.03 * MEAN_COLOUR**2)
@@ -146,7 +148,7 @@ def tim(draw: Draw) -> Figures:
     at = _weighted(width, share)
     usual = threshold * 1.8
     centroid = 0.6 * at / usual * 6.79
-    lens = draw.about("tim distortion", 1.5, 2.2)  # arcsec, that a fit leaves
+    lens = draw.about("tim distortion", 1.5, 2.2)  # arcsec, residual of a fit
     rms = math.sqrt(2) * math.hypot(centroid, lens)
     colours = np.linspace(0.0, 2.0, 21)
     instrumental = -2.5 * np.log10(draw.electrons(colours)) + green(np.zeros(21), colours)
@@ -258,10 +260,10 @@ def brite(name: str, draw: Draw) -> Figures:
     star = float(draw.electrons(np.array([colour]))[0]) * 10 ** (-0.4 * magnitude) * inside * band
     pixels = math.pi * radius**2
     doubling = draw.uniform("brite doubling", 6.0, 8.0)
-    # Rows and columns that age, and pixels that switch, beside Poisson's noise of the dark current.
+    # Ageing rows and columns and switching pixels, in addition to shot noise of the dark current.
     dose = draw.about("brite hot pixels", 1.0, 2.0)
-    # Of the flux, from exposure to exposure: stars move over pixels that respond unequally.
-    moved = draw.about("brite jitter", 0.5, 2.0)  # pixel, from exposure to exposure
+    # Noise of the flux from exposure to exposure: stars move over pixels of unequal response.
+    moved = draw.about("brite jitter", 0.5, 2.0)  # pixel, motion from exposure to exposure
     drift = math.hypot(moved, draw.about("brite drift", 0.6, 2.0))
     unequal = detector.prnu * draw.about("brite unequal", 1.0, 2.2) * moved / 4.0
 
@@ -284,7 +286,7 @@ def brite(name: str, draw: Draw) -> Figures:
         "B5 y": moved * draw.about("brite y", 1.0, 1.3),
     }
     for label, celsius in BANDS.items():
-        if name == "unibrite" or celsius < 28:  # the other is never warmer
+        if name == "unibrite" or celsius < 28:  # the other satellite is never warmer
             figures[f"B6 {label}"] = noise(celsius)
     figures["B7"] = draw.about("brite ageing", 1.05, 1.2)
     room = side / 2 - radius - draw.uniform("brite centre", 0.0, 2.5)
@@ -294,13 +296,14 @@ def brite(name: str, draw: Draw) -> Figures:
 
 
 def tess(draw: Draw) -> Figures:
-    """Figures G1 to G5, of a camera that takes 8 and 200 stars."""
+    """Figures G1 to G5, for a camera with 8 and with 200 stars."""
     detector = draw.case.instrument.detector
     width = draw.fwhm / 2.355  # pixel, sigma
     star = float(draw.electrons(np.array([1.0]))[0])  # of G = 0; T = G - 0.43 - 0.5 (c - 0.8)
     zero = star * 10 ** (-0.4 * (0.43 + 0.1))  # of T = 0
-    method = draw.about("tess centroid", 1.3, 1.25)  # over the bound of a Gaussian
-    fixed = draw.about("tess pixels", 0.005, 2.5)  # pixel, from frame to frame, of jitter in pixels
+    method = draw.about("tess centroid", 1.3, 1.25)  # factor over the bound for a Gaussian
+    # pixel, rms from frame to frame, from jitter over pixels
+    fixed = draw.about("tess pixels", 0.005, 2.5)
 
     def place(magnitude: float) -> float:
         light = min(zero * 10 ** (-0.4 * magnitude), 2e5 * 6)
@@ -314,7 +317,7 @@ def tess(draw: Draw) -> Figures:
         error = place(magnitude) / math.sqrt(count)
         figures[f"G1 across {count}"] = error * scale
         figures[f"G1 about {count}"] = error / radius / arcsec
-        # Four cameras 24 degrees apart along a great circle: each tells the roll of the others.
+        # Four cameras 24 degrees apart along a great circle: each measures the roll of the others.
         figures[f"G2 across {count}"] = error * scale / 2
         figures[f"G2 about {count}"] = error * scale / math.sqrt(4 * math.sin(30 * deg) ** 2)
     figures["G4"] = draw.about("tess distortion", 1.2, 2.0)
@@ -359,7 +362,8 @@ WIDE = {
     "G4": "the model of distortion that is fitted",
     "G5": "the spacecraft's control, not the camera's",
 }
-# Electron / s of a pixel of BRITE's CCD at each degC: median, and the factor that holds 68 %.
+# Dark current of a pixel of BRITE's CCD at each degC, electron / s: median and factor of the 68 %
+# interval.
 DARK = {"10": [3.0, 2.6], "20": [8.0, 2.5], "30": [21.5, 2.6], "40": [58.0, 2.7]}
 CANNOT = {
     "T14": "share with an attitude of other exposures and gains: the solver's limits where pixels "
@@ -387,7 +391,7 @@ def _all(count: int, seed: int) -> Iterator[Figures]:
 
 
 def predicted(count: int, seed: int = SEED) -> dict[str, dict[str, Any]]:
-    """Median, intervals and the causes of their width, of each figure."""
+    """Median, intervals and causes of their width for each figure."""
     table = dict[str, dict[str, Any]]()
     for name, values in figures(count, seed).items():
         row: dict[str, Any] = {
@@ -399,7 +403,7 @@ def predicted(count: int, seed: int = SEED) -> dict[str, dict[str, Any]]:
 
 
 def page() -> str:
-    """The text of docs/figures/flown.md, of the committed predictions and results."""
+    """The text of docs/figures/flown.md, from the committed predictions and results."""
     frozen = json.loads(COMMITTED.read_text(encoding="utf-8"))
     results = json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.exists() else None
     second = dict[str, float]()
@@ -409,9 +413,9 @@ def page() -> str:
 
 
 def after_the_look() -> Figures:
-    """TIM's background by the middle of each law, the team's gain and no sunlight past the baffle.
+    """TIM's background by the median of each law, the team's gain and no sunlight past the baffle.
 
-    It was chosen with the results known: a second prediction, no test.
+    This choice was made with known results: a second prediction, not a test.
     """
     draw = Draw(load_design(DESIGNS / "tim.toml").case, Streams(SEED, 0))
     level = np.array([lit_from(draw, block[5], block[2], block[6]) for block in BLOCKS])
@@ -424,7 +428,7 @@ def after_the_look() -> Figures:
 
 
 def sky_error(count: int) -> float:
-    """Largest error of the light of the sky beside sasktran2, of molecules at random places.
+    """Largest difference of the sky's light from sasktran2, for molecules at random places.
 
     Raises  ModuleNotFoundError without the extra `earth`.
     """
@@ -446,7 +450,7 @@ def sky_error(count: int) -> float:
 
 
 def scores() -> dict[str, Any]:
-    """The figures of the experiment, of the committed predictions and results."""
+    """The figures of the experiment, from the committed predictions and results."""
     table = json.loads(COMMITTED.read_text(encoding="utf-8"))["figures"]
     results = json.loads(RESULTS.read_text(encoding="utf-8"))["figures"]
     second = json.loads(SECOND.read_text(encoding="utf-8"))

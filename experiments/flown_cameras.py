@@ -21,8 +21,8 @@ from startrack.scene import DaySky
 
 DESIGNS = Path(__file__).parent / "flown"
 LIMIT_G = 8.0  # of the shipped catalogue
-# Stars fainter than that are this many times as many for each magnitude; from the counts of the
-# catalogue between G 6 and 8.
+# Factor of the number of fainter stars per magnitude; from the counts of the catalogue between G 6
+# and 8.
 GROWTH = 2.9
 COLOURS: Floats = np.linspace(-0.5, 3.0, 15)  # BP - RP
 EIGHT_LN_2 = 8 * math.log(2)
@@ -56,18 +56,18 @@ class Draw:
     """One value of each unknown of a camera.
 
     case     its design
-    streams  of what no design holds, by its name
+    streams  random streams of quantities outside designs, by name
     """
 
     case: Case
     streams: Streams
 
     def uniform(self, name: str, low: float, high: float) -> float:
-        """A number with a uniform law between two bounds."""
+        """A number with a uniform distribution between two bounds."""
         return low + (high - low) * float(self.streams(f"unknown {name}").random())
 
     def about(self, name: str, median: float, factor: float) -> float:
-        """A number that is within a factor of its median in 68 %."""
+        """A number that is within a factor of its median with a probability of 68 %."""
         score = float(ndtri(self.streams(f"unknown {name}").random()))
         return median * factor**score
 
@@ -80,7 +80,7 @@ class Draw:
         return math.sqrt(EIGHT_LN_2 * (sigma**2 + 1 / 12))
 
     def electrons(self, colour: Floats) -> Floats:
-        """Electron (n,) of stars of G = 0 and these BP - RP in an exposure."""
+        """Electrons (n,) in an exposure of stars of G = 0 and the given BP - RP."""
         case = self.case
         light = light_by_colour(case, COLOURS)
         detector = case.instrument.detector
@@ -89,7 +89,7 @@ class Draw:
         return np.exp(np.interp(known, COLOURS, np.log(rate)))
 
     def sky(self, **geometry: float) -> float:
-        """Electron of the sky in a pixel and exposure, with the Sun and line of sight elsewhere."""
+        """Electrons of the sky in a pixel and exposure, for another Sun and line of sight."""
         scene = self.case.scene
         assert scene.sky is not None
         here = replace(scene, sky=replace(scene.sky, **geometry))
@@ -147,9 +147,9 @@ def counted(magnitude: Floats, chance: Callable[[Floats], Floats]) -> float:
     """Number of detected stars, by a probability over RP; includes stars below the catalogue's
     limit.
 
-    Fainter ones grow in number as GROWTH says from the last magnitude of the catalogue on.
+    Beyond the last magnitude of the catalogue the number of stars grows by GROWTH.
     """
-    end = LIMIT_G - 0.9  # RP, to which the catalogue is complete for usual colours
+    end = LIMIT_G - 0.9  # RP; the catalogue is complete to it for usual colours
     inside = magnitude < end
     edges = np.arange(end, end + 5, 0.25)
     last = max(float(((magnitude > end - 1.5) & inside).sum()), 0.5)
@@ -159,7 +159,7 @@ def counted(magnitude: Floats, chance: Callable[[Floats], Floats]) -> float:
 
 
 def passes(magnitude: Floats, limit: float, width: float = 0.3) -> Floats:
-    """Probability of detection of stars near a limiting magnitude."""
+    """Probability of detection near a limiting magnitude."""
     return np.asarray(ndtr((limit - magnitude) / width))
 
 
@@ -182,6 +182,6 @@ def apart(elevation: float, sun: float, azimuth: float) -> float:
 
 
 def lit_from(draw: Draw, elevation: float, sun: float, distance: float) -> float:
-    """Electron of the sky of a pixel; angles in degree."""
+    """Electrons of the sky in a pixel; angles in degree."""
     assert isinstance(draw.case.scene.sky, DaySky)
     return draw.sky(elevation=elevation * deg, sun_elevation=sun * deg, sun_distance=distance * deg)

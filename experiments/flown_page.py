@@ -1,4 +1,4 @@
-"""Writes for flown.py: the page on cameras that flew, misses first, from figures alone."""
+"""Writes for flown.py: the page on flown cameras, misses first, from figures alone."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ ROW = "| {name} | {median:.4g} | {low_68:.4g} to {high_68:.4g} | {low_90:.4g} to
 
 
 def held(row: dict[str, Any], value: float, level: int) -> bool:
-    """Whether an interval holds a value."""
+    """Whether an interval contains a value."""
     return bool(row[f"low_{level}"] <= value <= row[f"high_{level}"])
 
 
 def misses(row: dict[str, Any], value: float) -> float:
-    """How far a value is from the interval of 90 %, in half widths from its middle."""
+    """Distance of a value from the middle of the 90 % interval, in half widths."""
     middle = (row["high_90"] + row["low_90"]) / 2
     half = max((row["high_90"] - row["low_90"]) / 2, 1e-12)
     return abs(value - middle) / half
@@ -29,9 +29,9 @@ def text_of(
 ) -> str:
     """The page.
 
-    frozen   as `predictions.json` has it
-    results  as `results.json` has it; None: not opened
-    second   predictions after the look, as `second.json` has them
+    frozen   contents of `predictions.json`
+    results  contents of `results.json`; None: not opened
+    second   contents of `second.json`: predictions after the data were opened
     """
     table = frozen["figures"]
     head = {key: frozen[key] for key in ("commit", "version", "seed", "draws")}
@@ -65,7 +65,7 @@ def shares(table: dict[str, Any], seen: dict[str, Any]) -> dict[int, float]:
 
 
 def scored(table: dict[str, Any], results: dict[str, Any], second: dict[str, float]) -> str:
-    """Shares, and all figures with measured values, misses first."""
+    """Fractions, and all figures with measured values, misses first."""
     seen = {name: row["value"] for name, row in results.items() if name in table}
     text = (
         f"\nOf {len(seen)} figures with a result, intervals of 68, 90 and 95 % contain "

@@ -1,9 +1,9 @@
-"""Measured figures of cameras that flew, for `flown.py --measure FOLDER`, from files of others.
+"""Measured figures of flown cameras, for `flown.py --measure FOLDER`, from published files.
 
-FOLDER has, by their own names, `results_table_post_process.ipynb` and `photometry.ipynb` of
-evanmayer/starcam-sim (pipeline), the two `.dat` of bbuysschaert/BRITE_decor and the three `.fits`
-of BlastTNG/flight (stars/practice_images). None of them is redistributed. What notebooks print of
-fits, and of TESS, is copied below with its place.
+FOLDER contains, under their original names, `results_table_post_process.ipynb` and
+`photometry.ipynb` of evanmayer/starcam-sim (pipeline), the two `.dat` of bbuysschaert/BRITE_decor
+and the three `.fits` of BlastTNG/flight (stars/practice_images). None of them is redistributed.
+Values that notebooks print for fits, and values for TESS, are copied below with their source.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ TESS = 2.56  # ssmichael1/tetra3rs CHANGELOG.md, 0.5.0: sector 17; all ten stay 
 # Of `startrack solve --catalog deep --fov 4.05 --fov-tolerance 0.02 --epoch 2013 FRAME` (some
 # minutes a frame): matched stars, and residual, pixel rms of an axis; none of the first.
 SOLVED = ((0, math.nan), (17, 0.396505), (65, 0.275040))
-EBEX_SCALE = 9.52  # arcsec / pixel, by these
+EBEX_SCALE = 9.52  # arcsec / pixel, by these solutions
 FRAMES = (
     "2012-12-30--07-14-40--687_p1.fits",
     "2012-12-30--08-27-56--625_p1.fits",
@@ -52,7 +52,7 @@ BANDS = {"below 15": (-99, 15), "15 to 25": (15, 25), "25 to 35": (25, 35), "abo
 
 
 def robust(values: Floats) -> float:
-    """Standard deviation by the median absolute deviation."""
+    """Standard deviation from the median absolute deviation."""
     return 1.4826 * float(np.median(np.abs(values - np.median(values))))
 
 

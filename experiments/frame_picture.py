@@ -1,5 +1,4 @@
-"""Question: what does a unit of the example see at the end of its life, and what does it make of
-it?
+"""Question: which frame and which attitude does a unit of the example have at the end of its life?
 
 Answer: docs/frame.png, the picture of the README.
 

@@ -1,8 +1,8 @@
-"""Rays that meet whatever surface comes next: an independent trace for ghosts.
+"""Non-sequential ray trace: an independent computation of ghosts.
 
-It shares nothing with `startrack.optics.ghosts` but the prescription. Each surface is a sphere that
-fills its clear aperture, in an opaque plate beyond; a ray meets the nearest one ahead, and both of
-its parts go on until they reflected twice.
+It shares only the prescription with `startrack.optics.ghosts`. Each surface is a sphere within its
+clear aperture, surrounded by an opaque plate. A ray meets the nearest surface ahead; its reflected
+and its refracted part are followed up to two reflections.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class Lens:
     sphere    (s,) metre, radius with its sign; infinite: a plane
     clear     (s,) metre, radius of the clear aperture
     index     (s + 1,) of the media before, between and after
-    detector  metre, its place
+    detector  metre, place of the detector
     """
 
     vertex: Floats
@@ -35,7 +35,7 @@ class Lens:
 
 
 def lens_of(surfaces: Surfaces) -> Lens:
-    """The lens of startrack's surfaces."""
+    """The lens from startrack's surfaces."""
     vertex = np.concatenate([[0.0], np.cumsum(surfaces.thickness)])
     with np.errstate(divide="ignore"):
         sphere = np.where(surfaces.curvature == 0, np.inf, 1 / surfaces.curvature)
@@ -44,7 +44,8 @@ def lens_of(surfaces: Surfaces) -> Lens:
 
 
 def source(lens: Lens, direction: Floats, count: int) -> tuple[Floats, Floats, float]:
-    """Rays (count^2, 3) of a distant source on a square before the first surface; area of each."""
+    """Rays (count^2, 3) of a distant source on a square in front of the first surface; area of
+    each."""
     half = 1.1 * lens.clear[0]
     axis = ((np.arange(count) + 0.5) / count * 2 - 1) * half
     x, y = (each.ravel() for each in np.meshgrid(axis, axis))
@@ -56,8 +57,7 @@ def source(lens: Lens, direction: Floats, count: int) -> tuple[Floats, Floats, f
 def ahead(lens: Lens, at: Floats, ray: Floats) -> Floats:
     """Distance to each surface (s + 1, n) that lies ahead, infinite where none; the detector last.
 
-    By the roots of |point + t ray - centre|^2 = radius^2, of which those count that lie on the
-    vertex's side of the sphere.
+    By the roots of |point + t ray - centre|^2 = radius^2 on the vertex's side of the sphere.
     """
     found = []
     for vertex, sphere in zip(lens.vertex, lens.sphere, strict=True):
@@ -83,13 +83,13 @@ def ahead(lens: Lens, at: Floats, ray: Floats) -> Floats:
 def ghosts(
     lens: Lens, at: Floats, ray: Floats, reflects: Floats
 ) -> dict[tuple[int, ...], tuple[Floats, Floats, Floats]]:
-    """Where rays meet the detector after two reflections: {(first, second): (x, y, weight)}.
+    """Points where rays meet the detector after two reflections: {(first, second): (x, y, weight)}.
 
     at, ray   (n, 3); rays start before the lens
-    reflects  (s + 1,) reflectances, which only weigh: what goes on keeps its weight
+    reflects  (s + 1,) reflectances; they weight reflected rays, transmitted rays keep their weight
     """
     made: dict[tuple[int, ...], list[tuple[Floats, Floats, Floats]]] = {}
-    # Histories of reflections, each with its rays: (position, direction, medium, weight).
+    # Histories of reflections with their rays: (position, direction, medium, weight).
     start = (at, ray, np.zeros(len(at), int), np.ones(len(at)))
     waiting: list[tuple[Any, ...]] = [((), *start)]
     while waiting:

@@ -1,6 +1,6 @@
-"""How does startrack handle the cases in which such programs fail?
+"""How does startrack handle cases in which similar programs fail?
 
-The list is that of `tests/hard`, which the tests run as well.
+The cases are listed in `tests/hard`, and also run as tests.
 
     python experiments/hard_cases.py [--markdown FILE] [--json FILE] [--quick]
 """
@@ -32,7 +32,7 @@ def main() -> None:
 
 
 def tried(case: Any) -> dict[str, Any]:
-    """One row: the result, and its time."""
+    """One row: the result and its time."""
     began = time.process_time()
     came = case.try_()
     return {

@@ -1,14 +1,15 @@
-"""Frames as files, and the table beside them -> which of them other solvers solve.
+"""Frames as files, and their table of attitudes -> frames that other solvers solve.
 
-The spots of both solvers are those of tetra3rs's detection, so that nothing of startrack's is in
-between the files and the attitude.
+Both solvers use spots of tetra3rs's detection, so that no part of startrack is between the files
+and the attitude.
 
 openstartracker (https://github.com/UBNanosatLab/openstartracker) is a C++ library, whose
-`tests/test.c` names the catalogue star of each spot: `OPENSTARTRACKER=/path/to/test` in the
-environment names that program, compiled. Its catalogue is a file as Hipparcos' with the directions
-and magnitudes of the design's sky, since its own lies outside its repository; the constants of its
-calibration are fitted on the first frame, as its `calibrate.py` does, and the others those of its
-example camera. Its attitude is that of its stars by least squares of their directions.
+`tests/test.c` prints the catalogue star of each spot: the environment variable
+`OPENSTARTRACKER=/path/to/test` names that compiled program. Its catalogue is a file in the format
+of Hipparcos with the directions and magnitudes of the design's sky, because its own catalogue is
+outside its repository. Its calibration constants are fitted on the first frame, as by its
+`calibrate.py`; the other constants are from its example camera. Its attitude follows from its stars
+by least squares of directions.
 """
 
 from __future__ import annotations
@@ -29,8 +30,8 @@ from scipy.spatial.transform import Rotation
 from startrack import Case, arcsec, deg
 from startrack.catalog import open_sky
 
-NEAR = 60 * arcsec  # of the true boresight
-FEWEST = 4  # stars that give an attitude
+NEAR = 60 * arcsec  # largest distance from the true boresight
+FEWEST = 4  # least number of stars of an attitude
 PROGRAM = "OPENSTARTRACKER"
 # The example camera of openstartracker (tests/science_cam_may8_0.05sec_gain40/calibration.txt).
 EXAMPLE = {
@@ -40,13 +41,13 @@ EXAMPLE = {
 
 
 class Shot(NamedTuple):
-    """A frame of a file, as tetra3rs detects its stars.
+    """A frame of a file, with stars detected by tetra3rs.
 
-    centroids  of tetra3rs
+    centroids  result of tetra3rs
     shape      rows, columns
     spots      (n, 3) x, y in pixel, brightness
-    noise      digital number rms, of an empty pixel
-    attitude   icrs_to_camera, of the table
+    noise      digital number rms of an empty pixel
+    attitude   icrs_to_camera, from the table
     """
 
     centroids: Any
@@ -57,7 +58,7 @@ class Shot(NamedTuple):
 
 
 def solved_by_peers(folder: Path, case: Case) -> dict[str, float]:
-    """Fraction of the frames of a folder that each peer solves within NEAR, by the peer's name."""
+    """Fraction of the frames of a folder that each peer solves within NEAR, by name of the peer."""
     if command.missing("frames solved by peers", "tetra3rs"):
         return {}
     shots = list(_shots(folder))
@@ -70,7 +71,7 @@ def solved_by_peers(folder: Path, case: Case) -> dict[str, float]:
 
 
 def _shots(folder: Path) -> list[Shot]:
-    """The frames of a folder, in their order."""
+    """The frames of a folder, in order."""
     import tetra3rs
 
     shots = []
@@ -79,7 +80,7 @@ def _shots(folder: Path) -> list[Shot]:
             image = np.asarray(cv2.imread(str(folder / row["file"]), cv2.IMREAD_UNCHANGED))
             found = tetra3rs.extract_centroids(image, threads=1).centroids
             spots = np.array([(one.x, one.y, one.brightness) for one in found]).reshape(-1, 3)
-            # The stars are few of the pixels.
+            # Stars cover few pixels.
             noise = 1.4826 * float(np.median(np.abs(image - np.median(image))))
             attitude = Rotation.from_quat([float(row[f"icrs_to_camera_{name}"]) for name in "xyzw"])
             shots.append(Shot(found, image.shape, spots, noise, attitude))
@@ -87,7 +88,7 @@ def _shots(folder: Path) -> list[Shot]:
 
 
 def _near(icrs_to_camera: NDArray[np.float64], true: Rotation) -> bool:
-    """Whether the boresight is that of the table."""
+    """Whether the boresight agrees with the table."""
     return bool(np.linalg.norm(icrs_to_camera[2] - true.as_matrix()[2]) < NEAR)
 
 
@@ -117,7 +118,8 @@ def _by_openstartracker(shots: list[Shot], case: Case, program: Path, folder: Pa
         np.degrees(np.arctan2(stars.direction[:, 1], stars.direction[:, 0])) % 360,
         np.degrees(np.arcsin(stars.direction[:, 2])),
     )
-    # The columns of Hipparcos that it reads; without proper motion, the directions are of the date.
+    # The columns of Hipparcos that the program reads; proper motion is zero, directions are of the
+    # date.
     lines = []
     for star, place in enumerate(zip(stars.magnitude_g, ra, dec, strict=True), 1):
         field = ["0"] * 78
@@ -134,7 +136,7 @@ def _by_openstartracker(shots: list[Shot], case: Case, program: Path, folder: Pa
         "IMAGE_VARIANCE": shots[0].noise ** 2,
     }
     (folder / "calibration.txt").write_text("".join(f"{k}={v}\n" for k, v in constants.items()))
-    # Its z is to smaller rows; with rows that count upwards its axes are right-handed.
+    # Its z axis points to smaller rows; with rows counted upwards its axes are right-handed.
     given = [
         np.column_stack(
             [

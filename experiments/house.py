@@ -1,14 +1,14 @@
-"""How large is the package, and does it lean on names that other packages do not publish?
+"""How large is the package, and does it use private names of other packages?
 
 python experiments/house.py [--json FILE] [--quick] [--numba VERSION ...]
 
-Counts lines and files of the package, what a reader meets (`house_reader.py`), public names, and
-names of other packages that begin with an underscore or stand in numba's inside, outside the one
-file that may use them (startrack/core/compiler.py). Then times the first and a later `startrack
-simulate`, compares trials on plain numba, counts the places that an addition takes by the tests
-that make it, and times the stages beside commit 975808b, all of which --quick leaves out. Results
-are compared with those that were recorded (`same_bytes.py`; a few of them under --quick). With
---numba a few tests run on other versions of numba, which pip puts beside this one.
+Counts lines and files of the package, measures of readability (`house_reader.py`), public names,
+and private names of other packages (with an underscore, or from numba's internal modules) outside
+startrack/core/compiler.py, which may use them. Then it times the first and a later `startrack
+simulate`, compares trials on plain numba, counts the places that an addition needs by the tests
+that make it, and compares times of the stages with commit 975808b; --quick leaves these parts out.
+Results are compared with recorded results (`same_bytes.py`; --quick compares a few). With --numba a
+few tests run on other versions of numba, which pip installs in addition.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ import speed_against
 import startrack
 
 HOME = Path(startrack.__file__).parent
-OPTIONAL = HOME / "core" / "compiler.py"  # may use what numba does not publish
-REFERENCE = "975808b"  # commit that kernels are compared with
+OPTIONAL = HOME / "core" / "compiler.py"  # may use private names of numba
+REFERENCE = "975808b"  # commit for the comparison of kernels
 PLACES = {"one": 1, "two": 2, "three": 3}
-TESTS = ("tests/core/test_kernel.py", "tests/test_places_to_add.py")  # of a version of numba
+TESTS = ("tests/core/test_kernel.py", "tests/test_places_to_add.py")  # tests for a version of numba
 TRIALS = """
 import hashlib, sys
 if len(sys.argv) > 1:
@@ -73,7 +73,7 @@ def main() -> None:
     if not options.quick:
         with tempfile.TemporaryDirectory() as folder:
             figures["simulate_cold_s"] = seconds_of(Path(folder), "simulate")
-            # The first run compiles in a process that goes on after its end.
+            # The first run compiles in a process that continues after the run's end.
             seconds_of(Path(folder), "warm", "--part", "identification", "--part", "fidelity frame")
             figures["simulate_warm_s"] = seconds_of(Path(folder), "simulate")
             figures["plain_numba_same"] = int(plain_numba_same(Path(folder)))
@@ -88,7 +88,7 @@ def main() -> None:
 
 
 def public_names() -> int:
-    """Names of the package, and those in `__all__` of the packages that its stub names."""
+    """Names of the package, and names in `__all__` of the packages of its stub."""
     stub = (HOME / "__init__.pyi").read_text(encoding="utf-8")
     rooms = re.findall(r"^from \. import (\w+)", stub, re.M)
     listed, waiting = 0, [startrack.__name__, *(f"startrack.{room}" for room in rooms)]
@@ -104,7 +104,7 @@ def public_names() -> int:
 
 
 def private_names(path: Path) -> list[str]:
-    """What a file imports from other packages under a name that they do not publish."""
+    """Private names of other packages that a file imports."""
     names = []
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
@@ -120,7 +120,7 @@ def private_names(path: Path) -> list[str]:
 
 
 def seconds_of(folder: Path, *words: str) -> float:
-    """Seconds of a command, kernels compiled into a folder that is kept."""
+    """Seconds of a command; compiled kernels are kept in a folder."""
     environment = os.environ | {"NUMBA_CACHE_DIR": str(folder / "kernels")}
     environment["PYTHONPATH"] = str(HOME.parent)
     began = time.perf_counter()
@@ -135,7 +135,7 @@ def seconds_of(folder: Path, *words: str) -> float:
 
 
 def plain_numba_same(folder: Path) -> bool:
-    """Whether trials of all fidelities are the same, to the bit, without numba's inside."""
+    """Whether trials of all fidelities are equal, to the bit, without private names of numba."""
     environment = os.environ | {"NUMBA_CACHE_DIR": str(folder / "kernels")}
     outcomes = [
         subprocess.run(
@@ -150,7 +150,8 @@ def plain_numba_same(folder: Path) -> bool:
 
 
 def places_to_add() -> dict[str, int | None]:
-    """Places by what is added, as tests say that make each addition; None where one fails."""
+    """Number of places for each kind of addition, by the tests that make it; None if a test
+    fails."""
     words = [sys.executable, "-m", "pytest", "-v", "-p", "no:cacheprovider", TESTS[1]]
     shown = subprocess.run(words, cwd=HOME.parent, capture_output=True, text=True).stdout
     found = re.findall(r"::test_an?_(\w+)_is_(one|two|three)_places? (PASSED|FAILED)", shown)
@@ -158,7 +159,7 @@ def places_to_add() -> dict[str, int | None]:
 
 
 def passed_on(version: str) -> bool:
-    """Whether TESTS pass on a version of numba, which pip installs into a temporary folder."""
+    """Whether TESTS pass on a version of numba that pip installs into a temporary folder."""
     with tempfile.TemporaryDirectory() as folder:
         words = ["-m", "pip", "install", "--quiet", "--target", folder, f"numba=={version}"]
         subprocess.run([sys.executable, *words], check=True)

@@ -1,4 +1,4 @@
-"""Measures of the package's readability, counted over its syntax trees and its calls."""
+"""Measures of the package's readability, from its syntax trees and calls."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ import startrack
 
 HOME = Path(startrack.__file__).parent
 ROOT = HOME.parent
-# The way of the light from charge to attitude: entry functions, followed one after the other.
+# The path of the light from charge to attitude: entry functions in sequence.
 STATIONS = (
     ("startrack.detector.exposure", "expose"),
     ("startrack.detection.detect", "detect"),
@@ -28,14 +28,14 @@ STATIONS = (
 
 
 def measures() -> dict[str, Any]:
-    """The measures of a reader.
+    """Measures of readability.
 
     statements, nodes     of the package's syntax trees
     fmt_skip              marks that keep the formatter from a statement
     formatted_lines       lines as the formatter writes them
-    class_names_twice     names that more than one class has
+    class_names_twice     names of more than one class
     public_names_top      names at the top of the package
-    private_imports_experiments  imports of a module inside a room, by experiments
+    private_imports_experiments  imports by experiments of modules inside a room
     walk_returns          see `returns_of_the_walk`
     units_branches        conditions on whether a design has units
     lru_caches            functions behind `lru_cache` or `cache`
@@ -72,7 +72,7 @@ def _tree(path: Path) -> ast.Module:
 
 
 def formatted_lines() -> int:
-    """Lines of the package after the formatter, marks to skip taken out."""
+    """Lines of the package after the formatter, without marks to skip."""
     command = ["ruff", "format", "--config", str(ROOT / "pyproject.toml"), "-"]
     lines = 0
     for path in sources(HOME):
@@ -83,7 +83,7 @@ def formatted_lines() -> int:
 
 
 def private_imports(path: Path) -> int:
-    """Imports of a file that reach past the door of a room of the package.
+    """Imports of a file from inside a room of the package, past its `__init__`.
 
     An import is private if its module is inside a room and the room's `__init__` does not name it,
     or if the imported name begins with an underscore.
@@ -108,7 +108,7 @@ def _is_room(module: str) -> bool:
 
 
 def _is_hidden(room: str, name: str) -> bool:
-    """Whether a name is private, or a module that a room holds without naming it at its door."""
+    """Whether a name is private, or a module of a room that its `__init__` does not name."""
     if name.startswith("_"):
         return True
     folder = ROOT.joinpath(*room.split("."))
@@ -125,11 +125,11 @@ def _is_hidden(room: str, name: str) -> bool:
 
 
 def returns_of_the_walk() -> int:
-    """Number of returns of a reader to a file that was left before, along the calls.
+    """Number of returns of a reader to an earlier file, along the calls.
 
-    From each station the functions of the package are read in the order in which they are called,
-    each once and to its end; a call of another file leads there, and its end leads on to the next
-    call, whose file may be one that was left before.
+    From each entry the functions of the package are read in the order of calls, each once and to
+    its end. A call of another file leads there; its end leads to the next call, possibly in an
+    earlier file.
     """
     done: set[tuple[str, str]] = set()
     files: list[str] = []
@@ -179,7 +179,7 @@ def _is_module(thing: Any) -> bool:
 
 
 def _home(module: str, name: str) -> tuple[str, str]:
-    """Where a function is written, by way of the doors of rooms."""
+    """The file of a function, followed through the `__init__` of rooms."""
     thing = getattr(import_module(module), name, None)
     function = getattr(thing, "py_func", getattr(thing, "__wrapped__", thing))
     return getattr(function, "__module__", module) or module, getattr(function, "__name__", name)

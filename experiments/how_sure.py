@@ -1,31 +1,32 @@
-"""Question: do the intervals of predictions hold, of published trackers and of drawn designs?
+"""Question: do intervals of predictions hold, for published trackers and for drawn designs?
 
     STARTRACK_DATA=folder python experiments/how_sure.py [--json FILE] [--draws N] [--quick]
 
-Each published tracker is predicted with the laws of its design file, the residual that its class
-leaves after calibration estimated without it (leave-one-out); further trackers of
-`STARTRACK_DATA/references/trackers-more` are predicted with the laws of all shipped ones. Then
-designs are drawn from the laws of a prototype, their errors and figures of frames told, both by
-the whole budget of each, and the intervals of its unknowns are compared with the truth. Last, the
-loop of a test: of some drawn prototypes 200 frames are rendered, measured and told, and the
-prediction after them is compared with the truth.
+Each published tracker is predicted with the laws of its design file; the residual of its class
+after calibration is estimated without this tracker (leave-one-out). Further trackers of
+`STARTRACK_DATA/references/trackers-more` are predicted with the laws of all shipped trackers. Then
+designs are drawn from the laws of a prototype; their errors and figures of frames are given as told
+figures, both by the whole budget of each design, and the intervals of the unknowns are compared
+with the truth. Last, a simulated test campaign: for some drawn prototypes 200 frames are rendered,
+measured and given as told figures, and the following prediction is compared with the truth.
 
-log_error_across, _about  mean of |ln(median / published)|, of the shipped trackers
-skill_across, _about      that over the same of a constant: the geometric mean of what is published
-                          of the other trackers of the class
-holds_68, holds_95        share of the published figures that the intervals hold
-width                     mean of half the logarithm of the ratio of the ends of 68 %
-unseen                    the same of further trackers, where they are there
-within_1_5, _2, _3, of    trackers both of whose figures are predicted within a factor, of how many
-residual_px, residual_factor  of a class: the residual after calibration that makes what is
-                          published, its geometric mean and the factor that holds 68 %
-about_over_across         of a tracker: error about the boresight over that across, by the places of
-                          its stars alone (of its noise), and as published
-error_of_that_ratio       mean of |ln| of the first over the second
-posterior_68, _95         share of the unknowns that posterior intervals hold, over drawn designs
-loop_within               share of the truth's figures that intervals of 95 % hold after the loop
-loop_narrows              factor of 68 % before, over that after, of noise across; geometric mean
-predict_s                 of one prediction with two processes, second
+log_error_across, _about  mean of |ln(median / published)| over the shipped trackers
+skill_across, _about      that mean over the same mean for a constant: the geometric mean of the
+                          published figures of the other trackers of the class
+holds_68, holds_95        fraction of the published figures within the intervals
+width                     mean of half the logarithm of the ratio of the ends of the 68 % intervals
+unseen                    the same for further trackers, if available
+within_1_5, _2, _3, of    number of trackers with both figures within a factor; number of trackers
+residual_px, residual_factor  for a class: residual after calibration that gives the published
+                          figures, geometric mean and factor of 68 %
+about_over_across         for a tracker: error about the boresight over error across, by the places
+                          of its stars alone (of its noise), and published
+error_of_that_ratio       mean of |ln(first / second)|
+posterior_68, _95         fraction of the unknowns within posterior intervals, over drawn designs
+loop_within               fraction of the true figures within 95 % intervals after the loop
+loop_narrows              factor of 68 % of noise across before the loop, over the factor after;
+                          geometric mean
+predict_s                 second, time of a prediction with two processes
 """
 
 from __future__ import annotations
@@ -61,10 +62,10 @@ RESIDUAL = "instrument.residual.rms"
 CLASSES = {"noise": Term.NOISE, "pixel": Term.PIXEL, "fov": Term.FIELD}
 CLASSES |= {"thermo-elastic": Term.THERMO_ELASTIC}
 AXES = ("across", "about")
-LEAST_PART = 0.3  # of a published figure that the residual makes, at least, in `implied`
+LEAST_PART = 0.3  # least fraction of a published figure caused by the residual, in `implied`
 TERMS = dict(zip(("NEA", "pixel", "FOV", "accuracy"), PUBLISHED.values(), strict=False))
-# A prototype of which five values are not known. Figures that it is told, with the factor by which
-# each may be wrong: those of frames as 50 frames of it have them.
+# A prototype with five unknown values. Its told figures, with the factor of uncertainty of each;
+# figures of frames have the uncertainty of 50 frames.
 PROTOTYPE = """
 base = "designs/noise_only.toml"
 [instrument.optics]
@@ -89,15 +90,15 @@ density = ["1 arcsec2 / Hz", "1 arcsec2 / Hz"]
 TOLD = (("accuracy", "across", 1.15), ("NEA", "across", 1.1))
 FRAMES_TOLD = {"read noise": 1.01, "star signal": 1.03, "image width": 1.02, "common motion": 1.1}
 LOOP_FRAMES, LOOPS = 200, 4
-STEP = 0.01  # pixel, by which the stars of a loop move from frame to frame
+STEP = 0.01  # pixel, motion of stars from frame to frame in the loop
 
 
 class Tracker(NamedTuple):
     """A published tracker with its draws.
 
     published  arcsec, rms per axis, across and about; None where nothing is published
-    counts     classes of error that the figures hold
-    jitter     arcsec, of the vehicle, which the figures hold, too
+    counts     classes of error that the figures include
+    jitter     arcsec, jitter of the vehicle, which the figures also include
     family     "shelf" or "made"
     """
 
@@ -110,13 +111,13 @@ class Tracker(NamedTuple):
 
     @property
     def of_residual(self) -> bool:
-        """Whether its class has a residual after calibration, and its figures hold it."""
+        """Whether the class has a residual after calibration that the figures include."""
         named = any(unknown.name == RESIDUAL for unknown in self.draws[0].unknowns)
         return named and Term.FIELD in self.counts
 
 
 def tracker_of(name: str, path: Path, one: units.Published, draws: int, executor: Any) -> Tracker:
-    """A tracker with its draws, all at the begin of life."""
+    """A tracker with its draws, at the begin of life."""
     began = time.monotonic()
     made = draw_unknowns(path, SEED, draws, UNITS, 0.0, executor=executor)
     print(f"{name}: {len(made)} draws in {time.monotonic() - began:.0f} s", flush=True)
@@ -136,7 +137,8 @@ def samples(tracker: Tracker, shift: float) -> Floats:
 
 
 def implied(tracker: Tracker) -> float:
-    """Logarithm of the residual that makes what is published, over that of the design file."""
+    """Logarithm of the ratio of the residual that gives the published figures to the residual of
+    the design file."""
     middle = tracker.draws[0].terms
     found = []
     for axis, published in enumerate(tracker.published):
@@ -150,10 +152,10 @@ def implied(tracker: Tracker) -> float:
 
 
 def scores(trackers: Sequence[Tracker], of: Sequence[Tracker], one_out: bool) -> dict[str, Any]:
-    """How predictions of some trackers hold.
+    """Scores of predictions of some trackers.
 
-    of       the trackers that laws and constants are from
-    one_out  whether the factors are estimated without the tracker that is judged
+    of       trackers that give laws and constants
+    one_out  whether factors are estimated without the judged tracker
     """
     rows, factors = list[tuple[int, float, float, bool, bool, float]](), []
     for tracker in trackers:
@@ -195,7 +197,7 @@ def scores(trackers: Sequence[Tracker], of: Sequence[Tracker], one_out: bool) ->
 
 
 def residuals_of(trackers: Sequence[Tracker]) -> dict[str, Any]:
-    """The residual after calibration that makes what is published, by class."""
+    """The residual after calibration that gives the published figures, by class."""
     found: dict[str, Any] = {"residual_px": {}, "residual_factor": {}}
     for family in ("made", "shelf"):
         some = [one for one in trackers if one.family == family and one.of_residual]
@@ -209,10 +211,10 @@ def residuals_of(trackers: Sequence[Tracker]) -> dict[str, Any]:
 
 
 def about_over_across(trackers: Sequence[Tracker]) -> dict[str, Any]:
-    """Ratio of both published errors beside that which the places of the stars alone make.
+    """Published ratio of both errors, and ratio by the places of the stars alone.
 
-    An error that is alike and independent in all stars is larger about the boresight than across by
-    the inverse of their root-mean-square angle from it, whatever its size; noise is such an error.
+    An independent error of equal size in all stars is larger about the boresight than across by the
+    inverse of the stars' rms angle from the boresight; noise is such an error.
     """
     found = dict[str, list[float]]()
     for tracker in trackers:
@@ -225,9 +227,9 @@ def about_over_across(trackers: Sequence[Tracker]) -> dict[str, Any]:
 
 
 def posterior(path: Path, designs: int, draws: int, executor: Any) -> dict[str, Any]:
-    """Share of the unknowns of drawn designs that the intervals of their posterior hold.
+    """Fraction of the unknowns of drawn designs within the intervals of their posterior.
 
-    The truth of each is its own budget of drawn units, and no surface.
+    The truth of each design is its budget of drawn units, not a response surface.
     """
     known = draw_unknowns(path, SEED, draws, UNITS, 0.0, executor=executor, middle=False)
     truths = draw_unknowns(path, SEED + 1, designs, UNITS, 0.0, executor=executor, middle=False)
@@ -256,9 +258,10 @@ def posterior(path: Path, designs: int, draws: int, executor: Any) -> dict[str, 
 
 
 def loop(path: Path, loops: int, frames: int, draws: int, executor: Any) -> dict[str, Any]:
-    """The loop of a test, of some drawn prototypes: frames, what they tell, the prediction after.
+    """Simulated test campaigns of drawn prototypes: frames, their told figures, and the following
+    prediction.
 
-    Attitudes turn as one; of the jitter the frames have that within an exposure.
+    The attitude turns uniformly; frames contain the jitter within an exposure.
     """
     before = predict(path, seed=SEED, draws=draws, age=0.0, executor=executor)
     believed, within, narrows = load_design(path).case, list[bool](), list[float]()
@@ -287,7 +290,7 @@ def loop(path: Path, loops: int, frames: int, draws: int, executor: Any) -> dict
 
 
 def further(draws: int, executor: Any) -> list[Tracker]:
-    """Trackers of the folder of outside data; empty without this folder."""
+    """Trackers of the folder of external data; empty without this folder."""
     folder = Path(os.environ.get("STARTRACK_DATA", "-")) / "references/trackers-more"
     if not folder.is_dir():
         print("further trackers: left out, STARTRACK_DATA is not set or has none")

@@ -1,11 +1,11 @@
-"""How often are skies identified, how often falsely, how fast, and by whom?
+"""How often are skies identified, how often falsely, and how fast, by startrack and by others?
 
-Centroids of random skies, displaced by noise, some missing, false ones among them, are given to
-startrack and, where they are installed, to tetra3rs, as it comes and with its tolerances tuned to
-the noise, and to cedar-solve, through the interpreter that STARTRACK_CEDAR names, on the fields
-of 10 deg and more that its database holds. All believe a focal length that is wrong by up to one
-percent. `within_reach` is the fraction of skies where the evidence of the true attitude, matched
-to the true stars, reaches what startrack asks for: beyond it the sky does not hold the information.
+Centroids of random skies have noise, missing stars and false spots. They are given to startrack
+and, if installed, to tetra3rs, with its defaults and with tolerances tuned to the noise, and to
+cedar-solve, through the interpreter STARTRACK_CEDAR, for the fields of its database, 10 deg and
+more. All programs have a focal length that is wrong by up to one percent. `within_reach` is the
+fraction of skies where the evidence of the true attitude with the true stars reaches startrack's
+threshold; other skies do not contain enough information.
 
     python experiments/identification.py [--json FILE] [--plot FILE] [--regimes few|all] [--quick]
 
@@ -49,7 +49,7 @@ from startrack.identification import (
 )
 from startrack.plots import CYCLE, MARKERS, picture, save_picture, styled
 
-CEDAR_SKIES = 20  # a regime: it takes up to a second for one
+CEDAR_SKIES = 20  # skies per regime: cedar-solve takes up to a second for a sky
 SOLVERS = ("startrack", "tetra3rs", "tetra3rs tuned", "cedar-solve")
 
 
@@ -72,7 +72,7 @@ def bound(seen: cases.BenchmarkView, regime: cases.Regime) -> Floats:
 
 
 def within_reach(seen: cases.BenchmarkView, regime: cases.Regime) -> bool:
-    """Whether the truth itself is evident enough, its faintest stars left out or not."""
+    """Whether the true attitude has enough evidence, with or without its faintest stars."""
     camera, stars, index = cases.design(regime.field)
     every = see(seen.spots, usable(seen.spots), camera, cases.SETTINGS)
     view = keep_brightest(every, cases.SETTINGS.verify_spots)
@@ -93,9 +93,7 @@ def within_reach(seen: cases.BenchmarkView, regime: cases.Regime) -> bool:
     return best > -math.log(cases.SETTINGS.max_false_probability)
 
 
-Solver = Callable[
-    [cases.BenchmarkView], tuple[Rotation | None, float]
-]  # and the processor's seconds
+Solver = Callable[[cases.BenchmarkView], tuple[Rotation | None, float]]  # and CPU seconds
 
 
 def timed(solve: Callable[[cases.BenchmarkView], Rotation | None]) -> Solver:
@@ -117,7 +115,7 @@ def ours(regime: cases.Regime) -> Callable[[cases.BenchmarkView], Rotation | Non
 
 
 def peers(regime: cases.Regime) -> Iterator[tuple[str, Solver]]:
-    """tetra3rs as it comes, and with the tolerances that the noise asks for; cedar-solve."""
+    """tetra3rs with defaults, and with tolerances for the noise; cedar-solve."""
     interpreter = os.environ.get("STARTRACK_CEDAR")
     if interpreter and regime.field >= 10:
         yield "cedar-solve", cedar(interpreter)
@@ -130,7 +128,7 @@ def peers(regime: cases.Regime) -> Iterator[tuple[str, Solver]]:
 
 
 def tuned(noise: float) -> dict[str, float]:
-    """Settings of tetra3rs for centroids of a noise, pixel; chosen on the regimes here."""
+    """Settings of tetra3rs for a noise of centroids, pixel; chosen on these regimes."""
     return {
         "match_radius": (4 * noise + 1) / cases.SIZE,
         "match_max_error": max(0.001, 6 * noise / cases.SIZE),
@@ -163,7 +161,7 @@ def tetra3rs_solver(
 
 @lru_cache
 def cedar(interpreter: str) -> Solver:
-    """A solver in another process; only where it points is judged, so the roll is the true one."""
+    """A solver in another process; only its boresight is judged, so the true roll is used."""
     worker = subprocess.Popen(
         [interpreter, str(Path(__file__).with_name("cedar_worker.py"))],
         stdin=subprocess.PIPE,
@@ -193,7 +191,7 @@ def cedar(interpreter: str) -> Solver:
 
 
 def pointed(ra: float, dec: float, seen: cases.BenchmarkView) -> Rotation:
-    """The attitude of a boresight, radian, as if its roll were the true one."""
+    """The attitude of a boresight, radian, with the true roll."""
     x, y, z = seen.icrs_to_camera.apply(toward(ra, dec))
     off = np.array([y, -x, 0.0])  # turns that direction onto the boresight
     off *= math.atan2(math.hypot(x, y), z) / max(math.hypot(x, y), 1e-300)
@@ -213,7 +211,7 @@ def database_of(field: int, limit: float) -> Any:
 
 
 def measure(regime: cases.Regime, skies: int, seed: int) -> dict[str, Any]:
-    """One row a regime: every solver sees every sky."""
+    """One row per regime: every solver gets every sky."""
     rng = np.random.default_rng(seed)
     solvers = {"startrack": timed(ours(regime)), **dict(peers(regime))}
     seconds: dict[str, list[float]] = {name: [] for name in solvers}
@@ -222,7 +220,7 @@ def measure(regime: cases.Regime, skies: int, seed: int) -> dict[str, Any]:
     _, stars, index = cases.design(regime.field)
     every = [cases.sky(rng, regime) for _ in range(skies)]
     reach = sum(within_reach(seen, regime) for seen in every)
-    # One solver after the other: turns would cool the caches for all but the last.
+    # One solver after the other: alternating solvers would empty each other's caches.
     for name, solver in solvers.items():
         solver(every[0])  # compiles
         for seen in every[: CEDAR_SKIES if name == "cedar-solve" else None]:
@@ -267,7 +265,7 @@ def brightest(spots: Spots, count: int) -> Spots:
 
 
 def few_stars(count: int, skies: int) -> float:
-    """Share solved from a number of the brightest stars alone, at 12 deg, 0.2 pixel."""
+    """Fraction solved from a number of the brightest stars alone, at 12 deg, 0.2 pixel."""
     regime = cases.Regime(12, 0.2, 0, 0.0)
     rng, run = np.random.default_rng(count), ours(regime)
     good = tried = 0
@@ -281,8 +279,8 @@ def few_stars(count: int, skies: int) -> float:
 
 
 def tracked(count: int, skies: int, sigma: float = 0.05 * deg) -> float:
-    """Share solved from a number of stars, the attitude predicted with this sigma about each "
-    "axis."""
+    """Fraction solved from a number of stars, with an attitude predicted with this sigma about each
+    " "axis."""
     regime = cases.Regime(12, 0.2, 0, 0.0)
     camera, stars, index = cases.design(12)
     rng = np.random.default_rng(count)
@@ -303,7 +301,7 @@ def tracked(count: int, skies: int, sigma: float = 0.05 * deg) -> float:
 
 
 def random_points(frames: int) -> tuple[int, float]:
-    """How many images of 30 random points are solved, and the longest time, ms."""
+    """Number of solved images of 30 random points, and the longest time, ms."""
     camera, stars, index = cases.design(12)
     rng = np.random.default_rng(5)
     solved, longest = 0, 0.0
@@ -318,7 +316,7 @@ def random_points(frames: int) -> tuple[int, float]:
 
 
 def index_figures(rounds: int) -> dict[str, float]:
-    """Build, size and load of the index for 12 deg; least of some rounds."""
+    """Time to build, size, and time to load the index for 12 deg; shortest of some rounds."""
     _, stars, index = cases.design(12)
 
     def least(action: Callable[[], object]) -> float:
@@ -387,9 +385,10 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
 
 
 def real_solved(images: int | None) -> int | None:
-    """How many real images `startrack solve` finds where others do; None without the images.
+    """Number of real images that `startrack solve` solves, of images solved by others; None without
+    the images.
 
-    images   how many are tried; all where it is None
+    images   number of tried images; None: all
     """
     folder = command.images("the real images are")
     if folder is None:

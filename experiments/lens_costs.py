@@ -71,7 +71,7 @@ def page(found: list[dict[str, Any]], source: str) -> str:
         return f"{measured:.0f} | {predicted:.0f} | {measured / predicted:.2f}"
 
     lines = [
-        "# What lenses weigh and cost",
+        "# Mass and cost of lenses",
         "`max_mass`, `max_volume` and `max_cost` of a design with `lens_family`, or with a "
         "`lens_file` that holds its surfaces, count the lens by its glass: "
         "`startrack.design.requirements` has the equations. This page, written by "

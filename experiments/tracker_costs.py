@@ -103,7 +103,7 @@ def page(found: dict[str, Any], source: str) -> str:
     )
     counts = found["counts"]
     lines = [
-        "# What trackers weigh and need, and what pixels trade",
+        "# Mass and power of trackers, and scaling laws of pixels",
         f"Cost laws of a design (`[campaign.requirements]`) beside what was built, by "
         f"{source}. What "
         "[lenses weigh](lens-costs.md) is a page of its own.",
