@@ -1,33 +1,33 @@
-"""A tracker that turns: behind a rolling shutter, without being told its rate, and in a filter.
+"""A turning tracker: with a rolling shutter, with an unknown rate, and in a filter.
 
     python experiments/in_motion.py [--json FILE] [--quick]
 
-told_ratio        error across over the error of the same tracker with a known rate, by rate (deg/s)
-sigma_ratio       error across over the error that the tracker states
-availability      [told, not told], by rate; false_attitudes of all trials that were not told
-stars_ratio       stars of an attitude that is not told the rate, over those of a told one, by rate
-nanosatellite     [availability, error over that of a told tracker] of this design at 3 deg/s
-shutter_arcsec    what a rolling shutter of 20 us a row adds to the error across at 1 deg/s, with a
-                  known rate; shutter_unknown_rate_arcsec the same with the rate from the images
-filter_nees       error squared of the filter over what it states, and degrees of freedom (3), by
-                  rate of the slew (deg/s), with a gyroscope: [value, standard error], and of two
-                  heads whose alignment is 60 arcsec off;
-                  frame_nees the same of its frames alone
-calibration_bound_ratio  error of a camera that is calibrated frame by frame over the bound of
-                  Cramer and Rao of the same frames, by their number: root of the mean over cameras
-                  and unknowns (focal length, principal point, k1) of the error squared, over the
-                  bound's covariance
-swarm             [before, after], arcsec rms: angle between two heads of Swarm, before and after
-                  a model of their temperatures; swarm_as_expected: whether each lies where it was
-                  expected before it was flown
-streaked_real     of a real frame of streaks (its folder is named by STARTRACK_DATA): what was found
-                  and whether it lies where it was expected before it was solved;
-                  streaked_real_solved: the number of such frames with an attitude and a rate
-sequence_1000_s   second of CPU of 1,000 frames of 1024 x 1024 pixels at 10 Hz in windows, with what
-                  is computed once; sequence_frames_s the same in whole frames
+told_ratio        error across of a tracker with an unknown rate over the error with a known rate,
+                  by rate (deg/s)
+sigma_ratio       error across over the stated error
+availability      [known rate, unknown rate], by rate; false_attitudes in all trials with an unknown
+                  rate
+stars_ratio       stars of an attitude with an unknown rate, over stars with a known rate, by rate
+nanosatellite     [availability, error over the error with a known rate] of this design at 3 deg/s
+shutter_arcsec    error across added by a rolling shutter of 20 us a row at 1 deg/s, with a known
+                  rate; shutter_unknown_rate_arcsec: with the rate from the images
+filter_nees       normalised squared error of the filter, with 3 degrees of freedom, by rate of the
+                  slew (deg/s), with a gyroscope: [value, standard error]; and of two heads with an
+                  alignment error of 60 arcsec; frame_nees: the same for single frames
+calibration_bound_ratio  error of a camera calibrated frame by frame over the Cramer-Rao bound of
+                  the same frames, by their number: root mean square, over cameras and unknowns
+                  (focal length, principal point, k1), of error over bound
+swarm             [before, after], arcsec rms: angle between two heads of Swarm, before and after a
+                  model of their temperatures; swarm_as_expected: whether each is in the range
+                  expected before the simulation
+streaked_real     for a real frame of streaks (in the folder STARTRACK_DATA): results, and whether
+                  they are in the ranges expected before the solution; streaked_real_solved: number
+                  of such frames with an attitude and a rate
+sequence_1000_s   CPU time, second, of 1,000 frames of 1024 x 1024 pixels at 10 Hz in windows, with
+                  one-time computations; sequence_frames_s: in whole frames
 
-Of the noise-only design; the filter is that of the nanosatellite. Differences of errors are of the
-same skies and noise.
+The design is noise_only, with the filter of the nanosatellite. Differences of errors use the same
+skies and noise.
 """
 
 from __future__ import annotations
@@ -80,13 +80,13 @@ from startrack.sequence import Gyro, Leg, Sequence, SequenceHead, run
 
 RATES = (0.0, 0.3, 1.0, 3.0)  # deg/s
 ROW_DELAY = 20e-6  # second
-SLEWS = (0.0, 0.005, 0.1)  # deg/s, of the filter
+SLEWS = (0.0, 0.005, 0.1)  # deg/s, rates of the slews for the filter
 PERIOD = 0.213  # second; a multiple of the tones' periods would make their jitter last
 GYRO = Gyro(0.15 * deg / 60, 1e-7, 1e-5)
 CALIBRATED = {100: 64, 1000: 16, 10_000: 4}  # frames: cameras
-STARS, NOISE = 12, 0.05  # in a frame of a calibration; pixel
+STARS, NOISE = 12, 0.05  # number of stars in a frame of a calibration; noise, pixel
 SECOND = SequenceHead(x=90 * deg, alignment_sigma=60 * arcsec)
-BEGIN = 10  # frames of a sequence that are left out, while the filter settles
+BEGIN = 10  # first frames of a sequence, which are left out while the filter settles
 # A real frame in which stars are streaks: the test image "random" of PiFinder (31 January 2024,
 # 512 x 512 pixels, 25 mm; 0.75 s was its exposure by default). Expected before it was solved, from
 # a look at the picture and the published field of that camera: lowest, expected, highest.
@@ -186,7 +186,7 @@ def main() -> None:
 
 
 def over_bound(frames: int, cameras: int) -> float:
-    """Error of a calibration over its bound; 12 stars of 0.05 pixel in each frame."""
+    """Error of a calibration over its bound; 12 stars with 0.05 pixel of noise in each frame."""
     design, free = Camera(1024, 1024, 1500.0), np.arange(4)
     settings, squares = CameraFilter(Calibration(0.003, 6.0, 0.1, floor=0.0)), []
     sigma = settings.prior.sigma(design)[free]
@@ -213,7 +213,8 @@ def over_bound(frames: int, cameras: int) -> float:
 
 
 def swarm(frames: int) -> Between:
-    """Two heads at a right angle, of a compass as Oersted's, in the structure of docs/units.md."""
+    """Two heads at a right angle, of the type of Oersted's compass, in the structure of
+    docs/units.md."""
     text = shipped("trackers/oersted-asc.toml").read_text(encoding="utf-8")
     text = text.replace("structure-aluminium", "structure-titanium").replace(
         '"variations/', f'"{shipped("variations").as_posix()}/'
@@ -227,7 +228,8 @@ def swarm(frames: int) -> Between:
 
 
 def streaked() -> dict[str, Any]:
-    """Value, and whether it was expected, by the names of STREAKED; nothing without the frame."""
+    """Value, and whether it is in the expected range, by name in STREAKED; empty without the
+    frame."""
     path = Path(os.environ.get("STARTRACK_DATA", ".")) / "images-streaked" / "pifinder_random.png"
     if not path.exists():
         return {}
@@ -252,7 +254,7 @@ def streaked() -> dict[str, Any]:
 
 
 def spent(case: Case, fidelity: Fidelity, frames: int) -> float:
-    """Second of CPU that a sequence of a megapixel takes, which turns by 0.05 deg/s."""
+    """CPU time, second, of a megapixel sequence that turns by 0.05 deg/s."""
     detector = replace(case.instrument.detector, columns=1024, rows=1024, pixel_rate=5e7)
     case = replace(case, instrument=replace(case.instrument, detector=detector))
     sequence = Sequence((Leg(0.1 * (frames + 0.5), rate_x=0.05 * deg),), period=0.1)
@@ -263,7 +265,7 @@ def spent(case: Case, fidelity: Fidelity, frames: int) -> float:
 
 
 def turning(case: Case, rate: float, how: str, row_delay: float = 0.0) -> Case:
-    """The design at a rate (deg/s), that its tracker knows or takes from the images."""
+    """The design at a rate (deg/s) that is known to the tracker or estimated from the images."""
     instrument = case.instrument
     motion = replace(instrument.motion, rate_x=0.8 * rate * deg, rate_y=0.6 * rate * deg)
     detector = replace(instrument.detector, row_delay=row_delay)
@@ -283,7 +285,7 @@ def right(outcomes: NDArray[np.void]) -> NDArray[np.bool_]:
 
 
 def across(outcomes: NDArray[np.void]) -> float:
-    """Radian, rms per axis."""
+    """Error across, radian, rms per axis."""
     good = outcomes[right(outcomes)]
     return math.sqrt(float((good["error_x"] ** 2 + good["error_y"] ** 2).mean() / 2))
 
@@ -296,10 +298,10 @@ def stated(outcomes: NDArray[np.void]) -> float:
 def nees(
     rate: float, sequences: int, frames: int, heads: tuple[SequenceHead, ...] = ()
 ) -> tuple[list[float], list[float]]:
-    """Mean of the squared error over the stated variance, of three axes, and its standard error.
+    """Mean of the normalised squared error over three axes, and its standard error.
 
-    Of the filter, and of frames alone; frames of one sequence share what lasts, so that sequences
-    are what is independent.
+    For the filter and for single frames. Frames of a sequence share lasting errors, so only
+    sequences are independent.
     """
     case = load_design(shipped("designs/nanosatellite.toml")).case
     leg = Leg(frames * PERIOD, rate_x=rate * deg)

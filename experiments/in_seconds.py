@@ -1,12 +1,12 @@
-"""How long does each everyday command take, until its first line and to its end?
+"""How long does each common command take, until its first line and to its end?
 
-Runs commands of `startrack` on shipped designs, and on the designs of an engineer where
-STARTRACK_DATA holds `field/engineer`, each in a process of its own, after the kernels have been
-compiled. Times are wall-clock, for which the processor should be idle; `cpu_s` is beside them, and
-`peak_mb` the largest memory of the process (1 MB = 1e6 bytes). `--parts` measures some of:
+Runs commands of `startrack` on shipped designs, and on an engineer's designs if STARTRACK_DATA has
+`field/engineer`, each in a separate process, with compiled kernels. Times are wall-clock times, for
+an idle processor; `cpu_s` is also given, and `peak_mb`, the largest memory of the process (1 MB =
+1e6 bytes). `--parts` measures some of:
 
     commands  `first_line_s`, `whole_s`, `cpu_s`, `peak_mb` by command, the worst over the designs,
-              none of whose results are kept; `again_cpu_s` of a second call on the same design
+              without kept results; `again_cpu_s` for a second call on the same design
     forecast  `forecast_s`: CPU seconds of one forecast of the nanosatellite in all of its
               conditions, with 20 units and without, while the exposure changes
     windows   `window_plan_s`: CPU seconds of the plan of window trials by number of pixels, and the
@@ -39,8 +39,8 @@ from startrack.optimise import expected_objective
 
 PARTS = ("commands", "forecast", "windows")
 DESIGNS = ("noise_only", "high_accuracy", "nanosatellite")
-CHANGES = 5  # of the exposure, of which the median counts
-SIDES = (512, 1024, 2048)  # pixel, of frames of window plans
+CHANGES = 5  # changes of the exposure; the median counts
+SIDES = (512, 1024, 2048)  # pixel, sides of frames for window plans
 MB = 1e6
 
 
@@ -63,14 +63,14 @@ def main() -> None:
 
 
 def commands(quick: bool) -> dict[str, dict[str, float]]:
-    """The figures of each command, the worst over the designs."""
+    """The figures of each command, worst over the designs."""
     figures: dict[str, dict[str, float]] = {}
     with tempfile.TemporaryDirectory() as folder:
         os.environ["STARTRACK_CACHE"] = str(Path(folder) / "cache")
         for name, words in calls(quick):
             out = ["--out", str(Path(folder) / "out")] if "--out" in name else []
             if not quick:
-                clocked([*words, *out])  # compiles, and builds indexes of stars
+                clocked([*words, *out])  # compiles kernels and builds indexes of stars
             for file in Path(folder).glob("cache/result-*"):
                 file.unlink()
             clocks = clocked([*words, *out])
@@ -83,7 +83,7 @@ def commands(quick: bool) -> dict[str, dict[str, float]]:
 
 
 def calls(quick: bool) -> Iterator[tuple[str, list[str]]]:
-    """Names and words of the commands, on each design."""
+    """Names and arguments of the commands, on each design."""
     if quick:
         yield "requirements", ["requirements", str(shipped("designs/noise_only.toml"))]
         return

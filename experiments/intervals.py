@@ -1,28 +1,28 @@
-"""Do intervals hold what they promise, and do searches end where trials agree?
+"""Do intervals have their stated coverage, and are ends of searches confirmed by trials?
 
     python experiments/intervals.py [--parts coverage totals units oracles searches]
         [--repeats N] [--pool N] [--units N] [--designs NAME ...] [--seeds N] [--first N]
         [--peers N] [--trials N] [--ends FILE] [--json FILE] [--quick]
 
-Trials of a design are drawn from a pool of its trials, whose statistics are then the truth, by the
-thousand and in small numbers:
+Repeats with different numbers of trials are drawn from a pool of a design's trials, whose
+statistics are the truth:
 
-coverage          share of repeats in which the 95 % interval holds the truth, by figure, design and
+coverage          fraction of repeats whose 95 % interval contains the truth, by figure, design and
                   number of trials: rms across and about, levels of 95 and 99.73 % across, and the
-                  ratio of the rms across to that of a second design on the same skies; the total of
-                  `budget --montecarlo`; over units, by their number, the level that 95 % of them
-                  keep, the factor between two designs, and yields
-coverage_least, coverage_most  over all designs and numbers: of an rms, a ratio, a total
-coverage_over_units_least  of the figures over units, whose intervals may hold more than they say
-missed_low        share of repeats whose interval lies below the truth, the most of an rms: errors
-                  that look better than they are
-open_ended_said   1 where every interval of a level that its trials cannot bound is open above
+                  ratio of the rms across to a second design on the same skies; the total of `budget
+                  --montecarlo`; over units, by their number, the level of 95 % of the units, the
+                  factor between two designs, and yields
+coverage_least, coverage_most  over all designs and numbers, for an rms, a ratio, a total
+coverage_over_units_least  for the figures over units, whose intervals may be conservative
+missed_low        largest fraction of repeats whose interval of an rms is below the truth:
+                  optimistic errors
+open_ended_said   1 if every interval of a level without an upper bound by its trials is open above
 sobol_error       largest difference of Sobol indices from those of SALib, on the same function
-rare_ratio        a probability of 1e-3 by trials where it is likely, over that by OpenTURNS
-posterior_error   of emcee beside a grid: means and deviations, in standard deviations
-feasible_ends, regret, optimize_s  share of the ends of whole searches that meet all limits by fresh
-                  trials, excess of these over the best that is known, and seconds, by design
-search_peers      ends of other searches with as many forecasts, and no trials
+rare_ratio        a probability of 1e-3 by importance sampling, over the result of OpenTURNS
+posterior_error   difference between emcee and a grid: means and deviations, in standard deviations
+feasible_ends, regret, optimize_s  fraction of ends of complete searches that meet all limits by
+                  fresh trials, their excess over the best known design, and seconds, by design
+search_peers      ends of other searches with the same number of forecasts, without trials
 """
 
 from __future__ import annotations
@@ -106,7 +106,7 @@ def main() -> None:
 
 
 def shares_of(coverage: intervals_coverage.Coverage, names: Sequence[str]) -> list[float]:
-    """Of some figures, over all designs and numbers."""
+    """Fractions for some figures, over all designs and numbers."""
     return [
         share
         for name in names

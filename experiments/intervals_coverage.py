@@ -1,4 +1,4 @@
-"""Intervals of rms, levels and ratios, of trials drawn from pools of a design's real trials."""
+"""Intervals of rms, levels and ratios, for trials drawn from pools of a design's trials."""
 
 from __future__ import annotations
 
@@ -39,14 +39,15 @@ DESIGNS = {
     "faint stars": Design("noise_only", ("instrument.detector.exposure=30 ms",), Fidelity.WINDOW),
     "frames": Design("noise_only", (), Fidelity.FRAME),
 }
-SHARE = {Fidelity.FRAME: 20, Fidelity.WINDOW: 10}  # of the pool, one part of slower fidelities
+SHARE = {Fidelity.FRAME: 20, Fidelity.WINDOW: 10}  # divisor of the pool for slower fidelities
 
 
 Coverage = dict[str, dict[str, dict[str, float]]]
 
 
 def coverage(repeats: int, pool: int, quick: bool) -> dict[str, Any]:
-    """Shares of repeats whose interval holds the truth, by figure, design and number of trials."""
+    """Fractions of repeats whose interval contains the truth, by figure, design and number of
+    trials."""
     held: Coverage = {}
     below, said = 0.0, True
     for name, design in list(DESIGNS.items())[: 2 if quick else None]:
@@ -59,7 +60,7 @@ def coverage(repeats: int, pool: int, quick: bool) -> dict[str, Any]:
 
 
 def note(held: Coverage, name: str, count: int, shares: dict[str, float]) -> None:
-    """Keep and print the shares of a design and a number."""
+    """Keep and print the fractions of a design and a number."""
     for figure, share in shares.items():
         held.setdefault(figure, {}).setdefault(name, {})[str(count)] = share
     words = ", ".join(f"{figure} {share:.3f}" for figure, share in shares.items())
@@ -67,9 +68,9 @@ def note(held: Coverage, name: str, count: int, shares: dict[str, float]) -> Non
 
 
 def totals(repeats: int, pool: int, quick: bool) -> dict[str, Any]:
-    """As `coverage`, of the total of `budget --montecarlo` over members of some frames each.
+    """As `coverage`, for the total of `budget --montecarlo` over members of several frames.
 
-    What frames of an attitude have in common makes their errors alike: a member is one value.
+    Frames of an attitude have common errors: a member is one value.
     """
     held: Coverage = {}
     for name, design in list(DESIGNS.items())[: 1 if quick else 3]:
@@ -95,7 +96,7 @@ def totals(repeats: int, pool: int, quick: bool) -> dict[str, Any]:
 
 
 def pools(design: Design, size: int) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Solved trials of a design, and the same trials of one with more blur."""
+    """Solved trials of a design, and the same trials of a design with more blur."""
     made = []
     for changes in (design.changes, (*design.changes, BLUR)):
         case = load_design(shipped(f"designs/{design.file}.toml"), changes).case
@@ -108,8 +109,8 @@ def pools(design: Design, size: int) -> tuple[NDArray[Any], NDArray[Any]]:
 def repeated(
     first: NDArray[Any], second: NDArray[Any], count: int, repeats: int
 ) -> tuple[dict[str, float], float, bool]:
-    """Share of repeats that hold the truth of each figure; the most that lie below an rms; whether
-    intervals of levels that are not bounded are open."""
+    """Fraction of repeats that contain the truth of each figure; largest fraction below an rms;
+    whether intervals of unbounded levels are open."""
     rng = np.random.default_rng((count, len(first)))
     objective = Objective()
     across, about = objective.squares(first), Objective("about").squares(first)

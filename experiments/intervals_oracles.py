@@ -1,7 +1,8 @@
-"""Beside others: Sobol indices (SALib), a rare probability (OpenTURNS), a posterior (a grid).
+"""Comparison with other methods: Sobol indices (SALib), a rare probability (OpenTURNS), a posterior
+(a grid).
 
-The problems are small, so that the others compute them whole: indices and posterior of the least
-error of a centroid, and the part of the sky that shows too few bright stars.
+The problems are small, so that other methods can compute them completely: indices and posterior of
+the least error of a centroid, and the fraction of the sky with too few bright stars.
 """
 
 from __future__ import annotations
@@ -23,19 +24,20 @@ from startrack.montecarlo import Regions, chances, probability, where_likely
 from startrack.observation import rotations_from_cube
 from startrack.optimise import Ensembles, draw, fit_surface, region_of, sobol_indices
 
-DESIGNS = 128  # as `startrack sensitivity` has them
+DESIGNS = 128  # as in `startrack what-matters`
 SMALLEST_FLUX, LARGEST_FLUX = 500.0, 50_000.0  # electron
-RADIUS = math.radians(9.0)  # of the field around the boresight
+RADIUS = math.radians(9.0)  # radius of the field around the boresight
 FAINTEST = 5.0  # magnitude G
 FEW = 3  # stars
-NEAR = math.radians(2.0)  # by which the last of them may lie within the field and yet be likely out
+# distance of the last star within the field for which it is still likely outside
+NEAR = math.radians(2.0)
 LIMIT = 0.02  # pixel
-BLOCK = 20_000  # trials that OpenTURNS makes at once
+BLOCK = 20_000  # trials of OpenTURNS at once
 GRID = 1000  # points along each axis
 
 
 def oracles(quick: bool) -> dict[str, Any]:
-    """Differences of our results from those of others; what is not installed is left out."""
+    """Differences of startrack's results from other results; missing packages are left out."""
     figures: dict[str, Any] = {"posterior_error": posterior_error(150 if quick else 1000)}
     if not command.missing("Sobol indices beside SALib", "SALib"):
         figures["sobol_error"] = sobol_error(64 if quick else 1024)
@@ -45,9 +47,9 @@ def oracles(quick: bool) -> dict[str, Any]:
 
 
 def log_bound(points: Floats) -> Floats:
-    """ln(pixel) of the least error of a centroid, at points (n, 3) of the unit cube.
+    """Logarithm of the least error of a centroid (pixel), at points (n, 3) of the unit cube.
 
-    The coordinates are its flux (on a logarithmic scale), its width and the noise of a pixel.
+    The coordinates are flux (logarithmic scale), width and noise of a pixel.
     """
     flux = SMALLEST_FLUX * (LARGEST_FLUX / SMALLEST_FLUX) ** points[:, 0]
     sigma, noise = 0.5 + points[:, 1], 2 + 28 * points[:, 2]
@@ -56,9 +58,10 @@ def log_bound(points: Floats) -> Floats:
 
 
 def sobol_error(base: int) -> float:
-    """Largest difference between our indices by an emulator and SALib's by the function itself.
+    """Largest difference between startrack's indices by an emulator and SALib's by the function
+    itself.
 
-    base  designs of SALib, a power of two, each of which is computed in d + 2 places
+    base  base designs of SALib, a power of two; each needs d + 2 evaluations
     """
     from SALib.analyze import sobol
     from SALib.sample import sobol as sampled
@@ -77,10 +80,10 @@ def sobol_error(base: int) -> float:
 
 
 def rare_probability(trials: int) -> dict[str, float]:
-    """Part of the sky that shows too few stars, by attitudes where that is likely, over that of
-    plain trials by OpenTURNS; and the relative standard error of this ratio.
+    """Fraction of the sky with too few stars by importance sampling of attitudes, over the fraction
+    by plain trials of OpenTURNS; and the relative standard error of this ratio.
 
-    The field shows fewer than FEW stars where the last of these is farther than its radius.
+    The field has fewer than FEW stars if the last of them is farther away than its radius.
     """
     import openturns as ot
 
@@ -105,7 +108,7 @@ def rare_probability(trials: int) -> dict[str, float]:
     )
     cube = ot.JointDistribution([ot.Uniform(0.0, 1.0)] * 3)
     output = ot.CompositeRandomVector(function, ot.RandomVector(cube))
-    # Subset simulation stays in the few holes of the sky that its first designs found.
+    # Subset simulation would stay in the few holes of the sky that its first designs find.
     event = ot.ThresholdEvent(output, ot.Greater(), RADIUS)
     simulation = ot.ProbabilitySimulationAlgorithm(event, ot.MonteCarloExperiment())
     simulation.setMaximumCoefficientOfVariation(0.02)
@@ -126,10 +129,10 @@ def _boresights(icrs_to_camera: Rotation) -> Floats:
 
 
 def posterior_error(stretch: int) -> float:
-    """Largest difference of means, and of deviations, of a sampled region from those of a grid, in
-    standard deviations: designs whose least error is at most LIMIT, as `startrack sample` has them.
+    """Largest difference of means, and of deviations, between a sampled region and a grid, in
+    standard deviations: designs whose least error is at most LIMIT, as in `startrack sample`.
 
-    stretch  steps of the chains between two checks of their convergence
+    stretch  steps of the chains between checks of convergence
     """
     cube = scipy.stats.qmc.LatinHypercube(2, rng=Streams(1, 0)("oracle")).random(16)
     points = np.column_stack([cube, np.full(len(cube), 0.3)])
@@ -147,7 +150,7 @@ def posterior_error(stretch: int) -> float:
 
 
 def of_grid(density: Callable[[Floats], Floats]) -> tuple[Floats, Floats]:
-    """Means and deviations of two variables in [-1, 1] by a sum over a fine grid."""
+    """Means and deviations of two variables in [-1, 1], by a sum over a fine grid."""
     axis = (np.arange(GRID) + 0.5) / GRID * 2 - 1
     points = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
     log = density(points)

@@ -1,7 +1,7 @@
-"""Ends of whole searches by fresh trials: feasible or not, how far from the best, in what time.
+"""Ends of complete searches, judged by fresh trials: feasibility, distance from the best, time.
 
-Each end is a line of a file, so that a run that is stopped goes on where it was. Other searches
-have as many forecasts of the same campaign as ours, and no trials.
+Each end is a line of a file, so that a stopped run continues. Other searches have the same number
+of forecasts of the same campaign, without trials.
 """
 
 from __future__ import annotations
@@ -39,14 +39,15 @@ from startrack.verification import margins as margins_of
 DESIGNS = ("noise_only", "nanosatellite", "high_accuracy")
 OURS = "startrack"
 OTHERS = ("Sbplx", "CMA-ES", "TPE")
-JUDGE = 30_001  # seed of the trials that judge ends; no search has it
+JUDGE = 30_001  # seed of the trials that judge ends; no search uses it
 
 
 def searches(asked: argparse.Namespace) -> dict[str, Any]:
-    """Run what is missing, and the figures of all ends that there are.
+    """Run missing searches. Returns the figures of all available ends.
 
-    asked  designs; seeds, and the first; peers: seeds of each other search, none where a campaign
-           has choices; trials: fresh ones in each condition, which judge an end; ends: the file
+    asked  designs; number of seeds and first seed; peers: seeds of each other search, none for a
+           campaign with choices; trials: fresh trials in each condition that judge an end; ends:
+           the file
     """
     if asked.ends is None:
         with tempfile.TemporaryDirectory() as folder:
@@ -67,7 +68,7 @@ def searches(asked: argparse.Namespace) -> dict[str, Any]:
 def kept(
     asked: argparse.Namespace, name: str, method: str, seed: int, run: Callable[[], dict[str, Any]]
 ) -> None:
-    """Search, judge and write one end, unless it is there."""
+    """Search, judge and write one end, unless the file has it."""
     key: dict[str, Any] = {"design": name, "method": method, "seed": seed}
     if any(key.items() <= end.items() for end in ends_of(asked.ends)):
         return
@@ -89,21 +90,22 @@ def kept(
 
 
 def ends_of(path: Path) -> list[dict[str, Any]]:
-    """The ends that a file holds."""
+    """The ends in a file."""
     if not path.is_file():
         return []
     return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
 
 
 def forecasts_of(asked: argparse.Namespace, name: str, seed: int) -> int:
-    """Forecasts of our search of a seed, in the median of all where that was not run."""
+    """Number of forecasts of startrack's search with a seed; the median of all searches if it was
+    not run."""
     ours = [end for end in ends_of(asked.ends) if (end["design"], end["method"]) == (name, OURS)]
     own = [end["forecasts"] for end in ours if end["seed"] == seed]
     return int(np.median(own or [end["forecasts"] for end in ours] or [0]))
 
 
 def ours(case: Case, campaign: Campaign, seed: int) -> dict[str, Any]:
-    """The end of `optimize`, and what it says of it."""
+    """The end of `optimize`, and its reported figures."""
     found = optimize(case, campaign, TrialRunner(seed))
     space = found.space
     return {
@@ -121,7 +123,7 @@ def ours(case: Case, campaign: Campaign, seed: int) -> dict[str, Any]:
 
 
 def other(case: Case, campaign: Campaign, peer: str, most: int, seed: int) -> dict[str, Any]:
-    """The best that another search finds in a number of forecasts."""
+    """The best design of another search in a number of forecasts."""
     scores = Scores(spaces_of(case, campaign)[""], campaign)
     least_of(PEERS[peer], scores, most, seed)
     return {
@@ -136,8 +138,8 @@ def other(case: Case, campaign: Campaign, peer: str, most: int, seed: int) -> di
 def judged_by_trials(case: Case, campaign: Campaign, trials: int) -> dict[str, Any]:
     """Margins and objective of a design by fresh trials in all conditions, without intervals.
 
-    Of the same sky, noise and units for all designs, so that the error of a ratio of two designs is
-    less than that of an error.
+    All designs have the same sky, noise and units, so that a ratio of two designs is more accurate
+    than an error.
     """
     runner = TrialRunner(JUDGE)
     if campaign.units:
@@ -171,7 +173,7 @@ def fresh_rows(condition: Judged, campaign: Campaign, runner: TrialRunner, trial
 def margins_by(
     condition: Judged, campaign: Campaign, runner: TrialRunner, outcomes: Rows
 ) -> dict[str, float]:
-    """The margins that need trials, as these found them."""
+    """The margins that need trials, by these trials."""
     counting = counted(condition.needs, condition.case, runner.seed, outcomes)
     boresight = boresights(runner.seed, counting)
     margins = {"false attitudes": -float(outcomes["false"].mean())}
@@ -188,7 +190,7 @@ def margins_by(
 
 
 def figures_of(ends: Sequence[dict[str, Any]], designs: Sequence[str]) -> dict[str, Any]:
-    """Feasible ends, regrets and times by design, and those of other searches."""
+    """Feasible ends, regrets and times by design, and of other searches."""
     figures: dict[str, Any] = {name: {} for name in ("feasible_ends", "regret", "optimize_s")}
     figures |= {"search_seeds": {}, "search_peers": {}, "claimed_wrongly": {}}
     for name in designs:
@@ -213,18 +215,18 @@ def figures_of(ends: Sequence[dict[str, Any]], designs: Sequence[str]) -> dict[s
 
 
 def share(ends: Sequence[dict[str, Any]]) -> float:
-    """Of the ends that are feasible."""
+    """Fraction of feasible ends."""
     return fraction_interval(sum(end["feasible"] for end in ends), len(ends)).value
 
 
 def regret(ends: Sequence[dict[str, Any]], best: float) -> dict[str, float] | None:
-    """Relative excess over the best, of the feasible ends alone."""
+    """Relative excess of the feasible ends over the best."""
     over = [end["arcsec"] / best - 1 for end in ends if end["feasible"]]
     return {"median": float(np.median(over)), "worst": max(over)} if over else None
 
 
 def smallest(campaign: Campaign) -> Campaign:
-    """A campaign that ends in seconds."""
+    """A campaign that takes seconds."""
     return replace(
         campaign,
         trials=2,

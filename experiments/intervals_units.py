@@ -1,6 +1,7 @@
-"""Intervals over units: the level that some keep, the factor between two designs, and yields.
+"""Intervals over units: the level of a fraction of units, the factor between two designs, and
+yields.
 
-Units and their trials are drawn from pools of real ones, each of which has many trials.
+Units and their trials are drawn from pools of units with many trials each.
 """
 
 from __future__ import annotations
@@ -29,17 +30,17 @@ from startrack.population import Units
 from startrack.trial import OUTCOMES
 from startrack.verification import USUAL, YieldClaim, units_expected
 
-EACH = 24  # trials of each unit of a pool, of which a repeat has few
-FEW, OF_VERIFY = 3, 8  # trials of each unit: of a search, of `verify --units`
+EACH = 24  # trials of each unit of a pool; a repeat uses few of them
+FEW, OF_VERIFY = 3, 8  # trials of each unit, in a search and in `verify --units`
 BEST = "instrument.optics.blur=4 um"
-KEPT = 0.8  # of the units, whose level is the limit of yields
+KEPT = 0.8  # fraction of the units whose level is the limit of yields
 BLUR = Variation("instrument.optics.blur", "lognormal", sigma=0.3, vary="relative")
 TAILS = replace(BLUR, sigma=0.6)
 TURNED = tuple(Variation(f"instrument.mounting.{axis}", sigma="0.3 arcsec") for axis in ("x", "y"))
 
 
 class Varied(NamedTuple):
-    """A design of noise alone, and what its units differ by."""
+    """A design with noise alone, and the differences of its units."""
 
     changes: tuple[str, ...]
     variation: tuple[Variation, ...]
@@ -56,23 +57,24 @@ DESIGNS = {
 
 
 class Pool(NamedTuple):
-    """Units of a design, by many trials.
+    """Units of a design with many trials.
 
     squares   (units, EACH) radian^2 per axis
-    expected  (units,) radian, by their budgets
+    expected  (units,) radian, by budgets
     """
 
     squares: Floats
     expected: Floats
 
     def level(self) -> float:
-        """ln(radian), as many trials have it."""
+        """The level by many trials, ln(radian)."""
         every = np.arange(len(self.expected))[None]
         return float(levels_of(Objective(), [measured(self)], [1.0], USUAL, every).logs[0])
 
 
 def unit_coverage(repeats: int, units: int, quick: bool) -> dict[str, Any]:
-    """Shares of repeats whose interval holds the truth, by figure, design and number of units."""
+    """Fractions of repeats whose interval contains the truth, by figure, design and number of
+    units."""
     held: Coverage = {}
     for name, design in list(DESIGNS.items())[: 1 if quick else None]:
         first, second = pool_of(design, (), units), pool_of(design, (BEST,), units)
@@ -97,11 +99,11 @@ def pool_of(design: Varied, more: tuple[str, ...], units: int) -> Pool:
 
 
 def measured(pool: Pool) -> MeasuredUnits:
-    """The errors of units, as a search has them from their trials."""
+    """The errors of units from trials, as in a search."""
     trials = pool.squares.shape[1]
     rows = np.zeros(pool.squares.size, OUTCOMES)
     rows["solved"], rows["trial"] = True, np.arange(len(rows))
-    rows["error_x"] = np.sqrt(2 * pool.squares.ravel())  # whose square per axis is the pool's
+    rows["error_x"] = np.sqrt(2 * pool.squares.ravel())  # the square per axis is the pool's
     campaign = Campaign((VARIABLE,), units=USUAL, unit_trials=trials)
     over = campaign.over_units(CASE)
     assert over is not None
@@ -116,7 +118,8 @@ CASE = replace(
 
 
 def repeated(first: Pool, second: Pool, count: int, repeats: int) -> dict[str, float]:
-    """Shares of repeats that hold the level of the start, the factor to the best and two yields."""
+    """Fractions of repeats that contain the level of the start, the factor to the best and two
+    yields."""
     rng, size = np.random.default_rng(count), len(first.expected)
     level = first.level()
     factor = level - second.level()
@@ -155,12 +158,13 @@ def repeated(first: Pool, second: Pool, count: int, repeats: int) -> dict[str, f
 
 
 def holding(interval: Any, value: float) -> bool:
-    """Whether an interval holds a value."""
+    """Whether an interval contains a value."""
     return bool(interval.low <= value <= interval.high)
 
 
 def by_few(pool: Pool, limit: float, rng: np.random.Generator, draws: int = 200) -> float:
-    """Share of the units that keep a limit with a few of their trials, as `verify` counts them."""
+    """Fraction of the units that meet a limit with a few of their trials, counted as by
+    `verify`."""
     shares = []
     for _ in range(draws):
         trial = rng.permuted(np.tile(np.arange(EACH), (len(pool.squares), 1)), axis=1)[

@@ -1,16 +1,16 @@
-"""Which fidelity takes each key of a design file?
+"""Which fidelities use each key of a design file?
 
 python experiments/key_fidelities.py [--json FILE] [--write] [--quick]
 
-Each key that trials depend on is set in a small design, with what it needs beside it; those of the
-sky within the air in a daylight camera, as that sky fills the pixels of the small one. `frame`
-takes all keys. Another fidelity refuses a key where it refuses that design, and leaves it out where
-it computes trials without reading the key, which `frame` reads in the same trials. The error budget
-leaves out what it says itself, too. `--write` writes `catalogs/designs/fidelities.json`, from which
-`docs/list_keys.py` and `startrack keys` have their column; `--quick` compares the refusals of one
-key of each table with that file.
+Each key that trials depend on is set in a small design, with the other keys that it needs. Keys of
+the sky within the air are set in a daylight camera, because that sky fills the pixels of the small
+design. `frame` uses all keys. Another fidelity refuses a key if it refuses that design. It leaves a
+key out if it computes trials without reading the key, while `frame` reads it in the same trials.
+The error budget also leaves out keys that it reports. `--write` writes
+`catalogs/designs/fidelities.json`, the source of the column in `docs/list_keys.py` and `startrack
+keys`; `--quick` compares the refusals of one key of each table with that file.
 
-A key that is read may still not change the result. The package radbelt must be installed
+A key that is read may still have no effect on the result. The package radbelt must be installed
 (`startrack[radiation]`).
 """
 
@@ -45,23 +45,23 @@ from startrack.trial import require_fidelity
 FILE = shipped("designs") / "fidelities.json"
 BUDGET = "budget"
 CHECKS = ("__post_init__", "__hash__", "__eq__", "__repr__", "replace", "of_the_case")
-COMPUTED = ("seen_from", "believed_from")  # which a case does when it is made
+COMPUTED = ("seen_from", "believed_from")  # which the constructor of a case calls
 COMPUTING = re.compile(
     r"startrack\.(attitude|budget|catalog|detect|identification|metrics|motion|optics|scene|trial)"
 )
 CHEAPER = (*list(Fidelity)[1:], BUDGET)
 TABLES = ("instrument", "tracker", "scene", "catalog")
 SEED, TRIALS, FIELDS = 5, 3, 16
-SMALL = 0.01  # of the file's unit, the value of a key whose default is zero
+SMALL = 0.01  # value, in the file's unit, of a key whose default is zero
 TAKEN: dict[str, list[str]] = {"refused": [], "left_out": []}
-CODE = "somelab.parts:one"  # named alone, never run
+CODE = "somelab.parts:one"  # named, never run
 Table = dict[str, Any]
-# Values that no rule gives.
+# Values without a rule.
 VALUES: Table = {
     "instrument.optics.psf": "gaussian",
     "instrument.optics.object_distance": "1000 m",
     "instrument.optics.family_field": "10 deg",
-    "instrument.structure.feet_span": "60 mm",  # above the feet's thickness
+    "instrument.structure.feet_span": "60 mm",  # above the thickness of the feet
     "instrument.structure.mean_profile": ["1 K", "2 K"],
     "instrument.structure.gradient_x_profile": ["1 K / m", "2 K / m"],
     "instrument.structure.gradient_y_profile": ["1 K / m", "2 K / m"],
@@ -77,7 +77,7 @@ VALUES: Table = {
     "instrument.optics.pupil.segments.y": 0.0,
     "instrument.optics.pupil.segments.size": 0.8,
     "instrument.detector.product": "has2",
-    "instrument.detector.pixel_pitch_y": "24 um",  # that of the small design
+    "instrument.detector.pixel_pitch_y": "24 um",  # value of the small design
     "instrument.detector.region.array_columns": 1024,
     "instrument.detector.region.array_rows": 1024,
     "instrument.detector.thermal.temperature": "293 K",
@@ -118,7 +118,7 @@ VALUES: Table = {
     "instrument.tube.diameter": "300 mm",
 }
 VALUES |= {"catalog.random_g": 9.0, "tracker.catalog.random_g": 8.0}  # the limit: none
-for _axis in "xyz":  # a tracker's must not swing
+for _axis in "xyz":  # a tracker's mounting must not swing
     VALUES[f"tracker.mounting.swing_{_axis}"] = "0 arcsec"
 for _place in ("instrument", "tracker"):
     VALUES |= {
@@ -140,7 +140,7 @@ for _colour in ("red", "green", "blue"):
         f"instrument.detector.mosaic.{_colour}.wavelength": ["500 nm", "600 nm"],
         f"instrument.detector.mosaic.{_colour}.value": [0.3, 0.4],
     }
-# What a key, or the keys of a table, need beside it.
+# Further keys that a key, or the keys of a table, need.
 LENS = ("instrument.optics.lens_file",)
 DATE, AGED = ("scene.date",), ("instrument.detector.age.time",)
 PROFILES = tuple(
@@ -192,7 +192,7 @@ for _colour in ("red", "green", "blue"):
 
 @cache
 def classes() -> dict[str, tuple[type, Field]]:
-    """The class that holds each key or table, and its field there."""
+    """The class of each key or table, and its field there."""
 
     def within(kind: type, place: str) -> Iterator[tuple[str, tuple[type, Field]]]:
         for name, field in fields_of(kind).items():
@@ -205,7 +205,7 @@ def classes() -> dict[str, tuple[type, Field]]:
 
 
 def keys() -> list[str]:
-    """All keys that hold no table."""
+    """All keys that are not tables."""
     return [name for name in classes() if not is_table(name)]
 
 
@@ -214,7 +214,7 @@ def is_table(name: str) -> bool:
 
 
 def value_of(name: str) -> Any:
-    """A value of a key, as a file has it, other than its default."""
+    """A value of a key in the form of a file, different from its default."""
     if name in VALUES:
         return VALUES[name]
     if held(small(), name):
@@ -242,7 +242,7 @@ def value_of(name: str) -> Any:
 
 
 def put(table: Table, name: str, value: Any) -> None:
-    """Set a key, in the first table of a list of them."""
+    """Set a key, in the first table of a list of tables."""
     *places, last = name.split(".")
     held: Any = table
     for depth, place in enumerate(places, 1):
@@ -253,7 +253,7 @@ def put(table: Table, name: str, value: Any) -> None:
 
 
 def design_with(name: str) -> Table:
-    """The design of `base` with a key, and what it needs."""
+    """The design of `base` with a key and the further keys that it needs."""
     table = copy.deepcopy(base(name))
     parts = name.split(".")
     places = [".".join(parts[:depth]) for depth in range(1, len(parts) + 1)]
@@ -266,7 +266,7 @@ def design_with(name: str) -> Table:
 
 
 def required(places: list[str]) -> list[str]:
-    """The keys that tables cannot be without."""
+    """Required keys of tables."""
     return [
         name
         for name, (_, field) in classes().items()
@@ -303,14 +303,14 @@ def small() -> Table:
 
 @cache
 def daylight() -> Table:
-    """A camera that sees stars by day, whose sky is left out."""
+    """A daylight camera, without its sky."""
     table = tomllib.loads(shipped("designs/daylight_balloon.toml").read_text(encoding="utf-8"))
     del table["scene"], table["campaign"]
     return table
 
 
 def base(name: str) -> Table:
-    """The design that a key is set in: the sky by day fills the pixels of the small one."""
+    """The design for a key: the daylight sky would fill the pixels of the small design."""
     return daylight() if name.startswith("scene.sky.") else small()
 
 
@@ -336,9 +336,9 @@ def refused(name: str) -> list[str]:
 
 
 def said_left_out(name: str) -> bool:
-    """Whether the budget says that it leaves a key out.
+    """Whether the budget reports that it leaves a key out.
 
-    Of the sky by day it says what no fidelity has, which is of no key alone.
+    Its report on the sky by day concerns all fidelities, and no single key.
     """
     sky = name.startswith("scene.sky.")
     plain = of_the_case(case_of(design_with("scene.sky.height") if sky else small()))
@@ -346,7 +346,7 @@ def said_left_out(name: str) -> bool:
 
 
 def together(names: list[str]) -> list[Table]:
-    """Designs with all keys of a table at once, and one for each key that does not fit to them."""
+    """Designs with all keys of a table together, and one design for each key that does not fit."""
     whole, alone = design_with(names[0]), []
     for name in names[1:]:
         trial = copy.deepcopy(whole)
@@ -362,9 +362,9 @@ def together(names: list[str]) -> list[Table]:
 
 @contextmanager
 def reading(table: str) -> Iterator[tuple[set[str], list[Any]]]:
-    """The keys of a table that are read, other than to check, compare or copy it.
+    """The keys of a table that are read, except for checks, comparisons and copies.
 
-    Where several tables have the same class, those of objects that equal one of the list.
+    If several tables have the same class: keys of objects equal to one of the list.
     """
     names = {name.rpartition(".")[2] for name in classes() if name.rpartition(".")[0] == table}
     kind = next(kind for name, (kind, _) in classes().items() if name.rpartition(".")[0] == table)
@@ -406,7 +406,7 @@ def checking() -> bool:
 
 
 def forget() -> None:
-    """Empty the caches of the package, so that all is read again."""
+    """Empty the caches of the package, so that all keys are read again."""
     for one in gc.get_objects():
         if hasattr(type(one), "cache_clear") and COMPUTING.match(one.__module__):
             one.cache_clear()
@@ -423,7 +423,7 @@ def trials(case: Case, column: str) -> None:
 
 
 def keys_read(names: list[str], column: str) -> set[str]:
-    """Of the keys of one table, those that a fidelity reads."""
+    """The keys of one table that a fidelity reads."""
     table, found = names[0].rpartition(".")[0], set[str]()
     for design in together(names):
         forget()
@@ -465,7 +465,8 @@ def main() -> None:
 
 
 def of_all_keys(options: argparse.Namespace) -> dict[str, dict[str, list[str]]]:
-    """Who refuses a key, and who leaves it out; keys that all take are not in it."""
+    """Fidelities that refuse a key, and fidelities that leave it out; keys used by all are
+    omitted."""
     known: dict[str, Any] = json.loads(FILE.read_text("utf-8")) if FILE.is_file() else {}
     tables, figures = dict[str, list[str]](), dict[str, dict[str, list[str]]]()
     for name in keys():
@@ -484,7 +485,7 @@ def of_all_keys(options: argparse.Namespace) -> dict[str, dict[str, list[str]]]:
 
 
 def left_out(names: list[str]) -> dict[str, list[str]]:
-    """Which fidelities leave a key of a table out; the budget also where it says so."""
+    """Fidelities that leave a key of a table out; the budget also if it reports that."""
     refusing = {name: refused(name) for name in names}
     found = {name: [BUDGET] if said_left_out(name) else [] for name in names}
     run = [name for name in names if value_of(name) not in (CODE, [CODE])]

@@ -1,14 +1,15 @@
-"""Equations of Krutz et al. (2011) that no design needs, as references of the models that it does.
+"""Equations of Krutz et al. (2011) outside designs, as references for the models of designs.
 
 Equations (7) and (9) without paraxial approximation, the Kirchhoff integral over a thin lens:
 
     U(P'') = 1/(pi R^2) Int_lens  b^2 g^2 / (|r|^2 |r''|^2)  exp(i Phi) dxi deta
     Phi    = k (|r| - g) + k (|r''| - b) + lens
 
-with r from the object and r'' to the image point, both obliquities n.r/|r| and both 1/|r|. It is
-relative to the Fresnel amplitude in focus, pi R^2 / (lambda^2 b g): |U|^2 is 1 for a paraxial lens.
-The sign of the lens and the square of eta are corrected (docs/departures.md). Fresnel's amplitude
-in any plane, how far it holds (11), Gaussian images (12), and the time density of a path (14).
+r is from the object, r'' to the image point; both obliquities n.r/|r| and both 1/|r| are included.
+U is relative to the Fresnel amplitude in focus, pi R^2 / (lambda^2 b g): |U|^2 is 1 for a paraxial
+lens. The sign of the lens and the square of eta are corrected (docs/departures.md). Further:
+Fresnel's amplitude in any plane, its range of validity (11), Gaussian images (12), and the time
+density of a path (14).
 """
 
 import math
@@ -28,12 +29,13 @@ Complex = NDArray[np.complex128]
 
 NODE, WEIGHT = np.polynomial.legendre.leggauss(16)
 PANEL = 2 * math.pi  # radian of phase in one panel of 16 nodes: error 1e-13
-MOST_EVALUATIONS = 400_000_000  # of the integrand, that one call may take: some ten seconds
+# largest number of evaluations of the integrand in a call: some ten seconds
+MOST_EVALUATIONS = 400_000_000
 
 
 @dataclass(frozen=True)
 class ThinLens:
-    """A lens in one plane, its aperture, and an object on the axis.
+    """A thin lens, its aperture, and an object on the axis.
 
     focal_length  metre
     radius        metre, of the aperture
@@ -60,16 +62,17 @@ class ThinLens:
 
     @property
     def image(self) -> float:
-        """Metre from the lens to the image."""
+        """Distance from the lens to the image, metre."""
         return 1 / (1 / self.focal_length - 1 / self.distance)
 
     @property
     def wavenumber(self) -> float:
-        """Radian per metre."""
+        """Wave number, radian / metre."""
         return 2 * math.pi / self.wavelength
 
     def phase_defect(self, radius: Floats) -> Floats:
-        """Radian, of a ray at `radius` metre from the axis against the one through the centre."""
+        """Phase of a ray at `radius` metre from the axis relative to the ray through the centre,
+        radian."""
         square = np.square(radius)
         return self.wavenumber * _path(self, self.image, square)
 
@@ -77,7 +80,7 @@ class ThinLens:
 def on_axis(lens: ThinLens, defocus: float = 0.0) -> complex:
     """The amplitude on the axis, eq. (9).
 
-    defocus  metre by which the plane lies behind the image
+    defocus  metre, distance of the plane behind the image
     Raises    ValueError where it needs more than 4e8 evaluations.
     Accuracy  numerical: 1e-12 relative. The effort is 16 evaluations per wave of phase.
     """
@@ -89,7 +92,7 @@ def on_axis(lens: ThinLens, defocus: float = 0.0) -> complex:
 
 
 def profile(lens: ThinLens, radius: Floats, defocus: float = 0.0) -> Complex:
-    """The amplitude off the axis, eq. (7), for an object on it.
+    """The amplitude off the axis, eq. (7), for an object on the axis.
 
     radius   (n,) metre from the axis, in the plane of the image
     Returns  (n,) relative amplitude, its phase relative to the point on the axis
@@ -145,7 +148,7 @@ def point(lens: ThinLens, image: Floats, source: Floats, samples: int) -> comple
 
 
 def _plane(lens: ThinLens, defocus: float) -> float:
-    """Metre from the lens to the plane of the result."""
+    """Distance from the lens to the plane of the result, metre."""
     finite(defocus=defocus)
     if lens.image + defocus <= 0:
         raise Refused(
@@ -156,7 +159,7 @@ def _plane(lens: ThinLens, defocus: float) -> float:
 
 
 def _path(lens: ThinLens, plane: float, square: Floats) -> Floats:
-    """Metre, of the ray through the lens at radius^2 to the point on the axis of a plane."""
+    """Length of the ray through the lens at radius^2 to the axial point of a plane, metre."""
     if lens.lens == "parabolic":
         path = path_defect(square, lens.image, lens.distance)
     else:
@@ -287,8 +290,8 @@ def paper_radius(focal_length: float, distance: float, wavelength: float, order:
         (R / lambda)^4 = (8 (alpha + beta) - 2 l) / (1/alpha^3 + 1/beta^3)
         alpha = g / lambda,  beta = b / lambda,  with the largest integers l that keep it positive
 
-    Source: Krutz et al. (2011), eq. (11). It serves for comparison with the paper alone: the zeros
-    of both parts depend on the phase origin k (b + g), so that the radius jumps when the path
+    Source: Krutz et al. (2011), eq. (11). Only for comparison with the paper: the zeros of both
+    parts depend on the phase origin k (b + g), so that the radius is discontinuous when the path
     grows by a fraction of a wave. At f = 20 mm, g = 1 m a change of the wavelength from 500 nm by
     1e-5 nm changes it from 1.27 mm to 1.05 mm. Use `fresnel_radius`.
 
@@ -309,7 +312,7 @@ def paper_radius(focal_length: float, distance: float, wavelength: float, order:
 
 @dataclass(frozen=True)
 class Limit:
-    """The largest aperture whose spherical phase defect is below a tolerance.
+    """The largest aperture with a spherical phase defect below a tolerance.
 
     radius  metre
     error   1, bound on the relative excess of Fresnel's peak over Kirchhoff's
@@ -345,7 +348,8 @@ def fresnel_radius(
 def fresnel_error(focal_length: float, distance: float, wavelength: float, radius: float) -> float:
     """Bound on the relative excess of Fresnel's peak over Kirchhoff's, for a parabolic lens.
 
-    Accuracy  a bound while the result is below one; at 20 % it is a fifth above the true error.
+    Accuracy  a bound while the result is below one; at 20 % the bound is a fifth above the true
+              error.
     """
     beyond = _image(focal_length, distance)
     positive(wavelength=wavelength, radius=radius)
@@ -395,8 +399,9 @@ def gaussian(
 def density(time: Floats, offset: Floats, columns: int, rows: int, cell: float = 1.0) -> Floats:
     """The time density of a path, as fractions in the cells of a grid around its origin.
 
-    This is the integral of eq. (14) of Krutz et al. (2011) over each cell. As printed, it divides
-    by v_x, which is 0 at turning points, at rest and for motion along y; here time is summed.
+    This is the integral of eq. (14) of Krutz et al. (2011) over each cell. The printed equation
+    divides by v_x, which is 0 at turning points, at rest and for motion along y; here time is
+    summed.
 
     time     (m,) second, increasing
     offset   (m, 2) pixel, (x, y) at these times, joined by straight lines

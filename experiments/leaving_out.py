@@ -1,4 +1,5 @@
-"""A model with everything on -> what leaving each effect out of it does, and which are needed."""
+"""A model with all effects -> the error caused by leaving out each effect, and the effects that are
+needed."""
 
 from __future__ import annotations
 
@@ -19,17 +20,17 @@ Observe = Callable[[Any, int], Floats]
 
 @dataclass(frozen=True)
 class View:
-    """A scene with everything on, and how to leave out each effect alone.
+    """A scene with all effects, and changes that leave out each effect alone.
 
     name     of the scene
     text     description of the scene, the camera and a trial
-    full     the model
+    full     model with all effects
     effects  name -> a change that leaves the effect out of any model
     observe  a model and the number of a trial -> (p, k) values of k kinds at p places, NaN where
              there is none; two models meet the same sky and noise in the same trial
-    own      a model, n trials, their values (n, p, k) -> (k,) the scene's own error
-    kinds    name of each of the k, with its unit
-    faster   another, cheaper way to observe; None where there is none
+    own      a model, n trials, their values (n, p, k) -> (k,) the scene's error
+    kinds    name of each of the k kinds, with its unit
+    faster   a cheaper way to observe; None without
     """
 
     name: str
@@ -42,7 +43,7 @@ class View:
     faster: Observe | None = None
 
     def without(self, names: Iterable[str]) -> Any:
-        """The model without some effects, left out in the order in which they are listed."""
+        """The model without some effects, which are left out in the order of the list."""
         model, left = self.full, set(names)
         for name, change in self.effects.items():
             if name in left:
@@ -51,11 +52,11 @@ class View:
 
 
 class Gap(NamedTuple):
-    """How far two models are apart on the same trials.
+    """Difference of two models on the same trials.
 
     error    (k,) rms of the difference
     sigma    (k,) its standard error, from the spread over trials
-    changed  trials in which one has an answer and the other has none
+    changed  number of trials in which only one model has an answer
     """
 
     error: Floats
@@ -64,11 +65,11 @@ class Gap(NamedTuple):
 
 
 class Effect(NamedTuple):
-    """What leaving out one effect does.
+    """Result of leaving out one effect.
 
-    gap      to the full model
-    fraction  1, the error that it makes over the scene's own, of the kind where that is largest
-    seconds  of CPU that the effect costs in a trial, median of differences
+    gap      difference from the full model
+    fraction  1, its error over the scene's error, for the kind with the largest ratio
+    seconds  CPU time of the effect in a trial, median of differences
     """
 
     name: str
@@ -79,12 +80,12 @@ class Effect(NamedTuple):
 
 
 class Way(NamedTuple):
-    """One way to compute the whole scene, on trials that no choice used.
+    """One way to compute the scene, on trials that were not used for the selection.
 
-    seconds  of CPU of a trial, the median
+    seconds  CPU time of a trial, median
     answers  trials with an answer
-    error    (k,) the scene's own error, by this way
-    gap      to the full model
+    error    (k,) the scene's error, computed this way
+    gap      difference from the full model
     """
 
     name: str
@@ -95,11 +96,11 @@ class Way(NamedTuple):
 
 
 class Found(NamedTuple):
-    """A scene's effects, and the chain that is left.
+    """A scene's effects, and the remaining chain.
 
-    own      (k,) the scene's own error
-    bound    (k,) the errors of all that is spared, in quadrature
-    refused  why the chain that is left cannot be observed faster, or nothing
+    own      (k,) the scene's error
+    bound    (k,) root sum square of the errors of all effects left out
+    refused  reason why the remaining chain has no faster way; empty if it has
     """
 
     view: View
@@ -114,11 +115,12 @@ class Found(NamedTuple):
 def leave_out(
     view: View, trials: int, timed: int, fraction: float, tell: Callable[[str], None]
 ) -> Found:
-    """Leave out every effect alone, then all at once that can be spared; judge that afresh.
+    """Leave out every effect alone, then all dispensable effects together; judge the result on
+    fresh trials.
 
-    timed  how many trials are repeated in turns with the full model, for the time
-    fraction  1, of the scene's own error, that all that is left out may make in quadrature
-    tell   is called with what is being done
+    timed  number of trials repeated alternately with the full model, for the time
+    fraction  1, limit of the root sum square of all omitted errors, over the scene's error
+    tell   called with a text on the current step
     """
     numbers = range(trials)
     full = observed(view.observe, view.full, numbers)
@@ -141,7 +143,7 @@ def leave_out(
 
 
 def observed(observe: Observe, model: Any, numbers: Sequence[int]) -> Floats:
-    """(n, p, k) the values of n trials."""
+    """Values (n, p, k) of n trials."""
     return np.array([observe(model, number) for number in numbers])
 
 
@@ -160,9 +162,9 @@ def gap(one: Floats, other: Floats) -> Gap:
 
 
 def choose(effects: Sequence[Effect], fraction: float) -> list[Effect]:
-    """Spare the least effects, while all spared ones make at most `share` in quadrature.
+    """Leave out the smallest effects, while the root sum square of their errors is at most `share`.
 
-    What turns a trial from solved to unsolved, or back, is kept.
+    An effect that changes a trial from solved to unsolved, or back, is kept.
     """
     spent, spared = 0.0, set()
     for effect in sorted(effects, key=lambda effect: effect.fraction):
@@ -173,10 +175,11 @@ def choose(effects: Sequence[Effect], fraction: float) -> list[Effect]:
 
 
 def extra_time(view: View, model: Any, numbers: Sequence[int]) -> float:
-    """Seconds of CPU that the full model takes more than another, in turns on the same trials."""
+    """Additional CPU time of the full model compared with another, alternately on the same trials,
+    second."""
     more = []
     for number in numbers:
-        # Who goes first finds less in the processor's cache, so their order alternates.
+        # The first run finds less in the processor's cache, so the order alternates.
         order = (view.full, model) if number % 2 else (model, view.full)
         first, second = (clocked(view.observe, each, number)[1] for each in order)
         more.append(first - second if number % 2 else second - first)
@@ -184,7 +187,7 @@ def extra_time(view: View, model: Any, numbers: Sequence[int]) -> float:
 
 
 def why_not(view: View, lean: Any, number: int) -> str:
-    """Why a model cannot be observed the faster way; nothing where it can."""
+    """Reason why a model cannot be observed the faster way; empty if it can."""
     if view.faster is None:
         return "there is no other way"
     try:
@@ -195,12 +198,12 @@ def why_not(view: View, lean: Any, number: int) -> str:
 
 
 def judge(view: View, lean: Any, numbers: Sequence[int], faster: bool) -> list[Way]:
-    """The full model, the lean one and perhaps its faster way, in turns."""
+    """The full model, the reduced model and possibly its faster way, alternately."""
     ways = {"everything": (view.observe, view.full), "what is needed": (view.observe, lean)}
     if view.faster and faster:
         ways["the same, in windows"] = (view.faster, lean)
     for way in ways.values():
-        clocked(*way, numbers[0])  # what is computed once for a design
+        clocked(*way, numbers[0])  # computations done once for a design
     turns = [[clocked(*way, number) for way in ways.values()] for number in numbers]
     everything = np.array([values for (values, _), *_ in turns])
     found = []
@@ -213,14 +216,14 @@ def judge(view: View, lean: Any, numbers: Sequence[int], faster: bool) -> list[W
 
 
 def clocked(observe: Observe, model: Any, number: int) -> tuple[Floats, float]:
-    """The values of a trial, and its seconds of CPU."""
+    """The values of a trial, and its CPU time in second."""
     began = time.process_time()
     values = observe(model, number)
     return values, time.process_time() - began
 
 
 def rms(values: Floats) -> Floats:
-    """(k,) of errors (n, p, k), as far as there are any."""
+    """Rms (k,) of errors (n, p, k), without missing errors."""
     known = np.isfinite(values).any()
     return (
         np.sqrt(np.nanmean(values**2, axis=(0, 1))) if known else np.full(values.shape[2], math.nan)

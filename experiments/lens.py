@@ -2,18 +2,18 @@
 
     python experiments/lens.py [--json FILE] [--quick]
 
-Errors are the largest, of both shipped lenses, at the 9 fields and 4 wavelengths of
+Errors are the largest over both shipped lenses, the 9 fields and 4 wavelengths of
 tests/oracle/lens_grid.fits: `wavefront_rms_waves` against optiland (extra `lens`; a quick run has
 two fields and one wavelength); `psf_error_of_peak` against its Huygens-Fresnel integrals, and
-`lateral_px` of chief rays, pixels of 5.5 um. Ghosts are compared with those of ghost_rays.py.
+`lateral_px` for chief rays, with pixels of 5.5 um. Ghosts are compared with ghost_rays.py.
 
-All else is of a double Gauss of 35 mm at f/2.4 before a megapixel: `stamp_*` compares interpolated
-images with those computed at the very place and colour. `colour_residual_ratio` is the rms
-displacement of the stars over the frame where the tracker has a focal length for each colour, over
-that with one; `colour_error_ratio` the same of attitudes. Times are CPU time of one thread, the
-least of some runs, in turns, and ratios over those with the mean PSF. GalSim draws the same stars
-with an OpticalPSF of Zernike terms to Noll 37, a Gaussian and a pixel for each, of one wavelength
-and a circular pupil, without sky and noise.
+All other figures are for a double Gauss of 35 mm at f/2.4 with a megapixel detector. `stamp_*`
+compares interpolated images with images computed at the exact place and colour.
+`colour_residual_ratio` is the rms displacement of stars over the frame with a focal length for each
+colour, over the displacement with one focal length; `colour_error_ratio` is the same for attitudes.
+Times are CPU times of one thread, the shortest of alternating runs, and ratios to the time with the
+mean PSF. GalSim draws the same stars with an OpticalPSF of Zernike terms to Noll 37, a Gaussian and
+a pixel for each star, at one wavelength, with a circular pupil, without sky and noise.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ ORACLE = Path(__file__).parents[1] / "tests/oracle/lens_grid.fits"
 PIXEL = 5.5e-6  # metre, for errors of places
 STARS = 100
 LENSES = ("double_gauss", "petzval")
-WIDTH = 48e-6  # metre, which the points of an image of optiland share, ends included
+WIDTH = 48e-6  # metre, width of an image of optiland, with both end points
 
 
 def the_case(pixels: int) -> Case:
@@ -98,7 +98,7 @@ def at_rest(case: Case) -> Case:
 
 
 def of_the_tracer(name: str) -> tuple[Floats, Floats, Floats, Floats]:
-    """Wavelengths (w,), field angles (f,), chief rays (f, w), images (f, w, n, n) of peak one."""
+    """Wavelengths (w,), field angles (f,), chief rays (f, w), images (f, w, n, n) with peak one."""
     with fits.open(ORACLE) as parts:
         wave, angle, chief, image = (
             np.array(parts[one].data, float)
@@ -132,7 +132,7 @@ def wavefronts(quick: bool) -> float | None:
             (kelvin,), tuple(wave.tolist()), tuple(field.tolist()), int(table.noll.max())
         )
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of the tracer
+            warnings.simplefilter("ignore")  # warnings of the tracer
             lens = read_prescription(shipped(f"lenses/{name}.zmx"))
             traced, rest = trace_lens(lens, name, "", tracing)
         alone = table if len(table.temperature) == 1 else _at(table, kelvin)
@@ -144,7 +144,7 @@ def wavefronts(quick: bool) -> float | None:
 
 
 def _at(table: LensTable, kelvin: float) -> LensTable:
-    """The table of one of its temperatures."""
+    """The table at one of its temperatures."""
     one = [int(np.abs(table.temperature - kelvin).argmin())]
     whole = ("name", "source", "focal_length", "f_number", "wavelength", "field", "noll")
     arrays = {
@@ -156,7 +156,7 @@ def _at(table: LensTable, kelvin: float) -> LensTable:
 
 
 def images(quick: bool) -> float:
-    """Largest error of an image of a shipped lens over the peak; of one of them in a quick run."""
+    """Largest error of an image of a shipped lens over the peak; one lens in a quick run."""
     worst = 0.0
     for name in LENSES[:1] if quick else LENSES:
         table = open_lens(name)
@@ -179,7 +179,7 @@ def images(quick: bool) -> float:
 
 
 def apart(plan: LensImages, star: Any, wanted: Floats, tries: int | None = None) -> float:
-    """Largest difference of two images over the peak, where they fit best on each other."""
+    """Largest difference of two images over the peak, after the best shift."""
     n = len(wanted)
     plan.count, plan.spacing = n + 1, WIDTH / (n - 1)
     middle, step = star.centroid, plan.spacing * 1e6
@@ -192,13 +192,13 @@ def apart(plan: LensImages, star: Any, wanted: Floats, tries: int | None = None)
     def error(shift: Floats) -> float:
         return float(((image_at(shift) - wanted) ** 2).sum())
 
-    # The tracer centres its image on a ray through the middle of its beam, some pixels away.
+    # The tracer centres its image on a ray through the middle of the beam, some pixels away.
     plan.count = 2 * n + 1
     wide = plan._irradiance(star, *middle)[:-1, :-1]
     cuts = np.lib.stride_tricks.sliding_window_view(wide, (n, n)).reshape(-1, n, n)
     alike = [np.vdot(cut, wanted) / np.linalg.norm(cut) for cut in cuts]
     plan.count = n + 1
-    # Its middle is between two points.
+    # The image's middle is between two points.
     beside = np.arange(-2, 2.1, 2.0 if tries else 0.25)
     along = (int(np.argmax(alike)) // (n + 1) - n / 2 + beside) * step
     start = min((np.array([u, v]) for u in along for v in (-step / 2, step / 2)), key=error)
@@ -209,7 +209,8 @@ def apart(plan: LensImages, star: Any, wanted: Floats, tries: int | None = None)
 
 
 def colours(case: Case) -> float:
-    """Rms displacement of stars with a focal length for each colour over that with one."""
+    """Rms displacement of stars with a focal length for each colour, over the displacement with one
+    focal length."""
     size = []
     colour, camera = colours_of(case), case.instrument.camera
     x, y = np.random.default_rng(1).uniform(0, 1, (2, len(colour)))
@@ -225,7 +226,8 @@ def colours(case: Case) -> float:
 
 
 def attitudes(case: Case, trials: int) -> float:
-    """Error across the boresight with a focal length for each colour over that with one."""
+    """Error across the boresight with a focal length for each colour, over the error with one focal
+    length."""
     rms = []
     for knows in (False, True):
         one = replace(case, tracker=replace(case.tracker, focal_length_by_colour=knows))
@@ -234,7 +236,7 @@ def attitudes(case: Case, trials: int) -> float:
 
 
 def galsim_frame(case: Case, runs: int) -> float | None:
-    """CPU time of GalSim for the stars of `frames`, millisecond; None without it."""
+    """CPU time of GalSim for the stars of `frames`, millisecond; None without GalSim."""
     if command.missing("galsim_frame_ms", "galsim"):
         return None
     galsim = import_module("galsim")
@@ -278,7 +280,7 @@ def light_of_stars(case: Case) -> tuple[Any, Rotation]:
 
 
 def stamps(case: Case, count: int) -> tuple[float, float]:
-    """Error of interpolated images against those computed at their very places.
+    """Error of interpolated images against images computed at the exact places.
 
     Returns  pixel, rms over places of the centroid of the table; 1, largest error of the flux
     """
@@ -313,7 +315,7 @@ def stamps(case: Case, count: int) -> tuple[float, float]:
 
 
 def least(ways: dict[str, Callable[[], object]], runs: int) -> dict[str, float]:
-    """Least CPU time of each way, second, in turns."""
+    """Shortest CPU time of each way in alternating runs, second."""
     best = dict.fromkeys(ways, np.inf)
     for way in ways.values():
         way()
@@ -362,9 +364,9 @@ def windows(case: Case, runs: int) -> dict[str, float]:
 
 
 def ghost_errors(quick: bool) -> dict[str, float]:
-    """Largest distance of ghosts from those of a non-sequential trace, and ratio of their flux.
+    """Largest distance of ghosts from a non-sequential trace, and ratio of their fluxes.
 
-    Of the ratios over places and ghosts that which is farthest from one.
+    The ratio is the one farthest from 1 over places and ghosts.
     """
     optics = replace(
         the_case(1024).instrument.optics, lens_file="", lens_family="double-gauss", f_number=2.8
@@ -382,7 +384,7 @@ def ghost_errors(quick: bool) -> dict[str, float]:
         x, y, weight = ghost_rays.ghosts(lens, at, ray, only)[pair]
         which = next(one for one in pairs(surfaces, ghosts) if one[:2] == pair)
         made = ghost_map(surfaces, which, towards, camera, pitch, optics)
-        assert made is not None  # they lie in the frame
+        assert made is not None  # the ghosts are in the frame
         step = (camera.columns - 1) / (made.shape[1] - 1)
         down, across = np.indices(made.shape) * step
         place = np.array([(made * across).sum(), (made * down).sum()]) / made.sum()
@@ -397,15 +399,15 @@ def ghost_errors(quick: bool) -> dict[str, float]:
 
 
 def optimum_on_bounds(quick: bool) -> list[str]:
-    """Variables of the best nanosatellite, over its units, that lie on a bound.
+    """Variables of the best nanosatellite, over its units, that are at a bound.
 
-    Under --quick of two designs of noise alone at rest, whose answer means nothing.
+    With --quick, two designs with noise alone at rest, whose result has no meaning.
     """
     name = "noise_only" if quick else "nanosatellite"
     design = load_design(shipped(f"designs/{name}.toml"))
     assert design.campaign
     case = at_rest(design.case) if quick else design.case
-    # Fewer than the design asks for: each design behind a lens takes some seconds by itself.
+    # Fewer than in the design file: each design with a lens takes some seconds.
     campaign = replace(
         design.campaign,
         trials=20,

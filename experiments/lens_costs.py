@@ -1,11 +1,11 @@
-"""What lenses weigh and cost: the model of a family beside nine lenses for cameras.
+"""Mass and cost of lenses: the model of a family compared with nine lenses for cameras.
 
     python experiments/lens_costs.py [--json FILE] [--markdown docs/figures/lens-costs.md]
 
-The double Gauss family at the focal length, f-number and field (24 by 36 mm) of each. Camera lenses
-focus, have diaphragms and mounts, and a third of them motors; the model has one factor for all of
-that. Its factors are the medians over the same lenses, so that the table shows the spread, not an
-independent test; the exponents come from the prescription.
+The double Gauss family has the focal length, f-number and field (24 by 36 mm) of each lens. Camera
+lenses have focusing, diaphragms and mounts, and a third of them motors; one factor of the model
+includes all of these. The factors are medians over the same lenses, so that the table shows the
+spread, not an independent test. The exponents come from the prescription.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from startrack.io import save_text
 from startrack.optics import open_lens, open_surfaces
 
 LENSES = Path(__file__).parents[1] / "tests/oracle/lens_costs.json"
-HALF_DIAGONAL = 21.6e-3  # metre, of the film
-COMPLEXITY = 0.5  # exponent of the elements in the speed: startrack.optics.lens_family
+HALF_DIAGONAL = 21.6e-3  # metre, half diagonal of the film
+COMPLEXITY = 0.5  # exponent of the number of elements over the speed: startrack.optics.lens_family
 
 
 def rows() -> list[dict[str, Any]]:
-    """Measured, predicted and their ratio of each lens."""
+    """Measured and predicted values and their ratio for each lens."""
     table, base = open_lens("double_gauss"), open_surfaces(shipped("lenses/double_gauss.fits"))
     assert base is not None
     known = json.loads(LENSES.read_text(encoding="utf-8"))
@@ -73,16 +73,16 @@ def page(found: list[dict[str, Any]], source: str) -> str:
     lines = [
         "# Mass and cost of lenses",
         "`max_mass`, `max_volume` and `max_cost` of a design with `lens_family`, or with a "
-        "`lens_file` that holds its surfaces, count the lens by its glass: "
-        "`startrack.design.requirements` has the equations. This page, written by "
-        f"{source}, has the double Gauss family beside "
-        "nine lenses for cameras of 24 by 36 mm, at their focal length, f-number and field.",
+        "`lens_file` that contains its surfaces, compute the lens from its glass: "
+        f"`startrack.design.requirements` has the equations. This page, written by {source}, "
+        "compares the double Gauss family with nine lenses for cameras of 24 by 36 mm, at their "
+        "focal length, f-number and field.",
         "",
         "The factors are medians over these lenses, so that the ratios (measured over predicted) "
-        "show the spread and no independent test. They hold focusing, diaphragms, mounts and "
-        "motors, which a tracker's lens has not, and no housing for space. Of the other three "
-        "families no lens was compared. Volume is to the film; prices are dollars of 2007 to "
-        "2010, in series.",
+        "show the spread; they are not an independent test. The factors include focusing, "
+        "diaphragms, mounts and motors, which a tracker's lens does not have, but no housing for "
+        "space. No lens of the other three families was compared. Volume extends to the film; "
+        "prices are dollars of 2007 to 2010, in series production.",
         "",
         "| lens | elements | law | mass g | predicted | ratio | volume cm³ | predicted | ratio | "
         "price | predicted | ratio |",

@@ -1,4 +1,4 @@
-"""Three scenarios of Markley and Mortari (2000): errors about the body's axes, and loss.
+"""Three scenarios of Markley and Mortari (2000): errors about the body's axes, and loss function.
 
 Source: F. L. Markley and D. Mortari, Quaternion attitude estimation using vector observations, J.
 Astronautical Sciences 48, 359.

@@ -1,16 +1,17 @@
-"""Is what startrack reads what was meant, and do its laws hold at their limits?
+"""Does startrack read files as their writers meant, and do its laws hold at their limits?
 
     python experiments/meant.py [--parts files laws slews promises orders] [--json FILE] [--quick]
 
-files        that other programs wrote, in all formats that startrack reads: right, refused, wrong
-             or crashed; `wrong` and `crashed` are their numbers, `refused` those with a sentence
-laws         that have a limit with a closed form; laws_off, those that miss it by more than their
-             stated accuracy
-covariance_over_spots  error of the fidelity `covariance` over that of `spots` about each axis, in
+files        files written by other programs, in all formats that startrack reads: right, refused,
+             wrong or crashed; `wrong` and `crashed` are numbers of files, `refused` the number
+             refused with a message
+laws         laws with a closed form at a limit; laws_off: laws that deviate from it by more than
+             their stated accuracy
+covariance_over_spots  error of fidelity `covariance` over error of `spots` about each axis, in
              slews of up to 2 deg/s: the worst ratio, upward
-network, foreign_code, hangs  of files that would fetch, run code or never end, given to the
-             readers: how many did
-orders_green of three runs of all tests in random orders, with 2, 1 and 4 workers, how many passed
+network, foreign_code, hangs  number of test files that made a reader use the network, run code or
+             hang
+orders_green number of passed runs of all tests, of three in random orders with 2, 1 and 4 workers
 """
 
 from __future__ import annotations
@@ -80,12 +81,13 @@ def _each_in_its_folder(folder: Path, quick: bool) -> Iterator[Check]:
         own = folder / str(number)
         own.mkdir()
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of the programs that write; readers say what is odd
+            # warnings of the writing programs; readers report problems
+            warnings.simplefilter("ignore")
             yield from checks(own, quick)
 
 
 def _counted(done: list[Check]) -> collections.Counter[Verdict]:
-    """Counts of verdicts; a table by kind is printed, and what is not right."""
+    """Counts of verdicts. Prints a table by kind, and all verdicts except right."""
     kinds = sorted({check.kind for check in done})
     for kind in kinds:
         counts = collections.Counter(check.verdict for check in done if check.kind == kind)
@@ -98,7 +100,7 @@ def _counted(done: list[Check]) -> collections.Counter[Verdict]:
 
 
 def laws(quick: bool) -> dict[str, Any]:
-    """Limits of laws; a law that is refused at its limit is off, too."""
+    """Limits of laws; a law refused at its limit counts as deviating."""
     with tempfile.TemporaryDirectory() as name:
         done = list(meant_laws.checks(Path(name), quick))
     right = _counted(done)[Verdict.RIGHT]
@@ -106,12 +108,12 @@ def laws(quick: bool) -> dict[str, Any]:
 
 
 def slews(quick: bool) -> dict[str, Any]:
-    """Errors of drawn spots that are taken as known, over those of identified ones, in slews."""
+    """Errors with drawn spots of known identity, over errors with identified spots, in slews."""
     return {"covariance_over_spots": meant_laws.covariance_over_spots(quick)}
 
 
 def promises(quick: bool) -> dict[str, Any]:
-    """What SECURITY.md says of files from anybody."""
+    """Promises of SECURITY.md on untrusted files."""
     kept = meant_promises.promises(quick)
     for note in kept.notes:
         print(f"    {note}")
@@ -124,7 +126,7 @@ def promises(quick: bool) -> dict[str, Any]:
 
 
 def orders(quick: bool) -> dict[str, Any]:
-    """All tests in random orders, without the folder of outside data."""
+    """All tests in random orders, without the folder of external data."""
     green = 0
     for seed, workers in ORDERS.items():
         environment = {name: os.environ[name] for name in os.environ if name != "STARTRACK_DATA"}

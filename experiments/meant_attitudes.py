@@ -1,9 +1,10 @@
-"""Orbits and attitudes in files of other programs, beside what these programs read in them.
+"""Orbits and attitudes in files of other programs, compared with the values that these programs
+read.
 
-Files are written by the packages ccsds-ndm, oem, sgp4 and spiceypy, or, where none of them writes a
-variant, by the text of the standard (CCSDS 502.0-B and 504.0-B). Their values are those of the
-same packages: attitudes by the matrix of CCSDS 504.0 of the components that ccsds-ndm names, states
-by oem's interpolation, TEME by sgp4 and astropy, kernels by spiceypy.
+The packages ccsds-ndm, oem, sgp4 and spiceypy write the files; variants that none of them writes
+follow the text of the standard (CCSDS 502.0-B and 504.0-B). Reference values come from the same
+packages: attitudes by the matrix of CCSDS 504.0 from the components named by ccsds-ndm, states by
+oem's interpolation, TEME by sgp4 and astropy, kernels by spiceypy.
 """
 
 from __future__ import annotations
@@ -29,15 +30,15 @@ from startrack.space import two_line_record
 
 BEGIN = "2026-03-20T12:00:00"
 TURN = 1e-9  # largest error of an element of a matrix
-CLOCK_TURN = 1e-6  # the same through the ticks of a clock of 15 microseconds
-PLACE = 1.0  # metre, of seconds since 2000 as a double and interpolation by other formulas
-TEME_PLACE = 30.0  # metre, of the Earth's axes by interpolated tables and by astropy
-COUNT, STEP = 21, 60.0  # rows of a file, and second between them
-GPS_SECONDS = 19.0  # TAI is ahead of GPS by
+CLOCK_TURN = 1e-6  # the same, through a clock with ticks of 15 microseconds
+PLACE = 1.0  # metre, for seconds since 2000 as a double and interpolation by other formulas
+TEME_PLACE = 30.0  # metre, difference of the Earth's axes by interpolated tables and by astropy
+COUNT, STEP = 21, 60.0  # number of rows of a file, and seconds between them
+GPS_SECONDS = 19.0  # TAI minus GPS
 
 
 def checks(folder: Path, quick: bool) -> Iterator[Check]:
-    """Comparisons of files that are written into a folder; about a tenth of them where quick."""
+    """Comparisons of files written into a folder; about a tenth of them in a quick run."""
     matrix = [*_aem_cases(), *_oem_cases(), *_kernel_cases(), *_tle_cases()]
     for number, (kind, name, compare) in enumerate(matrix):
         if not quick or number % 10 == 0:
@@ -51,7 +52,8 @@ Matrices = NDArray[np.float64]
 
 
 def _attitudes() -> Rotation:
-    """icrs_to_body of the rows of a file: a turn about a slanted axis, from a slanted attitude."""
+    """icrs_to_body of the rows of a file: a rotation about an oblique axis, from an oblique
+    attitude."""
     angle = 2e-3 * STEP * np.arange(COUNT)
     return Rotation.from_rotvec(np.outer(angle, [0.6, -0.48, 0.64])) * Rotation.from_rotvec(
         [0.4, 1.1, -0.7]
@@ -61,7 +63,8 @@ def _attitudes() -> Rotation:
 def _dates(
     scale: str, form: str, first: float = 0.0, count: int = COUNT, begin: str = BEGIN
 ) -> list[str]:
-    """Dates of rows in a time system, STEP apart, as calendar ("date") or day of the year."""
+    """Dates of rows in a time system, at intervals of STEP, as calendar date ("date") or day of the
+    year."""
     with installed_tables():
         second = TimeDelta(first + STEP * np.arange(count), format="sec")
         time = Time(begin, scale="utc") + second
@@ -91,7 +94,7 @@ def _standard_matrix(q1: float, q2: float, q3: float, qc: float) -> Matrices:
 def _text(
     kind: str, version: str, segments: Sequence[tuple[dict[str, str], list[str]]], head: str = ""
 ) -> str:
-    """A message of segments: keywords and rows."""
+    """A message from segments of keywords and rows."""
     lines = [f"CCSDS_{kind}_VERS = {version}", f"CREATION_DATE = {BEGIN}", "ORIGINATOR = X", head]
     for meta, rows in segments:
         lines += ["META_START", *(f"{key} = {value}" for key, value in meta.items() if value)]
@@ -118,7 +121,7 @@ def _aem_meta(dates: Sequence[str], changes: dict[str, str]) -> dict[str, str]:
 def _components(
     direction: str, stars_first: bool, order: str, turn: Rotation
 ) -> NDArray[np.float64]:
-    """(n, 4) components in a row: of A to B of the keywords, by the matrix of the standard."""
+    """Components (n, 4) of rows: from A to B of the keywords, by the matrix of the standard."""
     to_body = (direction == "A2B") == stars_first
     numbers = (turn.inv() if to_body else turn).as_quat()
     return np.roll(numbers, 1, axis=1) if order == "FIRST" else numbers
@@ -180,7 +183,7 @@ def _aem_cases() -> Iterator[Case]:
 
 
 def _matrices(path: Path, seconds: Any) -> Matrices:
-    """icrs_to_body of an attitude file, as a mission flies it."""
+    """icrs_to_body of an attitude file, as read for a mission."""
     mission = load_mission(shipped("missions/sun-synchronous.toml")).mission
     time = replace(mission.time, begin=BEGIN, duration=60.0, step=60.0)
     law = Attitude(law="aem", aem=str(path))
@@ -205,7 +208,7 @@ def _aem(
     mark: bool = False,
     xml: bool = False,
 ) -> Compare:
-    """A file of one segment, rewritten by ccsds-ndm where it knows the variant."""
+    """A file of one segment, rewritten by ccsds-ndm if it supports the variant."""
 
     def compare(path: Path) -> str | None:
         from ccsds_ndm.ndm_io import NDMFileFormats, NdmIo
@@ -221,7 +224,7 @@ def _aem(
             rows = _rows(dates, np.full((COUNT, 3), 1.0))
         text = _text("AEM", version, [(meta, rows)], "COMMENT a = b")
         wanted = _attitudes().as_matrix()
-        if other:  # written by ccsds-ndm, and read by it: its components by their names
+        if other:  # written and read by ccsds-ndm: components by name
             message = NdmIo().from_string(text)
             text = NdmIo().to_string(message, NDMFileFormats.XML if xml else NDMFileFormats.KVN)
             states = (
@@ -243,7 +246,7 @@ def _aem(
 
 
 def _aem_segments(changes: dict[str, str]) -> Compare:
-    """Two segments with a gap of nine minutes: both are read, and the gap is refused."""
+    """Two segments with a gap of nine minutes: both are read, and values in the gap are refused."""
 
     def compare(path: Path) -> str | None:
         from ccsds_ndm.ndm_io import NDMFileFormats, NdmIo
@@ -287,7 +290,7 @@ def _oem_meta(dates: Sequence[str], changes: dict[str, str]) -> dict[str, str]:
 
 
 def _states() -> NDArray[np.float64]:
-    """(n, 6) km and km / s of a slanted circle of 7,000 km, by its formula."""
+    """States (n, 6), km and km / s, of an inclined circular orbit of 7,000 km, by formula."""
     rate = np.sqrt(398600.4418 / 7000.0**3)
     angle = rate * STEP * np.arange(COUNT)
     first, second = np.array([0.8, 0.6, 0.0]), np.array([-0.36, 0.48, 0.8])
@@ -343,7 +346,7 @@ def _oem(
     acceleration: bool = False,
     tail: str = "",
 ) -> Compare:
-    """A file by the package oem, or ccsds-ndm; its states between rows by oem."""
+    """A file written by the package oem or ccsds-ndm; states between rows by oem."""
 
     def compare(path: Path) -> str | None:
         import oem
@@ -378,7 +381,7 @@ def _oem(
                 np.array([getattr(state, name) for state in states]).T
                 for name in ("position", "velocity")
             ]
-        else:  # between rows by the formula of the circle
+        else:  # states between rows by the formula of the circle
             rate = np.sqrt(398600.4418 / 7000.0**3)
             first, second = np.array([[0.8, 0.6, 0.0]]).T, np.array([[-0.36, 0.48, 0.8]]).T
             cosine, sine = np.cos(rate * seconds), np.sin(rate * seconds)
@@ -424,7 +427,7 @@ SCLK01_COEFFICIENTS_{n}  = ( 0.0 {begin}.0 1.0 )
 
 
 def _ephemeris_second() -> float:
-    """Of TDB after J2000, at BEGIN, by astropy."""
+    """Seconds of TDB after J2000 at BEGIN, by astropy."""
     with installed_tables():
         date = Time(BEGIN, scale="utc").tdb
     return float((date.jd1 - 2451545.0) * 86400 + date.jd2 * 86400)
@@ -447,7 +450,7 @@ def _ck(
         path.with_suffix(".tsc").write_text(CLOCK.format(n=77, begin=begin, system=system))
         spice.kclear()
         spice.furnsh(str(path.with_suffix(".tsc")))
-        if system == 2:  # as the leap second kernel naif0012.tls has it
+        if system == 2:  # as in the leap second kernel naif0012.tls
             spice.pdpool("DELTET/DELTA_T_A", [32.184])
             spice.pdpool("DELTET/K", [1.657e-3])
             spice.pdpool("DELTET/EB", [1.671e-2])
@@ -524,7 +527,7 @@ def _spk(kind: int, frame: str, segments: int = 1) -> Compare:
         cuts = np.linspace(0, COUNT - 1, segments + 1).astype(int)
         for k, (low, high) in enumerate(itertools.pairwise(cuts)):
             part, count = slice(low, high + 1), int(high + 1 - low)
-            own = np.ascontiguousarray(states[part] * (1 + 0.01 * k))  # another orbit each
+            own = np.ascontiguousarray(states[part] * (1 + 0.01 * k))  # a different orbit for each
             head = handle, -77, 399, frame, et[low], et[high], "x"
             if kind == 5:
                 spice.spkw05(*head, 398600.4418, count, own, et[part])

@@ -1,4 +1,5 @@
-"""One comparison of what startrack read with what the file means, or of a model with its limit."""
+"""A comparison of values read by startrack with the meaning of the file, or of a model with its
+limit."""
 
 from __future__ import annotations
 
@@ -10,7 +11,7 @@ from startrack import Refused
 
 
 class Verdict(enum.StrEnum):
-    """What became of one file or law."""
+    """Verdict on a file or law."""
 
     RIGHT = "right"
     REFUSED = "refused"
@@ -24,7 +25,7 @@ class Check(NamedTuple):
     kind     the format ("AEM", "TIFF") or the room of the law ("detector")
     name     the variant, in words
     verdict  right within the stated accuracy, refused with a sentence, wrong, or crashed
-    note     the value and what it should be, the sentence of a refusal, or the exception
+    note     actual and correct value, message of a refusal, or exception
     """
 
     kind: str
@@ -34,7 +35,8 @@ class Check(NamedTuple):
 
 
 def checked(kind: str, name: str, compare: Callable[[], str | None]) -> Check:
-    """The verdict of a comparison, which returns None where all is right, or what is wrong.
+    """The verdict of a comparison; the comparison returns None if all is right, else a description
+    of the error.
 
     A refusal is `Refused`; any other exception is a crash.
     """

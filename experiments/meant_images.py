@@ -1,8 +1,8 @@
-"""Images, star tables, lenses and PSFs that other programs write, against what was written.
+"""Images, star tables, lenses and PSFs written by other programs, compared with the written values.
 
 TIFF by tifffile and Pillow, PNG and JPEG by Pillow, imagecodecs and OpenCV, FITS by astropy and
-fitsio, tables by pandas, astropy and csv, lenses by optiland. The expected value is that which was
-given to the writer; of JPEG that which Pillow reads.
+fitsio, tables by pandas, astropy and csv, lenses by optiland. The expected value is the value given
+to the writer; for JPEG the value that Pillow reads.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ from startrack.optics import psfs_of_pages, read_prescription
 Compare = Callable[[], str | None]
 Case = tuple[str, str, Compare]
 ROWS, COLUMNS = 48, 64
-EVERY = 15  # of the checks, one is in a quick run
-GAIN = 4.88  # electron for a number, of images with noise
+EVERY = 15  # a quick run has every fifteenth check
+GAIN = 4.88  # electron / digital number, for images with noise
 
 
 def checks(folder: Path, quick: bool) -> Iterator[Check]:
-    """Write each variant into a folder and compare what startrack reads of it.
+    """Write each variant into a folder and compare the values that startrack reads.
 
-    quick  every fifteenth alone
+    quick  only every fifteenth check
     """
     made = itertools.chain(
         tiffs(folder),
@@ -52,12 +52,12 @@ def checks(folder: Path, quick: bool) -> Iterator[Check]:
     for number, (kind, name, compare) in enumerate(made):
         if not quick or number % EVERY == 0:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # of writers; what is said is no wrong value
+                warnings.simplefilter("ignore")  # warnings of writers are not wrong values
                 yield checked(kind, name, compare)
 
 
 def stars(kind: str, channels: int = 1) -> NDArray[Any]:
-    """An image whose rows, columns and channels all differ, of a type."""
+    """An image of a type, with different rows, columns and channels."""
     form = np.dtype(kind)
     rows, columns, band = np.indices((ROWS, COLUMNS, channels))
     image = (rows * 7 + columns * 3 + band * 11) % 200
@@ -74,7 +74,7 @@ def stars(kind: str, channels: int = 1) -> NDArray[Any]:
 
 
 def light(image: NDArray[Any]) -> NDArray[Any]:
-    """One number a pixel: the largest of three colours."""
+    """One number per pixel: the largest of three colours."""
     return image.max(axis=2) if image.shape[2] >= 3 else image[..., 0]
 
 
@@ -85,7 +85,7 @@ def image_of(
     layout: Layout | None = None,
     tolerance: float = 0.0,
 ) -> Compare:
-    """Whether the image that is read is the one that was written, in value and in kind."""
+    """Difference between the read and the written image, in value and in type."""
 
     def compare() -> str | None:
         write(path)
@@ -226,7 +226,7 @@ def tiffs(folder: Path) -> Iterator[Case]:
 
 
 def _seen(image: NDArray[Any], orientation: int) -> NDArray[Any]:
-    """As Pillow turns it."""
+    """The image in the orientation of Pillow."""
     from PIL import Image, ImageOps
 
     picture = Image.fromarray(image)
@@ -273,7 +273,7 @@ def _pillow_tiff(path: Path, name: str, mode: str, options: dict[str, Any]) -> C
 
 
 def pictures(folder: Path) -> Iterator[Case]:
-    """PNG of 1 to 16 bits with and without alpha, JPEG of all kinds, and formats that are none."""
+    """PNG of 1 to 16 bits with and without alpha, JPEG of all kinds, and invalid formats."""
     import cv2
     import imagecodecs
     from PIL import Image
@@ -387,7 +387,7 @@ def fits_images(folder: Path) -> Iterator[Case]:
         ("u1", "i2", "u2", "i4"), ("RICE_1", "GZIP_1", "GZIP_2", "PLIO_1", "HCOMPRESS_1")
     ):
         if (kind, squeeze) == ("u2", "PLIO_1"):
-            continue  # which the standard does not have
+            continue  # not in the standard
         image = stars(kind)[..., 0]
         if squeeze == "PLIO_1":
             image = np.abs(image) % 128
@@ -657,7 +657,7 @@ def tables(folder: Path) -> Iterator[Case]:
     )
     for unit, end in itertools.product(("deg", "rad", "hourangle"), ("ecsv", "fits", "vot")):
         if (unit, end) == ("hourangle", "fits"):
-            continue  # no unit of FITS
+            continue  # not a FITS unit
 
         def write(path: Path, unit: str = unit) -> None:
             table = Table({"x": x, "y": y, "dec": dec * units.deg, "ra": ra * units.deg})
@@ -724,10 +724,10 @@ ENCODINGS = ("utf-16", "utf-16-le", "utf-8", "utf-8-sig", "latin-1")
 
 
 def lenses(folder: Path) -> Iterator[Case]:
-    """One lens in all units, encodings and locales; glasses by maker; what must be refused.
+    """One lens in all units, encodings and locales; glasses by maker; files that must be refused.
 
-    The focal length is that of two spheres by the formula of a thick lens; indices are those that
-    the makers publish for 587.6 nm.
+    The focal length of two spheres follows from the formula of a thick lens; indices at 587.6 nm
+    are published by the makers.
     """
     number = itertools.count()
 
@@ -848,7 +848,7 @@ def lenses(folder: Path) -> Iterator[Case]:
 
 
 def _saved_lenses(folder: Path) -> Iterator[Case]:
-    """As optiland writes a lens of its own."""
+    """A lens of optiland, saved by optiland."""
     from optiland.fileio import save_codev_file, save_optiland_file, save_zemax_file
     from optiland.materials import Material
     from optiland.optic import Optic
@@ -915,7 +915,7 @@ def pages(folder: Path) -> Iterator[Case]:
             half = len(got) // 2
             middle = side // 2
             cut = slice(middle - half, middle + half + 1)
-            # x of the file's images runs along the field, which is y of the page.
+            # x of the file's images is along the field, which is y of the page.
             wanted = spot[cut, cut].T
             worst = float(np.abs(got - wanted).max())
             return None if worst < 1e-6 else f"differs by {worst:g} of the peak"

@@ -1,4 +1,4 @@
-"""Physical laws at their limits: each by a closed form that is written here, not by the package."""
+"""Physical laws at their limits, compared with closed forms in this file."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ Value = Callable[[], Any]
 
 
 def law(room: str, name: str, value: Value, right: Any, accuracy: float) -> Check:
-    """A value beside its limit.
+    """A value and its limit.
 
     accuracy  relative, or absolute where the limit is zero
     """
@@ -54,9 +54,9 @@ def law(room: str, name: str, value: Value, right: Any, accuracy: float) -> Chec
 
 
 def checks(folder: Path, quick: bool) -> Iterator[Check]:
-    """All laws; `quick` leaves out those by trials.
+    """All laws; `quick` leaves out laws by trials.
 
-    folder  where files may be written; none are
+    folder  folder for files; none are written
     """
     yield from _of_optics()
     yield from _of_motion()
@@ -81,12 +81,13 @@ def _mono(lens: Optics, pitch: float, wavelength: float = 500 * NM) -> Psf:
 
 
 def _middle(psf: Psf) -> float:
-    """Fraction of a star's light in the pixel in whose middle it is."""
+    """Fraction of a star's light in its pixel, for a star at the pixel's centre."""
     return float(psf.table[len(psf.table) // 2, len(psf.table) // 2])
 
 
 def _variance(psf: Psf) -> float:
-    """Pixel^2 along x, of the light of a star over positions; the pixel's own is in it."""
+    """Variance along x of a star's light, averaged over positions, pixel^2; the pixel's variance is
+    included."""
     x = (np.arange(len(psf.table)) - len(psf.table) // 2) / psf.oversampling
     light = psf.table.sum(axis=0)
     return float((light * x**2).sum() / light.sum())
@@ -112,7 +113,7 @@ def _of_optics() -> Iterator[Check]:
     for number in (16.0, 32.0):
         slow = replace(lens, f_number=number)
         fraction = math.pi / 4 * (pitch / (500 * NM * number)) ** 2
-        # (2 J1(v) / v)^2 = 1 - v^2 / 4 + 5 v^4 / 192, of which the pixel takes the mean.
+        # (2 J1(v) / v)^2 = 1 - v^2 / 4 + 5 v^4 / 192; the pixel averages this.
         across = math.pi * pitch / (500 * NM * number)
         drop = across**2 / 24 - 5 / 192 * across**4 * 7 / 180
         yield law(
@@ -145,7 +146,7 @@ def _of_optics() -> Iterator[Check]:
             radius**2 / 4 + 1 / 12,
             0.03,
         )
-    # J1(v) / v of the pupil, whose mean over a pixel is that above.
+    # J1(v) / v of the pupil; its mean over a pixel is given above.
     across = math.pi * pitch / (500 * NM * 16)
     drop = across**2 / 24 - 5 / 192 * across**4 * 7 / 180
     yield law(
@@ -219,7 +220,7 @@ PLAIN = Detector(
 
 
 def _numbers(electrons: float, seed: int = 1, **changes: Any) -> Any:
-    """Digital numbers of an even light, less the offset."""
+    """Digital numbers of uniform light minus the offset."""
     one = replace(PLAIN, **changes)
     return frame_of(np.full((300, 300), electrons), one, Streams(seed, 0)).image - float(one.offset)
 
@@ -332,7 +333,7 @@ def _of_the_detector() -> Iterator[Check]:
 
 
 def _rate(low: float, high: float) -> float:
-    """Electron / second of a sunlike star of G = 0 between two wavelengths, nm."""
+    """Signal of a sunlike star of G = 0 between two wavelengths (nm), electron / second."""
     case = load_design(shipped(EXAMPLE)).case
     curve = Curve((low * NM, high * NM), (1.0, 1.0))
     instrument = replace(
@@ -346,7 +347,7 @@ def _rate(low: float, high: float) -> float:
 
 
 def _photons(wavelength: float) -> float:
-    """Of a blackbody of 5772 K per wavelength, by Planck."""
+    """Photons of a blackbody of 5772 K per wavelength, by Planck's law."""
     return wavelength**-4 / math.expm1(H * C / (wavelength * NM * K * 5772))
 
 
@@ -369,7 +370,7 @@ def _of_bands() -> Iterator[Check]:
     grid = np.linspace(330, 1050, 7201)
     passband = _gaia(grid)
     photons = np.array([_photons(at) for at in grid])
-    # A star of G = 0 makes 10^(0.4 25.6874) electrons a second behind 0.7278 m^2 of Gaia.
+    # A star of G = 0 gives 10^(0.4 25.6874) electrons a second with Gaia's aperture of 0.7278 m^2.
     scale = 10 ** (0.4 * 25.6874) / 0.7278 / np.trapezoid(photons * passband, grid)
     lens = load_design(shipped(EXAMPLE)).case.instrument.optics
     fill = load_design(shipped(EXAMPLE)).case.instrument.detector.fill_factor
@@ -402,7 +403,7 @@ def _of_bands() -> Iterator[Check]:
 
 
 def _gaia(nm: Any) -> Any:
-    """Gaia's G, by speclite's table, between its points."""
+    """Gaia's G passband, interpolated in speclite's table."""
     import speclite.filters
 
     curve = speclite.filters.load_filter("gaiadr3-G")
@@ -731,7 +732,7 @@ def _of_the_earth() -> Iterator[Check]:
 def _of_detection() -> Iterator[Check]:
     room, sigma = "detection", 1.2
     y, x = np.mgrid[:65, :65].astype(float)
-    board = 100.0 + 1.0 - 2.0 * ((x + y) % 2)  # a background with the least noise
+    board = 100.0 + 1.0 - 2.0 * ((x + y) % 2)  # a background with minimum noise
     plan = plan_detection(Detection(window=11), gaussian_psf(sigma))
 
     def spots(light: Any) -> Any:
@@ -757,7 +758,7 @@ def _of_detection() -> Iterator[Check]:
         )
 
 
-# Identification and budget, which need an index and a sky
+# Identification and budget; they need an index and a sky
 
 
 def _of_trials() -> Iterator[Check]:
@@ -795,9 +796,9 @@ def _of_trials() -> Iterator[Check]:
 
 
 def covariance_over_spots(quick: bool) -> float:
-    """Worst ratio over rates and axes of the error of drawn spots, identified or taken as known.
+    """Worst ratio over rates and axes of errors with drawn spots, identified or of known identity.
 
-    Accuracy  statistical: 1.6 % of an rms in 2000 trials, 0.9 % in 6000, at each of four rates.
+    Accuracy  statistical: 1.6 % of an rms with 2000 trials, 0.9 % with 6000, at each of four rates.
     """
     worst, many = 1.0, 300 if quick else 6000
     for degrees in (0.0, 0.5, 1.0, 2.0):

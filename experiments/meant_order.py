@@ -6,5 +6,5 @@ from typing import Any
 
 
 def pytest_collection_modifyitems(items: list[Any]) -> None:
-    """The same order in each worker of one run."""
+    """Shuffle tests, in the same order in each worker of a run."""
     random.Random(os.environ.get("ORDER", "1")).shuffle(items)

@@ -1,7 +1,7 @@
-"""Files that would fetch, run code or never end, given to all readers; what came of them.
+"""Test files that try to use the network, run code or never end, given to all readers.
 
-Each bait is read in a process of its own, which sees a listener on this machine and a marker that
-only code in the bait would write.
+Each bait is read in a separate process. A listener on this machine detects network access; a marker
+file detects execution of code in the bait.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from typing import NamedTuple
 
 from startrack import shipped
 
-LONGEST = 90.0  # second that a reader may take, with the imports of its process
+LONGEST = 90.0  # second, time limit of a reader, with the imports of its process
 EXAMPLE = shipped("designs/noise_only.toml")
-# Prints where Python code of the process asks for another machine; the listener sees all others.
+# Prints network access by Python code of the process; the listener sees all other access.
 AUDIT = """
 import sys
 def look(event, arguments):
@@ -42,11 +42,11 @@ KERNEL = AUDIT + "from startrack.earth.terrain.tile import block; print(block(1,
 
 
 class Bait(NamedTuple):
-    """A file, and a process that reads it.
+    """A file and a process that reads it.
 
     name         of the kind
-    code         of the process, and its arguments
-    environment  variables on top of those of this process
+    code         code of the process, and its arguments
+    environment  additional environment variables
     """
 
     name: str
@@ -56,7 +56,7 @@ class Bait(NamedTuple):
 
 
 class Kept(NamedTuple):
-    """How often the promises were broken, over the baits that were read."""
+    """Number of broken promises over the baits."""
 
     baits: int
     network: int
@@ -108,7 +108,7 @@ def promises(quick: bool) -> Kept:
 
 @contextmanager
 def _listener() -> Iterator[tuple[int, list[str]]]:
-    """A port of this machine, and who asked for it: over TCP and UDP."""
+    """A port of this machine, and access to it over TCP and UDP."""
     heard, over = list[str](), threading.Event()
     with closing(socket.create_server(("127.0.0.1", 0))) as tcp:
         port = tcp.getsockname()[1]
@@ -136,7 +136,7 @@ def _listener() -> Iterator[tuple[int, list[str]]]:
 
 
 class _Marks:
-    """An object whose unpickling writes a marker."""
+    """An object that writes a marker when it is unpickled."""
 
     def __init__(self, marker: Path):
         self.marker = marker
@@ -160,7 +160,7 @@ def _command(name: str, *words: object) -> Bait:
 
 
 def _terrain(folder: Path, address: str, marker: Path) -> Iterator[Bait]:
-    """Rasters that name others, addresses, or code of pixels."""
+    """Rasters that name other files, addresses, or code for pixels."""
     wms = (
         f'<GDAL_WMS><Service name="TMS"><ServerUrl>{address}/${{z}}/${{x}}/${{y}}.png</ServerUrl>'
         "</Service><DataWindow><UpperLeftX>-180</UpperLeftX><UpperLeftY>90</UpperLeftY><LowerRightX>"
@@ -199,8 +199,7 @@ def _terrain(folder: Path, address: str, marker: Path) -> Iterator[Bait]:
 
 
 def _tables(folder: Path, address: str, marker: Path) -> Iterator[Bait]:
-    """Designs and arguments with an address in place of each file, for all keys that name a
-    file."""
+    """Designs and arguments with an address in place of a file, for all keys that name a file."""
     (folder / "code.py").write_text(f"open({str(marker)!r}, 'w')\n")
     for key in ("catalog.source", "instrument.optics.lens_file", "instrument.optics.psf_file"):
         yield _command(key, "requirements", EXAMPLE, "--set", f"{key}={address}/a.fits")
@@ -217,7 +216,7 @@ def _tables(folder: Path, address: str, marker: Path) -> Iterator[Bait]:
 
 
 def _images(folder: Path, address: str, marker: Path) -> Iterator[Bait]:
-    """What decoders take for another format by its content."""
+    """Files that decoders recognise as another format by content."""
     begin = {"mkv": b"\x1a\x45\xdf\xa3", "avi": b"RIFF    AVI ", "mp4": b"    ftyp"}
     host = address.removeprefix("http://")
     session = (
@@ -241,7 +240,7 @@ def _images(folder: Path, address: str, marker: Path) -> Iterator[Bait]:
 
 
 def _arrays(folder: Path, address: str, marker: Path) -> Iterator[Bait]:
-    """Pickles where arrays would be."""
+    """Pickles in place of arrays."""
     import numpy as np
 
     objects = np.array([_Marks(marker), 1], dtype=object)
@@ -257,7 +256,7 @@ def _arrays(folder: Path, address: str, marker: Path) -> Iterator[Bait]:
 
 
 def _stores(folder: Path, address: str, marker: Path) -> Iterator[Bait]:
-    """Views and triggers, which run when tables are read or written."""
+    """Views and triggers that run when tables are read or written."""
     from startrack import load_design
     from startrack.montecarlo import Store
 
@@ -275,7 +274,7 @@ def _stores(folder: Path, address: str, marker: Path) -> Iterator[Bait]:
 
 
 def _kernels(folder: Path, address: str, marker: Path) -> Iterator[Bait]:
-    """Compiled code with the right hash that another user of the group could have written."""
+    """Compiled code with the right hash that another user of the group could write."""
     cache = folder / "kernels"
     environment = {"NUMBA_CACHE_DIR": str(cache)}
     warm = Bait("kernels of a user", KERNEL, (), environment)
@@ -284,7 +283,7 @@ def _kernels(folder: Path, address: str, marker: Path) -> Iterator[Bait]:
         for path in cache.rglob("*.nbc"):
             data = pickle.dumps(_Marks(marker))
             place = os.path.join(path.parent.name, path.name)
-            # As the package hashes: the name of the file, and what it holds.
+            # Hash as in the package: name and contents of the file.
             cached = os.path.join(os.path.basename(path.parent), path.name)
             digest = hashlib.sha256(cached.encode() + b"\0" + data).digest()
             assert place == cached
@@ -294,7 +293,7 @@ def _kernels(folder: Path, address: str, marker: Path) -> Iterator[Bait]:
 
 
 def _kernels_of_spice(folder: Path, address: str, marker: Path) -> Iterator[Bait]:
-    """Text kernels that name other files, as orbit, attitude and clock."""
+    """Text kernels that name other files, given as orbit, attitude and clock."""
     text = "KPL/MK\n\\begindata\nKERNELS_TO_LOAD = ( '/etc/passwd' )\n\\begintext\n"
     mission = shipped("missions/sun-synchronous.toml")
     for ending, keys in {"bsp": ("orbit.oem",), "bc": ("attitude.aem", "attitude.law")}.items():
@@ -307,7 +306,7 @@ def _kernels_of_spice(folder: Path, address: str, marker: Path) -> Iterator[Bait
 
 
 def _endless(folder: Path, address: str, marker: Path) -> Iterator[Bait]:
-    """Files without an end, and a few bytes that unpack to more than the memory."""
+    """Files without an end, and a few bytes that unpack to more than the memory limit."""
     fifo = folder / "fifo.fits"
     os.mkfifo(fifo)
     readers = {

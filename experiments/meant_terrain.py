@@ -1,4 +1,5 @@
-"""Heights that rasterio writes in many legal forms, beside those that startrack reads."""
+"""Heights written by rasterio in many valid formats, compared with the heights that startrack
+reads."""
 
 from __future__ import annotations
 
@@ -17,9 +18,9 @@ from startrack.earth.terrain import Grid, Raster
 
 ROWS = COLUMNS = 48
 STEP = 0.001  # degree
-WEST, NORTH = 9.9, 47.1  # degree, of the outermost pixels' edges
+WEST, NORTH = 9.9, 47.1  # degree, edges of the outermost pixels
 SURVEY_FOOT = 1200 / 3937  # metre, NIST SP 811, B.6
-# Metre in a unit, the name of the band's unit, and the vertical coordinate system.
+# Metre per unit, name of the band's unit, and vertical coordinate system.
 UNITS = {
     "no unit": (1.0, "", ""),
     "m": (1.0, "m", ""),
@@ -60,7 +61,7 @@ def _cases() -> Iterator[tuple[str, dict[str, Any]]]:
             ("uint16", 0.25, -500.0),
         ):
             if UNITS[unit][2] and scale != 1:
-                continue  # rasterio writes no scale beside a vertical coordinate system
+                continue  # rasterio writes no scale with a vertical coordinate system
             small = 0.001 if unit == "km" else 1.0
             parts = {"unit": unit, "kind": kind, "scale": scale * small, "offset": offset * small}
             yield f"{unit}, {kind}, scale {scale * small:g}", parts
@@ -73,12 +74,12 @@ def _cases() -> Iterator[tuple[str, dict[str, Any]]]:
 
 
 def heights(longitude: Any, latitude: Any) -> Any:
-    """Metre, at degrees: a plane, which bilinear interpolation keeps."""
+    """Heights of a plane in degree, metre; bilinear interpolation reproduces it."""
     return 800.0 + 4000.0 * (longitude - WEST) + 3000.0 * (NORTH - latitude)
 
 
 def _compared(path: Path, case: dict[str, Any]) -> str | None:
-    """What is wrong with the heights of a file in its middle, if anything."""
+    """Description of wrong heights in the middle of a file; None if correct."""
     import rasterio
     from rasterio.warp import transform, transform_bounds
 
@@ -128,7 +129,7 @@ def _compared(path: Path, case: dict[str, Any]) -> str | None:
     )
     expected = heights(*np.meshgrid(*where))
     worst = float(np.abs(found - expected).max())
-    # Rounding of the numbers, and the bend of a plane in degrees between posts of a projection.
+    # Rounding of the numbers, and curvature of a plane in degree between points of a projection.
     most = 0.01 + (0.5 * scale * metre if np.dtype(kind).kind in "iu" else 0.0)
     most += 0.0 if system in ("EPSG:4326", "EPSG:4258") else 0.05
     return None if worst < most else f"heights off by {worst:.4g} m, at most {most:.3g} expected"

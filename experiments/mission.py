@@ -1,64 +1,74 @@
-"""Is a mission right, and how fast is it?
+"""Is a mission computed correctly, and how fast?
 
-The example mission beside astropy done step by step, beside rendered frames at random instants of
-it, and beside cases whose answer is known: fusion with its covariance, heads in a cone, files that
-come back, and the exported C beside sequences of frames.
+The example mission is compared with astropy step by step, with rendered frames at random instants,
+and with cases of known result: fusion with its covariance, heads in a cone, files read back, and
+the exported C code with sequences of frames.
 
     python experiments/mission.py [--json FILE] [--quick]
 
-sun_arcsec, moon_arcsec   largest difference of the apparent directions to astropy's
+sun_arcsec, moon_arcsec   largest difference of the apparent directions from astropy's
 limb_arcmin               of the angle to the limb, to the nearest of 20,000 points of the ellipsoid
-events                    begins and ends of eclipses and blindings, six half days, both programs
-events_alone              of these, without a partner of astropy's and sgp4's within one step
+events                    begins and ends of eclipses and blindings in six half days, by both
+                          programs
+events_alone              events without a counterpart of astropy and sgp4 within one step
 year_three_heads_s        CPU time of all steps of the example: a year of three heads at 10 s
-plan_s                    CPU time before that: ephemerides as tables, surrogates of the heads
-astropy_speedup           CPU time of a plain loop with astropy, per step and three heads, over that
+plan_s                    CPU time of the preparation: ephemerides as tables, surrogates of the
+                          heads
+astropy_speedup           CPU time of a plain loop with astropy, per step and three heads, over the
+                          mission's
 rendered_found, rendered_expected   fraction of rendered frames with an attitude
-availability_z            attitudes of frames behind a weak baffle, some of them too bright, less
-                          those expected, in standard deviations
+availability_z            number of attitudes of frames with a weak baffle, some of them too bright,
+                          minus the expected number, in standard deviations
 dazzled_found, dazzled_expected     fraction of these frames with an attitude
-dazzled_alike             fraction of them that are found where more than even chances are stated
-rms_ratio, about_ratio    rms error of these frames over that expected, across and about
+dazzled_alike             fraction of frames whose attitude is found if and only if its stated
+                          probability exceeds 1/2
+rms_ratio, about_ratio    rms error of these frames over the expected error, across and about
 fusion_nees               normalised squared error of two fused heads (3 where the covariance holds)
 swarm_before_arcsec       rms angle between two simulated heads on a bench that warms and cools
-swarm_after_arcsec        the same after the estimation of its drift, on times that it has not seen
+swarm_after_arcsec        the same after the estimation of its drift, at times outside the
+                          estimation
 placement_deg             largest error of a zenith angle in a case with a closed form
 placement_gain            mass of the lightest two to four heads that meet the requirements, with
-                          baffles from 25 to 60 degrees: found on the grid, over found by the search
+                          baffles from 25 to 60 degrees: by the grid, over by the search
 placement_s               CPU time of [that search, the grid]
-aem_roundtrip             radian, of attitudes that are written and read
-hundred_units_s           CPU time of that year for 100 spacecraft of three drawn heads of the
-                          nanosatellite, beside its plan
-units_level_ratio         error across that 95 % of the first 100 of these heads keep, over the
-                          error of trials of the same units, with 95 % over units in _low and _high
+aem_roundtrip             radian, difference of attitudes that are written and read
+hundred_units_s           CPU time of the year for 100 spacecraft with three drawn heads of the
+                          nanosatellite, without the plan
+units_level_ratio         error across not exceeded by 95 % of the first 100 of these heads, over
+                          the error of trials of the same units; 95 % interval over units in _low
+                          and _high
 units_rms_ratio           rms of these heads over the rms of the same trials
-units_budget_ratio        rms of the error budgets of these units over that of the same trials, with
-                          95 % over units in _low and _high
-units_sequence_ratio      the same of sequences of a few frames of these units
-aligned_gain              error that 95 % of these spacecraft keep, over that with heads aligned to
-                          each other in flight
-dose_ratio                orbit and aluminium: dose over that of SPENVIS (550 km), or over that of
-                          its spectra of AP-8 (530, 825 km), or, of protons and electrons, over that
-                          of SHIELDOSE-2 with AE-8 and AP-8 (six orbits from 400 to 35,786 km, 1 to
-                          10 mm); within 1.3 is expected, which was written before SHIELDOSE-2 was
-                          run or the electrons computed. It is missed behind 10 mm at 20,200 and
-                          35,786 km (docs/mission.md)
-late_availability_z       attitudes of a tracker eight years old, less those of its error budget, in
-                          standard deviations
+units_budget_ratio        rms of the error budgets of these units over the rms of the same trials;
+                          95 % interval over units in _low and _high
+units_sequence_ratio      the same for sequences of a few frames of these units
+aligned_gain              error not exceeded by 95 % of these spacecraft, over the error with heads
+                          aligned to each other in flight
+dose_ratio                by orbit and aluminium: dose over the dose of SPENVIS (550 km), or of its
+                          spectra of AP-8 (530, 825 km), or, for protons and electrons, of
+                          SHIELDOSE-2 with AE-8 and AP-8 (six orbits from 400 to 35,786 km, 1 to 10
+                          mm). A factor within 1.3 was expected before SHIELDOSE-2 was run and the
+                          electrons were computed. It is exceeded behind 10 mm at 20,200 and 35,786
+                          km (docs/mission.md)
+late_availability_z       number of attitudes of an eight-year-old tracker minus the number by its
+                          error budget, in standard deviations
 late_available            fraction of these trials with an attitude
-life_ratio                begin, middle and end of five years in orbit that damage a detector: rms
-                          error across of rendered frames over that expected, its standard error
-life_z                    attitudes of these frames, less those expected, in standard deviations
+life_ratio                begin, middle and end of five years in orbit with radiation damage: rms
+                          error across of rendered frames over the expected error, and its standard
+                          error
+life_z                    number of attitudes of these frames minus the expected number, in standard
+                          deviations
 life_found, life_expected fraction of these frames with an attitude
 hits_ratio                largest rate of trapped particles by AP-8 and AE-8 on a CCD of the Hubble
-                          telescope behind 5 mm of aluminium, over the flown one; within 2 is
-                          expected, which was written before it was computed, for protons alone. Its
-                          shield is not known: 5 mm is what missions here take
-temperature_error_k       largest error of lowest and highest temperatures of SOC-i, a CubeSat in a
-                          Sun-synchronous orbit, hot and cold, beside those published; within 5 is
-                          expected. All inputs are published; the published temperatures were known
-temperature_example_k     the same of an example in that orbit whose eclipse is an eighth shorter
-export_spectrum_error     of the exported C's spectral amplitude, to that of sequences of frames
+                          telescope behind 5 mm of aluminium, over the measured rate. A factor
+                          within 2 was expected before the computation, for protons alone. The
+                          telescope's shield is not known: 5 mm is the usual value of missions here
+temperature_error_k       largest difference of lowest and highest temperatures of SOC-i, a CubeSat
+                          in a Sun-synchronous orbit, hot and cold case, from published values;
+                          within 5 was expected. All inputs are published; the published
+                          temperatures were known
+temperature_example_k     the same for an example in that orbit with an eclipse shorter by an eighth
+export_spectrum_error     relative error of the spectral amplitude of the exported C code, compared
+                          with sequences of frames
 """
 
 from __future__ import annotations
@@ -121,7 +131,7 @@ from tests.mission.messages import write_aem
 from tests.space import satellites
 
 EXAMPLE = shipped("missions/sun-synchronous.toml")
-SEQUENCES, SEQUENCE_FRAMES = 3, 4  # of each drawn unit, and of each sequence
+SEQUENCES, SEQUENCE_FRAMES = 3, 4  # sequences of each drawn unit, frames of each sequence
 ORACLE = Path(__file__).parents[1] / "tests/oracle"
 MAIN = """
 #include "startrack_head.h"
@@ -203,7 +213,7 @@ def main() -> None:
 
 
 def directions(plan: MissionPlan, count: int) -> dict[str, float]:
-    """Sun and Moon at random steps, by astropy's own transformations."""
+    """Sun and Moon at random steps, by astropy's transformations."""
     import astropy.units as u
     from astropy.coordinates import (
         GCRS,
@@ -258,7 +268,7 @@ def limb(plan: MissionPlan, count: int) -> float:
         east = np.cross(pole, [1.0, 0, 0])
         frame = np.stack([np.cross(east, pole), east, pole])
         frame /= np.linalg.norm(frame, axis=1, keepdims=True)
-        scale = np.array([1, 1, 1 / flat])  # in which the ellipsoid is the unit sphere
+        scale = np.array([1, 1, 1 / flat])  # coordinates in which the ellipsoid is the unit sphere
         p = scale * (frame @ place)
         size = float(np.linalg.norm(p))
         side = np.cross(p, [0, 0, 1.0])
@@ -274,7 +284,8 @@ def limb(plan: MissionPlan, count: int) -> float:
 
 
 def events(days: int) -> dict[str, float]:
-    """Eclipses and blindings of three low heads on the space station, beside another program."""
+    """Eclipses and blindings of three low heads on the space station, compared with another
+    program."""
     plan = independent.low_heads()
     count = alone = 0
     for day in range(days):
@@ -307,7 +318,7 @@ def speed(plan: MissionPlan, steps: int) -> dict[str, float]:
 
 
 def _loop(plan: MissionPlan, steps: int) -> float:
-    """CPU time of a loop that asks astropy for Sun, Moon and axes at each step."""
+    """CPU time of a loop that calls astropy for Sun, Moon and axes at each step."""
     import astropy.units as u
     from astropy.coordinates import GCRS, TEME, CartesianRepresentation, get_body
     from astropy.time import Time
@@ -338,7 +349,7 @@ def _loop(plan: MissionPlan, steps: int) -> float:
 
 
 def fusion(count: int) -> float:
-    """Two heads with a common error, whose first error is also drifting and estimated."""
+    """Two heads with a common error; the first head also has a drift, which is estimated."""
     draw = np.random.default_rng(5)
     mounts = (mounted(1.0, -0.9), mounted(-1.2, -1.0, 0.5))
     covariance = [head_covariance(one, (3 * arcsec) ** 2, (20 * arcsec) ** 2) for one in mounts]
@@ -366,10 +377,10 @@ def fusion(count: int) -> float:
 def bench(count: int) -> dict[str, float]:
     """A simulated pair of heads on a bench, as on Swarm: an hour between two attitudes, a year.
 
-    The bench bends with its own temperature, which lags ten hours behind the sensor's, and wanders
-    by 1.5 arcsec besides; the bend is scaled so that the angle between the heads varies by about
-    6.4 arcsec rms, as on Swarm before its estimation. The model knows the sensor's temperature and
-    its mean over half a day; it is fitted on every other fortnight, and judged on the others.
+    The bench bends with its temperature, which lags ten hours behind the sensor's, and also has a
+    random motion of 1.5 arcsec. The bend is scaled so that the angle between the heads varies by
+    about 6.4 arcsec rms, as on Swarm before its estimation. The model uses the sensor's temperature
+    and its mean over half a day; it is fitted on every other fortnight and judged on the others.
     """
     draw = np.random.default_rng(11)
     hour = np.arange(count)
@@ -403,7 +414,7 @@ def bench(count: int) -> dict[str, float]:
 
 
 def round_trip(plan: MissionPlan) -> float:
-    """Largest rotation, radian, between attitudes and the same from their file."""
+    """Largest rotation, radian, between attitudes and the attitudes read from their file."""
     own = plan.motion.at(0.0, 10.0, 5000)
     turn = Rotation.from_matrix(own.body.transpose(2, 0, 1))
     epochs = tuple(
@@ -417,7 +428,7 @@ def round_trip(plan: MissionPlan) -> float:
 
 
 def placement(example: Mission, quick: bool) -> float:
-    """Degrees by which zenith angles miss the cone about the zenith on which the best heads lie."""
+    """Difference, degree, of zenith angles from the cone of the best heads about the zenith."""
     earth = KeepOut(sun=0.0, moon=0.0, earth=75 * deg)
     heads = tuple(
         dataclasses.replace(one, exclusion=earth, azimuth=a * deg, elevation=e * deg)
@@ -439,7 +450,7 @@ def placement(example: Mission, quick: bool) -> float:
 
 
 def lightest_heads(loaded: Loaded, quick: bool) -> dict[str, Any]:
-    """The search of heads, directions and baffles together, beside the grid."""
+    """The search of heads, directions and baffles together, compared with the grid."""
     plan = plan_of(loaded)
     counts = (2,) if quick else (2, 3, 4)
     begun = time.process_time()
@@ -454,7 +465,8 @@ def lightest_heads(loaded: Loaded, quick: bool) -> dict[str, Any]:
 
 
 def exported(sequences: int, frames: int) -> float | None:
-    """Largest relative error of the amplitude in two bands, of the C beside rendered frames."""
+    """Largest relative difference of the amplitude in two bands between the C code and rendered
+    frames."""
     compiler = shutil.which("cc")
     if compiler is None:
         print("export_spectrum_error left out: no C compiler", flush=True)
@@ -488,7 +500,7 @@ def exported(sequences: int, frames: int) -> float | None:
 
 
 def rendered(plan: MissionPlan, count: int) -> dict[str, float]:
-    """Frames of valid heads at random instants of the mission, beside what it expects."""
+    """Frames of valid heads at random instants of the mission, compared with its expectation."""
     draw = np.random.default_rng(9)
     span, errors, solved = plan.loaded.mission.time, [], []
     expected = list[tuple[float, float, float]]()
@@ -514,10 +526,10 @@ def rendered(plan: MissionPlan, count: int) -> dict[str, float]:
 
 
 def dazzled(count: int, days: int) -> dict[str, float]:
-    """Frames of heads behind a weak baffle, some too bright: their exclusion angles are small.
+    """Frames of heads with a weak baffle, some too bright: their exclusion angles are small.
 
-    At random instants at which no exclusion angle blinds the head: attitudes that are found, beside
-    the probabilities that the mission states.
+    At random instants without blinding by an exclusion angle: found attitudes, compared with the
+    mission's probabilities.
     """
     loaded = load_mission(EXAMPLE, [f"time.duration={days} d", 'attitude.yaw="velocity"'])
     case = loaded.designs[0].case
@@ -553,7 +565,8 @@ def dazzled(count: int, days: int) -> dict[str, float]:
 
 
 def drawn(days: int, count: int, trials: int) -> dict[str, float]:
-    """The example with spacecraft of drawn heads, beside trials of the first of these units."""
+    """The example with spacecraft of drawn heads, compared with trials of the first of these
+    units."""
     loaded = load_mission(EXAMPLE, [f"time.duration={days} d"])
     design = load_design(shipped("designs/nanosatellite.toml"))
     plan = plan_of(dataclasses.replace(loaded, designs=(design,) * 3))
@@ -562,13 +575,13 @@ def drawn(days: int, count: int, trials: int) -> dict[str, float]:
     taken = time.process_time() - begun
     age = design.case.instrument.detector.age
     units = Units(trials, trials, age=age.years * 365.25 * 86400 if age else 0.0)
-    # Damaged detectors have more false spots than drawn ones bear.
+    # Damaged detectors have more false spots than drawn spots allow.
     table = unit_trials(design.case, 1, range(count * trials), units, Fidelity.FRAME)
     shown, stated = per_unit(table).across, fleet.heads[..., 0].ravel()[:count]
     draw = np.random.default_rng(13).integers(0, count, (2000, count))
     chosen = np.vstack([np.arange(count), draw])
     square = (table["error_x"] ** 2 + table["error_y"] ** 2).reshape(count, trials) / 2
-    # Few trials of a unit make its rms differ by this amount, which would raise the level.
+    # The rms of a unit scatters by this amount because of few trials, which would raise the level.
     noise = float(np.nanmean(np.nanvar(square, axis=1) / np.nanmean(square, axis=1) ** 2))
     shown = without_noise(shown[chosen], stated[chosen], noise / trials / 4)
     level, rms = (
@@ -587,10 +600,10 @@ def drawn(days: int, count: int, trials: int) -> dict[str, float]:
 
 
 def agreement(case: Case, units: Units, square: Floats, draw: Ints) -> dict[str, float]:
-    """Rms across of budgets and of sequences of drawn units, over that of trials of these units.
+    """Rms across of budgets and of sequences of drawn units, over the rms of trials of these units.
 
-    square  (units, trials) radian^2 per axis, of the trials; NaN without an attitude
-    draw    (n, units) numbers of units, drawn again
+    square  (units, trials) radian^2 per axis, squared errors of the trials; NaN without an attitude
+    draw    (n, units) indices of resampled units
     """
     count = len(square)
     budgets = unit_budgets(case, 1, count, units.age, apart=False).across() ** 2
@@ -615,7 +628,7 @@ def agreement(case: Case, units: Units, square: Floats, draw: Ints) -> dict[str,
 
 
 def late(trials: int) -> dict[str, float]:
-    """Windows of a tracker whose detector is old, beside the availability of its budget."""
+    """Windows of a tracker with an old detector, compared with the availability of its budget."""
     changes = ["instrument.detector.age.time=8 yr"]
     case = load_design(shipped("designs/high_accuracy.toml"), changes).case
     outcomes = run_trials(case, 3, range(trials), Fidelity.WINDOW)
@@ -631,7 +644,7 @@ def late(trials: int) -> dict[str, float]:
 def life(count: int) -> dict[str, Any]:
     """Frames at random instants of the first, the middle and the last month of five years.
 
-    The example's heads age from new detectors on, whose dark map is of their first day.
+    The example's heads age from new detectors, with the dark map of the first day.
     """
     years, month = 5, 30 * 86400
     loaded = load_mission(EXAMPLE, [f"time.duration={years * 365} d"])
@@ -674,7 +687,7 @@ def life(count: int) -> dict[str, Any]:
 
 
 def hits() -> float | None:
-    """Largest rate of AP-8 and AE-8 in the orbit of the Hubble telescope over the flown one."""
+    """Largest rate of AP-8 and AE-8 in the orbit of the Hubble telescope over the measured rate."""
     flown = json.loads((ORACLE / "hst_hits.json").read_text())
     try:
         where = hit_map(1e3 * flown["altitude_km"], 5e-3)
@@ -689,11 +702,11 @@ def hits() -> float | None:
 
 
 def doses(quick: bool) -> dict[str, float]:
-    """Yearly dose over that of SPENVIS and of SHIELDOSE-2; empty without radbelt.
+    """Yearly dose over the doses of SPENVIS and of SHIELDOSE-2; empty without radbelt.
 
-    Of protons at 550 km over the doses of SPENVIS, by SHIELDOSE-2; in two orbits over those of its
-    spectra of AP-8, behind the same shield by the same way. Of protons and electrons in six orbits
-    over those of SHIELDOSE-2.
+    Protons at 550 km: over the doses of SPENVIS, by SHIELDOSE-2. Protons in two orbits: over the
+    doses of SPENVIS's spectra of AP-8, with the same shield and method. Protons and electrons in
+    six orbits: over the doses of SHIELDOSE-2.
     """
     year, found = 365.25 * 86400, dict[str, float]()
     for inclination in (90,) if quick else (15, 30, 45, 60, 90):

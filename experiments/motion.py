@@ -1,9 +1,9 @@
-"""What does the path of an exposure cost, and how right is the smear that it makes?
+"""How long does the path of an exposure take, and how accurate is its smear?
 
-For motions of each kind: how many points the path has, how many equal steps in time the same
-accuracy would need, its time, its error, and the MTF of the motion at the Nyquist frequency.
-The error is that of a Gaussian of sigma 0.5 pixel, smeared, against 200 000 equal steps, as a
-fraction of its flux in a pixel.
+For motions of each kind: number of points of the path, number of equal time steps for the same
+accuracy, computing time, error, and MTF of the motion at the Nyquist frequency. The error is the
+difference of a smeared Gaussian of sigma 0.5 pixel from 200 000 equal steps, as a fraction of the
+flux in a pixel.
 
     python experiments/motion.py [--json FILE] [--quick]
 """
@@ -64,7 +64,7 @@ MOTIONS = {
 
 
 def image(motion: Motion, rotation: Floats, weight: Floats) -> Floats:
-    """A Gaussian on the boresight, smeared, at places around its middle and its end."""
+    """A smeared Gaussian on the boresight, at places around its middle and its end."""
     x, y = rotation[:, 1] / PIXEL, -rotation[:, 0] / PIXEL
     end = realise_motion(motion, EXPOSURE, STREAMS).at(np.array([EXPOSURE / 2]))[0] / PIXEL
     near = np.linspace(-3, 3, 7)
@@ -81,7 +81,7 @@ def even(motion: Motion, steps: int) -> Floats:
 
 
 def milliseconds(motion: Motion) -> float:
-    """Least of five."""
+    """Shortest of five runs, millisecond."""
     times = []
     for _ in range(5):
         slew.cache_clear()
@@ -113,7 +113,7 @@ def study(most: int, tolerance: float, calls: int) -> dict[str, float]:
     for _ in range(calls):
         sample_jitter(MOTIONS["slew_10px"], EXPOSURE, PIXEL, STREAMS, 0.1)
     figures["cached_us"] = (time.process_time() - start) / calls * 1e6
-    print(f"a path that is not drawn anew costs {figures['cached_us']:.1f} us")
+    print(f"a cached path takes {figures['cached_us']:.1f} us")
     return figures
 
 

@@ -1,9 +1,10 @@
-"""Formulas of moving objects beside trials, over designs that stress them, and a picture of a find.
+"""Formulas of moving objects compared with trials, over designs that stress them, and a picture of
+a detection.
 
 python experiments/moving_objects.py --figure moving-objects.png prints, for AsteroidFinder and for
-designs that stress the formulas, the flux of the objects of which 50 % and 90 % are found and the
-median error of a place, each by trials over that by formula; and, for AsteroidFinder, the limiting
-magnitudes with their 95 % intervals.
+designs that stress the formulas, the flux at which 50 % and 90 % of the objects are found and the
+median error of a place, each by trials over the value by formula; and, for AsteroidFinder, the
+limiting magnitudes with their 95 % intervals.
 """
 
 from __future__ import annotations
@@ -58,7 +59,7 @@ def main() -> None:
 def compare(
     trials: int, designs: dict[str, dict[str, float]]
 ) -> dict[str, dict[str, dict[str, float]]]:
-    """Trials over formula of each design, and limiting magnitudes of the first."""
+    """Trials over formula for each design, and limiting magnitudes of the first design."""
     design = load_moving_design("asteroidfinder")
     start = MovingProblem(replace(design, campaign=replace(design.campaign, links=())))
     ratios, limits = dict[str, dict[str, float]](), dict[str, dict[str, float]]()

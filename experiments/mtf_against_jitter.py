@@ -1,15 +1,16 @@
-"""How sharp should the optics be if the bus shakes? The error over the optical MTF, by jitter.
+"""How sharp should the optics be under jitter of the spacecraft? The error over the optical MTF, by
+jitter.
 
 python experiments/mtf_against_jitter.py [--json FILE] [--picture FILE.png] [--trials 200] [--quick]
 
-Krutz et al. (2011), section 4, name the jitter of the bus and the optical MTF as what a star
-sensor's design trades. For each rms of the jitter the example design is tried with blurs of the
-optics, all on the same skies and noise; the best blur lies on the parabola through the three least
-errors. Intervals hold with 95 %, from resampled trials.
+Krutz et al. (2011), section 4, name the jitter of the spacecraft and the optical MTF as the
+trade-off of a star sensor's design. For each rms of the jitter the example design has trials with
+several blurs of the optics, on the same skies and noise; the best blur is the minimum of the
+parabola through the three least errors. 95 % intervals are from resampled trials.
 
-The tones pass through zero in the middle of the exposure, where the attitude is thus its mean: what
-is left of the jitter is its blur, the part that the optics can answer. Where the attitude of an
-instant is asked for, `wander` comes on top, which no optics change.
+The tones are zero at the middle of the exposure, where the attitude is thus the mean. The remaining
+effect of jitter is blur, which depends on the optics. The attitude at an instant also has the error
+`jitter_rms`, which does not depend on the optics.
 """
 
 from __future__ import annotations
@@ -56,7 +57,7 @@ def main() -> None:
 
 
 def shaken(rms: float) -> Case:
-    """The example design on a bus that shakes."""
+    """The example design on a spacecraft with jitter."""
     case = load_design(shipped("designs/noise_only.toml")).case
     about_x, about_y = FREQUENCIES
     tones = (
@@ -91,14 +92,14 @@ def traded(case: Case, blurs: Floats, runner: TrialRunner, trials: int) -> dict[
 
 
 def optical_mtf(case: Case) -> float:
-    """The MTF of lens, blur and pixel at half a cycle per pixel, of the PSF that is rendered."""
+    """The MTF of lens, blur and pixel at half a cycle per pixel, from the rendered PSF."""
     psf = psf_of(case.instrument)
     across = (np.arange(len(psf.table)) - len(psf.table) // 2) / psf.oversampling
     return float(abs(psf.table.sum(axis=0) @ np.exp(-1j * np.pi * across)) / psf.table.sum())
 
 
 def lowest(error: Floats, blurs: Floats) -> float:
-    """Metre, where the parabola through the three least neighbours is least, in logarithms."""
+    """Minimum of the parabola through the three lowest neighbours, in logarithms, metre."""
     at = int(np.clip(np.argmin(error), 1, len(error) - 2))
     near = slice(at - 1, at + 2)
     bend, slope, _ = np.polyfit(np.log(blurs[near]), np.log(error[near]), 2)
@@ -108,7 +109,8 @@ def lowest(error: Floats, blurs: Floats) -> float:
 
 @styled
 def draw(rows: list[dict[str, Any]], path: Path, trials: int) -> None:
-    """The error over the blur, the optical MTF above, and the best blur of each jitter."""
+    """The error over the blur, with the optical MTF on the upper axis, and the best blur for each
+    jitter."""
     figure = picture(5.6, f"{trials} window trials a point, 95 % intervals; bands: the best blur")
     axes = figure.subplots()
     for row, colour, mark in zip(rows, CYCLE, MARKERS, strict=False):

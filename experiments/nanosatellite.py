@@ -1,16 +1,15 @@
 """Question: how unrealistic is the optimum of a design with noise alone, and how much better is the
-optimum that counts lens, jitter, units and years?
+optimum with lens, jitter, units and age?
 
     python experiments/nanosatellite.py [--best FILE.toml] [--json FILE] [--quick]
 
-Two designs, step by step in the worlds that lie between catalogs/designs/noise_only.toml and
-nanosatellite.toml, by the analytic budget: `OLD`, the optimum of the former, and the best design of
-`startrack optimize` on the latter (--best; default: `NEW`, of an earlier search). What an optimum
-did not choose in its world is chosen here, the best of some values: the blur of an Airy PSF, the
-defocus of the old lens; what is not in a world (calibration, structure) is left out there. Errors
-are across, arcsec: the rms of the unit as designed, and with units the rms that 95 % of `UNITS`
-units do not exceed at the end of life, which `on_units` gives by frames, too.
-Under --quick there is no lens.
+Two designs are compared by the analytic budget, with effects added step by step from
+catalogs/designs/noise_only.toml to nanosatellite.toml: `OLD`, the optimum of the former, and the
+best design of `startrack optimize` on the latter (--best; default: `NEW`, of an earlier search).
+Values that an optimum did not choose are the best of some values: the blur of an Airy PSF, the
+defocus of the old lens. Errors are across, arcsec: the rms of the unit as designed, and with units
+the rms that 95 % of `UNITS` units do not exceed at the end of life, also by frames (`on_units`).
+A quick run has no lens.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ from startrack.population import Units, unit_errors, unit_trials
 FOCAL, SPEED = "instrument.optics.focal_length", "instrument.optics.f_number"
 DEFOCUS, BLUR = "instrument.optics.defocus", "instrument.optics.blur"
 EXPOSURE, STARS = "instrument.detector.exposure", "tracker.detection.max_spots"
-LENS = (FOCAL, SPEED, EXPOSURE)  # and exposure: in all worlds
+LENS = (FOCAL, SPEED, EXPOSURE)  # lens and exposure, common to all steps
 OLD = {FOCAL: 45 * mm, SPEED: 1.4, EXPOSURE: 0.216}
 NEW = {
     FOCAL: 20.98 * mm,
@@ -51,19 +50,19 @@ UNITS, EACH, ENVIRONMENTS = 20, 10, 2
 
 
 def across(case: Case) -> float:
-    """Arcsec, rms of the unit as designed."""
+    """Rms error across of the unit as designed, arcsec."""
     instrument = replace(case.instrument, residual=None)
     return float(analytic(replace(case.without_units, instrument=instrument)).across / arcsec)
 
 
 def least(case: Case, name: str, values: Any) -> Case:
-    """The case with the best of some values of a number."""
+    """The case with the best of some values of a parameter."""
     every = [replaced_all(case, {name: float(value)}) for value in values]
     return min(every, key=across)
 
 
 def calm(case: Case) -> Case:
-    """The case without jitter, and without stars that its tracker does not know."""
+    """The case without jitter and without stars outside the tracker's catalogue."""
     motion = replace(case.instrument.motion, tones=())
     instrument = replace(case.instrument, motion=motion)
     tracker = replace(case.tracker, catalog=None)
@@ -71,12 +70,12 @@ def calm(case: Case) -> Case:
 
 
 def tracking(case: Case, stars: int) -> Case:
-    """The case with another number of stars that its tracker keeps."""
+    """The case with another number of tracked stars."""
     return replaced_all(case, {STARS: stars})
 
 
 def worlds(values: dict[str, Any], quick: bool) -> dict[str, float]:
-    """Arcsec, the errors of a design in each world."""
+    """Errors of a design at each step, arcsec."""
     alone = load_design(shipped("designs/noise_only.toml")).case
     plain = replaced_all(alone, {name: values[name] for name in LENS} | {DEFOCUS: 0.0})
     found = {"noise alone": across(least(plain, BLUR, BLURS[: 1 if quick else 3]))}
@@ -100,12 +99,12 @@ def worlds(values: dict[str, Any], quick: bool) -> dict[str, float]:
 
 
 def level(case: Case, campaign: Campaign) -> float:
-    """Arcsec, by the budgets of the units."""
+    """Level by the budgets of the units, arcsec."""
     return expected_objective(case, campaign, seed=7) / arcsec
 
 
 def on_units(case: Case, campaign: Campaign) -> float:
-    """Arcsec, by frames of other units."""
+    """Level by frames of other units, arcsec."""
     order = Units(EACH, ENVIRONMENTS, case.end_of_life)
     outcomes = unit_trials(case, 11, range(UNITS * EACH), order, Fidelity.FRAME)
     errors = unit_errors(Objective.read(campaign.objective), outcomes, outcomes["unit"])
@@ -122,9 +121,7 @@ def values_of(path: Path) -> dict[str, Any]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument(
-        "--best", type=Path, help="file of the design that `startrack optimize` found"
-    )
+    parser.add_argument("--best", type=Path, help="file of the best design of `startrack optimize`")
     options = command.read(parser)
     designs = {"old": OLD, "new": values_of(options.best) if options.best else NEW}
     found = {name: worlds(values, options.quick) for name, values in designs.items()}

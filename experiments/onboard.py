@@ -1,9 +1,9 @@
-"""How large a guide catalogue must be: stars, triangles, bytes, and skies that C identifies.
+"""Size of a guide catalogue: stars, triangles, bytes, and skies that the C reader identifies.
 
     python experiments/onboard.py --json onboard.json --markdown docs/onboard.md
 
 For fields of 10, 15 and 20 degrees and three limits of magnitude, writes the guide catalogue of the
-nanosatellite's camera with another lens, and lets the reader in C identify what the camera sees at
+nanosatellite's camera with another lens, and lets the C reader identify the stars in the camera at
 random attitudes: all stars of the sky to the limit, not the guide stars alone, with noise of
 position and of brightness and with false spots. On other random skies the reader must find the same
 stars and triangles as Python, which compares all of them one by one.
@@ -43,7 +43,7 @@ LIMITS = (5.5, 6.0, 6.5)  # magnitude
 NOISE = 0.1  # pixel per axis, of a centroid
 BLUR = 0.2  # magnitude, of a star's measured brightness: which stars pass the limit
 FALSE = 2  # spots in each image, of random brightness
-CHANCE = 1e-5  # accepted bound on a false match
+CHANCE = 1e-5  # accepted bound of the probability of a false match
 AIM: tuple[float, float] = (15, 6.0)  # field and limit of `onboard_kb`
 
 
@@ -67,7 +67,7 @@ def main() -> None:
 
 
 def figures(field: float, limit: float, skies: int) -> dict[str, Any]:
-    """One row of the table."""
+    """Figures of a row of the table."""
     case = with_field(load_design(shipped("designs/noise_only.toml")).case, field * deg)
     guide = guide_stars(case, GuideSettings(limit=limit), read_variables())
     data = bytes(guide)
@@ -93,7 +93,8 @@ def figures(field: float, limit: float, skies: int) -> dict[str, Any]:
 
 
 def with_field(case: Case, field: float) -> Case:
-    """The case with the focal length that makes the smaller side of its image this field."""
+    """The case with the focal length for which the smaller side of the image has the given
+    field."""
     detector = case.instrument.detector
     side = min(detector.columns, detector.rows) * detector.pitch
     optics = replace(case.instrument.optics, focal_length=side / 2 / math.tan(field / 2))
@@ -101,7 +102,7 @@ def with_field(case: Case, field: float) -> Case:
 
 
 def identified(case: Case, guide: Guide, reader: CompiledGuide, skies: int) -> dict[str, Any]:
-    """Fractions of random skies that are solved, and solved with a star that is wrong."""
+    """Fractions of random skies that are solved, and that are solved with a wrong star."""
     camera = case.believed_camera
     believed = replace(case.believed_catalog, limit_g=8.0, epoch=guide.epoch, aberration=False)
     stars, _ = merged(open_sky(believed).stars, guide.resolution)
@@ -127,13 +128,14 @@ def identified(case: Case, guide: Guide, reader: CompiledGuide, skies: int) -> d
 
 
 def _apart(guide: Guide, found: Ints, direction: Floats, names: Ints) -> Floats:
-    """Radian between the guide star and the true star of each spot, infinite for a false spot."""
+    """Angle between the guide star and the true star of each spot, radian; infinite for a false
+    spot."""
     apart = np.linalg.norm(guide.direction[found] - direction[names], axis=1)
     return np.where(names >= 0, apart, np.inf)
 
 
 def same(guide: Guide, reader: CompiledGuide, skies: int) -> float:
-    """Fraction of skies on which C and Python find the same nearest star, cone and triangles."""
+    """Fraction of skies with the same nearest star, cone and triangles by C and Python."""
     generator = np.random.default_rng(12)
     agree = 0
     for attitude in Rotation.random(skies, random_state=generator):
@@ -151,7 +153,7 @@ def same(guide: Guide, reader: CompiledGuide, skies: int) -> float:
 
 
 def table(found: dict[str, Any]) -> str:
-    """The rows as a table of Markdown."""
+    """The rows as a Markdown table."""
     lines = [
         "| field, deg | limit, mag | stars | triangles | kB | identified | with a wrong star |",
         "|---|---|---|---|---|---|---|",
@@ -172,7 +174,7 @@ def table(found: dict[str, Any]) -> str:
 
 
 def write(page: Path, text: str) -> None:
-    """Put the table in the place of the page's own, or write it alone."""
+    """Replace the table of the page, or write the table alone."""
     old = page.read_text(encoding="utf-8") if page.is_file() else ""
     place = re.compile(r"^\| field, deg \|.*?(?=\n\n|\Z)", re.DOTALL | re.MULTILINE)
     new = place.sub(lambda _: text, old) if place.search(old) else f"{old}\n{text}\n"

@@ -1,4 +1,4 @@
-"""Import this before numpy: the libraries of linear algebra then keep to one thread."""
+"""Import this before numpy, so that the libraries of linear algebra use one thread."""
 
 import os
 

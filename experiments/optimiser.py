@@ -1,4 +1,5 @@
-"""Does the optimiser find the best design of the example, and how does it stand beside others?
+"""Does the optimiser find the best design of the example, and how does it compare with other
+optimisers?
 
 python experiments/optimiser.py [--json FILE] [--seeds 20] [--peers 20] [--trials 10000]
                                 [--methods ours,nlopt_plain,tpe,cmaes] [--ledger DIR]
@@ -50,10 +51,10 @@ from startrack.optimise import (
 from startrack.plots import CYCLE, MARKERS, legend_below, picture, save_picture, styled
 from startrack.verification import margins as margins_of
 
-JUDGE = 1000  # seed of the trials that all designs are judged on; no search has it
-REACH = 0.25  # of each range, around the best, within which the budget is set right
-BUDGETS = (500, 1000, 2000, 4000)  # trials, at which the leaders are compared
-SMALLEST: dict[str, Any] = {  # of a campaign, under --quick
+JUDGE = 1000  # seed of the trials that judge all designs; no search uses it
+REACH = 0.25  # fraction of each range, around the best, in which the budget is corrected
+BUDGETS = (500, 1000, 2000, 4000)  # numbers of trials at which the leading designs are compared
+SMALLEST: dict[str, Any] = {  # smallest campaign, for --quick
     "trials": 2,
     "most_trials": 2,
     "evaluations": 2,
@@ -62,11 +63,11 @@ SMALLEST: dict[str, Any] = {  # of a campaign, under --quick
 
 
 class Judging(NamedTuple):
-    """What the searches are judged by.
+    """Settings of the judgement of searches.
 
-    choosing   trials that the best of all is chosen by
-    polish     designs that are tried around the best
-    judged     other trials, on which all are compared with it
+    choosing   trials for the choice of the overall best
+    polish     designs tried around the best
+    judged     other trials, for the comparison of all with the best
     """
 
     choosing: int = 300
@@ -100,19 +101,19 @@ def main() -> None:
 
 @dataclasses.dataclass
 class Run:
-    """One search: the designs that led, and after how many trials each did."""
+    """One search: the leading designs, and the number of trials after which each led."""
 
     trials: list[int]
     points: list[Floats]
 
     def leader(self, trials: int) -> Floats | None:
-        """The design that led after a number of trials, None where there was none yet."""
+        """The leading design after a number of trials; None if there was none yet."""
         count = bisect.bisect_right(self.trials, trials)
         return self.points[count - 1] if count else None
 
 
 class Counted:
-    """Designs tried one by one, with the trials that they cost; the leader by what it was told."""
+    """Designs tried one by one, with their numbers of trials; the leader by its score."""
 
     def __init__(
         self, space: DesignSpace, campaign: Campaign, runner: TrialRunner, most: int
@@ -121,10 +122,10 @@ class Counted:
         self.run, self.best, self.spent = Run([], []), math.inf, 0
 
     def plain(self, coordinates: Floats) -> float:
-        """The score by trials alone, as one would write it without the budget.
+        """The score by trials alone, without the budget.
 
-        A design that misses a limit that needs no trials has no trials: its score is the budget's
-        score with the penalty. So the score falls towards designs that keep the limits.
+        A design that misses a limit without trials has no trials: its score is the budget's score
+        with the penalty. So the score decreases towards designs that meet the limits.
         """
         if self.spent >= self.most:
             self.run.trials.append(self.spent)
@@ -147,7 +148,7 @@ class Counted:
 def by_trials(
     case: Case, campaign: Campaign, runner: TrialRunner, trials: int, first: int = 0
 ) -> float:
-    """ln(error / arcsec) of a number of trials, with the L1 penalty for what is not met."""
+    """ln(error / arcsec) by a number of trials, with the L1 penalty for missed limits."""
     outcomes = runner.run(case, trials, campaign.fidelity, first)
     objective = Objective.read(campaign.objective)
     error = float(objective.of(objective.squares(outcomes)))
@@ -187,7 +188,7 @@ def ours(space: DesignSpace, campaign: Campaign, seed: int, ledger: Ledger) -> R
 def nlopt_plain(
     space: DesignSpace, campaign: Campaign, seed: int, most: int, ledger: Ledger
 ) -> Run:
-    """Sbplx on the same fixed trials for each design, from the case itself."""
+    """Sbplx on fixed trials for each design, from the start design."""
     counted = Counted(space, campaign, TrialRunner(seed, ledger=ledger), most)
     with contextlib.suppress(Spent):
         minimise(counted.plain, space.start, Search(evaluations=10_000, last_step=1e-4))
@@ -202,7 +203,7 @@ def tpe(space: DesignSpace, campaign: Campaign, seed: int, most: int, ledger: Le
 
 
 def by_tpe(score: Callable[[Floats], float], start: Floats, seed: int, tries: int) -> Floats:
-    """Optuna's tree-structured Parzen estimator, told the start first."""
+    """Optuna's tree-structured Parzen estimator, with the start design as first trial."""
     import optuna
 
     optuna.logging.set_verbosity(optuna.logging.ERROR)
@@ -225,7 +226,7 @@ def cmaes(space: DesignSpace, campaign: Campaign, seed: int, most: int, ledger: 
 
 
 def by_cmaes(score: Callable[[Floats], float], start: Floats, seed: int, tries: int) -> Floats:
-    """CMA-ES from the case itself, with its own defaults and bounds."""
+    """CMA-ES from the start design, with its defaults and bounds."""
     import cma
 
     settings = {"bounds": [0, 1], "seed": seed + 1, "verbose": -9, "maxfevals": tries}
@@ -237,7 +238,7 @@ def by_cmaes(score: Callable[[Floats], float], start: Floats, seed: int, tries: 
 
 
 class Truth:
-    """Any design by trials of a seed that no search has, the same for all designs."""
+    """The error of any design by trials of a seed that no search uses, the same for all designs."""
 
     def __init__(
         self, space: DesignSpace, campaign: Campaign, ledger: Ledger, judging: Judging
@@ -253,7 +254,7 @@ class Truth:
             return LOST + PENALTY
 
     def shown(self, coordinates: Floats) -> bool:
-        """Whether the availability asked is shown on fresh trials, at its bound."""
+        """Whether the required availability is shown on fresh trials, by its bound."""
         case = self.space.design(coordinates)
         outcomes = self.runner.run(case, self.judging.judged, self.campaign.fidelity, FRESH)
         own = self.campaign.judged(case)[0]
@@ -263,10 +264,11 @@ class Truth:
         )
 
     def reference(self, points: list[Floats]) -> Floats:
-        """The best of all places and of where the budget, set right by them, is best.
+        """The best design: best of all tried designs, and of the optimum of the corrected budget.
 
-        It is found by trials that nothing is compared on afterwards, or its luck would be taken
-        for its merit; the last choice alone, between two, is on the others, against ourselves.
+        The trials for this choice are not used in later comparisons, which would be biased in its
+        favour. Only the last choice, between two designs, uses the comparison's trials, to
+        startrack's disadvantage.
         """
         choosing, polish, judged = self.judging
         best = min(points, key=lambda coordinates: self.score(coordinates, choosing))
@@ -289,7 +291,7 @@ class Truth:
             score, best, Search(evaluations=max(polish, 2) * 5 // 2, first_step=0.05)
         ).coordinates
         best = min((best, refined), key=lambda coordinates: self.score(coordinates, choosing))
-        # The budget has no say in this: Sbplx on the trials themselves.
+        # The budget is not used here: Sbplx uses the trials directly.
         polished = minimise(
             lambda coordinates: self.score(coordinates, choosing),
             best,
@@ -299,9 +301,9 @@ class Truth:
 
 
 def best_width(window: int, evaluations: int) -> float:
-    """Pixel, sigma of a star whose centre of gravity has the least S-curve; no noise.
+    """Sigma of a star with the smallest S-curve of the centre of gravity, without noise, pixel.
 
-    The optimum is known: 0.42, 0.574 and 0.696 for windows of 3, 5 and 7 pixels.
+    The known optimum is 0.42, 0.574 and 0.696 for windows of 3, 5 and 7 pixels.
     """
 
     def bias(coordinates: Floats) -> float:
@@ -318,7 +320,7 @@ def example() -> tuple[Case, Campaign]:
 
 
 def search(options: argparse.Namespace) -> dict[str, Any]:
-    """The example campaign by four optimisers, the others with a fixed number of trials."""
+    """The example campaign by four optimisers; the others have a fixed number of trials."""
     case, campaign = example()
     judging = Judging()
     if options.quick:
@@ -362,7 +364,7 @@ def judge(
     ledger: Ledger,
     judging: Judging,
 ) -> dict[str, Any]:
-    """Regrets against the best design of all, on the same trials."""
+    """Regrets relative to the overall best design, on the same trials."""
     truth = Truth(space, campaign, ledger, judging)
     coordinates = truth.reference([run.points[-1] for every in runs.values() for run in every])
     best = truth.score(coordinates, judging.judged, FRESH)
@@ -405,9 +407,9 @@ def judge(
 
 @styled
 def draw(figures: dict[str, Any], path: Path) -> None:
-    """Regret against trials, one line a method."""
+    """Regret over trials, one line per method."""
     figure = picture(
-        4.8, f"Five variables, judged on {Judging().choosing} trials that no search has"
+        4.8, f"Five variables, judged on {Judging().choosing} trials that no search uses"
     )
     axes = figure.subplots()
     for (prefix, label), colour, mark in zip(

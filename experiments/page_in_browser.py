@@ -1,16 +1,17 @@
-"""`startrack page` in a headless Chromium: how quick it is, whether its numbers are the commands'.
+"""`startrack page` in a headless Chromium: speed, and agreement of its numbers with the commands.
 
     python experiments/page_in_browser.py [--json FILE] [--designs NAME ...] [--moves N]
 
-move_ms_95        of each design, the time that 95 % of the moves of a slider take, from the event
-                  to the painted frame, bars and sky, ms; each at a random place of a random slider
-move_cpu_ms       mean CPU time of the server for a move, ms; 95 % need more where cores are shared
+move_ms_95        for each design, 95 % quantile of the time of a slider's move, from the event to
+                  the painted frame, bars and sky, ms; each move is to a random place of a random
+                  slider
+move_cpu_ms       mean CPU time of the server for a move, ms; move_ms_95 is larger on shared cores
 search_visible_s  longest time from a line of search.jsonl to its point on the page, s
 saved_same        1: the saved file gives the numbers shown by `startrack budget`, digit by digit
-offline           1: no request goes elsewhere, and no other address can be reached
-sentences         1: a second tab, a stale token, a broken file and a killed server each end in a
-                  sentence that the user sees
-page_lines        lines that are not blank, of Python and of JavaScript, HTML and CSS, uPlot apart
+offline           1: no request goes to another host, and no other address can be reached
+sentences         1: a second tab, a stale token, a broken file and a killed server each give a
+                  message that the user sees
+page_lines        non-blank lines of Python and of JavaScript, HTML and CSS, without uPlot
 """
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ for (;;) {
   await new Promise((next) => setTimeout(next, 2));
 }
 """
-# So few evaluations that a search takes a minute.
+# Few evaluations, so that a search takes a minute.
 SEARCH = (
     "campaign.analytic_evaluations=16",
     "campaign.evaluations=3",
@@ -64,7 +65,7 @@ SEARCH = (
 
 @contextmanager
 def served(design: str | Path, folder: Path, *words: str) -> Iterator[tuple[Any, str]]:
-    """The process of a page and its address."""
+    """The process and the address of a page."""
     line = [sys.executable, "-m", "startrack.cli", "page", str(design), "--json", "--workers", "1"]
     line += ["--out", str(folder), *words]
     with subprocess.Popen(
@@ -78,7 +79,7 @@ def served(design: str | Path, folder: Path, *words: str) -> Iterator[tuple[Any,
 
 
 def moves_of(page: Browser, count: int, seed: int = 1) -> list[float]:
-    """Milliseconds of moves, from event to painted page."""
+    """Times of moves, from event to painted page, millisecond."""
     random = np.random.default_rng(seed)
     sliders = page.run("return sides.A.shown.sliders.length")
     return [
@@ -88,13 +89,13 @@ def moves_of(page: Browser, count: int, seed: int = 1) -> list[float]:
 
 
 def cpu_ms(process: int) -> float:
-    """CPU time that a process has taken, without its children."""
+    """CPU time of a process without its children, millisecond."""
     fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
     return 1e3 * (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def saved_same(page: Browser, folder: Path) -> bool:
-    """Whether the saved design has the numbers that are shown."""
+    """Whether the saved design gives the shown numbers."""
     page.run("document.getElementById('save').requestSubmit()")
     page.until("!document.getElementById('note').hidden")
     shown = page.run("return [sides.A.shown.across, sides.A.shown.about]")
@@ -119,7 +120,7 @@ def compared(page: Browser) -> bool:
 
 
 def search(page: Browser, folder: Path) -> dict[str, Any]:
-    """A search that is started, watched, stopped and continued; the longest wait for a line."""
+    """Start, watch, stop and continue a search. Returns the longest wait for a line."""
     log, written, ended = folder / "search" / "search.jsonl", list[float](), threading.Event()
 
     def watch() -> None:
@@ -150,7 +151,7 @@ def search(page: Browser, folder: Path) -> dict[str, Any]:
 
 
 def sentences(folder: Path) -> dict[str, str]:
-    """Messages to the user where something is wrong, by what it is."""
+    """Messages to the user by kind of fault."""
     said, message = {}, "document.getElementById('message')"
     design = folder / "mine.toml"
     design.write_text(f'base = "{shipped("designs/noise_only.toml")}"\n')
@@ -195,7 +196,7 @@ def page_lines() -> dict[str, int]:
 
 
 def figures(designs: list[str], moves: int) -> dict[str, Any]:
-    """All figures; those that need a browser are left out without one."""
+    """All figures; without a browser, figures that need it are left out."""
     found: dict[str, Any] = {"page_lines": page_lines()}
     if not (installed() and moves):
         print("the page is not measured: it needs chromium, chromedriver and moves")
@@ -207,7 +208,7 @@ def figures(designs: list[str], moves: int) -> dict[str, Any]:
             with served(design, folder / design) as (process, address):
                 page.open(address)
                 page.until(READY, 600)
-                page.promised(MOVE, 0, 0.5)  # the first one reads what all others share
+                page.promised(MOVE, 0, 0.5)  # the first move reads data common to all
                 before = cpu_ms(process.pid)
                 times = moves_of(page, moves)
                 found["move_cpu_ms"][design] = round((cpu_ms(process.pid) - before) / moves, 1)
@@ -230,7 +231,7 @@ def figures(designs: list[str], moves: int) -> dict[str, Any]:
 
 
 def _offline(page: Browser) -> bool:
-    """Whether all that was loaded is of this page, and nothing else can be."""
+    """Whether all loaded resources are from the page, and no others can be loaded."""
     own = page.run(
         "return performance.getEntriesByType('resource')"
         ".every((entry) => entry.name.startsWith(location.origin + '/'))"

@@ -1,12 +1,13 @@
-"""Question: which photographs of the sky are solved, how true is what is stated, and is any wrong?
+"""Question: which photographs of the sky are solved, how accurate are the stated errors, and is any
+solution wrong?
 
-Answer: a line for each photograph, without a field of view and with it: error against the attitude
-that other solvers found, over the stated sigma; then the share of images without a sky that are
-solved, which must be none, and the CPU time; images that an earlier commit solved and this one does
-not (`regressions`); and the error over sigma by a camera that was calibrated on four images of its
-series, of two others (`camera_sigma`). Images without a sky are made (gradients, noise, hot
-pixels, lamps of cities, grids, foliage, dots at random) and real: photographs whose small parts are
-shuffled, turned and mirrored, so that no two stars keep their distance.
+Answer: a line for each photograph, without a field of view and with it: error relative to the
+attitude by other solvers, over the stated sigma. Then the fraction of images without a sky that are
+solved, which must be zero, and the CPU time; images that an earlier commit solved and this commit
+does not (`regressions`); and the error over sigma for two images of a series, with a camera
+calibrated on four others (`camera_sigma`). Images without a sky are synthetic (gradients, noise,
+hot pixels, city lights, grids, foliage, random dots) or real: photographs with small parts
+shuffled, rotated and mirrored, so that distances between stars change.
 
     STARTRACK_DATA=folder python experiments/photographs.py [--json FILE] [--skyless N] [--quick]
 """
@@ -38,13 +39,13 @@ from startrack.cli import main as startrack
 from startrack.identification import Identification, PatternIndexes
 from startrack.photograph import Photograph, solve_photograph
 
-EPOCH = 2016.0  # of the catalogue that the known attitudes come from
-WRONG = 0.02  # of the field: a worse attitude is no attitude of this image
-GUESSES = (0.91, 1.0, 1.09)  # of the true field
-LIMIT = 30.0  # arcsec across
-SIZES = ((1024, 768), (1280, 960), (800, 800))  # columns, rows of images without a sky
+EPOCH = 2016.0  # epoch of the catalogue of the known attitudes
+WRONG = 0.02  # fraction of the field: a larger error is a wrong attitude
+GUESSES = (0.91, 1.0, 1.09)  # factors of the true field
+LIMIT = 30.0  # arcsec across, largest error
+SIZES = ((1024, 768), (1280, 960), (800, 800))  # columns and rows of images without a sky
 LARGE = (4000, 3000)
-# One camera, whose series both are from: what it is calibrated on, and what then is judged.
+# A series of one camera: images for its calibration, and images for the judgement.
 CALIBRATED = ("gr_andromeda.jpg", "gr_casiopea.jpg", "gr_cisne.jpg", "gr_sagitario.jpg")
 JUDGED = ("gr_vega_05sec.jpg", "gr_pleyades_05sec.jpg")
 # Solved without a field of view at commit 16fe6cad.
@@ -80,12 +81,12 @@ SOLVED = (
     "tc16u_southern_maybe.png",
     *(f"img_{n}.jpg" for n in range(1, 50, 2)),
 )
-TILES = (16, 12)  # of shuffled photographs
+TILES = (16, 12)  # tiles of shuffled photographs
 KINDS = ("gradient", "noise", "hot", "lamps", "grid", "foliage", "dots", "shuffled")
 
 
 def solve(path: Path, *more: str) -> tuple[dict, float]:
-    """What `startrack solve` says of one image, and the processor's seconds."""
+    """Result of `startrack solve` for an image, and CPU time in seconds."""
     arguments = ["solve", str(path), "--epoch", str(EPOCH), "--json", *more]
     if path.name.startswith("ost"):
         arguments += ["--dark", str(path.parent / "ost_dark.png")]
@@ -97,7 +98,7 @@ def solve(path: Path, *more: str) -> tuple[dict, float]:
 
 
 def known(root: Path) -> Iterator[tuple[Path, dict]]:
-    """Each image with a known attitude that is there, and what is known of it."""
+    """Each available image with a known attitude, and its known values."""
     for file in sorted(root.glob("images*/truth.json")):
         for name, truth in json.loads(file.read_text())["images"].items():
             if (file.parent / name).exists():
@@ -105,7 +106,8 @@ def known(root: Path) -> Iterator[tuple[Path, dict]]:
 
 
 def off(found: dict, truth: dict) -> tuple[float, float]:
-    """Error across the boresight (arcsec), and over the stated sigma and that of the truth."""
+    """Error across the boresight (arcsec), and its ratio to the stated sigma combined with the
+    reference's."""
     places = (found["ra_deg"], found["dec_deg"]), (truth["ra_deg"], truth["dec_deg"])
     one, other = (_direction(*place) for place in places)
     if "R_icrs_to_cam" in truth:
@@ -123,7 +125,7 @@ def _direction(ra: float, dec: float) -> NDArray[np.float64]:
 
 
 def right(folder: Path, images: int | None = None) -> Iterator[bool]:
-    """Whether each of the first images is solved within 30 arcsec from every guess of the field."""
+    """Whether each of the first images is solved within 30 arcsec for every guess of the field."""
     with_matrix = (pair for pair in known(folder.parent) if "R_icrs_to_cam" in pair[1])
     for path, truth in islice(with_matrix, images):
         answers = [solve(path, "--fov", str(truth["fov_x_deg"] * g))[0] for g in GUESSES]
@@ -131,7 +133,7 @@ def right(folder: Path, images: int | None = None) -> Iterator[bool]:
 
 
 def row_of(path: Path, truth: dict) -> dict[str, Any]:
-    """A photograph, without its field of view and with it."""
+    """Row of a photograph, without its field of view and with it."""
     row: dict[str, Any] = {"image": f"{path.parent.name}/{path.name}"}
     for name, more in (("blind", ()), ("hinted", ("--fov", str(truth["fov_x_deg"])))):
         found, seconds = solve(path, *more)
@@ -158,8 +160,7 @@ def row_of(path: Path, truth: dict) -> dict[str, Any]:
 
 
 def camera_errors(root: Path) -> list[float]:
-    """Errors over sigma with a camera that was calibrated on other images; empty without these
-    images."""
+    """Errors over sigma with a camera calibrated on other images; empty without these images."""
     images = {path.name: (path, truth) for path, truth in known(root)}
     if not {*CALIBRATED, *JUDGED} <= images.keys():
         return []
@@ -177,7 +178,7 @@ def camera_errors(root: Path) -> list[float]:
 
 
 def without_sky(kind: str, number: int, size: tuple[int, int]) -> NDArray[np.uint8]:
-    """An image of 8 bits in which there is no sky."""
+    """An 8-bit image without a sky."""
     rng = np.random.default_rng([20261124, KINDS.index(kind), number])
     columns, rows = size
     x, y = np.meshgrid(np.linspace(-1, 1, columns), np.linspace(-1, 1, rows))
@@ -197,7 +198,7 @@ def without_sky(kind: str, number: int, size: tuple[int, int]) -> NDArray[np.uin
 
 
 def _texture(rng: np.random.Generator, rows: int, columns: int) -> NDArray[np.float64]:
-    """Noise whose power falls with frequency as that of leaves and clouds, of variance one."""
+    """Noise of variance one, with a power spectrum as for leaves and clouds."""
     fy, fx = np.fft.fftfreq(rows)[:, None], np.fft.rfftfreq(columns)
     power = np.maximum(np.hypot(fy, fx), 1 / columns) ** -rng.uniform(0.8, 1.8)
     made = np.fft.irfft2(
@@ -209,7 +210,7 @@ def _texture(rng: np.random.Generator, rows: int, columns: int) -> NDArray[np.fl
 def _lamps(
     kind: str, rng: np.random.Generator, columns: int, rows: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Where lights are: at random, along streets, or on a grid in perspective."""
+    """Places of lights: random, along streets, or on a grid in perspective."""
     count = int(rng.integers(15, 250))
     if kind == "dots":
         return rng.uniform(0, columns, count), rng.uniform(0, rows, count)
@@ -251,12 +252,12 @@ def _light(
 
 @cache
 def photographs(root: Path) -> list[Path]:
-    """The photographs that are shuffled."""
+    """The photographs for shuffling."""
     return [path for path, _ in known(root)]
 
 
 def shuffled(number: int, rng: np.random.Generator, size: tuple[int, int]) -> NDArray[np.uint8]:
-    """A photograph whose parts have been shuffled, turned and mirrored."""
+    """A photograph with parts shuffled, rotated and mirrored."""
     folder = command.images("shuffled photographs are")
     if folder is None:
         return without_sky("dots", number, size)
@@ -280,20 +281,20 @@ def shuffled(number: int, rng: np.random.Generator, size: tuple[int, int]) -> ND
 
 @cache
 def indexes() -> PatternIndexes:
-    """Of the catalogue that `solve` takes."""
+    """Indexes of the catalogue of `solve`."""
     cv2.setNumThreads(1)
     return PatternIndexes(open_sky(Selection.whole("bright", EPOCH)).stars)
 
 
 def search(image: NDArray[np.uint8]) -> tuple[Photograph, float]:
-    """What is found in an image, and the processor's seconds."""
+    """The solution of an image, and CPU time in seconds."""
     began = time.process_time()
     found = solve_photograph(Frame(image), indexes(), Identification(focal_tolerance=0.1))
     return found, time.process_time() - began
 
 
 def falsely_solved(number: int) -> str:
-    """The kind of an image without a sky and what was found in it; empty for nothing."""
+    """The kind of an image without a sky and its solution; empty without a solution."""
     kind = KINDS[number % len(KINDS)]
     found, _ = search(without_sky(kind, number, SIZES[number % len(SIZES)]))
     if found.axis is None:
@@ -304,7 +305,7 @@ def falsely_solved(number: int) -> str:
 
 
 def false_solutions(count: int) -> list[str]:
-    """The images without a sky that were solved."""
+    """The images without a sky that are solved."""
     with ProcessPoolExecutor() as pool:
         found = [text for text in pool.map(falsely_solved, range(count), chunksize=4) if text]
     for text in found:
@@ -313,7 +314,8 @@ def false_solutions(count: int) -> list[str]:
 
 
 def refused_large(images: int) -> float:
-    """Longest search (s of CPU) of images of 12 megapixels without a sky; indexes are read."""
+    """Longest search (CPU time, second) of images of 12 megapixels without a sky, with loaded
+    indexes."""
     search(without_sky("dots", 0, SIZES[0]))
     kinds = ("lamps", "foliage", "dots", "noise")[:images]
     return max(search(without_sky(kind, 1, LARGE))[1] for kind in kinds)
@@ -332,7 +334,7 @@ def main() -> None:
         )
         print("|---" * 9 + "|")
         images = list(islice(known(folder.parent), 1 if options.quick else None))
-        solve(images[0][0])  # the catalogue's index and the compiler's work do not count
+        solve(images[0][0])  # loading of the index and compilation do not count
         rows = [row_of(path, truth) for path, truth in images]
     solved = [row["blind"] for row in rows if "wrong" in row["blind"]]
     normalised = [a["normalised"] for a in solved if a["normalised"] is not None]
@@ -360,7 +362,7 @@ def main() -> None:
         "images": rows,
     }
     for name in regressions:
-        print(f"solved at an earlier commit, and not now: {name}")
+        print(f"solved at an earlier commit but not now: {name}")
     print(json.dumps({k: v for k, v in figures.items() if k != "images"}, indent=1))
     command.save(options, figures)
 

@@ -1,9 +1,9 @@
-"""Where does the time of a trial go, in each fidelity, and that of a fresh process?
+"""Which parts take the time of a trial, in each fidelity, and of a fresh process?
 
-The shipped design, on random attitudes: CPU time of a trial without a profiler, and with one the
-fraction of each file of startrack. What a file calls outside startrack (numpy, OpenCV, compiled
-kernels) counts for that file. The profiler overrates many small calls. Fresh processes are timed
-from start to end, with kernels compiled before.
+The shipped design, on random attitudes: CPU time of a trial without a profiler, and the fraction of
+each file of startrack with a profiler. Calls of a file outside startrack (numpy, OpenCV, compiled
+kernels) count for that file. The profiler overestimates the time of many small calls. Fresh
+processes are timed from start to end, with compiled kernels.
 
     python experiments/profile_trial.py [--trials N] [--markdown FILE] [--json FILE] [--quick]
 
@@ -38,10 +38,10 @@ from startrack.io import save_text
 HOME = Path(startrack.__file__).parent
 DESIGN = "designs/noise_only.toml"
 ROUNDS = 3
-AT_ONCE = 50  # spots are drawn by the thousand, frames are not
-FILES = 5  # of a fidelity, that are named
-CALLS = 50  # of functions outside by functions outside, one within the other
-LEAST = 0.01  # fraction of a room that has a row
+AT_ONCE = 50  # trials of drawn spots that are computed together
+FILES = 5  # listed files of a fidelity
+CALLS = 50  # largest depth of calls among functions outside startrack
+LEAST = 0.01  # least fraction of a listed room
 
 OUTCOME = f"""
 from startrack import run_random_trial
@@ -88,10 +88,10 @@ def main() -> None:
 
 
 class Profile(NamedTuple):
-    """One fidelity.
+    """Profile of one fidelity.
 
-    seconds  of CPU of a trial, without the profiler
-    fractions  1, of each file, the largest first
+    seconds  CPU time of a trial, without the profiler
+    fractions  1, fraction of each file, the largest first
     """
 
     seconds: float
@@ -101,7 +101,7 @@ class Profile(NamedTuple):
 def profile(case: Case, fidelity: Fidelity, count: int, rounds: int) -> Profile:
     if fidelity is Fidelity.COVARIANCE:
         count *= AT_ONCE
-    run(case, fidelity, count)  # what is computed once for a design
+    run(case, fidelity, count)  # computations done once for a design
     seconds = min(clocked(lambda: run(case, fidelity, count)) for _ in range(rounds)) / count
     profiler = cProfile.Profile(time.process_time)
     profiler.runcall(run, case, fidelity, count)
@@ -113,7 +113,7 @@ def run(case: Case, fidelity: Fidelity, count: int) -> Any:
 
 
 def clocked(call: Callable[[], Any]) -> float:
-    """Seconds of CPU."""
+    """CPU time, second."""
     began = time.process_time()
     call()
     return time.process_time() - began
@@ -123,14 +123,14 @@ Function = tuple[str, int, str]
 
 
 def fractions(stats: Mapping[Function, tuple[Any, ...]]) -> dict[str, float]:
-    """The fraction of each file: its functions and what they call outside startrack."""
+    """The fraction of each file: its functions and their calls outside startrack."""
     found = summed(spendings(stats))
     total = sum(found.values())
     return {name: own / total for name, own in found.items()}
 
 
 def summed(parts: Iterable[tuple[str, float]]) -> dict[str, float]:
-    """The sum of each name, the largest first."""
+    """Sums by name, the largest first."""
     found: defaultdict[str, float] = defaultdict(float)
     for name, part in parts:
         found[name] += part
@@ -138,15 +138,15 @@ def summed(parts: Iterable[tuple[str, float]]) -> dict[str, float]:
 
 
 def rooms(found: Profile) -> dict[str, float]:
-    """The fractions of the files of each room together."""
+    """Sums of the files' fractions by room."""
     return summed((Path(name).parts[0], fraction) for name, fraction in found.fractions.items())
 
 
 def spendings(stats: Mapping[Function, tuple[Any, ...]]) -> Iterator[tuple[str, float]]:
-    """Files and seconds.
+    """Files and their CPU time in seconds.
 
-    A function outside hands its seconds to its callers, in proportion to the time within it for
-    each, and so on until a file of startrack has them.
+    The time of a function outside startrack is assigned to its callers, in proportion to the time
+    of their calls, and so on up to a file of startrack.
     """
     outside = {}
     for function, (_, _, own, _, _) in stats.items():
@@ -169,20 +169,20 @@ def spendings(stats: Mapping[Function, tuple[Any, ...]]) -> Iterator[tuple[str, 
 
 
 def ours(function: Function) -> str:
-    """The file of a function of startrack, or nothing."""
+    """The file of a function of startrack; empty for other functions."""
     path = Path(function[0])
     return str(path.relative_to(HOME)) if path.is_relative_to(HOME) else ""
 
 
 class Start(NamedTuple):
-    """A fresh process: seconds of CPU and of the clock, the least of some."""
+    """A fresh process: CPU time and wall-clock time, shortest of some, second."""
 
     cpu: float
     wall: float
 
 
 def start(call: tuple[str, ...], rounds: int) -> Start:
-    """The least of some rounds, after one that is not counted where there are several."""
+    """The shortest of some rounds; the first of several rounds does not count."""
     with tempfile.TemporaryDirectory() as folder:
         words = [sys.executable, *call]
         found = [once(words, folder) for _ in range(rounds + 1)][min(rounds, 1) :]
@@ -202,20 +202,21 @@ def once(words: list[str], folder: str) -> Start:
 
 
 def children() -> float:
-    """Seconds of CPU of all processes that have ended."""
+    """CPU time of all ended processes, second."""
     times = os.times()
     return times.children_user + times.children_system
 
 
 def markdown(profiles: Mapping[Fidelity, Profile], starts: Mapping[str, Start], count: int) -> str:
     lines = [
-        "# Where time goes",
+        "# Time of a trial by parts",
         f"{command.source(f'profile_trial.py --trials {count} --markdown FILE')}, {versions()}; "
         f"one thread, the smallest of {ROUNDS} rounds.",
         "",
         "## A trial",
-        "The shipped design on 512 x 512 pixels, random attitudes, without what is computed once "
-        "for a design. Fractions by a profiler, which overrates many small calls.",
+        "The shipped design on 512 x 512 pixels, random attitudes, without computations done "
+        "once for a design. Fractions by a profiler, which overestimates the time of many small "
+        "calls.",
         "",
         row("part", profiles),
         "|---" * (len(profiles) + 1) + "|",
@@ -226,7 +227,7 @@ def markdown(profiles: Mapping[Fidelity, Profile], starts: Mapping[str, Start], 
         cells = [column.get(name, 0.0) for column in columns]
         if max(cells) >= LEAST:
             lines.append(row(name, (f"{100 * cell:.0f} %" for cell in cells)))
-    lines += ["", "The files that take most:", ""]
+    lines += ["", "The files with the largest fractions:", ""]
     for fidelity, found in profiles.items():
         most = list(found.fractions.items())[:FILES]
         named = ", ".join(f"{name} {100 * fraction:.0f} %" for name, fraction in most)
@@ -238,7 +239,7 @@ def markdown(profiles: Mapping[Fidelity, Profile], starts: Mapping[str, Start], 
 
 
 def row(name: str, cells: Iterable[str]) -> str:
-    """Of a table."""
+    """A row of a table."""
     return f"| {name} | {' | '.join(cells)} |"
 
 

@@ -1,8 +1,8 @@
-"""Figures 6 to 9 of Krutz et al. (2011), redrawn, and where the paper's numbers are met.
+"""Figures 6 to 9 of Krutz et al. (2011), redrawn, and comparison with the paper's numbers.
 
-The laboratory lens: f = 20 mm, g = 1 m, a parabolic phase, 500 nm. Figures 6 and 7: how far Fresnel
-is from Kirchhoff over the f-number, at the maximum and at the Nyquist frequency of 5 um pixels.
-Figures 8 and 9: real and imaginary part of both integrands over the radius.
+The laboratory lens: f = 20 mm, g = 1 m, a parabolic phase, 500 nm. Figures 6 and 7: difference
+between Fresnel and Kirchhoff over the f-number, at the maximum and at the Nyquist frequency of 5 um
+pixels. Figures 8 and 9: real and imaginary part of both integrands over the radius.
 """
 
 from __future__ import annotations
@@ -40,7 +40,8 @@ def nyquist_error(f_number: float) -> float:
 
 
 def kirchhoff_modulation(thin: ThinLens, frequency: float) -> float:
-    """The autocorrelation of the pupil over q = b sin(angle), in which eq. (7) is a transform.
+    """The autocorrelation of the pupil over q = b sin(angle); in this variable eq. (7) is a Fourier
+    transform.
 
     Gauss-Legendre over the overlap of two disks, in the manner of `startrack.optics.choose`.
     """
@@ -60,7 +61,8 @@ def kirchhoff_modulation(thin: ThinLens, frequency: float) -> float:
     node, weight = np.polynomial.legendre.leggauss(300)
     total = []
     for shift in (0.0, apart / 2):
-        # By symmetry the half x > 0; x = (rim - shift) sin(t) tames the end of the chords.
+        # By symmetry the half x > 0; x = (rim - shift) sin(t) removes the singularity at the end of
+        # the chords.
         t = (node + 1) * math.pi / 4
         x = (rim - shift) * np.sin(t)
         chord = np.sqrt(np.maximum(rim**2 - (x + shift) ** 2, 0.0))
@@ -73,7 +75,7 @@ def kirchhoff_modulation(thin: ThinLens, frequency: float) -> float:
 def integrands(radius: Floats) -> tuple[Floats, Floats]:
     """Kirchhoff's and Fresnel's integrand of eqs. (9) and (10), without their common factor.
 
-    The phase origin k (b + g) is kept, as the paper does; that is why the zeros hang on it.
+    The phase origin k (b + g) is kept, as in the paper, so that the zeros depend on it.
     """
     thin = ThinLens(FOCAL, float(radius.max()), DISTANCE, WAVELENGTH)
     origin = 2 * math.pi * math.modf((thin.image + DISTANCE) / WAVELENGTH)[0]
@@ -84,7 +86,8 @@ def integrands(radius: Floats) -> tuple[Floats, Floats]:
 
 
 def report(folder: Path | None, f_numbers: Floats = F_NUMBERS) -> None:
-    """Print where the paper's numbers are met; draw over f-numbers where a folder is given."""
+    """Print the comparison with the paper's numbers; draw over f-numbers into a folder, if
+    given."""
     r1, r2 = (paper_radius(FOCAL, DISTANCE, WAVELENGTH, order) for order in (1, 2))
     shifted = paper_radius(FOCAL, DISTANCE, WAVELENGTH + 1e-14)
     print("The paper's laboratory case, 500 nm")
@@ -92,7 +95,7 @@ def report(folder: Path | None, f_numbers: Floats = F_NUMBERS) -> None:
     print(
         f"  r2 = {r2 * 1e3:.4f} mm, f/{FOCAL / 2 / r2:.2f}    paper: 1.8 mm, about f/6: met as r2"
     )
-    print(f"  r1 at 500.00001 nm = {shifted * 1e3:.4f} mm: eq. (11) hangs on the phase origin")
+    print(f"  r1 at 500.00001 nm = {shifted * 1e3:.4f} mm: eq. (11) depends on the phase origin")
     for f_number in (12.0, 8.0, 6.0):
         error = maximum_error(f_number)
         bound = fresnel_error(FOCAL, DISTANCE, WAVELENGTH, lens(f_number).radius)

@@ -1,8 +1,8 @@
-"""How right and how fast is each PSF, beside the packages that others use?
+"""How accurate and how fast is each PSF, compared with other packages?
 
-Time and error come from the same run, on one thread, our turns and the peers' taken alternately.
-Peers that are not installed are left out and named. Set-up (grids, masks, modes, plans) is nobody's
-time; a new wavefront, its transform and its squares are.
+Time and error come from the same run, on one thread, with alternating runs of startrack and peers.
+Peers that are not installed are left out and named. Set-up (grids, masks, modes, plans) is not
+timed; a new wavefront, its transform and its squares are timed.
 
     python experiments/psf_models.py [--json FILE] [--figures DIR] [--quick]
 
@@ -44,7 +44,7 @@ WAVES = np.linspace(450e-9, 650e-9, 10)
 DISKS = (0.14, 0.25, 0.5, 1.0, 2.0)  # wavelength * f-number in pixels
 SIGMAS = (0.5, 0.7, 1.0)
 ROUNDS = 9
-PICKED = 1500  # places that aberrated patterns are judged at
+PICKED = 1500  # places for the judgement of aberrated patterns
 
 
 def main() -> None:
@@ -85,7 +85,8 @@ def kirchhoff() -> dict[str, float]:
 
 
 def patterns(peers: dict[str, Any], rounds: int, picked: int) -> dict[str, float]:
-    """The 155 x 155 points: without aberrations, with a new set of them, at ten wavelengths."""
+    """The 155 x 155 points: without aberrations, with a new set of aberrations, at ten
+    wavelengths."""
     coefficients = 0.05 * np.random.default_rng(7).normal(size=len(cases.NOLL))  # radian
     clear = airy(np.hypot(cases.FIELD, cases.FIELD[:, None]), 1.0, 1.0)
     pick = np.random.default_rng(8).integers(0, len(cases.FIELD), (picked, 2))
@@ -119,7 +120,8 @@ def patterns(peers: dict[str, Any], rounds: int, picked: int) -> dict[str, float
 
 
 def stamps(peers: dict[str, Any], rounds: int, places: int) -> dict[str, float]:
-    """One star on pixels at sub-pixel places, ours and the peers', each against exact integrals."""
+    """One star on pixels at sub-pixel places, by startrack and peers, compared with exact
+    integrals."""
     result = {}
     for kind, sizes in (("airy", DISKS), ("gauss", SIGMAS)):
         times: dict[str, list[float]] = {}
@@ -173,7 +175,7 @@ def _own_stamp(psf: Psf, box: int) -> Callable[[float, float], Floats]:
 
 
 def _many(psf: Psf, rounds: int) -> float:
-    """Seconds a star, of thousands on one image, as a frame has them."""
+    """Seconds per star, for thousands of stars in one image, as in a frame."""
     image, count = np.zeros((200, 200)), 4000
     x, y = np.random.default_rng(3).uniform(30, 170, (2, count))
     light, spent = np.ones(count), []
@@ -187,7 +189,7 @@ def _many(psf: Psf, rounds: int) -> float:
 def alternate(
     tasks: dict[tuple[str, str], Callable[[], Floats]], rounds: int
 ) -> dict[tuple[str, str], float]:
-    """Seconds of processor time of each task, the least of several rounds of all of them."""
+    """CPU time of each task, second, shortest of several rounds of all tasks."""
     least = dict.fromkeys(tasks, math.inf)
     for task in tasks.values():
         task()

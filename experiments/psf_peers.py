@@ -1,7 +1,7 @@
-"""The packages that `psf_models.py` compares with, each used the way its documents show.
+"""The packages compared in `psf_models.py`, each used as in its documentation.
 
 Each makes the pattern of a circular pupil on the given field, in units of wavelength * f-number,
-from 256 samples across the pupil, or draws a star on pixels. One that is missing is left out.
+from 256 samples across the pupil, or draws a star on pixels. Missing packages are left out.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class Prysm:
         geometry = import_module("prysm.geometry")
         self.propagation = import_module("prysm.propagation")
         self.field = field
-        # One metre-free case: a pupil of 1 mm, f/1, 1 um, so that a field unit is 1 um.
+        # A case for relative units: a pupil of 1 mm, f/1, 1 um, so that a field unit is 1 um.
         x, y = coordinates.make_xy_grid(ACROSS, diameter=1.0)
         self.dx = float(x[0, 1] - x[0, 0])
         r, _ = coordinates.cart_to_polar(x, y)
@@ -85,7 +85,7 @@ class Prysm:
 
 
 class Poppy:
-    """Its optical system; the wavefront error is an array of metres."""
+    """Poppy's optical system; the wavefront error is an array in metre."""
 
     def __init__(self, field: Floats, noll: Iterable[int]) -> None:
         units = self.units = import_module("astropy.units")
@@ -116,7 +116,7 @@ class Poppy:
     def aberrated(self, coefficients: Floats) -> Floats:
         error = np.tensordot(coefficients, self.modes, axes=1) * (1e-6 / 2 / np.pi)
         image = self._system(error).calc_psf(1e-6, normalize="none")[0].data
-        return np.asarray(image)[::-1, ::-1]  # its image axes point the other way
+        return np.asarray(image)[::-1, ::-1]  # the package's image axes have the opposite direction
 
     def band(self, ratios: Floats) -> Floats:
         error = self.modes[3] * 0.3 * (1e-6 / 2 / np.pi)
@@ -156,7 +156,7 @@ class Photutils:
 
 
 def present() -> dict[str, Any]:
-    """The peers that can be imported: makers of patterns, and makers of stamps ready to use."""
+    """The available peers: functions for patterns, and functions for stamps."""
     found: dict[str, Any] = {}
     makers: dict[str, Any] = {"hcipy": Hcipy, "prysm": Prysm, "poppy": Poppy}
     stampers: dict[str, Any] = {"galsim": Galsim, "photutils": Photutils}

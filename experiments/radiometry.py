@@ -1,13 +1,13 @@
-"""How right is the air, how exact are its tables, and how fast are they applied?
+"""How accurate are the model of the air and its tables, and how fast are they applied?
 
-The radiative transfer against published tables, another solver and MODTRAN; the shipped table
-against direct runs at random places; the error and time over the density of the table; magnitudes
-of the limb. Times are the least of several, one thread.
+Comparisons: the radiative transfer with published tables, another solver and MODTRAN; the shipped
+table with direct runs at random places; error and time over the density of the table; magnitudes of
+the limb. Times are the shortest of several, one thread.
 
     python experiments/radiometry.py [--json FILE] [--figure FILE] [--quick]
 
-needs the extra `earth`; PythonicDISORT and pybsm, which holds runs of MODTRAN 5.2.1, are left out
-where they are missing.
+needs the extra `earth`; PythonicDISORT and pybsm, which contains runs of MODTRAN 5.2.1, are left
+out if missing.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ from startrack.plots import LINES, legend_below, picture, save_picture, styled
 from startrack.scene import ObserverOrbit, Scene, load_limb, observer_of
 from startrack.space import EARTH_RADIUS
 
-sys.path.append(str(shipped("atmosphere")))  # where the tables are built
+sys.path.append(str(shipped("atmosphere")))  # folder of the scripts that build the tables
 solver = importlib.import_module("air_solver")
 SHIPPED, TOP, solve, build = (
     getattr(solver, name) for name in ("SHIPPED", "TOP", "solve_radiance", "build")
@@ -58,10 +58,10 @@ SHIPPED, TOP, solve, build = (
 
 ROOT = Path(__file__).parents[1]
 GREEN: Floats = np.array([550 * nm])
-SUN = 0.5371  # cosine, off the ordinates of the solvers
+SUN = 0.5371  # cosine, between the ordinates of the solvers
 BANDS = 25
 REPEATS = 5
-PLACES = 60  # at which the table is compared with the solver
+PLACES = 60  # number of places for the comparison of table and solver
 
 # Natraj, Li and Yung (2009), ApJ 691, 1909: Stokes I of the corrected tables of Coulson, Dave and
 # Sekera (1960) for optical depth 0.5, albedo 0.8, cosine of the Sun 0.2, irradiance pi:
@@ -75,12 +75,12 @@ NATRAJ = {
     (1.0, 60.0): 0.13280858,
 }
 
-# The background of pybsm's runs of MODTRAN, "mixed forest", as its README prints it.
+# The background of pybsm's runs of MODTRAN, "mixed forest", from its README.
 FOREST_AT: Floats = np.array([0.2, 0.5, 0.7, 0.725, 0.75, 0.775, 0.9, 0.925, 1.0, 1.25]) * um
 FOREST: Floats = np.array([0.025, 0.036, 0.032, 0.097, 0.254, 0.314, 0.31, 0.419, 0.4, 0.384])
 TARGET = 0.15
 AUGUST_23 = 1.0104  # astronomical units
-STRONG_BANDS = ((680, 740), (810, 845), (890, 1000))  # nm, of water
+STRONG_BANDS = ((680, 740), (810, 845), (890, 1000))  # nm, bands of water
 OXYGEN_BAND = (750, 775)
 
 
@@ -114,13 +114,14 @@ def main() -> None:
 
 
 def optical_depth() -> float:
-    """Of molecules at 550 nm; 0.0973 by Bodhaine et al. (1999)."""
+    """Optical depth of molecules at 550 nm; 0.0973 by Bodhaine et al. (1999)."""
     _, heights, extinction = solve(Air("none"), GREEN, 0.0, SUN, [(1.0, 0.0, TOP)], (0.0,), 4)
     return float(np.trapezoid(extinction[0], heights))
 
 
 def natraj() -> float:
-    """sasktran2 in the settings of the tables, on the one layer of Coulson, Dave and Sekera."""
+    """sasktran2 with the settings of the tables, on the single layer of Coulson, Dave and
+    Sekera."""
     sk = importlib.import_module("sasktran2")
     config = sk.Config()
     config.num_streams, config.num_stokes, config.num_singlescatter_moments = 40, 3, 40
@@ -150,7 +151,7 @@ def natraj() -> float:
 
 
 def cells(air: Air, rays: list[tuple[float, float, float]], streams: int) -> tuple[Floats, Floats]:
-    """What white ground adds, and the spherical albedo, at 550 nm."""
+    """Radiance added by white ground, and the spherical albedo, at 550 nm."""
     albedos = (0.0, 0.25, 0.75)
     found = solve(air, GREEN, 0.0, SUN, rays, albedos, streams)[0][:, 0]
     first, second = ((lit - found[0]) / a for lit, a in zip(found[1:], albedos[1:], strict=True))
@@ -159,7 +160,7 @@ def cells(air: Air, rays: list[tuple[float, float, float]], streams: int) -> tup
 
 
 def disort() -> float | None:
-    """Transmitted flux of clear air, and of the same by PythonicDISORT."""
+    """Transmitted flux of clear air, and the same by PythonicDISORT."""
     if command.missing("the flux of another solver is", "PythonicDISORT"):
         return None
     import warnings
@@ -186,7 +187,7 @@ def disort() -> float | None:
 
 
 def closure() -> float:
-    """What clear air neither lets through nor sends back."""
+    """Fraction of light that clear air neither transmits nor reflects."""
     nodes, weights = np.polynomial.legendre.leggauss(4)
     cosines, weights = (nodes + 1) / 2, weights / 2
     added, spherical = cells(Air("none"), [(c, 0.0, TOP) for c in [*cosines, SUN]], 8)
@@ -196,10 +197,10 @@ def closure() -> float:
 
 
 def modtran() -> dict[str, Any]:
-    """Nadir from 24.5 km, Sun at 50 degrees, rural 23 km, against pybsm's rows of MODTRAN.
+    """Nadir from 24.5 km, Sun at 50 degrees, rural 23 km, compared with pybsm's rows of MODTRAN.
 
-    Under the Sun of MODTRAN's runs, so that the air is compared; and the visible under the shipped
-    one, too.
+    With the solar spectrum of MODTRAN's runs, so that only the air is compared; the visible also
+    with the shipped spectrum.
     """
     names = ("vis_max", "vis_mean", "nir_max", "water_max", "oxygen_max", "vis_max_own_sun")
     if command.missing("MODTRAN is", "pybsm"):
@@ -215,7 +216,7 @@ def modtran() -> dict[str, Any]:
         sun=np.array([0.0, 50.0]) * deg,
         azimuth=np.array([0.0, 90.0, 180.0]) * deg,
     )
-    table = build(Air(), grid, polarised=False)  # MODTRAN does not carry polarisation either
+    table = build(Air(), grid, polarised=False)  # MODTRAN is also without polarisation
     response = triangles(table, wavelength, 20 * nm)
     bands = in_bands(table, response, 24500.0, AUGUST_23)
     forest = np.interp(wavelength, FOREST_AT, FOREST)
@@ -252,16 +253,17 @@ def triangles(table: AirTable, centres: Floats, width: float) -> Floats:
 def table_error(
     table: AirTable, air: Air, places: int = PLACES, colours: int = 3
 ) -> dict[str, Any]:
-    """The table at random places against runs of the solver there, ground of albedo 0.3.
+    """The table at random places, compared with runs of the solver, for ground of albedo 0.3.
 
-    air  of the table; another one, without particles, under --quick
+    air  air of the table; with --quick, air without particles
     """
     rng = np.random.default_rng(1)
     wavelength = np.array([450, 550, 800])[:colours] * nm
     node = np.argmin(np.abs(table.spectrum - wavelength[:, None]), 1)
     response = np.zeros((colours, len(table.spectrum)))
     response[range(colours), node] = 1
-    bare = AirTable(**{**vars(table), "gas": np.ones_like(table.gas)})  # the solver has no lines
+    # the solver has no lines of gases
+    bare = AirTable(**{**vars(table), "gas": np.ones_like(table.gas)})
     unit = response @ (np.gradient(table.spectrum) * table.irradiance)
     errors = []
     bands = in_bands(bare, response, TOP)
@@ -285,7 +287,8 @@ def table_error(
 
 
 def speed(table: AirTable, side: int, repeats: int) -> dict[str, Any]:
-    """Million pixels a second in 25 bands, ours and scipy's interpolator on the path term alone."""
+    """Million pixels a second in 25 bands, by startrack, and by scipy's interpolator on the path
+    term alone."""
     from scipy.interpolate import RegularGridInterpolator
 
     response = triangles(table, np.linspace(420, 900, BANDS) * nm, 20 * nm)
@@ -314,7 +317,8 @@ def speed(table: AirTable, side: int, repeats: int) -> dict[str, Any]:
 def nadir(table: AirTable, side: int, repeats: int) -> dict[str, float]:
     """CPU seconds of a square image: geometry with shadow, and radiance in one band.
 
-    Made mountains from 600 km, one ray a pixel, 9.5 m cells of 30 m terrain, Sun low in the south.
+    Synthetic mountains from 600 km, one ray per pixel, 9.5 m cells of 30 m terrain, low Sun in the
+    south.
     """
     text = tomllib.loads(shipped("scenes/mountains.toml").read_text(encoding="utf-8"))
     text["sky_rays"] = 0
@@ -335,7 +339,7 @@ def nadir(table: AirTable, side: int, repeats: int) -> dict[str, float]:
 
 
 def by_scipy() -> dict[str, Callable[[], Floats]]:
-    """The same table read by scipy's interpolator, flat ground in the light, by the same terms."""
+    """The same table and terms by scipy's interpolator, for flat ground without shadow."""
     from scipy.interpolate import RegularGridInterpolator
 
     scene = cases.scenery()
@@ -361,7 +365,7 @@ def by_scipy() -> dict[str, Callable[[], Floats]]:
 
 
 def least(work: Any, repeats: int = REPEATS) -> float:
-    """CPU seconds of the fastest of several runs."""
+    """CPU time of the fastest of several runs, second."""
     times = []
     for _ in range(repeats + 1):
         start = time.process_time()
@@ -371,7 +375,8 @@ def least(work: Any, repeats: int = REPEATS) -> float:
 
 
 def limb() -> dict[str, float]:
-    """Magnitude of a pixel of 60 arcsec at 550 nm, Sun at 30 degrees; and of the day's ground."""
+    """Magnitude of a pixel of 60 arcsec at 550 nm with the Sun at 30 degrees, for the limb and for
+    ground by day."""
     table = load_limb(shipped("atmosphere/limb.fits"))
     sun, vega = 1.863, 3.63e-11  # W / m^2 / nm at 550 nm
     pixel = (60 * arcsec) ** 2

@@ -1,10 +1,11 @@
-"""How fast is a frame rendered, how exact is its noise, and do measurements give back the design?
+"""How fast is a frame rendered, how accurate is its noise, and do measurements reproduce the
+design?
 
-Noise: 24 Mpx of expected electrons to 12-bit numbers, a histogram against the exact law, and the
-pixels beyond 4.5 sigma, for startrack and for what else one would use. Frame: 1024 x 1024 pixels
-with 100 stars, sky, PRNU, dark current and noise. Camera: what EMVA 1288 measures of the frames.
-Fidelities: what `fidelities.py` measures.
-Times are the least of several, one thread, all taking turns in one run.
+Noise: 24 Mpx of expected electrons to 12-bit numbers, a histogram compared with the exact
+distribution, and the pixels beyond 4.5 sigma, for startrack and for other programs. Frame: 1024 x
+1024 pixels with 100 stars, sky, PRNU, dark current and noise. Camera: EMVA 1288 measurements on
+frames. Fidelities: figures of `fidelities.py`. Times are the shortest of several alternating runs,
+one thread.
 
     python experiments/rendering.py [--json FILE] [--trials N] [--picture FILE] [--quick]
 """
@@ -48,8 +49,8 @@ Image = NDArray[Any]
 
 SIZE = 1024
 FRAMES = 24
-BATCHES = 4  # of as many frames
-MORE_BATCHES = 32  # for the way whose chi-square is to be known to 0.06
+BATCHES = 4  # batches of frames
+MORE_BATCHES = 32  # batches for a chi-square with an uncertainty of 0.06
 MEANS = 64  # different expectations in one frame, within 3 % of the nominal one
 SIGMAS = 4.5
 REPEATS = 9
@@ -76,7 +77,7 @@ def mean_map(nominal: float) -> Floats:
 
 
 def exact_law(nominal: float, one: Detector) -> Floats:
-    """Probability of each number, averaged over the expectations, straight from the equation."""
+    """Probability of each number, averaged over the expectations, directly from the equation."""
     electrons = np.arange(math.ceil(nominal + 12 * math.sqrt(nominal) + 40))
     weight = stats.poisson.pmf(electrons, levels(nominal)[:, None]).mean(axis=0)
     edge = (np.arange(2**one.bits) + 0.5 - one.offset) * one.electrons_per_dn
@@ -111,7 +112,7 @@ def numpy_normal(mean: Floats, one: Detector, trial: int) -> Image:
 
 
 def opencv_randn(mean: Floats, one: Detector, trial: int) -> Image:
-    """One spread for all pixels, as cv2.randn has it; that of the mean level."""
+    """One standard deviation for all pixels, as in cv2.randn: the value for the mean level."""
     cv2.setRNGSeed(trial)
     noise = np.empty(mean.shape, np.float32)
     cv2.randn(noise, np.zeros(1), np.sqrt([mean.mean() + one.read_noise**2]))
@@ -128,7 +129,7 @@ def galsim_noise(mean: Floats, one: Detector, trial: int) -> Image:
 
 
 def galsim_stars(pixel: Floats, flux: Floats, size: int, sky: float, box: int = 17) -> Floats:
-    """Electrons of Gaussian stars of sigma 0.7 on an even sky, each drawn in its box."""
+    """Electrons of Gaussian stars of sigma 0.7 on a uniform sky, each drawn in its box."""
     galsim = import_module("galsim")
     image = galsim.ImageD(size, size, init_value=sky)
     star = galsim.Gaussian(sigma=0.7)
@@ -151,11 +152,11 @@ def peers() -> dict[str, Noise]:
 
 
 def least(calls: Mapping[str, Callable[[], object]], repeats: int) -> dict[str, float]:
-    """Least milliseconds of each call, all taking turns."""
+    """Shortest time of each call in alternating runs, millisecond."""
     best = dict.fromkeys(calls, math.inf)
     for _ in range(repeats):
         for name, each in calls.items():
-            each()  # so that none pays for what the one before it left in the caches
+            each()  # so that the caches' contents from the previous call do not matter
             start = time.process_time()
             each()
             best[name] = min(best[name], 1e3 * (time.process_time() - start))
@@ -165,10 +166,11 @@ def least(calls: Mapping[str, Callable[[], object]], repeats: int) -> dict[str, 
 def errors(
     draw: Noise, nominal: float, one: Detector, frames: int, batches: int = BATCHES
 ) -> tuple[float, float]:
-    """Chi-square over degrees of freedom, and pixels beyond 4.5 sigma over those of the law.
+    """Chi-square over degrees of freedom, and number of pixels beyond 4.5 sigma over the expected
+    number.
 
-    The chi-square is that of the frames, averaged over the batches; the tail is counted in
-    them all. With 19 degrees of freedom, chance moves it by 0.16 in 4 batches, by 0.06 in 32.
+    The chi-square of frames is averaged over the batches; the tail is counted in all batches. With
+    19 degrees of freedom, chance moves it by 0.16 in 4 batches, by 0.06 in 32.
     """
     mean, fraction = mean_map(nominal), exact_law(nominal, one)
     count = np.zeros((batches, len(fraction)))
@@ -185,9 +187,10 @@ def errors(
 
 
 def excess(nominal: float, one: Detector) -> float:
-    """Chi-square over degrees of freedom that 24 Mpx have beyond chance, without drawing any.
+    """Excess of chi-square over degrees of freedom for 24 Mpx beyond chance, without drawing
+    pixels.
 
-    From the tables that the numbers are taken from, with the fraction of pixels in each.
+    From the tables of the numbers, with the fraction of pixels in each table.
     """
     law, exact = law_of(one), exact_law(nominal, one)
     tables = tables_for(mean_map(nominal), law)
@@ -266,7 +269,8 @@ def frame(repeats: int) -> dict[str, float]:
 
 
 def camera_test() -> dict[str, float]:
-    """Gain, read noise, PRNU, dark current and linearity by EMVA 1288, against the parameters."""
+    """Gain, read noise, PRNU, dark current and linearity by EMVA 1288, compared with the
+    parameters."""
     one = replace(SKY, prnu=0.02, dark_current=300.0, read_noise=10.0)
     gain = response(one)
     assert gain is not None
@@ -316,7 +320,7 @@ def main() -> None:
         shrink(128)
     repeats, frames = (1, 1) if options.quick else (REPEATS, FRAMES)
     figures = noise(repeats, frames) | frame(repeats) | camera_test()
-    # Of the fidelities there is a quick mode of its own.
+    # The fidelities have a separate quick mode.
     command.save(options, figures if options.quick else figures | fidelities.measure(options))
 
 

@@ -1,11 +1,11 @@
-"""How fast and how exact is Pyxel's way from photons to numbers, beside startrack's?
+"""How fast and how accurate are Pyxel's models from photons to numbers, compared with startrack's?
 
-Both get the same map of expected electrons, 1024 x 1024 with 100 stars, and make 12-bit numbers of
-it: shot noise, dark current, full well, read noise, converter. Pyxel's models are called one after
-the other, without its pipeline and its files, which cost extra; and it draws no stars here. The
-noise of an even map of 20 electrons is held against the exact law; 113 pixels of 24 million lie
-beyond 4.5 sigma, so that the ratio of the tails is good to 10 %.
-Needs pyxel-sim; it may want an environment of its own, with this project in PYTHONPATH.
+Both get the same map of expected electrons, 1024 x 1024 with 100 stars, and convert it to 12-bit
+numbers: shot noise, dark current, full well, read noise, converter. Pyxel's models are called one
+after the other, without its pipeline and files, which take additional time; Pyxel draws no stars
+here. The noise of a uniform map of 20 electrons is compared with the exact distribution; 113 pixels
+of 24 million are beyond 4.5 sigma, so that the ratio of the tails has an uncertainty of 10 %. Needs
+pyxel-sim; it may require a separate environment, with this project in PYTHONPATH.
 
     python experiments/rendering_pyxel.py [--json FILE] [--quick]
 """
@@ -31,14 +31,14 @@ from startrack.detector import Detector, read_out
 
 SIZE, FRAMES, REPEATS = 1024, 24, 7
 SKY, DARK = 20.0, 30.0  # electron in a pixel; electron / second
-VOLT = 1e-5  # per electron
+VOLT = 1e-5  # volt / electron
 SIGMAS = 4.5
-# A number is one electron, so that the histogram has many cells.
+# A digital number is one electron, so that the histogram has many cells.
 OURS = Detector(SIZE, SIZE, 5e-6, 0.1, full_well=4_095.0, read_noise=8.0, dark_current=DARK)
 
 
 def mean_map(stars: int) -> Floats:
-    """Expected photoelectrons of an even sky and Gaussian stars."""
+    """Expected photoelectrons of a uniform sky and Gaussian stars."""
     rng = np.random.default_rng(1)
     image = np.full((SIZE, SIZE), SKY)
     half = np.arange(-8, 9)
@@ -55,7 +55,7 @@ def mean_map(stars: int) -> Floats:
 
 
 def camera() -> Any:
-    """Pyxel's CCD with the same numbers; its converter spans the same electrons."""
+    """Pyxel's CCD with the same parameters; its converter has the same range of electrons."""
     detectors = import_module("pyxel.detectors")
     settings = import_module("pyxel.detectors.characteristics")
     conversion = getattr(settings, "ChargeToVoltSettings", None)
@@ -98,7 +98,7 @@ def chain(ccd: Any, photons: Floats, dark_rate: float, seed: int) -> NDArray[np.
 
 
 def least(call: Callable[[], object], repeats: int) -> float:
-    """Least milliseconds of CPU."""
+    """Shortest CPU time, millisecond."""
     best = math.inf
     for _ in range(repeats):
         start = time.process_time()
@@ -108,7 +108,8 @@ def least(call: Callable[[], object], repeats: int) -> float:
 
 
 def errors(frames: list[NDArray[Any]], wanted: Floats, mean: float) -> tuple[float, float]:
-    """Chi-square over degrees of freedom; pixels above 4.5 sigma over those of the law."""
+    """Chi-square over degrees of freedom; number of pixels above 4.5 sigma over the expected
+    number."""
     counts = np.bincount(np.concatenate([f.ravel() for f in frames]), minlength=len(wanted))
     expect = wanted * counts.sum()
     used = expect > 25
@@ -136,7 +137,7 @@ def main() -> None:
         drawn["pyxel"] = [chain(ccd, even, 0.0, 1 + n) for n in range(frames)]
     step = OURS.electrons_per_dn
     for name, images in drawn.items():
-        # Pyxel's converter may round or cut; it is judged by the law that fits it better.
+        # Pyxel's converter may round or truncate; the distribution that fits better is used.
         found = min(errors(images, cases.law(SKY, step, half), SKY) for half in (0.5, 0.0))
         figures[f"{name}_chi2_per_dof"], figures[f"{name}_tail_ratio"] = found
     print("\n".join(f"{name:24} {value:9.3f}" for name, value in figures.items()))

@@ -1,11 +1,11 @@
-"""Formulas of retrievals beside trials, over designs that stress them.
+"""Formulas of retrievals compared with trials, over designs that stress them.
 
 python experiments/retrieval_formulas.py prints, for each design, the smallest fire of 800 K by day
-and by night, the error of its radiative power, the error of emissivity, and of land the errors of
-reflectance and index and the fraction classified wrongly, and the errors of heights, of the height
-of waves and of their direction, each by trials over that by formula. `formula_over_trials` is the
-worst ratio of each retrieval, as the larger over the smaller of both. With 600 fires of a design a
-95th percentile scatters by 0.03, with 24 images of waves a rms error by 0.14.
+and by night, the error of its radiative power, the error of emissivity, for land the errors of
+reflectance and index and the misclassified fraction, and the errors of heights, of the height of
+waves and of their direction, each by trials over the value by formula. `formula_over_trials` is the
+worst ratio of each retrieval, larger over smaller value. With 600 fires of a design a 95th
+percentile scatters by 0.03; with 24 images of waves an rms error scatters by 0.14.
 """
 
 from __future__ import annotations
@@ -120,7 +120,7 @@ def main() -> None:
 def compare(
     scene: str, designs: dict[str, dict[str, float]], images: int
 ) -> dict[str, dict[str, float]]:
-    """Trials over formula, of each design and criterion."""
+    """Trials over formula, for each design and criterion."""
     start, ratios = EarthProblem(load_earth_design(scene)), {}
     for name, values in designs.items():
         problem = start.replaced(values)

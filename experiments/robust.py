@@ -1,22 +1,21 @@
-"""How many inputs from anybody end in something else than a result or a sentence?
+"""How many untrusted inputs end in anything other than a result or a message?
 
     python experiments/robust.py [--json FILE] [--cases 10000] [--kinds KIND ...] [--seed 1]
                                  [--kills 100] [--caches 30] [--designs 100] [--slow] [--keep DIR]
                                  [--compiled DIR] [--quick]
 
-Cases come from the grammar of tests/fuzz and a seed. Each runs a command in a process with a limit
-of 1 GiB, as nobody where this is root and others can run its Python; it hangs where it takes 36 s
-of CPU without saying how far it is, or six minutes; `silent_differences` are other results from
-damaged or replaced files than from those that they were, without a word; `replaced` FIFOs, links or
-devices that are files then; `outside` what was written outside of the folder of the cases, which is
-seen as nobody alone. `planted` are faults put into the package on purpose, and whether cases find
-them. `caches` are damaged or foreign files of compiled code and of indexes that change a result or
-end a command, `clusters` Dask workers with other code than the command's that it does not name.
-Then commands are ended by SIGKILL, SIGTERM and SIGINT and started again: `lost` are ends with other
-bytes than those of a run that nothing ended, `orphans` processes that stayed, `words` ends with
-another status than 143 and 130 or more than one sentence.
-`resident_growth_mb` is by how much one process grows over the designs, `slow_tests_failed` of
-the slow tests (null without --slow).
+Cases come from the grammar of tests/fuzz and a seed. Each case runs a command in a process with a
+limit of 1 GiB, as user nobody if this process is root and other users can run its Python. A case
+hangs if it takes 36 s of CPU time without progress output, or six minutes. `silent_differences`:
+results from damaged or replaced files that differ without a message. `replaced`: FIFOs, links or
+devices that were replaced by files. `outside`: files written outside the folder of the cases; only
+detected as nobody. `planted`: faults put into the package on purpose, and whether cases find them.
+`caches`: damaged or foreign files of compiled code and of indexes that change a result or end a
+command. `clusters`: Dask workers with different code that the command does not report. Then
+commands are ended by SIGKILL, SIGTERM and SIGINT and started again. `lost`: final files with bytes
+that differ from an undisturbed run. `orphans`: remaining processes. `words`: ends with a status
+other than 143 and 130, or with more than one message. `resident_growth_mb`: growth of one process
+over the designs. `slow_tests_failed`: number of failed slow tests (null without --slow).
 """
 
 from __future__ import annotations
@@ -129,7 +128,7 @@ def main() -> None:
 
 
 def planted(seed: int, compiled: Path | None) -> dict[str, bool]:
-    """Whether each fault that is put into the package is found."""
+    """Whether each fault put into the package is found."""
     found = {}
     with tempfile.TemporaryDirectory() as folder:
         Path(folder).chmod(0o755)
@@ -143,7 +142,7 @@ def planted(seed: int, compiled: Path | None) -> dict[str, bool]:
 
 
 def surroundings(cases: int, seed: int) -> dict[str, int]:
-    """Damaged caches, and Dask workers with other code, that a command does not bear."""
+    """Damaged caches, and Dask workers with other code, that a command does not tolerate."""
     figures = {}
     for name, run in (
         ("caches", lambda folder: run_caches(folder, cases, seed)),
@@ -155,7 +154,7 @@ def surroundings(cases: int, seed: int) -> dict[str, int]:
 
 
 def grown(designs: int) -> float:
-    """MiB by which one process grows over the designs."""
+    """Growth of one process over the designs, MiB."""
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "design.toml").write_text(tomli_w.dumps(bases()["design"]))
         line = [sys.executable, "-m", "tests.fuzz.worker", "growth", str(designs)]
@@ -167,7 +166,7 @@ def grown(designs: int) -> float:
 
 
 def slow_tests_failed() -> int:
-    """How many slow tests fail or end with an error, except those of the fuzz itself."""
+    """Number of slow tests that fail or end with an error, without the tests of the fuzzer."""
     line = [sys.executable, "-m", "pytest", "-m", "slow", "-q", "--ignore", "tests/fuzz"]
     with tempfile.TemporaryDirectory() as folder:
         subprocess.run([*line, f"--junitxml={folder}/tests.xml"], cwd=ROOT)

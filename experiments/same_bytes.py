@@ -1,15 +1,15 @@
-"""Question: are the results of this tree the same, byte for byte, as those that were recorded?
+"""Question: are the results of this tree equal, byte for byte, to the recorded results?
 
     python experiments/same_bytes.py [--record] [--json FILE] [--quick]
 
 same_bytes   1 where each result has the recorded digest, else 0
-differs      names of the results whose digest is another
+differs      names of the results with a different digest
 
-The results: the outcomes of trials in each fidelity of three designs, their analytic budgets and
-those of units, an optimisation, a day of a mission, and an image of the Earth. `same_bytes.json`
-holds the first letters of their SHA-256, and the machine on which they were made: another processor
-or another version of numpy, scipy or numba may change last digits. --record writes this file anew,
-after a change that is meant to change numbers.
+The results: outcomes of trials in each fidelity of three designs, analytic budgets of the designs
+and of their units, an optimisation, a day of a mission, and an image of the Earth.
+`same_bytes.json` has the first letters of their SHA-256, and the machine where they were made:
+another processor or another version of numpy, scipy or numba may change last digits. --record
+writes this file again, after an intended change of numbers.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ UNITS = 3
 SEARCH = ("campaign.analytic_evaluations=40", "campaign.evaluations=6", "campaign.fresh_trials=100")
 MISSION, DAY = "missions/sun-synchronous.toml", ("time.duration=1 d", "time.step=60 s")
 PIXELS, CELLS = 64, 256  # along each side of the image of the Earth, and of its terrain
-LETTERS = 16  # of a digest
+LETTERS = 16  # letters of a digest
 
 
 def main() -> None:
@@ -58,7 +58,7 @@ def main() -> None:
 
 
 def compare(quick: bool) -> dict[str, Any]:
-    """Whether all results are as recorded, and which are not."""
+    """Whether all results are as recorded, and names of the differing results."""
     recorded = json.loads(RECORDED.read_text(encoding="utf-8"))
     if recorded["machine"] != machine():
         print(f"recorded on {recorded['machine']}, but this is {machine()}")
@@ -70,13 +70,13 @@ def compare(quick: bool) -> dict[str, Any]:
 
 
 def machine() -> str:
-    """The machine's properties on which last digits depend."""
+    """Properties of the machine that affect last digits."""
     versions = [f"{name} {version(name)}" for name in ("numpy", "scipy", "numba")]
     return ", ".join([platform.machine(), *versions])
 
 
 def digests(quick: bool) -> Iterator[tuple[str, str]]:
-    """The digest of each result; of a quick run those of few trials of one design."""
+    """The digest of each result; a quick run has few trials of one design."""
     for name in DESIGNS[:1] if quick else DESIGNS:
         case = load_design(shipped(f"designs/{name}.toml")).case
         for fidelity in Fidelity:
@@ -110,7 +110,7 @@ def optimised() -> dict[str, Any]:
 
 
 def image() -> Any:
-    """Numbers of the pixels of a small scene."""
+    """Digital numbers of the pixels of a small scene."""
     survey = load_survey(shipped("scenes/waoss.toml"))
     fractal = survey.terrain.fractal
     assert fractal
@@ -123,7 +123,7 @@ def image() -> Any:
 
 
 def digest(value: Any) -> str:
-    """First letters of the SHA-256 of a value: of the bytes of arrays, of all digits of floats."""
+    """First letters of the SHA-256 of a value: bytes of arrays, all digits of floats."""
     kept = hashlib.sha256()
     for part in _parts(value):
         kept.update(part)

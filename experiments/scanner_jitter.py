@@ -1,17 +1,18 @@
-"""How much jitter does a line scanner tolerate? The tone that costs it 10 %, over frequency.
+"""How much jitter does a line scanner tolerate? The tone that increases the error by 10 %, over
+frequency.
 
 python experiments/scanner_jitter.py [--json FILE] [--picture FILE.png] [--skies 24] [--workers 2]
                                     [--quick]
 
 The scanner is a tracker with time delay and integration, catalogs/designs/scanner.toml. Two limits
-are asked for at each frequency: the rms about x and y by which the error across the boresight
-grows by 10 %, and the one by which the MTF at the Nyquist frequency falls by 10 %.
+are computed at each frequency: the rms about x and y that increases the error across the boresight
+by 10 %, and the rms that reduces the MTF at the Nyquist frequency by 10 %.
 
 The error follows a small jitter linearly, e(a) = e(0) + a w. Over three phases of the tone, a third
-of a turn apart, the mean of e(0) w is none and that of w^2 exact, so that on the same skies
+of a turn apart, the mean of e(0) w is zero and the mean of w^2 exact, so that on the same skies
     a = sqrt((1.1^2 - 1) <e(0)^2> / <w^2>).
-At this a the growth is then measured. Intervals hold with 95 %, from resampled skies. The truth is
-the attitude at the middle of the image.
+The growth is then measured at this a. 95 % intervals are from resampled skies. The truth is the
+attitude at the middle of the image.
 """
 
 from __future__ import annotations
@@ -37,9 +38,9 @@ from startrack.observation import duration
 from startrack.optimise import TrialRunner
 from startrack.plots import BLUE, GREEN, legend_below, picture, save_picture, styled
 
-FREQUENCIES = (0.05, 0.15, 0.5, 1.5, 5.0, 15.0, 50.0, 150.0)  # Hz; two cycles a line at most
+FREQUENCIES = (0.05, 0.15, 0.5, 1.5, 5.0, 15.0, 50.0, 150.0)  # Hz; at most two cycles per line
 PHASES = (0.0, 120 * deg, 240 * deg)
-PROBE = 5 * arcsec  # rms; a tenth of a pixel, well above the noise's part in the difference
+PROBE = 5 * arcsec  # rms; a tenth of a pixel, well above the noise in the difference
 LOSS = 0.1
 RESAMPLES = 2000
 
@@ -67,7 +68,7 @@ def main() -> None:
 
 
 def shaken(case: Case, frequency: float, rms: float, phase: float) -> Case:
-    """The design with a tone that goes round."""
+    """The design with a circular tone."""
     return replaced(case, "instrument.motion.tones", (circle(frequency, rms, phase),))
 
 
@@ -76,7 +77,7 @@ def circle(frequency: float, rms: float, phase: float) -> Tone:
 
 
 def errors(case: Case, runner: TrialRunner, skies: int) -> Floats:
-    """(skies, 2) radian, across; NaN where there is no right attitude."""
+    """Errors across (skies, 2), radian; NaN without a correct attitude."""
     outcomes = runner.run(case, skies)
     right = outcomes["solved"] & ~outcomes["false"]
     across = np.column_stack([outcomes["error_x"], outcomes["error_y"]])
@@ -86,7 +87,7 @@ def errors(case: Case, runner: TrialRunner, skies: int) -> Floats:
 def tolerated_by_error(
     case: Case, frequency: float, runner: TrialRunner, skies: int, phases: tuple[float, ...]
 ) -> dict[str, Any]:
-    """The rms at which the error has grown by LOSS, and the growth measured there."""
+    """The rms at which the error has grown by LOSS, and the growth measured at this rms."""
     rest = errors(case, runner, skies)
 
     def at(rms: float) -> Floats:
@@ -112,7 +113,7 @@ def tolerated_by_error(
 
 
 def resampled(statistic: Callable[[Ints], float], skies: int) -> tuple[float, float, float]:
-    """The statistic of all skies, and where 95 % of those of resampled skies lie."""
+    """The statistic of all skies, and the 95 % interval from resampled skies."""
     rng = np.random.default_rng(1)
     spread = [statistic(rng.integers(0, skies, skies)) for _ in range(RESAMPLES)]
     low, high = np.quantile(spread, [0.025, 0.975])
@@ -120,16 +121,17 @@ def resampled(statistic: Callable[[Ints], float], skies: int) -> tuple[float, fl
 
 
 def tolerated_by_mtf(case: Case, frequency: float, count: int) -> dict[str, Any]:
-    """The least and the greatest rms, over the phases, at which the MTF has fallen by LOSS."""
+    """The smallest and largest rms over the phases at which the MTF has decreased by LOSS."""
     found = [borne_by_mtf(case, frequency, phase) for phase in np.arange(count) * 15 * deg]
     return {"mtf_rms_arcsec": [min(found) / arcsec, max(found) / arcsec]}
 
 
 def borne_by_mtf(case: Case, frequency: float, phase: float) -> float:
-    """Radian rms at which the mean MTF of the jitter along x and y at Nyquist has lost LOSS.
+    """Rms, radian, at which the mean MTF of the jitter along x and y at Nyquist has decreased by
+    LOSS.
 
-    In step with the charge, the stages of a star are one exposure as long as all of them. The
-    search is around the jitter whose blur, were it normal, had this MTF.
+    With synchronous charge, all stages of a star form one exposure with the sum of their times. The
+    search begins at the jitter whose blur would have this MTF if it were normal.
     """
     instrument = case.instrument
     pixel = 1 / instrument.camera.focal_length_px
@@ -148,7 +150,7 @@ def borne_by_mtf(case: Case, frequency: float, phase: float) -> float:
 
 
 def transit(case: Case) -> float:
-    """Second that a star takes over all stages."""
+    """Time of a star over all stages, second."""
     detector = case.instrument.detector
     assert detector.scan
     return detector.exposure * detector.scan.stages
@@ -156,7 +158,7 @@ def transit(case: Case) -> float:
 
 @styled
 def draw(case: Case, rows: list[dict[str, Any]], path: File, skies: int) -> None:
-    """Both limits over frequency; below a line, the jitter is borne."""
+    """Both limits over frequency; jitter below a line is tolerated."""
     figure = picture(
         5.2,
         f"Scanner with time delay and integration, {skies} skies in {len(PHASES)} phases a "

@@ -1,14 +1,17 @@
-"""Which effects does a scene need, what does each cost, and what error makes leaving it out?
+"""Which effects does a scene need, how much time does each take, and which error results if it is
+left out?
 
 Four scenes of the nanosatellite's tracker (in the dark, slewing, with the Moon, with the limb) and
-an Earth imager, each with everything that the chain can model. Every effect is left out alone, on
-the same skies and noise; then, from the least on, all at once whose errors together, in quadrature,
-stay below a fraction of the scene's own error. What makes a solved trial unsolved is kept.
-The chain that is left is judged on trials that the choice has not seen.
+an Earth imager, each with all effects of the chain. Every effect is left out alone, on the same
+skies and noise. Then, starting with the smallest, effects are left out together as long as the root
+sum square of their errors stays below a fraction of the scene's error. An effect whose absence
+makes a solved trial unsolved is kept. The remaining chain is judged on trials that were not used
+for the selection.
 
     python experiments/scenes.py [--trials N] [--out DIR] [--json FILE] [--quick] [SCENE ...]
 
-writes scenes.md, scenes.json and scenes.png; a quarter of an hour of CPU for 16 trials of each.
+writes scenes.md, scenes.json and scenes.png; a quarter of an hour of CPU time for 16 trials of each
+scene.
 """
 
 from __future__ import annotations
@@ -34,8 +37,8 @@ from startrack.io import save_json, save_text
 from startrack.plots import CYCLE, LINES, RED, SMALL, legend_below, picture, save_picture, styled
 
 FRACTION = 1 / 3
-TIMED = 4  # trials that are repeated in turns with everything, for the time
-IMAGES = 4  # trials of a tracker for one of the imager, which has thousands of pixels
+TIMED = 4  # trials repeated alternately with all effects, for the time
+IMAGES = 4  # trials of a tracker per trial of the imager, which has thousands of pixels
 KEPT, SPARED = "#1f6f43", "#999999"
 
 
@@ -80,12 +83,12 @@ def tell(what: str) -> None:
 
 
 def markdown(found: Sequence[Found], trials: int) -> str:
-    """A table of the chains, then one of the effects of each scene."""
+    """A table of the chains, and a table of effects for each scene."""
     source = command.source(f"scenes.py --trials {trials}")
     lines = [
-        "# What a scene needs",
+        "# Effects that a scene needs",
         "",
-        "![The error that leaving out each effect makes, and the time of a trial](scenes.png)",
+        "![Error caused by leaving out each effect, and the time of a trial](scenes.png)",
         "",
         f"{source}, {versions()}; CPU time of one thread, median.",
         "",
@@ -149,7 +152,7 @@ def measured(gap: Gap) -> str:
 
 
 def values(found: Sequence[Found]) -> dict[str, Any]:
-    """What the tables say, for machines; times in seconds."""
+    """Values of the tables for JSON; times in seconds."""
     return {
         one.view.name: {
             "kinds": one.view.kinds,
@@ -165,7 +168,7 @@ def values(found: Sequence[Found]) -> dict[str, Any]:
 
 
 def plain(row: Effect | Way) -> dict[str, Any]:
-    """A row without its name, arrays as lists."""
+    """A row without its name, with arrays as lists."""
     gap = {"error": list(row.gap.error), "sigma": list(row.gap.sigma), "changed": row.gap.changed}
     known = {**row._asdict(), "gap": gap}
     del known["name"]
@@ -174,12 +177,12 @@ def plain(row: Effect | Way) -> dict[str, Any]:
 
 @styled
 def draw(path: Path, found: Sequence[Found]) -> None:
-    """A panel a scene: effects by their share; one of the chains' time and error."""
+    """A panel for each scene with effects by fraction; a panel of the chains' time and error."""
     heights = [*(1.0 + 0.17 * len(one.effects) for one in found), 3.6]
     figure = picture(
         0.5 + sum(heights),
         "Every effect left out alone, on the same skies and noise; green circles: kept, grey: "
-        "spared, triangles: 0.001 or less; dashed: the most that all spared may make together",
+        "left out, triangles: 0.001 or less; dashed: limit for all effects left out together",
     )
     *panels, ways = figure.subplots(len(heights), 1, height_ratios=heights)
     for axes, one in zip(panels, found, strict=True):
@@ -215,7 +218,7 @@ def draw_effects(axes: Axes, found: Found) -> None:
         xscale="log",
         xlim=(least / 1.5, None),
         ylim=(-0.7, len(effects) - 0.3),
-        xlabel="error when left out, over the scene's own (1)",
+        xlabel="error when left out, over the scene's error (1)",
         title=f"{found.view.name}, {found.trials} trials; right: CPU time of a trial",
     )
     axes.set_yticks(range(len(effects)), [effect.name for effect in effects])
@@ -233,7 +236,7 @@ def draw_ways(axes: Axes, found: Sequence[Found]) -> None:
     axes.set(
         xscale="log",
         xlabel="CPU time of a trial (ms)",
-        ylabel="error over that with everything (1)",
+        ylabel="error over error with everything (1)",
         title="square: everything; circle: what is needed; triangle: in windows",
     )
     axes.margins(0.15, 0.2)

@@ -1,4 +1,4 @@
-"""A line camera over mountains with everything on, and how each effect is left out of it."""
+"""A line camera over mountains with all effects, and changes that leave out each effect."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from startrack import shipped
 from startrack.detector import Defects, Pattern
 from startrack.earth.imager import Channel, Picture, Survey, load_survey, render
 
-SIZE, CELLS = 48, 256  # pixel of the image, and cells of the terrain, along a side
+SIZE, CELLS = 48, 256  # pixels of the image and cells of the terrain along a side
 
 
 class Flight(NamedTuple):
@@ -56,7 +56,7 @@ def view() -> View:
 
 
 def numbers(flight: Flight, number: int, seed: int = 0) -> Floats:
-    """(p, 1) DN of the pixels of an image; the seed is that of its noise."""
+    """Digital numbers (p, 1) of the pixels of an image; the seed is for the noise."""
     survey, channel = flight
     picture = Picture.blank(channel.detector.rows, channel.columns)
     render(of_mountains(survey, number + 1), channel, Path(), seed, picture)
@@ -64,7 +64,7 @@ def numbers(flight: Flight, number: int, seed: int = 0) -> Floats:
 
 
 def of_mountains(survey: Survey, seed: int) -> Survey:
-    """The same over another piece of the Earth."""
+    """The flight over another part of the Earth."""
     fractal = survey.terrain.fractal
     assert fractal
     terrain = replace(survey.terrain, fractal=replace(fractal, seed=seed))
@@ -72,7 +72,7 @@ def of_mountains(survey: Survey, seed: int) -> Survey:
 
 
 def noise(flight: Flight, trials: Sequence[int], values: Floats) -> Floats:
-    """(1,) DN rms of the changes when only the noise is drawn again."""
+    """Rms (1,) of the changes, digital number, when only the noise is drawn again."""
     other = np.array([numbers(flight, number, seed=1) for number in trials])
     return np.sqrt(((values - other) ** 2).mean((0, 1)) / 2)
 

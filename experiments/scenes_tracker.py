@@ -1,4 +1,4 @@
-"""Four scenes of a star tracker with everything on, and how each effect is left out of them."""
+"""Four scenes of a star tracker with all effects, and changes that leave out each effect."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from startrack.space import EARTH_RADIUS
 
 SEED = 11
 FAR = 30 * deg  # from the edges of all bodies, in a dark field
-ATTITUDES = 1000  # that a trial may draw until a field is dark
+ATTITUDES = 1000  # attitudes that a trial may draw until a field is dark
 
 # By night over the equator: the Sun is behind the Earth, the Moon 35 degrees off the zenith.
 NIGHT = Scene(
@@ -59,7 +59,7 @@ def views() -> Iterator[View]:
     )
     yield view(
         "slewing",
-        "the same at 0.5 degrees per second",
+        "the dark field at 0.5 degrees per second",
         with_motion(case, rate_x=0.5 * deg, rate_y=0.0),
         dark,
     )
@@ -94,9 +94,9 @@ def view(name: str, text: str, case: Case, attitude: Callable[[int], Rotation]) 
 
 
 def errors(case: Case, attitude: Rotation, number: int, fidelity: Fidelity) -> Floats:
-    """(2, 2) arcsec: across the boresight, of which there are two, and about it, of which one.
+    """Errors (2, 2), arcsec: two across the boresight, one about it.
 
-    NaN where there is no attitude, or a wrong one.
+    NaN without an attitude or with a wrong attitude.
     """
     one = run_trial(case, attitude, Streams(SEED, number), fidelity)
     if one.false or not one.solved:
@@ -120,7 +120,7 @@ def beside(direction: Floats, angle: float, number: int) -> Rotation:
 
 
 def everything(plain: Case) -> Case:
-    """A design with all that a matrix's frame can have, of the usual size; values are assumed."""
+    """A design with all effects of a matrix's frame, of usual size; values are assumed."""
     case = with_detector(
         plain,
         defects=Defects(dsnu=20.0, hot=1e-3, hot_current=2000.0, dead=1e-4),

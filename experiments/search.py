@@ -1,10 +1,10 @@
-"""How fast and how right are forecasts, and how near do searches on them come to the best?
+"""How fast and how accurate are forecasts, and how close do searches by forecasts come to the best?
 
 python experiments/search.py [--json FILE] [--designs 20] [--seeds 10] [--trials 2000] [--quick]
 
-A forecast is beside the whole budgets of the same units; the best is that of all searches: those
-of all seeds, and a long one by nlopt from the best of them. Fresh trials judge the ends, too. At
-last whole commands are timed, unless --no-commands is given.
+A forecast is compared with the complete budgets of the same units. The best design is the best of
+all searches: searches with all seeds, and a long search by nlopt from the best of them. Fresh
+trials also judge the ends. Last, complete commands are timed, unless --no-commands is given.
 """
 
 from __future__ import annotations
@@ -53,17 +53,17 @@ from startrack.population import middle_of
 
 
 def _if_installed(name: str) -> Any:
-    """A peer's module; None where it is not installed: such a peer is left out."""
+    """A peer's module; None if it is not installed: the peer is left out."""
     return importlib.import_module(name) if importlib.util.find_spec(name) else None
 
 
 cma, optuna = _if_installed("cma"), _if_installed("optuna")
 ARCSEC = math.radians(1 / 3600)
 FRESH = 20001  # seed of the trials that judge where searches end
-UNITS = ("nanosatellite", "high_accuracy")  # judged over their units
+UNITS = ("nanosatellite", "high_accuracy")  # designs judged over their units
 ALONE = "noise_only"
 LONG = 400  # forecasts of each long search
-PEER_SEEDS = 5  # of the seeds, for which other searches are run
+PEER_SEEDS = 5  # number of seeds of other searches
 COMMANDS = {
     "optimize_warm_s": ("optimize", "nanosatellite"),
     "optimize_high_accuracy_s": ("optimize", "high_accuracy"),
@@ -71,7 +71,7 @@ COMMANDS = {
     "what_matters_s": ("what-matters", "nanosatellite", "--units", "0"),
     "sample_s": ("sample", "nanosatellite"),
 }
-# Besides the five of the campaign of noise alone: 30 in all.
+# In addition to the five variables of the campaign with noise alone: 30 in all.
 DETECTOR = "instrument.detector."
 MORE = (
     Variable("instrument.optics.k1", -0.05, 0.05),
@@ -147,8 +147,8 @@ def spaces_of(case: Case, campaign: Campaign) -> dict[str, DesignSpace]:
 
 
 def beside_whole_budgets(name: str, count: int, quick: bool) -> tuple[float, float]:
-    """CPU seconds of a forecast in the median, and its worst relative difference from budgets in
-    which each unit has its own stars."""
+    """Median CPU time of a forecast, second, and its worst relative difference from budgets with
+    individual stars for each unit."""
     case, campaign = campaign_of(name)
     if quick:
         campaign = replace(campaign, unit_count=2)
@@ -172,7 +172,7 @@ def expected(space: DesignSpace, campaign: Campaign, point: Floats) -> float:
 
 
 def in_whole_budgets(space: DesignSpace, campaign: Campaign, point: Floats) -> float:
-    """The objective where the stars of each unit and environment are chosen and moved anew."""
+    """The objective with stars chosen and moved again for each unit and environment."""
     budgets = "startrack.budget.units"
     measured = sys.modules[budgets]._measured
 
@@ -197,9 +197,10 @@ class End(NamedTuple):
 
 
 def regrets(name: str, seeds: int, trials: int, quick: bool) -> dict[str, Any]:
-    """How far searches of several seeds end from the best, by forecasts of one seed of units.
+    """Distances of the ends of searches with several seeds from the best, by forecasts with one
+    seed of units.
 
-    trials  fresh ones, which judge the ends, too; 0: none
+    trials  number of fresh trials that also judge the ends; 0: none
     """
     case, campaign = campaign_of(name)
     if quick:
@@ -263,10 +264,11 @@ def regrets(name: str, seeds: int, trials: int, quick: bool) -> dict[str, Any]:
 def by_trials(
     name: str, campaign: Campaign, ends: list[End], best: End, trials: int
 ) -> dict[str, float]:
-    """How far designs are from the best one by trials of units, and noise, that no search saw.
+    """Distances of designs from the best design, by trials with units and noise that no search
+    used.
 
-    Of all designs with the same units and noise, so that the error of a ratio is less than that of
-    a level; a search that ends better by trials than the best by forecasts has a negative regret.
+    All designs have the same units and noise, so that a ratio is more accurate than a level. A
+    search whose end is better by trials than the best by forecasts has a negative regret.
     """
     runner, level = TrialRunner(seed=FRESH), dict[tuple[str, bytes], float]()
     for end in (best, *ends):
@@ -280,7 +282,7 @@ def by_trials(
 
 
 def _level(end: End, campaign: Campaign, runner: TrialRunner, trials: int) -> float:
-    """The objective, arcsec, by a number of trials, in its weighted conditions."""
+    """The objective, arcsec, by a number of trials in its weighted conditions."""
     weighted = [one for one in campaign.judged(end.space.design(end.point)) if one.weight]
     objective = Objective.read(campaign.objective)
     if not weighted[0].units:
@@ -327,7 +329,7 @@ def thirty_variables(quick: bool) -> dict[str, float]:
 
 
 def _regret(score: float, best: float) -> float | None:
-    """Relative excess of an error over the best; None where no design met its limits."""
+    """Relative excess of an error over the best; None if no design met its limits."""
     return math.expm1(score - best) if math.isfinite(score) else None
 
 
@@ -339,7 +341,8 @@ Score = Callable[[Floats], float]
 
 
 class Scores:
-    """The score of each point; the least so far of those that meet all limits, and its point."""
+    """The score of each point; the lowest score so far of points that meet all limits, and its
+    point."""
 
     def __init__(self, space: DesignSpace, campaign: Campaign) -> None:
         self.space, self.campaign, self.least, self.point = space, campaign, math.inf, space.start
@@ -354,7 +357,7 @@ class Scores:
 def least_of(
     search: Callable[[Score, int, int, int], None], score: Scores, most: int, seed: int
 ) -> float:
-    """The least score that a search finds in a number of forecasts, of designs that meet all "
+    """The lowest score that a search finds in a number of forecasts, among designs that meet all "
     "limits."""
     used = 0
 
@@ -370,11 +373,11 @@ def least_of(
     return score.least
 
 
-BAD = 30.0  # of a design without an attitude, for searches that must have a number
+BAD = 30.0  # score of a design without an attitude, for searches that need a number
 
 
 def _sbplx(score: Score, count: int, most: int, seed: int) -> None:
-    """Plain Sbplx, from a random start, and again from another one when it has converged."""
+    """Plain Sbplx from a random start, and from another start when it has converged."""
     random = np.random.default_rng(seed)
     while True:
         minimise(score, random.random(count), Search(evaluations=most))
@@ -394,7 +397,7 @@ def _cma(score: Score, count: int, most: int, seed: int) -> None:
 
 
 def _optuna(score: Score, count: int, most: int, seed: int, sampler: str = "TPESampler") -> None:
-    """Optuna's sampler of a name."""
+    """Optuna's sampler with the given name."""
     optuna.logging.set_verbosity(optuna.logging.ERROR)
     warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
     study = optuna.create_study(sampler=getattr(optuna.samplers, sampler)(seed=seed))
@@ -419,7 +422,8 @@ PEERS: dict[str, Callable[[Score, int, int, int], None]] = {
 
 
 def seconds_of(*words: str) -> float:
-    """Seconds of a command on two workers, kernels compiled: its name, a design, options."""
+    """Seconds of a command on two workers, with compiled kernels; arguments: its name, a design,
+    options."""
     with tempfile.TemporaryDirectory() as folder:
         name, design, *more = words
         path = str(shipped(f"designs/{design}.toml"))

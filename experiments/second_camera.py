@@ -1,21 +1,22 @@
-"""Problems beside star trackers: what the engines cost, gain and know of each camera.
+"""Problems other than star trackers: time, gain and accuracy of the engines for each camera.
 
 python experiments/second_camera.py --json figures.json measures for fires (HSRS), minerals
 (MERTIS), moving objects (AsteroidFinder), land and waves (Sentinel-2) and heights (ADS40), part by
-part; figures that the file has are kept, and an interrupted run goes on where it ended:
+part; figures in the file are kept, and an interrupted run continues:
 
 engines           problem_lines: lines of the user's problem in the gallery; tracker_same: whether
-                  the engines' trials of a star tracker are those of `run_trials`; earth_if:
-                  conditions in optimise, montecarlo and verification that name a kind of camera
-forecast/CAMERA   forecast_ms: CPU time of a forecast of a design that was not forecast before
-trials/CAMERA     trial_s: CPU time of a trial, the first one left out; image_s: of an image of a
-                  condition, which has several trials; hsrs_area_m2: smallest fire that is found in
-                  95 % of the places, all conditions; mertis_right: fraction of spectra that are
-                  classified rightly; asteroid_limit_mag: V of the objects of which half are found;
-                  wave_height_m, wave_direction_rad: rms errors; intervals: ends of 95 % and the
-                  formula
-modis             modis_area_m2: as hsrs_area_m2, of MODIS's bands 22 and 31; modis_areas_m2 by
-                  temperature and hour; modis_forecast_m2 by formula
+                  the engines' trials of a star tracker equal those of `run_trials`; earth_if:
+                  number of conditions in optimise, montecarlo and verification that name a kind of
+                  camera
+forecast/CAMERA   forecast_ms: CPU time of a forecast of a new design
+trials/CAMERA     trial_s: CPU time of a trial, without the first; image_s: CPU time of an image of
+                  a condition, which has several trials; hsrs_area_m2: smallest fire that is found
+                  in 95 % of the places, all conditions; mertis_right: fraction of correctly
+                  classified spectra; asteroid_limit_mag: V at which half of the objects are found;
+                  wave_height_m, wave_direction_rad: rms errors; intervals: ends of the 95 %
+                  intervals, and the formula
+modis             modis_area_m2: as hsrs_area_m2, for MODIS's bands 22 and 31; modis_areas_m2: by
+                  temperature and hour; modis_forecast_m2: by formula
 heights           height_error_px: rms error of ADS40's heights from 3 km, over the ground between
                   two lines
 search/CAMERA     optimize_s, optimize_cpu_s: time of a search in this process; gain: start over
@@ -59,7 +60,7 @@ from startrack.problem import Problem
 ROOT = Path(__file__).parents[1]
 ENGINES = "optimise", "montecarlo", "verification"
 KINDS = re.compile(r"\bEarth|\bearth\b|MovingProblem|MovingDesign|is_scene|is_search|\bProblemKind")
-IMAGES = 24  # of a terrain
+IMAGES = 24  # images of terrain
 MODIS_FOCAL = 0.3809  # metre
 # Edges in metre, NEdT in kelvin and saturation in kelvin of bands 22 and 31.
 MODIS = ((3.940e-6, 4.001e-6, 0.07, 331.0), (10.78e-6, 11.28e-6, 0.05, 400.0))
@@ -75,7 +76,7 @@ Part = Callable[[argparse.Namespace, Figures], Measured]
 
 
 def main() -> None:
-    """Measure and save each part that is asked and was not measured."""
+    """Measure and save each requested part that was not measured before."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--trials", type=int, default=100, help="trials of each camera")
     parser.add_argument(
@@ -189,7 +190,8 @@ def search(name: str, options: argparse.Namespace, figures: Figures) -> Measured
 
 
 def formulas(kind: str, options: argparse.Namespace, figures: Figures) -> Measured:
-    """Ratios of trials and formula over designs, each kept as it is measured, and the worst."""
+    """Ratios of trials and formula over designs, each kept when it is measured, and the worst
+    ratio."""
     scene, designs = STRESSED[kind]
     some = dict(list(designs.items())[:1]) if options.quick else designs
     known = figures.get("ratios", {}).get(kind, {})
@@ -216,9 +218,9 @@ def modis_problem() -> EarthProblem:
 
     Published (Barnes et al. 1998, IEEE Trans. Geosci. Remote Sensing 36, 1088; MODIS's table of
     specifications): edges of the bands, aperture of 177.8 mm, 12 bits, NEdT of 0.07 and 0.05 K at
-    300 K, saturation at 331 and 400 K. Of band 21, which saturates at 500 K and has the same edges
-    but 2 K of noise, nothing is used: the smallest fires are found in band 22, whether or not it
-    saturates. The scanning mirror smears a pixel by its width along the scan, here along the track.
+    300 K, saturation at 331 and 400 K. Band 21, which saturates at 500 K and has the same edges but
+    2 K of noise, is not used: the smallest fires are found in band 22, saturated or not. The
+    scanning mirror smears a pixel by its width along the scan, here along the track.
     """
     design = load_earth_design("hsrs")
     assert design.orbit
@@ -234,7 +236,7 @@ def modis_problem() -> EarthProblem:
             channel.detector,
             columns=1354,
             pixel_pitch=MODIS_FOCAL * 1e3 / height,
-            exposure=1.0,  # all of the line, for the smear
+            exposure=1.0,  # the whole line, for the smear
             scan=Scan("line"),
             bits=12,
             offset=0,
@@ -265,7 +267,8 @@ def modis_problem() -> EarthProblem:
 def as_published(
     channel: imager.Channel, height: float, rate: float, noise: float, saturation: float
 ) -> imager.Channel:
-    """The channel with a full well that a blackbody fills, and the read noise of its NEdT."""
+    """The channel with the full well of the published saturation, and the read noise of its
+    NEdT."""
     band = band_of(channel, None, height, 1.0)
     assert band.heat
     about = imager.figures(channel, band, height, rate)
@@ -313,19 +316,19 @@ def height_error(images: int) -> float:
 
 
 def lines_of(path: Path) -> int:
-    """Lines of a file that are not blank."""
+    """Non-blank lines of a file."""
     return sum(bool(line.strip()) for line in path.read_text(encoding="utf-8").splitlines())
 
 
 def tracker_same() -> bool:
-    """Whether trials of the engines' runner are those of `run_trials`, to the last bit."""
+    """Whether trials of the engines' runner equal those of `run_trials`, to the last bit."""
     case = load_design(shipped("designs/noise_only.toml")).case
     direct = run_trials(case, 1, range(4), Fidelity.COVARIANCE)
     return TrialRunner(1).run(case, 4, Fidelity.COVARIANCE).tobytes() == direct.tobytes()
 
 
 def conditions() -> Iterator[str]:
-    """Conditions of the engines that name a kind of camera."""
+    """Conditions in the engines that name a kind of camera."""
     for room in ENGINES:
         for path in sorted((ROOT / "startrack" / room).glob("*.py")):
             for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -335,7 +338,7 @@ def conditions() -> Iterator[str]:
 
 
 def forecast_ms(problem: Problem, name: str, repeats: int) -> float:
-    """Mean CPU time of forecasts of designs that differ in a variable."""
+    """Mean CPU time of forecasts of designs with different values of a variable."""
     start = {variable.name: variable.start for variable in problem.variables}
     designs = [
         problem.replaced({name: start[name] * (1 + 1e-3 * (number + 1))})
@@ -349,7 +352,7 @@ def forecast_ms(problem: Problem, name: str, repeats: int) -> float:
 
 
 def trials(problem: Problem, count: int) -> tuple[float, Rows]:
-    """CPU seconds of a trial, and rows."""
+    """CPU time of a trial, second, and rows."""
     problem.trials(2, range(1))
     began = time.process_time()
     rows = problem.trials(1, range(count))
@@ -362,7 +365,8 @@ def furthest(ratios: dict[str, dict[str, float]]) -> float:
     return max(max(ratio, 1 / ratio) for ratio in every)
 
 
-# Figures of trials: name, part of the judgement or "" for its value, whether 1 minus that is meant.
+# Figures of trials: name, part of the judgement or "" for its value, whether the figure is 1 minus
+# the part.
 SAID = {
     "hsrs": (("hsrs_area_m2", "", False),),
     "mertis": (("mertis_right", "nominal: wrong", True),),

@@ -1,18 +1,18 @@
-"""The smallest fires that cameras find, beside published values.
+"""The smallest fires that cameras find, compared with published values.
 
 python experiments/smallest_fires.py predicts the smallest fire of 1000 K and of 800 K that HSRS and
 MODIS find in 95 % of the cases, by formula and by trials.
 
-Assumed before any comparison, and the same for both cameras: land of an emissivity of 0.96 in the
-mid and 0.97 in the thermal infrared at 298 K and 600 m; a fractal texture of cells of 90 m, whose
-reflectance varies by 15 % rms; one pixel in a million without fire may be found hot; 21 x 21
-samples around, without the 7 x 7 in the middle; straight below.
+Assumed before any comparison, and the same for both cameras: land with an emissivity of 0.96 in the
+mid and 0.97 in the thermal infrared at 298 K and 600 m; a fractal texture with cells of 90 m and
+reflectance variations of 15 % rms; a false-alarm rate of one in a million pixels; surroundings of
+21 x 21 samples without the middle 7 x 7; views straight below.
 
     ordinary   day, the Sun 40 degrees from the zenith, temperature 2 K rms
     very good  night, temperature 0.5 K rms
 
-HSRS is the shipped camera, whose noise and exposures were assumed long before; MODIS has its
-published bands, noise, saturation and pixels. Published: HSRS verified in flight a fire of 12 m2
+HSRS is the shipped camera, with noise and exposures assumed long before; MODIS has its published
+bands, noise, saturation and pixels. Published values: HSRS verified a fire of 12 m2 in flight
 (Zhukov et al. 2006, Remote Sensing of Environment 100, 29); MODIS finds 1000 m2 routinely, and 100
 m2 under very good conditions (Giglio et al. 2003, Remote Sensing of Environment 87, 273).
 """
@@ -45,8 +45,8 @@ PUBLISHED = {
     ("modis", "ordinary"): "1000 m2 routinely",
     ("modis", "very good"): "100 m2",
 }
-# By the formulas, before anything was compared: square metre of 800 K and of 1000 K. They then
-# neglected that the surroundings scatter differently from place to place, and stripes of columns.
+# By the formulas before any comparison: square metre at 800 K and at 1000 K. The formulas then
+# neglected that the scatter of the surroundings varies between places, and stripes of columns.
 PREDICTED = {
     ("hsrs", "ordinary"): (5.81, 2.21),
     ("hsrs", "very good"): (1.90, 0.72),
@@ -83,7 +83,7 @@ def main() -> None:
 
 
 def study_of(camera: str, condition: str) -> tuple[Survey, HotSpots]:
-    """A camera over the land of a condition."""
+    """The study of a camera over the land of a condition."""
     survey = load_survey(shipped("scenes/hsrs.toml"))
     sun, kelvin = CONDITIONS[condition]
     assert survey.orbit

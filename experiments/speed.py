@@ -1,15 +1,16 @@
-"""How many trials of the whole chain does one core do, by fidelity, beside other programs?
+"""How many trials of the complete chain does one core run, by fidelity, compared with other
+programs?
 
 python experiments/speed.py [--json FILE] [--picture FILE.png] [--quick]
 python experiments/speed.py --against COMMIT [--json FILE] [--quick]
 
 The example design on 1024 x 1024 pixels: from a random attitude to an error of the attitude. The
 peers do the same work: GalSim draws the same stars as Gaussians of the same width on the same
-background and adds the noise, tetra3rs finds the spots and solves them. CPU time, best of three
-repeats that alternate, one thread each.
+background and adds the noise, tetra3rs finds the spots and solves them. CPU time, shortest of three
+alternating repeats, one thread each.
 
-With --against, the CPU times of all stages of this tree and of a commit, in turns; a stage that is
-slower by 10 % is marked, and the exit status is 1 then. The times are appended to
+With --against, CPU times of all stages of this tree and of a commit in alternating runs; a stage
+that is slower by 10 % is marked, and the exit status is then 1. The times are appended to
 `experiments/speed_history.csv`.
 """
 
@@ -56,7 +57,7 @@ from startrack.scene import illuminate
 SEED = 5
 REPEATS = 3
 BATCH = {Fidelity.FRAME: 40, Fidelity.WINDOW: 160, Fidelity.SPOTS: 400, Fidelity.COVARIANCE: 4000}
-PEER = 12  # trials of the peers
+PEER = 12  # trials trials of the peers
 COLOURS = dict(zip(Fidelity, ("#3567a8", "#2e7d5b", "#8e6bbf", "#b5651d"), strict=True))
 
 
@@ -82,7 +83,7 @@ def main() -> None:
 
 
 def in_turns(options: argparse.Namespace) -> bool:
-    """Print the table of stages; whether one is slower."""
+    """Print the table of stages. Returns whether a stage is slower."""
     if not speed_against.is_checkout():
         print("--against left out: this is no checkout of git")
         return False
@@ -90,7 +91,7 @@ def in_turns(options: argparse.Namespace) -> bool:
     print(speed_against.table(stages, options.against or "HEAD"))
     if options.quick:
         return False
-    if options.json:  # none of the figures that are expected of this experiment
+    if options.json:  # without the figures that are expected of this experiment
         options.json.write_text(json.dumps(stages, indent=1) + "\n", encoding="utf-8")
     speed_against.remember(stages, options.against)
     return any(row["ratio"] > speed_against.SLOWER for row in stages.values())
@@ -134,7 +135,7 @@ def some(case: Case, fidelity: Fidelity, n: int, first: int) -> Any:
 
 
 def fidelities(case: Case) -> list[Fidelity]:
-    """Those that are made."""
+    """Rates and errors of the fidelities."""
     made = []
     for fidelity in Fidelity:
         try:
@@ -147,7 +148,7 @@ def fidelities(case: Case) -> list[Fidelity]:
 
 
 def peer(case: Case) -> Callable[[int], float] | None:
-    """Number of a trial -> the angle across of tetra3rs's solution of GalSim's image, radian."""
+    """Number of a trial -> error across of tetra3rs's solution of GalSim's image, radian."""
     if command.missing("GalSim and tetra3rs are", "galsim", "tetra3rs"):
         return None
     import galsim
@@ -200,7 +201,7 @@ def peer(case: Case) -> Callable[[int], float] | None:
 
 
 def scaling(case: Case, quick: bool) -> dict[str, Any]:
-    """Milliseconds a trial against stars, pixels and workers, for each fidelity."""
+    """Milliseconds per trial over stars, pixels and workers, for each fidelity."""
     repeats, batch = (1, dict.fromkeys(Fidelity, 2)) if quick else (REPEATS, BATCH)
     made: dict[str, Any] = {"stars": [], "pixels": [], "workers": []}
     for limit in (5.5, 6.2, 7.0, 7.5)[: 1 if quick else None]:
@@ -221,7 +222,7 @@ def scaling(case: Case, quick: bool) -> dict[str, Any]:
 
 
 def wall_ms(case: Case, fidelity: Fidelity, workers: int, n: int, repeats: int) -> float:
-    """Milliseconds of wall time a trial with some workers, best of the repeats."""
+    """Wall-clock time per trial with a number of workers, shortest of the repeats, millisecond."""
     best = math.inf
     warm(case, Sampling(fidelity))
     with pool(workers) as executor:
@@ -234,7 +235,7 @@ def wall_ms(case: Case, fidelity: Fidelity, workers: int, n: int, repeats: int) 
 
 
 def cpu_ms(case: Case, fidelity: Fidelity, n: int, repeats: int) -> float:
-    """Milliseconds of CPU a trial, best of the repeats."""
+    """CPU time per trial, shortest of the repeats, millisecond."""
     run_trials(case, SEED, range(min(3, n)), fidelity)
     best = math.inf
     for _ in range(repeats):
@@ -246,7 +247,7 @@ def cpu_ms(case: Case, fidelity: Fidelity, n: int, repeats: int) -> float:
 
 @styled
 def draw(made: dict[str, Any], path: Path) -> None:
-    """Three panels."""
+    """Draw three panels."""
     trials_each = ", ".join(f"{n // 4} of {fidelity}" for fidelity, n in BATCH.items())
     figure = picture(
         9.5, f"Best of {REPEATS} repeats of {trials_each}; eight times as many by workers"

@@ -1,8 +1,9 @@
-"""CPU times of the stages of this tree and of another commit, in turns; for `speed.py --against`.
+"""CPU times of the stages of this tree and of another commit, in alternating runs; for `speed.py
+--against`.
 
-The other commit is checked out beside this tree for as long as that takes. A process of each tree
-waits for the name of a stage and answers with the least CPU time of a piece of its work, so that
-both meet the same load of the machine.
+The other commit is checked out temporarily. A process of each tree waits for the name of a stage
+and answers with the shortest CPU time of a piece of its work, so that both trees have the same load
+of the machine.
 """
 
 from __future__ import annotations
@@ -25,17 +26,17 @@ HERE = Path(__file__).parents[1]
 HISTORY = Path(__file__).with_suffix("").with_name("speed_history.csv")
 COLUMNS = ("commit", "date", "stage", "us", "against", "ratio")
 ROUNDS = 4
-LEAST = 0.3  # CPU second of a stage in a round, at least one call
-SLOWER = 1.1  # ratio from which a stage is marked
+LEAST = 0.3  # CPU second of a stage in a round; at least one call
+SLOWER = 1.1  # least ratio of a marked stage
 TRIALS = {"frame": 8, "window": 24, "spots": 80, "covariance": 400}
 
-Work = tuple[Callable[[], Any], int]  # a call, and how many pieces of work it does
+Work = tuple[Callable[[], Any], int]  # a call, and its number of pieces of work
 
 
 def compare(commit: str, quick: bool) -> dict[str, Any]:
-    """Times of all stages by tree, microseconds of CPU, and those of this tree over the other's.
+    """CPU times of all stages by tree, microsecond, and ratios of this tree to the other.
 
-    quick  a stage of this tree against itself, whose figures mean nothing
+    quick  one stage of this tree compared with itself; its figures have no meaning
     """
     with ExitStack() as stack:
         other = HERE if quick else stack.enter_context(checked_out(commit))
@@ -58,12 +59,12 @@ def compare(commit: str, quick: bool) -> dict[str, Any]:
             "ratio": times["here"] / times[commit],
         }
         for stage, times in least.items()
-        if max(times.values()) < float("inf")  # a stage that both trees have
+        if max(times.values()) < float("inf")  # stages of both trees
     }
 
 
 def table(found: dict[str, Any], commit: str) -> str:
-    """A line for each stage; what is slower is marked."""
+    """A line for each stage; slower stages are marked."""
     lines = [f"{'stage':16} {'us':>12} {commit[:12]:>12} {'ratio':>6}"]
     for stage, row in found.items():
         mark = " slower" if row["ratio"] > SLOWER else ""
@@ -78,7 +79,7 @@ def remember(found: dict[str, Any], commit: str) -> None:
     new = not HISTORY.exists()
     here = git("rev-parse", "--short=7", "HEAD")
     if git("status", "--porcelain", "--untracked-files=no"):
-        here += "+"  # with changes that no commit has
+        here += "+"  # with uncommitted changes
     with HISTORY.open("a", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         if new:
@@ -97,19 +98,19 @@ def remember(found: dict[str, Any], commit: str) -> None:
 
 
 def git(*words: str) -> str:
-    """Git's answer about this tree."""
+    """Output of a git command in this tree."""
     done = subprocess.check_output(["git", "-C", str(HERE), *words], text=True)
     return done.strip()
 
 
 def is_checkout() -> bool:
-    """Whether this tree is one of git's."""
+    """Whether this tree is a git checkout."""
     return (HERE / ".git").exists()
 
 
 @contextmanager
 def checked_out(commit: str) -> Iterator[Path]:
-    """A tree of another commit, removed afterwards."""
+    """A temporary tree of another commit."""
     with tempfile.TemporaryDirectory() as folder:
         tree = Path(folder) / "tree"
         git("worktree", "add", "--quiet", "--detach", str(tree), commit)
@@ -137,7 +138,7 @@ def worker(tree: Path) -> Iterator[subprocess.Popen[str]]:
 
 
 def asked(process: subprocess.Popen[str], stage: str) -> float:
-    """CPU seconds of a piece of a stage; infinite where the tree has no such stage."""
+    """CPU time of a piece of a stage, second; infinite if the tree has no such stage."""
     assert process.stdin is not None
     assert process.stdout is not None
     process.stdin.write(f"{stage}\n")
@@ -147,8 +148,8 @@ def asked(process: subprocess.Popen[str], stage: str) -> float:
 
 
 def work() -> dict[str, Callable[[], Work]]:
-    """Stage -> the function that prepares it. Imports are inside, because modules move between
-    commits."""
+    """Stage -> the function that prepares it. Imports are inside functions, because modules move
+    between commits."""
 
     def bench(name: str) -> Work:
         from startrack.benchmark import STAGES
@@ -161,7 +162,7 @@ def work() -> dict[str, Callable[[], Work]]:
 
         try:
             return shipped("designs/noise_only.toml")
-        except FileNotFoundError:  # of a commit in which the nanosatellite was that camera
+        except FileNotFoundError:  # in a commit where the nanosatellite was that camera
             return shipped("designs/nanosatellite.toml")
 
     def trials(fidelity: str) -> Work:
@@ -180,11 +181,11 @@ def work() -> dict[str, Callable[[], Work]]:
     def shadows() -> Work:
         from startrack.earth.terrain import index
 
-        # In some commits the door of the room does not name it.
+        # In some commits the room's `__init__` does not name it.
         blocked = import_module("startrack.earth.terrain.trace").blocked
         try:
             site = import_module("startrack.benchmark.earth")
-        except ImportError:  # of a commit in which the stage had a file of its own
+        except ImportError:  # in a commit where the stage had a separate file
             site = import_module("startrack.benchmark.terrain")
         surface, rays = index(*site.mountains(512)), site.rays_down()
         return lambda: blocked(surface, rays, 0.0), len(rays)
@@ -217,7 +218,7 @@ def serve() -> None:
 
 
 def measured(call: Callable[[], Any], pieces: int) -> float:
-    """The least CPU time of a piece, of some calls."""
+    """The shortest CPU time of a piece over some calls."""
     least, end = float("inf"), time.process_time() + LEAST
     while True:
         began = time.process_time()

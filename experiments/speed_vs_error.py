@@ -1,6 +1,6 @@
 """How long does each stage take, and how large is its error, here and in other programs?
 
-Every stage of `startrack tools bench` with its peers: the same work, in turns, in one run, on one
+Every stage of `startrack tools bench` with its peers: the same work, in alternating runs, on one
 thread. Peers that are not installed are left out and named; cedar-solve runs in the interpreter
 that STARTRACK_CEDAR names, because it needs an older numpy.
 
@@ -68,7 +68,7 @@ def main() -> None:
     )
     parser.add_argument("stages", nargs="*", metavar="STAGE", help="stages to run (default: all)")
     parser.add_argument("--out", type=Path, default=Path(), metavar="DIR")
-    # Other stages take minutes at their one size.
+    # Other stages take minutes at their single size.
     options = command.read(parser, stages=["stamping", "attitude"])
     cv2.setNumThreads(1)
     stages, rows, absent = [], [], set[str]()
@@ -97,7 +97,7 @@ Maker = Callable[[], dict[str, Way]]
 
 
 def present(makers: dict[str, Maker], stage: BenchmarkStage, absent: set[str]) -> dict[str, Way]:
-    """The ways of the peers that are installed; the others are named in `absent`."""
+    """The ways of the installed peers; `absent` names the others."""
     ways: dict[str, Way] = {}
     for name, make in makers.items():
         try:
@@ -151,8 +151,7 @@ def galsim_frame() -> dict[str, Way]:
 
 
 def numpy_frame() -> dict[str, Way]:
-    """Poisson and normal numbers of numpy on GalSim's stars: the code that many write
-    themselves."""
+    """Poisson and normal numbers of numpy on GalSim's stars: common user code."""
     stars = frames.scenery()
 
     def draw() -> Any:
@@ -168,7 +167,7 @@ def numpy_frame() -> dict[str, Way]:
 def finder(name: str, snr: float, spacing: int = spots.SPACING) -> dict[str, Way]:
     found = finders(spots.SIGMA)
     frame = spots.sown(snr, spacing)[0]
-    # tetra3rs has two finders.
+    # tetra3rs has two detection functions.
     ways: dict[str, Way] = {
         key: partial(find, frame) for key, find in found.items() if key.startswith(name)
     }

@@ -1,10 +1,12 @@
-"""How fast and how exact do rays meet terrain, beside embree, and what does the pyramid save?
+"""How fast and how accurate are intersections of rays and terrain, compared with embree, and how
+much does the pyramid save?
 
-One thread; times are CPU times, the best of three. Mountains from a seed with cells of 1 arcsec,
-1500 m high, seen from 600 km. The reference is the search of every cell on exact geodetic
-coordinates; embree gets the same vertices as triangles, in its float32. Its distances alone are
-timed against distance, geodetic place and normal; the time in which it builds its tree is told
-beside (`embree_index_4k_s`) and not counted, nor is startrack's index.
+One thread; times are CPU times, shortest of three. Mountains from a seed with cells of 1 arcsec,
+1500 m high, are seen from 600 km. The reference is the search of every cell with exact geodetic
+coordinates; embree gets the same vertices as triangles, in float32. The time of embree's distances
+is compared with startrack's time for distance, geodetic place and normal. The time to build
+embree's tree is given separately (`embree_index_4k_s`); neither it nor startrack's index is
+counted.
 
     python experiments/terrain.py [--json FILE] [--figure FILE] [--quick]
 """
@@ -71,7 +73,7 @@ def main() -> None:
         "--only", nargs="+", metavar="PART", help=f"parts to run: {', '.join(PARTS)}"
     )
     options = command.read(parser, grazing=100)
-    small = 16 if options.quick else 1  # times fewer cells, rays and pixels a side
+    small = 16 if options.quick else 1  # factor by which cells, rays and pixels per side are fewer
     parts = options.only or PARTS
     if unknown := set(parts) - set(PARTS):
         parser.error(f"PART must be one of {', '.join(PARTS)}, got {', '.join(sorted(unknown))}")
@@ -95,7 +97,7 @@ def main() -> None:
 
 
 def hits(cells: int, count: int) -> dict[str, Any]:
-    """Distance from the reference at four elevations."""
+    """Difference from the reference at four elevations."""
     grid, heights = cases.mountains(cells)
     surface, errors = index(grid, heights), {}
     for elevation in ELEVATIONS:
@@ -113,7 +115,8 @@ def hits(cells: int, count: int) -> dict[str, Any]:
 
 
 def grazing(count: int) -> dict[str, Any]:
-    """Rays that come in at 2 to 10 degrees: another ridge, or none, where the reference has one."""
+    """Grazing rays of 2 to 10 degrees: number of rays that hit another ridge than the reference, or
+    none."""
     grid, heights = cases.mountains(160)
     surface, wrong, asked = index(grid, heights), 0, 0
     while asked < count:
@@ -129,7 +132,7 @@ def grazing(count: int) -> dict[str, Any]:
 
 
 def shadow(cells: int, count: int) -> dict[str, Any]:
-    """Share of points whose shadow is not the reference's, at four heights of the sun."""
+    """Fraction of points whose shadow differs from the reference, at four heights of the sun."""
     grid, heights = cases.mountains(cells)
     rays = random_rays(RANDOM, grid, count, 80, 0.9)
     ground, reference = (
@@ -146,7 +149,7 @@ def shadow(cells: int, count: int) -> dict[str, Any]:
 
 
 def cache(small: int) -> dict[str, Any]:
-    """A pushbroom over 8192 x 8192 heights, or fewer, with room for 32 of its tiles."""
+    """A pushbroom over 8192 x 8192 heights, or fewer, with memory for 32 tiles."""
     cells, columns, side = 8192 // small, 2048 // small, 2048 // small
     grid = Grid(np.radians(10.0), np.radians(47.0), cases.STEP, cases.STEP, cells + 1, cells + 1)
     heights = np.tile(fractal(side, side, Streams(1, 0), cases.RELIEF), (5, 5))[
@@ -174,7 +177,7 @@ def cache(small: int) -> dict[str, Any]:
 
 
 def speed(cells: int, name: str, with_embree: bool, side: int) -> dict[str, Any]:
-    """Rays per second down and to the sun, beside embree on the same vertices."""
+    """Rays per second downwards and to the sun, compared with embree on the same vertices."""
     grid, heights = cases.mountains(cells)
     index(*cases.mountains(16))  # compiles
     built = best(lambda: index(grid, heights))
@@ -210,9 +213,9 @@ def memory(surface: Surface) -> int:
 
 
 class Embree:
-    """The vertices of a grid as triangles, in float32.
+    """embree with the vertices of a grid as triangles, in float32.
 
-    Raises  ImportError where embreex is missing.
+    Raises  ImportError without embreex.
     """
 
     def __init__(self, grid: Grid, heights: NDArray[np.float32]) -> None:
@@ -269,7 +272,7 @@ def against_embree(
     error = np.abs(embree.distance(*looks) - distance)
     sunlit = {}
     for elevation, one in shadows.items():
-        # A metre off the surface, as its float32 asks for.
+        # A metre above the surface, because of float32.
         sunward = embree.single(one, 1.0)
         sunlit[elevation] = best(lambda s=sunward: embree.blocked(*s))  # type: ignore[misc]
     ratios = {e: sunlit[e] / mine[e] for e in mine}
@@ -287,7 +290,7 @@ def against_embree(
 
 
 def rugged(python: str | None) -> dict[str, Any]:
-    """Orekit's Rugged on the same rays; a Java call for each of its rays is in its time."""
+    """Orekit's Rugged on the same rays; its time includes a Java call for each ray."""
     if not python:
         print("Rugged is left out: --rugged names no interpreter that has it")
         return {"absent_rugged": True}
@@ -320,11 +323,11 @@ def rugged(python: str | None) -> dict[str, Any]:
 
 
 def aliasing(figure: Path | None, cells: int, side: int) -> dict[str, Any]:
-    """Brightness of slopes in pixels of eight cells: finest level against the pyramid.
+    """Brightness of slopes in pixels of eight cells: finest level and pyramid.
 
     The truth is the mean of 32 x 32 rays of each pixel on the finest level.
     """
-    pixel, edge = 8, (cells - 8 * side) // 4  # cells in a pixel, and beside the picture
+    pixel, edge = 8, (cells - 8 * side) // 4  # cells in a pixel, and in the margin of the picture
     grid = Grid(np.radians(10.0), np.radians(47.0), cases.STEP, cases.STEP, cells + 1, cells + 1)
     heights = fractal(cells + 1, cells + 1, Streams(3, 0), 400.0, 1.2)
     sun = cases.towards(grid, 25, np.array([0.7]))[0]
@@ -343,7 +346,7 @@ def aliasing(figure: Path | None, cells: int, side: int) -> dict[str, Any]:
         ground = Pyramid(mosaic, lowest=0, highest=500, sharpness=sharpness)
         spread = pixel * cases.STEP * 6378137 / rays_per_side / cases.HEIGHT
         rays = Rays(target + cases.HEIGHT * view, -view.copy(), np.full(count**2, spread))
-        survey(ground, rays[: min(1000, len(rays))], sun)  # tiles into the cache
+        survey(ground, rays[: min(1000, len(rays))], sun)  # loads tiles into the cache
         begin = time.process_time()
         found = survey(ground, rays, sun)
         seconds = time.process_time() - begin

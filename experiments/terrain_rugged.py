@@ -1,9 +1,9 @@
-"""Rays that meet terrain by orekit's Rugged: Duvenhage's algorithm over a min/max tree.
+"""Intersections of rays and terrain by orekit's Rugged: Duvenhage's algorithm over a min/max tree.
 
-Apart from startrack, as it needs Java: python terrain_rugged.py CELLS.npz, with orekit-jpype.
-CELLS.npz holds `heights` (rows, columns) from the north, `grid` (west, south, step) in radian, and
-`origin`, `direction` (n, 3). Prints a JSON object: CPU seconds for all rays, a Java call each, and
-longitude, latitude and height of each point.
+Separate from startrack, because it needs Java: python terrain_rugged.py CELLS.npz, with
+orekit-jpype. CELLS.npz holds `heights` (rows, columns) from the north, `grid` (west, south, step)
+in radian, and `origin`, `direction` (n, 3). Prints a JSON object: CPU time for all rays in second,
+with a Java call for each ray, and longitude, latitude and height of each point.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def main() -> None:
     )
     duvenhage = import_module("org.orekit.rugged.intersection.duvenhage")
     given = np.load(sys.argv[1])
-    heights = given["heights"][::-1].astype(float)  # Rugged counts from the south
+    heights = given["heights"][::-1].astype(float)  # Rugged counts rows from the south
     west, south, step = map(float, given["grid"])
 
     def fill(_: Any, latitude: float, longitude: float, tile: Any) -> None:
@@ -55,7 +55,7 @@ def main() -> None:
             places.append([at.getLongitude(), at.getLatitude(), at.getAltitude()])
         return places
 
-    run()  # Java compiles what runs often
+    run()  # Java compiles frequent code
     begin = time.process_time()
     places = run()
     print(json.dumps({"seconds": time.process_time() - begin, "place": places}))

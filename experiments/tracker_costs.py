@@ -1,9 +1,10 @@
-"""Mass and power of trackers, and limits of detectors: cost laws beside built hardware.
+"""Mass and power of trackers, and limits of detectors: cost laws compared with built hardware.
 
     python experiments/tracker_costs.py [--json FILE] [--markdown docs/figures/tracker-costs.md]
 
-Mass over the volume of trackers, their power beside the default law of a design's requirements, and
-full well, dark current and read noise of the detectors of the catalogue over pitch and pixel rate.
+Mass over the volume of trackers, their power compared with the default law of a design's
+requirements, and full well, dark current and read noise of the catalogue's detectors over pitch and
+pixel rate.
 """
 
 from __future__ import annotations
@@ -23,10 +24,10 @@ from startrack.detector import Detector
 from startrack.io import from_table, save_text
 
 TRACKERS = Path(__file__).parents[1] / "tests/oracle/tracker_costs.json"
-# A megapixel of 12 bits, four times a second: hardly a publication gives frame and rate.
+# A megapixel of 12 bits, four times a second: few publications give frame and rate.
 DATA_RATE = 1024**2 * 12 * 4  # bit / s
 ROOM = 293.15  # kelvin
-CCDS = ("ccd", "kaf", "kai")  # how the names of CCDs in the catalogue begin
+CCDS = ("ccd", "kaf", "kai")  # beginnings of the names of CCDs in the catalogue
 LAWS = {
     "full_well": "full well over the area of a pixel, electron / um2",
     "dark": "dark current at 20 degC over the area of a pixel, electron / s / um2",
@@ -35,7 +36,7 @@ LAWS = {
 
 
 def trackers() -> list[dict[str, Any]]:
-    """Density and power of each tracker, and the ratio of the power to that of the law."""
+    """Density and power of each tracker, and the ratio of its power to the law."""
     needs, found = Requirements(), []
     law = needs.power_fixed + needs.energy_per_bit * DATA_RATE
     for one in json.loads(TRACKERS.read_text(encoding="utf-8"))["trackers"]:
@@ -49,7 +50,7 @@ def trackers() -> list[dict[str, Any]]:
 
 
 def detectors() -> list[dict[str, Any]]:
-    """The quantities that LAWS take as constant, of each detector of the catalogue."""
+    """The quantities that are constant by LAWS, for each detector of the catalogue."""
     found = []
     for name in products():
         table = with_product({"instrument": {"detector": {"product": name, "exposure": "0.1 s"}}})
@@ -69,7 +70,7 @@ def detectors() -> list[dict[str, Any]]:
 
 
 def spread(values: list[float]) -> tuple[float, float, float]:
-    """The median, and the least and the greatest over it."""
+    """The median, and least and greatest value over the median."""
     middle = float(np.median(values))
     return middle, min(values) / middle, max(values) / middle
 
@@ -104,26 +105,25 @@ def page(found: dict[str, Any], source: str) -> str:
     counts = found["counts"]
     lines = [
         "# Mass and power of trackers, and scaling laws of pixels",
-        f"Cost laws of a design (`[campaign.requirements]`) beside what was built, by "
-        f"{source}. What "
-        "[lenses weigh](lens-costs.md) is a page of its own.",
+        "Cost laws of a design (`[campaign.requirements]`) compared with built hardware, by "
+        f"{source}. [Mass and cost of lenses](lens-costs.md) is a separate page.",
         "",
         "## Mass and power of trackers",
-        "The default power, 0.4 W and 20 nJ for each bit, is 1.41 W at 50 Mbit/s: a megapixel of "
-        f"12 bits, four times a second. Published power is {power:.2f} of that in the median of "
-        f"{counts['power_ratio']} trackers, from {least * power:.2f} to {most * power:.2f}. At "
-        "lower rates the constant 0.4 W dominates. The smallest trackers need as much, most others "
-        "four to ten times as much, because processor and cooler need more than pixels do; a "
-        "design sets its own value in `power_fixed`. No source that was read gives aperture, "
-        "frame, rate, mass and power together, so that the slopes of power and of mass with "
-        "aperture are not tested.",
+        "The default power, 0.4 W and 20 nJ for each bit, is 1.41 W at 50 Mbit/s: a megapixel "
+        f"of 12 bits, four times a second. Published power is {power:.2f} times this in the median "
+        f"of {counts['power_ratio']} trackers, from {least * power:.2f} to {most * power:.2f} "
+        "times. At lower rates the constant 0.4 W dominates. The smallest trackers need this "
+        "power, most others four to ten times as much, because processor and cooler need more "
+        "than the pixels; a design sets its value in `power_fixed`. No available source gives "
+        "aperture, frame, rate, mass and power together, so that the slopes of power and of mass "
+        "with aperture are not tested.",
         "",
         f"Mass follows volume: {density:.0f} kg/m3 in the median of {counts['density']} trackers "
-        f"whose size is published, {low:.2f} to {high:.2f} of it; without Clementine's camera, "
-        "whose size holds empty room, 0.65 or more. With `density` in the requirements, the mass "
-        "is computed from the volume, which grows with focal length, aperture, and the baffle of "
-        "`baffle_angle`; `shielding` adds a layer of aluminium. Without `density`, the mass "
-        "follows from the aperture alone.",
+        f"with a published size, from {low:.2f} to {high:.2f} times this; without Clementine's "
+        "camera, whose size includes empty space, 0.65 times or more. With `density` in the "
+        "requirements, the mass is computed from the volume, which grows with focal length, "
+        "aperture, and the baffle of `baffle_angle`; `shielding` adds a layer of aluminium. "
+        "Without `density`, the mass follows from the aperture alone.",
         "",
         "| tracker | size mm | mass kg | kg/m3 | power W | | over the law |",
         "|---|---|---|---|---|---|---|",
@@ -139,9 +139,9 @@ def page(found: dict[str, Any], source: str) -> str:
     lines += [
         "",
         "## Pixels",
-        "Charge and dark current of a pixel grow with its area, and the noise of an amplifier with "
-        "the root of its bandwidth (Janesick, Scientific charge-coupled devices, 2001). An "
-        "optimiser that varies pitch or rate takes that into account by links of the design:",
+        "Charge and dark current of a pixel grow with its area, and the noise of an amplifier "
+        "with the root of its bandwidth (Janesick, Scientific charge-coupled devices, 2001). An "
+        "optimiser that varies pitch or rate takes this into account by links of the design:",
         "",
         "```toml",
         "[[campaign.links]]",
@@ -150,9 +150,10 @@ def page(found: dict[str, Any], source: str) -> str:
         "power = 2.0",
         "```",
         "",
-        "and so for `dark_current` with a power of 2 and, of a CCD, `read_noise` to `pixel_rate` "
-        "with 0.5. A link keeps the design's own value at its start, so that only the slope is "
-        "taken from the law. Of the detectors of the catalogue, at the median and relative to it:",
+        "and likewise for `dark_current` with a power of 2 and, for a CCD, `read_noise` linked "
+        "to `pixel_rate` with a power of 0.5. A link keeps the design's value at the start, so "
+        "that only the slope comes from the law. For the detectors of the catalogue, median, and "
+        "least and greatest value relative to it:",
         "",
         "| law | detectors | median | least | greatest |",
         "|---|---|---|---|---|",
@@ -162,13 +163,13 @@ def page(found: dict[str, Any], source: str) -> str:
         lines.append(f"| {text} | {counts[name]} | {middle:.2g} | {small:.2g} | {large:.2g} |")
     lines += [
         "",
-        "Full wells of one area differ by factors of three to four, so that the slope of one "
-        "family matters and not the median of all. Dark current differs by four decades between "
-        "processes (pinned photodiodes or not, inverted or not), and ccd270's is of 203 K, far "
-        "from 20 degC: its area is the least of it. The noise of CCDs follows the root within a "
-        "factor of two over more than three decades of rate. The noise of CMOS detectors, which "
-        "convert in each column, does not follow their pixel rate; they are left out of the last "
-        "line.",
+        "Full wells of one area differ by factors of three to four, so that the slope within a "
+        "family matters, not the median of all. Dark current differs by four decades between "
+        "processes (pinned photodiodes or not, inverted or not), and ccd270's is for 203 K, far "
+        "from 20 degC: the pixel's area is a minor factor. The noise of CCDs follows the root "
+        "within a factor of two over more than three decades of rate. The noise of CMOS "
+        "detectors, which convert in each column, does not follow their pixel rate; they are "
+        "left out of the last line.",
         "",
         "| detector | electron / um2 | electron / s / um2 | electron / sqrt(Mpix / s) |",
         "|---|---|---|---|",

@@ -3,9 +3,9 @@
     python experiments/units.py --json units.json
 
 Predicts the published trackers with the variations of their classes; compares calibrations drawn
-from their covariance with calibrations run, the interpolated response of units with whole trials,
-and the interval of a yield with the yield of many units; times 1,000 units at two ages; and judges
-a design found for all its units beside one found for the unit as designed.
+from their covariance with simulated calibrations, the interpolated response of units with complete
+trials, and the interval of a yield with the yield of many units; times 1,000 units at two ages; and
+compares a design optimised for all its units with a design optimised for the unit as designed.
 """
 
 from __future__ import annotations
@@ -51,11 +51,12 @@ class Published(NamedTuple):
     """A published accuracy, rms per axis.
 
     across, about  arcsec; None where nothing is published
-    family         of trackers: its members' figures are what a constant of the family would be
-    counts         classes of error that the figure counts
-    jitter         arcsec, across and about, of the vehicle, which the figure holds too
-    magnitude      G of a star whose error it is, by noise and pixels; None: it is the attitude's
-    required       whether it is a requirement and no result: an upper bound
+    family         family of trackers; the figures of its members give the constant of the family
+    counts         classes of error that the figure includes
+    jitter         arcsec, across and about, jitter of the vehicle, which the figure also includes
+    magnitude      G of the star whose error is published, by noise and pixels; None: error of the
+                   attitude
+    required       whether the figure is a requirement, an upper bound, and not a result
     """
 
     across: float | None
@@ -68,7 +69,7 @@ class Published(NamedTuple):
 
 
 class Head(NamedTuple):
-    """A head whose motion in orbit is published.
+    """A head with a published motion in orbit.
 
     parts         structure and platform
     focal_length  metre
@@ -104,11 +105,11 @@ TRACKERS = {
     "rigel-l": Published(3.0, 28.0, "made"),
     "altair-hb": Published(10.0, 60.0, "shelf"),
     "vst-41m": Published(9.0, None, "shelf"),
-    # Scatter between tests in a laboratory, whose temperature does not change.
+    # Scatter between tests in a laboratory at constant temperature.
     "rufino-2013": Published(5.0, 30.0, "shelf", STEADY),
-    # Six minutes on one field of the sky: what is constant there is no scatter.
+    # Six minutes on one field of the sky: constant errors do not scatter.
     "st5000": Published(0.54, 17.0, "made", FLIGHT, (0.5, 10.0)),
-    # The scatter of guide stars that dither by a few pixels, where the residual is the same.
+    # The scatter of guide stars that dither by a few pixels, over which the residual is constant.
     "chandra-aca": Published(0.06, None, "observatory", FLIGHT, magnitude=8.5),
     "plato-fcam": Published(0.3, None, "observatory", FLIGHT, magnitude=8.0, required=True),
     "apst": Published(None, None, "shelf"),
@@ -120,7 +121,7 @@ TRACKERS = {
     "sagitta": Published(2.0, 10.0, "made"),
     "he-5as": Published(1.07, 5.33, "made"),
     "clementine": Published(20.6, 92.8, "made"),
-    # Nights on one mountain: what is constant in the field is no scatter.
+    # Nights on one mountain: errors constant in the field do not scatter.
     "oersted-asc": Published(1.4, 13.0, "made", FLIGHT),
 }
 FIRST = [
@@ -133,15 +134,15 @@ FIRST = [
     "plato-fcam",
     "apst",
 ]
-# Whose covariance is compared with their errors: those that are judged by their attitude.
+# Trackers whose covariance is compared with their errors: trackers judged by their attitude.
 STATED = ["rigel-l", "altair-hb", "vst-41m", "rufino-2013", "st5000"]
-FACTORS = np.geomspace(0.4, 2.5, 5)  # of both
+FACTORS = np.geomspace(0.4, 2.5, 5)  # factors of both
 RESIDUALS = ("rms", "angle", "grid", "flatness", "decentre", "tilt", "wedge", "drift")
 HEAT = ("swing", "gradient_x", "gradient_y", "flux", "calibration_offset", "gradient_offset")
 
 
 def tracker(name: str, factor: float = 1.0) -> Case:
-    """A published tracker, whose residual and temperatures are multiplied by a factor."""
+    """A published tracker with residual and temperatures multiplied by a factor."""
     case = load_design(shipped(f"trackers/{name}.toml")).case
     if factor == 1:
         return case
@@ -151,7 +152,7 @@ def tracker(name: str, factor: float = 1.0) -> Case:
 
 
 def varied(design: str, *parts: str, changes: Sequence[str] = ()) -> Case:
-    """A shipped design with the variations of some parts, and with changes "KEY=VALUE"."""
+    """A shipped design with the variations of some parts and changes "KEY=VALUE"."""
     include = json.dumps([f"variations/{part}.toml" for part in parts])
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "varied.toml"
@@ -160,7 +161,7 @@ def varied(design: str, *parts: str, changes: Sequence[str] = ()) -> Case:
 
 
 def counted(budgets: UnitBudgets, one: Published) -> tuple[float, float]:
-    """Arcsec, rms over the units of the classes that a figure counts, across and about."""
+    """Rms over the units of the classes that a figure includes, across and about, arcsec."""
     square = sum(
         (budgets.terms[term] ** 2 for term in one.counts if term in budgets.terms),
         np.zeros((len(budgets), 3)),
@@ -171,7 +172,7 @@ def counted(budgets: UnitBudgets, one: Published) -> tuple[float, float]:
 
 
 def star_error(case: Case, one: Published) -> float:
-    """Arcsec per axis: error of one star of a magnitude by its pixels and their noise."""
+    """Error of one star of a magnitude by its pixels and their noise, arcsec per axis."""
     assert one.magnitude is not None
     star, pixel = star_errors(case), 1 / case.instrument.camera.focal_length_px
     variance = sum(np.trace(each, axis1=1, axis2=2) / 2 for each in star.random.values())
@@ -180,7 +181,7 @@ def star_error(case: Case, one: Published) -> float:
 
 
 def trackers(names: list[str], units: int, seed: int) -> dict[str, Any]:
-    """Predicted and published accuracy of each tracker at its begin of life, arcsec."""
+    """Predicted and published accuracy of each tracker at the begin of life, arcsec."""
     found: dict[str, Any] = {}
     for name in names:
         one = TRACKERS[name]
@@ -189,7 +190,7 @@ def trackers(names: list[str], units: int, seed: int) -> dict[str, Any]:
             across, about = counted(unit_budgets(case, seed, units, 0.0, 2), one)
         elif (
             case.tracker.acquisition == "box"
-        ):  # images of guide stars, as on the page of its flight
+        ):  # images of guide stars, as on the page on its flight
             across, about = chandra.centroid({}, False)["centroid_mean_arcsec"], float("nan")
         else:
             across, about = star_error(case, one), float("nan")
@@ -208,9 +209,9 @@ def trackers(names: list[str], units: int, seed: int) -> dict[str, Any]:
 
 
 def stated(cases: dict[str, Case], units: int, trials: int, seed: int) -> dict[str, float]:
-    """Mean normalised error squared of units of cases at their begin of life; 3 is expected.
+    """Mean normalised squared error of units at the begin of life; 3 is expected.
 
-    Of trials in fidelity covariance; a tracker that it refuses is left out, and said to be.
+    By trials of fidelity covariance; a tracker that it refuses is left out and reported.
     """
     found = {}
     for name, case in cases.items():
@@ -226,9 +227,9 @@ def stated(cases: dict[str, Case], units: int, trials: int, seed: int) -> dict[s
 
 
 def ratios(found: dict[str, Any]) -> dict[str, float]:
-    """The factor, at least one, by which each tracker's worse axis is off its publication.
+    """The factor, at least one, between prediction and publication for each tracker's worse axis.
 
-    Of those whose publication is a result: a requirement is no more than a bound.
+    Only for published results: a requirement is only a bound.
     """
     each = {}
     for name, one in found.items():
@@ -241,11 +242,11 @@ def ratios(found: dict[str, Any]) -> dict[str, float]:
 
 
 def judged(found: dict[str, Any]) -> dict[str, Any]:
-    """How well predictions hold, and how much better than a constant of each family would.
+    """Accuracy of predictions, compared with a constant for each family.
 
-    Of results on the attitude or a star. A constant is the geometric mean of what is published of
-    the other trackers of the family, so that each is left out where it is judged; a family of one
-    has none.
+    For results on the attitude or a star. A constant is the geometric mean of the published figures
+    of the other trackers of the family, without the judged tracker; a family of one has no
+    constant.
     """
     results = {name: one for name, one in found.items() if not one["required"]}
     off = {
@@ -290,7 +291,7 @@ def rms(values: list[float]) -> float:
 
 
 def leave_out(names: list[str], units: int, seed: int, tried: Floats = FACTORS) -> dict[str, Any]:
-    """The fitted factor of a family, and its change when one tracker is left out.
+    """The fitted factor of a family, and its change without one tracker.
 
     A common factor on residual and temperatures of a family is fitted to its trackers: the least
     sum of squares of log (predicted / published), each tracker counted once. It is fitted again
@@ -334,8 +335,8 @@ def leave_out(names: list[str], units: int, seed: int, tried: Floats = FACTORS) 
 
 
 def calibration_ratio(units: int, seed: int, case: Case) -> float:
-    """Residual of drawn calibrations over the frame, over the residual of calibrations that are
-    run."""
+    """Residual of drawn calibrations over the frame, divided by the residual of simulated
+    calibrations."""
     square = np.zeros(2)
     settings = case.tracker.calibration
     assert settings
@@ -357,10 +358,10 @@ MAPS = (
 
 
 def calibration_map_error(units: int, seed: int) -> float:
-    """Largest relative difference between residuals of drawn calibrations of a lens and of run
-    ones.
+    """Largest relative difference between residuals of drawn and of simulated calibrations of a
+    lens.
 
-    Of orders, positions and maps, of a double Gauss as built with a detector that is not flat.
+    For orders, positions and maps, with a double Gauss as built and a detector that is not flat.
     """
     optics, pitch = Optics(focal_length=0.035, f_number=2.0), 5.5e-6
     design = Camera(2048, 2048, optics.focal_length / pitch)
@@ -387,7 +388,7 @@ def calibration_map_error(units: int, seed: int) -> float:
 
 
 def response_error(units: int, trials: int, seed: int, case: Case) -> tuple[float, float]:
-    """Relative difference of a unit's rms, interpolated, to its own whole trials: median, worst.
+    """Relative difference between a unit's interpolated rms and its complete trials: median, worst.
 
     Over the units, across and about the boresight.
     """
@@ -403,7 +404,7 @@ def response_error(units: int, trials: int, seed: int, case: Case) -> tuple[floa
 
 
 def thousand_units(units: int, trials: int, seed: int, case: Case, workers: int) -> float:
-    """Seconds for the trials of units at the begin and the end of their lives."""
+    """Seconds for the trials of units at the begin and the end of life."""
     began = time.perf_counter()
     with pool(workers) as executor:
         for age in (0.0, case.lifetime):
@@ -414,7 +415,7 @@ def thousand_units(units: int, trials: int, seed: int, case: Case, workers: int)
 
 
 def yield_coverage(repetitions: int, units: int, trials: int, seed: int, case: Case) -> float:
-    """Fraction of repetitions whose 95 % interval holds the yield of all units together."""
+    """Fraction of repetitions whose 95 % interval contains the yield of all units."""
     how = Units(trials, 1, case.lifetime)
     every = per_unit(unit_trials(case, seed, range(repetitions * units * trials), how)).across
     limit = np.quantile(every, 0.8)
@@ -424,7 +425,7 @@ def yield_coverage(repetitions: int, units: int, trials: int, seed: int, case: C
 
 
 def designs(case: Case) -> Iterator[Case]:
-    """Designs of one aperture: focal lengths, and blurs of the image."""
+    """Designs with the same aperture and different focal lengths and blurs of the image."""
     optics = case.instrument.optics
     for size in (0.6, 1.0, 1.6):
         for blur in (0.7, 1.0, 1.5):
@@ -439,10 +440,11 @@ def designs(case: Case) -> Iterator[Case]:
 
 
 def robust(units: int, seed: int, every: list[Case]) -> tuple[float, float]:
-    """Yield at the end of life, of the design with the highest yield, and of the nominal one.
+    """Yield at the end of life of the design with the highest yield, and of the best nominal
+    design.
 
-    The requirement: an rms across below that of the best 40 % of the units of the middle design.
-    Both are judged on units that took no part in the choice.
+    The requirement is an rms across that 40 % of the units of the middle design meet. Both are
+    judged on units that were not used for the choice.
     """
     errors = [unit_budgets(one, seed, units, one.lifetime, 2).across() for one in every]
     noise = [analytic(one.without_units, 64).across for one in every]
@@ -456,9 +458,9 @@ def robust(units: int, seed: int, every: list[Case]) -> tuple[float, float]:
 
 
 def of_class(structure: str, platform: str, **changes: str) -> Structure:
-    """A structure on a platform, as their parts of a design have them, with other values.
+    """A structure on a platform, as in a design with these parts, with changed values.
 
-    What is not known is at the middle of its law.
+    Unknown values are at the median of their law.
     """
     parts = f"structure-{structure}", f"platform-{platform}"
     words = [f"instrument.structure.{key}={value}" for key, value in changes.items()]
@@ -468,7 +470,8 @@ def of_class(structure: str, platform: str, **changes: str) -> Structure:
 
 
 def structure_error() -> float:
-    """The worst turn of a boresight by the formulas over that by finite elements, less one."""
+    """The worst relative difference of a boresight's rotation between the formulas and finite
+    elements."""
     path = Path(__file__).parents[1] / "tests/oracle/structure.json"
     worst = 0.0
     for case in json.loads(path.read_text(encoding="utf-8"))["cases"]:
@@ -493,10 +496,10 @@ def structure_error() -> float:
 
 
 def structure_motion() -> dict[str, tuple[float, float, float]]:
-    """Rms (arcsec) per axis across of heads over an orbit: at the flange, on a bracket, published.
+    """Rms across of heads over an orbit, arcsec per axis: at the flange, on a bracket, published.
 
-    Focal lengths and f-numbers are of fields of view, or assumed, as are brackets of 0.1 m; that of
-    SED36 stands on the instrument itself. Published: see docs/units.md.
+    Focal lengths and f-numbers follow from fields of view or are assumed, as are brackets of 0.1 m;
+    the bracket of SED36 is on the instrument. Published: see docs/units.md.
     """
     found = {}
     for name, head in HEADS.items():
@@ -532,11 +535,13 @@ LEVERS: dict[str, list[Any]] = {
 
 
 def levers_gain(seed: int, units: int, quick: bool) -> dict[str, Any]:
-    """Error that 95 % of fresh units keep, with the levers of a design, and with its lens alone.
+    """Error not exceeded by 95 % of fresh units, optimised over the levers of a design, and over
+    its lens alone.
 
-    Of the shipped nanosatellite at the end of life, by budgets: each number in turn takes the best
-    of some values until none is better, within the mass and power of the campaign; with levers at
-    the price of the lens alone, and at any. Fresh units are as many of another seed.
+    For the shipped nanosatellite at the end of life, by budgets: each parameter in turn takes the
+    best of some values until no value is better, within the mass and power of the campaign; with
+    levers at the price of the lens alone, and at any price. Fresh units are the same number with
+    another seed.
     """
     design = load_design(shipped("designs/nanosatellite.toml"))
     assert design.campaign
@@ -558,7 +563,8 @@ def levers_gain(seed: int, units: int, quick: bool) -> dict[str, Any]:
             for name, every in values.items():
                 for value in every:
                     try:
-                        # Feet of another material than the panel are thin, as in the shipped parts.
+                        # Feet of a different material from the panel are thin, as in the shipped
+                        # parts.
                         thin = {FEET: 2e-3} if name.endswith("material") else {}
                         tried = replaced_all(case, {name: value, **thin})
                     except Refused:
@@ -589,7 +595,7 @@ def levers_gain(seed: int, units: int, quick: bool) -> dict[str, Any]:
 
 
 def few(case: Case) -> Case:
-    """The case with fewer numbers that vary, for fewer plans."""
+    """The case with fewer varying parameters, for fewer plans."""
     kept = tuple(one for one in case.variation if not one.name.startswith("instrument.det"))
     return replace(case, variation=kept[:4])
 
@@ -597,7 +603,7 @@ def few(case: Case) -> Case:
 def steps(
     options: argparse.Namespace, case: Case, names: list[str]
 ) -> list[Callable[[], dict[str, Any]]]:
-    """The steps of the experiment, in order; each gives some of its figures."""
+    """The steps of the experiment in order; each step gives some of the figures."""
     seed, quick = options.seed, options.quick
     size = 4 if quick else 100
     stating = {names[0]: few(tracker(names[0]))} if quick else {one: tracker(one) for one in STATED}
@@ -677,7 +683,7 @@ def main() -> None:
         began = time.perf_counter()
         new = step()
         figures.update(new)
-        command.save(options, figures)  # so that what is done is not lost
+        command.save(options, figures)  # so that completed steps are not lost
         print(f"{', '.join(new)}: {time.perf_counter() - began:.0f} s", flush=True)
     for name, value in figures.items():
         print(f"{name}: {value}")

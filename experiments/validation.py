@@ -1,10 +1,9 @@
-"""Predictions for trackers that flew or were published, beside the published values.
+"""Predictions for flown or published trackers, compared with published values.
 
-Each line says what is known of the tracker, what had to be assumed (the design files in
-catalogs/trackers mark each value), what comes out, and what was published. The predictions hold
-noise, pixels, centroids and neighbouring stars; calibration and thermo-elastic errors are in the
-published figures and in none of the designs, so that a prediction is what is left when these are
-calibrated away.
+Each line has the known values of the tracker, the assumptions (marked in the design files in
+catalogs/trackers), the prediction, and the published value. The predictions include noise, pixels,
+centroids and neighbouring stars. Calibration and thermo-elastic errors are in the published
+figures, but not in the designs, so that a prediction is the error after their calibration.
 
     python experiments/validation.py [--json FILE] [--quick]
 """
@@ -27,7 +26,7 @@ from startrack.core import LIGHT_SPEED, Floats
 from startrack.metrics import attitude_bound
 from startrack.response import errors
 
-PLACES = 20_000  # circles over the sky
+PLACES = 20_000  # number of circles over the sky
 CHANDRA = np.arange(7.0, 9.6, 0.5)  # magnitudes of guide stars
 ORBIT = 7610.0  # m/s, a circular orbit 500 km up
 
@@ -51,7 +50,7 @@ def tracker(name: str) -> Case:
 
 
 def scenarios() -> list[dict[str, Any]]:
-    """Markley and Mortari (2000), theory, against 5000 trials."""
+    """Markley and Mortari (2000): theory, compared with 5000 trials."""
     theory = {
         "1": ((39.557, 2.686, 2.686), 3.5),
         "2": ((33565.2, 1.0, 1.0), 1.5),
@@ -87,7 +86,7 @@ def scenarios() -> list[dict[str, Any]]:
 
 
 def trackers() -> list[dict[str, Any]]:
-    """Published trackers, by their analytic budgets."""
+    """Published trackers, by analytic budgets."""
     rows = []
     st5000 = analytic(tracker("st5000"))
     jitter = math.hypot(st5000.across, 0.5 * arcsec), math.hypot(st5000.about, 10 * arcsec)
@@ -123,7 +122,7 @@ def trackers() -> list[dict[str, Any]]:
             )
         )
     rufino = tracker("rufino-2013").instrument.camera
-    # Their single stars err by 0.33 pixel, which the display makes: geometry is what is left.
+    # Their single stars have errors of 0.33 pixel, caused by the display: only geometry remains.
     sigma = 0.33 / rufino.focal_length_px
     x, y, z = attitude_bound(rufino.fov_x, rufino.fov_y, 16, sigma)
     given = "field, 16 stars, 0.33 pixel a star"
@@ -171,13 +170,13 @@ def chandra() -> dict[str, Any]:
 
 
 def circles(sky: Sky, radius: float, places: int) -> Floats:
-    """Number of stars (m,) in circles of a radius (radian) that lie evenly over the sky."""
+    """Number of stars (m,) in circles of a radius (radian), spread uniformly over the sky."""
     direction = boresights(places).inv().apply([0.0, 0.0, 1.0])
     return np.array([len(stars) for stars in sky.cones(direction, radius)])
 
 
 def sky(places: int) -> list[dict[str, Any]]:
-    """Stars in some circles, and their shift by the observer's velocity."""
+    """Numbers of stars in some circles, and shift of stars by the observer's velocity."""
     stars = open_sky(Selection()).stars
     v = v_from_g(stars.magnitude_g, stars.colour)
     rows = []
@@ -214,7 +213,7 @@ def sky(places: int) -> list[dict[str, Any]]:
 
 
 def validation(quick: bool = False) -> list[dict[str, Any]]:
-    """All of it."""
+    """All rows of the comparison."""
     return [*scenarios(), *trackers(), chandra(), *sky(200 if quick else PLACES)]
 
 

@@ -1,11 +1,12 @@
-"""How many trials does an rms to 1 % need, plain and with each method, and do the intervals hold?
+"""How many trials are needed for an rms within 1 %, plain and with each method, and do the
+intervals have their coverage?
 
 python experiments/variance.py [--json FILE] [--trials 896] [--windows 20] [--quick]
 
-A method's figure is the variance of its estimate times its frames: how many whole frames it needs
-until half its 95 % interval is 1 % of the rms (2 % of the mean square) on the example design.
-What else a method makes beside its frames (windows, 400 covariance trials for each, or the
-control) is counted as time: `times faster` is the gain in variance over that in CPU time.
+The figure of a method is the variance of its estimate times its number of frames, expressed as the
+number of whole frames for which half of the 95 % interval is 1 % of the rms (2 % of the mean
+square) on the example design. Other work of a method (windows, 400 covariance trials per frame, or
+the control) counts as time: `times faster` is the gain in variance over the factor of CPU time.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ from startrack.trial import OUTCOMES
 
 FRAME, DRAWN = Fidelity.FRAME, Fidelity.COVARIANCE
 SEED = 3
-WANTED = 0.01  # of the rms, half of the interval
+WANTED = 0.01  # half of the interval over the rms
 REPETITIONS = 200
 SAMPLE = 200  # trials of a repetition
 REGIONS = Regions(4, 6)
@@ -61,7 +62,7 @@ MADE_OF = {
 
 
 def by_regions(seed: int, numbers: Sequence[int], regions: Regions) -> Rotation:
-    """Attitudes whose boresights lie in each region in turn, uniform within it.
+    """Attitudes with boresights in each region in turn, uniform within the region.
 
     Trial n is in region n % len(regions).
     """
@@ -101,7 +102,7 @@ def measure(case: Case, n: int, windows: int = 20, quick: bool = False) -> dict[
     """All methods on the example, from one run."""
     covariances, timed, regional_trials = (4, 2, 2) if quick else (COVARIANCES, TIMED, REGIONAL)
     kinds = {
-        "frame": Sampling(),  # the outcomes of frames with control, of which a few show the time
+        "frame": Sampling(),  # outcomes of frames with control; a few give the time
         "window": Sampling(Fidelity.WINDOW),
         "covariance": Sampling(DRAWN),
         "frame and control": Sampling(control=True),
@@ -165,11 +166,11 @@ def measure(case: Case, n: int, windows: int = 20, quick: bool = False) -> dict[
 
 
 def told(mean: Mean, n: int, alone: Mean, cost: float) -> dict[str, float]:
-    """The worth of an estimate from n frames, with the interval of this worth.
+    """The efficiency of an estimate from n frames, with its interval.
 
-    The gain of replicates rests on 15 degrees of freedom, that of the others on hundreds.
+    The gain of replicates has 15 degrees of freedom, the gain of other methods hundreds.
 
-    cost  CPU time over that of the plain frames
+    cost  CPU time over the CPU time of plain frames
     """
     gain = (alone.error / mean.error) ** 2
     low, high = stats.f.ppf([0.025, 0.975], mean.freedom, alone.freedom)
@@ -190,10 +191,11 @@ def told(mean: Mean, n: int, alone: Mean, cost: float) -> dict[str, float]:
 def coverage(
     frames: Rows, windows: Rows, drawn: Rows, about: bool, repetitions: int
 ) -> dict[str, Any]:
-    """Fraction of small samples from these trials whose interval holds the mean of all trials.
+    """Fraction of small samples from these trials whose interval contains the mean of all trials.
 
-    Drawn with replacement, so that the mean of all is the truth; the frames' is that of the
-    windows, which are the same trials and more. Surpluses are centred, as their expectation is.
+    Samples are drawn with replacement, so that the mean of all trials is the truth. The truth of
+    frames is the mean of windows, which include the same trials. Differences are centred, because
+    their expectation is zero.
     """
     rng = np.random.default_rng(SEED)
     name = "surplus_about" if about else "surplus_across"
@@ -227,14 +229,14 @@ def coverage(
 
 
 def renumbered(outcomes: Rows) -> Rows:
-    """Resampled trials, with new numbers."""
+    """Resampled trials with new numbers."""
     table = outcomes.copy()
     table["trial"] = np.arange(len(table))
     return table
 
 
 def table(figures: dict[str, Any]) -> str:
-    """For a person."""
+    """The results as a text table."""
     lines = [
         f"{'':24s}{'across: frames for 1 %':>24s}{'times fewer':>20s}{'times faster':>14s}"
         f"{'about: fewer':>14s}{'faster':>8s}"
