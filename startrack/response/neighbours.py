@@ -16,7 +16,7 @@ from startrack.observation import (
     separated,
     with_images_of,
 )
-from startrack.response.star_inputs import star_inputs
+from startrack.response.star_inputs import unmapped_inputs
 from startrack.response.star_response import RING, cell_side, measure, phases, scale, star_images
 
 CONTRAST = np.arange(-2.0, 6.0)  # magnitude of the neighbour minus magnitude of the star
@@ -36,7 +36,7 @@ WIDER = math.log(2)  # pairs are shared by reaches whose logarithm is smaller by
 FAINTER = 1.0  # magnitude fainter than the tracker's catalogue; such stars have no shift
 
 
-@kept(8, reads=star_inputs)
+@kept(8, reads=unmapped_inputs)
 def blending_shift(case: Case, catalog: Selection) -> Floats:
     """Shift of each separable star of a catalogue by the light of its neighbours.
 

@@ -11,7 +11,7 @@ from startrack.core import Floats, Unit, kept, printed
 from startrack.design import Case, unchecked
 from startrack.response import star_response
 from startrack.response.dark_pattern import dark_residual
-from startrack.response.star_inputs import star_inputs
+from startrack.response.star_inputs import unmapped_inputs
 from startrack.response.star_response import Chart, chart, magnitudes, pattern, scale
 
 LEAST_KEPT = 1e-6  # sum of probabilities, below which a magnitude is not used
@@ -39,7 +39,7 @@ class Errors(NamedTuple):
     mean: Annotated[Floats, Unit("pixel")]
 
 
-@kept(8, reads=star_inputs)
+@kept(8, reads=unmapped_inputs)
 def errors(case: Case) -> Errors:
     """Errors of single stars of each magnitude, cause by cause; kept for the 8 last cases."""
     detector = case.instrument.detector

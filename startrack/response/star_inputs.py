@@ -42,6 +42,16 @@ def star_inputs(case: Case) -> Case:
     return shown.unit_of(star_inputs(case.design))
 
 
+@lru_cache(maxsize=64)
+def unmapped_inputs(case: Case) -> Case:
+    """`star_inputs` without the age of the dark map, which changes no star's centroid.
+
+    So that units share with their design, at any age, what the tracker knows of its errors.
+    """
+    shown: Case = unchecked(star_inputs(case), {"tracker.detection.dark_map_age": None})
+    return shown if case.design is None else shown.unit_of(unmapped_inputs(case.design))
+
+
 _of_instrument = {
     name.removeprefix("instrument."): value
     for name, value in NOT_SHOWN.items()

@@ -19,7 +19,7 @@ from startrack.observation import (
 )
 from startrack.optics import mirrored
 from startrack.response import star_errors, star_response
-from startrack.response.star_inputs import star_inputs
+from startrack.response.star_inputs import star_inputs, unmapped_inputs
 
 PLACES = 5  # zones along each side of the frame
 COLOURS = 3  # classes of stars, each a third of them
@@ -69,7 +69,7 @@ class Zones(NamedTuple):
         return np.asarray(number, np.int64)
 
 
-@kept(8, reads=star_inputs)
+@kept(8, reads=unmapped_inputs)
 def zones_of(case: Case) -> Zones:
     """The zones of a case; kept for the 8 last cases."""
     camera = case.instrument.camera
@@ -86,7 +86,7 @@ def zones_of(case: Case) -> Zones:
     )
 
 
-@kept(8, reads=star_inputs)
+@kept(8, reads=unmapped_inputs)
 def centroid_shift(case: Case) -> FieldPsf:
     """Shift of the tracker's centroid from the projection of the star by the camera model.
 
@@ -134,7 +134,7 @@ def _from_centre(case: Case) -> Floats:
     return np.stack(np.meshgrid(images.x - x, images.y - y), axis=-1)
 
 
-@kept(8, reads=star_inputs)
+@kept(8, reads=unmapped_inputs)
 def residual_shift(case: Case) -> tuple[FieldPsf, FieldPsf]:
     """`centroid_shift` of a sunlike star, and the difference of other stars from it.
 

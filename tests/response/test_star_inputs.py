@@ -41,6 +41,14 @@ def test_what_is_left_out_of_the_key_is_not_read(nanosatellite: Case, function) 
         assert _same(function(case), function.__wrapped__(case))
 
 
+@pytest.mark.parametrize("function", [errors, residual_shift])
+def test_the_age_of_the_dark_map_changes_no_centroid(nanosatellite: Case, function) -> None:
+    older = replaced(nanosatellite, "tracker.detection.dark_map_age", 0.0)
+    assert star_inputs(older) != star_inputs(nanosatellite)
+    assert function(older) is function(nanosatellite)
+    assert _same(function(older), function.__wrapped__(older))
+
+
 def test_search_of_an_empty_frame_reads_no_more(nanosatellite: Case) -> None:
     sky = sky_electrons(nanosatellite)
     assert _same(empty_frame(nanosatellite, sky), empty_frame.__wrapped__(nanosatellite, sky))
