@@ -25,12 +25,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import command
 import numpy as np
 from flight_page import draw, write_page
-from scipy import stats
+from scipy import optimize, stats
 
 from startrack import Case, Frame, Streams, arcsec, load_design, shipped
 from startrack.budget import analytic, single_stars
@@ -42,12 +42,12 @@ from startrack.calibration import (
     orders_of,
     read_star_table,
 )
-from startrack.core import ZERO_CELSIUS, Floats
+from startrack.core import ZERO_CELSIUS, Floats, Ints
 from startrack.detection import (
     Box,
-    DarkFrames,
-    DarkMap,
     Detection,
+    follow,
+    image_mask,
     level_of_image,
     plan_detection,
     take,
@@ -58,19 +58,22 @@ from startrack.detector import (
     Flicker,
     Flickering,
     dark,
-    dark_frames,
+    flickering,
     frame_of,
     pixels_above,
+    response,
     stamp,
 )
 from startrack.io import save_json
-from startrack.observation import psf_of
+from startrack.observation import psf_at, psf_of, sky_electrons
 from startrack.prediction import drawn_cases
 from startrack.verification import (
     FlightComparison,
     Windows,
+    centroids,
     compare_flown,
     correlation,
+    image_of_other,
     read_windows,
 )
 
@@ -86,6 +89,10 @@ FAINTER, FAINTEST, CLIPPED, COUNTED = 1.5, 11.2, 2019.45, 2022.5
 HITS = Path(__file__).parents[1] / "tests/oracle/chandra_hits.json"
 HITS_YEAR = 2021.2  # of these limits
 PUBLISHED_HIT = 0.25  # of the light of the faintest star, from which on a block is a hit
+# Pixels above 100 electron / s at -10 degC in the calibrations before those of the law (cxc.cfa
+# .harvard.edu/mta/ASPECT/dark_cal/2002_dec): date and number.
+EARLY = ((2000.89, 34346), (2001.16, 37381), (2002.15, 56671), (2002.65, 64023), (2002.92, 66850))
+EARLY_CELSIUS, WARM = -10.0, 100.0
 WITHIN = 7.0  # arcsec from its place, at which a star counts as acquired; assumed
 BENCH_WITHIN = 2.0  # the same on the bench, whose criterion is not published; chosen on its cells
 # Published zodiacal light of 19 calibrations, 1.28 to 2.62 electron / s in a pixel (cxc.cfa.harvard
@@ -94,17 +101,22 @@ SKY = 1.72 * SCALE
 OTHER_YEARS, OTHER_MAGNITUDES = (2017.5, 2019.5, 2021.5, 2022.5), (9.0, 9.75, 10.5)
 MAGNITUDES = (9.0, 9.25, 9.5, 9.75, 10.0, 10.25, 10.5)
 WARMEST, COLDEST = 0, -13
-PUBLISHED_CENTROID = 0.06  # arcsec, of the flight's page on image reconstruction
 GUIDE = (7.0, 7.5, 8.0, 8.5, 9.0, 9.5)  # mag, of guide stars; as in validation.py
 # After the first comparison, see docs/figures/flight.md.
 EASY = (8.0, -8)  # mag and degC: up to there, what is not acquired is lost to other causes
-# The centroids were published early in the mission.
-GUIDE_YEAR, GUIDE_CELSIUS = 2005.0, -19.0
+# Published residuals of guide stars (cxc.cfa.harvard.edu/mta/ASPECT/img_recon): the year, the CCD
+# (degC, of ASPECT/aca_cool_1), the year of the dark calibration before (ASPECT/dark_cal/2002_dec),
+# mean rms of all stars and of the best star of each observation (arcsec).
+RESIDUALS = ((2000.5, -10.0, 1999.61, 0.060, 0.046), (2003.16, -10.0, 2002.92, 0.070, 0.050))
+# Half of the dither of the flight's pixels of 2005 (arcsec), its periods and the time between
+# images (s).
+DITHER, PERIODS, CADENCE = 8.0, (1000.0, 707.0), 2.05
+STRIP = 144  # rows of the part of the detector that is drawn for them
 GUIDE_SIZE = 6  # pixel, of the images of guide stars then
 DEVICES = 16  # detectors drawn for each observation
 YEAR, TEMPERATURE = "instrument.detector.age.year", "instrument.detector.thermal.temperature"
+NEAR_MIDDLE = 0.25  # pixel, of a star from the middle of the images of which the mean is fitted
 FID_SCALE = 32  # numbers of the files of 8 x 8 images, over those of the camera
-UNREPLACED = 1e9  # sigma: the dark map is subtracted, and no pixel takes its neighbours' mean
 
 
 def main() -> None:
@@ -124,6 +136,7 @@ def main() -> None:
             foreseen,
             centroid,
             raw,
+            growth,
             drift,
             tess,
         )
@@ -230,11 +243,7 @@ def dark_current(data: dict[str, Any], quick: bool) -> dict[str, Any]:
     for one in data["dark_histograms"][:: 5 if quick else 1]:
         detector = device(one["year"], one["temperature_c"])
         edges, pixels = np.array(one["edges_e_per_s"]), np.array(one["pixels"])
-        assert detector.thermal is not None
-        scale = (
-            detector.thermal.growth
-            / replace(detector.thermal, temperature=CHANDRA_ACA.kelvin).growth
-        )
+        scale = dark_growth(detector)
         above = pixels_above(CHANDRA_ACA, edges / scale, one["year"] - LAUNCH) * 2**20
         law = above[:-1] - above[1:]
         drawn, _ = np.histogram(dark(detector) / SCALE, edges)
@@ -247,12 +256,25 @@ def dark_current(data: dict[str, Any], quick: bool) -> dict[str, Any]:
         worst, warm = max(worst, off), max(warm, abs(share))
         rows.append([one["year"], one["temperature_c"], off, share, chance])
         curves.append([edges[:-1][inside].tolist(), pixels[inside].tolist(), law[inside].tolist()])
+    early = []
+    for year, pixels in EARLY:
+        scale = dark_growth(device(year, EARLY_CELSIUS))
+        (count,) = pixels_above(CHANDRA_ACA, np.array([WARM]) / scale, year - LAUNCH) * 2**20
+        early.append([year, pixels, float(count)])
     return {
+        "dark_early": early,
         "dark_bins_worst": worst,
         "warm_share_worst": warm,
         "dark_rows": rows,
         "dark_curves": curves,
     }
+
+
+def dark_growth(detector: Detector) -> float:
+    """Dark current at the detector's temperature over that at the temperature of the law."""
+    assert detector.thermal is not None
+    reference = replace(detector.thermal, temperature=CHANDRA_ACA.kelvin)
+    return float(detector.thermal.growth / reference.growth)
 
 
 def flicker(data: dict[str, Any], quick: bool) -> dict[str, Any]:
@@ -282,8 +304,7 @@ def image(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
     """Stamps of the shipped PSF beside the 144 tables, as fractions of the peak of each."""
     if "psf" not in data:
         return None
-    psf = psf_of(load_design(shipped("trackers/chandra-aca.toml")).case.instrument)
-    worst = []
+    psf, worst = star_psf(), []
     with data["psf"].open(newline="") as file:
         for row in list(csv.reader(file))[1 : 9 if quick else None]:
             values = np.array(row, float)
@@ -304,7 +325,10 @@ def image(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
 
 @lru_cache(maxsize=1)
 def star_psf() -> Any:
-    return psf_of(load_design(shipped("trackers/chandra-aca.toml")).case.instrument)
+    """The measured image, as it is in the file, at all places of the field."""
+    instrument = load_design(shipped("trackers/chandra-aca.toml")).case.instrument
+    alike = replace(instrument.optics, growth_along=0.0, growth_across=0.0)
+    return psf_of(replace(instrument, optics=alike))
 
 
 def star_field(
@@ -483,7 +507,7 @@ def by_counting(probability: Floats, tries: Floats, within: float) -> float:
 def raw(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
     """Figures of guide stars' pixels, predicted over seen, of each observation."""
     rows, curves, files, budgets = [], {}, data.get("raw", ()), []
-    levels = []
+    levels, parts = [], []
     for path in files:
         with np.load(path) as file:
             celsius = float(file["ccd_celsius"])
@@ -500,6 +524,7 @@ def raw(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
         budgets.append(by_budget(case, stars, flown))
         levels += fid_levels(path, case.tracker.box)
         prefix = f"{path.stem} " if len(files) > 1 else ""
+        parts += [[prefix + star.name, *background_parts(case, star)] for star in stars]
         for row in flown.differences:
             bounds = [*vars(row.seen).values(), *vars(row.predicted).values()]
             rows.append([prefix + row.star, row.name, *bounds])
@@ -510,6 +535,18 @@ def raw(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
 
     def ratios(name: str) -> dict[str, float]:
         return {row[0]: row[5] / row[2] for row in rows if row[1] == name}
+
+    def scatter(star: str) -> list[list[float]]:
+        """Scatter in all, from exposure to exposure, by the place in the pixel, and the rest, pixel
+        rms: seen and predicted."""
+        sizes = {row[1]: (row[2], row[5]) for row in rows if row[0] == star}
+        found = []
+        for k, curve in enumerate(curves[star]):
+            phase = float(np.sqrt(np.nanmean(np.square(curve))))
+            total, temporal = sizes["total"][k], sizes["temporal"][k]
+            rest = math.sqrt(max(total**2 - temporal**2 - phase**2, 0.0))
+            found.append([total, temporal, phase, rest])
+        return found
 
     background = np.array([*ratios("background").values()])
     together = [correlation(*map(np.array, pair)) for pair in curves.values()]
@@ -527,9 +564,92 @@ def raw(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
         "read_noise_ratio": float(np.mean([*ratios("read_noise").values()])),
         "gain_ratio": float(np.mean([*ratios("gain").values()])),
         "raw_rows": rows,
+        "raw_background_parts": parts,
+        "raw_scatter": [[star, *scatter(star)] for star in curves],
         "raw_fid_levels": levels,
         "raw_shapes": [[star, *pair] for star, pair in curves.items()],
     }
+
+
+def growth(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
+    """Sizes of guide stars' images along and across the field, and what the design has of them.
+
+    Each star: degrees from the axis; sizes along and across, over the measured image; rms misfit of
+    the pixels of its mean image, of the peak, so stretched, with one image, and with these sizes
+    across and along.
+    """
+    case, rows = load_design(shipped("trackers/chandra-aca.toml")).case, []
+    for path in data.get("raw", ()):
+        for star in read_windows(path):
+            if star.number.shape[1] == GUIDE_SIZE:
+                rows.append([star.name, *sizes(case, star, quick)])
+    if not rows:
+        return None
+    corner = psf_at(case.instrument, 0.0, 0.0)
+    other = image_of_other(corner, star_psf(), case.tracker.box)
+    return {"growth_rows": rows, "growth_corner": other}
+
+
+def sizes(case: Case, star: Windows, quick: bool) -> list[float]:
+    """The numbers of `growth` of one star, by least squares."""
+    instrument, box = case.instrument, case.tracker.box
+    camera, optics = instrument.camera, instrument.optics
+    at = star.place_on(instrument.detector)
+    angle = math.hypot(*(np.array(at) - camera.centre)) / camera.focal_length_px
+    square = (math.atan(angle) / optics.field_edge) ** 2
+    seen = centroids(star, box)
+    moment = seen.place - seen.windows.corner - (GUIDE_SIZE - 1) / 2
+    near = (np.abs(moment) < NEAR_MIDDLE).all(axis=1)
+    sent = seen.windows.background
+    background = 0.0 if sent is None else float(sent[near].mean())
+    image = (seen.windows.number[near].mean(axis=0) - background) * image_mask(GUIDE_SIZE)
+    spread = moment[near][:: max(int(near.sum()) // 20, 1)]
+
+    def misfit(values: Floats) -> Floats:
+        x, y, along, across = values
+        grown = replace(
+            optics, growth_along=(along - 1) / square, growth_across=(across - 1) / square
+        )
+        psf = psf_at(replace(instrument, optics=grown), *at)
+        made, middle = np.zeros((22, 22)), 10.5 + np.array([x, y]) + spread
+        stamp(made, psf, middle[:, 0].copy(), middle[:, 1].copy(), np.ones(len(spread)))
+        inner = made[8:14, 8:14] * image_mask(GUIDE_SIZE)
+        flux = float((inner * image).sum() / (inner**2).sum())
+        return np.asarray((flux * inner - image) / image.max()).ravel()
+
+    def rms(along: float, across: float) -> float:
+        start, size = np.zeros(2), np.array([along, across])
+        best = optimize.least_squares(
+            lambda place: misfit(np.append(place, size)), start, diff_step=0.01, max_nfev=8
+        )
+        return float(np.sqrt(2 * best.cost / image_mask(GUIDE_SIZE).sum()))
+
+    fit = optimize.least_squares(
+        misfit, [0.01, 0.01, 1.01, 0.99], diff_step=0.01, max_nfev=2 if quick else 12
+    )
+    along, across = (float(size) for size in fit.x[2:])
+    best = float(np.sqrt(2 * fit.cost / image_mask(GUIDE_SIZE).sum()))
+    one = 1 + 1e-9  # of a growing image, as the others
+    return [math.degrees(math.atan(angle)), along, across, best, rms(one, one), rms(across, along)]
+
+
+def background_parts(case: Case, star: Windows) -> list[float]:
+    """Predicted background of a pixel by the sky, the dark current of undamaged pixels, and the
+    star's own light in the eight pixels of the average; digital numbers.
+    """
+    detector, box = case.instrument.detector, case.tracker.box
+    electrons = detector.electrons_per_dn
+    fresh = replace(detector, age=None, columns=64, rows=64)
+    undamaged = float(np.median(np.asarray(dark(fresh)))) * detector.exposure / electrons
+    psf, images = psf_at(case.instrument, *star.place_on(detector)), np.zeros((16, 24, 24))
+    for n, image in enumerate(images):
+        x, y = 11.5 + (np.array(divmod(n, 4)) - 1.5) / 4
+        stamp(image, psf, np.array([x]), np.array([y]), np.ones(1))
+    seen = centroids(star, box)
+    inner = images[:, 9:15, 9:15] * image_mask(GUIDE_SIZE)
+    light = float(np.median(seen.total)) / float(inner.sum(axis=(1, 2)).mean())
+    own = float(np.mean(level_of_image(light * images[:, 8:16, 8:16], box, 0.0)))
+    return [float(sky_electrons(case)) / electrons, undamaged, own]
 
 
 def fid_levels(path: Path, box: Box) -> list[list[Any]]:
@@ -567,33 +687,114 @@ def by_budget(case: Case, stars: Sequence[Windows], flown: FlightComparison) -> 
 
 
 def centroid(data: dict[str, Any], quick: bool) -> dict[str, Any]:
-    """Rms error of the first moment of 8 x 8 pixels, over the magnitude of guide stars."""
-    detector = device(GUIDE_YEAR, GUIDE_CELSIUS)
-    if quick:
-        detector = replace(detector, columns=256, rows=256)
-    camera = load_design(shipped("trackers/chandra-aca.toml")).case.instrument.camera
-    focal = camera.focal_length_px
+    """Residuals of guide stars that are followed over a dither, with the ground's dark maps.
 
-    def maps() -> DarkFrames:
-        return DarkFrames(*dark_frames(detector, 4 if quick else 32))
-
-    plan = plan_detection(Detection(dark_map=DarkMap(hot=UNREPLACED)), star_psf(), maps)
-    box = Box(25 * arcsec, size=GUIDE_SIZE)
-    rows = []
-    for magnitude in GUIDE[:: 3 if quick else 1]:
-        frame, place, flux = star_field(detector, magnitude, 25, 7)
-        taken = take(frame, place, np.full(len(place), flux), 5.0, box, plan)
-        off = np.column_stack([taken.x, taken.y]) - place
-        near = np.hypot(*off.T) < 1.0  # guide stars are watched: a wrong one is dropped
-        off = (off - np.median(off[near], axis=0))[near] / focal / arcsec
-        rms = np.sqrt(np.mean(off**2))
-        rows.append([magnitude, float(rms), float(near.mean()), len(place)])
-    mean = float(np.mean([row[1] for row in rows]))
-    return {
-        "centroid_mean_arcsec": mean,
-        "centroid_ratio": mean / PUBLISHED_CENTROID,
-        "centroid_rows": rows,
+    The rms is over time, of the first moment about its place, and the mean is over stars, as in the
+    publication.
+    """
+    found: dict[str, Any] = {"centroid_rows": [], "centroid_years": []}
+    for year, celsius, calibrated, published, least in RESIDUALS:
+        detector = strip(year, celsius, quick)
+        guided = guide(detector, 64 if quick else 512)
+        of_map = np.asarray(dark(strip(calibrated, celsius, quick)))
+        maps = [of_map, np.zeros_like(of_map), np.asarray(dark(detector))]
+        rms = np.array([residuals(guided, detector, one) for one in maps])
+        rows = [
+            [year, magnitude, *rms[:, guided.magnitude == magnitude].mean(axis=1).tolist()]
+            for magnitude in GUIDE
+        ]
+        rng = np.random.default_rng(0)
+        fives = [rng.choice(rms.shape[1], 5, replace=False) for _ in range(400)]
+        best = float(np.mean([rms[0, five].min() for five in fives]))
+        means = rms.mean(axis=1).tolist()
+        spread = float(rms[0].std() / math.sqrt(rms.shape[1]))
+        found["centroid_rows"] += rows
+        found["centroid_years"].append(
+            [year, calibrated, published, *means, least, best, rms.shape[1], spread]
+        )
+    first = found["centroid_years"][0]
+    return found | {
+        "centroid_mean_arcsec": first[3],
+        "centroid_ratio": first[3] / first[2],
+        "centroid_ratios": {
+            f"{row[0]:.0f}, {name}": row[k] / row[2]
+            for row in found["centroid_years"]
+            for k, name in ((3, "last map"), (4, "no map"), (5, "perfect map"))
+        },
     }
+
+
+class Guided(NamedTuple):
+    """Images of n exposures of m stars that are followed.
+
+    number     (n, m, 8, 8) digital number less the offset
+    corner     (n, m, 2) pixel (x, y) of the first pixel of each
+    place      (n, m, 2) pixel, true
+    magnitude  (m,)
+    """
+
+    number: Floats
+    corner: Ints
+    place: Floats
+    magnitude: Floats
+
+
+def strip(year: float, celsius: float, quick: bool) -> Detector:
+    """Part of the detector, the same pixels at all years."""
+    return replace(device(year, celsius), columns=256 if quick else 1024, rows=STRIP)
+
+
+def guide(detector: Detector, exposures: int) -> Guided:
+    """Stars on the published dither, whose images move as aboard: from raw numbers, each by a
+    pixel in the exposure after its moment has passed the limit."""
+    case, streams = load_design(shipped("trackers/chandra-aca.toml")).case, Streams(0, 0)
+    line = [np.arange(20.0, side - 14, 26) for side in (detector.columns, detector.rows)]
+    middle = np.stack(np.meshgrid(*line), axis=-1).reshape(-1, 2)
+    middle += streams("places of stars").uniform(-0.5, 0.5, middle.shape)
+    magnitude = np.resize(GUIDE, len(middle))
+    light = RATE * 10 ** (-0.4 * (magnitude - ZERO)) * detector.exposure
+    time = CADENCE * np.arange(exposures)
+    sway = DITHER * arcsec * case.instrument.camera.focal_length_px
+    dither = sway * np.column_stack([np.sin(2 * math.pi * time / period) for period in PERIODS])
+    place = middle + dither[:, None]
+    gain, state = response(detector), flickering(detector, streams)
+    empty = (np.asarray(dark(detector)) + SKY) * detector.exposure
+    plan = plan_detection(Detection(), star_psf())
+    near = np.arange(-4, 4)
+    corner, corners, numbers = np.rint(place[0] + 0.5).astype(np.int64), [], []
+    for k, at in enumerate(place):
+        expected = np.zeros_like(empty)
+        stamp(expected, star_psf(), at[:, 0].copy(), at[:, 1].copy(), light)
+        expected = expected * (1.0 if gain is None else gain) + empty
+        if state and k:
+            state.later(CADENCE)
+        frame = frame_of(expected, detector, Streams(0, 1 + k), state=state)
+        column, row = corner.T[:, :, None, None]
+        numbers.append(frame.image[row + near[:, None], column + near] - detector.offset)
+        corners.append(corner - 4)
+        after = follow(frame, corner, case.tracker.box, plan)
+        corner = np.where(after < 0, corner, after)
+    return Guided(np.array(numbers, float), np.array(corners), place, magnitude)
+
+
+def residuals(guided: Guided, detector: Detector, of_map: Floats) -> Floats:
+    """Rms over time (m,) of each star's first moments about its places, arcsec.
+
+    of_map  (rows, columns) electron / second, which is subtracted
+    """
+    case = load_design(shipped("trackers/chandra-aca.toml")).case
+    near, found = np.arange(8), []
+    numbers = of_map * detector.exposure / detector.electrons_per_dn
+    for star in range(len(guided.magnitude)):
+        corner = guided.corner[:, star]
+        column, row = corner.T[:, :, None, None]
+        number = guided.number[:, star] - numbers[row + near[:, None], column + near]
+        seen = centroids(
+            Windows("star", np.arange(len(corner), dtype=float), number, corner), case.tracker.box
+        )
+        off = seen.place - guided.place[seen.windows.time.astype(int), star]
+        found.append(math.sqrt(float(off.var(axis=0).mean())))
+    return np.array(found) / case.instrument.camera.focal_length_px / arcsec
 
 
 # Boresight.

@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from startrack.io import save_text
 from startrack.plots import CYCLE, LINES, MARKERS, legend_below, picture, save_picture, styled
 
+DIGITS = (2, 2, 3, 3, 3)  # of the sizes along and across, and of three misfits
 TEMPLATE = Path(__file__).with_name("flight_page.md")
 
 
@@ -51,6 +52,7 @@ def text_of(a: dict[str, Any], b: dict[str, Any]) -> str:
         fid_clipped=" and ".join(f"{abs(row[1]):.2f}" for row in levels),
         fid_middle=" and ".join(f"{row[2]:.1f}" for row in levels),
         **_stars(bounds),
+        **_images(bounds),
         total_low=bounds["s4", "total"][4] / bounds["s4", "total"][0],
         total_high=bounds["s4", "total"][5] / bounds["s4", "total"][0],
         foreseen_rows="\n".join(
@@ -78,12 +80,83 @@ def text_of(a: dict[str, Any], b: dict[str, Any]) -> str:
             for low, high, off in a["flicker_rows"]
         ),
         acquisition_tables="\n\n".join(_acquisition(table, half) for half in (60, 120)),
-        centroid_rows="\n".join(f"| {row[0]:g} | {row[1]:.3f} |" for row in a["centroid_rows"]),
+        centroid_rows=_centroids(a["centroid_rows"]),
+        centroid_years="\n".join(_residuals(*row) for row in a["centroid_years"]),
+        centroid_stars=a["centroid_years"][0][-2],
+        early_rows="\n".join(
+            f"| {year:.2f} | {seen} | {law:.0f} | {law / seen:.2f} |"
+            for year, seen, law in a["dark_early"]
+        ),
+        part_rows="\n".join(
+            _background(star, parts, bounds) for star, *parts in a["raw_background_parts"]
+        ),
+        scatter_rows=_scatter(a["raw_scatter"]),
+        growth_rows="\n".join(
+            f"| {star} | {angle:.2f} | "
+            + " | ".join(f"{value:.{digits}f}" for value, digits in zip(fit, DIGITS, strict=True))
+            + " |"
+            for star, angle, *fit in a["growth_rows"]
+        ),
+        corner=a["growth_corner"],
         drift_rows="\n".join(
             f"| {axis} | {trend:g} | {scale:g} | {jumps} | {rms:.1f} |"
             for axis, trend, scale, jumps, rms in a["drift_rows"]
         ),
     )
+
+
+def _centroids(rows: list[list[float]]) -> str:
+    """A line for each magnitude: with the last map and without any, of both years."""
+    lines = []
+    for magnitude in sorted({row[1] for row in rows}):
+        cells = [f"{row[k]:.3f}" for row in rows if row[1] == magnitude for k in (2, 3, 4)]
+        lines.append(f"| {magnitude:g} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def _residuals(
+    year: float,
+    calibrated: float,
+    published: float,
+    last: float,
+    none: float,
+    perfect: float,
+    least: float,
+    best: float,
+    stars: int,
+    spread: float,
+) -> str:
+    predicted = f'{last:.3f}" +- {spread:.3f} | {last / published:.2f}'
+    return (
+        f'| {year:.1f} | {calibrated:.1f} | {published:.3f}" | {predicted} | {none:.3f}" '
+        f'| {perfect:.3f}" | {least:.3f}" | {best:.3f}" |'
+    )
+
+
+def _background(star: str, parts: list[float], bounds: dict[tuple[str, str], list[float]]) -> str:
+    seen, _, _, median, low, high = bounds[star, "background"]
+    rest = median - sum(parts)
+    cells = " | ".join(f"{part:.1f}" for part in [*parts, rest, median])
+    return f"| {star} | {cells} | {low:.0f} to {high:.0f} | {seen:.1f} |"
+
+
+def _scatter(rows: list[list[Any]]) -> str:
+    lines = []
+    for star, *both in rows:
+        for name, values in zip(("seen", "predicted"), both, strict=True):
+            cells = " | ".join(f"{value:.4f}" for value in values)
+            lines.append(f"| {star}, {name} | {cells} |")
+    return "\n".join(lines)
+
+
+def _images(bounds: dict[tuple[str, str], list[float]]) -> dict[str, str]:
+    """Differences of the image of both stars, and what is predicted for a further device."""
+    found = {}
+    for star in ("s4", "s5"):
+        seen, _, _, median, _, high = bounds[star, "image"]
+        found[f"{star}_image"] = f"{seen:.3f}"
+        found[f"{star}_image_predicted"] = f"{median:.3f}, to {high:.3f}"
+    return found
 
 
 def _stars(bounds: dict[tuple[str, str], list[float]]) -> dict[str, Any]:
@@ -181,8 +254,16 @@ def _probability(axes: Axes, found: dict[str, Any]) -> None:
 
 
 def _centroid(axes: Axes, found: dict[str, Any]) -> None:
-    rows = found["centroid_rows"]
-    axes.plot([row[0] for row in rows], [row[1] for row in rows], color=CYCLE[0], label="predicted")
-    axes.axhline(0.06, color=CYCLE[1], ls="--", label="published mean")
+    """Over the magnitude, of both years: with the last dark map, and without any."""
+    for n, row in enumerate(found["centroid_years"]):
+        year, published = row[0], row[2]
+        rows = [one for one in found["centroid_rows"] if one[0] == year]
+        magnitude, last, none, _ = np.array(rows).T[1:]
+        colour, marker = CYCLE[n], MARKERS[n]
+        axes.plot(magnitude, last, color=colour, marker=marker, label=f"{year:.0f}, last dark map")
+        axes.plot(
+            magnitude, none, color=colour, marker=marker, ls=":", label=f"{year:.0f}, no dark map"
+        )
+        axes.axhline(published, color=colour, ls="--", label=f"{year:.0f}, flown mean")
     axes.set(xlabel="magnitude", ylabel="centroid, arcsec rms", ylim=(0, None))
     legend_below(axes)

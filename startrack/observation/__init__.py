@@ -32,6 +32,7 @@ from startrack.observation.images import (
     detected_spectrum,
     field_psf_of,
     images_of,
+    psf_at,
     psf_of,
     sunlike_colour,
     with_images_of,

@@ -31,6 +31,13 @@ def psf_of(instrument: Instrument) -> Psf:
     )
 
 
+def psf_at(instrument: Instrument, x: float, y: float) -> Psf:
+    """The PSF for sunlike stars at a place (pixel) of the frame."""
+    if not instrument.optics.tabulated:
+        return psf_of(instrument)
+    return field_psf_of(instrument).image(x, y, sunlike_colour(instrument))[0]
+
+
 @kept(8)
 def _one_psf(
     optics: Optics, pitch: float, photons: bytes, fill_factor: float, diffusion: float

@@ -31,6 +31,7 @@ LENSES = ("aplanatic", "perfect", "parabolic")
 COEFFICIENT = "OpenCV's distortion coefficients"
 PRINCIPAL_POINT = "pixel from the centre of the detector to the principal point"
 DIAMETER = Unit("m", "mm")
+GROWTH = Range(-0.9, 10)
 
 
 class Optics(Parameters):
@@ -133,6 +134,14 @@ class Optics(Parameters):
         limit=core.FILE,
         default="",
     )
+    growth_along: float = parameter(
+        "by which the one image of a `psf_file` is larger along the field at `field_edge` than on "
+        "the axis, over its size there; it grows with the square of the field angle, as images out "
+        "of focus do by curvature of the field and astigmatism",
+        limit=GROWTH,
+        default=0.0,
+    )
+    growth_across: float = parameter("the same across the field", limit=GROWTH, default=0.0)
     as_built: float = parameter(
         "rms wavefront error of manufacture and alignment, which blurs by its mean slope: see "
         "`total_blur`",
@@ -168,6 +177,10 @@ class Optics(Parameters):
         self._refuse_models()
         if self.psf_file:
             self._refuse_beside_file()
+        if self.grows and not (self.psf_file and not open_psf_file(self.psf_file).varies):
+            raise Refused(
+                "growth_along and growth_across must be left out without a psf_file of one image"
+            )
         if self.traced:
             self._refuse_beside_table()
         elif not (self.lens_field and self.lens_colour) and not self.tabulated:
@@ -240,7 +253,14 @@ class Optics(Parameters):
     @property
     def tabulated(self) -> bool:
         """Whether images change over the field or with the colour."""
-        return self.traced or bool(self.psf_file and open_psf_file(self.psf_file).varies)
+        return (
+            self.traced or self.grows or bool(self.psf_file and open_psf_file(self.psf_file).varies)
+        )
+
+    @property
+    def grows(self) -> bool:
+        """Whether the one image of a `psf_file` changes its size over the field."""
+        return bool(self.growth_along or self.growth_across)
 
     @property
     def plain(self) -> bool:

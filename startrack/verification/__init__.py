@@ -33,7 +33,7 @@ from startrack.verification.accuracy import (
 )
 from startrack.verification.cases import boresights, cases, counted
 from startrack.verification.decide import Answer, Claim, Looks, YieldClaim, claims_of, tails
-from startrack.verification.figures import correlation, gain_in_flight
+from startrack.verification.figures import centroids, correlation, gain_in_flight, image_of_other
 from startrack.verification.flown import FlightComparison, compare_flown
 from startrack.verification.frame_figures import (
     expected_in_frames,

@@ -17,6 +17,7 @@ from startrack.verification.windows_of_flight import BORDER, FEWEST_IMAGES, Wind
 
 PHASES = 10  # of a pixel, of the curve of the centroid
 CELLS = 4  # of a pixel along each side, of the mean images
+PLACES = [(x, y) for x in (-0.25, 0.25) for y in (-0.25, 0.25)]  # pixel, of images of one PSF
 FEWEST = 20  # exposures of a cell
 MEMBERS = 60  # most exposures of a cell whose images the model averages
 CLEAR = 0.2  # of the median light: largest deviation of an exposure
@@ -107,10 +108,14 @@ class MeasuredWindows(NamedTuple):
 
 
 def measure(
-    stars: Sequence[Windows], box: detection.Box, psf: core.Psf | None, read_noise: float = math.nan
+    stars: Sequence[Windows],
+    box: detection.Box,
+    psfs: Sequence[core.Psf] = (),
+    read_noise: float = math.nan,
 ) -> list[MeasuredWindows]:
     """Measure stars that were seen together.
 
+    psfs        image of each star by the design; none: images are not compared
     read_noise  digital number, of the design, for the offset
 
     temporal    pixel rms per axis, of the place minus the motion that all stars share, by third
@@ -126,14 +131,15 @@ def measure(
                 offset was already subtracted
     acquired    fraction of the exposures with the star's light in which the search finds it
     image       1, of the peak: worst pixel of the mean images in phase cells minus the design's
-                image at the fitted place and flux, over all stars; NaN without `psf`
+                image at the fitted place and flux, NaN without `psfs`
 
     With only one star, the temporal scatter contains the motion, and there is no total and no
     curve. A star that is never seen together with others has none of the three.
     """
     seen = [centroids(star, box) for star in stars]
     measured = []
-    for track, (off, calm, scale) in zip(seen, about_common(seen), strict=True):
+    owns = about_common(seen)
+    for number, (track, (off, calm, scale)) in enumerate(zip(seen, owns, strict=True)):
         off, windows = off * scale, track.windows
         gain = read = offset = math.nan
         with suppress(Refused):  # the image moves too often
@@ -149,7 +155,7 @@ def measure(
             "gain": gain,
             "read_noise": read,
             "offset": offset,
-            "image": image_difference(track, box, psf) if psf else math.nan,
+            "image": image_difference(track, box, psfs[number]) if psfs else math.nan,
             "temporal": math.sqrt(float((third**2).mean())) if len(third) else math.nan,
             "total": math.sqrt(float((off[known] ** 2).mean())) if together else math.nan,
             "moves": float(np.abs(np.diff(windows.corner, axis=0)).sum() / 2 / len(off)),
@@ -333,6 +339,24 @@ def image_difference(seen: Centroids, box: detection.Box, psf: core.Psf) -> floa
             some = moment[chosen[:: max(len(chosen) // MEMBERS, 1)]] - mean
             off = _fitted(image, mean, some, psf)[counted]
             worst = max(worst, float(np.abs(off).max() / image.max()))
+    return worst
+
+
+def image_of_other(psf: core.Psf, design: core.Psf, box: detection.Box) -> float:
+    """Worst pixel of the images of a star with one PSF minus those of the design's at the
+    best-fitting place and flux, relative to the peak; over places in the pixel.
+    """
+    if psf is design:
+        return 0.0
+    worst, one = 0.0, np.zeros((1, 2))
+    counted = detection.image_mask(box.size).astype(bool)
+    far = (box.size - 1) / 2 + BORDER
+    for place in PLACES:
+        image = np.zeros((box.size + 2 * BORDER, box.size + 2 * BORDER))
+        stamp(image, psf, np.array([far + place[0]]), np.array([far + place[1]]), np.ones(1))
+        inner = image[BORDER:-BORDER, BORDER:-BORDER] * detection.image_mask(box.size)
+        off = _fitted(inner, np.array(place), one, design)[counted]
+        worst = max(worst, float(np.abs(off).max() / inner.max()))
     return worst
 
 

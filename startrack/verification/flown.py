@@ -17,10 +17,10 @@ from startrack.core import Advance, Floats, Refused, printed
 from startrack.design import Case
 from startrack.detection import Box
 from startrack.metrics import Interval
-from startrack.observation import psf_of
+from startrack.observation import psf_at
 from startrack.response import scale
-from startrack.verification.figures import centroids, is_steady, known_mean, measure
-from startrack.verification.prediction import fraction_in_box, simulate
+from startrack.verification.figures import centroids, image_of_other, is_steady, known_mean, measure
+from startrack.verification.prediction import fraction_in_box, images_of_stars, simulate
 from startrack.verification.windows_of_flight import Windows, blocks_of, jackknife_sigma
 
 OFF = 1.5  # of half of its interval: a larger offset is not zero (3 sigma)
@@ -105,12 +105,12 @@ def compare_flown(
     unknown   the design with other values of its unknowns, one for each device, so that the
               predicted intervals include them; none: all devices are of `case`
     Raises    Refused if no star is left, or for a mosaic of colour filters; as `simulate`.
-    Accuracy  model: light by a magnitude as in `photon_irradiance`, for a sunlike star; flown
-              images are compared only with the image of a star of `case`.
+    Accuracy  model: light by a magnitude as in `photon_irradiance`, for a sunlike star; the image
+              of a star on another device differs from that of `case` only by its PSF.
     """
     if case.instrument.detector.mosaic is not None:
         raise Refused("instrument.detector.mosaic must be left out: predicted images have none")
-    box, psf = case.tracker.box, psf_of(case.instrument)
+    box = case.tracker.box
     steady = [star for star in stars if is_steady(star, box)] or list(stars)
     made = simulate(case, steady, devices, seed, progress, unknown)
     kept = [n for n, images in enumerate(zip(*made, strict=True)) if _all_steady(images, box)]
@@ -118,12 +118,13 @@ def compare_flown(
     if not kept:
         raise Refused("stars must have a steady light, as seen and as predicted")
     stars = [steady[n] for n in kept]
-    drawn = [measure([unit[n] for n in kept], box, None) for unit in made]
+    drawn = [measure([unit[n] for n in kept], box) for unit in made]
     detector = case.instrument.detector
     noise = detector.noise / detector.electrons_per_dn
-    measured = measure(stars, box, psf, noise)
-    parts = [measure(block, box, None, noise) for block in blocks_of(stars)]
-    cases = unknown or [case] * devices
+    psfs, cases = images_of_stars(case, stars), unknown or [case] * devices
+    measured = measure(stars, box, psfs, noise)
+    parts = [measure(block, box, read_noise=noise) for block in blocks_of(stars)]
+    others = [images_of_stars(one, stars) if unknown else psfs for one in cases]
     by_design = _by_design(case, cases)
     differences, curves = [], {}
     for n, star in enumerate(stars):
@@ -132,6 +133,8 @@ def compare_flown(
             if name == "image":
                 seen = Interval(value, value, value)
             made_of = np.array([unit[n].scalar[name] for unit in drawn])
+            if name == "image":
+                made_of = np.array([image_of_other(one[n], psfs[n], box) for one in others])
             untested = ""
             if name == "brightness":
                 if math.isfinite(star.magnitude_g):
@@ -158,7 +161,6 @@ def _by_design(case: Case, cases: Sequence[Case]) -> dict[str, Floats]:
     detectors = [one.instrument.detector for one in cases]
     gain = np.array([detector.electrons_per_dn for detector in detectors])
     return {
-        "image": np.zeros(len(cases)),
         "gain": gain,
         "read_noise": np.array([detector.noise for detector in detectors]) / gain,
         "offset": np.array([detector.offset for detector in detectors])
@@ -170,7 +172,8 @@ def _light_by_magnitude(case: Case, star: Windows) -> float:
     """Light of a sunlike star of this G over the light of the predicted images."""
     injected = float(np.median(centroids(star, case.tracker.box).total))
     injected *= case.instrument.detector.electrons_per_dn
-    image = fraction_in_box(psf_of(case.instrument), case.tracker.box)
+    psf = psf_at(case.instrument, *star.place_on(case.instrument.detector))
+    image = fraction_in_box(psf, case.tracker.box)
     return scale(case).star * 10 ** (-0.4 * star.magnitude_g) * image / injected
 
 

@@ -13,7 +13,7 @@ from startrack import core, detection
 from startrack.core import Advance, Floats, Refused
 from startrack.design import Case
 from startrack.detector import dark, flickering, frame_of, response, stamp
-from startrack.observation import frames_of_map, psf_of, sky_electrons
+from startrack.observation import frames_of_map, psf_at, psf_of, sky_electrons
 from startrack.verification.figures import Centroids, about_common, centroids
 from startrack.verification.windows_of_flight import (
     BORDER,
@@ -47,7 +47,7 @@ def simulate(
              are of `case`
     Returns  [device][star], in windows that `tracker.box` places, 8 x 8 pixels each
     Raises   Refused if the numbers of `unknown` and of devices differ
-    Accuracy  model: one mean image for the whole field; a star does not move within an exposure;
+    Accuracy  model: one image on the whole path of a star; a star does not move within an exposure;
               the common motion has the mean error of the centroids, some hundredths of a pixel. The
               path of a star that is seen alone has the errors of its flown centroids.
     """
@@ -56,19 +56,28 @@ def simulate(
         raise Refused(f"unknown must be one case for each device, got {len(unknown)}")
     box, offset, drawn = case.tracker.box, case.instrument.detector.offset, []
     tracks = [centroids(star, box) for star in stars]
+    psfs = [images_of_stars(one, stars) for one in unknown or [case]]
     for number, (seen, path) in enumerate(zip(tracks, _paths(tracks), strict=True)):
         streams = core.Streams(seed, number)
         if unknown:
             parts = [
-                _drawn(one, seen, path, offset, 1, _of_device(streams, device))
+                _drawn(
+                    one, seen, path, psfs[device][number], offset, 1, _of_device(streams, device)
+                )
                 for device, one in enumerate(unknown)
             ]
         else:
-            parts = [_drawn(case, seen, path, offset, devices, streams)]
+            parts = [_drawn(case, seen, path, psfs[0][number], offset, devices, streams)]
         drawn.append(list(chain.from_iterable(parts)))
         if progress:
             progress(1)
     return [list(device) for device in zip(*drawn, strict=True)]
+
+
+def images_of_stars(case: Case, stars: Sequence[Windows]) -> list[core.Psf]:
+    """The PSF of the design at the place of each star."""
+    detector = case.instrument.detector
+    return [psf_at(case.instrument, *star.place_on(detector)) for star in stars]
 
 
 def _of_device(streams: core.Streams, device: int) -> core.Streams:
@@ -103,13 +112,21 @@ def fraction_in_box(psf: core.Psf, box: detection.Box) -> float:
 
 
 def _drawn(
-    case: Case, star: Centroids, path: Floats, offset: float, devices: int, streams: core.Streams
+    case: Case,
+    star: Centroids,
+    path: Floats,
+    psf: core.Psf,
+    offset: float,
+    devices: int,
+    streams: core.Streams,
 ) -> list[Windows]:
     """One star on detectors side by side, each a tile of one frame.
 
-    path    (n, 2) pixel; offset digital number, which is subtracted from the images
+    path    (n, 2) pixel
+    psf     of the star
+    offset  digital number, which is subtracted from the images
     """
-    seen, share = star.windows, fraction_in_box(psf_of(case.instrument), case.tracker.box)
+    seen, share = star.windows, fraction_in_box(psf, case.tracker.box)
     flux = float(np.median(star.total)) / share * case.instrument.detector.electrons_per_dn
     low = np.floor(path.min(axis=0)).astype(int) - 2 * BORDER
     side = np.ceil(path.max(axis=0)).astype(int) + 2 * BORDER - low
@@ -122,9 +139,9 @@ def _drawn(
     )
     shift = np.arange(devices) * side[0]
     gain, empty = response(device), sky_electrons(case) + np.asarray(dark(device)) * device.exposure
-    state, psf, box = flickering(device, streams), psf_of(case.instrument), case.tracker.box
-    settings = case.tracker.detection
-    plan = detection.plan_detection(settings, psf, partial(frames_of_map, device, settings))
+    state, box, settings = flickering(device, streams), case.tracker.box, case.tracker.detection
+    believed, taken = psf_of(case.instrument), partial(frames_of_map, device, settings)
+    plan = detection.plan_detection(settings, believed, taken)
     at = path - low
     corner = np.rint(np.column_stack([at[0, 0] + shift, np.full(devices, at[0, 1])]) + 0.5)
     corner, numbers, corners, acquired = corner.astype(np.int64), [], [], []

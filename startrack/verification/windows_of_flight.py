@@ -37,6 +37,8 @@ class Windows(core.Parameters, eq=False):
     magnitude   stated by the tracker; NaN: unknown magnitude_g G of a sunlike star of equal light,
                 from a catalogue and not from these images; NaN: unknown
     acquired    (n,) whether a search of the frame finds the star; None: unknown
+    from_middle whether `corner` counts from the middle of the detector, and not from its first
+                pixel
     """
 
     name: str
@@ -47,6 +49,7 @@ class Windows(core.Parameters, eq=False):
     magnitude: float = math.nan
     acquired: Flags | None = None
     magnitude_g: float = math.nan
+    from_middle: bool = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -69,6 +72,13 @@ class Windows(core.Parameters, eq=False):
         columns = {"time": self.time, "number": self.number, "col0": left, "row0": top}
         return columns if self.acquired is None else columns | {"acquired": self.acquired}
 
+    def place_on(self, detector: Detector) -> tuple[float, float]:
+        """Mean place (x, y) of the middles of the images, pixel of the detector."""
+        middle = self.corner.mean(axis=0) + (self.number.shape[1] - 1) / 2
+        if self.from_middle:
+            middle += np.array([detector.columns, detector.rows]) / 2
+        return float(middle[0]), float(middle[1])
+
     def of(self, chosen: Any) -> Windows:
         """Some of the exposures."""
         background = None if self.background is None else self.background[chosen]
@@ -88,6 +98,9 @@ def read_windows(path: Path, names: Sequence[str] = ()) -> list[Windows]:
 
     names  of the stars to read; none: all stars with enough images
 
+    Where a star of the file has a negative col0 or row0, those of all its stars count from the
+    middle of the detector.
+
     npz   `time`, `number` (or `raw_adu`), `col0`, `row0` and optionally `background` (or
           `bkg_adu`), `magnitude` (or `obc_mag`), `magnitude_g` and `acquired`, each prefixed by the
           name of its star and "_" if there are several
@@ -100,7 +113,11 @@ def read_windows(path: Path, names: Sequence[str] = ()) -> list[Windows]:
     if unknown := set(names) - set(tables):
         raise Refused(f"stars must be of {', '.join(tables)}, got {', '.join(sorted(unknown))}")
     long = [name for name in tables if len(np.atleast_1d(tables[name]["time"])) >= FEWEST_IMAGES]
-    return [_windows(path, name, tables[name]) for name in names or long or tables]
+    places = [
+        table[name] for table in tables.values() for name in ("col0", "row0") if name in table
+    ]
+    middle = any((np.asarray(place) < 0).any() for place in places)
+    return [_windows(path, name, tables[name], middle) for name in names or long or tables]
 
 
 def _arrays(path: Path) -> dict[str, dict[str, Any]]:
@@ -126,7 +143,7 @@ def _fits_tables(path: Path) -> dict[str, dict[str, Any]]:
         }
 
 
-def _windows(path: Path, name: str, table: dict[str, Any]) -> Windows:
+def _windows(path: Path, name: str, table: dict[str, Any], from_middle: bool) -> Windows:
     def column(*names: str) -> Any:
         return next((table[name] for name in names if name in table), None)
 
@@ -144,6 +161,7 @@ def _windows(path: Path, name: str, table: dict[str, Any]) -> Windows:
         math.nan if magnitude is None else float(np.median(magnitude)),
         np.asarray(table["acquired"], bool) if "acquired" in table else None,
         math.nan if magnitude_g is None else float(np.median(magnitude_g)),
+        from_middle,
     )
 
 

@@ -12,7 +12,7 @@ from startrack.budget import analytic
 from startrack.cli.main import main
 from startrack.core import Camera, Refused
 from startrack.metrics import summarise
-from startrack.observation.images import field_psf_of
+from startrack.observation.images import field_psf_of, psf_at
 from startrack.optics import Optics, PsfFile, load_lens, load_psf_file, open_optics, save_psf_file
 from startrack.optics.field_images import ColourBand
 from startrack.optics.lens_psf import LensImages, lens_stars
@@ -231,6 +231,50 @@ def test_wavefront_pages_become_a_lens_table_with_their_image(tmp_path):
     assert max(abs(size) for j, size in found.items() if j not in (4, 8)) < 2e-3
     assert main([*arguments, "--focal-length", "50", "--f-number", "4", "--flip"]) == 0
     assert load_lens(out).wavefront == pytest.approx(-table.wavefront)
+
+
+def covariance(psf):
+    """Second moments (2, 2) of a PSF, pixel^2."""
+    at = (np.arange(len(psf.table)) - len(psf.table) // 2) / psf.oversampling
+    light = psf.table / psf.table.sum()
+    across, down = light.sum(axis=0) @ at, light.sum(axis=1) @ at
+    x, y = at - across, at - down
+    mixed = float(y @ light @ x)
+    return np.array([[light.sum(axis=0) @ x**2, mixed], [mixed, light.sum(axis=1) @ y**2]])
+
+
+def test_one_image_grows_with_the_square_of_the_field_angle(tmp_path):
+    """Second moments are those of a stretch along the radius; the image itself is not turned."""
+    axis = (np.arange(121) - 60) / 10
+    image = np.exp(-(axis[None] ** 2) / 2 / 1.3**2 - axis[:, None] ** 2 / 2 / 0.9**2)
+    path, pitch = tmp_path / "one.fits", 11e-6
+    save_psf_file(path, PsfFile("", image[None, None], pitch / 10, True, pitch))
+    plain = the_instrument(Optics(FOCAL, F_NUMBER, psf_file=str(path)))
+    edge = float(np.arctan(250 / plain.camera.focal_length_px))
+    growing = replace(
+        plain.optics, field_edge=edge, growth_along=0.2, growth_across=-0.1, psf_tolerance=0.001
+    )
+    grown, centre = replace(plain, optics=growing), np.array(plain.camera.centre)
+    wanted = covariance(psf_at(plain, *centre))
+    np.testing.assert_allclose(covariance(psf_at(grown, *centre)), wanted, rtol=5e-3, atol=1e-3)
+    for azimuth in np.radians([0, 90, 30, 200]):
+        radial = np.array([np.cos(azimuth), np.sin(azimuth)])
+        for radius in (250.0, 125.0):
+            square = (radius / 250) ** 2
+            outer = np.outer(radial, radial)
+            stretch = (1 + 0.2 * square) * outer + (1 - 0.1 * square) * (np.eye(2) - outer)
+            found = covariance(psf_at(grown, *(centre + radius * radial)))
+            np.testing.assert_allclose(found, stretch @ wanted @ stretch, rtol=0.02, atol=0.015)
+
+
+def test_only_one_image_grows(tmp_path, cube):
+    for optics in ({}, {"psf_file": str(cube[0])}):
+        with pytest.raises(Refused, match="must be left out without a psf_file of one image"):
+            Optics(FOCAL, F_NUMBER, growth_along=0.1, **optics)
+    chandra = load_design(shipped("trackers/chandra-aca.toml")).case.instrument
+    small = replace(chandra, optics=replace(chandra.optics, growth_across=-0.6))
+    with pytest.raises(Refused, match=r"must leave 0\.1 of the image"):
+        field_psf_of(small)
 
 
 def test_what_it_refuses(tmp_path, cube):

@@ -16,9 +16,15 @@ from startrack.core import Refused
 from startrack.design import replaced
 from startrack.detector import ColourMosaic, dark_frames
 from startrack.io import FrameFiles, Layout, read_frames
-from startrack.observation import colour_correction
+from startrack.observation import colour_correction, psf_at
 from startrack.trial import observe
-from startrack.verification.figures import Centroids, about_common, correlation, gain_in_flight
+from startrack.verification.figures import (
+    Centroids,
+    about_common,
+    correlation,
+    gain_in_flight,
+    image_of_other,
+)
 from startrack.verification.flown import _of_devices, compare_flown
 from startrack.verification.prediction import SMOOTH, _paths
 from startrack.verification.windows_of_flight import Windows, read_windows, windows_of_frames
@@ -72,6 +78,29 @@ def test_windows_are_read_from_npz_and_fits(tmp_path):
     np.savez(tmp_path / "none.npz", other=np.zeros(3))
     with pytest.raises(ValueError, match="must hold arrays or tables of a star each"):
         read_windows(tmp_path / "none.npz")
+
+
+def test_negative_places_count_from_the_middle_of_the_detector(tmp_path):
+    """Of all stars of a file where one has them, also if that one is not read."""
+    detector = load_design(shipped("trackers/chandra-aca.toml")).case.instrument.detector
+    star = still()
+    columns = {"time": star.time, "number": star.number, "col0": star.corner[:, 0]}
+    for sign, place in ((1, (103.5, 203.5)), (-1, (615.5, 715.5))):
+        rows = {"s1": star.corner[:, 1], "s2": sign * star.corner[:, 1]}
+        named = {f"{n}_{key}": values for n in rows for key, values in columns.items()}
+        path = tmp_path / f"{sign}.npz"
+        np.savez(path, **named, **{f"{n}_row0": row for n, row in rows.items()})
+        (read,) = read_windows(path, ["s1"])
+        assert read.place_on(detector) == place
+
+
+def test_the_image_of_a_device_differs_by_its_growth_over_the_field():
+    """A few per cent of the peak at the edge of the field, nothing without a difference."""
+    case = load_design(shipped("trackers/chandra-aca.toml")).case
+    other = replaced(case, "instrument.optics.growth_across", -0.2)
+    psfs = [psf_at(one.instrument, 10.0, 511.5) for one in (case, other)]
+    assert image_of_other(psfs[0], psfs[0], case.tracker.box) == 0
+    assert 0.01 < image_of_other(psfs[1], psfs[0], case.tracker.box) < 0.1
 
 
 def test_curves_that_are_alike_are_correlated():

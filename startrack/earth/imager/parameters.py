@@ -37,7 +37,10 @@ from startrack.motion import Motion
 from startrack.optics import Optics, with_plain_optics
 
 UNKNOWN = {
-    "optics": ("principal_x", "principal_y", "k1", "k2", "p1", "p2", "k3"),
+    "optics": (
+        *("principal_x", "principal_y", "k1", "k2", "p1", "p2", "k3"),
+        *("growth_along", "growth_across"),
+    ),
     "detector": ("region", "row_delay", "crosstalk", "lag"),
 }
 
