@@ -155,7 +155,7 @@ def _images(bounds: dict[tuple[str, str], list[float]]) -> dict[str, str]:
     for star in ("s4", "s5"):
         seen, _, _, median, _, high = bounds[star, "image"]
         found[f"{star}_image"] = f"{seen:.3f}"
-        found[f"{star}_image_predicted"] = f"{median:.3f}, to {high:.3f}"
+        found[f"{star}_image_predicted"] = f"{median:.3f} in the median, up to {high:.3f}"
     return found
 
 
@@ -259,11 +259,18 @@ def _centroid(axes: Axes, found: dict[str, Any]) -> None:
         year, published = row[0], row[2]
         rows = [one for one in found["centroid_rows"] if one[0] == year]
         magnitude, last, none, _ = np.array(rows).T[1:]
-        colour, marker = CYCLE[n], MARKERS[n]
-        axes.plot(magnitude, last, color=colour, marker=marker, label=f"{year:.0f}, last dark map")
+        for k, (values, name) in enumerate(((last, "last dark map"), (none, "no dark map"))):
+            line = LINES[2 * n + k]
+            axes.plot(
+                magnitude, values, color=CYCLE[2 * n + k], ls=line, label=f"{year:.0f}, {name}"
+            )
         axes.plot(
-            magnitude, none, color=colour, marker=marker, ls=":", label=f"{year:.0f}, no dark map"
+            magnitude.mean(),
+            published,
+            ls="none",
+            color=CYCLE[2 * n],
+            marker=MARKERS[n],
+            label=f"{year:.0f}, flown mean of stars",
         )
-        axes.axhline(published, color=colour, ls="--", label=f"{year:.0f}, flown mean")
     axes.set(xlabel="magnitude", ylabel="centroid, arcsec rms", ylim=(0, None))
     legend_below(axes)

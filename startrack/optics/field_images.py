@@ -362,7 +362,7 @@ class _GrowingImage:
         half = len(psf.table) // 2
         self.room = math.ceil(half * max(float(corner.max()), 1.0))
         self.side = 2 * self.room + 1
-        self.knots, self.middle = ndimage.spline_filter(psf.table, order=3), half
+        self.knots, self.middle = scipy.ndimage.spline_filter(psf.table, order=3), half
 
     def image(self, away_x: float, away_y: float) -> tuple[Floats, Floats]:
         """As `FieldImagePlan`: the same table for each spectrum, at the place of the camera."""
@@ -375,7 +375,7 @@ class _GrowingImage:
         axis = np.arange(self.side) - self.room
         x, y = axis[None], axis[:, None]
         u, v = (row[0] * x + row[1] * y + self.middle for row in back)
-        table = ndimage.map_coordinates(self.knots, [v, u], order=3, prefilter=False)
+        table = scipy.ndimage.map_coordinates(self.knots, [v, u], order=3, prefilter=False)
         table *= self.energy * self.oversampling**2 / table.sum()
         return np.array([table] * self.spectra), np.tile([0.0, 0.0, 1.0], (self.spectra, 1))
 
