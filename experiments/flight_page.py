@@ -270,7 +270,8 @@ def _centroid(axes: Axes, found: dict[str, Any]) -> None:
             ls="none",
             color=CYCLE[2 * n],
             marker=MARKERS[n],
-            label=f"{year:.0f}, flown mean of stars",
+            markersize=4,
+            label=f"{year:.0f}, flown mean",
         )
     axes.set(xlabel="magnitude", ylabel="centroid, arcsec rms", ylim=(0, None))
     legend_below(axes)
