@@ -6,7 +6,7 @@ import numpy as np
 
 from startrack.core import Camera, FieldPsf, Floats, Psf, kept
 from startrack.design import Case, Instrument
-from startrack.optics import Optics, cube_psf, field_psf, open_optics, pixel_psf
+from startrack.optics import Optics, cube_psf, field_psf, grown_psf, open_optics, pixel_psf
 from startrack.scene import SUN, WAVELENGTH
 
 # Kelvin, temperatures of blackbodies; images of stars are interpolated between theirs.
@@ -33,6 +33,8 @@ def psf_of(instrument: Instrument) -> Psf:
 
 def psf_at(instrument: Instrument, x: float, y: float) -> Psf:
     """The PSF for sunlike stars at a place (pixel) of the frame."""
+    if instrument.optics.grows:
+        return grown_psf(psf_of(instrument), instrument.optics, instrument.camera, x, y)
     if not instrument.optics.tabulated:
         return psf_of(instrument)
     return field_psf_of(instrument).image(x, y, sunlike_colour(instrument))[0]

@@ -42,7 +42,7 @@ from startrack.optics.diffraction import (
     pupil_samples,
     pupil_transfer,
 )
-from startrack.optics.field_images import COARSE, camera_of_cube, cube_psf, mirrored
+from startrack.optics.field_images import COARSE, camera_of_cube, cube_psf, grown_psf, mirrored
 from startrack.optics.ghosts import (
     Ghosts,
     add_ghosts,

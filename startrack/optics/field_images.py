@@ -8,11 +8,11 @@ from typing import NamedTuple, Protocol
 import numpy as np
 import scipy
 
-from startrack.core import Camera, FieldPsf, Floats, Refused, lagrange_weights, nm
+from startrack.core import Camera, FieldPsf, Floats, Psf, Refused, lagrange_weights, nm
 from startrack.optics.lens_table import spline
 from startrack.optics.parameters import Optics
 from startrack.optics.pixel_psf import gauss_band
-from startrack.optics.psf_file import FINE, PsfFile, averaged, open_psf_file, psf_of_file
+from startrack.optics.psf_file import FINE, PsfFile, averaged, open_psf_file
 from startrack.optics.pupil import noll_to_nm
 
 # Wavelengths of a band: errors of 0.2 % (double Gauss) and 0.7 % (Petzval) of the peak; with the
@@ -171,8 +171,6 @@ def images_over_frame(
 def mirrored(optics: Optics, camera: Camera) -> bool:
     """Whether images over the field repeat eight times in a frame, by mirrors and a turn."""
     centred = camera.principal_x == camera.principal_y == 0
-    if optics.grows:  # the image itself stays as it is on the axis
-        return False
     if optics.psf_file:
         return centred and open_psf_file(optics.psf_file).even and not (camera.p1 or camera.p2)
     constant = any(aberration.growth == 0 for aberration in optics.aberrations)
@@ -255,16 +253,12 @@ def cube_psf(
 
     Between its nodes, images are interpolated by cubic splines over the field angle, including
     mirror images of the nodes, and over the inverse of the wavelength. Images off the axis are
-    turned to the azimuth of the star. The one image of a file that grows over the field is not
-    turned: it is stretched along and across the field. Arguments as for `field_psf`.
+    turned to the azimuth of the star. Arguments as for `field_psf`.
 
     Raises    ValueError where the file does not hold the frame or the band.
     Accuracy  numerical: that of the splines; the error between the nodes of the frame is measured.
     """
     cube = open_psf_file(optics.psf_file)
-    if optics.grows:
-        growing = _GrowingImage(optics, cube, camera, pitch, len(spectra), fill_factor, diffusion)
-        return images_over_frame(growing, optics, camera, colour, nodes)
     _refuse_colours(cube, wavelength, spectra)
     band = band_of(wavelength, spectra, node_count(optics))
     plan = _FieldPlan(optics, cube, camera, pitch, band, fill_factor, diffusion)
@@ -325,8 +319,8 @@ def _over_field(cube: PsfFile, angles: Floats, odd: bool = False) -> Floats:
     return spline(both, mirrored, angles, 0, DEGREE)
 
 
-class _GrowingImage:
-    """One image whose size changes with the square of the field angle.
+def grown_psf(psf: Psf, optics: Optics, camera: Camera, x: float, y: float) -> Psf:
+    """The one image of a file at a place (pixel), larger or smaller than on the axis.
 
         size = 1 + growth (angle / field_edge)^2, along and across the field
 
@@ -334,50 +328,31 @@ class _GrowingImage:
     distance from the focus; curvature of the field and astigmatism of the third order move the
     focus of either direction by the square of the field angle.
 
+    psf       on the axis
     Source    Born & Wolf, Principles of Optics, section 5.3.
     Raises    Refused where an image would have no size in the frame.
     Accuracy  model: geometrical; pixels that a measured image contains are stretched with it.
     """
-
-    def __init__(
-        self,
-        optics: Optics,
-        cube: PsfFile,
-        camera: Camera,
-        pitch: float,
-        spectra: int,
-        fill_factor: float,
-        diffusion: float,
-    ) -> None:
-        psf = psf_of_file(cube, pitch, optics.total_blur, fill_factor, diffusion)
-        self.camera, self.edge, self.spectra = camera, optics.field_edge, spectra
-        self.growth = np.array([optics.growth_along, optics.growth_across])
-        corner = 1 + self.growth * (camera.half_diagonal / self.edge) ** 2
-        if corner.min() < SMALLEST_SIZE:
-            raise Refused(
-                f"growth_along and growth_across must leave {SMALLEST_SIZE:g} of the image's size "
-                f"in the corner of the frame, got {corner.min():.3g}"
-            )
-        self.oversampling, self.energy = psf.oversampling, psf.energy
-        half = len(psf.table) // 2
-        self.room = math.ceil(half * max(float(corner.max()), 1.0))
-        self.side = 2 * self.room + 1
-        self.knots, self.middle = scipy.ndimage.spline_filter(psf.table, order=3), half
-
-    def image(self, away_x: float, away_y: float) -> tuple[Floats, Floats]:
-        """As `FieldImagePlan`: the same table for each spectrum, at the place of the camera."""
-        angle, azimuth = angles_at(self.camera, away_x, away_y)
-        size = 1 + self.growth * (angle / self.edge) ** 2
-        turn = np.array(
-            [[math.cos(azimuth), math.sin(azimuth)], [-math.sin(azimuth), math.cos(azimuth)]]
+    growth = np.array([optics.growth_along, optics.growth_across])
+    smallest = float((1 + growth * (camera.half_diagonal / optics.field_edge) ** 2).min())
+    if smallest < SMALLEST_SIZE:
+        raise Refused(
+            f"growth_along and growth_across must leave {SMALLEST_SIZE:g} of the image's size in "
+            f"the corner of the frame, got {smallest:.3g}"
         )
-        back = turn.T @ np.diag(1 / size) @ turn
-        axis = np.arange(self.side) - self.room
-        x, y = axis[None], axis[:, None]
-        u, v = (row[0] * x + row[1] * y + self.middle for row in back)
-        table = scipy.ndimage.map_coordinates(self.knots, [v, u], order=3, prefilter=False)
-        table *= self.energy * self.oversampling**2 / table.sum()
-        return np.array([table] * self.spectra), np.tile([0.0, 0.0, 1.0], (self.spectra, 1))
+    angle, azimuth = angles_at(camera, x - camera.centre[0], y - camera.centre[1])
+    size = 1 + growth * (angle / optics.field_edge) ** 2
+    turn = np.array(
+        [[math.cos(azimuth), math.sin(azimuth)], [-math.sin(azimuth), math.cos(azimuth)]]
+    )
+    back = turn.T @ np.diag(1 / size) @ turn
+    middle = len(psf.table) // 2
+    room = math.ceil(middle * max(float(size.max()), 1.0))
+    axis = np.arange(-room, room + 1)
+    u, v = (row[0] * axis[None] + row[1] * axis[:, None] + middle for row in back)
+    table = scipy.ndimage.map_coordinates(psf.table, [v, u], order=3)
+    table *= psf.table.sum() / table.sum()
+    return Psf(table, psf.oversampling, psf.energy)
 
 
 class _FieldPlan:

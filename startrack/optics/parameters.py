@@ -137,7 +137,8 @@ class Optics(Parameters):
     growth_along: float = parameter(
         "by which the one image of a `psf_file` is larger along the field at `field_edge` than on "
         "the axis, over its size there; it grows with the square of the field angle, as images out "
-        "of focus do by curvature of the field and astigmatism",
+        "of focus do by curvature of the field and astigmatism. `compare-flight` takes it at the "
+        "place of each star; elsewhere all stars have the image of the axis",
         limit=GROWTH,
         default=0.0,
     )
@@ -253,9 +254,7 @@ class Optics(Parameters):
     @property
     def tabulated(self) -> bool:
         """Whether images change over the field or with the colour."""
-        return (
-            self.traced or self.grows or bool(self.psf_file and open_psf_file(self.psf_file).varies)
-        )
+        return self.traced or bool(self.psf_file and open_psf_file(self.psf_file).varies)
 
     @property
     def grows(self) -> bool:

@@ -451,6 +451,11 @@ EFFECTS = [
         left_out="aberrations that grow over the field (optics.aberrations)",
     ),
     Effect(
+        "instrument.optics.growth_along",
+        lambda case: case.instrument.optics.grows,
+        left_out="the size of images over the field (optics.growth_along, growth_across)",
+    ),
+    Effect(
         "instrument.optics.polynomial",
         lambda case: case.instrument.optics.polynomial,
         drawn="a polynomial of the optics",
