@@ -125,7 +125,7 @@ def _tell_types_of_tuples() -> None:
 
 
 def _tell_declared_meanings() -> None:
-    """Of the fields of parameters, which their declarations have in place of the docstrings."""
+    """Print the meanings of the fields of parameters, which stand in their declarations."""
     for _, names in public():
         for thing in (name.thing for name in names if is_dataclass(name.thing)):
             kind: Any = thing

@@ -93,7 +93,7 @@ def rooms_of(module: ModuleType) -> list[str]:
 
 
 def _place(module: ModuleType, inner: ModuleType) -> int:
-    """Where the map in a package's docstring has a module."""
+    """Position of a module in the map that a package's docstring gives."""
     return (module.__doc__ or "").index("\n" + inner.__name__.rpartition(".")[2])
 
 

@@ -43,7 +43,7 @@ def section(script: Path, output: str, picture: str) -> str:
 
 
 def run(script: Path) -> tuple[str, str]:
-    """What a script prints; its picture, copied beside it, by name."""
+    """The text that a script prints, and the name of its picture, which is copied beside it."""
     here, said = Path.cwd(), io.StringIO()
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)

@@ -81,7 +81,7 @@ def _run(commands: str) -> None:
 
 
 def faults(told: Told) -> list[str]:
-    """What a quotation says that did not come."""
+    """Quoted lines that the commands did not print."""
     found = []
     for quoted, came in pairs(told):
         if came is None:
@@ -110,7 +110,7 @@ def pairs(told: Told) -> Iterator[tuple[str, str | None]]:
 
 
 def words_of(line: str) -> list[str]:
-    """What is no number, whatever the spaces."""
+    """Words of a line, with a mark in place of each number; spaces do not count."""
     return NUMBER.sub("#", line).split()
 
 

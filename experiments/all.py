@@ -1,4 +1,4 @@
-"""Which figures on the pages still hold?
+"""Which figures on the pages are still valid?
 
 python experiments/all.py [NAME ...] [--results DIR] [--judge] [--markdown FILE.md] [--json FILE]
                           [--quick]

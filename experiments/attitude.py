@@ -9,7 +9,7 @@ Seven tables:
 3. Errors in the scenarios of Markley and Mortari (2000).
 4. Analytic attitude error of random fields, beside trials.
 5. Normalised error squared of the covariance that a tracker states for rendered frames, of several
-   designs; it is 3 where the covariance is that of the errors.
+   designs; it is 3 if the covariance agrees with the errors.
 6. Analytic error budget of five published trackers, beside trials: the total by many windows, each
    cause by fewer frames.
 7. Predictions for trackers that flew, beside published figures.
@@ -145,7 +145,7 @@ def bounds(trials: int) -> list[dict[str, Any]]:
 
 def rendered(case: Case, trials: int) -> dict[str, float]:
     """Of rendered windows of a design: normalised error squared and its standard error; errors
-    across and about, arcsec, with the relative standard error of each, and what is stated."""
+    across and about, arcsec, with the relative standard error of each, and the stated errors."""
     outcomes = outcomes_of(case, 5, range(trials), Fidelity.WINDOW)
     good = outcomes["solved"] & ~outcomes["false"]
     nees = outcomes["nees"][good]

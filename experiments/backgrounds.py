@@ -1,4 +1,5 @@
-"""How near to the Sun can a tracker point, and what does the sky's diffuse light cost?
+"""How close to the Sun can a tracker point, and how much does diffuse light of the sky increase the
+error?
 
 The nanosatellite's tracker has random attitudes on rings about the Sun. The transmittance of its
 baffle falls from 1e-3 at 10 degrees by a decade every 6 degrees to 1e-13. Each row is a ring: the

@@ -35,7 +35,7 @@ from startrack.trial import OUTCOMES
 
 SEED = 7
 TRIAL = 0.01  # second, of a trial that only waits
-# Those without processes of their own, which --quick runs where no parts are named.
+# Parts without separate processes, which --quick runs by default.
 ALONE = ("store", "coverage", "speed", "variance")
 PARTS = ("store", "bytes", "coverage", "efficiency", "speed", "variance", "kills")
 
@@ -239,7 +239,7 @@ def store_speed(
 
 
 def coverage(repetitions: int = 200, trials: int = 1000) -> dict[str, Any]:
-    """How often 95 % intervals hold the truth, on errors whose law is known."""
+    """Coverage of 95 % intervals, on errors with a known distribution."""
     hits = dict.fromkeys(("across", "across-99.73", "availability"), 0)
     truth = {
         "across": 1.0,
@@ -265,8 +265,8 @@ def kill_and_resume(
 ) -> dict[str, int]:
     """Kill the driver or a worker with -9 at random moments until the campaigns are done.
 
-    Returns  how many trials were lost or doubled, campaigns whose bytes differ from those of an
-             undisturbed run, and processes that outlived their driver
+    Returns  numbers of lost or doubled trials, of campaigns whose bytes differ from an undisturbed
+             run, and of processes that outlived their driver
     """
     case = small()
     save_design(folder / "small.toml", Design(case))
@@ -326,7 +326,7 @@ def _drive(design: Path, path: Path, trials: int, seed: int) -> subprocess.Popen
     command = [sys.executable, "-m", "startrack.cli", "montecarlo", str(design)]
     command += ["--store", str(path), "--trials", str(trials), "--seed", str(seed)]
     command += ["--fidelity", "window", "--workers", "2"]
-    # A session of its own, by which whatever it leaves behind is found.
+    # A separate session, by which remaining processes are found.
     return subprocess.Popen(
         command, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     )

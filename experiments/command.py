@@ -22,7 +22,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-# Some experiments use what tests compare with, which no installation has: the checkout comes last.
+# Some experiments use reference data of tests, which are in no installation: the checkout is
+# searched last.
 sys.path.append(str(Path(__file__).parents[1]))
 
 DRAWN = ("figure", "figures", "markdown", "out", "picture", "plot")

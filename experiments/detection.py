@@ -1,4 +1,4 @@
-"""How fast, complete and accurate is the detection of stars, beside other programs and bounds?
+"""How fast, complete and accurate is the detection of stars against other programs and bounds?
 
 Frames of 1024 x 1024 pixels, background 50 e-, read noise 5 e-; stars are integrated over pixels by
 scipy's normal distribution. The Cramér-Rao bounds are computed here, from that distribution alone.

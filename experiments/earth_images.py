@@ -130,7 +130,7 @@ def columns() -> list[dict[str, Any]]:
 
 
 def reflectance(case: str, x: Floats, y: Floats) -> Floats:
-    """Of the ground, (n,) metre east and north, as the photons have it."""
+    """Reflectance of the ground, at (n,) metre east and north, as the photons meet it."""
     if case == "coast":
         return np.where(x < 0, 0.02, 0.30)
     return np.where(np.maximum(abs(x), abs(y)) < 500, 0.8, 0.1)

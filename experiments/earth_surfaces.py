@@ -116,7 +116,7 @@ def _of_facets(wind: float, zenith: float, refraction: float, count: int = 600) 
 
 
 def _of_factor(water: Water, zenith: float, count: int = 300) -> list[float]:
-    """The same moments from the reflectance factor, over the hemisphere of the camera."""
+    """The same moments by the reflectance factor, over the hemisphere of the camera."""
     node, weight = roots_legendre(count)
     away = _directions((node + 1) / 2, count)
     sun = _vector(zenith, 0.0)

@@ -702,11 +702,11 @@ def hits() -> float | None:
 
 
 def doses(quick: bool) -> dict[str, float]:
-    """Yearly dose over the doses of SPENVIS and of SHIELDOSE-2; empty without radbelt.
+    """Ratio of the yearly dose to the dose of SPENVIS or SHIELDOSE-2; empty without radbelt.
 
-    Protons at 550 km: over the doses of SPENVIS, by SHIELDOSE-2. Protons in two orbits: over the
-    doses of SPENVIS's spectra of AP-8, with the same shield and method. Protons and electrons in
-    six orbits: over the doses of SHIELDOSE-2.
+    Protons at 550 km: ratio to the dose of SPENVIS, by SHIELDOSE-2. Protons in two orbits: ratio to
+    the dose of SPENVIS's spectra of AP-8, with the same shield and method. Protons and electrons in
+    six orbits: ratio to the dose of SHIELDOSE-2.
     """
     year, found = 365.25 * 86400, dict[str, float]()
     for inclination in (90,) if quick else (15, 30, 45, 60, 90):

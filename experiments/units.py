@@ -540,8 +540,8 @@ def levers_gain(seed: int, units: int, quick: bool) -> dict[str, Any]:
 
     For the shipped nanosatellite at the end of life, by budgets: each parameter in turn takes the
     best of some values until no value is better, within the mass and power of the campaign; with
-    levers at the price of the lens alone, and at any price. Fresh units are the same number with
-    another seed.
+    levers at the price of the lens alone, and at any price. The fresh units are equal in
+    number and have another seed.
     """
     design = load_design(shipped("designs/nanosatellite.toml"))
     assert design.campaign

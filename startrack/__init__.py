@@ -1,13 +1,13 @@
 """startrack designs star trackers and other opto-electronic space cameras before they are built.
 
-The rooms, in the order in which the light goes; each imports only rooms above it:
+The rooms, in the order of the light's path; each imports only rooms above it:
 
-core             what all rooms share: units, values, camera, rotations, random streams, checks
+core             common parts of all rooms: units, values, camera, rotations, random streams, checks
 io               design tables, images, WCS, SQLite, atomic writes, shipped data
 space            orbits, Sun, Moon and planets, the Earth's limb: for scene, mission and earth
 
 catalog          which stars are there            -> Stars
-scene            what light arrives               -> Light
+scene            Stars, bodies and sky -> arriving Light
 optics           how a point is blurred           -> Psf
 motion           how the line of sight moves      -> line of sight in an exposure
 detector         photons into numbers             -> Frame
@@ -16,16 +16,16 @@ identification   spots into catalogue stars       -> Matches
 attitude         matches into an attitude         -> Estimate
 metrics          the estimate against the truth   -> Outcome, Summary
 
-problem          what can be searched: costs, a forecast, trials, a judgement
-design           Instrument, Tracker, Scene, campaign: what a design file holds
-observation      what enters an exposure: stars, images, attitude and motion; the tracker's belief
+problem          interface for searches: costs, a forecast, trials, a judgement
+design           Instrument, Tracker, Scene, campaign: the contents of a design file
+observation      inputs of an exposure: stars, images, attitude and motion; the tracker's belief
 response         how one star is measured: its errors, and its chance of being detected
 trial            one trial in any fidelity: frame, window, spots, covariance
 photograph       images of unknown cameras: their attitude and lens
 population       units of a design: draws, calibrations, and fast trials over many
 sequence         trials in time: tracking, loss, reacquisition
 montecarlo       many trials: workers, store, resume, variance reduction
-budget           what the error is made of, cause by cause
+budget           the error, cause by cause
 verification     whether a design meets its requirements, by analysis and by trials
 optimise         better designs: search, Pareto front, sensitivity, tolerances
 prediction       errors of a design with values that are not known, with intervals

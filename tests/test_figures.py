@@ -55,5 +55,7 @@ def test_words_that_no_longer_stand_in_the_page_end_the_run(tmp_path):
     page = tmp_path / "page.md"
     page.write_text("It is fast.\n")
     one = figures.Figure("page.md", "takes {time} s", "", {"time": ("s", ".0f")})
-    with pytest.raises(SystemExit, match=r"page\.md must contain once: takes \{time\} s; it does 0 times"):
+    with pytest.raises(
+        SystemExit, match=r"page\.md must contain once: takes \{time\} s; it does 0 times"
+    ):
         figures.compared(one, {"s": 1.0}, page, write=True)

@@ -19,6 +19,12 @@ NEVER = {
     "reckon": "assume, or estimate",
     "strewn": "randomly distributed",
     "is not kind": "is realistic",
+    "as a file has": "in the form of a file",
+    "as a design file has": "in the form of a design file",
+    "is no number": "is not a number",
+    "is no outlier": "is not an outlier",
+    "as it was asked": "the words of the user",
+    "goes on where": "continues",
 }
 FILES = [
     path

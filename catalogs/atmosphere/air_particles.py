@@ -102,7 +102,7 @@ def mie(
 
 @dataclass(frozen=True, eq=False)
 class Particles:
-    """How the mixture of particles scatters."""
+    """Scattering by the mixture of particles."""
 
     extinction: Floats  # (k,) 1, over that at 550 nm
     albedo: Floats  # (k,) 1, of single scattering

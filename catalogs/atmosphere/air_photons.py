@@ -1,4 +1,5 @@
-"""From how far the ground's light reaches a line of sight through air: photon paths, Gaussians."""
+"""Distances from which light of the ground is scattered into a line of sight: photon paths,
+Gaussians."""
 
 from __future__ import annotations
 

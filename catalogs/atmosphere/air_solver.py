@@ -168,7 +168,7 @@ def _through_shells(
     """Radiance (k, r) 1 / sr of lines of sight of sasktran2 through spherical layers of air.
 
     config  how light is scattered more than once
-    beside  constituents of the air besides molecules, by name
+    beside  constituents of the air other than molecules, by name
     """
     sk = sasktran2()
     config.single_scatter_source = sk.SingleScatterSource.Exact
@@ -342,7 +342,7 @@ def columns_of(air: Air, wavelength: Floats, ground: float) -> list[Column]:
 def _ground(
     air: Air, grid: Grid, ground: float, streams: int, polarised: bool
 ) -> tuple[tuple[Floats, Floats], Floats, Floats, list[Floats]]:
-    """What does not depend on the radiance over black ground.
+    """Quantities that do not depend on the radiance over black ground.
 
     Returns  total transmittance up, (k, a, v), and down, (k, s); spherical albedo (k,); optical
              depth of the column (k,) and above each altitude

@@ -61,7 +61,7 @@ def main() -> None:
 def along(altitude: float, angle: float) -> Floats:
     """(5, 1371) columns of the run whose sensor stands in a zenith angle, between two of them."""
     utils = importlib.import_module("pybsm.utils")
-    # On the round Earth the sensor stands farther over the ground than the tangent says.
+    # On the round Earth the sensor is farther away along the ground than by the tangent.
     turn = angle - math.asin(EARTH * math.sin(angle) / (EARTH + altitude))
     wanted = EARTH * turn
     ranges = np.array([0.0, 100, 500, *np.arange(1e3, 20.1e3, 1e3), *np.arange(22e3, 80.1e3, 2e3)])

@@ -24,7 +24,7 @@ SOURCE = "Chandra aspect camera, sot/chandra_aca aca_psf_lib"
 
 
 class Fractions(NamedTuple):
-    """What the table holds.
+    """Contents of the table.
 
     x, y      (n,) pixel, of the star from the middle of the box
     fraction  (n, 8, 8) of its light in each pixel; zero where the source has none

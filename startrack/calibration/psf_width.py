@@ -33,7 +33,7 @@ def width_likelihood(
 
     low, high  pixel, the range of the widths
     Returns    a function of ln sigma (w,)
-    Raises     ValueError where no star is alone in its stamp, unsaturated, and brighter than 15
+    Raises     ValueError if no star is alone in its stamp, unsaturated, and brighter than 15
                sigma.
     Accuracy   model: one Gaussian for the whole field; for a PSF with wings the width is more than
                that of its core. numerical: interpolated, 1e-3 in ln L near its peak.

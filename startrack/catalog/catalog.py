@@ -134,7 +134,7 @@ def assemble(
     light: tuple[Floats, Floats],
     line: Sequence[int] | None = None,
 ) -> Catalog:
-    """A Catalog from columns (n,) as a file has them.
+    """A Catalog from columns (n,) in the form of a file.
 
     path        the file, for messages
     epoch       Julian year of the positions

@@ -93,7 +93,7 @@ def memory_of(options: argparse.Namespace, limit: int) -> int:
     """Memory of each process of a command, byte: its share of the limit.
 
     limit  byte, if --memory is not given
-    Raises  WrongUse where the limit is too low for one process.
+    Raises  WrongUse if the limit is too low for one process.
     """
     if not options.memory and limit < LEAST_MEMORY:
         raise WrongUse(f"STARTRACK_MEMORY must be at least {LEAST_MEMORY} (512M), got {limit}")

@@ -75,7 +75,7 @@ def command_of(options: argparse.Namespace, given: Iterable[str]) -> Command | N
 def problem_of(path: Path, changes: list[str]) -> Problem:
     """The problem of a file, or of a shipped file by name.
 
-    Raises  WrongUse where the file is not a problem, or is a scene without a study.
+    Raises  WrongUse if the file is not a problem, or is a scene without a study.
     """
     with as_wrong_use(path=path):
         return _load(path, changes)

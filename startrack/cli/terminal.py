@@ -176,7 +176,7 @@ def save_camera(path: Path, camera: Camera) -> None:
 def image_reader(options: argparse.Namespace) -> Callable[[Path], Frame]:
     """Reader of image files by the options: minus --dark, divided by --flat.
 
-    Raises  WrongUse where the layout is not valid, or a dark frame or flat field cannot be read
+    Raises  WrongUse if the layout is not valid, or a dark frame or flat field cannot be read
     """
     layout, correct = _reading(options)
     return lambda path: correct(io.read_image(path, layout))

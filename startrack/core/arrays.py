@@ -1,7 +1,8 @@
 """Types of arrays and of a progress, and within kernels order, median and place of values.
 
 NumPy's functions for these are compiled again for each kind of array, which takes seconds. The
-assignment of an array to a part of another takes as long, because of its message on shapes.
+assignment of an array to a part of another array also takes long to compile, because of its message
+on shapes.
 """
 
 from collections.abc import Callable

@@ -16,8 +16,8 @@ class Refused(ValueError):
     other exception, including another ValueError, is a fault and ends the command.
 
     key      the parameter, as the message names it; "" if the message is a complete sentence
-    rule     what it must be; "" likewise
-    value    what it is instead
+    rule     the rule for the value; "" likewise
+    value    the actual value
     lasting  whether it depends only on the design; refusals by the machine are not kept in a ledger
     """
 

@@ -129,7 +129,7 @@ def parameter(
     limit             the values that it may have
     default           its value where it is not given; without one it must be given
     default_factory   called for its value where it is not given
-    options           further ones of `dataclasses.field`
+    options           further arguments of `dataclasses.field`
     """
     return dataclasses.field(
         default=default,
@@ -262,7 +262,7 @@ def code_in(value: Any, place: str = "") -> Iterator[tuple[str, str, str]]:
 
 
 def described(value: Any) -> str:
-    """All that a parameter object holds, with all digits, without what is as by default.
+    """All values of a parameter object that differ from their defaults, with all digits.
 
     So that a new parameter changes no text of a design that does not name it.
     """

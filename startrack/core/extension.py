@@ -230,7 +230,7 @@ def _digest(package: ModuleType) -> str:
     """Digest of all Python files and compiled modules of a package; not of its data or of the
     packages that it needs.
 
-    Raises  ValueError where it has no file.
+    Raises  ValueError if it has no file.
     """
     folders = [Path(folder) for folder in getattr(package, "__path__", ())]
     files = [
@@ -295,7 +295,7 @@ def sent_with(named: Iterable[tuple[str, str, str]]) -> dict[str, str]:
 
 
 def received(modules: Mapping[str, str]) -> None:
-    """Allow what the process that sent a design allows; its files must be the same here."""
+    """Allow the user code that the sending process allows; its files must be the same here."""
     _allowed.update(modules)
     _expected.update(modules)
 
@@ -303,7 +303,7 @@ def received(modules: Mapping[str, str]) -> None:
 def call_code(group: str, name: str, given: Any) -> Any:
     """Result of the user function of this name for its input.
 
-    Raises  Refused where the code raises it, to refuse the design; ValueError with the key, the
+    Raises  Refused if the code raises it, to refuse the design; ValueError with the key, the
             name and the error, where the code raises any other error.
     """
     function = function_of(group, name)

@@ -225,7 +225,7 @@ class Displacement(Parameters):
     """Displacement of places of a frame from those of a camera model.
 
     Between the nodes, which span the frame evenly, the values are cubic polynomials of x and of y;
-    beyond it they are those at its edge.
+    beyond the frame the values are those at its edge.
     """
 
     columns: int = parameter("pixel, of the frame")

@@ -44,7 +44,7 @@ def machine_memory() -> int:
 def memory_limit() -> int:
     """Bytes that this process may take: STARTRACK_MEMORY, else half of the machine's memory.
 
-    Raises  Refused where STARTRACK_MEMORY is no number.
+    Raises  Refused if STARTRACK_MEMORY is not a number.
     """
     given = os.environ.get(VARIABLE, "")
     if not given:
@@ -60,10 +60,10 @@ def require_memory(size: float, what: str) -> None:
     """Refuse a step before it takes more memory than allowed.
 
     size  bytes that it takes at its largest
-    what  takes them, for the message: "a frame of 65536 x 65536 pixels"
+    what  purpose of the memory, for the message: "a frame of 65536 x 65536 pixels"
 
-    Raises  Refused with what, the bytes and the limit; no ledger keeps it, as the limit is the
-            machine's.
+    Raises  Refused with the purpose, the bytes and the limit; no ledger keeps it, as the limit is
+            the machine's.
     """
     limit = memory_limit()
     shrink_kept(limit - size)
@@ -122,7 +122,7 @@ def _data_limit(limit: int) -> Iterator[None]:
 
 
 def begin_limited() -> None:
-    """Limit a worker process for as long as it lives to what STARTRACK_MEMORY says."""
+    """Limit the memory of a worker process, over its life, to STARTRACK_MEMORY."""
     if os.environ.get(VARIABLE):
         _data_limit(memory_limit()).__enter__()
 
@@ -160,7 +160,7 @@ class Kept(Generic[T]):
         value = make()
         size = bytes_of(value)
         with _lock:
-            self._drop(key)  # that another thread may have made, too
+            self._drop(key)  # another thread may have made the same value
             self._values[key] = value, size, next(_clock)
             self.bytes += size
             while len(self._values) > self._count:

@@ -126,7 +126,7 @@ def text_of(value: Any, unit: Unit | None = None) -> str:
 
 
 def _few(texts: list[str], values: Collection[Any]) -> str:
-    """The texts of some scalars, or how many there are."""
+    """The texts of some scalars, or their number."""
     if len(values) <= FEW and all(isinstance(value, SCALAR) for value in values):
         return ", ".join(texts) or "none"
     return f"{len(values)} of {type(next(iter(values))).__name__}"

@@ -64,7 +64,7 @@ SPELLINGS = (
 )
 A_PIXEL = re.compile(r"\s*/\s*(px|pix|pixel)\b")  # of charge: "e-/px/s"
 DOSE = re.compile(r"\b([kM]?)rad(\(Si\))?")  # of radiation, where the unit is no angle
-# Factors between the units of most designs, as astropy has them, whose import takes 0.2 s.
+# Factors between the units of most designs, equal to astropy's, whose import takes 0.2 s.
 SCALES = {
     **{
         (unit, unit): 1.0
@@ -139,7 +139,7 @@ def parse(text: str, unit: str, absolute: bool = False, clock: bool = False) -> 
     absolute  whether degC is a unit too, for the temperature itself and no difference
     clock     whether hours:minutes and hours:minutes:seconds are a time of day, in second
     Returns   the value in that unit, correctly rounded
-    Raises    ValueError where the text is no number with a unit, its unit does not convert, or the
+    Raises    ValueError if the text is not a number with a unit, its unit does not convert, or the
               number is beyond all floats.
     """
     if len(text) > LONGEST:
@@ -259,7 +259,8 @@ def installed_tables() -> Iterator[None]:
         warnings.catch_warnings(),
     ):
         warnings.filterwarnings("ignore", message=".*dubious year.*")  # leap seconds to come
-        # Nothing is fetched: what is installed is used beyond its end, with less than a second.
+        # Nothing is fetched: installed tables are used beyond their end, with an error below a
+        # second.
         warnings.filterwarnings("ignore", message=".*(polar motions|IERS).*")
         warnings.filterwarnings("ignore", category=iers.IERSStaleWarning)
         yield
@@ -268,7 +269,7 @@ def installed_tables() -> Iterator[None]:
 def utc(text: str) -> Any:
     """A time from ISO 8601, UTC.
 
-    Raises  ValueError where the text is no time.
+    Raises  ValueError if the text is no time.
     """
     from astropy.time import Time
 

@@ -1,4 +1,4 @@
-"""Instrument, Tracker, Scene and campaign: what a design file holds.
+"""Instrument, Tracker, Scene and campaign: the contents of a design file.
 
 epoch         Scene, Selection -> the catalogue's epoch and orbital velocity, which must not
               contradict it.
@@ -10,17 +10,16 @@ parameter     Dotted name, case -> the value there, its unit, or a case with oth
 variables     Variable, Link, DesignSpace, Choice: the parameters of a case that a campaign may
               change.
 objective     Outcomes of trials -> the error that is minimised, and ratios of it.
-requirements  Requirements: what a design must meet, the cost of its lens included, before accuracy
-              counts.
-conditions    Condition: a rate, a background or an age at which a design is judged, too.
+requirements  Requirements: limits of a design besides accuracy, with the cost of its lens.
+conditions    Condition: a further rate, background or age at which a design is judged.
 variation     Variation: how a number of the truth differs between units, environments, in time.
-structure     Structure: what carries lens and detector, and how its temperatures move them.
-campaign      Campaign: what a study of a design is asked.
+structure     Structure: the carrier of lens and detector, and their motion with its temperatures.
+campaign      Campaign: objective, limits, conditions and variables of a study.
 told          Told: a figure of a design that somebody measured or published.
-unknown       Laws of values that a design file does not know, and what is drawn from them.
+unknown       Laws of unknown values of a design file, and draws from them.
 keys          The keys of a design file, as a list, a template with values, and a JSON Schema.
 key_search    Words of a datasheet, keys of a design file -> the keys that they mean.
-overlay       Design files that lie over another one and hold only what differs from it.
+overlay       Design files that refer to a base file and contain only the differences.
 files         Design files: a case, and optionally a campaign on it, as TOML with units in strings.
 """
 

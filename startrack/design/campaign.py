@@ -1,4 +1,4 @@
-"""Campaign: what a study of a design is asked."""
+"""Campaign: objective, limits, conditions and variables of a study."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ UNIT_TRIALS = 20  # of each fresh unit: its rms is known to 11 %; chosen by hand
 
 
 def fewest_trials_beyond(objective: Objective) -> int:
-    """Trials, of which one is beyond the level of an objective; 2 for an rms."""
+    """Number of trials of which on average one exceeds the level of an objective; 2 for an rms."""
     if objective.fraction is None:
         return 2
     return max(2, math.ceil(1 / (1 - objective.fraction) - 1e-9))
@@ -168,7 +168,7 @@ class Campaign(Parameters):
 
     @property
     def of_errors(self) -> Campaign:
-        """The same, in which the error is made small."""
+        """The campaign whose objective is the error."""
         return replace(self, minimise="error")
 
     def cost(self, case: Case) -> float | None:
@@ -206,7 +206,7 @@ class Campaign(Parameters):
 
     @property
     def trials_of_level(self) -> int:
-        """Trials of a unit, of which one is beyond the largest level that is asked; 2 without."""
+        """Trials of a unit of which on average one exceeds the largest level; 2 without a level."""
         objectives = [Objective.read(self.objective), *(limit.objective for limit in self.limited)]
         return max(fewest_trials_beyond(objective) for objective in objectives)
 
@@ -225,7 +225,7 @@ class Campaign(Parameters):
     def over_units(self, case: Case) -> OverUnits | None:
         """The units over which a design is judged; None: it is judged as designed.
 
-        Raises  ValueError where units are asked and those of the design are all alike.
+        Raises  ValueError if units are asked and those of the design are all alike.
         """
         if self.units is None:
             return None

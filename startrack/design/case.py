@@ -115,7 +115,7 @@ class CameraCalibration(Parameters):
 
     @property
     def once(self) -> CameraCalibration:
-        """That of a whole camera, with which a recursive one begins."""
+        """Calibration of a whole camera, with which a recursive calibration begins."""
         return replace(self, place="orbit") if self.place == "recursive" else self
 
 
@@ -169,7 +169,7 @@ def _traced_camera(
 
 
 class Instrument(Parameters):
-    """The truth that makes the frame, and that its attitude is judged by.
+    """The truth: it makes the frame and judges the attitude.
 
     imaged    the instrument whose images and distortion behind a lens table these are, scaled by
               the focal length; None: its own. No file holds it
@@ -244,7 +244,7 @@ class Instrument(Parameters):
         """Transmission of the baffle: its curve, or that of its geometry; None: no stray light.
 
         Lens and field count to three digits, so that the units of a design share one curve.
-        Raises  Refused where the tube is narrower than its entrance.
+        Raises  Refused if the tube is narrower than its entrance.
         """
         if self.tube is None:
             return self.baffle
@@ -272,7 +272,7 @@ class Instrument(Parameters):
     def camera(self) -> core.Camera:
         """True camera; with a lens table, the camera that fits it best.
 
-        Raises  ValueError where the table does not hold the frame, the band or the temperature.
+        Raises  ValueError if the table does not hold the frame, the band or the temperature.
         """
         model = self._camera_model
         if self.residual is None:
@@ -316,7 +316,7 @@ class Instrument(Parameters):
 
         temperature  (n,) kelvin
         Returns      (n, k) in the bins of WAVELENGTH
-        Raises       ValueError where none is.
+        Raises       ValueError if no photon is detected.
         """
         spectra = blackbody_photons(WAVELENGTH, temperature) * self.optics.area * self.response
         if not spectra.any():
@@ -332,7 +332,7 @@ class Instrument(Parameters):
         Behind a mosaic the mean of its pixels.
 
         Returns  (k,) in the bins of WAVELENGTH
-        Raises   Refused where a part of the light that matters has no bin.
+        Raises   Refused if a part of the light that matters has no bin.
         """
         mosaic = self.detector.mosaic
         return self._passed() if mosaic is None else mosaic.mean(self.response_of_colours)
@@ -466,18 +466,16 @@ class Case(core.CarriesCode):
     An epoch and an orbital velocity that the catalogue leaves out (None) are set by `seen_from`,
     from the date and the orbit of the scene; those of the tracker's catalogue are then the same.
 
-    What the tracker believes comes from the design, from its settings or from a calibration, never
-    from what a unit has by chance: see `as_designed`.
+    The assumptions of the tracker come from the design, from its settings or from a calibration,
+    never from random values of a unit: see `as_designed`.
 
     design     the case that this one is a unit of, whose truth differs by chance; None: it is as
                designed. No file holds it
 
-    Raises  ValueError where the catalogue contradicts the scene.
+    Raises  ValueError if the catalogue contradicts the scene.
     """
 
-    instrument: Instrument = parameter(
-        "The truth that makes the frame, and that its attitude is judged by."
-    )
+    instrument: Instrument = parameter("The truth: it makes the frame and judges the attitude.")
     tracker: Tracker = parameter(
         "What the flight software believes and how it works.", default_factory=Tracker
     )
@@ -538,7 +536,7 @@ class Case(core.CarriesCode):
         ]
 
     def __hash__(self) -> int:
-        """Computed once: each trial finds by it what is kept for its case."""
+        """Computed once: each trial looks up by the hash the values that are kept for its case."""
         return self._hash
 
     @cached_property
@@ -573,7 +571,7 @@ class Case(core.CarriesCode):
 
     @cached_property
     def varying(self) -> tuple[Variation, ...]:
-        """All that differs: what the design declares, and what follows from its structure."""
+        """All varying numbers: declared in the design, or derived from its structure."""
         return (*self.variation, *self._of_structure)
 
     @cached_property

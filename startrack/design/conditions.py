@@ -1,4 +1,4 @@
-"""Condition: a rate, a background or an age at which a design is judged, too."""
+"""Condition: a further rate, background or age at which a design is judged."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -78,7 +78,7 @@ class Condition(Parameters):
     def of(self, case: Case) -> Case:
         """The case in this condition.
 
-        Raises  ValueError where a change does not fit its parameter.
+        Raises  ValueError if a change does not fit its parameter.
         """
         if self.rate is not None:
             case = turning(case, self.rate)
@@ -111,18 +111,18 @@ class OverUnits:
 
     @property
     def words(self) -> str:
-        """What an error over these units is, behind its name."""
+        """Words behind the name of an error that tell over which units it is taken."""
         units = f"{100 * self.fraction:g} % of units at {self.age / YEAR:g} yr"
         return f"that {units} do not exceed"
 
 
 @printed
 class Judged(NamedTuple):
-    """A case in which a design is judged.
+    """A case with the requirements that judge it.
 
     name    of the condition
     case    the design in it
-    needs   what it must meet there
+    needs   requirements of the case
     weight  1, of its error in the objective
     units   over which its errors are judged; None: those of the unit as designed are
     """
@@ -153,7 +153,7 @@ def judged(
 
     Rest and the largest required rate are added with the weight 0 where no condition has them.
 
-    Raises  ValueError where a condition does not fit the case.
+    Raises  ValueError if a condition does not fit the case.
     """
     return tuple(_judged(case, needs, conditions))
 

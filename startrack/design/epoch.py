@@ -9,14 +9,15 @@ from startrack.core import LIGHT_SPEED, Floats, Refused, arcsec
 from startrack.scene import ObserverOrbit, Scene, orbital_velocity
 from startrack.space import AU
 
-# What of the sky may lie beside the date. A star to G = 8 moves by 0.03 arcsec (median), 0.4 arcsec
-# (99 %) or 7 arcsec (Groombridge 1830) in a year, which is all that "2026" says of a date.
+# Largest difference of the sky's epoch from the date. A star to G = 8 moves by 0.03 arcsec
+# (median), 0.4 arcsec (99 %) or 7 arcsec (Groombridge 1830) in a year, which is all that "2026"
+# says of a date.
 MOTION_YEARS = 1.0
 # The Earth's velocity turns by 60 degrees in it: aberration then errs by as much as it is, 20.5
 # arcsec, and the bodies of a scene err by the same, which are seen without it.
 ABERRATION_YEARS = 1 / 6
-# Chosen by hand: a tenth of what a low orbit makes. More tolerates a wrong orbit, less a direction
-# that is rounded to 6 degrees.
+# Chosen by hand: a tenth of the aberration of a low orbit. More tolerates a wrong orbit, less a
+# direction that is rounded to 6 degrees.
 ABERRATION = 0.5 * arcsec
 # Metre. The Earth's parallax, 0.8 arcsec of the nearest star, then errs by less than 0.08 arcsec.
 NEAR_EARTH = 0.1 * AU
@@ -32,7 +33,7 @@ def seen_from(scene: Scene, catalog: Selection) -> Selection:
     without a date is 2026.0. There is no orbital velocity without an orbit, and none of an orbit
     whose phase each trial draws: the stars of all trials are at the same apparent places.
 
-    Raises    ValueError where what is given contradicts the scene, with both keys and values.
+    Raises    ValueError if a given value contradicts the scene, with both keys and values.
     Accuracy  model: where trials draw their dates, the stars stay at one epoch; where they draw the
               phase of the orbit, its aberration is left out (5.2 arcsec of a low orbit).
     """
@@ -80,7 +81,7 @@ def _check_epoch(scene: Scene, catalog: Selection, epoch: float) -> None:
 
 
 def _check_place(scene: Scene, catalog: Selection) -> None:
-    """The Earth's velocity and place are those of an observer near it alone."""
+    """Refuse the Earth's velocity and place for an observer far from the Earth."""
     assumed = catalog.parallax or (catalog.aberration and not catalog.orbital_velocity)
     if scene.place is None or not assumed:
         return

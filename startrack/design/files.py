@@ -41,7 +41,7 @@ from startrack.io import (
 )
 from startrack.optics import with_plain_optics
 
-# Lists of tables that files of a design add to, and what two entries for the same thing share.
+# Lists of tables that included files extend, and the keys that identify equal entries.
 JOINED = {"variation": {"name": None, "per": str(Scope.UNIT)}}
 # A product of the catalogue stands for a detector; how a mission operates it, is kept.
 RENEWED = {DETECTOR: Renewed("product", (*KEPT, *OPERATED))}
@@ -98,7 +98,7 @@ class Design:
         equally probable intervals. They are the same for all seeds, so that designs are compared on
         the same draws.
 
-        Raises  Refused where draws are asked for, but no unknown can be drawn.
+        Raises  Refused if draws are asked for, but no unknown can be drawn.
         """
         campaign = self.campaign
         if campaign is None or not campaign.unknown_draws:
@@ -140,8 +140,8 @@ def load_design(
     """Read a design file.
 
     `product = "cmv4000"` under `[instrument.detector]` takes the values of that detector from
-    the catalogue; other keys of the table in this file and in files over it override them. Of files
-    below, exposure, frame rate, binning, row delay and age hold, nothing else.
+    the catalogue; other keys of the table in this file and in files over it override them. From
+    files below, only exposure, frame rate, binning, row delay and age are kept.
     `product = "mine.toml"` takes them from a file beside the design file, and `file = "psd.csv"`
     under `[[instrument.motion.broadband]]` a power spectrum of jitter.
     `aperture = "25 mm"` under `[instrument.optics]` stands instead of `f_number`, and over that of
@@ -157,7 +157,7 @@ def load_design(
     `{ median = "1 um", factor = 2.8 }` or `{ among = ["has2", "star1000"], weight = [2, 1] }`; in
     `include`, one of several files: `{ among = ["variations/lens-made.toml", ...] }`.
 
-    changes     values over those of the file: "instrument.optics.f_number=2.0"
+    changes     values that replace the file's: "instrument.optics.f_number=2.0"
     allow_code  whether the code that the file names may run, in this process and its workers; it is
                 imported at once. False: only that which is allowed otherwise, see
                 docs/extensions.md
@@ -228,8 +228,8 @@ def save_design(path: Path, design: Design, comment: str = "") -> None:
     """Write a design file that `load_design` reads back to an equal design.
 
     All values of the detector are written, not the name of a product, whose values may change.
-    What is not known keeps its law, except which of several files was included: the values of the
-    one that was taken are written.
+    Unknown values keep their laws, except the choice among included files: the values of the chosen
+    file are written.
     """
     table = table_of(design)
     if design.told:

@@ -216,7 +216,7 @@ def toml(value: Any) -> str:
 
 EXAMPLE = "designs/nanosatellite.toml"
 WIDEST = 100  # letters of a line
-# Of a detector product a design keeps what is its own choice.
+# Keys of a detector product that a design chooses.
 OWN = ("exposure",)
 AGEING = "instrument.detector.dark_current"
 
@@ -264,12 +264,12 @@ def _example() -> dict[str, Any]:
 
 
 def _own_values(table: dict[str, Any]) -> dict[str, Any]:
-    """What a design keeps of its detector where a product takes the place of that."""
+    """Values of its detector that a design keeps if a product replaces the detector."""
     return {name: table["instrument"]["detector"][name] for name in OWN}
 
 
 def _kept_limits(product: str) -> dict[str, str]:
-    """Limits that follow from a detector that cannot keep the example's, as a file has them."""
+    """Limits, in the form of a file, for a detector that cannot keep those of the example."""
     table = _example()
     needs = from_table(Requirements, table["campaign"]["requirements"])
     example = _detector(table["instrument"]["detector"])
@@ -285,7 +285,7 @@ def _kept_limits(product: str) -> dict[str, str]:
 
 
 def _detector(table: dict[str, Any]) -> Detector:
-    """A new one: a product's age has no time without that of a design."""
+    """A detector without age: the age of a product needs the time of a design."""
     return from_table(Detector, {name: value for name, value in table.items() if name != "age"})
 
 
@@ -314,7 +314,7 @@ def _tables(table: Any, place: str, keys: dict[str, Key], optional: bool) -> Ite
 
 
 def _rows(rows: Iterable[dict[str, Any]], place: str, keys: dict[str, Key]) -> Iterator[str]:
-    """Tables of a list; only the first says what its keys mean."""
+    """Tables of a list; only the first row explains its keys."""
     for number, row in enumerate(rows):
         yield from ("", *(_about(keys[place].meaning) if number == 0 else ()), f"[[{place}]]")
         for name, value in row.items():
@@ -344,7 +344,7 @@ def _about(meaning: str) -> list[str]:
 
 
 def _line(name: str, value: str, key: Key) -> Iterator[str]:
-    """A value, and its meaning beside it or, where that is long, above it."""
+    """A value with its meaning in the same line or, if long, above."""
     text, words = f"{name} = {value}", key.meaning + (f" ({key.range})" if key.range else "")
     if max(len(text), 34) + len(words) + 4 <= WIDEST:
         yield f"{text:34s}  # {words}"
@@ -411,7 +411,7 @@ def design_schema() -> Schema:
 
 
 def _table_at(schema: Schema, place: str) -> Schema:
-    """Schema of the table at a place; of a list of tables, that of each of them."""
+    """Schema of the table at a place; for a list of tables, the schema of each."""
     for name in place.split("."):
         schema = schema["properties"][name]
         schema = schema.get("items", schema)

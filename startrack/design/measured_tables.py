@@ -121,7 +121,7 @@ def reduced_transfer(path: Path) -> list[MeasuredFigure]:
 
     path    of a table with `mean` and `variance` in time and, where it has one, `spatial`: variance
             between pixels, of means over many frames. The level of the least mean is dark.
-    Raises  Refused where the file is no such table, or its variance does not grow with the light.
+    Raises  Refused if the file is no such table, or its variance does not grow with the light.
     """
     table = _columns(path, TRANSFER, ("mean", "variance"))
     order = np.argsort(table["mean"])
@@ -159,7 +159,7 @@ def reduced_stars(path: Path) -> list[MeasuredFigure]:
              its standard deviation; `centroid_noise`, pixel rms of an axis
     Returns  light of a star of G = 0, the mean over all; SNR and centroid noise of up to four
              groups of stars of like magnitude, each the mean of its logarithms
-    Raises   Refused where the file is no such table, or has none of these.
+    Raises   Refused if the file is no such table, or has none of these.
     """
     table = _columns(path, STARS, ("magnitude",))
     magnitude = table["magnitude"]

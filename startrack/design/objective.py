@@ -59,7 +59,7 @@ class Objective:
         """Objective from a text such as "across", "about-99.73", "across-99.73 per axis" or "across
         + 0.1 about".
 
-        Raises  ValueError where the text is none of these.
+        Raises  ValueError if the text has none of these forms.
         """
         if "+" in text:
             return cls(axes="both", terms=_terms(text))
@@ -136,7 +136,7 @@ class Objective:
             warnings.filterwarnings("ignore", "Mean of empty slice|All-NaN", RuntimeWarning)
             if self.fraction is None:
                 return np.sqrt((axes if self.radial else 1) * np.nanmean(squares, axis=-1))
-            # That for NaN takes the rows one by one; that of no value at all is NaN, too.
+            # That for NaN takes the rows one by one; the mean of no values is also NaN.
             complete = squares.size and not np.isnan(squares).any()
             quantile = np.quantile if complete else np.nanquantile
             if self.per_axis_level:
@@ -144,7 +144,7 @@ class Objective:
             return np.sqrt(axes * quantile(squares, self.fraction, axis=-1))
 
     def over(self, errors: Sequence[float], weights: Sequence[float]) -> float:
-        """The mean of errors in conditions; NaN where there is none, or one is NaN or zero."""
+        """The mean of errors in conditions; NaN without errors, or if an error is NaN or zero."""
         if not errors or not all(error > 0 for error in errors):
             return math.nan
         if len(errors) == 1:

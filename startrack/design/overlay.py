@@ -1,4 +1,4 @@
-"""Design files that lie over another one and hold only what differs from it."""
+"""Design files that refer to a base file and contain only the differences."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,9 +17,9 @@ def save_over(path: Path, base: Path, table: Mapping[str, Any], comment: str = "
 
 
 def save_overlay(path: Path, design: Design, base: Path, comment: str = "") -> None:
-    """Write a design file over the one that it was made from, with all digits of what differs.
+    """Write the differences of a design from its base file, with all digits, as a design file.
 
-    Comments, included files and laws of unknown values stay those of the file below. A chosen
+    Comments, included files and laws of unknown values stay in the base file. A chosen
     detector has its product's name. An overlay cannot take anything out of the file below: where
     it does not read back to the design, the whole design is written, as by `save_design`.
     """

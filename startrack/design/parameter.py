@@ -26,14 +26,14 @@ def _entry(entries: tuple[Any, ...], part: str) -> int | None:
 
 
 class _Place(NamedTuple):
-    """Where a name leads: fields and numbers of entries, and the value there."""
+    """Path that a name means (fields and numbers of entries), and the value there."""
 
     path: tuple[str, ...]
     value: Any
 
 
 def _places(case: Any, name: str) -> list[_Place]:
-    """The parameters that a name means. Arguments and what is raised as for `paths`."""
+    """The parameters that a name means. Arguments and exceptions as for `paths`."""
     aliases: Mapping[str, str] = getattr(type(case), "ALIASES", {})
     first, dot, rest = name.partition(".")
     made = [_Place((), case)]
@@ -51,9 +51,9 @@ def paths(case: Any, name: str) -> list[str]:
 
     An entry may be given by its number or by its own `name`: "channels.mir.optics.f_number"; "*" is
     every entry. A class may have short names (`ALIASES`) for places in it. A key of an earlier
-    version is that of today, and reported by a FutureWarning of one line.
+    version is replaced by the present key, with a FutureWarning of one line.
 
-    Raises  ValueError where there is no such parameter.
+    Raises  ValueError if there is no such parameter.
     """
     return [".".join(place.path) for place in _places(case, name)]
 
@@ -79,7 +79,7 @@ def _inner(at: Any, part: str, name: str) -> list[tuple[str, Any]]:
 def find(case: Any, name: str) -> Any:
     """Value at a name, such as "instrument.motion.tones.0.rms_x".
 
-    Raises  ValueError where there is no such parameter, or "*" means different values.
+    Raises  ValueError if there is no such parameter, or "*" means different values.
     """
     values = [place.value for place in _places(case, name)]
     if any(value != values[0] for value in values[1:]):
@@ -92,7 +92,7 @@ def find(case: Any, name: str) -> Any:
 def number(case: Any, name: str) -> float:
     """The number at a name.
 
-    Raises  ValueError where there is none that can vary.
+    Raises  ValueError if no such parameter can vary.
     """
     value = find(case, name)
     if isinstance(value, bool) or not isinstance(value, float | int):
@@ -132,7 +132,7 @@ def with_values(case: T, values: Mapping[str, float | str]) -> T:
 
 
 def with_changes(case: T, changes: Sequence[str]) -> T:
-    """The case with other values, "KEY=VALUE" each; a value that is no number is a text."""
+    """The case with other values, "KEY=VALUE" each; other values than numbers are texts."""
     values = dict[str, float | str]()
     for change in changes:
         key, equals, text = change.partition("=")
@@ -169,7 +169,7 @@ def unit_at(case: Any, name: str) -> Unit | None:
 def quantity(case: Any, name: str, value: float | str) -> float:
     """A number or a text with a unit as the SI value for a parameter.
 
-    Raises  ValueError where the parameter has a unit and the value none, or the reverse.
+    Raises  ValueError if the parameter has a unit and the value none, or the reverse.
     """
     unit = unit_at(case, name)
     if unit and isinstance(value, str):
@@ -184,7 +184,7 @@ def quantity(case: Any, name: str, value: float | str) -> float:
 
 
 def label(case: Any, name: str) -> str:
-    """Name for tables: without its first part; of a variation, that of the varied value."""
+    """Name for tables: without its first part; a variation has the label of the varied value."""
     first, _, rest = name.partition(".")
     if first != "variation":
         return rest

@@ -20,7 +20,7 @@ OPERATED = "frame_rate", "binning", "row_delay"
 def with_product(table: Mapping[str, Any], folder: Path | None = None) -> dict[str, Any]:
     """Replace `product` under `instrument.detector` by that product's values.
 
-    What the design names beside it overrides the catalogue, key by key in tables too. What the
+    Keys of the design override the catalogue, also within tables. What the
     catalogue says of its age counts where the design gives it one.
 
     table    of a whole design
@@ -49,7 +49,7 @@ def of_product(product: object, folder: Path | None = None) -> dict[str, Any]:
     """The table of a detector of the catalogue, or of a file: alone, or in that of a design.
 
     folder  in which the file is; None: this process's
-    Raises  ValueError where there is none.
+    Raises  ValueError if there is none.
     """
     if isinstance(product, str) and product.endswith(FILE):
         path = (folder or Path()) / product
@@ -71,7 +71,7 @@ def of_product(product: object, folder: Path | None = None) -> dict[str, Any]:
 def with_product_files(choices: object, folder: Path) -> None:
     """Let the choices of a campaign name files of detectors by their whole paths.
 
-    choices  as a file has them, changed here; what is no list of choices is left as it is
+    choices  in the form of a file, changed here; other values are unchanged
     folder   of the file that names them
     """
     for choice in choices if isinstance(choices, list) else ():

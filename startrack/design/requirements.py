@@ -450,7 +450,7 @@ class Requirements(core.CarriesCode):
     def cost(self, case: Case) -> float:
         """Cost in the unit of `cost_of_metre`; with a lens of known surfaces in dollar of 2010.
 
-        Raises  ValueError where the code of `cost_model` raises one, or returns no number.
+        Raises  ValueError if the code of `cost_model` raises one, or returns no number.
         """
         if core.is_code(self.cost_model):
             return _number("costs", self.cost_model, case)
@@ -474,7 +474,7 @@ class Requirements(core.CarriesCode):
     def own_margins(self, case: Case) -> dict[str, float]:
         """Margins by the user code in `checks`, by its name.
 
-        Raises  ValueError where the code of one raises an error, or returns no number.
+        Raises  ValueError if the code of one raises an error, or returns no number.
         """
         return {name: _number("requirements", name, case) for name in self.checks}
 

@@ -534,7 +534,7 @@ def read_displacements(path: str, content: str) -> dict[str, tuple[Floats, float
     feet. About the boresight the camera turns with the detector.
 
     content  digest of the file, so that a changed file is read again
-    Raises   Refused where the file has other columns, or a part has fewer than three nodes or all
+    Raises   Refused if the file has other columns, or a part has fewer than three nodes or all
              of them on a line.
     """
     table = csv_table(Path(path), ended=False, what="a table of displacements")
@@ -585,6 +585,6 @@ def _rigid(nodes: Floats, name: str) -> _Rigid:
 
 
 def _text(name: str, value: float) -> float | str:
-    """A value of a variation as a design file has it, with its unit."""
+    """A value of a variation in the form of a design file, with its unit."""
     unit = "m" if name.endswith(".defocus") else UNITS.get(name.rpartition(".")[0], "")
     return f"{value!r} {unit}" if unit and value else value

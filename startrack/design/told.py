@@ -33,7 +33,8 @@ class Told(Parameters):
     It is an error, with an axis and an angle as its value, or a figure of frames of the tracker,
     with a number.
 
-    ln(value) is normal about that of the design, with the logarithm of `factor` as its sigma.
+    ln(value) is normally distributed about the design's ln(value); sigma is the logarithm of
+    `factor`.
     """
 
     figure: str = parameter(

@@ -1,6 +1,6 @@
 """Tables of a design file -> unknown values, each with its law, and the value that is drawn of it.
 
-Unknown is one value that nobody has told: a law of ignorance. It neither varies from unit to unit
+An Unknown is a value that is not known, described by a law. It neither varies from unit to unit
 (`Variation`) nor from frame to frame.
 """
 
@@ -24,7 +24,7 @@ FORMS = (("low", "high"), ("median", "factor"), ("among",), ("among", "weight"))
 NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*")
 MOST_CHOICES = 100  # of a law; chosen by hand
 INCLUDE = "include"
-# Two keys of a table that say the same, of which a file has one and a case the second.
+# Two equivalent keys of a table: a file has the first, a case the second.
 OPTICS, APERTURE, F_NUMBER = "instrument.optics", "aperture", "f_number"
 INSTEAD = {OPTICS: (APERTURE, F_NUMBER)}
 Quantile = Callable[[str], float | None]  # name of an unknown -> its quantile; None: its middle
@@ -40,7 +40,7 @@ class Unknown(NamedTuple):
 
     name  its place in the file: "instrument.optics.f_number"; of a file among several,
           "include" and what their names begin with: "include lens"
-    law   as the file has it: {low, high}, uniform between two values; {median, factor}, normal in
+    law   as in the file: {low, high}, uniform between two values; {median, factor}, normal in
           the logarithm, 68 % within a factor of the median; {among, weight}, one of several, with
           relative weights, equal where none are given
     """
@@ -68,11 +68,11 @@ class Unknown(NamedTuple):
         return [weight / sum(weights) for weight in weights]
 
     def at(self, quantile: float | None) -> Any:
-        """The value at a quantile, as a file has it.
+        """The value at a quantile, in the form of a file.
 
         quantile  in (0, 1); of a choice, in the order of its values. None: the middle, and of a
                   choice the likeliest value, the first of several
-        Raises    Refused where the law is malformed.
+        Raises    Refused if the law is malformed.
         """
         self._check()
         if self.choice:
@@ -84,7 +84,7 @@ class Unknown(NamedTuple):
         return self.written(self.numbers(np.array([0.5 if quantile is None else quantile]))[0])
 
     def written(self, number: float) -> str | float:
-        """A number in the unit of its law, as a file has it."""
+        """A number in the unit of its law, in the form of a file."""
         _, unit = _quantity(self.law["median" if "median" in self.law else "low"], self.name)
         return f"{float(number)!r} {unit}" if unit else float(number)
 
@@ -114,7 +114,7 @@ class Unknown(NamedTuple):
         return all(_is_number(value) and value > 0 for value in self.law.get("among", [""]))
 
     def _check(self) -> None:
-        """Raises Refused where the law is malformed."""
+        """Raises Refused if the law is malformed."""
         law, name = self.law, self.name
         if self.choice:
             self._check_choice()
@@ -190,7 +190,7 @@ class UnknownReader:
     def file(self, entry: object) -> str:
         """The file that an entry of `include` names, which may be one of several.
 
-        Raises  Refused where it is neither a name nor a law of names.
+        Raises  Refused if it is neither a name nor a law of names.
         """
         if isinstance(entry, str):
             return entry
@@ -251,7 +251,7 @@ def _stem(names: Sequence[str]) -> str:
 
 
 def _quantity(value: object, name: str) -> tuple[float, str]:
-    """A number and its unit as a file has them; the unit is empty where there is none."""
+    """A number and its unit in the form of a file; the unit is empty if the number has none."""
     if _is_number(value):
         return float(value), ""  # type: ignore[arg-type]
     match = NUMBER.fullmatch(value) if isinstance(value, str) and len(value) < 100 else None

@@ -64,7 +64,7 @@ def followed(case: Any, values: Mapping[str, float], links: Sequence[Link]) -> d
 
     What a link follows may be computed from variables, and is then not yet checked.
 
-    Raises  Refused where what is followed cannot be computed.
+    Raises  Refused if a followed value cannot be computed.
     """
     changed = dict(values)
     for link in links:
@@ -99,13 +99,13 @@ OF_IMAGES = "instrument.optics.focal_length", "instrument.optics.f_number"
 @printed
 @dataclass(frozen=True)
 class DesignSpace:
-    """The designs that differ from `case` in the variables, and in what follows them.
+    """The designs that differ from `case` in the variables and in values that follow them.
 
     links  taken in their order, after the variables
-    adapt  a Python function that makes the last changes to each design, None for none; what it
-           refuses with a ValueError is no design of the space
+    adapt  a Python function that makes the last changes to each design, None for none; a design
+           that it refuses with a ValueError is not in the space
 
-    Raises  ValueError where a name is no number of the case, a bound has a wrong unit, the bounds
+    Raises  ValueError if a name is not a number of the case, a bound has a wrong unit, the bounds
             are not in order, or the start lies outside them.
     """
 
@@ -203,7 +203,7 @@ class DesignSpace:
     def design(self, coordinates: Floats) -> Case:
         """The case at unit-cube coordinates (n,).
 
-        Raises  ValueError where the parameters, or `adapt`, refuse it.
+        Raises  ValueError if the parameters, or `adapt`, refuse it.
         """
         case = self._replaced(coordinates)
         return self.adapt(case) if self.adapt else case
@@ -284,7 +284,7 @@ class Branch(NamedTuple):
 def branches(case: Case, choices: Sequence[Choice]) -> list[Branch]:
     """Every combination of the choices; the case alone where there are none.
 
-    Raises  ValueError where a value does not fit its parameter, or there are more than 256.
+    Raises  ValueError if a value does not fit its parameter, or there are more than 256.
     """
     count = math.prod(len(choice.values) for choice in choices)
     if count > MOST_BRANCHES:

@@ -26,7 +26,7 @@ class Scope(StrEnum):
 
     unit         as built
     launch       after one step, at launch
-    environment  over orbits and seasons: temperature and what follows it
+    environment  over orbits and seasons: temperature and dependent values
     life         by a constant drift of each unit, per year
     frame        from frame to frame
     """
@@ -182,7 +182,7 @@ class Law:
 def law_of(case: Any, variation: Variation) -> Law:
     """The variation in the units of its parameter.
 
-    Raises  ValueError where the case has no such number, or a value the wrong unit or size.
+    Raises  ValueError if the case has no such number, or a value the wrong unit or size.
     """
     now = find(case, variation.name)
     curve = isinstance(now, core.Curve)
@@ -302,7 +302,7 @@ def unit_case(case: Any, seed: int, moment: Moment) -> Any:
     A detector with an ageing law (`detector.age`) is as old as the unit; a dark map for which the
     tracker states no age is taken at this age, too.
 
-    Raises  ValueError with the unit and the name, where a parameter refuses what was drawn.
+    Raises  ValueError with the unit and the name where a drawn value is not allowed.
     """
     bare = case.without_units
     if moment.unit < 0:

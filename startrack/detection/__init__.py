@@ -10,10 +10,10 @@ matched      The matched filter of a star, the law of its noise, and the thresho
 plan         Settings and PSF -> DetectionPlan: values that are computed once for many frames.
 connect      A filtered image and its threshold enter; local maxima leave, several where stars
              touch.
-examine      Peaks -> which of them stand out like stars, and which are hot pixels.
+examine      Peaks -> peaks that are significant like stars, and peaks that are hot pixels.
 find         Pixels -> Peaks of the filtered image that look like stars.
-gravity      Sample, what every centroid works on -> centre of gravity, of a window that follows
-             the star or under a Gaussian weight.
+gravity      Sample, the input of all centroids -> centre of gravity, in a window that follows the
+             star or under a Gaussian weight.
 fit          Windows and a model of a star enter; the most likely positions and fluxes of stars
              leave.
 methods      Sample and Psf -> a row per star, by each of the centroid methods that a design can

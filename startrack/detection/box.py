@@ -32,7 +32,8 @@ BACKGROUNDS = ("dynamic", "clipped", "none")
 # first and the last row of 8 x 8.
 CORNERS = tuple((row, column) for row in (-4, 3) for column in (-4, -3, 2, 3))
 MIDDLE = slice(2, 6)  # of eight sorted pixels; their mean is the background, without outliers
-FAR, FAR_NUMBERS = 1.5, 10.0  # of their mean, and digital numbers, from which on a pixel is clipped
+# times the mean, and digital numbers: a pixel that deviates by more is clipped
+FAR, FAR_NUMBERS = 1.5, 10.0
 ROUNDS = 4  # iterations of moving the image until the star is in its middle
 IMAGE = 8  # pixel, size of the largest image; the search needs pixels around it
 CORNER_ROWS, CORNER_COLUMNS = np.transpose(CORNERS) + IMAGE // 2  # of the largest image
@@ -362,7 +363,7 @@ def _moments(image: Singles, corner: Ints, box: Box, offset: float) -> _ImageLig
 
 
 def _steps(moment: Floats, box: Box) -> Ints:
-    """Pixels (m, 2) by which images with these moments move."""
+    """Motion (m, 2), pixel, of images with these moments."""
     far = np.sign(moment) * np.maximum(np.rint(np.abs(moment)), 1.0)
     return np.where(np.abs(moment) > box.moves, far, 0.0).astype(np.int64)
 

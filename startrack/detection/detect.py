@@ -54,7 +54,7 @@ def detect_near(
     reach     pixel, largest distance of a star from its place along either axis
     settings  as `detect` takes them; the mesh is the window's side
     Returns   Spots, brightest first; one star for two places near it
-    Raises    those of `detect`; ValueError where `place` is not (m, 2) or reach not positive.
+    Raises    those of `detect`; ValueError if `place` is not (m, 2) or reach not positive.
     """
     positive(reach=reach)
     place = np.asarray(place, float)

@@ -1,4 +1,4 @@
-"""Peaks -> which of them stand out like stars, and which are hot pixels."""
+"""Peaks -> peaks that are significant like stars, and peaks that are hot pixels."""
 
 import math
 

@@ -179,7 +179,7 @@ def joined(parts: Sequence[Response]) -> Response:
 def response(frame: Frame, x: Ints, y: Ints, sigma: Floats, plan: DetectionPlan) -> Response:
     """Derivatives of centroids by their pixels, whatever the method of the settings.
 
-    Each pixel is changed up and down by its own noise, for all stars at once. Stars must be farther
+    Each pixel is changed up and down by its noise, for all stars together. Stars must be farther
     apart than twice the side, or they respond to each other's pixels.
 
     frame    expected numbers, not rounded

@@ -104,7 +104,7 @@ def corrected(
     value, saturation  digital number; the pivot is subtracted from the value
     within  windows (w, 4), whose outermost pixels may be wrong, and the image to write them to;
             None: all of a new image
-    Raises  ValueError where image and map differ in shape.
+    Raises  ValueError if image and map differ in shape.
     """
     if value.shape != correction.offset.shape:
         raise Refused(
@@ -206,7 +206,7 @@ class Pixels(NamedTuple):
 def pixels(frame: core.Frame) -> Pixels:
     """Read a frame; pixels that are not finite are dead.
 
-    Raises    TypeError where the image does not hold real numbers; ValueError where it is not
+    Raises    TypeError if the image does not hold real numbers; ValueError if it is not
               two-dimensional, is empty, or holds no finite value.
     Accuracy  numerical: 24 bits, 6e-8 of the range of the image.
     """
@@ -273,7 +273,7 @@ def subtract_dark(frame: core.Frame, dark: core.Frame) -> core.Frame:
     frame, dark  of the same shape, exposure and temperature; the dark frame is best a median of
                  many
     Returns      Frame of float32; its offset is 0, because the dark frame contains the offset
-    Raises       ValueError where the shapes differ.
+    Raises       ValueError if the shapes differ.
     """
     if frame.image.shape != dark.image.shape:
         raise Refused(
@@ -298,7 +298,7 @@ def divide_flat(frame: core.Frame, flat: core.Frame) -> core.Frame:
     frame    minus its dark frame, or with the right offset
     flat     image of a uniform surface, best a mean of many
     Returns  Frame of float32 with the same offset
-    Raises   ValueError where the shapes differ or the flat holds no light.
+    Raises   ValueError if the shapes differ or the flat holds no light.
     """
     if frame.image.shape != flat.image.shape:
         raise Refused(

@@ -8,7 +8,7 @@ from startrack.core import Floats, Ints, Singles, instead_of, kernel, median
 
 CLIP = 3.0  # sigma
 ROUNDS = 6
-SAMPLE = 27  # pixels that the first guess is made from: 3^3
+SAMPLE = 27  # pixels of the first guess: 3^3
 DEVIATION_TO_SIGMA = 1.2533  # mean absolute deviation of a normal law: sqrt(pi / 2)
 # A normal law that is clipped at 3 sigma repeatedly converges to 0.984 of its sigma.
 CLIPPED_TO_SIGMA = 1.016
@@ -191,7 +191,7 @@ def around(
 
     The ring is two pixels wide and one pixel from the window, cut at the border of the image.
 
-    Returns  as `plane`, about (x, y), and how many pixels the ring has
+    Returns  as `plane`, about (x, y), and the number of pixels of the ring
     """
     return around_among(image, x, y, half, floor, NOBODY, NOBODY)
 

@@ -222,7 +222,7 @@ def smeared(psf: Psf, x: float, y: float) -> Psf:
     Source: transform of the uniform law on a segment.
 
     x, y      pixel, motion of the star's image in the exposure
-    Raises    ValueError where the motion is not finite.
+    Raises    ValueError if the motion is not finite.
     Accuracy  numerical: 1e-6 of the peak if the table contains the whole star.
     """
     finite(x=x, y=y)

@@ -146,7 +146,7 @@ def _filter(
 
 @kernel
 def _cut(value, left, top, right, bottom):  # type: ignore[no-untyped-def]
-    """A part of an image that is mirrored at its border, as OpenCV's BORDER_REFLECT has it."""
+    """A part of an image that is mirrored at its border, as by OpenCV's BORDER_REFLECT."""
     rows, columns = value.shape
     if left >= 0 and top >= 0 and right <= columns and bottom <= rows:
         return value[top:bottom, left:right].copy()

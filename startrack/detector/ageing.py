@@ -396,7 +396,7 @@ class Age(Parameters):
     def ionising(self) -> float:
         """Gray / second of silicon in the orbit that is named, see `orbit_dose`.
 
-        Raises  Refused where none is.
+        Raises  Refused if none is.
         """
         if self.inclination is None or self.shielding is None:
             raise Refused("age must have inclination and shielding, from which its dose follows")

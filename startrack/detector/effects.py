@@ -79,7 +79,7 @@ def multiplied(charge: Floats, detector: Detector, streams: Streams) -> Floats:
     return charge + shot(scale * more, streams, "multiplied electrons", EMPTY)
 
 
-FEW = 255  # whole electrons, up to which quantiles are interpolated
+FEW = 255  # whole electrons; quantiles are interpolated up to this number
 NODES, FARTHEST = 1025, 8.25  # nodes, and range, of standard normal numbers
 
 

@@ -12,8 +12,7 @@ text          Bytes of a text file from any program -> text; CSV of any locale -
 toml_file     Path of a TOML file -> its table.
 tables        Frozen dataclasses to tables of TOML and back, units in strings, each error with its
               place.
-layers        A file, files that lie below it, and single values -> one table, and the file of each
-              value.
+layers        A file, its base files, and single values -> one table, and the file of each value.
 wcs           Camera and attitude as a FITS world coordinate system, and back to pixels by any
               reader; a solved image as FITS files of astrometry.net, and by the names of tetra3.
 recordings    SER, raw and video files -> images; Bayer mosaics -> images of one colour or of all.

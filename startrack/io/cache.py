@@ -87,7 +87,7 @@ def _written(arg: Any) -> str:
 
 @cache
 def _versions() -> str:
-    """Versions of all that computes; also of what changes only the rounding."""
+    """Versions of all that computes; including versions that only change the rounding."""
     import cv2
     import numba
     import scipy
@@ -104,7 +104,7 @@ def from_cache(
     least: float = 0.0,
     folder: Path | None = None,
 ) -> T:
-    """A value from a file, if there is one, else made and kept.
+    """A value from a file if available; otherwise it is computed and kept.
 
     A file is named by a hash of its key. It is written atomically. The value is made again if the
     file cannot be read, is damaged, or could have been written by another user. If the folder is

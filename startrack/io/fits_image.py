@@ -72,14 +72,14 @@ def read_fits(path: Path, data: bytes, require: Callable[[Path, int, int, int], 
     ASCII, missing padding of header or data, and cards that violate the standard.
 
     require  refuses an image of (path, columns, rows, bytes of a pixel) that is too large
-    Raises   Refused where the file is no FITS file, cut, damaged, or has no image of two axes.
+    Raises   Refused if the file is no FITS file, cut, damaged, or has no image of two axes.
     """
     data = unpacked(path, data, 2)
     require_fits(path, data)
     image, header = _largest_image(path, data, require)
     image = np.squeeze(image) if image.ndim > 2 else image
     offset = _number(header, "PEDESTAL", 0.0)
-    # MaxIm DL writes what is to be added, which is below zero.
+    # MaxIm DL writes the value to be added, which is negative.
     offset = -offset if offset < 0 else offset
     noise = _number(header, "RDNOISE")
     excess = max(_number(header, EXCESS, 1.0), 1.0)
@@ -105,7 +105,7 @@ def _largest_image(
 
     try:
         with warnings.catch_warnings():
-            # Of what hinders nobody; that all pixels are there is checked below.
+            # Warnings without effect on the image; that all pixels are there is checked below.
             warnings.simplefilter("ignore", AstropyUserWarning)
             # From memory: astropy leaves a cut file open when it gives up.
             with fits.open(io.BytesIO(data)) as units:
@@ -233,7 +233,8 @@ def _gain(
     signal = max(level - offset, 0.0)
     least = excess * signal / gain
     most = least + (max(read_noise, READ_NOISE) if read_noise >= 0 else READ_NOISE) ** 2 / gain**2
-    most += 1 / 12 + ((UNEVEN * signal) ** 2 if said else 0.0)  # what may be a setting must fit
+    # a value that may be a setting must fit
+    most += 1 / 12 + ((UNEVEN * signal) ** 2 if said else 0.0)
     low, high = math.sqrt(least) / CONTRADICTS, math.sqrt(most) * CONTRADICTS
     if low <= noise <= high:
         return gain

@@ -61,7 +61,7 @@ class FrameFiles:
         time            second, of the middle of its exposure
         icrs_to_camera  true attitude then
         camera, stars   for the WCS and the true stars of a FITS file; None: without
-        Raises          ValueError where the format does not hold such pixels.
+        Raises          ValueError if the format does not hold such pixels.
         """
         middle = self._start + timedelta(seconds=time)
         exposure = frame.exposure if np.isfinite(frame.exposure) else 0.0
@@ -136,7 +136,7 @@ class FrameFiles:
         file.write(SER_HEADER.pack(SER_MAGIC, *numbers, *texts, ticks[0], ticks[0]))
 
     def drop(self) -> None:
-        """Remove what is not ended."""
+        """Remove incomplete files."""
         self._open.__exit__(GeneratorExit, GeneratorExit(), None)
 
 

@@ -24,7 +24,7 @@ FITS = {".fits", ".fit", ".fts"}
 # Tags of EXIF, and the diagonal (mm) of the film that its 35 mm equivalent is for.
 EXIF_IFD, FOCAL_LENGTH, FOCAL_35MM, EXIF_WIDTH, EXIF_HEIGHT = 0x8769, 0x920A, 0xA405, 0xA002, 0xA003
 PLANE_RESOLUTION, PLANE_UNIT, FULL_FRAME = 0xA20E, 0xA210, math.hypot(36, 24)
-# Pixels of a mosaic whose mean one pixel is, by what the mosaic becomes.
+# Pixels of a mosaic that are averaged to a pixel, by conversion of the mosaic.
 AVERAGED = {"superpixel": 4, "red": 1, "green": 2, "blue": 1}
 SEARCHED = 24  # bytes that the detection takes for each pixel of an image; measured: 20 at most
 
@@ -38,8 +38,8 @@ def read_image(path: Path, layout: Layout | None = None) -> Frame:
     Detector values that the file lacks, or that its noise contradicts, are NaN.
 
     layout  properties that the file may lack
-    Raises  Refused, in one sentence with the path, where the file is missing, empty, cut, no
-            image, or holds no finite number.
+    Raises  Refused, with the path, where the file is missing, empty, incomplete, not an image, or
+            has no finite number.
     """
     path, layout = Path(path), layout or Layout()
     try:
@@ -198,7 +198,7 @@ def write_fits(
 
 
 def date_text(date: datetime) -> str:
-    """A date as FITS has it, UTC, to the microsecond."""
+    """A date in the format of FITS, UTC, to the microsecond."""
     return date.astimezone(UTC).replace(tzinfo=None).isoformat(timespec="microseconds")
 
 

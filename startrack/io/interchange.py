@@ -20,7 +20,7 @@ UNITS = (
 
 
 def unit_of_column(name: str) -> str:
-    """The unit of a column of results, empty where it has none."""
+    """The unit of a column of results; empty without a unit."""
     return next((unit for names, unit in UNITS if re.fullmatch(names, name)), "")
 
 
@@ -42,7 +42,7 @@ def aligned(rows: Sequence[Sequence[str]], words: Collection[int] | None = None)
 def table_of(results: Any) -> Rows:
     """The structured array of results: itself, or that which they have as `table`.
 
-    Raises  TypeError where they are no table.
+    Raises  TypeError if they are no table.
     """
     table = getattr(results, "table", results)
     if not isinstance(table, np.ndarray) or not table.dtype.names:

@@ -1,4 +1,4 @@
-"""A file, files that lie below it, and single values over all -> one table.
+"""A file, its base files, and single values that override all -> one table.
 
 The file of each value is known, so that an error names this file.
 """
@@ -18,8 +18,9 @@ from startrack.io.reading import shipped
 from startrack.io.tables import LONGEST_NAME
 from startrack.io.toml_file import parsed, read_table
 
-LAYERED = ("variations", "trackers", "designs")  # folders of what lies below a design
-MOST_FILES = 256  # that a file is made of, each as often as it is named; chosen by hand
+LAYERED = ("variations", "trackers", "designs")  # folders of base files of designs
+# largest number of files of a design, counted each time they are named; chosen by hand
+MOST_FILES = 256
 DEEPEST = 16  # files below each other; chosen by hand
 KEY = re.compile(r"[A-Za-z0-9_]+(\.[A-Za-z0-9_]+)*")
 PLACE = re.compile(r"[^\s:]+")
@@ -29,12 +30,12 @@ NOT_JOINED: Joined = {}
 
 
 class Renewed(NamedTuple):
-    """A key that stands for the other keys of its table, such as the name of a product.
+    """A key that replaces the other keys of its table, such as the name of a product.
 
     If a file names it, the values of lower files in that table are dropped.
 
     key   of the table
-    kept  keys of the table that hold nevertheless
+    kept  keys of the table that remain valid
     """
 
     key: str
@@ -53,7 +54,7 @@ def _named_file(entry: object) -> str:
 
 
 class LayerRules(NamedTuple):
-    """Rules by which files lie over each other.
+    """Rules for combining a file with its base files.
 
     joined    keys of the outermost table whose lists of tables are added to those of lower files;
               an entry replaces a lower entry that agrees in some keys, given with defaults
@@ -160,7 +161,8 @@ class Layers:
         self.origin = {name: at for name, at in self.origin.items() if not _within(name, place)}
 
     def folder_of(self, place: str, path: Path) -> Path:
-        """The folder of the file that a value is from; of `--set`, that of the file over all.
+        """The folder of the file that a value is from; for `--set`, the folder of the outermost
+        file.
 
         path  of the file over all
         """
@@ -192,11 +194,11 @@ def read_layers(
     that of a file beside the one that names it, or of one in the catalogue
     ("designs/nanosatellite.toml"). Tables are merged by their keys; a list replaces a list.
 
-    what     the file must be, for the errors: "a design file"
+    what     expected kind of file, for error messages: "a design file"
     rules    how files lie over each other; None: tables are merged and nothing else
     changes  "key = value" each, over all files: "instrument.optics.f_number=2.0", and of an entry
              of a list of tables "variation.0.scale=0.5". A value that is no TOML is a text:
-             "instrument.optics.blur=3 um". Without a value, the key is taken out of the files, so
+             "instrument.optics.blur=3 um". Without a value, the key is removed from the files, so
              that its default holds: "instrument.detector.age=".
     Raises   ValueError, one sentence with the file: where a file is missing or no TOML, names
              itself by way of others, or a change is none.

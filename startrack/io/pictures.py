@@ -79,7 +79,7 @@ def read_picture(
     """The pixels of a PNG, JPEG, BMP or HEIC, 16 bits as 16 bits.
 
     require  refuses an image of (path, columns, rows, bytes of a pixel) that is too large
-    Raises   Refused where the file is cut, damaged, or of colours that are none of a camera.
+    Raises   Refused if the file is incomplete, damaged, or has colours that no camera gives.
     """
     if is_heif(data):
         return _read_heif(path, data, require)
@@ -145,7 +145,7 @@ def open_heif(path: Path, data: bytes) -> Any:
 def _read_heif(
     path: Path, data: bytes, require: Callable[[Path, int, int, int], None]
 ) -> PicturePixels:
-    """Its decoder has turned the image already."""
+    """Pixels of an HEIC image; its decoder has turned the image already."""
     heif = open_heif(path, data)
     columns, rows = heif.size
     require(path, columns, rows, 3)

@@ -29,7 +29,7 @@ def shipped(name: str) -> Path:
 
     name     path inside `catalogs`, with forward slashes
     Returns  its path on this computer
-    Raises   FileNotFoundError where this installation does not have it.
+    Raises   FileNotFoundError if this installation does not have it.
     """
     for folder in SHIPPED:
         if (folder / name).exists():
@@ -47,7 +47,8 @@ def path_from(folder: Path, file: str | Path) -> str:
 
 
 def name_from(folder: Path, file: str | Path) -> str:
-    """The name of a shipped file, where no file of the folder has it; else its path from there."""
+    """The name of a shipped file, if no file of the folder has this name; else its path from
+    there."""
     full = Path(os.path.realpath(file))
     for root in (place.resolve() for place in SHIPPED):
         if full.is_relative_to(root) and not (folder / full.relative_to(root)).exists():
@@ -56,7 +57,7 @@ def name_from(folder: Path, file: str | Path) -> str:
 
 
 MIB = 2**20  # byte
-MADE = ("/proc/", "/sys/")  # where Linux has files that it makes as they are read
+MADE = ("/proc/", "/sys/")  # folders of files that Linux generates when they are read
 PIECE = 4 * MIB  # bytes that are unpacked at a time
 
 
@@ -64,8 +65,8 @@ def regular_file(path: Path, what: str = "a file") -> Path:
     """The path, where it names a regular file; it is not opened, since a FIFO would wait.
 
     what    it must be, for the message
-    Raises  ValueError for a folder, a device, a FIFO, a socket, a circle of links, or what the
-            system makes as it is read; FileNotFoundError without one.
+    Raises  ValueError for a folder, a device, a FIFO, a socket, a circle of links, or a file that
+            the system generates when it is read; FileNotFoundError without one.
     """
     try:
         kind = os.stat(path).st_mode
@@ -101,7 +102,7 @@ def read_bytes(path: Path, what: str = "a file", most: int | None = None) -> byt
 
     what    it must be, for the message
     most    bytes; None: what fits into memory
-    Raises  ValueError where it is larger, or as `regular_file`; OSError where it cannot be read.
+    Raises  ValueError if it is larger, or as `regular_file`; OSError if it cannot be read.
     """
     size = os.stat(regular_file(path, what)).st_size
     if most is not None and size > most:
@@ -118,8 +119,8 @@ def unpacked(path: Path, data: bytes, times: int = 1) -> bytes:
     """The content of gzipped bytes; other bytes as they are.
 
     path    they are from, for the message
-    times   the bytes that are needed for a byte of content: what is made of it is larger
-    Raises  ValueError where they are cut or damaged, or their content does not fit into memory.
+    times   memory, in bytes, per byte of content, for larger data made from it
+    Raises  ValueError if they are cut or damaged, or their content does not fit into memory.
     """
     pieces, size = list[bytes](), 0
     if data[:2] != b"\x1f\x8b":
@@ -151,7 +152,7 @@ def require_fits(path: Path, data: bytes) -> None:
 
     Raises  ValueError, also where the bytes are no FITS file.
     """
-    if not data.startswith(b"SIMPLE"):  # nor what astropy would unpack by itself, without a limit
+    if not data.startswith(b"SIMPLE"):  # nor a file that astropy would unpack without a limit
         raise Refused(f"{path} must be a whole FITS file, which begins with SIMPLE")
     for start in _counts(data):
         count = COUNT.match(data, start)
@@ -163,7 +164,7 @@ def require_fits(path: Path, data: bytes) -> None:
 
 
 def _counts(data: bytes) -> Iterator[int]:
-    """Places of the keywords of counts, or of what looks like them."""
+    """Places of keywords of counts, or of similar text."""
     for keyword in COUNTED:
         at = data.find(keyword)
         while at >= 0:
@@ -186,7 +187,7 @@ def open_checked(path: Path, keyword: str, form: int, what: str) -> Iterator[Any
     keyword  of the first header, that names the format
     form     its value
     what     the expected kind of file, for the message
-    Raises   FileNotFoundError; ValueError where it is something else, another format, or damaged.
+    Raises   FileNotFoundError; ValueError if it is something else, another format, or damaged.
     """
     from astropy.io import fits
     from astropy.utils.exceptions import AstropyUserWarning

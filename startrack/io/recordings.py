@@ -34,7 +34,7 @@ PATTERNS = ("RGGB", "GRBG", "GBRG", "BGGR")
 COLOURS = ("superpixel", "red", "green", "blue")
 RAW_TYPES = ("uint8", "uint16", "uint16be", "float32")
 VIDEOS = (".mkv", ".avi", ".mp4", ".mov")
-# Where each begins with what, so that no playlist opens other files.
+# Begin of the files of each format, so that no playlist opens other files.
 VIDEO_MAGIC = ((0, b"\x1a\x45\xdf\xa3"), (8, b"AVI "), (4, b"ftyp"))
 FFMPEG_OPTIONS = "OPENCV_FFMPEG_CAPTURE_OPTIONS"
 VIDEO_GREY = (b"Y800", b"Y1\x00\x10")  # FFmpeg's names of 8 and 16 bits
@@ -52,8 +52,9 @@ class Layout(Parameters):
     plane   number from 0 of the plane of a cube or a SER; None: the largest value of all planes of
             a cube, the first frame of a SER
     bayer   pattern of the colours of the first two pixels of the first two rows, such as "RGGB";
-            None: that of the file's header, if it has one; "none": no pattern, whatever it says
-    colour  what a mosaic becomes: "superpixel", the mean of each two by two pixels; "red", "green"
+            None: that of the file's header, if it has one; "none": no pattern, in spite of the
+            header
+    colour  conversion of a mosaic: "superpixel", the mean of each two by two pixels; "red", "green"
             or "blue", these pixels alone; an image of half as many columns and rows
     raw     "COLUMNSxROWS:TYPE" of a file without a header, with a type of RAW_TYPES
     """
@@ -69,7 +70,7 @@ class Layout(Parameters):
             _raw_shape(self.raw)
 
     def one_image(self, path: Path, image: NDArray[Any], said: str | None) -> NDArray[Any]:
-        """The image of a mosaic, or of an image that is none.
+        """The converted image of a mosaic; other images are unchanged.
 
         Warns where the header alone says that it is a mosaic: places then count pixels of twice
         the size.
@@ -183,7 +184,7 @@ def _ser_header(path: Path) -> _Recording:
 def read_recording(path: Path, layout: Layout) -> tuple[NDArray[Any], str | None, float]:
     """One frame of a SER or raw file, its Bayer pattern, and its time as a `Frame` has it.
 
-    Raises  ValueError where the file is cut, no SER or not of whole frames, or has no such frame.
+    Raises  ValueError if the file is cut, no SER or not of whole frames, or has no such frame.
     """
     header, at = _recording(path, layout), layout.plane or 0
     if at >= header.frames:
@@ -205,7 +206,8 @@ def read_recording(path: Path, layout: Layout) -> tuple[NDArray[Any], str | None
 
 
 def frames_in(path: Path, layout: Layout) -> int:
-    """Number of frames of a SER or raw file; of a video about as many as it says, of others 1."""
+    """Number of frames of a SER or raw file; for a video about the number in its header, for others
+    1."""
     if layout.raw or path.suffix.lower() == ".ser":
         return _recording(path, layout).frames
     if path.suffix.lower() not in VIDEOS:
@@ -220,7 +222,7 @@ def read_video(path: Path, plane: int | None) -> NDArray[Any]:
     Grey pixels stay as they are, 16 bits too (FFV1 in Matroska, as `sequence --frames mkv` writes
     it); of colours of 8 bits the largest channel is taken.
 
-    Raises  ValueError where the file is no Matroska, AVI, MP4 or MOV, cannot be decoded, or has no
+    Raises  ValueError if the file is no Matroska, AVI, MP4 or MOV, cannot be decoded, or has no
             such frame.
     """
     with _open_video(path) as video:
@@ -232,7 +234,7 @@ def read_video(path: Path, plane: int | None) -> NDArray[Any]:
 
 
 def video_frames(path: Path) -> Iterator[NDArray[Any]]:
-    """All frames of a video, each as `read_video`; raises as it does where there is none."""
+    """All frames of a video, each as `read_video`; raises as `read_video` without a frame."""
     yield read_video(path, 0)
     with _open_video(path) as video:
         video.grab()

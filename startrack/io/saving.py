@@ -76,7 +76,7 @@ def _new_draft(path: Path) -> Path:
 def _is_stream(path: Path) -> bool:
     """Whether a path names a stream, not a file that may be replaced or made.
 
-    Raises  OSError where it is neither.
+    Raises  OSError if it is neither.
     """
     try:
         mode = os.stat(path).st_mode
@@ -86,7 +86,7 @@ def _is_stream(path: Path) -> bool:
         return True
     if not stat.S_ISREG(mode):
         raise OSError(f"{path} must be a file, a new name or a stream, but is {kind_of(mode)}")
-    # What this process has open is a stream, too, wherever it leads.
+    # An open file of this process is also a stream, wherever it leads.
     return os.path.realpath(path.parent).startswith(OPEN) or (
         path.is_symlink() and os.readlink(path).startswith(OPEN)
     )
@@ -211,7 +211,7 @@ LONGEST = 1000  # byte of a note
 
 
 def note_owner(path: Path) -> None:
-    """Write a note beside a file that this process owns it, if the note can be written."""
+    """Write a note next to a file, if possible, that this process owns the file."""
     with suppress(OSError), open(_note(path), "wb", opener=_here) as file:
         file.write(_words())
 

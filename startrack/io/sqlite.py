@@ -25,7 +25,7 @@ CREATE TABLE IF NOT EXISTS rows (
 class FileKind(NamedTuple):
     """Properties that files of one kind have in common.
 
-    what         the file must be, for the errors: "campaign store"
+    what         expected kind of file, for error messages: "campaign store"
     application  number in the file's header that marks the kind
     tables       CREATE TABLE IF NOT EXISTS statements, each ended by ";"
     version      of the tables, in the file's header
@@ -55,11 +55,11 @@ class Database:
         """Open a file, or begin one.
 
         path    None keeps it in memory
-        create  whether to begin one where there is none
+        create  whether to create a missing file
         begin   writes the first rows, in the transaction that makes the tables
 
-        Raises  ValueError where the file is damaged, of another kind or version, or missing and
-                not to be created; OSError where it cannot be opened or another process has it.
+        Raises  ValueError if the file is damaged, of another kind or version, or missing and
+                not to be created; OSError if it cannot be opened or another process uses it.
         """
         self.path = path
         self.kind = kind
@@ -72,11 +72,11 @@ class Database:
                 except FileNotFoundError as error:
                     raise ValueError(str(error)) from None
             self._base = sqlite3.connect(path or ":memory:", timeout=0, isolation_level=None)
-            # The file may be from anybody: what its schema calls is not trusted. A long query of a
-            # damaged file lets Python look at signals, whose exception ends it.
+            # The file may be from anybody: code that its schema calls is not trusted. A long query
+            # of a damaged file lets Python look at signals, whose exception ends it.
             self._base.execute("PRAGMA trusted_schema = OFF")
             self._base.set_progress_handler(_look_at_signals, STEPS)
-            # Text that is none is looked at by those who read it.
+            # Readers check invalid text.
             self._base.text_factory = lambda data: data.decode("utf-8", "replace")
             try:
                 self._open(create, begin)
@@ -124,7 +124,7 @@ class Database:
         """Refuse code that runs automatically when tables are read or written: views, triggers and
         others.
 
-        The tables must be as this kind of file has them, without columns or rules of others.
+        The tables must have the form of this kind of file, without further columns or rules.
         """
         query = "SELECT type, name, sql FROM sqlite_master"
         with closing(sqlite3.connect(":memory:")) as model:
@@ -184,7 +184,8 @@ class Database:
 
     @contextmanager
     def _translated_errors(self) -> Iterator[None]:
-        """Raise ValueError where the file is none or damaged, OSError where it cannot be used."""
+        """Raise ValueError where the file is another kind or damaged, OSError where it cannot be
+        used."""
         try:
             yield
         except sqlite3.DatabaseError as error:
@@ -198,7 +199,7 @@ class Database:
                 raise ValueError(
                     f"{self.path} must be a {self.kind.what}, but is not one"
                 ) from None
-            # Of statements that are right, where tables are missing or hold what is none.
+            # Errors of correct statements, for missing tables or wrong contents.
             odd = code in ("", "SQLITE_ERROR", "SQLITE_SCHEMA", "SQLITE_MISMATCH", "SQLITE_FORMAT")
             if code.startswith("SQLITE_CORRUPT") or odd or isinstance(error, sqlite3.DataError):
                 raise ValueError(f"{self.path} is damaged: {error}") from None

@@ -107,7 +107,7 @@ def to_table(value: Any) -> dict[str, Any]:
 
 
 def written(field: core.Field, value: Any) -> Any:
-    """A value as a file has it: tables, lists, texts with units."""
+    """A value in the form of a file: tables, lists, texts with units."""
     return _write(field.kind, field.unit, value)
 
 

@@ -33,7 +33,7 @@ def decoded(data: bytes, path: Path) -> str:
     UTF-8; UTF-16 with a mark, or without a mark if every second byte is zero, as in text of western
     letters. Other text is read with one byte per letter (ISO 8859-1).
 
-    Raises  Refused where it holds zeros that are not of UTF-16, or is cut within a letter.
+    Raises  Refused for zeros that are not of UTF-16, or an incomplete last letter.
     """
     name, start = "", 0
     for mark, encoding in MARKS:
@@ -121,7 +121,7 @@ def csv_table(path: Path, ended: bool = True, what: str = "a star catalogue") ->
 
 
 def _uniform(path: Path, text: str) -> tuple[str, str]:
-    """The text with decimal points, and what is between its columns."""
+    """The text with decimal points, and the separator of its columns."""
     lines = text.split("\n")
     if lines[0].strip().lower().startswith("sep=") and len(lines[0].strip()) == 5:
         text = "\n".join(lines[1:])  # of a spreadsheet: "sep=;"
@@ -167,7 +167,7 @@ def _refuse_groups(path: Path, fields: list[str]) -> None:
 def in_lower_case(path: Path, table: Any) -> Any:
     """The table with the names of its columns in lower case.
 
-    Raises  Refused where two have one name.
+    Raises  Refused if two columns have the same name.
     """
     names = [name.strip().lower() for name in table.colnames]
     for name in names:

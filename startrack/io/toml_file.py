@@ -20,11 +20,12 @@ BREAKS = str.maketrans("=,[]{}", "      ")
 def read_table(path: Path, what: str) -> dict[str, Any]:
     """The table of a TOML file.
 
-    what    it must be, for the errors: "a design file"
+    what    expected kind of file, for error messages: "a design file"
     Raises  ValueError, one sentence with the file.
     """
     try:
-        text = read_bytes(path, what, LARGEST).decode("utf-8-sig")  # of an editor of Windows
+        # byte-order mark of Windows editors
+        text = read_bytes(path, what, LARGEST).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise Refused(f"{path} must be a TOML file: {error}") from None
     except OSError as error:
@@ -45,7 +46,7 @@ def read_table(path: Path, what: str) -> dict[str, Any]:
 def parsed(text: str) -> dict[str, Any]:
     """The table of a TOML text, in which dates and times are texts, as those in quotes are.
 
-    Raises  RecursionError or ValueError where it is none.
+    Raises  RecursionError or ValueError for invalid TOML.
     """
     table: dict[str, Any] = _dates_as_texts(_read(text))  # a copy, which others may change
     return table
@@ -53,7 +54,8 @@ def parsed(text: str) -> dict[str, Any]:
 
 @lru_cache(maxsize=64)
 def _read(text: str) -> dict[str, Any]:
-    """The table of a text; of the last 64, as a design is made of several that are read often."""
+    """The table of a text; The last 64 files are cached: a design has several files that are read
+    often."""
     return tomllib.loads(text)
 
 
@@ -68,7 +70,7 @@ def _dates_as_texts(value: Any) -> Any:
 
 
 def _long_key(text: str) -> str:
-    """A dotted key of too many parts, empty where there is none."""
+    """A dotted key with too many parts; empty if there is none."""
     if text.count(".") < LONGEST_KEY:
         return ""
     for line in text.splitlines():

@@ -26,7 +26,7 @@ def camera_to_wcs(camera: Camera, icrs_to_camera: Rotation) -> WCS:
     A pinhole is a gnomonic projection, so that without distortion the two are the same to
     rounding. FITS counts pixels from one; astropy's 0-based calls take that away again.
 
-    Raises  ValueError where no polynomial of order 9 follows the distortion within 5e-4 pixel.
+    Raises  ValueError if no polynomial of order 9 follows the distortion within 5e-4 pixel.
     """
     from astropy.wcs import WCS
 
@@ -153,7 +153,7 @@ def write_solution(
     shape    rows and columns of the image
     stars    the catalogue that `matches.star` is of
     Returns  the files: without an attitude, PATH.axy alone
-    Raises   ValueError where no SIP polynomial follows the distortion.
+    Raises   ValueError if no SIP polynomial follows the distortion.
     """
     from astropy.io import fits
 

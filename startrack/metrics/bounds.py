@@ -23,7 +23,7 @@ REACH = 6.0  # sigma, half width of the star's pixels: 2e-9 of the light lies ou
 class Star(Parameters):
     """A Gaussian star on pixels, and the noise around it.
 
-    Raises  Refused where flux or sigma is not positive, or another value is negative.
+    Raises  Refused if flux or sigma is not positive, or another value is negative.
     """
 
     flux: float = parameter("electron", limit=POSITIVE)
@@ -113,7 +113,7 @@ def attitude_bound(
     stars         N, at least 3
     sigma         radian per axis, centroid error; of unequal ones 1 / sqrt(mean(1 / sigma^2))
     Returns       radian, root mean square about the camera's x, y and z axes
-    Raises        ValueError where a field does not lie in (0, pi) or there are fewer than 3 stars.
+    Raises        ValueError if a field does not lie in (0, pi) or there are fewer than 3 stars.
     Accuracy      model: the series in 1 / N is low by 4 % at 4 stars, 1.5 % at 5, 0.5 % at 10.
     """
     for name, field in (("fov_x", fov_x), ("fov_y", fov_y)):

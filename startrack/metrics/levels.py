@@ -34,7 +34,7 @@ def level(error: Floats, fraction: float, interpretation: Interpretation) -> flo
     error     (members, times) of one axis
     fraction  in (0, 1)
     Returns   in the error's unit
-    Raises    ValueError where the fraction is not in (0, 1) or there is no error.
+    Raises    ValueError if the fraction is not in (0, 1) or there is no error.
     Accuracy  statistical: the worst of few members or times is too small; `level_interval` gives
               the interval of the mixed interpretation.
     """
@@ -58,7 +58,7 @@ def level_interval(error: Floats, fraction: float, confidence: float = 0.95) -> 
     confidence  in (0, 1), least confidence of the interval; the upper bound alone has (1 +
                 confidence) / 2
     Returns     Interval; without an upper bound where there are too few errors
-    Raises      ValueError where the fraction is not in (0, 1) or there is no error.
+    Raises      ValueError if the fraction is not in (0, 1) or there is no error.
     """
     size = np.sort(_sizes(np.atleast_2d(error), fraction)[0])
     tail = (1 - confidence) / 2
@@ -72,7 +72,7 @@ def level_interval(error: Floats, fraction: float, confidence: float = 0.95) -> 
 
 @lru_cache
 def level_ranks(n: int, fraction: float, low_tail: float, high_tail: float) -> tuple[int, int]:
-    """Ranks, counted from one, of n sorted errors that bound a level; 0 and n + 1 are none.
+    """Ranks, counted from one, of n sorted errors that bound a level; 0 and n + 1 mean no bound.
 
     low_tail, high_tail  probabilities that each bound does not hold
     """
@@ -193,7 +193,7 @@ def indices(error: Floats, step: float, window: float, lag: int = 1) -> Indices:
     window   second, rounded to a whole number of steps
     lag      number of windows between both windows of a drift
     Returns  Indices; errors after the last whole window are in `absolute` alone
-    Raises   ValueError where the step or the lag is not positive, or a window holds less than one
+    Raises   ValueError if the step or the lag is not positive, or a window holds less than one
              step or more than the sequence.
     """
     positive(step=step, window=window)

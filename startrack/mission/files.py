@@ -168,7 +168,7 @@ def read_spk(path: Path, step: float = ORBIT_STEP) -> tuple[OrbitSegment, ...]:
     Segments are those of the file, so that no state is interpolated across a manoeuvre.
 
     step    second, at most, between two states
-    Raises  ImportError without spiceypy; Refused where the file is none, has several bodies or no
+    Raises  ImportError without spiceypy; Refused if the file is none, has several bodies or no
             place relative to the Earth, or is too long.
     """
     with _spice(str(path)) as spice:
@@ -234,7 +234,7 @@ def read_ck(path: Path, step: float = ATTITUDE_STEP) -> tuple[AttitudeSegment, .
     of a single segment of type 3 are its records; those of other segments are read at equal steps.
 
     step    second, at most, between two attitudes that are no records
-    Raises  ImportError without spiceypy; Refused where a file is none, has several instruments, or
+    Raises  ImportError without spiceypy; Refused if a file is none, has several instruments, or
             is too long.
     """
     clock_file = regular_file(clock_of(path), "the clock kernel (SCLK) of a CK")

@@ -112,7 +112,7 @@ def _moved_together(plan: MissionPlan, scene: HeadScene, h: int, streams: Stream
 class Agreement:
     """Frames of a head compared with the expectation of its mission.
 
-    tried         frames in which the head is not blind; right: with a right attitude
+    tried         number of frames in which the head is not blind; right: with a right attitude
     expected      number of right attitudes by the mission
     deviations    right minus expected, in standard deviations
     across, about  rms of the errors over the expected one, and its standard error; NaN without
@@ -172,7 +172,7 @@ def between(plan: MissionPlan, table: Rows, first: int, second: int) -> Between:
     fifth, ... tenth of the frames, and judged on the others.
 
     table   of `frames_of`
-    Raises  Refused where too few frames have both attitudes.
+    Raises  Refused if too few frames have both attitudes.
     """
     heads = [table[table["head"] == h] for h in (first, second)]
     both = np.all([rows["solved"] & ~rows["false"] for rows in heads], axis=0)

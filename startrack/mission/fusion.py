@@ -34,7 +34,7 @@ def fused_variance(
     moved          (n, 3, 3) radian of each head, as `platform_motion`; None: nothing
     Returns        (3, n) radian^2; infinite where no head is valid
     Accuracy       model: small errors, of the same size about all axes across a boresight; heads
-                   exposed at one time; weights are those of what is independent.
+                   exposed at one time; weights are for the independent parts of the errors.
     """
     xx, yy, zz, xy, xz, yz = (np.zeros(len(valid[0])) for _ in range(6))
     for b, square, square_about, here in zip(boresights, across, about, valid, strict=True):
@@ -99,11 +99,10 @@ def fuse(
     Control, section 5.5, for the error vector and its covariance.
 
     attitudes    icrs_to_body by each head, with its mounting; single or (n,) rotations each
-    covariances  (3, 3) or (n, 3, 3) radian^2 of each, about the body's axes, without what they
-                 share
+    covariances  (3, 3) or (n, 3, 3) radian^2 of each, about the body's axes, without common parts
     common       (3, 3) radian^2 of the errors that they share, added once; None: none
     Returns      the attitude, and its covariance (3, 3) or (n, 3, 3)
-    Raises       ValueError where there is no attitude, or not a covariance for each.
+    Raises       ValueError if there is no attitude, or not a covariance for each.
     """
     if not attitudes or len(attitudes) != len(covariances):
         raise Refused(
@@ -163,7 +162,7 @@ def relative_alignment(first: Rotation, second: Rotation, features: Floats) -> R
 
     first, second  (n,) icrs_to_body by each head, with its assumed mounting
     features       (n, k), n > k
-    Raises         ValueError where there are too few attitudes, or features that depend on each
+    Raises         ValueError if there are too few attitudes, or features that depend on each
                    other.
     Accuracy       model: rotations of arcseconds, whose noise does not depend on time; changes that
                    the features do not describe count as white noise.

@@ -207,7 +207,7 @@ class Mounted:
 def mount(head: Head, case: Case) -> Mounted:
     """A head with its design.
 
-    Raises  ValueError where the exclusion angles cannot be found from the design.
+    Raises  ValueError if the exclusion angles cannot be found from the design.
     """
     half = case.instrument.camera.half_diagonal
     try:
@@ -235,7 +235,7 @@ def state_of(case: Case, head: Head, seed: int, age: float | None, warmer: float
 
     age     second in orbit; None: as the design
     warmer  kelvin above the design's temperature
-    Raises  ValueError where a parameter refuses its value there.
+    Raises  ValueError if a parameter refuses its value there.
     """
     if head.unit is not None:
         case = unit_of(case, seed, Moment(head.unit, age=age or 0.0))

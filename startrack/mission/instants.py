@@ -72,7 +72,7 @@ def law_of(attitude: Attitude, begin: str) -> Law:
     """A function of Place whose result is (3, 3, n), the matrices icrs_to_body.
 
     begin   of the mission, UTC
-    Raises  ValueError where the file of attitudes cannot be used, or ends before the mission.
+    Raises  ValueError if the file of attitudes cannot be used, or ends before the mission.
     """
     law = {"nadir": _nadir, "inertial": _inertial, "sun": _sun, "target": _target, "aem": _file}[
         attitude.law
@@ -155,7 +155,7 @@ class _Filed:
     begin: str
 
     def __call__(self, place: Place) -> Floats:
-        asked = place.second - place.after  # whose segment holds, and may go on by as much
+        asked = place.second - place.after  # its segment is used, and may be extended by this time
         number = space.segment_of(self.spans, asked, 0.0, "attitude.aem", self.begin)
         quaternion = np.empty((4, len(asked)))
         for n in np.unique(number):
@@ -244,7 +244,7 @@ class SpacecraftMotion:
     def at(self, first: float, step: float, count: int) -> Instants:
         """The instants first, first + step ...
 
-        Raises    Refused where a file has no state or attitude at one of them.
+        Raises    Refused if a file has no state or attitude at one of them.
         Accuracy  numerical: 3 mm of the orbit's own propagation for steps below 60 s, rounding
                   above; Sun and Moon 0.1 arcsec; the rate is that between two instants, or over
                   a second where the step is longer than 20 s or a file has the attitudes.
@@ -317,7 +317,7 @@ class SpacecraftMotion:
 def motion_of(mission: Mission) -> SpacecraftMotion:
     """The plan of a mission: ephemerides as tables, orbit and law.
 
-    Raises  ValueError where a file or the elements cannot be used; ImportError without sgp4.
+    Raises  ValueError if a file or the elements cannot be used; ImportError without sgp4.
     """
     begin = mission.time.begin
     # What may be refused comes first: the tables of a long mission take seconds.
@@ -330,7 +330,7 @@ def path_of(orbit: MissionOrbit, begin: str) -> space.Carrier:
     """Object that moves along an orbit, by which positions are computed.
 
     begin   of the mission, UTC
-    Raises  ValueError where the elements contradict each other or a file cannot be used;
+    Raises  ValueError if the elements contradict each other or a file cannot be used;
             ImportError without sgp4.
     """
     date = utc(begin)

@@ -52,7 +52,7 @@ def read_oem(path: Path) -> tuple[OrbitSegment, ...]:
     Source: CCSDS 502.0-B-3, Orbit Data Messages, section 5, the text in keywords (KVN) of versions
     1.0 to 3.0. Covariances and accelerations are not used.
 
-    Raises  Refused, one sentence, where the file is none, or has another centre, other axes, a
+    Raises  Refused if the file is not an OEM, or has another centre, other axes, a
             keyword, a date or a row that the standard does not allow there, or speeds that are not
             those of its places in km and km / s.
     """
@@ -235,7 +235,7 @@ def _require_speeds(part: _Segment, time: Any, place: Floats, speed: Floats) -> 
 
 
 def _time(texts: Sequence[str], scale: str) -> Any:
-    """Astropy's Time of dates; None where one of them is none in this time scale."""
+    """Astropy's Time of dates; None if a date is invalid in this time scale."""
     from astropy.time import Time
 
     try:

@@ -316,7 +316,8 @@ class TimeSpan(Parameters):
 
 
 class MissionRadiation(Parameters):
-    """Effects of the South Atlantic anomaly, as a box; the orbit by which detectors age."""
+    """Effects of the South Atlantic anomaly, as a box; the orbit that determines the ageing of
+    detectors."""
 
     saa: str = parameter(
         '"ignored", or "blind": no head is valid inside the box',
@@ -511,7 +512,7 @@ class Mission(Parameters):
 class Loaded:
     """A mission and the designs of its heads.
 
-    mission  as its file has it, with the paths of files resolved
+    mission  contents of its file, with resolved paths of files
     designs  of the heads, in their order
     """
 
@@ -522,7 +523,7 @@ class Loaded:
 def load_mission(path: Path, changes: Sequence[str] = ()) -> Loaded:
     """Read a mission file and the design files that it names.
 
-    changes  values over those of the file: "time.step=60 s"
+    changes  values that replace the file's: "time.step=60 s"
     Raises   ValueError, one sentence with the file, the position in it, the rule and the value.
     """
     path = Path(path)

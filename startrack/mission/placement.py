@@ -80,7 +80,7 @@ class PlacementQuality:
         """Score, smaller is better: first the missed requirements, then the error.
 
         The sum over requirements of MISSED * excess + MET * ratio, with ratio = value / limit, plus
-        the error over its limit, or over one arcsecond where it has none.
+        the error over its limit, or over one arcsecond without a limit.
         """
         size = self.error / (needs.max_error or arcsec)
         return self.missed(needs, step) + MET * sum(self._ratios(needs, step)) + size
@@ -312,7 +312,7 @@ def lightest(
     Directions of all heads and the angle of their baffles are searched together. From the mountings
     of a coarse search with the longest baffle, and with the shortest, nlopt (Sbplx) minimises
 
-        mass / mass with the longest baffle + score of what is missed
+        mass / mass with the longest baffle + score of missed requirements
 
     A last search, at that angle, minimises the error.
 

@@ -1,4 +1,4 @@
-"""Plan of a mission -> its flown parts on disk: a run that was stopped goes on where it was."""
+"""Plan of a mission -> its flown parts on disk: a stopped run continues."""
 
 import hashlib
 import io
@@ -20,11 +20,11 @@ from startrack.mission.surrogate import SurrogateCorrection
 
 # "STRM" in the file's header. Files of format 0 had rows without a checksum.
 STORE = FileKind("mission store", 0x5354524D, version=1)
-CHECKS = -1  # number of the row of what the trials of the plan say
+CHECKS = -1  # number of the row with the results of the plan's trials
 
 
 def key_of(loaded: Loaded) -> bytes:
-    """Hash of all inputs of a mission's result; the places of its files are none of them.
+    """Hash of all inputs of a mission's result; paths of files are not included.
 
     That is the mission, the designs of its heads, the content of all files that these name, and the
     version of startrack.
@@ -50,10 +50,10 @@ def flown_from(
 
     path     of the store; None: nothing is kept
     advance  called with 1 after each trial, and with the number of steps after each part
-    Returns  the plan, corrected by the trials; what they say of it; the steps. They are the same
+    Returns  the plan, corrected by the trials; results of the checks; the steps. They are the same
              to the bit, however often the run was stopped
-    Raises   ValueError where the file is no store of missions, or damaged; OSError where another
-             process has it.
+    Raises   ValueError if the file is no store of missions, or damaged; OSError if another
+             process uses it.
     """
     with closing(Database(path, STORE)) as database:
         key = key_of(plan.loaded)

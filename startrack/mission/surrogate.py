@@ -16,7 +16,7 @@ from startrack.mission.heads import HeadView, Mounted, Shadow
 from startrack.scene import added
 
 # Directions of a survey: as far apart as a third of the half diagonal of the field. Chosen by hand:
-# a quarter of the error by what lies between two, and below that by the roll.
+# a quarter of the error by interpolation between nodes; the error by the roll is smaller.
 FEWEST_PLACES, PLACES = 768, 12288
 APART = 1 / 3
 ROWS, COLUMNS = 90, 180  # cells of two degrees on the sky
@@ -24,7 +24,7 @@ ROWS, COLUMNS = 90, 180  # cells of two degrees on the sky
 # between them are 0.4 % off across and 1 % about, those of a design of 1.5 arcsec.
 RATES, SMEAR, MAGNITUDE = 4, 0.3, 1.6
 STATES = 3  # temperatures, and ages
-CLOSE_RATES = 0.05  # relative range of rates that one stands for
+CLOSE_RATES = 0.05  # relative range of rates represented by one rate
 LEVELS: Floats = np.linspace(0, math.pi, 721)  # radian, of the tables of stray light
 
 
@@ -209,7 +209,7 @@ def surrogate_of(
     state      age (None: as the design) and kelvin above the design -> the case; None: the case
                does not change
     advance    called after each survey with its fraction of all surveys
-    Raises     ValueError where the budget refuses the case, or where no field has an attitude at
+    Raises     ValueError if the budget refuses the case, or where no field has an attitude at
                one of the rates and states without stray light. With stray light, no attitude is a
                probability of 0.
     """

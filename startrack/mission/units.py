@@ -152,17 +152,17 @@ def fly_units(plan: MissionPlan, count: int, seed: int, advance: Advance = lambd
 
         e_h = b_h + A_h l(t) + N(0, V_h + U_h),   x = P sum_h V_h^-1 e_h,   P = (sum_h V_h^-1)^-1
 
-    and beside them the motion of the platform within an exposure, which is one for all heads;
+    and the motion of the platform within an exposure, which is common to all heads;
     with the bias b of a unit after its calibration, the responses A of its structure to loads l(t)
     (mean temperature, gradients, fluxes), the variance V of the surrogate and the variance U by
     which the unit's is larger: residual, calibration, noise. All units have the weights V^-1, with
     the mean of U, and the detection of the surrogate. The mean square of x over time is a quadratic
-    form in b, so that spacecraft take no time of their own. Unit h + s heads of a seed is head h of
+    form in b, so that additional spacecraft take no time. Unit h + s heads of a seed is head h of
     spacecraft s.
 
     count     of spacecraft
     advance   called with the number of steps after each part
-    Raises    ValueError where a design has no [[variation]], structure or residual, so that its
+    Raises    ValueError if a design has no [[variation]], structure or residual, so that its
               units do not differ; as `unit_budgets`
     Accuracy  model: U does not depend on place or time; gradients of the panel follow the orbit;
               mean over the mission of a head's temperature is that of its calibration; units at
@@ -331,7 +331,7 @@ def _squares(bias: Floats, extra: Floats, moments: Floats) -> Floats:
 
 
 def _aligned(plan: MissionPlan, bias: Floats) -> Floats:
-    """Biases where heads were aligned to each other in flight: all have one turn of the body.
+    """Biases of heads aligned to each other in flight: they have a common rotation of the body.
 
     It is their best mean, weighted by the mean squares of each head's biases over the units.
     """

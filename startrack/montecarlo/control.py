@@ -44,7 +44,7 @@ def control(
 
     G is the weighted least-squares gain of the attitude, g_p the derivative of a centroid by pixel
     p. The choice of stars and their weights depend only on the attitude, never on the noise. Mean
-    and variance are therefore those of a fixed linear function of independent pixels.
+    and variance therefore follow from a fixed linear function of independent pixels.
 
     electrons  (rows, columns) expected, as `expected` gives them
     image      (rows, columns) digital numbers drawn from them

@@ -158,7 +158,7 @@ def combined(levels: Sequence[tuple[Rows, Fidelity]], about: bool = False) -> Me
     errors; its control is the variance that it states for its attitude.
 
     levels  outcomes at random attitudes, finest first, of the same case and seed; outcomes with a
-            control use it, too
+            control also use it
     Raises  ValueError if a level has fewer than 16 separate trials, or shares fewer with the level
             before.
     """

@@ -73,7 +73,7 @@ def warm(case: Case, sampling: Sampling = FRAMES) -> None:
     Raises  Refused, ImportError, MemoryError or OSError, if no trial of the case can be run. Other
             errors may concern this trial alone, and are left to the trials.
     """
-    # Plans at the nodes of units take minutes, and each worker makes its own.
+    # Plans at the nodes of units take minutes, in each worker.
     sampling = replace(sampling, units=sampling.units.anew)
     try:
         sampling.trials(case, 0, range(1))

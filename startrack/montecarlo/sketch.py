@@ -265,7 +265,7 @@ def exact_sum(values: Floats) -> int:
 def _joined(ranges: list[tuple[int, int]]) -> list[tuple[int, int]]:
     """Runs of trials in order; touching runs are joined.
 
-    Raises  ValueError where two overlap.
+    Raises  ValueError if two overlap.
     """
     for (_, before), (first, end) in pairwise(sorted(ranges)):
         if first < before:

@@ -96,7 +96,7 @@ class Store:
         seed  likewise
         sampling  likewise, where the case is given
 
-        Raises  ValueError if the file is no store, is of another version, or holds another case or
+        Raises  ValueError if the file is not a store, is of another version, or has another case or
                 seed; OSError if it cannot be opened or another process uses it.
         """
         self.path = path
@@ -245,7 +245,7 @@ class Store:
             ]
 
     def sessions(self) -> list[tuple[str, Mapping[str, str]]]:
-        """When this store was worked on (UTC), and by which software and machine."""
+        """Sessions of work on this store: times (UTC), software and machine."""
         query = "SELECT rowid, began, origin FROM sessions ORDER BY rowid"
         sums, made, rows = self._sums(), list[tuple[str, Mapping[str, str]]](), set[int]()
         with self._damage():

@@ -214,7 +214,7 @@ def dask_pool(address: str, certificates: Certificates | None = None) -> Iterato
 
     certificates  for tls://host:port, which encrypts, and admits only holders of a certificate
 
-    Raises  ImportError without the extra `dask`; OSError where no scheduler answers; ValueError
+    Raises  ImportError without the extra `dask`; OSError if no scheduler answers; ValueError
             where a worker has another version of startrack, numba or NumPy.
     """
     needed = "--scheduler needs Dask: python -m pip install 'startrack[dask]'"
@@ -242,7 +242,7 @@ def mpi_pool() -> Iterator[Executor]:
 
     for one main process and eight workers.
 
-    Raises  ImportError without mpi4py; ValueError where the job has no worker, or one of another
+    Raises  ImportError without mpi4py; ValueError if the job has no worker, or one of another
             version of startrack, numba or NumPy. A process that dies
             ends the whole job, as MPI does; the same command then continues from the store.
     """

@@ -60,7 +60,7 @@ def slew(
     pixel_angle  radian, angle of a pixel on the boresight
     half_field   radian from the boresight to the corner, where smear by roll is largest
     Returns      line of sight; its first and last points are the start and end of the exposure
-    Raises       ValueError where more than 32768 points are needed, for a smear of some 15 000
+    Raises       ValueError if more than 32768 points are needed, for a smear of some 15 000
                  pixel. TypeError where the motion has random numbers.
     Accuracy     numerical: 1e-6 of the flux for a PSF of sigma 0.5 pixel or wider; at 0.35 pixel,
                  usually 2e-6, at worst 1e-4.
@@ -295,7 +295,7 @@ def image_path(path: LineOfSight, camera: Camera, direction: Floats) -> Floats:
 
     direction  (3,) in camera axes, at the middle of the exposure
     Returns    (m, 2) pixel, (x, y) at each time of the path
-    Raises     ValueError where the star is behind the camera at any time.
+    Raises     ValueError if the star is behind the camera at any time.
     """
     direction = np.asarray(direction, float)
     seen = Rotation.from_rotvec(path.rotation).apply(direction)

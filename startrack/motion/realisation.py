@@ -39,7 +39,7 @@ class JitterInput:
 def lines_by_code(name: str, exposure: float, generator: np.random.Generator) -> Lines:
     """Frequencies (k,) hertz and complex amplitudes (k, 3) radian from a design's user code.
 
-    Raises  ValueError where the function raises an error or returns an invalid value.
+    Raises  ValueError if the function raises an error or returns an invalid value.
     """
     answer = call_code(GROUP, name, JitterInput(exposure, generator))
     lines = returned(GROUP, name, answer, (-1, 7))

@@ -35,7 +35,7 @@ FAINTEST, BRIGHTEST = 1e-3, 1e9  # microjansky
 class MovingForecast(NamedTuple):
     """Limiting magnitudes and errors of place that the formulas expect.
 
-    limits     microjansky of objects of which 50 % and 90 % are found; inf: no such flux
+    limits     microjansky, flux at which 50 % and 90 % of objects are found; inf: no such flux
     place      radian, median error of the place of an object of the required magnitude
     snr        1, of this object in all images together
     threshold  1, of the score
@@ -62,8 +62,8 @@ def forecast_moving(design: MovingDesign) -> MovingForecast:
 
     is the covariance of flux, place and motion by the least squares of `refined`, with the slopes J
     of the images and the variance of their pixels, each with its frames as the motion leaves them.
-    Images are far smaller than a pixel for many a camera, so that C is that of fields whose object
-    lies anywhere in a pixel; the median distance is sqrt(2 ln 2) times the mean error of an axis.
+    Images are far smaller than a pixel for many cameras, so that C is averaged over places of the
+    object within a pixel; the median distance is sqrt(2 ln 2) times the mean error of an axis.
 
     Source: signal to noise of 3-D matched filters, Reed, Gagliardi and Stotts (1988), IEEE Trans.
     Aerospace and Electronic Systems 24, 327; the law of the largest score, Wilks (1938), Annals of
@@ -84,7 +84,7 @@ def forecast_moving(design: MovingDesign) -> MovingForecast:
 
 
 class _Shape:
-    """The image of an object that moves in one direction, beside the noise of the images."""
+    """The image of an object that moves in one direction, and the noise of the images."""
 
     def __init__(self, design: MovingDesign, camera: MovingCamera, fine: Floats) -> None:
         own, step = design.moving_object, camera.psf.oversampling
@@ -146,7 +146,7 @@ def place_error(design: MovingDesign, flux: float) -> float:
 
 
 def _limit(shapes: Sequence[_Shape], threshold: float, found: float) -> float:
-    """Microjansky of the objects of which a fraction is found; inf where none is."""
+    """Flux at which a fraction of objects is found, microjansky; inf where none is."""
 
     def excess(log_flux: float) -> float:
         flux = math.exp(log_flux)

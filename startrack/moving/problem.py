@@ -26,7 +26,7 @@ FRACTIONS = {"limit 50": 0.5, "limit 90": 0.9}
 CLOSE = 0.005  # relative, of the flux with which an object is found
 ROUNDS = 4
 BRIGHTEST = 1e9  # microjansky, of an object that is not found, where numbers must be finite
-APART = 3.0  # pixel from image to image, from which on the error of a place is as predicted
+APART = 3.0  # pixel from image to image; the predicted error of a place holds for larger motions
 LEFT_OUT = (
     "light of the Sun, Moon and Earth in the optics",
     "cosmic rays and hot pixels",
@@ -152,7 +152,7 @@ class MovingProblem:
         return Judgement(intervals[self.campaign.objective], margins, parts)
 
     def described(self) -> str:
-        """Everything on which results depend."""
+        """All inputs of the results."""
         return json.dumps([to_table(self.design), inputs_of(self.design)], sort_keys=True)
 
     def text(self) -> Words:
@@ -177,9 +177,9 @@ def run_moving_trial(
     place.
 
     The noise is the same for all fluxes, so that the score rises with the flux. The place (radian
-    along columns and rows) is that of an object of the magnitude that is asked.
+    along columns and rows) is for an object of the requested magnitude.
 
-    Raises  Refused where the forecast has no limit to begin with.
+    Raises  Refused if the forecast has no limit to begin with.
     """
     limit, field = threshold_of(design), field_of(design, seed, number)
     expected = forecast_moving(design).limits[0]

@@ -36,9 +36,9 @@ class SearchedField(NamedTuple):
     place    (2,) pixel of the object at the middle time, from the middle of that part
     angle    radian, of its motion from the columns
     speed    (2,) pixel / second
-    sight    (images, frames, nodes, 2) pixel, by which the field is shifted in each frame
-    shifts   (images, frames, 2) pixel, whole, by which frames are shifted back
-    rest     (images, frames, 2) pixel, by which the field is still shifted in each, as measured
+    sight    (images, frames, nodes, 2) pixel, shift of the field in each frame
+    shifts   (images, frames, 2) pixel, integers, shifts back of frames
+    rest     (images, frames, 2) pixel, measured remaining shift of the field in each frame
     light    (images frames, size, size) electron, expected
     charge   likewise, as read out
     streams  of the noise of pixels that the object lights
@@ -155,7 +155,7 @@ def added_images(design: MovingDesign, field: SearchedField, flux: float) -> Flo
     Pixels that the object lights are read out again. The noise is the same for any flux: one random
     number a pixel.
 
-    Returns  images whose middle is that of `SearchedField`, without the edge that shifts take
+    Returns  images with the middle of `SearchedField`, without the edge lost by shifts
     """
     camera, own, detector = camera_of(design), design.moving_object, design.instrument.detector
     size, half = field.size, field.size // 2

@@ -172,7 +172,7 @@ def load_moving_design(search: str | Path, changes: Sequence[str] = ()) -> Movin
     The key `camera` names a design file of a star tracker, or one of the catalogue's cameras, whose
     instrument and scene are taken.
 
-    changes  values over those of the file: "instrument.optics.f_number=2.5"
+    changes  values that replace the file's: "instrument.optics.f_number=2.5"
     Raises   ValueError with the position in the file, the rule and the value.
     """
     path = Path(search)

@@ -1,6 +1,7 @@
 """Inputs of an exposure: stars, images, attitude and motion; and the values the tracker believes.
 
-pointing  Attitude of a trial, the motion of the camera about it, and what a tracker must report.
+pointing  Attitude of a trial, the motion of the camera about it, and the attitude that a tracker
+          must report.
 stars     Case -> the stars of its sky that a frame may hold, their brightness and colour.
 images    Instrument -> the images of stars: their PSF, over the frame and over their colour.
 exposure  Case and attitude -> the exposure of its detector, a matrix or lines that sweep.

@@ -13,7 +13,7 @@ from startrack.observation.images import images_of, psf_of
 from startrack.observation.pointing import motion_before, motion_function
 from startrack.observation.stars import light_of, throughput, throughput_of_colours
 
-PACE = 0.5  # pixel over all stages of a TDI, by which stars may run ahead; chosen by hand
+PACE = 0.5  # pixel over all stages of a TDI, largest lead of stars over the charge; chosen by hand
 
 
 def sweep(case: Case, light: Light, icrs_to_camera: Rotation, streams: Streams) -> Frame:
@@ -40,7 +40,7 @@ def sweep(case: Case, light: Light, icrs_to_camera: Rotation, streams: Streams) 
 
 
 def out_of_step(instrument: Instrument) -> str:
-    """How far the stars run ahead of the charge of a TDI, and what would keep them in step.
+    """Lead of the stars over the charge of a TDI, and values that would synchronise them.
 
     "" where that is half a pixel or less over all stages, and of other detectors.
     """

@@ -199,7 +199,7 @@ def near_pairs(selection: Selection, radius: float, faintest: float) -> Ints:
 
     radius   radian, within which they are
     Returns  indices into the catalogue
-    Raises   Refused where there are more than MOST_PAIRS
+    Raises   Refused if there are more than MOST_PAIRS
     """
     tree, magnitude = _tree_of(selection), open_sky(selection).stars.magnitude_g
     rank = np.argsort(magnitude, kind="stable")

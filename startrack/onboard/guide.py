@@ -82,7 +82,7 @@ def read_variables(path: Path | None = None) -> list[GuideVariable]:
     """Variable stars of a CSV file with the columns ra, dec (degree, J2000) and name.
 
     path     None: the shipped list
-    Raises   ValueError where the file is not such a table.
+    Raises   ValueError if the file is not such a table.
     """
     path = shipped("stars/variables.csv") if path is None else path
     table = csv_table(path)
@@ -105,7 +105,7 @@ def guide_stars(
     Directions are barycentric: flight software adds aberration and parallax.
 
     variables  None: `read_variables()`
-    Raises     ValueError where fewer than 4 or more than 65535 stars are left; for a field below 1
+    Raises     ValueError if fewer than 4 or more than 65535 stars are left; for a field below 1
                deg, or a resolution above a tenth of the field.
     Accuracy   model: brightness of blackbodies in the band of the instrument; double stars are
                marked if both stars are in the catalogue; proper motions of the catalogue.

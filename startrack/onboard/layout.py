@@ -189,7 +189,7 @@ static const unsigned char startrack_guide_data[{len(data)}] = {{
 def read_guide(path: Path) -> Guide:
     """Read startrack_guide.bin.
 
-    Raises  FileNotFoundError without the file; ValueError where it is incomplete, damaged or
+    Raises  FileNotFoundError without the file; ValueError if it is incomplete, damaged or
             another kind of file.
     """
     data = read_bytes(path, "a file of guide stars")

@@ -37,7 +37,7 @@ GRAZING = math.radians(89.5)  # the last of them; beyond, no light enters
 DARK = 1e-16  # the transmittance there
 # Of polished and clean lenses: the width of the core (radian) and the slope of a Harvey law.
 SHOULDER, SLOPE = 0.02, -1.5
-NOTHING, LENS = -1, -2  # what a ray meets besides the vanes, the wall and the floor
+NOTHING, LENS = -1, -2  # codes of a ray's target besides the vanes, the wall and the floor
 
 
 class Baffle(Parameters):

@@ -170,7 +170,7 @@ def pixel_average(plane: Floats, spacing: float, side: float, blur: float, room:
     plane    (m, m), without frequencies above its Nyquist frequency
     spacing  of its samples, in the unit of side and blur
     room     samples beyond them, at least side / 2 + 6 blur
-    Returns  (m, m); too small within as many and 24 samples more of an edge
+    Returns  (m, m); too small within this number plus 24 samples of an edge
     Accuracy  numerical: 1e-6 of the peak.
     """
     size = fft.next_fast_len(len(plane) + room, real=True)

@@ -190,7 +190,7 @@ def frame_nodes(camera: Camera, nodes: int = NODES) -> tuple[Floats, Floats]:
     longer, axes = max(camera.columns, camera.rows), []
     for size in (camera.columns, camera.rows):
         count = max(math.ceil((nodes - 1) * size / longer) + 1, 4)
-        # An odd number of places has one in the middle, so that mirror images share their nodes.
+        # The middle is one of an odd number of places, so that mirror images have common nodes.
         axes.append(np.linspace(-0.5, size - 0.5, count + 1 - count % 2))
     return axes[0], axes[1]
 
@@ -255,7 +255,7 @@ def cube_psf(
     mirror images of the nodes, and over the inverse of the wavelength. Images off the axis are
     turned to the azimuth of the star. Arguments as for `field_psf`.
 
-    Raises    ValueError where the file does not hold the frame or the band.
+    Raises    ValueError if the file does not hold the frame or the band.
     Accuracy  numerical: that of the splines; the error between the nodes of the frame is measured.
     """
     cube = open_psf_file(optics.psf_file)

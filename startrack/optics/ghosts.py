@@ -87,7 +87,7 @@ def full_surfaces(optics: Optics) -> Surfaces | None:
 def lens_surfaces(optics: Optics) -> Surfaces:
     """The surfaces of a design's lens, in its size, stopped down and focused.
 
-    Raises  ValueError where they are not known.
+    Raises  ValueError if they are not known.
     """
     made = full_surfaces(optics)
     if made is None:
@@ -233,7 +233,7 @@ def add_ghosts(
     for each small part of the beam and its image on the detector, as in `stray_light`.
 
     pitch     metre, side of a pixel
-    Raises    ValueError where the surfaces of the lens are not known, or one is a mirror.
+    Raises    ValueError if the surfaces of the lens are not known, or one is a mirror.
     Accuracy  model: two reflections; one wavelength; the coating's reflectance at all angles;
               pairs whose paraxial irradiance is below 1e-3 of a source's brightest, and sources
               beyond 60 deg, are left out; the absorption is that of the direct light. numerical:

@@ -87,7 +87,7 @@ def family_surfaces(
     family = _family(name)
     table = open_lens(family.lens)
     stored = open_surfaces(shipped(f"lenses/{family.lens}.fits"))
-    assert stored is not None  # the shipped ones have them
+    assert stored is not None  # shipped tables have surfaces
     return stored.scaled(
         focal_length / table.focal_length, table.f_number / f_number, _wider(name, table, field)
     )

@@ -27,7 +27,7 @@ AIRY_BOX = 6.0  # wavelength * f-number, beyond the outermost ray
 PER_SIGMA = 4.0  # samples per sigma of the core: interpolation errs by 2e-5 of the peak
 LEAST_CORE = 1 / 8  # pixel; a finer image is blurred to that
 FINEST, COARSEST = 32, 12  # samples per pixel
-ROUGH = 9, 10  # the same where the tolerance of the design is COARSE: that of the fewest points
+ROUGH = 9, 10  # the same for the tolerance COARSE: the tolerance of the fewest points
 # There, pixel, beyond which light is left out; points along a side of the irradiance at most.
 ROUGH_REACH, ROUGH_POINTS = 20.0, 900
 SAMPLED = 1.025  # of the highest frequencies that are distinguished: just finer than needed

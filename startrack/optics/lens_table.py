@@ -62,7 +62,7 @@ class LensTable:
 
         (p, q) = (l, m) - c e,   W = path - l e_x - m e_y + c |e|^2 / 2,   grad W = -e
 
-    (tables hold the exact ones). Where c is zero, waves are plane, as if the pupil were at infinity
+    (tables have exact values). Where c is zero, waves are plane, as if the pupil were at infinity
     (the Debye integral): the rays are the same, but light that the rim of the pupil diffracts from
     the ray's place e to (X, Y) lacks the path c |(X - place, Y) - e|^2 / 2, a tenth of a wave for
     100 um and a pupil 50 mm away.
@@ -94,7 +94,7 @@ class LensTable:
                   of that point alone, and c (p X + q Y)^2 / 2. The second is 0.05 % of the peak for
                   the shipped lenses in focus, and 0.3 % several waves out of focus. The whole rim
                   is assumed in the exit pupil, also where another aperture than the stop limits it.
-    Raises        ValueError that names what is wrong, the rule and the value.
+    Raises        ValueError with the name, the rule and the value.
     """
 
     name: str
@@ -332,8 +332,8 @@ def save_lens(path: Path, table: LensTable) -> None:
 def load_lens(path: Path) -> LensTable:
     """Read a table.
 
-    Raises  FileNotFoundError; ValueError where the file is no lens table, damaged, or holds what a
-            LensTable refuses.
+    Raises  FileNotFoundError; ValueError if the file is not a lens table, is damaged, or has
+            values that a LensTable refuses.
     """
     with open_checked(path, "LENS", FORMAT, "a lens table") as parts:
         head = parts[0].header
@@ -360,7 +360,7 @@ def _number(path: Path, key: str, value: object) -> float:
 def lens_path(name: str) -> Path:
     """Path of a lens file: a shipped one by its name alone, any other by its path.
 
-    Raises  ValueError where there is none.
+    Raises  ValueError if there is none.
     """
     return catalogued(name, "lens_file", "lenses", "a lens table")
 
@@ -369,7 +369,7 @@ def catalogued(name: str, key: str, folder: str, what: str) -> Path:
     """Path of a FITS file that a key of a design names: by its path, or by its name in a folder of
     the shipped data.
 
-    Raises  ValueError where there is none.
+    Raises  ValueError if there is none.
     """
     if Path(name).suffix:
         if not Path(name).is_file():

@@ -13,11 +13,11 @@ from startrack.core import Floats, Psf, Refused, Spots, whole
 from startrack.optics.psf_file import PsfFile
 
 ROUNDS = 8  # of PSF, places and fluxes in turn
-STILL = 1e-4  # pixel, by which places change in the last round
+STILL = 1e-4  # pixel, largest change of places in the last round
 OUTLIER = 5.0  # sigma, of pixels that are left out
 SMOOTH = 1e-2  # weight of the curvature of the table against the pixels
 LEAST_SNR = 12.0  # of a star that a PSF is measured with
-NEIGHBOUR = 0.02  # of the flux of a star: what is fainter moves nothing
+NEIGHBOUR = 0.02  # of the flux of a star: fainter neighbours have no effect
 FLOOR = 0.01  # of a pixel's light, that the model may err by
 REJECT = 0.05  # the same where pixels are left out
 
@@ -41,7 +41,7 @@ def lone_stars(image: NDArray[np.number], spots: Spots, half: int, saturation: f
     """Cut-outs of the stars of an image without neighbours, borders and saturation.
 
     half        pixel, half side of a cut-out
-    saturation  1, of the image's largest number, from which on a star is left out
+    saturation  1, fraction of the image's largest number; brighter stars are left out
     """
     rows, columns = image.shape
     limit = saturation * float(image.max())
@@ -95,7 +95,7 @@ def reconstruct(stars: PsfStars, oversampling: int = 4) -> MeasuredPsf:
     effective PSF of Anderson & King (2000), PASP 112, 1360, with a spline for their smoothing.
 
     oversampling  samples per pixel
-    Raises        ValueError where fewer than two stars per sample of a pixel are given.
+    Raises        ValueError if fewer than two stars per sample of a pixel are given.
     Accuracy      model: one PSF for all stars; pixels of one response. numerical: the stars' noise,
                   and a curvature that is smoothed by a hundredth of its weight.
     """

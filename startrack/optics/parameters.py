@@ -338,7 +338,7 @@ def _with_f_number(table: Mapping[str, Any], place: str) -> Mapping[str, Any]:
 
 
 def _length(value: object, name: str) -> float:
-    """Metre; Raises Refused where it is no length above zero."""
+    """Metre; Raises Refused if it is no length above zero."""
     example = f"{name} must be a length, such as '25 mm'"
     if not isinstance(value, str):
         raise Refused(f"{example}, got {core.shown(value)}")

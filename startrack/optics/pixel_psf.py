@@ -74,7 +74,7 @@ def gauss_band(wavelength: Floats, weight: Floats, count: int) -> tuple[Floats, 
     weight      (k,) 1, not negative
     count       largest number of nodes
     Returns     (n,) metre; (n,) 1, of sum one; n is less than count for a band of fewer wavelengths
-    Raises      ValueError where no weight is above zero.
+    Raises      ValueError if no weight is above zero.
     Accuracy    numerical: 1e-14 of the moments.
     """
     used = weight > 0
@@ -135,7 +135,7 @@ def pixel_psf(
     fill_factor  1, area of the active square in the middle of a pixel over that of the pixel. The
                  table is divided by it, because the number of detected photons contains it
     diffusion    metre, sigma of the Gaussian that charge diffusion adds per axis
-    Raises       ValueError where the wavefront needs more than 1024 samples across the pupil or
+    Raises       ValueError if the wavefront needs more than 1024 samples across the pupil or
                  its image more than 3072 points.
     Accuracy     model: see `choose`; the fraction outside the table is 1 - Psf.energy. numerical:
                  1e-5 of the peak; see `pixel_response`, `pixel_average`, `stamp`. A core of less

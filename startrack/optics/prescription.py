@@ -65,8 +65,8 @@ WARM = 20.0  # degC, at which the tracer takes lengths as they are
 THIN = 0.01  # atmosphere, below which a lens counts as in vacuum
 TORR = 760.0  # of an atmosphere
 VIGNETTING = "its vignetting factors do not count: apertures of surfaces do"
-# Of CODE V: what is said of the whole lens, and of a surface, without effect on light or read by
-# the tracer.
+# Commands of CODE V for the lens and for a surface that have no effect on light, or that the tracer
+# reads.
 LENS_WORDS = {
     "RDM",
     "LEN",
@@ -130,13 +130,13 @@ SURFACE_WORDS = {
     "CC",
     "DC",
 }
-ZERO_ONLY = {"XDE", "YDE", "ZDE", "ADE", "BDE", "CDE"}  # of which a lens of revolution has none
+ZERO_ONLY = {"XDE", "YDE", "ZDE", "ADE", "BDE", "CDE"}  # zero for a lens of revolution
 
 
 class Glass(NamedTuple):
     """Medium behind a surface: a glass of a catalogue, or a model by two numbers.
 
-    name, maker    as the tracer's catalogue has them; maker is "" of a model
+    name, maker    as in the tracer's catalogue; maker is "" of a model
     n_d, abbe      1, at 587.6 nm; of a model
     """
 
@@ -177,7 +177,7 @@ def parse_prescription(path: Path) -> Prescription:
     file names no makers, only one catalogue may have the glass.
 
     Raises  Refused if a glass is in none of these catalogues, with the nearest names, or in
-            several; if the unit of length is none of mm, cm, in, m; if the file has contents that
+            several; if the unit of length is not mm, cm, in or m; if the file has contents that
             the tracer would leave out (apertures that are not round, private glasses); and if it is
             cut. ImportError without the extra `lens`.
     """
@@ -406,9 +406,9 @@ def find_glass(path: Path, name: str, makers: Sequence[str], hyphens: bool = Tru
     """The glass of that name, in the catalogues of these makers.
 
     path     of the file, for the message
-    makers   as the file has them; none: all
+    makers   as in the file; none: all
     hyphens  whether hyphens count
-    Raises   Refused where none or several have it.
+    Raises   Refused if no maker, or several, have the glass.
     """
     if match := NUMBER_OF_GLASS.fullmatch(name):
         return _model(path, 1 + int(match[1]) / 1000, int(match[2]) / 10)
@@ -426,7 +426,7 @@ def find_glass(path: Path, name: str, makers: Sequence[str], hyphens: bool = Tru
         if same(glass) == same(name)
     ]
     synonym = SYNONYMS.get(name.upper())
-    if makers:  # Zemax, too, takes the first of the catalogues that has it
+    if makers:  # Zemax also takes the first catalogue with the glass
         found = found[:1]
     elif found and synonym:
         found.append(Glass(synonym[1], synonym[0]))
@@ -467,7 +467,7 @@ def _nearest(name: str, catalogues: dict[str, list[str]]) -> str:
 
 
 def _catalogues() -> dict[str, list[str]]:
-    """Names of glasses by maker, as the tracer has them."""
+    """Names of glasses by maker, from the tracer."""
     _tracer()
     from optiland.materials import MaterialCatalog
 
@@ -494,7 +494,7 @@ def _unit(path: Path, word: str, units: dict[str, str]) -> str:
 def read_prescription(path: Path) -> Any:
     """The tracer's lens of a Zemax .zmx, CODE V .seq or optiland .json file, in millimetre.
 
-    Raises  Refused where the file cannot be read, or as `parse_prescription`; ImportError without
+    Raises  Refused if the file cannot be read, or as `parse_prescription`; ImportError without
             the extra `lens`.
     """
     tracer = _tracer()

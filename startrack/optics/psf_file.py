@@ -41,7 +41,7 @@ class PsfFile:
     angle       (f,) radian from the axis, rising from zero; a single one represents all
     place       (w, f) metre from the axis, of the middle samples; None: the projection by the
                 design's own camera
-    Raises      ValueError that names what is wrong, the rule and the value.
+    Raises      ValueError with the name, the rule and the value.
     """
 
     source: str
@@ -213,8 +213,8 @@ def save_psf_file(path: Path, psf: PsfFile) -> None:
 def load_psf_file(path: Path) -> PsfFile:
     """Read a file that `save_psf_file`, or another program, wrote.
 
-    Raises  FileNotFoundError; ValueError if the file is no such file, damaged, or holds values that
-            a PsfFile refuses.
+    Raises  FileNotFoundError; ValueError if the file is another kind, is damaged, or has values
+            that a PsfFile refuses.
     """
     with open_checked(path, "PSF", FORMAT, "a file of PSFs") as parts:
         head = parts[0].header

@@ -122,7 +122,7 @@ def trace_lens(
 def surfaces_of(lens: Any) -> Surfaces:
     """The surfaces of a tracer's lens, without surfaces that have no effect.
 
-    Raises  ValueError where they are no spheres.
+    Raises  ValueError if they are no spheres.
     Accuracy  a surface without an aperture gets the paraxial aperture of the beams up to the
               largest field angle.
     """
@@ -277,7 +277,7 @@ def _at_state(
     for number in range(1, len(surfaces) - 1):
         surface = surfaces[number]
         material = surface.material_post
-        # Relative to what surrounds the lens.
+        # Relative to the medium around the lens.
         index = material.n(wavelength * MICROMETRE, temperature=celsius, pressure=pressure)
         index = float(np.squeeze(index))
         glass = index > 1.05

@@ -35,7 +35,7 @@ class Residual(Parameters):
     focal length, principal point, k1, k2, p1 and p2); then they have an rms of 1 per axis over the
     frame. The displacements by the elements of a lens as built are computed with rays through its
     surfaces (`element_slopes`). Only a turn is removed from them, because the camera is aligned
-    after its assembly. The calibration of the unit absorbs what its order allows.
+    after its assembly. The calibration of the unit absorbs the displacements of its order.
 
     Accuracy  model: light meets the detector at the field angle, as for an exit pupil at a distance
               of one focal length.

@@ -202,9 +202,9 @@ def replace_part(path: Path, name: str, table: Floats, units: str) -> None:
 
 
 def load_surfaces(path: Path) -> Surfaces | None:
-    """The surfaces of a lens table's file; None where it has none.
+    """The surfaces of a lens table's file; None without surfaces.
 
-    Raises  FileNotFoundError; ValueError where the file is no lens table, or damaged.
+    Raises  FileNotFoundError; ValueError if the file is no lens table, or damaged.
     """
     with open_checked(path, "LENS", FORMAT, "a lens table") as parts:
         if PART not in [part.name for part in parts]:

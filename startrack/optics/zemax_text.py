@@ -18,7 +18,7 @@ TERMS = 37  # largest Noll index of a wavefront
 MOST_BYTES = 100_000_000
 ROOM = 293.15  # kelvin
 BAND = (300e-9, 1100e-9)  # metre, that one wavelength represents
-WIDE = 0.1  # radian, up to which one field angle is valid
+WIDE = 0.1  # radian, largest difference of fields for one field angle
 NUMBER = r"[-+]?[0-9]*[.,]?[0-9]+(?:[eE][-+]?[0-9]+)?"
 MICRO = r"(?:u|[^\sA-Za-z]{1,2})m|[Mm]icrons?|[Mm]icrometers?"  # in any encoding
 PLAIN = re.compile(r"[-+]?[0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]+)?")
@@ -63,7 +63,7 @@ def psfs_of_pages(paths: Sequence[Path], source: str) -> PsfFile:
 
     The first row of numbers is that of the largest y.
 
-    Raises  OSError; ValueError where a page is none, or the set is not complete.
+    Raises  OSError; ValueError if a page is invalid, or the set is not complete.
     """
     pages = _pages(paths)
     waves, angles, of = _nodes(pages)
@@ -104,7 +104,7 @@ def table_of_pages(
 
     focal_length, f_number  metre, 1, of the lens
     flipped                 maps are positive where the path is shorter
-    Raises    OSError; ValueError where a page is none, or the set is not complete.
+    Raises    OSError; ValueError if a page is invalid, or the set is not complete.
     Returns   the table, and the rms (w, f) in waves that the terms leave of its wavefronts
     Accuracy  model: a round pupil without vignetting, distortion and lateral colour, because the
               maps do not contain them.

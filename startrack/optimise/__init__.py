@@ -7,40 +7,39 @@ runner             TrialRunner: trials of any design; it keeps each outcome, so 
 budgets            Case -> analytic budgets of a design and of its units, kept for a search.
 population         Judged condition -> the units that it is judged over: the unit as designed, or
                    drawn units.
-forecast           Case -> what the analytic budget expects of it, over its units.
+forecast           Case -> its expected figures by the analytic budget, over its units.
 evaluate           Point of a DesignSpace -> the score of its design.
-gaussian_process   Points and values -> a Gaussian process through them, and what it expects.
+gaussian_process   Points and values -> a Gaussian process through them, and its predictions.
 explorer_settings  How an explorer chooses designs, and how their forecasts are emulated.
 emulators          Forecasts of designs -> emulators of the objective and of each margin.
 limit              A limit that trials decide -> the forecast margin that a design needs to meet
                    it.
 correction         Trials of designs -> correction of the forecasts of other designs.
-source             DesignSpace and campaign -> what an explorer asks of designs: forecasts, costs,
-                   conditions.
+source             DesignSpace and campaign -> inputs of an explorer: forecasts, costs, conditions.
 explorer           Source of designs -> forecasts where they are most informative.
 search_log         A search -> a file with a line for each forecast and each design that was tried.
-landscape          Emulators of a design space -> what they say around its best design.
+landscape          Emulators of a design space -> ranges and prices around its best design.
 steps              The steps of the optimiser: start, forecasts, correction, refinement,
                    confirmation.
 units              Fresh units of a design -> the level that a fraction of them keeps, and yields.
 optimise           Campaign, TrialRunner -> the best design that was found, and how good it is.
 improve            Problem -> a better one: forecasts, trials that correct them, fresh trials that
                    decide.
-problem_source     Problem, ledger -> what engines ask of its designs: forecasts, trials, costs.
+problem_source     Problem, ledger -> inputs of the engines: forecasts, trials, costs.
 problem_sweep      A problem, one or two of its keys -> objective and margins at each value; limits.
 pareto             Designs, two goals -> the designs that no other design beats in both.
 problem_front      Problem, two of its goals -> the designs that no other design beats in both.
-sensitivity        Designs around one -> how much the objective depends on each variable, alone and
-                   with others.
-what_matters       Designs around one -> what matters: effect, share of the variance and range of
-                   each variable.
+sensitivity        Designs around a design -> dependence of the objective on each variable, alone
+                   and with others.
+what_matters       Designs around a design -> effect, share of the variance and range of each
+                   variable.
 figures            Design -> its errors, availability, margins and costs, by formula or by trials.
 sweep              Values of one or two keys of a design file -> the figures of the design at each.
 solve_for          A key, a limit -> the values of the key at which the design just keeps it.
-allocation         Case, units -> what each tolerance and each lever of a design buys.
+allocation         Case, units -> gain of each tolerance and each lever of a design.
 ensemble           Log-probability -> samples and their convergence diagnostics (emcee).
-priors             Laws of what a design does not know -> variables of a sampling, with densities.
-tolerance          Designs around one -> how far each variable may vary, by emcee on a quadratic
+priors             Laws of unknown values of a design -> variables of a sampling, with densities.
+tolerance          Designs around a design -> tolerance of each variable, by emcee on a quadratic
                    surface.
 tables             The results of studies as CSV, JSON lines and Markdown.
 """

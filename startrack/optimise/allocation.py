@@ -1,4 +1,4 @@
-"""Case, units -> what each tolerance and each lever of a design buys, by budgets of its units."""
+"""Case, units -> gain of each tolerance and each lever of a design, by budgets of its units."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -21,7 +21,7 @@ BOOTSTRAP = 4  # names the stream of the resampling
 class LeverChange(NamedTuple):
     """A design that differs in one thing.
 
-    name   of what is changed
+    name   name of the changed value
     text   the values before and after; "" for a tolerance, which is halved
     price  of a tolerance, in the unit of the requirements' cost
     """
@@ -37,8 +37,8 @@ class LeverGain:
     """Gain of one change of the design.
 
     change  and the design that has it
-    level   radian, by which the level over units falls, with its interval
-    yields  1, by which the yield of each limit rises, with its interval
+    level   radian, decrease of the level over units, with its interval
+    yields  1, increase of the yield of each limit, with its interval
     """
 
     change: LeverChange
@@ -48,7 +48,7 @@ class LeverGain:
 
 @dataclass(frozen=True)
 class Allocation:
-    """Changes of a design, the one that buys most first.
+    """Changes of a design, the largest gain first.
 
     age       second, of the units
     fraction  1, of the units, which do not exceed the level
@@ -76,7 +76,7 @@ def allocation(
     changes: Sequence[LeverChange],
     progress: Advance | None = None,
 ) -> Allocation:
-    """Make each change in turn, on the same draws of the same units.
+    """Gains of each change alone, on the same draws of the same units.
 
     At the end of life. Intervals are by a bootstrap over the units, the same ones before and after,
     so that what all have in common does not count: those of `resampled_interval` of the level,
@@ -137,7 +137,7 @@ def halved(case: design.Case) -> Iterator[LeverChange]:
 
 
 PARTS = ("rms", "angle", "grid", "flatness", "decentre", "tilt", "wedge", "drift")
-# Factors by which numbers of a design are changed, where it has them: steps that a maker may take.
+# Factors for numbers of a design, if it has them: possible steps of a maker.
 STEPS = {
     "tracker.detection.max_spots": 1.5,
     "tracker.calibration.positions": 2.0,
@@ -157,15 +157,16 @@ HIGHEST, FIRST_MAP, FINEST_MAP = 7, 5, 9  # order of a polynomial; nodes along a
 
 
 def levers(case: design.Case) -> Iterator[LeverChange]:
-    """Changes that a designer may make beside tolerances, each by a step (`STEPS`).
+    """Possible changes of a designer besides tolerances, each by a step (`STEPS`).
 
     Number of tracked stars, catalogue, calibration, causes of the residual, structure, colour,
-    lens and exposure; what the design does not have, or what is at its end, is left out.
+    lens and exposure; values that the design does not have, or that are at their bound, are left
+    out.
     """
     wanted = dict[str, Any]()
     for name, factor in STEPS.items():
         now = _value(case, name)
-        # Images in a file are those of one lens.
+        # Images in a file are for a single lens.
         if now and not (case.instrument.optics.psf_file and name in design.OF_IMAGES):
             wanted[name] = round(now * factor) if isinstance(now, int) else now * factor
     listed, calibration = case.tracker.catalog, case.tracker.calibration

@@ -30,8 +30,8 @@ def budget_or_none(case: Case) -> Budget[ErrorLaw] | None:
 
 
 def budget_of(case: Case) -> Budget[ErrorLaw]:
-    """The analytic budget, kept as those of a search are; Refused where it expects no attitude."""
-    return budget_or_none(case) or analytic(case)  # which says why there is none
+    """The analytic budget, cached as in a search; Refused if it expects no attitude."""
+    return budget_or_none(case) or analytic(case)  # raises the reason for a missing budget
 
 
 @lru_cache(maxsize=16)
@@ -46,6 +46,6 @@ def budgets_of_units(
 
 
 def without_units(case: Case) -> Case:
-    """The unit as designed, whose budget does not name as left out what units differ by."""
+    """The unit as designed; its budget does not list differences of units as left out."""
     alone = case.without_units
     return replace(alone, instrument=replace(alone.instrument, residual=None))

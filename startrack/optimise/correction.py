@@ -1,4 +1,4 @@
-"""Trials of designs -> by how much forecasts of other designs are wrong."""
+"""Trials of designs -> errors of the forecasts of other designs."""
 
 from __future__ import annotations
 

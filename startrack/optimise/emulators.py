@@ -20,8 +20,8 @@ SOLVED = "solved"  # an emulated margin: 1 where a design has a forecast, -1 whe
 
 
 class Scale(NamedTuple):
-    """Scale on which a margin is emulated: between -1 and 1, of its sign, with most of it near
-    zero.
+    """Scale on which a margin is emulated: from -1 to 1, with the sign of the margin. The scale is
+    most sensitive near zero.
 
         margins    m / sqrt(m^2 + margin_width^2)
         of chances the same of ln(room / (room - m)) and 1: the unavailability against its limit
@@ -154,7 +154,7 @@ def emulators(
 
     scales   of the margins that are chances, by name
     like     of fewer forecasts of the same space
-    Raises   Refused where no design has a forecast.
+    Raises   Refused if no design has a forecast.
     """
     beyond = settings.inexact_objective
     expected = np.array([value.expected for value in values])

@@ -134,7 +134,7 @@ def draw(
     start            starting points (n, d) of n walkers; split R-hat needs them to be wider than
                      the density
     ledger           keeps each stretch, so that interrupted sampling continues
-    Raises           Refused where the log-probability of a start is NaN or minus infinity, or where
+    Raises           Refused if the log-probability of a start is NaN or minus infinity, or where
                      it is random with a standard deviation above 1. Other failures are in
                      `Chains.reason_unconverged`.
     Accuracy         statistical: an estimate of the density with less noise gives the right

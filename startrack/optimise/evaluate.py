@@ -42,11 +42,11 @@ class Evaluation:
     expected     radian, the objective by the analytic budget; NaN where it expects no attitude
     score        the function that is minimised, see `evaluate`
     margins      of the requirements, with those of errors and availability; below 0, not met
-    summary      of the trials in the design's own condition, None where none was run
-    note         why none was run, or empty
-    forecast     of the margins that trials measured, what the budget says
+    summary      of the trials in the design's own condition, None if no trial was run
+    note         reason why no trial was run, or empty
+    forecast     by the budget, of the margins that trials measured
     tried        number of trials, where there is no summary
-    cost         SI, what the campaign makes small; NaN where that is the error
+    cost         SI, the cost that the campaign minimises; NaN if it minimises the error
     """
 
     coordinates: tuple[float, ...]
@@ -201,7 +201,7 @@ class Foresight(NamedTuple):
         return self.expected + PENALTY * missed(self.margins)
 
     def text(self) -> str:
-        """All of it as JSON."""
+        """The forecast as JSON."""
         return json.dumps(self[:3])
 
     @classmethod

@@ -1,4 +1,4 @@
-"""Settings of an explorer: how many designs it forecasts, what it calls good, what is precise."""
+"""Settings of an explorer: number of forecasts, acceptance of designs, precision."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ FRACTION = Range(0.0, 1.0)
 
 
 class ExplorerSettings(Parameters):
-    """Settings by which the designs to forecast are chosen, and their forecasts emulated.
+    """Settings for the choice of designs to forecast, and for the emulation of forecasts.
 
     The defaults are chosen by hand. Scores are differences of ln(error), coordinates those of the
     unit cube.

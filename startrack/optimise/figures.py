@@ -21,10 +21,10 @@ Figure = float | Interval
 
 
 class DesignFigures(NamedTuple):
-    """What is known of one design: intervals of 95 % by trials, numbers by formula.
+    """Figures of one design: intervals of 95 % by trials, numbers by formula.
 
-    across        radian, rms per axis of the error across the boresight; that which a fraction of
-                  the units does not exceed, where the design is judged over units
+    across        radian, rms per axis of the error across the boresight; where the design is
+                  judged over units, the error that a fraction of the units does not exceed
     about         radian, rms of the error about the boresight; likewise
     availability  1, fraction of trials with a correct attitude
     stars         mean number of matched stars
@@ -42,7 +42,7 @@ class DesignFigures(NamedTuple):
     note: str = ""
 
     def text(self) -> str:
-        """All of it as JSON; by formula alone."""
+        """The figures as JSON; for figures by formula alone."""
         return json.dumps(self)
 
     @classmethod
@@ -57,10 +57,10 @@ def middle(figure: Figure) -> float:
 
 
 def by_formula(asked: tuple[Case, Campaign], seed: int) -> DesignFigures:
-    """The figures of a design by the analytic budget, as `expect` has them.
+    """The figures of a design by the analytic budget, as by `expect`.
 
     seed    of the units, where it is judged over units
-    Raises  Refused where a condition or a cost does not fit the design.
+    Raises  Refused if a condition or a cost does not fit the design.
     """
     case, campaign = asked
     try:
@@ -117,7 +117,7 @@ def by_trials(
     condition; those of a design that is judged over units are, as by formula, what a fraction of
     the units does not exceed.
 
-    Raises  Refused where the design cannot be built or rendered.
+    Raises  Refused if the design cannot be built or rendered.
     """
     needs, judged = campaign.requirements, campaign.judged(case)
     margins: dict[str, Figure] = dict(verification.margins(needs, case))

@@ -1,4 +1,4 @@
-"""Case -> what the analytic budget expects of it in each condition, over its units."""
+"""Case -> its expected figures by the analytic budget in each condition, over its units."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -29,7 +29,7 @@ def name_by_condition(condition: str, margins: Mapping[str, Value]) -> dict[str,
 
 
 def bounded(margins: Mapping[str, float]) -> dict[str, float]:
-    """The margins, of which none misses by more than MOST_MISSED, so that a score stays finite."""
+    """The margins, none below -MOST_MISSED, so that a score stays finite."""
     return {name: max(margin, -MOST_MISSED) for name, margin in margins.items()}
 
 
@@ -130,11 +130,11 @@ def forecasts(
     seed: int = 1,
     known: Mapping[str, Forecast] | None = None,
 ) -> tuple[float, dict[str, Forecast]]:
-    """The objective (radian) by the analytic budget, and what it expects of each condition.
+    """The objective (radian) by the analytic budget, and the expected figures of each condition.
 
     runner  whose workers compute the conditions and units; None: this process
     seed    of the units, without a runner
-    known   what is expected of some conditions already
+    known   already known figures of some conditions
     """
     (seed, workers), given = (runner.seed, runner.workers) if runner else (seed, 1), known or {}
     new = [condition for condition in judged if condition.name not in given]
@@ -155,7 +155,7 @@ def forecasts(
 
 
 class ExpectedDesign(NamedTuple):
-    """What the formulas expect of a design in its own condition.
+    """Errors and margins of a design in its own condition, by formula.
 
     budget   of the unit as designed
     margins  of all requirements, in all conditions
@@ -172,7 +172,7 @@ def expect(case: Case, campaign: Campaign, seed: int = 1) -> ExpectedDesign:
     """The analytic budget of a design in its own condition, and all its margins without a trial.
 
     seed    of the units, where it is judged over units; the budget is of the unit as designed
-    Raises  ValueError where the budget expects no attitude anywhere, or a condition does not fit.
+    Raises  ValueError if the budget expects no attitude anywhere, or a condition does not fit.
     """
     judged = campaign.judged(case)
     alone = case if judged[0].units is None else without_units(case)
@@ -188,7 +188,7 @@ def expect(case: Case, campaign: Campaign, seed: int = 1) -> ExpectedDesign:
 
 
 def _expected(condition: Judged, seed: int) -> Forecast:
-    """Of a condition; the availability of the unit as designed excludes large errors."""
+    """Forecast of a condition; the availability of the unit as designed excludes large errors."""
     if condition.units is not None:
         return forecast(condition, Objective(), seed)
     budget = budget_or_none(condition.case)

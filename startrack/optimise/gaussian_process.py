@@ -1,4 +1,4 @@
-"""Points of the unit cube and values -> a Gaussian process through them, and what it expects."""
+"""Points of the unit cube and values -> a Gaussian process through them, and its predictions."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Emulator:
 
     points    (n, d) in the unit cube
     length    (d,) 1
-    noise     1, variance of what the function jumps by between near points, over s^2
+    noise     1, variance of the function's jumps between near points, over s^2
     doubt     (n,) the same of each value besides, because the process need not go through it
     mean      of the process
     size      s, its standard deviation

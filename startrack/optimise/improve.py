@@ -23,7 +23,7 @@ from startrack.optimise.runner import FRESH
 from startrack.optimise.search import minimise_globally
 from startrack.problem import Expectation, Judgement, Margin, Problem, SearchSettings
 
-# Probability, over all rounds, that a design at what the search aims for is wrongly taken to meet a
+# Probability, over all rounds, that a design at the search's target is wrongly accepted for a
 # limit. The verdicts are by the problem's own intervals.
 TAIL = 0.05
 
@@ -39,15 +39,15 @@ class Improved:
     problem        the best
     judged         start and best on fresh trials that no tuning used
     costs          margins of the best that need no trials
-    factor         objective of the start over that of the best. Its interval takes both as
-                   independent, though they have the same trials: it is too wide, not too narrow
+    factor         objective of the start over the objective of the best. Its interval assumes
+                   independence, though both have the same trials: it is too wide, not too narrow
     verdicts       of the best: "met", "missed", or "not shown", by the names of limits
     expected       the best by formula
     evaluations    designs with trials, in order
     rounds         of fresh trials
     ending         why the search stopped
     apart          largest factor between trials and formula, of the designs that were tried
-    landscape      what forecasts say of the space around the best
+    landscape      ranges and prices around the best, by forecasts
     """
 
     start: dict[str, float]
@@ -89,7 +89,7 @@ def improve(
     ledger    keeps both, so that an interrupted search continues; None: it is in memory
     watch     called with each design that was tried
     watch_forecast  called with the values of each design and its forecast
-    Raises    Refused where the problem has no variables, no design has a forecast, or none meets
+    Raises    Refused if the problem has no variables, no design has a forecast, or none meets
               the limits on costs.
     """
     source = ProblemSource(problem, seed, executor, ledger or Ledger(), watch_forecast)

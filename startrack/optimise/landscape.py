@@ -1,4 +1,4 @@
-"""Emulators of a design space -> what they say around its best design: ranges and prices."""
+"""Emulators of a design space -> ranges and prices around its best design."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ class Span(NamedTuple):
 
 
 def spans_of(model: Emulators, best: Floats, precision: float, halvings: int = 0) -> list[Span]:
-    """For each variable, where the score stays within the precision of that of a design.
+    """For each variable, the range in which the score stays within the precision of a design's
+    score.
 
     The other variables follow: at each value they are where the score is least.
 
@@ -68,7 +69,7 @@ def spans_of(model: Emulators, best: Floats, precision: float, halvings: int = 0
 
 
 def prices_of(model: Emulators, best: Floats, precision: float) -> dict[str, float]:
-    """Price of each limit of a design: by how much ln(error) falls if the margin is relaxed.
+    """Price of each limit of a design: decrease of ln(error) if the margin is relaxed.
 
     By one per cent of its limit; of margins that are met by more, and of those whose price is
     below a tenth of the precision, none.
@@ -95,9 +96,9 @@ class Landscape(NamedTuple):
     forecasts  unit-cube coordinates of the designs
     expected   of these ln(arcsec) of the objective, NaN where no attitude is expected
     met        of these whether all requirements are met, as expected
-    left       by how much ln(error) may yet fall, with 98 % confidence
+    left       possible further decrease of ln(error), with 98 % confidence
     spans      of each variable, by its name
-    prices     by how much ln(error) falls if a limit is relaxed by 1 %, by the margin's name
+    prices     decrease of ln(error) if a limit is relaxed by 1 %, by the margin's name
     ending     why there are no more
     """
 

@@ -28,8 +28,8 @@ class Ledger:
     def __init__(self, path: Path | None = None):
         """Open the ledger of a file, or make a new one; None keeps it in memory.
 
-        Raises  ValueError where the file is no ledger, or of another format; OSError where it
-                cannot be opened or another process has it.
+        Raises  ValueError if the file is no ledger, or of another format; OSError if it
+                cannot be opened or another process uses it.
         """
         self.path = path
         self._database = Database(path, LEDGER)
@@ -66,8 +66,8 @@ class Ledger:
 
         make     outcomes of (first, number): from `first` on, as many
         columns  names and types of one of them
-        Raises   Refused where `make` refuses, also on each later call; any other exception is a
-                 fault, of which the ledger knows nothing.
+        Raises   Refused if `make` refuses, also on each later call; any other exception is a
+                 fault and is not written to the ledger.
         """
         if reason := self.note(REFUSED, key):
             raise Refused(reason)
@@ -87,7 +87,7 @@ class Ledger:
     def note(self, kind: bytes, key: bytes) -> str:
         """The text of a kind that is kept under a key; empty where there is none.
 
-        kind  REFUSED: why its trials cannot be run; FORECAST: what is expected of a design
+        kind  REFUSED: why its trials cannot be run; FORECAST: expected figures of a design
         """
         return b"".join(data for _, data in self._database.kept(kind + key)).decode()
 

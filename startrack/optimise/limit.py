@@ -13,8 +13,8 @@ import scipy
 from startrack.core import Floats
 from startrack.optimise.gaussian_process import matern
 
-# Amount by which an error may miss its limit in a score; beyond, ln(error) alone drives the search.
-# Chosen by hand: an error of ten times the limit.
+# Largest amount by which an error misses its limit in a score; beyond, ln(error) alone drives the
+# search. Chosen by hand: an error of ten times the limit.
 MOST_MISSED = 9.0
 SCATTER = 0.5  # variance of ln(measured) from one trial; 1/4 for two axes and 1/2 for one, at least
 # Of ln(true load / forecast load) of a margin. All chosen by hand.
@@ -33,7 +33,7 @@ class Evidence(NamedTuple):
     """Result of a design's trials for a margin.
 
     point     (d,) unit-cube coordinates
-    forecast  the margin as the budget has it
+    forecast  margin by the budget
     measured  the margin as the trials found it, not a bound
     trials    number of them
     """
@@ -46,13 +46,13 @@ class Evidence(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Limit:
-    """A margin that trials decide, and what they say of its forecasts.
+    """A margin that trials decide, and the error of its forecasts by these trials.
 
     The load is the error over its limit, or the fraction of trials without a correct attitude:
 
         load = room - margin,   true load = (forecast load + base) exp(g(x))
 
-    with g a Gaussian process over the cube, through what the trials of some designs show. A design
+    with g a Gaussian process over the cube, through the results of some designs' trials. A design
     has to reach the load `shown`, which is less than `room` by a margin, so that the fresh trials
     show with a probability of POWER that it meets the limit.
 
@@ -84,10 +84,10 @@ class Limit:
 
     @classmethod
     def of_error(cls, fraction: float | None, trials: int, tail: float) -> Limit:
-        """That an error keeps its limit.
+        """Limit on the ratio of an error to the limit of the requirement.
 
-        fraction  of trials that do not exceed it, None for an rms
-        Accuracy  model: the standard error is that of normal errors along two axes.
+        fraction  of trials whose error does not exceed the limit, None for an rms
+        Accuracy  model: the standard error is computed for normal errors along two axes.
         """
         scatter = SCATTER
         if fraction is not None:  # of the order statistic of Rayleigh's law
@@ -96,7 +96,7 @@ class Limit:
         return cls(1.0, math.exp(-sigmas * math.sqrt(scatter / trials)), chance=False)
 
     def corrected(self, point: Floats, margin: float) -> float:
-        """The margin to what the fresh trials can show, of a design of some forecast."""
+        """The margin for a design's forecast that fresh trials can confirm."""
         load = self._load(margin) * math.exp(self._log_ratio(point)) * self.room / self.shown
         return self.room - min(load, self._most)
 

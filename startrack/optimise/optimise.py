@@ -65,9 +65,9 @@ class Optimum:
     errors        radian, the objective of the best by fresh trials in each condition
     rounds        of fresh trials, until a design met all limits or the search ended
     ending        one sentence: why the search stopped
-    trials        number that were done, per fidelity, before an interruption too
+    trials        number of trials per fidelity, including trials before an interruption
     units         start and best over fresh units; None: they are judged as designed
-    landscape     what forecasts say of the space; None where no design is possible
+    landscape     ranges and prices by forecasts; None where no design is possible
     candidate     None where the best is better than the start
     """
 
@@ -92,7 +92,7 @@ class Optimum:
 
     @property
     def feasible(self) -> bool:
-        """Whether the best met every requirement, on fresh frames too."""
+        """Whether the best met every requirement, also on fresh frames."""
         return all(margin >= 0 for margin in self.margins.values())
 
     @property
@@ -174,7 +174,7 @@ def optimize(
     watch        called with each evaluation
     watch_stage  called with the stage that the search has reached
     adapt        as in DesignSpace; it refuses a design by `Refused`
-    Raises       ValueError where the campaign names no variables.
+    Raises       ValueError if the campaign names no variables.
     Accuracy     model: that of the budget, where trials are too few to correct it.
     """
     spaces = {
@@ -367,13 +367,13 @@ def _rounds(
 ) -> tuple[_Confirmed, str, int]:
     """Search, and judge the best design on fresh trials, until one meets all limits there.
 
-    What the fresh trials of a round show corrects the forecasts of the next, which has fresh trials
-    of its own. A round follows, too, where a design meets all limits, evaluations are left, and the
+    The fresh trials of a round correct the forecasts of the next round, which has other fresh
+    trials. A round follows, too, where a design meets all limits, evaluations are left, and the
     forecasts, corrected by its trials, expect that another is better by more than the precision.
 
     count    of the evaluations so far
     Returns  what was confirmed, of the best design that meets all limits, or else of the one that
-             misses least; why the last search ended; how many rounds there were
+             misses least; why the last search ended; number of rounds
     """
     tried, shown, results, ending = (
         list[Evaluation](),

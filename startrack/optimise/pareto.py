@@ -23,7 +23,7 @@ from startrack.problem import SearchSettings
 
 METHODS = ("epsilon", "weighted")
 NONE_MEETS = "no design in the design space meets the requirements that need no trials"
-SAME = 1e-3  # of ln(goal), by which a limit may be exceeded
+SAME = 1e-3  # tolerance of a limit in ln(goal)
 
 
 @dataclass(frozen=True)
@@ -84,9 +84,9 @@ def front(
     Emulators of both goals, through the forecasts of an `Explorer`, propose all points at once;
     their forecasts improve the emulators, until none is new.
 
-    watch    called with how far it has come
+    watch    called with the progress
     Returns  the points that are not dominated by the budget, in order of the first
-    Raises    ValueError where no design in the design space meets the requirements.
+    Raises    ValueError if no design in the design space meets the requirements.
     Accuracy  model: that of the budget. `measured` shows it; over units, with as many fresh units
               as the budget has.
     """
@@ -124,10 +124,10 @@ def trade_off(
     method: str = "epsilon",
     watch: Callable[[SearchStage], None] | None = None,
 ) -> list[Point]:
-    """The front of any designs, as `front` has it.
+    """The front of any designs, as by `front`.
 
     explorer  of the designs, without forecasts
-    start     (d,) coordinates of a design that does not cost too much
+    start     (d,) coordinates of a design within the limits of cost
     goals     by forecast
     measured  a point of the front, of its coordinates and the logarithms of both goals
     """

@@ -1,7 +1,7 @@
 """Judged condition -> the units that it is judged over: the unit as designed, or drawn units.
 
-The unit as designed is a population of one. An engine asks both the same questions: their budgets,
-their trials, and what fresh trials show of a requirement.
+The unit as designed is a population of one. Both have the same interface for engines: budgets,
+trials, and requirements by fresh trials.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ UNIT_LOOKS = 2  # at 1 and 2 times the fresh units, each of which needs plans of
 
 
 class FreshTrials(NamedTuple):
-    """Numbers of the trials that are fresh in a round of a search; no other round has them.
+    """Numbers of the trials that are fresh in a round of a search; no other round uses them.
 
     first  number of the first trial
     unit   number of the first unit
@@ -60,8 +60,8 @@ class Confirmed(NamedTuple):
     bounds   of its value
     margin   by the bound that must hold
     decided  whether the trials decide it
-    found    the margin without regard to the bounds; of the error over units, that of the unit
-             which decides
+    found    the margin without regard to the bounds; for the error over units, the deciding unit's
+             margin
     trials   number of them
     """
 
@@ -84,7 +84,7 @@ class UnitAsDesigned:
     """The unit as designed alone, whose trials go on one after the other.
 
     fraction  of the units whose error must not be larger; of one unit, any
-    looks     how often fresh trials are doubled, and one
+    looks     number of doublings of fresh trials, plus one
     """
 
     fraction: ClassVar[float] = 0.5
@@ -93,7 +93,7 @@ class UnitAsDesigned:
     condition: Judged
 
     def parts(self, workers: int) -> list[range]:
-        """Units in parts, of each of which a worker computes the budgets."""
+        """Units in parts; a worker computes the budgets of a part."""
         return [range(1)]
 
     def budgets(self, seed: int, part: range) -> UnitBudgets | None:
@@ -110,7 +110,7 @@ class UnitAsDesigned:
         return runner.run(self.condition.case, trials, fidelity)
 
     def few_fresh(self, campaign: Campaign, runner: TrialRunner) -> Rows:
-        """The outcomes of trials that no tuning used, as many as a design of a search has."""
+        """The outcomes of trials that no tuning used, in the number of a search's design."""
         return runner.run(self.condition.case, campaign.most_trials, campaign.fidelity, FRESH)
 
     def fresh(
@@ -136,7 +136,7 @@ class UnitAsDesigned:
         return campaign.fresh_trials * 2 ** (LOOKS - 1)
 
     def limit(self, accuracy: Accuracy, trials: int, tail: float) -> Limit:
-        """What fresh trials can show of a limit on an error."""
+        """Limit on an error that fresh trials can show to be kept."""
         return Limit.of_error(accuracy.objective.fraction, trials, tail)
 
     def confirmed(
@@ -147,14 +147,14 @@ class UnitAsDesigned:
         runner: TrialRunner,
         tails: tuple[float, float],
     ) -> Confirmed:
-        """What fresh trials, of those that count, show of a requirement."""
+        """Result of the fresh trials that count for a requirement."""
         return _by_all_trials(claim, outcomes, runner.seed, tails)
 
 
 def _by_all_trials(
     claim: verification.Claim, outcomes: Rows, seed: int, tails: tuple[float, float]
 ) -> Confirmed:
-    """A requirement by trials, whatever their units."""
+    """Result of a requirement by trials; the units of the trials do not matter."""
     by_region = claim.sky == "worst"
     boresight = verification.boresights(seed, outcomes) if by_region else np.empty((0, 3))
     bounds = claim.bounds(outcomes, boresight, *tails)

@@ -1,4 +1,4 @@
-"""Laws of what a design does not know -> variables of a sampling, with the density of each."""
+"""Laws of unknown values of a design -> variables of a sampling, with the density of each."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ SIGMAS = (3.0, 2.5, 2.0, 1.5, 1.0)  # ends of a law that are tried; chosen by ha
 class LawPrior(NamedTuple):
     """A variable with the law that it has in the design file.
 
-    first, second  SI: low and high of a uniform law; or the median, and the factor that holds 68 %
+    first, second  SI: low and high of a uniform law; or the median, and the factor of the 68 %
+                   interval
     """
 
     variable: Variable

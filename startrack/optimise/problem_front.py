@@ -77,7 +77,7 @@ def problem_front(
     """Pareto front of both goals by forecast, as `front` finds it; trials then measure each point.
 
     Returns  the points that are not dominated by the forecasts, in order of the first
-    Raises   Refused where no design meets the limits.
+    Raises   Refused if no design meets the limits.
     Accuracy model: that of the forecasts; `measured` shows it.
     """
     first, second = (partial(_log_goal, source, goal) for goal in (goals.first, goals.second))

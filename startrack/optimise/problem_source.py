@@ -1,4 +1,4 @@
-"""Problem, ledger -> what engines ask of its designs: forecasts, trials, costs."""
+"""Problem, ledger -> inputs of the engines: forecasts, trials, costs."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class ProblemSource:
     seed      of random proposals, and of trials
     executor  computes forecasts and trials; None: this process
     ledger    keeps both
-    watch     called with the values of each design and its forecast, as soon as there is one
+    watch     called with the values of each design and its forecast, when it is computed
     """
 
     problem: Problem
@@ -48,7 +48,7 @@ class ProblemSource:
 
     @cached_property
     def variables(self) -> Sequence[Bounds]:
-        """Variables of a search. Raises Refused where there is none, or a range is empty."""
+        """Variables of a search. Raises Refused if there is none, or a range is empty."""
         every = list(self.problem.variables)
         if not every:
             raise Refused("variables must name at least one parameter, got none")
@@ -121,7 +121,7 @@ class ProblemSource:
         return {variable.name: variable.value(place) for variable, place in pairs}
 
     def value(self, point: Floats, name: str) -> float:
-        """A variable as the design has it, SI."""
+        """Value of a variable in the design, SI."""
         return {own.name: own.start for own in self.design(point).variables}[name]
 
     def shown(self, point: Floats | None = None) -> dict[str, str]:
@@ -139,7 +139,7 @@ class ProblemSource:
         return {f"{name} ({margin.unit})": margin.value for name, margin in costs}
 
     def design(self, point: Floats) -> Problem:
-        """The problem at a point. Raises Refused where there is none."""
+        """The problem at a point. Raises Refused if there is none."""
         return self.problem.replaced(self.values(point))
 
     @cached_property
@@ -148,7 +148,7 @@ class ProblemSource:
         return np.array([variable.whole for variable in self.variables])
 
     def snapped(self, point: Floats) -> Floats:
-        """The point whose whole numbers are rounded as the design at this point has them."""
+        """The point with integers rounded as in the design at this point."""
         if not self.whole.any():
             return point
         values = self.values(point)
@@ -162,7 +162,7 @@ class ProblemSource:
     def foresee_any(
         self, points: Sequence[Floats], weighted: bool = False, progress: Advance | None = None
     ) -> list[Foresight]:
-        """Forecasts of designs, whatever they cost."""
+        """Forecasts of designs, without limits of cost."""
         return self._foreseen(points, math.inf, progress)
 
     def _foreseen(
@@ -209,7 +209,7 @@ class ProblemSource:
         return known
 
     def cost_missed(self, point: Floats) -> float:
-        """Amount by which all costs together miss their limits."""
+        """Sum of the excesses of costs over their limits."""
         return missed(relative(self.design(point).costs()))
 
     def rows(
@@ -271,7 +271,7 @@ def relative(margins: Mapping[str, Margin]) -> dict[str, float]:
 def foreseen(problem: Problem, most_excess: float = MOST_EXCESS) -> Foresight:
     """Forecast of a problem; None where the problem contradicts itself.
 
-    most_excess  amount by which costs may miss their limits where a forecast is computed
+    most_excess  largest excess of costs for which a forecast is computed
     """
     try:
         costs = relative(problem.costs())

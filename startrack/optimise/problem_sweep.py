@@ -23,12 +23,12 @@ Load = Callable[[Sequence[str]], Problem]  # the problem of a file with changes 
 class SweptProblem(NamedTuple):
     """The problem with one value of each key.
 
-    values   as a design file has them
+    values   values in the form of a design file
     value    the objective, in the unit of its words; NaN where there is none
-    parts    what the value is made of
+    parts    parts of the value
     margins  as fractions of the limits
     note     why there is no value, or empty
-    left_out  what the forecast does not count, a phrase each
+    left_out  effects that the forecast does not count, a phrase each
     """
 
     values: tuple[str, ...]
@@ -68,12 +68,12 @@ class ProblemSweep:
 
     @property
     def left_out(self) -> tuple[str, ...]:
-        """What the forecast of any value does not count, a phrase each."""
+        """Effects that the forecast of any value does not count, a phrase each."""
         return tuple(dict.fromkeys(phrase for row in self.rows for phrase in row.left_out))
 
     @property
     def answer(self) -> str:
-        """Where the objective is least, and how many values keep all limits."""
+        """Value with the least objective, and number of values that meet all limits."""
         tried = [row for row in self.rows if math.isfinite(middle(row.value))]
         if not tried:
             return f"no value has a result: {self.rows[0].note}"
@@ -92,7 +92,7 @@ class ProblemSweep:
 
     @property
     def columns(self) -> Table:
-        """A row for each value: objective, parts, margins, why there is none."""
+        """A row for each value: objective, parts, margins, reason for a missing result."""
         unit = DisplayUnit(self.words.unit, 1.0, 1.0)
         margins = dict.fromkeys(name for row in self.rows for name in row.margins)
         return Table(
@@ -141,7 +141,7 @@ def sweep_problem(
 
     source  whose seed, workers and ledger compute and keep them
     trials  of each design, the same numbers at every value; 0: by formula
-    Raises  Refused where a key is none, or every value is refused.
+    Raises  Refused for an invalid key, or if every value is refused.
     """
     if not 1 <= len(keys) <= len(POINTS):
         raise Refused(f"keys must be one or two, got {len(keys)}")
@@ -212,7 +212,7 @@ def solve_problem_for(
 
     key      "KEY=A..B"
     margin   name of a margin
-    Raises   Refused where the key or the margin is none, or every value is refused.
+    Raises   Refused for an invalid key or margin, or if every value is refused.
     """
     values = SweptKey.read(key, points, log)
     if values.numbers is None:
@@ -265,5 +265,5 @@ def solve_problem_for(
 
 
 def _scaled(margin: float) -> float:
-    """ln of the limit over its used part, of which trials and formula differ by a shift."""
+    """ln of the limit over its used part; in this quantity trials and formula differ by a shift."""
     return -math.log1p(-min(margin, LARGEST)) if math.isfinite(margin) else margin

@@ -29,7 +29,7 @@ class TrialRunner:
     seed    of all random numbers
     workers number of them
     ledger  keeps the outcomes; None for one in memory
-    watch   called with each design of a search and its `Foresight`, as soon as there is one
+    watch   called with each design of a search and its `Foresight`, as soon as it is known
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class TrialRunner:
     def tried(self) -> dict[Fidelity, int]:
         """Number of trials that were asked for, per fidelity, each once; also those of the ledger.
 
-        So that it is the same for a study that was interrupted.
+        So it is the same for an interrupted study.
         """
         tried = dict[Fidelity, int]()
         for fidelity, trials in self._asked.values():
@@ -69,8 +69,8 @@ class TrialRunner:
 
         units     how these go over its units; or all are of the unit as designed
         progress  called with the number of trials that were just done
-        Raises    Refused where the design cannot be built or rendered, also on each later call;
-                  any other exception is a fault, of which the ledger knows nothing.
+        Raises    Refused if the design cannot be built or rendered, also on each later call;
+                  any other exception is a fault and is not written to the ledger.
         """
         key = self._key(case, fidelity, first, units)
 
@@ -97,10 +97,11 @@ class TrialRunner:
     def map(
         self, call: Callable[[Item], Result], items: Iterable[Item], progress: Advance | None = None
     ) -> Iterator[Result]:
-        """A pure function of each item, in the workers; what a worker's end loses, in this process.
+        """A pure function of each item, in the workers; work lost by a worker's end is done in this
+        process.
 
         progress  called with 1 for each result, after it was taken
-        Raises    what a call raises.
+        Raises    the exceptions of the calls.
         """
         every = list(items)
         if isinstance(self._executor, Serial):

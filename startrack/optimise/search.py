@@ -16,7 +16,7 @@ from startrack import core
 from startrack.core import POSITIVE, Floats, Parameters, Range, Refused, parameter, printed
 
 CODE = "searches"  # group of user code
-REFUSED = 1e6  # score that nlopt gets where a point has none; chosen by hand: above all others
+REFUSED = 1e6  # score for nlopt of a point without a score; chosen by hand: above all others
 # Calls per evaluation, after which a search that repeats points ends; chosen by hand: a repeated
 # call takes microseconds.
 REPEATS = 10
@@ -45,7 +45,7 @@ def algorithms(text: str) -> list[str]:
 
     User code is named as module:function.
 
-    Raises  Refused where nlopt has no algorithm of that name, or only one that needs a gradient.
+    Raises  Refused if nlopt has no algorithm of that name, or only one that needs a gradient.
     """
     names = list[str]()
     for part in text.split("+"):
@@ -131,7 +131,7 @@ def minimise(
     score    of a point (d,); NaN or infinite where the point has no score
     start    (d,), in the unit cube
     enough   called after each evaluation; where it returns a sentence, the search ends
-    Raises   what `score` raises; Refused where the start is outside the cube.
+    Raises   the exceptions of `score`; Refused if the start is outside the cube.
     """
     if not ((start >= 0) & (start <= 1)).all():
         raise Refused(f"start must lie in the unit cube, got {start}")
@@ -201,7 +201,7 @@ def minimise_globally(
 
 SMOOTH_STEP = 1e-5  # below which the search of a smooth function ends
 SMOOTH_EVALUATIONS = 200
-SMOOTH_TOLERANCE = 1e-6  # by which a limit may be exceeded
+SMOOTH_TOLERANCE = 1e-6  # tolerance of a limit
 
 
 def minimise_smooth(

@@ -22,8 +22,8 @@ class SearchLog:
         {"by": "120 trials", ...}
         {"stage": "40 forecasts", "part": 0.3}
 
-    Values of variables are SI; the value is what the search makes small: an error in arcsec, a cost
-    or an objective in its own unit. A search that continues begins with the lines that it knows.
+    Values of variables are SI; the value is the minimised quantity: an error in arcsec, a cost or
+    an objective in its unit. A search that continues begins with the lines that it knows.
 
     unit  of errors of designs that were tried, in radian for star trackers
     """
@@ -42,7 +42,7 @@ class SearchLog:
         self._design("formula", values, value, foresight.margins, math.isfinite(value))
 
     def tried(self, design: Evaluation) -> None:
-        """Write what trials say of a design."""
+        """Write the results of a design's trials."""
         cost = math.isfinite(design.cost)
         value = design.cost if cost else design.error / self._unit
         self._design(
@@ -50,7 +50,7 @@ class SearchLog:
         )
 
     def stage(self, stage: SearchStage) -> None:
-        """Write how far the search has come."""
+        """Write the progress of the search."""
         self._write({"stage": stage.name, "part": stage.part})
 
     def _design(

@@ -1,4 +1,5 @@
-"""Designs around one -> how much the objective depends on each variable, alone and with others."""
+"""Designs around a design -> dependence of the objective on each variable, alone and with
+others."""
 
 import math
 from dataclasses import dataclass
@@ -17,7 +18,7 @@ STEP = 0.01  # of each range, for derivatives; chosen by hand: forecasts are smo
 # Designs over the space. Chosen by hand: more narrow the intervals, which the result states.
 DESIGNS = 128
 BASE = 2**12  # base designs of the indices, each emulated in d + 2 places: an error of 1 %
-GROUPS = 16  # of designs, of which each is left out once; chosen by hand
+GROUPS = 16  # groups of designs; each is left out once; chosen by hand
 
 
 @dataclass(frozen=True)
@@ -95,7 +96,7 @@ def sensitivities(
     designs  over the space, a power of two
     progress  called with 1 for each of these, and of four for each variable
     Returns  in order of the variables; of one alone both indices are 1
-    Raises    ValueError where the design has no forecast, or designs nearly nowhere have one.
+    Raises    ValueError if the design has no forecast, or designs nearly nowhere have one.
     Accuracy  model: the forecasts'; designs without one count with the largest objective.
     """
     return sensitivities_of(source, probe(source, designs, progress))

@@ -31,9 +31,9 @@ from startrack.optimise.sweep import SweptKey, design_or_refusal, is_whole
 
 WIDEST = 10.0  # factor below and above the value of a design; chosen by hand
 POINTS = 25  # designs at which the formula is looked at; chosen by hand: roots nearer are not seen
-TOLERANCE = 1e-4  # of a root by formula, of its own size
+TOLERANCE = 1e-4  # relative tolerance of a root by formula
 STEPS = 6  # of the correction by trials, at most
-SETTLED = 0.05  # of half the interval of the margin, by which a corrected root may be off
+SETTLED = 0.05  # tolerance of a corrected root, in half widths of the margin's interval
 # Keys of [campaign.requirements], by the names of the margins that they make.
 LIMITS = {
     "mass": "max_mass",
@@ -67,16 +67,17 @@ class LimitCrossing(NamedTuple):
 @printed
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Where a design just keeps a limit.
+    """Values of a key at which a design just keeps a limit.
 
     key        with the values at which the formula is looked at
     margin     name of the margin
-    until      the limit as it was asked
+    until      the limit in the words of the user
     margins    by formula at these values, except those that the design refuses, in order
     refused    why the design refuses the others, or empty
-    left_out   what the formula does not count, a phrase each; of a star tracker `budget` has it
+    left_out   effects that the formula does not count, a phrase each; for a star tracker
+               `budget` tells them
     crossings  in order of their values
-    how        what decides, in words
+    how        deciding quantity, in words
     """
 
     key: SweptKey
@@ -94,7 +95,7 @@ class Solution:
 
     @property
     def answer(self) -> str:
-        """The values in a sentence, or that there are none."""
+        """Sentence with the values, or on their absence."""
         name = self.key.name
         if self.crossings:
             texts = [self._text(crossing.value) for crossing in self.crossings]
@@ -115,7 +116,7 @@ class Solution:
         return f"; {count} of {len(self.key.numbers)} values are refused ({self.refused})"
 
     def _spans(self, texts: Sequence[str]) -> Iterator[str]:
-        """The ranges in which the limit is kept."""
+        """The ranges in which the limit is met."""
         low = None
         for crossing, text in zip(self.crossings, texts, strict=True):
             if crossing.above:
@@ -134,12 +135,12 @@ class Solution:
 
 
 def read_limit(until: str) -> tuple[str, list[str]]:
-    """The name of the margin that a limit makes, and the changes of a design file that ask for it.
+    """The name of a limit's margin, and the changes of a design file that add the limit.
 
     until   "across=5 arcsec", "about-99.73=60 arcsec", "availability=99 %", "mass=0.3 kg" and the
             like, with " (CONDITION)" behind the name for another condition than the design's own;
             or the name of a margin of the design
-    Raises  Refused where it is none of these.
+    Raises  Refused for other texts.
     """
     name, equals, limit = (part.strip() for part in until.rpartition("="))
     if not equals:
@@ -176,7 +177,7 @@ class KeyLine:
     key       with the values that are looked at
     whole     whether the values of the key are whole numbers
     expected  the margin by formula at a number, on the scale on which trials differ from it by a
-              shift. Raises Refused where the design refuses the number
+              shift. Raises Refused if the design refuses the number
     tried     the same by trials, with its interval; None where none decide
     known     numbers that were looked at, and the margin there on this scale, in order
     """
@@ -188,7 +189,7 @@ class KeyLine:
     known: list[tuple[float, float]]
 
     def crossings(self) -> tuple[LimitCrossing, ...]:
-        """Where the margin is zero."""
+        """Values at which the margin is zero."""
         return tuple(
             self._crossing((low, high), after >= 0)
             for (low, before), (high, after) in itertools.pairwise(self.known)
@@ -216,13 +217,13 @@ class KeyLine:
         return LimitCrossing(Interval(self._kept(number, above), *ends), formula, above, tried=True)
 
     def _kept(self, number: float, above: bool) -> float:
-        """Of a whole number, the last one that keeps the limit."""
+        """The last whole number that keeps the limit, if the key has whole numbers."""
         if not self.whole or not math.isfinite(number):
             return number
         return float(math.ceil(number) if above else math.floor(number))
 
     def root(self, bracket: tuple[float, float], above: bool, shift: float = 0.0) -> float:
-        """Where formula + shift is zero, in the bracket or beyond it; infinite where nowhere.
+        """Value at which formula + shift is zero, in the bracket or beyond it; infinite if none.
 
         above  whether the margin grows
         """
@@ -277,7 +278,7 @@ def solve_for(
     fidelity  of the trials; None: that of the campaign, window without one
     runner    whose workers compute designs and trials and whose ledger keeps them
     progress  called with the number of designs that were just done
-    Raises    Refused where the key or the limit is none, or the design refuses every value.
+    Raises    Refused if the key or the limit is none, or the design refuses every value.
     Accuracy  numerical: 1e-4 of the value by formula. Two roots between two neighbouring points are
               not seen. statistical: the interval, with the slope of the formula.
     """
@@ -326,7 +327,7 @@ class _MarginAlongKey:
     fidelity: Fidelity | None
 
     def design(self, number: float) -> tuple[Case, Campaign]:
-        """The design at a number, and its campaign. Raises Refused where the design refuses it."""
+        """The design at a number, and its campaign. Raises Refused if the design refuses it."""
         text = self.key.at(round(number) if self.whole else number)
         design = load_design(self.path, [*self.changes, f"{self.key.name}={text}"])
         return design.case, design.campaign or Campaign()
@@ -340,7 +341,7 @@ class _MarginAlongKey:
         return Interval(*(scaled(self.margin, end) for end in (found.value, found.low, found.high)))
 
     def by_formula(self, number: float) -> float:
-        """The margin by formula, `scaled`. Raises Refused where the design refuses the number."""
+        """The margin by formula, `scaled`. Raises Refused if the design refuses the number."""
         [value] = _by_formula([self.design(number)], self.margin, self.runner)
         if isinstance(value, Refused):
             raise value
@@ -349,7 +350,7 @@ class _MarginAlongKey:
     def margins(self, progress: Advance | None) -> tuple[dict[float, float], str]:
         """Margins by formula at the values of the key, and why others are refused; or "".
 
-        Raises  Refused where all are.
+        Raises  Refused if the design refuses every value.
         """
         assert self.key.numbers is not None
         designs, reason = dict[float, tuple[Case, Campaign]](), Refused("")
@@ -382,7 +383,7 @@ def _by_formula(
 ) -> list[float | Refused]:
     """A margin of designs by formula, or why a formula refuses one.
 
-    Raises  Refused where the designs have no such margin.
+    Raises  Refused if the designs have no such margin.
     """
     for names in _margin_names(asked):
         if margin not in names:
@@ -406,7 +407,7 @@ def _cost_margin(case: Case, campaign: Campaign, margin: str) -> float | Refused
 
 
 def _margin_names(asked: Sequence[tuple[Case, Campaign]]) -> Iterator[list[str]]:
-    """Of the first design that is not refused."""
+    """Names of the margins of the first design that is not refused."""
     for case, campaign in asked:
         try:
             names = list(verification.margins(campaign.requirements, case))

@@ -1,4 +1,4 @@
-"""DesignSpace and campaign -> what an explorer asks of designs: forecasts, costs, conditions."""
+"""DesignSpace and campaign -> inputs of an explorer: forecasts, costs, conditions."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from startrack.verification import cost_margins
 
 
 class DesignSource(WholeNumbers, Protocol):
-    """Designs in the unit cube, and what is expected of each without a trial."""
+    """Designs in the unit cube, and their expected figures without trials."""
 
     @property
     def names(self) -> Sequence[str]:
@@ -40,7 +40,7 @@ class DesignSource(WholeNumbers, Protocol):
 
     @property
     def precision(self) -> float:
-        """Fraction of the objective that is worth no further forecast."""
+        """Relative change of the objective below which no further forecast is made."""
 
     @property
     def conditions(self) -> Mapping[str, float]:
@@ -57,11 +57,11 @@ class DesignSource(WholeNumbers, Protocol):
         """The forecast of a design in all conditions."""
 
     def cost_missed(self, point: Floats) -> float:
-        """Amount by which a design misses limits on cost. Raises Refused where there is none."""
+        """Excess of a design's costs over their limits. Raises Refused if there is none."""
 
 
 class StudiedSource(DesignSource, Protocol):
-    """Designs around one, of which tolerances and sensitivities are asked."""
+    """Designs around a design, for tolerances and sensitivities."""
 
     @property
     def start(self) -> Floats:
@@ -92,13 +92,13 @@ class StudiedSource(DesignSource, Protocol):
 
     @property
     def ledger(self) -> Ledger:
-        """Keeps what was computed."""
+        """Ledger of computed results."""
 
     def values(self, point: Floats) -> Mapping[str, float]:
         """Values of the variables at a point, SI."""
 
     def value(self, point: Floats, name: str) -> float:
-        """A variable as the design at a point has it, SI."""
+        """Value of a variable in the design at a point, SI."""
 
     def shown(self, point: Floats | None = None) -> Mapping[str, str]:
         """Values and units as texts, by names; None: those of the design as it is."""
@@ -112,14 +112,14 @@ class StudiedSource(DesignSource, Protocol):
     def foresee_any(
         self, points: Sequence[Floats], weighted: bool = False, progress: Advance | None = None
     ) -> list[Foresight]:
-        """Forecasts of designs, whatever they cost.
+        """Forecasts of designs, without limits of cost.
 
         weighted  only in conditions that have a weight
         progress  called with the number of designs that were just forecast, or are known
         """
 
     def evaluate(self, point: Floats, known: Foresight) -> Evaluation:
-        """Evaluate a design by trials, beside its known forecast."""
+        """Evaluate a design by trials, with its known forecast."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +144,7 @@ class TrackerSource:
 
     @property
     def seed(self) -> int:
-        """That of the runner, where there is one."""
+        """Seed of the runner, if the source has a runner."""
         return self.runner.seed if self.runner else self.own_seed
 
     @property
@@ -174,17 +174,17 @@ class TrackerSource:
 
     @property
     def span(self) -> Floats:
-        """The setting of the campaign; of what has a law, all of its range."""
+        """The setting of the campaign; the whole range for a variable that has a law."""
         known = {prior.variable.name for prior in self.priors}
         return np.array([1.0 if name in known else self.campaign.span for name in self.names])
 
     @property
     def laws(self) -> Mapping[str, str]:
-        """Those of the priors."""
+        """The laws of the priors, by name of the variable."""
         return {prior.variable.name: str(prior.unknown) for prior in self.priors}
 
     def log_prior(self, points: Floats) -> Floats:
-        """That of the laws; all other variables are uniform on their scale."""
+        """Logarithm of the density of the laws; all other variables are uniform on their scale."""
         density = np.zeros(len(points))
         for prior in self.priors:
             name = prior.variable.name
@@ -201,7 +201,7 @@ class TrackerSource:
 
     @property
     def ledger(self) -> Ledger:
-        """That of the runner, where there is one."""
+        """Ledger of the runner, if the source has a runner."""
         return self.runner.ledger if self.runner else Ledger()
 
     @cached_property
@@ -282,12 +282,12 @@ class TrackerSource:
         return evaluate(self.space, campaign, point, runner, campaign.sample_trials, known=known)
 
     def cost_missed(self, point: Floats) -> float:
-        """Amount by which mass, power and the other costs miss their limits."""
+        """Excess of mass, power and other costs over their limits."""
         return missed(cost_margins(self.campaign.requirements, self.space.design(point)))
 
 
 def costs_of(needs: Requirements, case: Case) -> dict[str, float]:
-    """What a star tracker costs, by names with their units."""
+    """Costs of a star tracker, by names with their units."""
     return {
         "mass_kg": needs.mass(case),
         "power_w": needs.power(case),
@@ -297,7 +297,7 @@ def costs_of(needs: Requirements, case: Case) -> dict[str, float]:
 
 
 def affordable(source: DesignSource, random: np.random.Generator) -> Iterator[Floats]:
-    """Points of a scrambled Sobol sequence, of which seven in eight cost no more than they may."""
+    """Points of a scrambled Sobol sequence; seven in eight meet the limits of cost."""
     size = len(source.names)
     sequence = scipy.stats.qmc.Sobol(size, rng=random)
     kept, tried = 0, 0

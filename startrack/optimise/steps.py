@@ -50,7 +50,7 @@ def explore(
 ) -> dict[str, Explorer]:
     """Forecast designs of each branch until no further gain is expected. No trial is run.
 
-    A branch ends as soon as none of its designs can be as good as the best of the other branches.
+    A branch ends when none of its designs can be as good as the best of the other branches.
 
     explorers, starts  of each branch, by its label; starts (d,) in the unit cube
     Returns   the branches whose best design may be the best one after trials
@@ -221,7 +221,7 @@ def refine(
     evaluations  largest number, `before` included
     most_trials  of each of the best designs at the end
     before   evaluations of this branch so far
-    shown    margins by fresh trials, of designs that missed a limit in these
+    shown    margins by fresh trials, of the designs that missed a limit in fresh trials
     Returns  the evaluations, those with most trials first and the best of these before the others;
              a sentence on why the search ended
     """
@@ -312,7 +312,7 @@ def evidence_of(
 
 
 def limits_of(case: Case, campaign: Campaign) -> dict[str, Limit]:
-    """What the fresh trials of a campaign can show of each margin that trials decide, by name."""
+    """Limits that fresh trials of a campaign can show, for each margin that trials decide."""
     limits = dict[str, Limit]()
     for condition in campaign.judged(case):
         tail, _ = _tail_probabilities(condition)

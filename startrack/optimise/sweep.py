@@ -41,7 +41,7 @@ class SweptKey(NamedTuple):
     """A key of a design file and its values.
 
     name     such as "instrument.optics.f_number"
-    texts    its values, as a design file has them
+    texts    its values in the form of a design file
     unit     of all of them; "" for numbers without one and for words
     numbers  the values in this unit, of dates hours after the first; None for words
     """
@@ -53,7 +53,7 @@ class SweptKey(NamedTuple):
 
     @property
     def label(self) -> str:
-        """Its last part, and the unit, for tables and pictures."""
+        """Last part of the name, and the unit, for tables and pictures."""
         short = self.name.rpartition(".")[2]
         return f"{short} ({self.unit})" if self.unit else short
 
@@ -66,7 +66,7 @@ class SweptKey(NamedTuple):
         points  values of a range, its ends included
         log     whether they are in equal ratios
         design  that has the key; where its value is a whole number, a range has such alone
-        Raises  Refused where the text is neither.
+        Raises  Refused if the text is neither.
         """
         name, equals, values = (part.strip() for part in text.partition("="))
         if not (name and equals and values):
@@ -129,7 +129,7 @@ def _hours(dates: Sequence[str]) -> list[float]:
 
 
 def is_whole(design: Design, name: str) -> bool:
-    """Whether the value of a key is a whole number; of a key that is none, it is not."""
+    """Whether the value of a key is a whole number; false for an invalid key."""
     try:
         return type(found_at(design.case, name)) is int
     except Refused:
@@ -137,7 +137,8 @@ def is_whole(design: Design, name: str) -> bool:
 
 
 def _range(name: str, ends: Sequence[str]) -> tuple[float, float, str]:
-    """Low end, high end and unit of a range; a low end without a unit has that of the other."""
+    """Low end, high end and unit of a range; a low end without a unit has the unit of the high
+    end."""
     first, last = (QUANTITY.fullmatch(ends[at].strip()) for at in (0, -1))
     if len(ends) != 2 or not (first and last):
         raise Refused(
@@ -164,7 +165,7 @@ def _written(number: float, unit: str) -> str:
 class SweptDesign(NamedTuple):
     """The design with one value of each key.
 
-    values   as a design file has them
+    values   values in the form of a design file
     figures  None where the design refuses a value
     refused  why, or empty
     """
@@ -202,7 +203,7 @@ class Sweep:
     keys      one or two; the last one changes fastest over the rows
     rows      one for each pair of values
     limits    on errors, in the design's own condition
-    how       what the errors are by, in words
+    how       source of the errors, in words
     asked     whether the design has requirements
     """
 
@@ -228,7 +229,8 @@ class Sweep:
 
     @property
     def answer(self) -> str:
-        """Where the error is least, which values meet all requirements, and what decides."""
+        """Value with the least error, values that meet all requirements, and the deciding
+        requirement."""
         tried = [row for row in self.rows if row.figures and not row.figures.note]
         if not tried:
             note = next(row.figures.note for row in self.rows if row.figures)
@@ -330,7 +332,7 @@ class Sweep:
 
 
 def csv_of(table: Table) -> tuple[list[str], list[list[Any]]]:
-    """Head and rows of CSV; an empty cell where there is no number."""
+    """Head and rows of CSV; a cell without a number is empty."""
     records = table.json()
     names = dict.fromkeys(name for record in records for name in record)
     head = [
@@ -408,7 +410,7 @@ def sweep(
     fidelity  of the trials; None: that of the campaign, window without one
     runner    whose workers compute designs and trials and whose ledger keeps them
     progress  called with the number of designs that were just done
-    Raises    Refused where a key is none, or the design refuses every value.
+    Raises    Refused for an invalid key, or if the design refuses every value.
     Accuracy  by formula: that of the budget. By trials: intervals of 95 %, each for itself.
     """
     if not 1 <= len(keys) <= MOST_KEYS:
@@ -455,7 +457,7 @@ def sweep(
 def swept_designs(keys: Sequence[str], points: int | None = None) -> int:
     """The number of designs of a sweep; where a key takes whole numbers, the largest possible one.
 
-    Raises  Refused where a key is none.
+    Raises  Refused for an invalid key.
     """
     count = points or POINTS.get(len(keys), 1)
     return math.prod(len(SweptKey.read(key, count).texts) for key in keys)
@@ -476,7 +478,7 @@ def _figures(
     fidelity: Fidelity,
     progress: Advance | None,
 ) -> Iterator[DesignFigures | Refused]:
-    """Of each design, in order."""
+    """Figures of each design, in order."""
     asked = [(d.case, d.campaign or Campaign()) for d in designs if isinstance(d, Design)]
     known = iter([] if trials else all_by_formula(asked, runner, progress))
     for design in designs:

@@ -160,7 +160,7 @@ def _requirement_rows(optimum: Optimum, campaign: Campaign) -> list[list[str]]:
 
 
 def _judgement(optimum: Optimum, campaign: Campaign) -> str:
-    """By how much the best is better, and the trials that say so."""
+    """Improvement of the best design, and its trials."""
     designs, trials = len(optimum.evaluations), sum(optimum.trials.values())
     evaluated = "design was evaluated" if designs == 1 else "designs were evaluated"
     compared = "" if optimum.candidate else _factor_sentences(optimum, campaign)
@@ -175,7 +175,7 @@ def _judgement(optimum: Optimum, campaign: Campaign) -> str:
 
 
 def _factor_sentences(optimum: Optimum, campaign: Campaign) -> str:
-    """The factor by which the best is better, and what its error was before fresh trials."""
+    """The factor of improvement, and the error of the best before fresh trials."""
     fresh, quantity = f"{optimum.fresh[0].trials} fresh frames, paired", f"{campaign.goal}"
     tuned, later = "error on the tuning trials was", "fresh frames show"
     if units := optimum.units:
@@ -195,7 +195,7 @@ def _factor_sentences(optimum: Optimum, campaign: Campaign) -> str:
 
 
 def _closing_sentences(optimum: Optimum) -> Iterator[str]:
-    """Margins, choices and bounds of the best, and what it does not meet."""
+    """Margins, choices and bounds of the best, and missed requirements."""
     by_trials = {
         name: margin
         for name, margin in optimum.margins.items()
@@ -223,7 +223,7 @@ def _closing_sentences(optimum: Optimum) -> Iterator[str]:
 
 
 def kept_start(optimum: Optimum, campaign: Campaign) -> str:
-    """That no design is better than the start, and what stands in the way."""
+    """Message that no design is better than the start, with the reason."""
     assert optimum.candidate is not None
     factor, lacks = optimum.candidate.factor, lacking(optimum.candidate.margins)
     short = ", ".join(f"{name} by {-margin:.3g}" for name, margin in lacks.items())

@@ -1,4 +1,4 @@
-"""Designs around one -> how far each variable may vary, by emcee on a quadratic surface."""
+"""Designs around a design -> tolerance of each variable, by emcee on a quadratic surface."""
 
 import math
 from collections.abc import Callable
@@ -35,7 +35,7 @@ def fit_surface(coordinates: Floats, result: Floats) -> ErrorSurface:
 
     coordinates  (n, d) in [-1, 1]
     result       (n, k)
-    Raises       ValueError where there are no more points than the quadratic has terms.
+    Raises       ValueError if there are no more points than the quadratic has terms.
     """
     terms = _terms(coordinates)
     if len(coordinates) <= terms.shape[1]:
@@ -83,7 +83,7 @@ class Tolerance:
     expected       1, mean probability by the surface that these designs keep the limit and the
                    requirements
     kept           1, fraction of them that do by the forecast
-    checks         how many of these designs there are
+    checks         number of these designs
     centre         the design by trials, which correct the forecasts
     designs        number of all that were forecast
     """
@@ -120,7 +120,7 @@ def sample(source: StudiedSource, watch: Advance | None = None) -> Tolerance:
     values of the design, and is uniform in all other variables.
 
     watch     called with the number of designs that were just forecast, or that were known
-    Raises    ValueError where there are no variables or the centre cannot be tried.
+    Raises    ValueError if there are no variables or the centre cannot be tried.
     Accuracy  model: a quadratic surface, whose error is measured in two ways and is part of the
               result; the error of a forecast that differs from that of the centre is not corrected.
     """

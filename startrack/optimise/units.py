@@ -385,7 +385,7 @@ def compare_levels(before: Levels, after: Levels, count: int, fraction: float) -
               0.92 to 1.
     """
     freedom = 2 * count * (1 - fraction)
-    ratio = freedom + 1 if freedom >= 2 - 1e-9 else 0.0  # what both have in common does not count
+    ratio = freedom + 1 if freedom >= 2 - 1e-9 else 0.0  # common errors do not count
     both = math.hypot(before.model, after.model)
     return ComparedLevels(
         interval_of_logs(before.logs, freedom, before.model),

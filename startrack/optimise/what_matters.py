@@ -1,4 +1,4 @@
-"""Designs around one -> what matters: effect, share of the variance and range of each variable."""
+"""Designs around a design -> effect, share of the variance and range of each variable."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SETTINGS = replace(DEFAULTS, polish_per_variable=0)
 
 @dataclass(frozen=True)
 class Influence:
-    """What one variable does to a design.
+    """Effect of one variable on a design.
 
     sensitivity  of the objective
     change       1, relative change of the objective if the variable is larger by one per cent, or
@@ -49,10 +49,10 @@ class Influence:
 @printed
 @dataclass(frozen=True)
 class WhatMatters:
-    """What the objective and the margins of a design depend on.
+    """Variables on which the objective and the margins of a design depend.
 
     here      the forecast of the design
-    tightest  name of the margin that leaves least of what its limit allows; empty without any
+    tightest  name of the tightest margin, relative to its limit; empty without any
     best      the best forecast that was found in the ranges
     met       whether it meets all limits, as expected
     left      largest possible fall of ln(objective) there, with 98 % confidence

@@ -70,7 +70,7 @@ class Photograph:
 
     @property
     def field(self) -> float:
-        """Radian that the columns of the file span by the lens that was found."""
+        """Field of view across the columns of the file, by the found lens, radian."""
         camera = self.matches.camera
         ends = [[-0.5, (camera.rows - 1) / 2], [camera.columns - 0.5, (camera.rows - 1) / 2]]
         left, right = camera.unproject(np.array(ends))
@@ -85,7 +85,7 @@ class Photograph:
 
     @property
     def note(self) -> str:
-        """Remark beside the numbers of the text: empty, or words after a semicolon."""
+        """Remark after the numbers of the text: empty, or words after a semicolon."""
         text = "; the field is not the given one" if self.as_hinted is False else ""
         if self.streak:
             text += f"; stars are streaks of {math.hypot(*self.streak):.1f} px"
@@ -116,8 +116,8 @@ def solve_photograph(
     settings  its `focal_tolerance` is that of the hint
     hint      radian, field of view across the columns; None: unknown
     aspect    width of a pixel over its height; None: 1, then those of common shapes
-    mirrored  whether the mirrored image is tried first, as of a file whose rows go upwards
-    Raises    ValueError where hint or aspect are out of range.
+    mirrored  whether the mirrored image is tried first, for example for a file with upward rows
+    Raises    ValueError if hint or aspect are out of range.
     Accuracy  model: as for `fit_lens`; the bound on false matches as for `identify`. None of 300
               images without a sky is solved with a bound of 1 %, a thousand times the default.
     """

@@ -22,13 +22,14 @@ LEAST_SIDE = 100  # pixel of a reduced image; a smaller one shows too few stars
 MOST_OF_A_SCALE = 400  # spots, brightest first
 PARTS = 4  # of an image, along each side
 LARGEST = 1500  # pixel of the longer side of an image in whose streaks a motion is looked for
-LEAST_STREAK = 4.0  # pixel of that image; shorter ones are stars that a lens draws out
-# Of a coarse spot's flux over that of the finer ones that it covers, from which on they have lost
-# light. Chosen by hand: below, a star of the width that the windows are made for would be replaced.
+LEAST_STREAK = 4.0  # pixel of that image; shorter ones are stars elongated by the lens
+# Ratio of a coarse spot's flux to the flux of the finer spots that it covers; above it, they have
+# lost light. Chosen by hand: below, a star of the width that the windows are made for would be
+# replaced.
 GROWTH, SURE = 1.4, 2.0  # 1, and sigma of the coarse flux
 COVERED = 2.5  # pixel of the reduced image: half the side of the window that measures a spot
 FLOOR = 0.05  # pixel of the reduced image, error of a centroid beyond its noise
-# Pixels of the highest value from which on it is that of saturation, and from what fraction of it.
+# Least number of pixels with the highest value for saturation, and the fraction of that value.
 FEW_CLIPPED, CLIPPED = 4, 0.98
 MOST_SHAPES, LEAST_SHAPES, THINNEST = 60, 4, 0.99  # stars whose shape is measured
 # What a refusal names, chosen by hand: area that is saturated, range of the background over its
@@ -126,7 +127,8 @@ def evenly_spread(spots: Spots, columns: int, rows: int) -> Spots:
 
 
 def _enlarged(spots: Spots, scale: int) -> Spots:
-    """Spots of a reduced frame in pixels of the frame, with what pixels leave of a centroid."""
+    """Spots of a reduced frame in pixels of the frame, with the error of centroids by its
+    pixels."""
     if scale == 1:
         return spots
     floor = (FLOOR * scale) ** 2 * np.eye(2)

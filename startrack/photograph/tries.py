@@ -17,8 +17,8 @@ from startrack.identification import cameras
 from startrack.photograph.spots import LEAST_SIDE, SCALES, THRESHOLDS
 from startrack.photograph.view import PhotographView
 
-# Sigma and scales of spots, and whether each part of the image gives as many: all scales, the same
-# without the parts that are full of what is no star, the file's own scale, and without the finest.
+# Sigma and scales of spots, and whether each part of the image gives the same number: all scales,
+# all scales without parts full of false spots, the file's own scale, and all without the finest.
 Look = tuple[float, tuple[int, ...], bool]
 FIRST: Look = THRESHOLDS[0], SCALES, False
 COARSER: Look = THRESHOLDS[0], SCALES[1:], False

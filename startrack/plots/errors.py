@@ -1,4 +1,5 @@
-"""Pictures of errors: of many trials, of one sequence in time, and predicted beside seen."""
+"""Pictures of errors: of many trials, of one sequence in time, and predicted and measured
+values."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -395,7 +395,7 @@ class Stretch(NamedTuple):
 
     @property
     def norm(self) -> FuncNorm:
-        """The same for a map of colours."""
+        """The stretch for a colour map."""
         return FuncNorm((self.level, self.number), vmin=self.black, vmax=self.white)
 
     @property

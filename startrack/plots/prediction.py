@@ -18,7 +18,7 @@ def draw_prediction(path: Path | None, prediction: Prediction, title: str) -> Fi
     """Intervals of 68 and 95 % of each figure, and fractions of the width of the accuracy.
 
     path    file to write; None: none is written
-    Raises  OSError where the file cannot be written.
+    Raises  OSError if the file cannot be written.
     """
     count = len(prediction.unknowns)
     figure = style.picture(

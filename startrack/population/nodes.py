@@ -176,7 +176,7 @@ def unit_plans(case: Case, age: float = 0.0) -> UnitPlans:
     """Measure stars of a design at the nodes of all numbers that vary; cached for the last 2.
 
     age     second, of the detector if it has an ageing law
-    Raises  ValueError where fidelity covariance cannot compute the design, or a number.
+    Raises  ValueError if fidelity covariance cannot compute the design, or a number.
     """
     return _unit_plans(case, age if case.instrument.detector.age else 0.0)
 

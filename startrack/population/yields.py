@@ -223,7 +223,7 @@ def explain(case: Case, seed: int, units: Units, unit: int) -> list[tuple[str, f
     the tracker still weights its stars as if the field were present.
 
     Returns  name and scope of each number, and the relative change, largest reduction first
-    Raises   ValueError where fidelity covariance cannot compute the design.
+    Raises   ValueError if fidelity covariance cannot compute the design.
     """
     # Variations that follow from the structure are declared, so that each can be left out alone.
     alone = replace(case.instrument, structure=None)

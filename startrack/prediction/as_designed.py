@@ -35,7 +35,7 @@ class DesignedDraws:
     """Draws of the unknown values of a design.
 
     unknowns  number of unknown values
-    middle    the draw with all of them at their middle values
+    middle    the draw with all unknown values at their middle
     draws     draws with other values, of equal weight
     """
 

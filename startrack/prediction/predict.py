@@ -115,7 +115,7 @@ def predict(
     `[[told]]` figures, the unknowns are first estimated with them (`learn`).
 
     path      of the design file
-    changes   values over those of the file, as for `load_design`
+    changes   values that replace those of the file, as for `load_design`
     age       second; None: the end of life
     executor  whose workers compute the draws; None: this process
     progress  called with 1 after each draw

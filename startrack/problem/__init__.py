@@ -1,8 +1,8 @@
-"""What can be searched, sampled and tested: parameters, costs, a forecast, trials, a judgement.
+"""Problems for search, sampling and test: parameters, costs, forecast, trials, judgement.
 
-values   Margin, Expectation, Judgement, Words, Bounds: what a problem gives.
-problem  Problem: what the engines ask of it; a star tracker, an Earth camera, or a user's own.
-compare  Rows of the same trials of two problems -> by how much their values differ.
+values   Margin, Expectation, Judgement, Words, Bounds: results of a problem.
+problem  Problem: the interface for the engines; a star tracker, an Earth camera, or a user's own.
+compare  Rows of the same trials of two problems -> differences of their values.
 run      Trials of a problem by their numbers, the same for any number of workers.
 """
 

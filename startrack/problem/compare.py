@@ -1,4 +1,4 @@
-"""Rows of the same trials of two problems -> by how much their values differ."""
+"""Rows of the same trials of two problems -> differences of their values."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def compare_problems(
 
     rows    (n,) of each, trials of the same numbers in the same order
     seed    of the resamples
-    Raises  Refused where the problems have other objectives, or other numbers of trials.
+    Raises  Refused if the problems have other objectives, or other numbers of trials.
     Accuracy  statistical: of 50 trials and more; a quantile that the few largest rows decide needs
               some ten of them beyond it.
     """

@@ -20,7 +20,7 @@ class SearchSettings(Protocol):
 
     @property
     def precision(self) -> float:
-        """Fraction of the objective that is worth no further evaluation."""
+        """Relative change of the objective below which no further evaluation is made."""
 
     @property
     def analytic_evaluations(self) -> int:
@@ -96,7 +96,7 @@ class Settings(Parameters):
 
 
 class Problem(Protocol):
-    """A design with a question: the less its objective, the better, and limits must hold.
+    """A design with an objective to be minimised and limits to be met.
 
     It must be possible to pickle it, so that workers can run its trials.
     """
@@ -114,13 +114,13 @@ class Problem(Protocol):
         """Settings of the search."""
 
     def replaced(self, values: Mapping[str, float]) -> Problem:
-        """The problem with other values (SI); Refused where one does not fit."""
+        """The problem with other values (SI); Refused if one does not fit."""
 
     def costs(self) -> Mapping[str, Margin]:
         """Margins that need neither forecast nor trial."""
 
     def expect(self) -> Expectation:
-        """Expectation by formula. Raises Refused where there is no answer."""
+        """Expectation by formula. Raises Refused if there is no answer."""
 
     def trials(self, seed: int, numbers: range) -> Rows:
         """A row for each number, the same for any worker and any order."""
@@ -129,7 +129,7 @@ class Problem(Protocol):
         """Judgement of the rows of trials, with intervals of a confidence."""
 
     def described(self) -> str:
-        """All that results depend on."""
+        """Text of all settings on which results depend."""
 
     def text(self) -> Words:
         """Names and units."""

@@ -22,7 +22,7 @@ def run_problem(
     numbers   of the trials, without gaps
     executor  whose workers run blocks of them; None: this process
     progress  called with the number of trials that were just done
-    Raises    what a trial raises.
+    Raises    the exceptions of a trial.
     """
     blocks = [
         range(first, min(first + BLOCK, numbers.stop))

@@ -1,4 +1,4 @@
-"""Margin, Expectation, Judgement, Words, Bounds: what a problem gives to the engines."""
+"""Margin, Expectation, Judgement, Words, Bounds: results of a problem for the engines."""
 
 import math
 from collections.abc import Mapping
@@ -10,7 +10,7 @@ from startrack.metrics import Interval
 
 @printed
 class Margin(NamedTuple):
-    """A value beside its limit.
+    """A value and its limit.
 
     value, limit  in one unit, SI
     most          whether the limit is from above
@@ -39,10 +39,10 @@ class Margin(NamedTuple):
 class Expectation(NamedTuple):
     """Values that are expected by formula.
 
-    value     the objective, in the unit of `Words`, above 0; not finite where there is none
+    value     the objective, in the unit of `Words`, above 0; not finite without a value
     margins   those that trials decide, by the names of limits
     parts     what the value is made of, by names
-    left_out  what the formulas do not know, in words
+    left_out  effects that the formulas leave out, in words
     """
 
     value: float
@@ -58,7 +58,7 @@ class Judgement(NamedTuple):
     value    the objective, with its interval
     margins  by the names of limits: of the value, of the end of its interval that is nearer to the
              limit, and of the other end
-    parts    what the value is made of, with intervals
+    parts    parts of the value, with intervals
     """
 
     value: Interval
@@ -68,7 +68,7 @@ class Judgement(NamedTuple):
 
 @printed
 class Words(NamedTuple):
-    """Names and units of an objective, and of what it is made of.
+    """Names and units of an objective and of its parts.
 
     value  name of the objective
     unit   of it, as a text
@@ -88,7 +88,7 @@ class Bounds(NamedTuple):
     low, high  SI
     start      its value in the problem as it is, SI
     log        whether the range is searched by its logarithm
-    unit       in which it is written, as a text
+    unit       unit for output, as a text
     size       of this unit, SI
     whole      whether the value is rounded to a whole number
     """
@@ -123,7 +123,7 @@ class Bounds(NamedTuple):
         return min(max(part, 0.0), 1.0)
 
     def check(self) -> None:
-        """Refuse a range that cannot be searched, or does not hold the start."""
+        """Refuse a range that cannot be searched or does not contain the start."""
         if not (math.isfinite(self.low) and math.isfinite(self.high) and self.low < self.high):
             raise Refused(f"{self.name} must have low < high, got {self.low:g} and {self.high:g}")
         if self.log and self.low <= 0:

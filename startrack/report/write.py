@@ -55,7 +55,7 @@ def write_report(
     title     plain text
     author    name, for the head of the page
     progress  called with the number of newly repeated trials
-    Raises    ValueError where the store has no trial, or is of another version of startrack whose
+    Raises    ValueError if the store has no trial, or is of another version of startrack whose
               trials cannot be repeated.
     """
     if store.startrack != (version := origin()["startrack"]):

@@ -1,6 +1,6 @@
-"""How one star is measured: its errors, and its chance of being detected.
+"""Measurement of one star: its errors, and its chance of being detected.
 
-star_inputs    Case -> the case with fixed values of all that does not change the image of a star.
+star_inputs    Case -> the case with fixed values where they do not change the image of a star.
 star_response  Case -> response of the tracker's centroid to single stars of any flux.
 star_errors    Case -> errors of single stars over their magnitude, cause by cause.
 zones          Case with a lens table -> measurement of single stars, by place in the frame and by
@@ -8,7 +8,7 @@ zones          Case with a lens table -> measurement of single stars, by place i
 neighbours     Case and catalogue -> shift of each star by the light of its neighbours.
 calibration_residual  Design -> errors that remain after the calibration of a unit's camera:
                displacements of stars, and turns.
-knowledge      Case -> what its tracker knows of its errors.
+knowledge      Case -> its tracker's knowledge of its errors.
 dark_pattern   Dark signal of pixels: its law, its pattern in a case, and the effect of hot pixels.
 spot_response  Case -> detection and centroid of a star, over its flux and position in the pixel.
 """

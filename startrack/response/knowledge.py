@@ -175,7 +175,7 @@ class TrackerKnowledge:
 
     @property
     def _of_single_stars(self) -> Floats:
-        """`systematic` (n,) of the design, without what the calibration of a unit leaves."""
+        """`systematic` (n,) of the design, without residuals of a unit's calibration."""
         design, catalog = self.design, self.design.believed_catalog
         variance = self.of_pixels.copy()
         name = separated(catalog, index_resolution(design.instrument.camera)).name
@@ -197,6 +197,6 @@ def knowledge_of(case: Case) -> TrackerKnowledge:
 
 @lru_cache(maxsize=8)
 def _knowledge(design: Case, of_unit: bool, age: float | None) -> TrackerKnowledge:
-    # What is known of single stars is the same for all devices.
+    # Knowledge of single stars is the same for all devices.
     alike: Case = unchecked(design, {"instrument.detector.device_seed": 0})
     return TrackerKnowledge(alike, of_unit, age)

@@ -84,7 +84,7 @@ class NoisyStars(NamedTuple):
     shot: Floats
 
     def at(self, positions: slice) -> NoisyStars:
-        """Those at some of the positions."""
+        """The stars at some of the positions."""
         plain = Chart(self.plain.magnitude, *(values[:, positions] for values in self.plain[1:]))
         return NoisyStars(plain, *(values[:, positions] for values in self[1:]))
 

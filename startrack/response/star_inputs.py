@@ -1,4 +1,4 @@
-"""Case -> the case with fixed values of all that does not change the image of a star."""
+"""Case -> the case with fixed values where they do not change the image of a star."""
 
 from functools import lru_cache
 from typing import Any

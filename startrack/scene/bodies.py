@@ -135,7 +135,7 @@ class Earth:
 
     @property
     def stray_source(self) -> StrayLightSource:
-        """Its light, as sources at many points of its disc."""
+        """Light of the body, as sources at many points of its disc."""
         point, solid_angle = _disc_quadrature(self.disc.direction, self.disc.radius)
         fraction = self.shine(point) * solid_angle
         lit = fraction > 0
@@ -181,7 +181,7 @@ def disc_points(disc: Disc, spacing: float) -> tuple[Floats, Floats]:
     Returns  (n, 3) unit vectors and (n,) fractions of the light, of sum one; no points for a
              crescent thinner than about 1/128 of the radius, such as the Moon's within 7 degrees
              of new moon
-    Raises   ValueError where the radius has more than 1000 points, whose spectra fill the memory.
+    Raises   ValueError if the radius has more than 1000 points, whose spectra fill the memory.
     """
     count = max(math.ceil(disc.radius / spacing), 2)
     if count > MOST_POINTS:

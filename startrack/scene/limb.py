@@ -56,7 +56,7 @@ class Limb:
         sun         (n,) radian; zero radiance beyond the table
         azimuth     (n,) radian
         Returns     (n, k) 1 / sr, over the Sun's irradiance
-        Raises      ValueError where a tangent height lies under the table or is not a number.
+        Raises      ValueError if a tangent height lies under the table or is not a number.
         Accuracy    model: that of the table's air, straight rays; no twilight with the Sun below
                     the horizon. numerical: 3 % between the nodes, linear in the logarithm.
         """
@@ -81,7 +81,7 @@ class Limb:
 def load_limb(path: Path) -> Limb:
     """Read a table of the limb.
 
-    Raises  FileNotFoundError; ValueError where the file is no table of the limb or damaged.
+    Raises  FileNotFoundError; ValueError if the file is no table of the limb or damaged.
     """
     with open_checked(path, "LIMB", FORMAT, "a table of the limb") as parts:
         arrays = (parts[name].data.astype(np.float64) for name in (*AXES, 0))

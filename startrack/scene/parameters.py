@@ -200,7 +200,7 @@ class Scene(Parameters):
     def start(self) -> datetime:
         """The date, UTC.
 
-        Raises  ValueError where it is not one.
+        Raises  ValueError if it is not one.
         """
         try:
             date = datetime.fromisoformat(self.date or "")

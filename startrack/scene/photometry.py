@@ -73,7 +73,7 @@ def colour_temperature(colour: Floats) -> Floats:
 
 @lru_cache(maxsize=1)
 def _colour_table() -> tuple[Floats, Floats]:
-    """Colours BP - RP, rising, and the temperatures that have them."""
+    """Colours BP - RP, rising, and their temperatures."""
     temperature = np.geomspace(HOTTEST, COOLEST, 400)
     shape = blackbody_photons(WAVELENGTH, temperature)
     blue, red = shape @ passband("BP"), shape @ passband("RP")

@@ -66,15 +66,15 @@ def run(
 ) -> Rows:
     """One sequence from a random attitude; the tracker has no attitude at the start.
 
-    recording  what is kept of the frames, and where; None: nothing
+    recording  kept parts of the frames, and their folder; None: nothing
     fidelity   of the frames: whole, or windows of them; whole where pixels flicker
     Returns  (frames x heads,) structured array, the heads of one time in a row: number of the
              sequence and of the head, time (second), true rate (radian / second), Mode, the
              fields of Outcome for the frame alone, error and stated sigma (radian, axes of the
              camera of the design) of the filter after the frames of all heads, and of the
              alignment of a further head about its axes; NaN where there is none
-    Raises    those of `flight` and of the chain's rooms; Refused that names what windows cannot
-              do, or heads of a unit.
+    Raises    those of `flight` and of the chain's rooms; Refused with the effects that windows
+              cannot render, or heads of a unit.
     Accuracy  model: the tracker gets each frame at the end of its exposure. A swing of the mounting
               has one random phase for the whole sequence. The mounting is that of the bench under
               all heads, and moves them together. Windows have the accuracy of `spots_in_windows`;

@@ -1,4 +1,4 @@
-"""Where things are around the Earth, and how warm: orbits, Sun, Moon, planets, the Earth's limb.
+"""Positions and temperatures around the Earth: orbits, Sun, Moon, planets, the Earth's limb.
 
 earth    Size, gravity and spin of the Earth; place and line of sight -> angle to its limb; products
          of many vectors that lie component by component.
@@ -7,7 +7,7 @@ horizon  Place on the Earth -> the axes of its horizon; refraction of the air ab
 orbit    Elements, two lines or a table of states -> position and velocity over time.
 heat     Orbit, Sun and surfaces -> temperatures of a platform and of heads on it.
 radiation  Orbit and shielding -> particles of the belts and of the Sun behind it, their dose.
-electrons  Electrons around a sphere of aluminium -> what is left of them at its centre.
+electrons  Electrons around a sphere of aluminium -> electrons and photons at its centre.
 """
 
 from startrack.space.bodies import (

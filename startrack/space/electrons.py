@@ -1,4 +1,4 @@
-"""Electrons around a sphere of aluminium -> what is left of them, and photons, at its centre."""
+"""Electrons around a sphere of aluminium -> electrons and photons at its centre."""
 
 from dataclasses import dataclass, fields
 from functools import lru_cache
@@ -57,7 +57,7 @@ def electron_table() -> ElectronTable:
 def _answers(shielding: float) -> tuple[Floats, Floats]:
     """Energies (n,) MeV and (4, n): `ElectronTable.left` at a depth (g / cm2), MeV / g of photons.
 
-    Photons are attenuated by what is absorbed of their energy.
+    Photons are attenuated by the absorption of their energy.
     """
     table = electron_table()
     energy, start, bins = table.energy, table.start, table.left.shape[2]
@@ -95,7 +95,7 @@ class Electrons(NamedTuple):
     """Electrons from all sides, in the mean over an orbit or at one place.
 
     energy  (n,) MeV, rising
-    above   (n,) 1 / (cm2 s): those of more energy
+    above   (n,) 1 / (cm2 s), flux of electrons above each energy
     """
 
     energy: Floats

@@ -198,7 +198,7 @@ def taken_by_head(
 def warmth(heat: Heat) -> Warmth:
     """The periodic temperatures of a platform and its head.
 
-    Raises  ValueError where no orbit of this altitude is Sun-synchronous.
+    Raises  ValueError if no orbit of this altitude is Sun-synchronous.
     """
     sunlight, earth, period = _incident(heat)
     taken, dark = taken_by_platform(heat, sunlight, earth)

@@ -1,4 +1,4 @@
-"""A place on the Earth -> its horizon, and by how much the air above it lifts a star."""
+"""A place on the Earth -> its horizon, and refraction of stars by the air above it."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def horizon_axes(latitude: float, longitude: float) -> Floats:
 
 
 def refraction(elevation: Floats, height: float, *, seen: bool = False) -> Floats:
-    """Radian by which the air above a height lifts stars.
+    """Refraction of stars by the air above a height, radian.
 
     Snell's law through spherical shells of the U.S. Standard Atmosphere 1976.
 
@@ -57,7 +57,7 @@ def _lift(height: float) -> Floats:
 
 
 def _density(height: Floats) -> Floats:
-    """Of the standard atmosphere over that at the sea; heights are taken as geopotential."""
+    """Density of the standard atmosphere over that at sea level; heights are geopotential."""
     temperature, pressure = GROUND, 1.0
     density = np.empty_like(height)
     ends = [*(start for start, _ in LAYERS[1:]), math.inf]

@@ -191,7 +191,7 @@ def propagate(record: Any, jd: tuple[Floats, Floats], name: str) -> tuple[Floats
     name    of the orbit, for the message
     Source: the package sgp4 (Vallado et al. 2006, AIAA 2006-6753).
 
-    Raises  ValueError where SGP4 fails, with its reason
+    Raises  ValueError if SGP4 fails, with its reason
     """
     code, place, speed = record.sgp4_array(*jd)
     if code.any():
@@ -230,7 +230,7 @@ def sun_synchronous(axis: float, eccentricity: float = 0.0) -> float:
     """Inclination (radian) at which J2 turns the node by 360 degrees in a tropical year.
 
     axis    metre
-    Raises  ValueError where no inclination does.
+    Raises  ValueError if no inclination does.
     """
     rate = Kepler(axis, eccentricity, 0.0, 0.0, 0.0, 0.0).rates[0]
     cosine = 2 * math.pi / TROPICAL_YEAR / rate
@@ -254,12 +254,12 @@ def node_at(epoch: str, local_time: float) -> float:
 def segment_of(
     spans: Floats, second: Floats, beyond: float, what: str, date: str
 ) -> NDArray[np.intp]:
-    """(m,) number of the segment of a file that holds at (m,) seconds; the later where two meet.
+    """Index (m,) of the segment of a file that covers (m,) seconds; the later where two meet.
 
     spans   (n, 2) second, first and last of each, in their order
     beyond  second, by which an instant may be outside its segment
-    what    has segments, for the message;  date  from which seconds count
-    Raises  Refused where there is none, with the times between which there is none.
+    what    kind of file, for the message;  date  from which seconds count
+    Raises  Refused for seconds without a segment, with the limits of the gap.
     """
     after = np.searchsorted(spans[:, 0] - ROUNDING, second, side="right") - 1
     number = np.clip(after, 0, len(spans) - 1)

@@ -73,7 +73,7 @@ class Protons(NamedTuple):
     """Protons from all sides, in the mean over an orbit or at one place.
 
     energy  (n,) MeV, rising
-    above   (n,) 1 / (cm2 s), or 1 / cm2: those of more energy
+    above   (n,) 1 / (cm2 s), or 1 / cm2, protons above each energy
     """
 
     energy: Floats
@@ -86,7 +86,7 @@ class Protons(NamedTuple):
         lines, without nuclear reactions.
 
         shielding  metre
-        Returns    also 1 / cm2 and rad, of a fluence
+        Returns    1 / (cm2 s) and rad / s; 1 / cm2 and rad if the spectrum is a fluence
         """
         fine = np.geomspace(self.energy[0], self.energy[-1], 600)
         count = np.maximum(self.above, 1e-30)

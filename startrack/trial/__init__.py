@@ -1,8 +1,7 @@
 """One trial in any fidelity: frame, window, spots, covariance.
 
 window      Case and attitude -> the spots of a frame of which only windows are rendered.
-spot_plan   Case -> plan of its statistical trials: detectable stars, their response, what is
-            refused.
+spot_plan   Case -> plan of its statistical trials: detectable stars, their response, refusals.
 spots       Case and attitude -> the spots of one trial, drawn without an image.
 covariance  Case -> outcomes of trials from drawn spots, with identification assumed to be perfect.
 effects     The effects of designs, one row each: which parts of startrack count, refuse or omit it.

@@ -162,7 +162,7 @@ def boxed_stars(case: Case, seed: int = 0) -> SingleStars:
 
     The usual error is the median absolute error over the one of a unit normal error.
 
-    Magnitudes are those of the tracker's catalogue at which a star does not saturate.
+    The magnitudes, of the tracker's catalogue, are such that no star saturates.
 
     Accuracy  model: a star moves neither within an exposure nor between the exposures that give the
               temporal error; pixels flicker between these two exposures. numerical: 3 % (1 sigma)

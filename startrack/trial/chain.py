@@ -143,7 +143,7 @@ def observe(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Record:
     """A trial of fidelity `frame` at a given attitude, with all its results.
 
     icrs_to_camera  true attitude at the middle of the exposure
-    Raises          ValueError where the case contradicts itself.
+    Raises          ValueError if the case contradicts itself.
     """
     frame, stars, path = frame_at(case, icrs_to_camera, streams)
     if boxed(case):

@@ -54,7 +54,7 @@ def fitted(
     matrix     (m, 3, 3) true icrs_to_camera, at which the identification predicts its stars
     seen       (m, n, 2) pixel;  reference  (m, n, 3) directions, in front of the camera
     noise      (m, n, 2, 2) pixel^2;  hot  (m, n) pixel^2, as `TrackerKnowledge.hot`
-    there      (m, n) which of the n exist
+    there      (m, n) whether each of the n exists
     """
     camera, tolerance = case.believed_camera, case.tracker.identification.focal_tolerance
     if tolerance:
@@ -156,7 +156,7 @@ def outcomes(
     icrs_to_camera  a true attitude for each; None: those of the same trials of other fidelities
     plan            of the case; None: `plan_spots`
     Returns  (n,) structured array, as `judge_all` gives it, in the order of `numbers`
-    Raises    ValueError that names what in the case needs an image.
+    Raises    ValueError with the effect that needs an image.
     Accuracy  model: normal errors, to first order in the noise; single stars with the smear of the
               field's centre and shifts by companions; false spots are counted and never matched.
               On the example the rms attitude error agrees with frames within 5 %; in crowded fields

@@ -1,7 +1,8 @@
 """The effects of designs, one row each: which parts of startrack count, refuse or omit an effect.
 
 By this table `require_fidelity` refuses cases, and `startrack.budget` counts causes and lists the
-effects that it leaves out. What makes pixels depend on each other is a row of `PIXEL_EFFECTS`.
+effects that it leaves out. Effects that make pixels depend on each other are rows of
+`PIXEL_EFFECTS`.
 """
 
 import math
@@ -489,7 +490,7 @@ def require_window(case: Case, *keys: str) -> None:
     """Refuse effects that need the whole frame, except pixels that depend on each other.
 
     keys    the effects that are refused; none: all
-    Raises  Refused, with what the design must have instead.
+    Raises  Refused, with the necessary change of the design.
     """
     for effect in present("window", case):
         if not keys or effect.key in keys:
@@ -513,7 +514,7 @@ def require_no_image(case: Case) -> None:
 def require_least_squares(case: Case) -> None:
     """Refuse effects that the covariance of drawn spots cannot have.
 
-    Raises  Refused, with what the design must have instead.
+    Raises  Refused, with the necessary change of the design.
     """
     for phrase in said("covariance", case):
         raise Refused(f"covariance needs {phrase}; choose the fidelity spots, window or frame")

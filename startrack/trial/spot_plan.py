@@ -150,8 +150,8 @@ class SpotPlan(NamedTuple):
     through     effect of a lens table
     hot         effect of hot pixels on the centroids of stars
 
-    Accuracy  model: leaves out hot pixels near companions, and noise in which of two spots is
-    brighter.
+    Accuracy  model: leaves out hot pixels near companions, and noise that changes the order of
+    brightness of two spots.
     """
 
     response: SpotResponse
@@ -166,7 +166,7 @@ class SpotPlan(NamedTuple):
 
 
 def refuse(case: Case) -> None:
-    """Refuse what needs an image.
+    """Refuse effects that need an image.
 
     Raises  ValueError that names it.
     """
@@ -362,7 +362,7 @@ def _companions(case: Case, flux: Floats, detectable: Ints) -> Companions:
 def require_fidelity(case: Case, fidelity: Fidelity) -> None:
     """Refuse a fidelity that cannot run every trial of a case.
 
-    Raises  Refused, which names what the fidelity cannot compute.
+    Raises  Refused with the effect that the fidelity cannot compute.
     """
     if fidelity is Fidelity.WINDOW:
         require_independent_pixels(case.instrument.detector)

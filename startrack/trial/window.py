@@ -64,7 +64,7 @@ FAINTEST = 4.5  # sigma below the threshold, where a star passes 3 times in a mi
 DARKEST = 0.1  # sigma of the filtered frame; a star that adds less moves no false spot
 LEAST_HALF = 3  # pixel, least half side of a star's window; chosen by hand
 # Standard deviations of a pixel: outliers deviate by more in their expectation. Each outlier costs
-# a window. The pixels that are no outliers raise the number of crossings, and so of proposals.
+# a window. All other pixels raise the number of crossings, and so of proposals.
 OUTLIER_LIMITS = (4.0, 2.0, 1.2, 0.6)
 # Time over that of a pixel in a whole frame, measured on frames of 512 and 1024 pixels a side.
 WINDOW_PIXEL = 3.0  # a pixel that is rendered in a window
@@ -92,7 +92,7 @@ def spots_in_windows(
     smear           pixel, along x and y, as the tracker believes it; None: that of the design
     plan            of the case; None: `plan_windows`
     Returns         Spots, brightest first
-    Raises          ValueError that names what in the design needs the whole frame.
+    Raises          ValueError with the part of the design that needs the whole frame.
     Accuracy        statistical: all trials of all seeds take background and noise from the same 16
                     sample frames. More trials do not average out the difference of these frames
                     from the mean of all frames.
@@ -328,7 +328,7 @@ def noise_of(
 ) -> Noise | None:
     """Distributions for the number of outlier pixels with which windows take the least time.
 
-    plan     of the detection; a hot pixel of its dark map is no outlier
+    plan     of the detection; a hot pixel of its dark map is not an outlier
     Returns  None if whole frames take less time, or if the noise spans too many digital numbers for
              a table
     """

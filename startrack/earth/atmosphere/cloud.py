@@ -128,7 +128,7 @@ def layer_optics(albedo: float, asymmetry: float) -> LayerOptics:
 
     albedo     1, single-scattering albedo
     asymmetry  1
-    Raises     ValueError where albedo or asymmetry is out of range.
+    Raises     ValueError if albedo or asymmetry is out of range.
     Accuracy   model: scalar; Henyey and Greenstein's function has no rainbow, glory or halo.
                numerical: reflectance factor 0.4 % rms and 4.3 % at worst, fluxes 0.003 of the
                incident flux, against PythonicDISORT with 48 streams; optical depths from 0.03 to

@@ -208,7 +208,7 @@ def _scattered(
 def load_infrared(path: Path) -> InfraredTable:
     """Read a table.
 
-    Raises  FileNotFoundError; ValueError where the file is not an infrared table, or damaged.
+    Raises  FileNotFoundError; ValueError if the file is not an infrared table, or damaged.
     """
     with open_checked(path, "INFRARED", FORMAT, "an infrared table of the air") as parts:
         return InfraredTable(*(parts[name].data.astype(np.float64) for name in ARRAYS))

@@ -86,7 +86,7 @@ class FineTable:
 def refine(table: BandTable, ranges: Reach) -> FineTable:
     """The part of a table that a scene needs, on finer nodes, by cubic splines.
 
-    Raises    ValueError where the scene reaches beyond the table.
+    Raises    ValueError if the scene reaches beyond the table.
     Accuracy  numerical: linear interpolation over 1 degree errs by 1e-3 up to 70 degrees.
     """
     axes = table.height, table.sensor, table.sun, table.azimuth
@@ -141,7 +141,7 @@ def look_up(
     surroundings  (b,) 1, rho' = rho" for all pixels; or (2, n, b), rho' and rho" of each pixel
     direct        (n, b) 1, R, at least 0; None: `reflectance`
     Returns       three of (n, b) watt / m^2 / sr
-    Raises        ValueError where a pixel lies outside the table, is not a number, or has a
+    Raises        ValueError if a pixel lies outside the table, is not a number, or has a
                   reflectance outside [0, 1].
     Accuracy      model: surroundings are flat; slopes do not change the radiance of the air.
     """

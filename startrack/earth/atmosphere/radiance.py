@@ -38,7 +38,7 @@ class ThermalRadiance:
     def __call__(self, temperature: Floats) -> Floats:
         """Radiance (n, b) at (n,) kelvin.
 
-        Raises    ValueError where a temperature is not a number from 50 to 3000 K.
+        Raises    ValueError if a temperature is not a number from 50 to 3000 K.
         Accuracy  numerical: 1e-6.
         """
         temperature = np.asarray(temperature, np.float64)
@@ -116,7 +116,7 @@ def radiance(
     temperature      (n,) kelvin, of the ground; needed with `heat`
     air_temperature  kelvin, of isothermal air, where the table has no thermal radiance
     direct           (n, b) 1, reflectance factor for sunlight; None: `reflectance`
-    Raises           ValueError as `look_up` and `ThermalRadiance`; TypeError where `heat` is given
+    Raises           ValueError as `look_up` and `ThermalRadiance`; TypeError if `heat` is given
                      without `temperature`.
     Accuracy         model: isothermal air over black ground of the same temperature gives Planck's
                      law exactly. Isothermal air errs by some per cent of L_th in the windows and
@@ -189,7 +189,7 @@ def at_sensor(
     temperature  (n,) kelvin of the ground, likewise
     direct       (n, b) 1, reflectance factor for sunlight, likewise; None: `reflectance`
     Returns      Terms of (n, b); finite and never negative
-    Raises       as `radiance`; ValueError where ground lies outside the table's heights, or a ray
+    Raises       as `radiance`; ValueError if ground lies outside the table's heights, or a ray
                  meets it beyond the table's zenith angles.
     Accuracy     model: for a Sun below the table's range, the light of the lowest Sun is reduced in
                  proportion to the cosine; it is 0 below the horizon.

@@ -163,7 +163,7 @@ def radiance_bands(
     response  (b, f), as for `in_bands`, over table.spectrum
     altitude  metre, of the sensor above the ground
     distance  astronomical unit, of the Sun
-    Raises    ValueError where the altitude of the sensor is outside the table.
+    Raises    ValueError if the altitude of the sensor is outside the table.
     Accuracy  numerical: sums over the table's wavelengths, linear over the altitude.
     """
     positive(altitude=altitude, distance=distance)

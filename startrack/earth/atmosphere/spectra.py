@@ -22,7 +22,7 @@ def sun_spectrum(wavelength: Floats) -> Floats:
     wavelength  (f,) metre, rising, between 200 nm and 50 micrometre; a cell reaches half-way to its
                 neighbours
     Returns     (f,) watt / m^2 / m
-    Raises      ValueError where a wavelength lies outside.
+    Raises      ValueError if a wavelength lies outside.
     Accuracy    model: measurement uncertainty of some 3 %. TSIS-1 (Coddington et al. 2021) is 1.2,
                 2.7 and 1.4 % above in bands at 490, 560 and 665 nm, within 1 % from 700 to 870 nm,
                 and 3.6 and 4.8 % below at 1610 and 2200 nm; the step at 2400 nm is 4 %. Beyond 5

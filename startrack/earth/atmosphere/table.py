@@ -203,7 +203,7 @@ ARRAYS = tuple(field.name for field in fields(AirTable) if field.name != "air")
 def load_table(path: Path) -> AirTable:
     """Read a table.
 
-    Raises  FileNotFoundError; ValueError where the file is not a table of the air, has another
+    Raises  FileNotFoundError; ValueError if the file is not a table of the air, has another
             format, or is damaged (wrong checksums).
     """
     with open_checked(path, "TABLE", FORMAT, "a table of the air") as parts:
@@ -324,7 +324,7 @@ def in_bands(
     altitude  metre, of the sensor above the ground
     distance  astronomical unit, of the Sun
     Returns   BandTable; unit: watt / m^2 / sr times the unit of `response` times metre
-    Raises    ValueError where no response lies inside the table's spectrum, or the sensor on the
+    Raises    ValueError if no response lies inside the table's spectrum, or the sensor on the
               ground.
     Accuracy  model: below the table's lowest altitude the air below the sensor is reduced in
               proportion. At 500 m, with a lowest altitude of 2 km, its light is 10 to 20 % low,

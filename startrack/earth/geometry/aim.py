@@ -23,7 +23,7 @@ def axis_place(carrier: Carrier, pointing: Pointing, height: float = 0.0) -> tup
     """Longitude and latitude (radian) of the ground on the optical axis at the epoch.
 
     height  metre above the ellipsoid
-    Raises  Refused where the axis misses the Earth.
+    Raises  Refused if the axis misses the Earth.
     """
     hits, _ = ConstantHeight(height).meet(
         sight(AXIS, np.zeros((1, 2)), np.zeros(1), carrier, pointing)

@@ -186,7 +186,7 @@ Carrier = Orbit | TwoLines | Aircraft  # carriers of a camera
 def choose_carrier(orbit: Orbit | None, tle: tuple[str, ...], aircraft: Aircraft | None) -> Carrier:
     """The carrier of a scene: orbit, two-line elements or aircraft.
 
-    Raises  ValueError where the scene gives none or several."""
+    Raises  ValueError if the scene gives none or several."""
     if (orbit is not None) + bool(tle) + (aircraft is not None) != 1:
         raise ValueError("exactly one of orbit, tle and aircraft must be given")
     if orbit is not None:
@@ -203,7 +203,7 @@ def fly(orbit: Carrier, second: Floats) -> Flight:
 
     Source: SGP4 (Vallado et al. 2006) by the package sgp4; axes by astropy (ERFA).
 
-    Raises    ValueError where SGP4 fails, with its reason; ImportError without sgp4
+    Raises    ValueError if SGP4 fails, with its reason; ImportError without sgp4
     Accuracy  model: SGP4 errs by a kilometre near the epoch. Dates beyond the installed Earth
               orientation add less than 0.84 km on the ground (`startrack.dates`).
     """

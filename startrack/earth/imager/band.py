@@ -65,7 +65,7 @@ def band_of(
     air       None: a planet without air; beyond 3 micrometre always the table of mid-latitude
               summer
     altitude  metre above the ground
-    Raises    ValueError where no shipped table has this air or covers this band.
+    Raises    ValueError if no shipped table has this air or covers this band.
     Accuracy  numerical: the response's integrals are exact between the nodes of its curves; the
               light is the mean of each cell of the table, 1 to 20 nm wide.
     """
@@ -165,7 +165,7 @@ def table_in_bands(
 def air_table(air: atmosphere.Air | None, infrared: bool) -> TableOfAir:
     """The shipped table for a state of the air, or a user's table.
 
-    Raises  ValueError where no shipped table fits.
+    Raises  ValueError if no shipped table fits.
     """
     if air is None:
         return atmosphere.vacuum()

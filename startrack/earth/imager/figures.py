@@ -417,7 +417,7 @@ def first_parameters(goals: Goals) -> First:
 
     Source: Krutz et al. (2011), section 2.1, and eq. (4).
 
-    Raises    ValueError where no lens meets the MTF, or the SNR needs a lens faster than f/0.5.
+    Raises    ValueError if no lens meets the MTF, or the SNR needs a lens faster than f/0.5.
     Accuracy  model: one wavelength, a lens without aberrations, a fill factor of 1.
     """
     focal = goals.pixel_pitch * goals.height / goals.gsd

@@ -75,7 +75,7 @@ def require_room(path: Path, size: int) -> None:
 def write_geotiff(path: Path, picture: Picture) -> None:
     """Write numbers and terms as bands, with ground control points on a lattice.
 
-    Raises  ImportError without rasterio; ValueError where the image shows too little ground.
+    Raises  ImportError without rasterio; ValueError if the image shows too little ground.
     """
     rasterio = require_rasterio("to write GeoTIFF")
     lines, columns = picture.numbers.shape

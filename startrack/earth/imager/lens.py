@@ -300,7 +300,7 @@ def field_lens(
     wavelength, weight  (f,) metre; (f,) 1, detected photons
     keystone  metre along the columns, outward displacement of images at the end of the line
     half      metre, half the line of the full detector
-    Raises    ValueError where the lens table does not contain the field or the band, or images
+    Raises    ValueError if the lens table does not contain the field or the band, or images
               between the nodes err by more than 0.1 of the peak.
     Accuracy  model: `field_psf`, for a lens at 293.15 K; a pixel's illumination is taken at its
               centre. numerical: `images.error` is the error of images between the nodes.

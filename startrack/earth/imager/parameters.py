@@ -607,7 +607,7 @@ class SpectrumFile(Parameters):
     def read(self, folder: Path) -> dict[str, Any]:
         """The table of a Curve, with values clipped to [0, 1].
 
-        Raises  ValueError where the file has no curve, or fewer than two different wavelengths.
+        Raises  ValueError if the file has no curve, or fewer than two different wavelengths.
         """
         path = folder / self.file
         regular_file(path, "a table of a spectrum")

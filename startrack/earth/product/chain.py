@@ -112,7 +112,7 @@ def make_product(
 
     folder   folder of relative file names
     advance  called with fractions of the work
-    Raises   ValueError where frames do not fit, or no ground is seen; ImportError without rasterio.
+    Raises   ValueError if frames do not fit, or no ground is seen; ImportError without rasterio.
     Accuracy model: flight, pointing and terrain are known exactly; drift and jitter are unknown. A
              pixel's ground is the point on its central ray. Distortion and keystone are known. With
              smile, reflectance uses the band at the middle of the line.

@@ -49,7 +49,7 @@ def camera_id(channel: Channel) -> str:
 def read_raw(path: Path, channel: Channel) -> RawImage:
     """The raw image of a channel.
 
-    Raises  FileNotFoundError; ValueError where the file is not a raw image, is damaged, or has
+    Raises  FileNotFoundError; ValueError if the file is not a raw image, is damaged, or has
             another camera or size.
     """
     with _opened(path, "a raw image of startrack earth render") as parts:

@@ -134,7 +134,7 @@ def to_radiance(numbers: NDArray[np.integer], calibration: RadiometricCalibratio
 
     numbers  (lines, columns)
     Returns  (lines, columns); a saturated pixel has the radiance of its number
-    Raises   ValueError where the frames have another size, or a pixel does not respond to light.
+    Raises   ValueError if the frames have another size, or a pixel does not respond to light.
     """
     lines, columns = numbers.shape
     rows, wide = calibration.dark.shape
@@ -286,7 +286,7 @@ def _air(ground: Ground, setting: imager.Setting) -> tuple[Floats, Floats]:
 def brightness_temperature(radiance: Floats, band: imager.Band) -> Floats:
     """Temperature (n,), kelvin, of a blackbody with this radiance in the band.
 
-    Raises    ValueError where the band has no thermal radiance.
+    Raises    ValueError if the band has no thermal radiance.
     Accuracy  numerical: 1 mK. NaN below 50 K and above 3,000 K.
     """
     if band.heat is None:

@@ -65,7 +65,7 @@ class RetrievalStudy(Protocol):
 def study_of(design: EarthDesign) -> RetrievalStudy:
     """The study of the retrieval of a design.
 
-    Raises  ValueError where the retrieval cannot use the Sun at `retrieval.latitude`.
+    Raises  ValueError if the retrieval cannot use the Sun at `retrieval.latitude`.
     """
     assert design.retrieval
     own = design.retrieval.below(design.carrier)

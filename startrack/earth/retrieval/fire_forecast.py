@@ -190,7 +190,7 @@ def _lit(
 def side_of(survey: Survey, channel: Channel, spots: LevelGround) -> Side:
     """A channel over the ground of a retrieval.
 
-    Raises  ValueError where the lens has a table, or aberrations that its blur does not contain.
+    Raises  ValueError if the lens has a table, or aberrations that its blur does not contain.
     """
     optics = channel.optics
     if optics.tabulated or not optics.plain:

@@ -125,7 +125,7 @@ class Views(NamedTuple):
 def channels_of(survey: Survey, spots: HotSpots) -> tuple[Channel, Channel]:
     """The channels in the mid and in the thermal infrared.
 
-    Raises  ValueError where the camera has no channel of that name.
+    Raises  ValueError if the camera has no channel of that name.
     """
     names = {channel.name: channel for channel in survey.camera.channels}
     for key in ("mid", "thermal"):

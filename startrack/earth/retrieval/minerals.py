@@ -199,7 +199,7 @@ class MineralSpectrometer(NamedTuple):
 def spectrometer_of(survey: Survey, minerals: Minerals) -> MineralSpectrometer:
     """Constant inputs of the spectra of a design.
 
-    Raises  ValueError where the camera has no such channel, or the scene has air.
+    Raises  ValueError if the camera has no such channel, or the scene has air.
     """
     names = {channel.name: channel for channel in survey.camera.channels}
     if minerals.channel not in names:

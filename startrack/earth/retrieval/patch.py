@@ -144,7 +144,7 @@ def sunlit_channels(survey: Survey, names: Sequence[str], key: str) -> list[Chan
     """The channels with the given names.
 
     key     key of the scene with the names, for messages
-    Raises  Refused where the camera has no channel of a name, or a channel is infrared.
+    Raises  Refused if the camera has no channel of a name, or a channel is infrared.
     """
     known = {channel.name: channel for channel in survey.camera.channels}
     for name in names:

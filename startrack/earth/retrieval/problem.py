@@ -37,7 +37,7 @@ class EarthProblem:
     minerals, fields of known covers, known terrain, or known waves. Each fire, each spectrum, and
     each image of fields, terrain or waves is one trial.
 
-    Raises  ValueError where the design has no retrieval or no campaign, or a name is unknown.
+    Raises  ValueError if the design has no retrieval or no campaign, or a name is unknown.
     """
 
     design: EarthDesign

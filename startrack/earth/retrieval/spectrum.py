@@ -60,7 +60,7 @@ def ground_spectrum(
     low, high   metre, limits of wavelength
     height      metre above the sea
     sun_zenith  radian
-    Raises      ValueError where the scene has no air, its air has no table, or the table does not
+    Raises      ValueError if the scene has no air, its air has no table, or the table does not
                 cover the range.
     Accuracy    numerical: means over the cells of the air's table: 1 nm up to 1 um and 5 nm beyond;
                 a user's table has its own cells. model: thermal radiance is left out.

@@ -227,7 +227,7 @@ class EarthDesign(Survey):
     def conditions(self) -> dict[str, tuple[float, EarthDesign]]:
         """Weight and design of each condition, the file's own condition first.
 
-        Raises  ValueError where a changed value is not allowed.
+        Raises  ValueError if a changed value is not allowed.
         """
         made: dict[str, tuple[float, EarthDesign]] = {OWN: (1.0, self)}
         for condition in self.campaign.conditions if self.campaign else ():

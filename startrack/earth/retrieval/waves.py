@@ -155,7 +155,7 @@ def mirror_of(survey: Survey, own: Waves, side: Side) -> Mirror:
     Source: Cox and Munk (1954), J. Opt. Soc. Am. 44, 838; slopes of resolved and unresolved waves,
     Kudryavtsev et al. (2017), J. Geophys. Res. Oceans 122, 1369.
 
-    Raises  Refused where the resolved waves are steeper than all waves of the wind.
+    Raises  Refused if the resolved waves are steeper than all waves of the wind.
     """
     water, band = Water(wind=own.wind), side.band
     if survey.rays < LEAST_RAYS:
@@ -514,7 +514,7 @@ def _plan(survey: Survey, own: Waves) -> tuple[Mirror, Side, _Modes]:
 
 @printed
 class WaveForecast(NamedTuple):
-    """What the formulas expect.
+    """Errors by formula.
 
     height_error     metre, rms
     direction_error  radian, rms

@@ -74,7 +74,7 @@ class Pyramid:
     def meet(self, rays: Rays) -> tuple[RayHits, Levels]:
         """Points where rays meet the terrain, each ray on one level.
 
-        Raises    OSError where a tile cannot be read; Refused where a height lies beyond the
+        Raises    OSError if a tile cannot be read; Refused if a height lies beyond the
                   bounds, or a ray meets a hole without a given height.
         Accuracy  model: the resolution of a ray at the sea determines its level.
         """

@@ -113,7 +113,7 @@ class Raster:
     exact    whether values are classes, such as land cover, which have no mean
     heights  whether values are heights or undulations of a geoid
 
-    Raises  ImportError without rasterio; OSError where the file cannot be read; Refused where it
+    Raises  ImportError without rasterio; OSError if the file cannot be read; Refused if it
             has no georeference that PROJ knows, or heights have a unit other than length, have two
             units, or point down.
     """
@@ -313,7 +313,7 @@ def _height_unit(path: Path, band: str | None, system: Any) -> tuple[str, str]:
     """Unit of the heights of a file, "" for none; their vertical coordinate system, if the file
     names it.
 
-    Raises  Refused where the unit is not a length, band and coordinate system disagree, or the axis
+    Raises  Refused if the unit is not a length, band and coordinate system disagree, or the axis
             points down.
     """
     table = system.to_dict(projjson=True)

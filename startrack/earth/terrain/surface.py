@@ -138,7 +138,7 @@ def index(grid: Grid, heights: NDArray[np.floating]) -> Surface:
     heights  (rows, columns) metre above the ellipsoid; NaN is a hole, through which rays pass
     Returns  the surface with all tiles present; it copies the heights and needs 1.38 times their
              memory where they fill the tiles
-    Raises    ValueError where the shape differs from the grid's, a height is infinite, or all
+    Raises    ValueError if the shape differs from the grid's, a height is infinite, or all
               heights are NaN.
     Accuracy  numerical: heights are kept in single precision, which rounds by 0.3 mm at most up to
               8 km.

@@ -106,7 +106,7 @@ def survey(ground: Intersector, rays: Rays, sun: Floats, sky_rays: int = 0) -> G
     sun       (3,) unit vector towards the sun, Earth-fixed; the sun is a point source
     sky_rays  number of rays from each point that sample the sky; 0: `sky_view` is 1
     Returns   Ground without maps
-    Raises    ValueError where `sun` is not a unit vector.
+    Raises    ValueError if `sun` is not a unit vector.
     Accuracy  numerical: as the intersector; the visible fraction of the sky as in `view_sky`.
     """
     whole(0, 2**16, sky_rays=sky_rays)
