@@ -124,7 +124,7 @@ def speed(batch: int, repeats: int) -> list[dict[str, Any]]:
 
 
 def bounds(trials: int) -> list[dict[str, Any]]:
-    """Analytic attitude error of random square fields beside trials, arcsec."""
+    """Analytic attitude error of random square fields compared with trials, arcsec."""
     rows = []
     for field, stars in ((20, 10), (20, 20), (14, 15), (10, 8), (8, 5)):
         truth, b, r = solving_cases.fields(trials, stars, field * deg / 2, NOISE, field)
@@ -177,7 +177,7 @@ def designs(published: Sequence[str]) -> dict[str, Case]:
 
 
 def budgets(cases: Mapping[str, Case], members: int) -> list[dict[str, Any]]:
-    """The analytic budget of each design beside trials: each cause, and end to end, arcsec.
+    """The analytic budget of each design against trials: each cause, and end to end, arcsec.
 
     A difference counts where the cause makes a tenth of the whole or more.
     """

@@ -65,7 +65,7 @@ class Expectation(NamedTuple):
 
 
 class Judged(NamedTuple):
-    """One figure beside its expected range; `value` is None where the figure is missing."""
+    """One figure with its expected range; `value` is None if the figure is missing."""
 
     expectation: Expectation
     place: str
@@ -92,7 +92,7 @@ def expectations(name: str) -> tuple[Expectation, ...]:
 
 
 def judge(name: str, figures: Any) -> list[Judged]:
-    """The figures of an experiment beside its expectations; a missing figure has no value."""
+    """The figures of an experiment with their expectations; a missing figure has no value."""
     return [
         Judged(expectation, place, value)
         for expectation in expectations(name)

@@ -1,4 +1,4 @@
-"""Earth images beside simulated photons, stated uncertainties, a real image, and rays by Embree.
+"""Earth images against simulated photons, stated errors, a real image, and rays by Embree.
 
     python experiments/earth_images.py [--landsat FOLDER] [--json FILE] [--picture FILE] [--quick]
 

@@ -137,7 +137,7 @@ def surfaces(told: dict[str, Any], quick: bool) -> dict[str, Any]:
 
 
 def loop(told: dict[str, Any], quick: bool) -> dict[str, Any]:
-    """Radiance and place of a product beside the truth of its scene, as in `earth_loop.py`."""
+    """Radiance and place of a product against the truth of its scene, as in `earth_loop.py`."""
     if command.missing("loop", "rasterio"):
         return {"loop_radiance_error": None, "loop_place_px": None}
     size, fires = (40, 2) if quick else (earth_loop.SIZE, earth_loop.FIRES)
@@ -148,7 +148,7 @@ def loop(told: dict[str, Any], quick: bool) -> dict[str, Any]:
 
 
 def rays(told: dict[str, Any], quick: bool) -> dict[str, Any]:
-    """Speed on a million cells beside embree, one thread, as in `terrain.py`."""
+    """Speed on a million cells compared with embree, one thread, as in `terrain.py`."""
     if command.missing("embree is", "embreex"):
         return {"nadir_over_embree_1k": None, "shadow_over_embree_10deg": None}
     small = SMALLER if quick else 1

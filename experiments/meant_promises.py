@@ -240,7 +240,7 @@ def _images(folder: Path, address: str, marker: Path) -> Iterator[Bait]:
 
 
 def _arrays(folder: Path, address: str, marker: Path) -> Iterator[Bait]:
-    """Pickles in place of arrays."""
+    """Files with pickles where arrays are expected."""
     import numpy as np
 
     objects = np.array([_Marks(marker), 1], dtype=object)

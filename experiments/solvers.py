@@ -16,8 +16,8 @@ sky, by the probability of a false match that it states.
 Beside it, detection_fast_ms and detection_fast_found: CPU milliseconds of the quick search of a
 megapixel with 25 stars of SNR 10, and the share of these that it finds.
 
-Counts are lines of the file `--counts`, a block of skies each: a run that is stopped goes on where
-it was, and a larger `--skies` adds to it. Times are CPU times.
+Counts are lines of the file `--counts`, a block of skies each: a stopped run continues, and a
+larger `--skies` adds blocks to the file. Times are CPU times.
 
     python experiments/solvers.py [--json FILE] [--markdown FILE] [--counts FILE] [--skies N]
                                   [--programs NAME ...] [--workers N] [--quick]

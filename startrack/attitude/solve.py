@@ -28,7 +28,7 @@ FEWEST = 4  # matches that are always kept: fewer have no freedom left that show
 class AttitudeInput:
     """Matched stars from which a user's function estimates the attitude.
 
-    seen       (n, 3) unit vectors in camera axes, by the camera that the tracker believes
+    seen       (n, 3) unit vectors in camera axes, by the tracker's camera model
     direction  (n, 3) unit vectors of the same stars, ICRS axes
     sigma      (n,) radian, standard deviation of each per axis, its systematic part included
 

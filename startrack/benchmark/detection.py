@@ -171,7 +171,7 @@ def detection() -> BenchmarkStage:
 
 
 def quick_detection() -> BenchmarkStage:
-    """The time of a megapixel with few stars: the filter's search beside the quick search."""
+    """The time of a megapixel with few stars, for the filter's search and the quick search."""
     frame, x, y, _ = sown(FEW_SNR, FEW_SPACING)
     settings = partial(Detection, kernel_sigma=SIGMA, false_per_frame=FALSE, centroid="gravity")
     psf = gaussian_psf(SIGMA)

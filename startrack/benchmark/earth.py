@@ -1,4 +1,4 @@
-"""Rays onto fractal mountains beside a search of every cell; radiance beside the solver itself."""
+"""Rays onto fractal mountains against a search of every cell; radiance against its solver."""
 
 import importlib
 import math

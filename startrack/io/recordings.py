@@ -75,7 +75,7 @@ class Layout(Parameters):
         Warns where the header alone says that it is a mosaic: places then count pixels of twice
         the size.
 
-        said  pattern in the header of the file, None where it has none
+        said  pattern that the header of the file names, None without a pattern
         """
         pattern = said if self.bayer is None else self.bayer
         if pattern in (None, "none"):

@@ -83,7 +83,7 @@ class Availability:
 
 
 def availability_of(flown: Flown) -> Availability:
-    """The availability of a mission, each cause counts where it blinds, also beside others."""
+    """Availability of a mission. Each cause counts where it blinds a head, alone or with others."""
     valid = flown.valid
     exactly = np.bincount(valid, minlength=len(flown.blind) + 1) / len(valid)
     return Availability(

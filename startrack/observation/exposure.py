@@ -97,8 +97,8 @@ def at_one_time(spots: Spots, row_delay: float, rate: Floats, camera: Camera) ->
     of the middle row.
 
     row_delay  second, as the tracker believes it
-    rate       (3,) radian / second, about the camera's axes, as it believes them
-    camera     as it believes it
+    rate       (3,) radian / second, about the camera's axes, as the tracker believes it
+    camera     as the tracker believes it
     Accuracy   model: the rate is constant within an exposure; the row of a spot is its centroid's
     row.
     """

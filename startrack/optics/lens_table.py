@@ -184,7 +184,7 @@ class LensTable:
         return np.concatenate(parts, axis=-1), parity
 
     def at(self, temperature: float, wavelength: Floats, field: Floats) -> LensPoints:
-        """The lens between its nodes.
+        """The lens at values between its nodes.
 
         Splines of the fifth degree, or of the highest that the nodes allow: over the temperature;
         over the inverse of the wavelength; and over the field, including mirror images of the

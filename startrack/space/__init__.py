@@ -4,7 +4,7 @@ earth    Size, gravity and spin of the Earth; place and line of sight -> angle t
          of many vectors that lie component by component.
 bodies   Dates -> Sun, Moon, planets and axes of the Earth: one at a time, and as tables.
 horizon  Place on the Earth -> the axes of its horizon; refraction of the air above it.
-orbit    Elements, two lines or a table of states -> position and velocity over time.
+orbit    Elements, two-line elements or a table of states -> position and velocity over time.
 heat     Orbit, Sun and surfaces -> temperatures of a platform and of heads on it.
 radiation  Orbit and shielding -> particles of the belts and of the Sun behind it, their dose.
 electrons  Electrons around a sphere of aluminium -> electrons and photons at its centre.

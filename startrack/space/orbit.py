@@ -1,4 +1,4 @@
-"""Elements, two lines or a table of states -> position and velocity of a spacecraft over time."""
+"""Elements, TLE or a table of states -> position and velocity of a spacecraft over time."""
 
 import math
 from dataclasses import dataclass

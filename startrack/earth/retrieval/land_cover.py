@@ -471,8 +471,8 @@ def _squares(side: Side, place: Floats) -> Floats:
 
 
 class _Surroundings(NamedTuple):
-    """Fractions of the light of Gaussians: of four fields (g, 4, n), and of the same field in two
-    Gaussians (g, g)."""
+    """Fractions of the light of Gaussians: from four fields (g, 4, n), and, for two Gaussians,
+    from the field in which both lie (g, g)."""
 
     shares: Floats
     same: Floats
