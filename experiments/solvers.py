@@ -19,8 +19,12 @@ megapixel with 25 stars of SNR 10, and the share of these that it finds.
 Counts are lines of the file `--counts`, a block of skies each: a stopped run continues, and a
 larger `--skies` adds blocks to the file. Times are CPU times.
 
+With `--holding RA DEC` only those of the skies count whose field holds a direction, such as that of
+the Pleiades (56.75 24.12): stars of clusters are not at random.
+
     python experiments/solvers.py [--json FILE] [--markdown FILE] [--counts FILE] [--skies N]
-                                  [--programs NAME ...] [--workers N] [--quick]
+                                  [--fields DEG ...] [--holding RA DEC] [--programs NAME ...]
+                                  [--workers N] [--quick]
 """
 
 from __future__ import annotations
@@ -45,7 +49,7 @@ from typing import Any, NamedTuple
 
 import command
 import solvers_skies as skies
-from identification import cedar, database_of, pointed, tetra3rs_solver, tuned
+from identification import cedar, database_of, pointed, tetra3rs_solver, toward, tuned
 from scipy.spatial.transform import Rotation
 
 from startrack import deg
@@ -87,6 +91,8 @@ def main() -> None:
         "--skies", type=int, default=10**6, help="number of skies, over all fields and kinds"
     )
     parser.add_argument("--programs", nargs="+", choices=PROGRAMS, default=PROGRAMS)
+    parser.add_argument("--fields", nargs="+", type=int, choices=skies.LIMIT_G, metavar="DEG")
+    parser.add_argument("--holding", nargs=2, type=float, metavar=("RA", "DEC"), help="degree")
     parser.add_argument("--workers", type=int, default=1)
     options = command.read(parser, skies=100, programs=("startrack", "tetra3rs", "stated"))
     if options.quick:
@@ -95,7 +101,8 @@ def main() -> None:
             run(options, [12], ["plain", STATED_KIND], 20)
             report(options, read(options.counts))
         return
-    run(options, list(skies.LIMIT_G), list(skies.KINDS), BLOCK)
+    kinds = [kind for kind in skies.KINDS if skies.KINDS[kind].sky or not options.holding]
+    run(options, options.fields or list(skies.LIMIT_G), kinds, BLOCK)
     report(options, read(options.counts))
 
 
@@ -114,7 +121,7 @@ def run(options: argparse.Namespace, fields: list[int], kinds: list[str], block:
     left = [job for job in jobs if job[:4] not in done]
     options.counts.parent.mkdir(parents=True, exist_ok=True)
     with ProcessPoolExecutor(options.workers) as pool, options.counts.open("a") as file:
-        futures = [pool.submit(counted, *job) for job in left]
+        futures = [pool.submit(counted, *job, options.holding) for job in left]
         for number, future in enumerate(as_completed(futures), 1):
             file.write(json.dumps(future.result()) + "\n")
             file.flush()
@@ -153,12 +160,26 @@ def read(path: Path) -> list[dict[str, Any]]:
     return rows
 
 
-def counted(program: str, field: int, kind: str, block: int, count: int) -> dict[str, Any]:
-    """Counts of one block of skies."""
+def counted(
+    program: str,
+    field: int,
+    kind: str,
+    block: int,
+    count: int,
+    holding: tuple[float, float] | None = None,
+) -> dict[str, Any]:
+    """Counts of one block of skies.
+
+    holding  degree, right ascension and declination that their fields hold
+    """
     solve = program_of(program, field, kind)
     solve(skies.sky(field, kind, 0))  # compiles and loads
     solved, false, times, stated = 0, list[int](), Counter[int](), Counter[int]()
-    for number in range(block * BLOCK, block * BLOCK + count):
+    numbers = list(range(block * BLOCK, block * BLOCK + count))
+    if holding:
+        towards = toward(*(angle * deg for angle in holding))
+        numbers = [number for number in numbers if skies.holds(field, kind, number, towards)]
+    for number in numbers:
         seen = skies.sky(field, kind, number)
         answer = solve(seen)
         times[math.floor(BINS * math.log10(max(answer.seconds, 1e-7)))] += 1
@@ -175,7 +196,7 @@ def counted(program: str, field: int, kind: str, block: int, count: int) -> dict
         "field": field,
         "kind": kind,
         "block": block,
-        "skies": count,
+        "skies": len(numbers),
         "solved": solved,
         "false": false,
         "times": times,

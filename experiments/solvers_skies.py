@@ -129,6 +129,13 @@ def sky(field: int, kind: str, number: int) -> solving.BenchmarkView:
     return solving.BenchmarkView(spots, star[order], icrs_to_camera, camera.scaled(wrong))
 
 
+def holds(field: int, kind: str, number: int, direction: Floats) -> bool:
+    """Whether the frame of a sky holds a direction (3,), ICRS axes; without making the sky."""
+    turn = Rotation.from_quat(seed_of(field, kind, number).standard_normal(4))
+    x, y, z = turn.apply(direction)
+    return z > 0 and max(abs(x), abs(y)) < z * math.tan(field * deg / 2)
+
+
 def _near(known: Tracker, icrs_to_camera: Rotation) -> Ints:
     """Stars in the circle about the boresight that holds the frame."""
     boresight = icrs_to_camera.inv().apply([0.0, 0.0, 1.0])

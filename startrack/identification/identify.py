@@ -11,7 +11,7 @@ from startrack.identification.agree import FOCAL_ROUNDS, Gathered, gather
 from startrack.identification.grids import SkyGrid, VerificationStars
 from startrack.identification.index import CodeTable, PatternIndex
 from startrack.identification.parameters import Identification, matches_by_code
-from startrack.identification.regrow import FREE, is_doubtful, regrown
+from startrack.identification.regrow import FREE, is_doubtful, is_held_by_one, regrown
 from startrack.identification.search import TripleLimits, breadth_first, search
 from startrack.identification.seen import Seen, keep_brightest, see, usable, with_focal
 from startrack.identification.verify import MatchVerdict, scale_tolerance, verify
@@ -40,8 +40,9 @@ def identify(
     index     built from these stars, for about this field of view
     Returns   Matches: solved, with the spots in rising order and the least-squares attitude; or
               too few stars, a blank image, ambiguous (the best hypothesis is likely, but its
-              bound on chance is too large), or no match, also if many more spots fit a focal length
-              beyond the tolerance
+              bound on chance is too large, or one match alone holds the roll about the others or
+              the focal length), or no match, also if more spots fit a focal length beyond the
+              tolerance
     Raises    ValueError where the index was built from another number of stars.
     Accuracy  model: the bound on false matches holds for randomly distributed spots; spots of trees
               or clouds are clustered, and so are stars.
@@ -66,13 +67,15 @@ def identify(
     )
     choices = breadth_first(min(len(finite), settings.verify_spots), settings.pattern_spots)
     patterns = index.table, index.bright, index.faint, stars.magnitude_g
-    best, tried, gathered, off = _identify(
+    best, tried, gathered, off, alone = _identify(
         see(spots, finite, camera, settings), choices, *patterns, limits
     )
     if best.log_p >= log_accepted:
         return _not_accepted(best.log_p, best.matches, len(finite), tried, camera)
     if off:
         return _other_focal_length(gathered, len(finite), camera, settings)
+    if alone:
+        return _held_by_one(best.log_p, len(gathered.spot), len(finite), camera)
     if camera.distorted:
         return refined(
             spots, finite, camera, stars, index, settings, best.rotation, best.scale, best.log_p
@@ -89,15 +92,15 @@ def _identify(
     faint: SkyGrid,
     magnitude: Floats,
     limits: TripleLimits,
-) -> tuple[MatchVerdict, int, Gathered, bool]:
+) -> tuple[MatchVerdict, int, Gathered, bool, bool]:
     """`search` and `gather` in one call: a call takes about as long as the work in it.
 
-    Returns  verdict, number of hypotheses, the matches, and whether an accepted one needs a focal
-             length beyond the tolerance
+    Returns  verdict, number of hypotheses, the matches; whether an accepted one needs a focal
+             length beyond the tolerance, and whether one match alone holds it
     """
     voting = keep_brightest(seen, limits.voting)
     best, tried = search(voting, choices, table, voters, limits)
-    gathered = gather(seen, faint, magnitude, best.rotation, best.scale)
+    gathered, alone = gather(seen, faint, magnitude, best.rotation, best.scale), False
     if best.log_p < limits.log_accepted and is_doubtful(seen, gathered):
         rotation, scale = regrown(voting, voters, gathered, limits.fewest)
         verdict = verify(voting, voters, rotation, scale, limits.fewest)
@@ -106,7 +109,8 @@ def _identify(
         within = abs(scale - 1) <= scale_tolerance(seen)
         believed = seen if within else with_focal(seen, FREE * seen.focal)
         gathered = gather(believed, faint, magnitude, rotation, scale)
-    return best, tried, gathered, abs(gathered.scale - 1) > scale_tolerance(seen)
+        alone = is_held_by_one(seen, gathered)
+    return best, tried, gathered, abs(gathered.scale - 1) > scale_tolerance(seen), alone
 
 
 def refined(
@@ -178,6 +182,14 @@ def _other_focal_length(
         f"{100 * settings.focal_tolerance:g} %"
     )
     return _unsolved(Status.NO_MATCH, reason, camera)
+
+
+def _held_by_one(log_p: float, matches: int, spots: int, camera: Camera) -> Matches:
+    reason = (
+        f"{matches} of {spots} spots are stars, but one of them alone holds the roll about the "
+        "others or the focal length"
+    )
+    return _unsolved(Status.AMBIGUOUS, reason, camera, math.exp(log_p))
 
 
 def _unsolved(status: Status, reason: str, camera: Camera, chance: float = 1.0) -> Matches:

@@ -23,28 +23,43 @@ GROWTHS = 8  # most rounds of growth
 
 @kernel
 def is_doubtful(seen: Seen, held: Gathered) -> bool:
-    """Whether one false match may hold the attitude or the focal length.
+    """Whether a sparse match may be held by one false match.
 
-    Fewer than SPARSE of the spots are matched, and either their residuals exceed the noise, or one
-    match gives nearly all that is known of a direction, so that no other match checks it.
+    Its residuals exceed the noise, or one match alone holds it.
     """
-    count = len(held.spot)
-    if count >= SPARSE * len(seen.plane):
+    if not _is_sparse(seen, held):
         return False
+    count = len(held.spot)
     every, noise = np.empty(count, np.int64), np.empty(count)
     for k in range(count):
         every[k], noise[k] = k, seen.sigma[held.spot[k]] ** 2
     place = project(held.direction, every, held.rotation, held.scale)
-    if excess_variance(seen, held.spot, every, place) > UNEXPLAINED * median(noise):
-        return True
+    excess = excess_variance(seen, held.spot, every, place)
+    return excess > UNEXPLAINED * median(noise) or is_held_by_one(seen, held)
+
+
+@kernel
+def is_held_by_one(seen: Seen, held: Gathered) -> bool:
+    """Whether one match of a sparse match gives nearly all that is known of a direction.
+
+    Such as the roll about a cluster of stars, or the focal length: no other match checks it.
+    """
+    if not _is_sparse(seen, held):
+        return False
+    every = np.arange(len(held.spot))
     root = _information(seen, held.spot, held.direction, every, held.rotation, held.scale, 0.0)
-    for k in range(count):
+    for k in range(len(held.spot)):
         rows = derivatives(held.rotation, held.direction[k], held.scale)
         xx, yy, xy = _spread(seen, root, rows)
         largest = 0.5 * (xx + yy) + math.sqrt(0.25 * (xx - yy) ** 2 + xy**2)
-        if largest > ALONE * noise[k]:
+        if largest > ALONE * seen.sigma[held.spot[k]] ** 2:
             return True
     return False
+
+
+@kernel
+def _is_sparse(seen: Seen, held: Gathered) -> bool:
+    return len(held.spot) < SPARSE * len(seen.plane)
 
 
 @kernel

@@ -1,14 +1,17 @@
 """A patch of true stars and one false match far from it, which holds the roll or focal length."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from startrack.core import Status
 from startrack.core.camera import Camera
 from startrack.identification import Identification, identify
 from startrack.identification.agree import Gathered
 from startrack.identification.grids import VerificationStars, sky_grid
-from startrack.identification.regrow import is_doubtful, regrown
+from startrack.identification.regrow import is_doubtful, is_held_by_one, regrown
 from startrack.identification.seen import see
 
 IN_PYTHON = pytest.mark.usefixtures("in_python")
@@ -75,8 +78,36 @@ def test_matches_that_check_each_other_are_not_doubtful(spots_at):
     spread, alone = np.arange(5, 12), np.array([0, 1, 2, 3, 4, 9])
     assert not is_doubtful(seen, Gathered(spread, spread, direction[spread], *turn))
     assert is_doubtful(seen, Gathered(alone, alone, direction[alone], *turn))
+    assert is_held_by_one(seen, Gathered(alone, alone, direction[alone], *turn))
     most = np.arange(10)
     assert not is_doubtful(seen, Gathered(most, most, direction[most], *turn))
+
+
+def test_a_cluster_and_one_match_alone_are_ambiguous(design, towards, spots_at):
+    """Six Pleiades and a spot at a star's place by a wrong roll, in false spots; no other star."""
+    known = design(20, 5.0)
+    ra, dec = np.radians([56.75, 24.12])
+    pleiades = np.array([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)])
+    turn = towards(pleiades)
+    ahead = turn.apply(known.stars.direction)
+    pixel = known.camera.project(ahead)
+    near = np.linalg.norm(pixel - known.camera.centre, axis=1) < 60
+    group = np.flatnonzero((ahead[:, 2] > 0.9) & near & (known.stars.magnitude_g < 5))
+    rolled = turn * Rotation.from_rotvec(0.04 * pleiades)
+    inside = rolled.apply(known.stars.direction)
+    place = known.camera.project(inside)
+    bright = (inside[:, 2] > 0.9) & known.camera.holds(place) & (known.stars.magnitude_g < 4.2)
+    far = np.flatnonzero(bright & (np.linalg.norm(place - known.camera.centre, axis=1) > 300))[0]
+    false = np.random.default_rng(3).uniform(0, 1023, (12, 2))
+    spots = np.concatenate([pixel[group], place[[far]], false])
+    magnitude = np.concatenate([known.stars.magnitude_g[[*group, far]], np.full(12, 5.5)])
+    brightest = np.argsort(magnitude)
+    seen = spots_at(spots[brightest], 0.2)
+    seen = replace(seen, flux=10 ** (-0.4 * magnitude[brightest]))
+    found = known.solve(seen)
+    assert len(group) == 6
+    assert found.status is Status.AMBIGUOUS
+    assert "one of them alone holds the roll" in found.reason
 
 
 @pytest.mark.parametrize("seed", [23, 61, 124])
