@@ -482,7 +482,7 @@ def _lines(
     yield BudgetLine(NEIGHBOURS, trial.Term.FIELD, ErrorLaw(errors.shift[:, 1], none, weight))
     for k, cause in enumerate(fixed):
         sigma = none
-        if cause.name == response.LENS_FIELD:
+        if cause.name == response.LENS_FIELD and response.LENS_FIELD in random:
             sigma = np.sqrt(errors.variance[:, random.index(response.LENS_FIELD)])
         yield BudgetLine(cause.name, cause.term, ErrorLaw(errors.shift[:, k + 2], sigma, weight))
     for cause in causes(case):

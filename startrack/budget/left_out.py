@@ -126,6 +126,11 @@ def of_the_case(case: Case) -> Iterator[str]:
             f"noise that moves a window which holds {100 * inside:.0f} % of a star's light "
             "(tracker.detection.window)"
         )
+    if trial.boxed(case) and case.instrument.optics.tabulated:
+        yield (
+            "that the image in a box differs over the field and with its place in the pixel, "
+            "except for the mean displacement (instrument.optics)"
+        )
     yield from _of_the_motion(case)
 
 

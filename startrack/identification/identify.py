@@ -11,7 +11,7 @@ from startrack.identification.agree import FOCAL_ROUNDS, Gathered, gather
 from startrack.identification.grids import SkyGrid, VerificationStars
 from startrack.identification.index import CodeTable, PatternIndex
 from startrack.identification.parameters import Identification, matches_by_code
-from startrack.identification.regrow import FREE, is_doubtful, is_held_by_one, regrown
+from startrack.identification.regrow import FREE, UNCHECKED, is_doubtful, is_held_by_one, regrown
 from startrack.identification.search import TripleLimits, breadth_first, search
 from startrack.identification.seen import Seen, keep_brightest, see, usable, with_focal
 from startrack.identification.verify import MatchVerdict, scale_tolerance, verify
@@ -109,7 +109,7 @@ def _identify(
         within = abs(scale - 1) <= scale_tolerance(seen)
         believed = seen if within else with_focal(seen, FREE * seen.focal)
         gathered = gather(believed, faint, magnitude, rotation, scale)
-        alone = is_held_by_one(seen, gathered)
+        alone = is_held_by_one(seen, gathered, UNCHECKED)
     return best, tried, gathered, abs(gathered.scale - 1) > scale_tolerance(seen), alone
 
 

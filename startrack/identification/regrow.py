@@ -15,7 +15,9 @@ from startrack.identification.verify import log_evidence_of_match
 # with the Pleiades in a field of 20 deg.
 SPARSE = 0.5  # of the spots: fewer matches are examined
 UNEXPLAINED = 0.5  # of the noise variance, by which their residuals exceed it
-ALONE = 0.8  # share of the information on one direction that a single match gives
+# Share of the information on one direction that a single match gives: from ALONE on a match is
+# grown again, and from UNCHECKED on it is not accepted.
+ALONE, UNCHECKED = 0.8, 0.99
 FREE = 5.0  # times the tolerance: standard deviation of a free focal length
 CROWDED = 0.1  # largest number of spots that chance puts into a gate
 GROWTHS = 8  # most rounds of growth
@@ -35,12 +37,12 @@ def is_doubtful(seen: Seen, held: Gathered) -> bool:
         every[k], noise[k] = k, seen.sigma[held.spot[k]] ** 2
     place = project(held.direction, every, held.rotation, held.scale)
     excess = excess_variance(seen, held.spot, every, place)
-    return excess > UNEXPLAINED * median(noise) or is_held_by_one(seen, held)
+    return excess > UNEXPLAINED * median(noise) or is_held_by_one(seen, held, ALONE)
 
 
 @kernel
-def is_held_by_one(seen: Seen, held: Gathered) -> bool:
-    """Whether one match of a sparse match gives nearly all that is known of a direction.
+def is_held_by_one(seen: Seen, held: Gathered, share: float) -> bool:
+    """Whether one match of a sparse match gives more than a share of what is known of a direction.
 
     Such as the roll about a cluster of stars, or the focal length: no other match checks it.
     """
@@ -52,7 +54,7 @@ def is_held_by_one(seen: Seen, held: Gathered) -> bool:
         rows = derivatives(held.rotation, held.direction[k], held.scale)
         xx, yy, xy = _spread(seen, root, rows)
         largest = 0.5 * (xx + yy) + math.sqrt(0.25 * (xx - yy) ** 2 + xy**2)
-        if largest > ALONE * seen.sigma[held.spot[k]] ** 2:
+        if largest > share * seen.sigma[held.spot[k]] ** 2:
             return True
     return False
 
