@@ -231,7 +231,7 @@ def _smeared(channel: imager.Channel, figures: imager.Figures) -> list[str]:
     right = figures.period / (1 + figures.ahead / (channel.stages - 1))
     return [
         f"  SMEARED ALONG        the ground runs {figures.ahead:+.3g} pixel ahead of the charge "
-        f"over {channel.stages} stages; lines every {1e3 * right:.4g} ms match (period)"
+        f"over {channel.stages} stages; lines every {1e3 * right:.4g} ms would match (period)"
     ]
 
 

@@ -302,7 +302,7 @@ def test_lines_of_a_tdi_detector_that_do_not_keep_pace_are_blurred():
     assert [one.ahead for one in found] == pytest.approx([0, 0, 3 * 0.5], abs=1e-9)
     words = "\n".join(requirements._figures_text(own, found[2], 600e3, {}))
     assert "SMEARED ALONG        the ground runs +1.5 pixel ahead of the charge" in words
-    assert f"lines every {1e3 * square:.4g} ms keep pace" in words
+    assert f"lines every {1e3 * square:.4g} ms would match (period)" in words
     assert "SMEARED" not in "".join(requirements._figures_text(own, found[1], 600e3, {}))
 
 
@@ -314,7 +314,7 @@ def test_an_exposure_longer_than_a_line_says_what_a_line_is_exposed_for():
         own = replace(channel, detector=line)
         found = figures(own, band_of(own, None, 1e3, 1.0), 600e3, 0.01)
         said = "\n".join(requirements._figures_text(own, found, 600e3, {}))
-        assert (f"all of its {1e3 * square:.4g} ms, not {1e3 * given:.4g} ms" in said) == words
+        assert (f"exposed for {1e3 * square:.4g} ms, not {1e3 * given:.4g} ms" in said) == words
 
 
 def test_light_that_saturates_has_no_snr():
