@@ -558,7 +558,7 @@ class Case(core.CarriesCode):
             return self
         own = self.design.tracker
         names = ("camera", "camera_model", "mounting", "delay")
-        tracker = replace(self.tracker, **{name: getattr(own, name) for name in names})
+        tracker = unchecked(self.tracker, {name: getattr(own, name) for name in names})
         return self.design if tracker == own else replace(self.design, tracker=tracker)
 
     @cached_property

@@ -4,6 +4,7 @@ import dataclasses
 import math
 import warnings
 from collections.abc import Mapping, Sequence
+from functools import cache, lru_cache
 from typing import Any, NamedTuple, TypeVar
 
 from startrack.core import Refused, Unit, parse, positive, unit_of
@@ -34,16 +35,35 @@ class _Place(NamedTuple):
 
 def _places(case: Any, name: str) -> list[_Place]:
     """The parameters that a name means. Arguments and exceptions as for `paths`."""
-    aliases: Mapping[str, str] = getattr(type(case), "ALIASES", {})
-    first, dot, rest = name.partition(".")
+    parts, at = _parts(type(case), name), case
+    for part in parts:
+        if not _is_field(type(at), part):
+            break
+        at = getattr(at, part)
+    else:
+        return [_Place(parts, at)]
     made = [_Place((), case)]
-    for part in f"{aliases.get(first, first)}{dot}{rest}".split("."):
+    for part in parts:
         made = [
             _Place((*place.path, head), inner)
             for place in made
             for head, inner in _inner(place.value, part, name)
         ]
     return made
+
+
+@lru_cache(maxsize=1024)
+def _parts(kind: type, name: str) -> tuple[str, ...]:
+    """The parts of a name, the first without its alias."""
+    aliases: Mapping[str, str] = getattr(kind, "ALIASES", {})
+    first, *rest = name.split(".")
+    return (*aliases.get(first, first).split("."), *rest)
+
+
+@lru_cache(maxsize=1024)
+def _is_field(kind: type, part: str) -> bool:
+    """Whether a part of a name is a field of a dataclass, under its present name."""
+    return part in getattr(kind, "__dataclass_fields__", ()) and current_key(kind, part) == part
 
 
 def paths(case: Any, name: str) -> list[str]:
@@ -254,7 +274,12 @@ def _of_fields(owner: Any, values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _unchecked(owner: Any, values: Mapping[str, Any]) -> Any:
-    new = object.__new__(type(owner))  # whose cached properties are not yet computed
-    for field in dataclasses.fields(owner):
-        object.__setattr__(new, field.name, values.get(field.name, getattr(owner, field.name)))
+    new, own = object.__new__(type(owner)), vars(owner)
+    # Its fields alone: its cached properties are not yet computed.
+    vars(new).update({name: values.get(name, own[name]) for name in _fields(type(owner))})
     return new
+
+
+@cache
+def _fields(kind: type) -> tuple[str, ...]:
+    return tuple(field.name for field in dataclasses.fields(kind))

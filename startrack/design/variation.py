@@ -322,9 +322,17 @@ def unit_case(case: Any, seed: int, moment: Moment) -> Any:
     return truth.unit_of(design)
 
 
-def unit_values(case: Any, seed: int, moment: Moment) -> dict[str, Any]:
-    """The numbers of a unit that differ from those of the design, by name."""
-    values = _values(case, differences(case, seed, moment))
+def unit_values(
+    case: Any, seed: int, moment: Moment, names: Collection[str] | None = None
+) -> dict[str, Any]:
+    """The numbers of a unit that differ from those of the design, by name.
+
+    names  of the numbers among which they are; None: all
+    """
+    drawn = differences(case, seed, moment)
+    if names is not None:
+        drawn = [pair for pair in drawn if pair[0].name in names]
+    values = _values(case, drawn)
     if case.instrument.residual is not None:
         values["instrument.residual.seed"] = _residual_seed(seed, moment.unit)
     return values

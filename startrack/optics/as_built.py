@@ -1,5 +1,6 @@
 """Surfaces of a lens -> displacements of stars by small alignment errors of its elements."""
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -50,10 +51,15 @@ def built_lens(optics: Optics, family: str, camera: Camera) -> BuiltLens:
     """
     size, f_number = (float(f"{value:.3g}") for value in (optics.focal_length, optics.f_number))
     name = optics.lens_family or ("" if optics.lens_file else family)
-    alike = Camera(camera.columns, camera.rows, float(f"{camera.focal_length_px:.3g}"))
+    alike = _rounded(camera.columns, camera.rows, float(f"{camera.focal_length_px:.3g}"))
     file = optics.lens_file
     changed = lens_path(file).stat().st_mtime_ns if file else 0
     return BuiltLens(file, changed, name, size, f_number, alike)
+
+
+@lru_cache(maxsize=8)
+def _rounded(columns: int, rows: int, focal_length_px: float) -> Camera:
+    return Camera(columns, rows, focal_length_px)
 
 
 def element_slopes(lens: BuiltLens) -> ElementSlopes:

@@ -62,8 +62,7 @@ def _believing(unit: Case, case: Case, seed: int, moment: Moment, run: bool) -> 
 
 
 def _with_places(case: Case, like: Case, seed: int, moment: Moment) -> Case:
-    alone, values = _of_places(case), unit_values(case, seed, moment)
-    return unchecked(like, {name: values[name] for name in values.keys() & alone})
+    return unchecked(like, unit_values(case, seed, moment, _of_places(case)))
 
 
 def _built(case: Case, seed: int, moment: Moment) -> Case:
