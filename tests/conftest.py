@@ -18,7 +18,7 @@ import cv2
 import hypothesis
 
 from startrack.cli import terminal
-from startrack.core import Curve, interpreted
+from startrack.core import Curve, interpreted, is_ready
 from startrack.design import Case, Design, load_design
 from startrack.io import shipped
 
@@ -45,7 +45,8 @@ def pytest_configure(config):
     os.environ["STARTRACK_CACHE"] = folder.name  # of the workers too, which share the indexes
     workers = config.getoption("numprocesses", None)
     config.stash[COMPILING] = None
-    if workers and config.args_source is pytest.Config.ArgsSource.TESTPATHS:
+    whole = config.args_source is pytest.Config.ArgsSource.TESTPATHS
+    if workers and whole and not is_ready():
         config.stash[COMPILING] = process = subprocess.Popen(
             [sys.executable, "-m", "startrack.cli", "warm"],
             stdout=subprocess.DEVNULL,

@@ -34,6 +34,7 @@ LONG = {
     "day",
     "detection",
     "frame_picture",
+    "hard_cases",  # tests/test_hard_cases.py has the same cases
     "house",
     "same_bytes",
     "how_sure",

@@ -6,21 +6,24 @@ import argparse
 import gc
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 from startrack.cli.options import Exit, Option, Options, wanted
 
 if wanted(__name__):
     import numpy as np
+    from scipy.spatial.transform import Rotation
 
     from startrack.budget import analytic
     from startrack.cli import terminal
     from startrack.cli.beside import IDENTIFICATION, LOCK, TRIAL, start
-    from startrack.core import READY, Spots, is_ready, kernel_folder, one_of
+    from startrack.core import READY, Spots, Streams, is_ready, kernel_folder, one_of
     from startrack.design import Case, Fidelity
+    from startrack.detection import CENTROIDS, QUICK, detect
     from startrack.io import shipped
     from startrack.sequence import run
-    from startrack.trial import identify_and_solve, pattern_indexes, run_random_trial
+    from startrack.trial import identify_and_solve, observe, pattern_indexes, run_random_trial
 
 MB = 1e6  # byte
 # Parts that a second process compiles at the same time, on a second core.
@@ -31,11 +34,11 @@ SPOTS, SIGMA = 20, 0.1  # number of spots in the identified field, and noise in 
 
 declare = Options(
     "For containers, clusters and later read-only installations. Runs the example design, and a "
-    "design with a single PSF, in all fidelities, in a sequence and through the analytic budget, "
-    "so that numba compiles their kernels, on two cores. Compiled code is cached beside the "
-    "package, or in the folder NUMBA_CACHE_DIR, for this kind of processor and these versions of "
-    "Python, numba and NumPy; another machine compiles again. Kernels of other designs, such as "
-    "line scanners, are compiled at first use.",
+    "design with a single PSF, in all fidelities, with all centroid methods, in a sequence and "
+    "through the analytic budget, so that numba compiles their kernels, on two cores. Compiled "
+    "code is cached beside the package, or in the folder NUMBA_CACHE_DIR, for this kind of "
+    "processor and these versions of Python, numba and NumPy; another machine compiles again. "
+    "Kernels of other designs, such as line scanners, are compiled at first use.",
     Option(
         "--part NAME",
         "one part alone, such as `identification`; may be given several times (default: all)",
@@ -95,7 +98,17 @@ def parts(case: Case) -> dict[str, Callable[[], object]]:
         "fidelity spots": trial(plain, Fidelity.SPOTS),
         "fidelity covariance": trial(plain, Fidelity.COVARIANCE),
         "sequence": partial(run, case, sequence, 1, 0),
+        "centroid methods": partial(centroids, plain),
     }
+
+
+def centroids(case: Case) -> None:
+    """Measure the stars of a frame by each centroid method and by the quick search."""
+    settings = case.tracker.detection
+    frame = observe(case, Rotation.identity(), Streams(1, 0)).frame
+    others = [replace(settings, centroid=name) for name in CENTROIDS]
+    for detection in (*others, replace(settings, search=QUICK)):
+        detect(frame, detection)
 
 
 def identification(case: Case) -> None:
