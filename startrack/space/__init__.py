@@ -3,7 +3,7 @@
 earth    Size, gravity and spin of the Earth; place and line of sight -> angle to its limb; products
          of many vectors that lie component by component.
 bodies   Dates -> Sun, Moon, planets and axes of the Earth: one at a time, and as tables.
-horizon  Place on the Earth -> the axes of its horizon; refraction of the air above it.
+horizon  Place on the Earth -> the axes of its horizon; temperature and refraction of the air.
 orbit    Elements, two-line elements or a table of states -> position and velocity over time.
 heat     Orbit, Sun and surfaces -> temperatures of a platform and of heads on it.
 radiation  Orbit and shielding -> particles of the belts and of the Sun behind it, their dose.
@@ -51,7 +51,7 @@ from startrack.space.heat import (
     taken_by_platform,
     warmth,
 )
-from startrack.space.horizon import horizon_axes, refraction
+from startrack.space.horizon import horizon_axes, refraction, standard_temperature
 from startrack.space.orbit import (
     Carrier,
     Kepler,

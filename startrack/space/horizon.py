@@ -56,6 +56,19 @@ def _lift(height: float) -> Floats:
     return np.asarray((above - below).sum(axis=1))
 
 
+def standard_temperature(height: float) -> float:
+    """Temperature of the U.S. Standard Atmosphere 1976, kelvin.
+
+    height   metre of geopotential; below the sea and above 51 km as in the next layer
+    """
+    temperature, ends = GROUND, [*(start for start, _ in LAYERS[1:]), math.inf]
+    for (start, lapse), end in zip(LAYERS, ends, strict=True):
+        temperature += lapse * (min(height, end) - start)
+        if height <= end:
+            break
+    return temperature
+
+
 def _density(height: Floats) -> Floats:
     """Density of the standard atmosphere over that at sea level; heights are geopotential."""
     temperature, pressure = GROUND, 1.0

@@ -24,11 +24,11 @@ from startrack.core import (
 )
 from startrack.earth.imager.land import TEXELS, on_texture
 from startrack.earth.terrain import EQUATORIAL, HeightChart, Mosaic, Raster, fractal, geodetic, up
+from startrack.space import standard_temperature
 
 ROUGHNESS = 4 / 3  # spectral exponent: a power spectrum of |k|^(-5/3) along a line, as for clouds
 GRAZING = 0.02  # least cosine of the zenith angle of a path through a layer; chosen by hand
 STEPS = 4  # steps of Newton's method to the height of a layer; the start is within metres
-GROUND_TEMPERATURE, LAPSE, COLDEST = 288.15, 6.5e-3, 216.65  # US Standard Atmosphere 1976
 
 # 1 - albedo of single scattering: ice of 30 um by Ebert and Curry (1992), J. Geophys. Res. 97,
 # 3831, water drops of 10 um by Slingo (1989), J. Atmos. Sci. 46, 1419, four bands each; beyond 4
@@ -99,7 +99,7 @@ class CloudLayer(Parameters):
         """Temperature of the layer, kelvin."""
         if self.temperature is not None:
             return self.temperature
-        return max(GROUND_TEMPERATURE - LAPSE * self.height, COLDEST)
+        return standard_temperature(self.height)
 
     @property
     def spectrum(self) -> core.Curve:
