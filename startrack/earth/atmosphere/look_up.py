@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from startrack.core import Floats, Refused, Singles, deg, kernel, read_only
+from startrack.core import Floats, Refused, Singles, deg, kept, kernel, read_only
 from startrack.earth.atmosphere.table import BandTable
 
 Reals = NDArray[np.floating[Any]]
@@ -83,8 +83,9 @@ class FineTable:
         return near * (1 - y) + far * y
 
 
+@kept(8)
 def refine(table: BandTable, ranges: Reach) -> FineTable:
-    """The part of a table that a scene needs, on finer nodes, by cubic splines.
+    """The part of a table that a scene needs, on finer nodes, by cubic splines; 8 are kept.
 
     Raises    ValueError if the scene reaches beyond the table.
     Accuracy  numerical: linear interpolation over 1 degree errs by 1e-3 up to 70 degrees.
