@@ -239,7 +239,7 @@ class Explorer:
         expect these to be as good as the best: the forecasts test that. After them, designs next to
         the best are forecast, because emulators cannot resolve gains below the roughness of the
         forecasts. After several batches of proposals without a gain, no more are made, because that
-        roughness alone causes them.
+        roughness alone causes them; after the designs next to the best, one more batch.
 
         most  largest number of forecasts
         """
@@ -263,6 +263,8 @@ class Explorer:
             self._forecast_near_best(most)
             if not self.score < before - worth:
                 self._polished = self.score - worth
+            # The emulators know more of the valley now: one more batch of their proposals.
+            self._in_vain = min(self._in_vain, self.settings.patience - 1)
         elif stalled:
             self.ending = f"designs next to the best gain less than {100 * worth:g} %"
         else:

@@ -283,6 +283,18 @@ def test_a_chance_is_emulated_by_the_logarithm_of_what_it_lacks():
     assert plain.missing(plain.of(np.array([-0.3])))[0] == pytest.approx(0.3)
 
 
+def test_after_designs_next_to_the_best_others_are_proposed_again(monkeypatch):
+    explorer, asked = explored(monkeypatch, limited, 2, 30), []
+    explorer.ending, explorer._in_vain = "", DEFAULTS.patience
+    explorer._spanned, explorer._polished = -math.inf, math.inf
+    monkeypatch.setattr(Explorer, "_proposals", lambda self: asked.append(len(self.points)) or [])
+    explorer.step(30)  # next to the best
+    assert not explorer.ending
+    assert not asked
+    explorer.step(30)
+    assert asked == [len(explorer.points)]
+
+
 def test_the_best_design_is_forecast_in_all_conditions(monkeypatch):
     """Where conditions without a weight are left out, the best ones are not: at rest, 0.8 misses
     its limit."""
