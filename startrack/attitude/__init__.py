@@ -1,9 +1,9 @@
-"""Matches into an attitude: Matches become an Estimate.
+"""Attitude estimation: Matches become an Estimate.
 
 parameters  SolverSettings: errors assumed of centroids, and when a star is left out; Mounting of
             the camera on the spacecraft, with its thermo-elastic error.
 linear      The best rotation of a 3 x 3 matrix of products, by one-sided Jacobi rotations; least
-            squares in three unknowns without normal equations, which would square the condition.
+            squares in three unknowns, without normal equations (they would square the condition).
 wahba       Solvers of Wahba's problem: Davenport's eigenvector, SVD, QUEST and FOAM.
 align       Attitudes from many sets of matched unit vectors, to rounding error.
 consensus   The largest set of matched directions that one attitude explains.
@@ -12,7 +12,7 @@ refine      Gauss-Newton on the residuals in the image plane, and the covariance
 solve       Estimate from Spots and Matches: attitude, covariance and status; by user code.
 camera      Identified frames of one camera -> the camera model that fits them all.
 camera_filter  Matches of frames in sequence -> the estimated camera, with temperature terms.
-follow      Filtered attitude, gyroscope bias and lasting errors from attitudes and rates in time.
+follow      Kalman filter: attitudes and rates in time -> attitude, gyroscope bias, lasting errors.
 """
 
 from startrack.attitude.align import Alignment, Observability, align

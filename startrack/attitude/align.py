@@ -14,17 +14,17 @@ from startrack.core import Floats, Ints, Refused, kernel, rotated, turn_by
 
 EPS = 2.0**-52
 MOST_STEPS = 100  # two or three suffice, except for stars that contradict each other
-LARGEST_CONDITION = (100 * EPS) ** -2  # beyond it, directions differ by their rounding alone
-# Of the loss, over that without residuals. Chosen by hand: a larger one reports more sets as
-# contradictory, a smaller one accepts nearly flat minima.
+LARGEST_CONDITION = (100 * EPS) ** -2  # beyond it, directions differ only by their rounding
+# Curvature of the loss over the curvature without residuals. Chosen by hand: a larger limit reports
+# more sets as contradictory, a smaller one accepts nearly flat minima.
 SMALLEST_CURVATURE = 1e-6
 
 
 class Observability(IntEnum):
-    """Whether a set of stars fixes an attitude."""
+    """Whether a set of stars determines an attitude."""
 
     OBSERVED = 0
-    ONE_DIRECTION = 1  # or two opposite ones, or none: the rotation about it is unobservable
+    ONE_DIRECTION = 1  # or two opposite directions, or none: the rotation about it is unobservable
     CONTRADICTORY = 2  # the residuals are so large that other attitudes fit as well
 
 
@@ -33,12 +33,12 @@ class Observability(IntEnum):
 class Alignment:
     """Attitudes at the minimum of Wahba's loss.
 
-    source_to_target  m rotations; if not observed, one of many solutions
+    source_to_target  m rotations; if not observable, one of many solutions
     covariance        (m, 3, 3) radian^2, of the small rotation about the target's axes, if the
-                      weights are inverse variances; infinite where not observed
-    condition         (m,) 1, of the information, which is the inverse of the covariance
-    loss              (m,) 1, half the weighted squared residuals; n - 3/2 is expected of n stars
-    observability     (m,) of `Observability`
+                      weights are inverse variances; infinite if not observable
+    condition         (m,) 1, condition number of the information (inverse of the covariance)
+    loss              (m,) 1, half the weighted squared residuals; its mean for n stars is n - 3/2
+    observability     (m,) values of `Observability`
     """
 
     source_to_target: Rotation
@@ -53,10 +53,10 @@ def align(observed: Floats, reference: Floats, weight: Floats) -> Alignment:
 
         loss = 1/2 sum_i weight_i |observed_i - R reference_i|^2
 
-    Wahba (1965), SIAM Review 7, 409. The start is the singular value decomposition of the vectors'
-    products. It squares them and so loses half of the digits; Gauss-Newton steps on the residuals
-    restore these. `observability` reports a set that does not determine the attitude; nothing is
-    raised.
+    Source: Wahba (1965), SIAM Review 7, 409. The iteration starts from the singular value
+    decomposition of the vectors' products. Products lose half of the digits; Gauss-Newton steps on
+    the residuals restore these. A set that does not determine the attitude is reported by
+    `observability`, not by an exception.
 
     observed   (m, n, 3) unit vectors in the target's axes
     reference  (m, n, 3) unit vectors in the source's axes
@@ -105,7 +105,9 @@ def _align(b, r, weight, matrix, covariance, condition, loss, status):  # type: 
             _linearise(b[k], r[k], w, a, columns)
             least_squares(columns, triangle, step)
             invert(triangle, inverse)
-            least = math.sqrt(_square(triangle) * _square(inverse))  # of the condition's root
+            least = math.sqrt(
+                _square(triangle) * _square(inverse)
+            )  # of the condition's square root
             if not least < 1 / (100 * EPS):
                 break
             turn_by(step, a)
@@ -150,7 +152,7 @@ def _square(matrix):  # type: ignore[no-untyped-def]
 def _product(left, right, rows, out):  # type: ignore[no-untyped-def]
     """Write the scalar products of the rows of two matrices (3, 3), or of their columns.
 
-    Not `@`, whose last digit depends on the processor, and which takes a second to compile.
+    `@` is not used: its last digit depends on the processor, and it takes a second to compile.
     """
     for i in range(3):
         for j in range(3):
@@ -166,8 +168,8 @@ def _product(left, right, rows, out):  # type: ignore[no-untyped-def]
 def _turn_about(axis, b, r, w, a):  # type: ignore[no-untyped-def]
     """Rotate a about the axis to the least loss, from the components across the axis.
 
-    In a narrow field the products have lost these components; the vectors have not. It is enough
-    to remove the component along the axis from one vector of each pair.
+    In a narrow field the products have lost these components, but the vectors still have them. It
+    is enough to remove the component along the axis from one vector of each pair.
     """
     sine = cosine = 0.0
     for i in range(len(w)):
@@ -190,7 +192,7 @@ def _turn_about(axis, b, r, w, a):  # type: ignore[no-untyped-def]
 
 @kernel
 def _linearise(b, r, w, a, columns):  # type: ignore[no-untyped-def]
-    """Write sqrt(w) d(p) / d(turn) and sqrt(w) (b - p) with p = a r, a star every three columns."""
+    """Write sqrt(w) d(p) / d(rotation) and sqrt(w) (b - p) with p = a r, three columns a star."""
     for i in range(len(w)):
         px, py, pz = rotated(a, r[i])
         root = math.sqrt(w[i])
@@ -207,8 +209,8 @@ def _linearise(b, r, w, a, columns):  # type: ignore[no-untyped-def]
 def _loss(b, r, w, a, inverse):  # type: ignore[no-untyped-def]
     """The loss, and whether it curves upwards in every direction.
 
-    Its second derivative is that of Gauss and Newton, G = triangle^T triangle, plus a term of the
-    residuals e; both are expressed in the axes in which G is the unit matrix.
+    Its second derivative is the Gauss-Newton matrix, G = triangle^T triangle, plus a term of the
+    residuals e. Both are expressed in the axes in which G is the unit matrix.
 
         H = G + sum_i w_i ((e_i . p_i) I - (e_i p_i^T + p_i e_i^T) / 2)
     """

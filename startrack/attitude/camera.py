@@ -1,4 +1,4 @@
-"""Identified frames of one camera -> the camera model that fits them all."""
+"""Identified frames of one camera -> the camera model that fits all of them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -31,8 +31,9 @@ NO_MOTION = np.zeros(3)
 class Calibration(Parameters):
     """Prior standard deviation of each unknown about the starting camera; 0 fixes it.
 
-    The priors are Gaussian: an unknown that the frames do not constrain keeps its value, and the
-    covariance shows it. One narrow frame hardly separates principal point, attitude and distortion.
+    The priors are Gaussian. An unknown that the frames do not constrain keeps its value and the
+    variance of its prior. One narrow frame hardly separates principal point, attitude and
+    distortion.
     """
 
     focal_length: float = parameter("relative", limit=NON_NEGATIVE, default=0.1)
@@ -67,11 +68,11 @@ class Calibration(Parameters):
 class Calibrated:
     """The estimate of a camera.
 
-    camera        of the least squares
-    covariance    (8, 8) of UNKNOWNS, in their units; zero where an unknown is fixed
+    camera        camera from least squares
+    covariance    (8, 8) of UNKNOWNS, in their units; zero for a fixed unknown
     residual_rms  pixel, root mean square over both axes of all matches
-    stars         matches used
-    frames        frames used
+    stars         number of used matches
+    frames        number of used frames
     """
 
     camera: core.Camera
@@ -89,14 +90,14 @@ def calibrate(
 ) -> Calibrated:
     """Robust least squares over the camera and the attitudes of all frames.
 
-    Gauss-Newton with OpenCV's derivatives; the attitudes are eliminated frame by frame (Schur
-    complement), so that the time is proportional to the number of frames. Residuals beyond HUBER
-    sigma get less weight. A chi-square above the degrees of freedom enlarges the covariance in
-    proportion.
+    The method is Gauss-Newton with OpenCV's derivatives. The attitudes are eliminated frame by
+    frame (Schur complement), so that the time is proportional to the number of frames. Residuals
+    beyond HUBER sigma get less weight. A chi-square above the degrees of freedom enlarges the
+    covariance in proportion.
 
-    spots    of each frame
-    matches  of each frame; unsolved ones are left out
-    camera   to start from
+    spots    spots of each frame
+    matches  matches of each frame; unsolved frames are left out
+    camera   camera to start from
     Raises    ValueError if no frame is solved, or lengths differ.
     Accuracy  model: OpenCV's distortion.
     """
@@ -148,13 +149,13 @@ class _Block:
         return self.inverse @ (self.attitude_right - self.cross.T @ step)
 
     def turned_by(self, covariance: Floats) -> Floats:
-        """Covariance (3, 3) radian^2 that the camera's (k, k) gives to the frame's attitude."""
+        """Covariance (3, 3) radian^2 of the frame's attitude by the camera's covariance (k, k)."""
         slope = self.inverse @ self.cross.T
         return slope @ covariance @ slope.T
 
 
 class MatchedFrame:
-    """The matches of one frame, and its attitude so far."""
+    """The matches of one frame, and its current attitude."""
 
     def __init__(self, spots: core.Spots, matches: core.Matches) -> None:
         assert matches.icrs_to_camera is not None
@@ -163,7 +164,7 @@ class MatchedFrame:
         self.icrs_to_camera: Rotation = matches.icrs_to_camera
 
     def turn(self, vector: Floats) -> None:
-        """Turn its attitude by a rotation vector (3,), radian, in camera axes."""
+        """Rotate the attitude by a rotation vector (3,), radian, in camera axes."""
         self.icrs_to_camera = Rotation.from_rotvec(vector) * self.icrs_to_camera
 
     def residual(self, camera: core.Camera) -> Floats:
@@ -180,7 +181,7 @@ class MatchedFrame:
     ) -> _Block:
         """The normal equations of some of UNKNOWNS, given by their indices.
 
-        more  (n, 2, k) slopes of the stars' pixels by further unknowns; None: there are none
+        more  (n, 2, k) derivatives of the stars' places by further unknowns; None: there are none
         """
         residual = self.residual(camera)
         inverse, _, weight = self._weigh(camera, floor)
@@ -217,13 +218,13 @@ class MatchedFrame:
 
 
 def matched_pixels(spots: core.Spots, matches: core.Matches) -> tuple[Floats, Floats]:
-    """Pixels (n, 2) of the spots that are matched, and their covariances (n, 2, 2)."""
+    """Places (n, 2), pixel, of the matched spots, and their covariances (n, 2, 2)."""
     pixel = np.column_stack([spots.x, spots.y])[matches.spot]
     return pixel, spots.covariance[matches.spot]
 
 
 def typical_square(square: Floats) -> float:
-    """Robust variance of an axis, from sums (n,) of two normal squares: median / (2 ln 2)."""
+    """Robust variance per axis, from sums (n,) of two normal squares: median / (2 ln 2)."""
     return float(np.median(square)) / (2 * np.log(2))
 
 
@@ -231,13 +232,13 @@ def huber_weights(square: Floats, variance: float) -> Floats:
     """Huber's weights (n,): residuals beyond HUBER typical sizes count linearly.
 
     square    (n,) squared residuals, both axes together
-    variance  of an axis, of a typical residual
+    variance  variance per axis of a typical residual
     """
     return np.minimum(1.0, HUBER * np.sqrt(2 * variance / np.maximum(square, 1e-300)))
 
 
 def camera_slopes(camera: core.Camera, points: Floats) -> tuple[Floats, Floats]:
-    """Derivatives of the pixels of directions (n, 3) by a camera and by a small rotation of it.
+    """Derivatives of the places of directions (n, 3) by a camera and by a small rotation of it.
 
     Returns  (n, 2, 8) by UNKNOWNS, (n, 2, 3) pixel / radian
     """

@@ -21,9 +21,9 @@ EVERY: core.Ints = np.arange(COUNT)
 class CameraFilter(Parameters):
     """A calibration in flight, frame by frame: its prior, and the changes of the camera.
 
-    Random walks grow with the square root of the time; slopes are by the temperature given to
-    `after_frame`. A map of residual distortion has nodes that span the frame evenly, with linear
-    interpolation between them.
+    Random walks grow with the square root of time. Slopes are derivatives by the temperature that
+    is given to `after_frame`. A map of residual distortion has nodes that span the frame evenly,
+    with linear interpolation between them.
     """
 
     prior: Calibration = parameter("standard deviations at the begin", default_factory=Calibration)
@@ -62,7 +62,7 @@ class CameraFilter(Parameters):
             raise core.Refused("map must be 0 or at least 2, got 1")
 
     def sigma(self, camera: Camera) -> Floats:
-        """(16 + 2 map^2,) of UNKNOWNS, their slopes, and x and y of the nodes, at the begin."""
+        """Initial sigma (16 + 2 map^2,) of UNKNOWNS, of their slopes, and of the nodes' x and y."""
         slopes = np.zeros(COUNT)
         slopes[0] = self.focal_length_slope * camera.focal_length_px
         slopes[1:3] = self.principal_slope
@@ -70,7 +70,7 @@ class CameraFilter(Parameters):
         return np.concatenate([self.prior.sigma(camera), slopes, nodes])
 
     def walk(self, camera: Camera) -> Floats:
-        """(16 + 2 map^2,) change in a second, standard deviation."""
+        """Standard deviation (16 + 2 map^2,) of the change in a second, in the order of `sigma`."""
         walk = np.zeros(2 * COUNT + 2 * self.map**2)
         walk[0] = self.focal_length_walk * camera.focal_length_px
         walk[1:3] = self.principal_walk
@@ -83,11 +83,11 @@ class CameraFilter(Parameters):
 class KnownCamera:
     """The estimate of a camera after some frames.
 
-    camera      at the reference temperature, with the map as its residual
-    slope       (8,) of UNKNOWNS, 1 / kelvin
-    covariance  (16 + 2 k, 16 + 2 k) of UNKNOWNS, their slopes, and x and y of k nodes; zero where
-                one is fixed
-    nodes       (k, 2) pixel, of the map
+    camera      camera at the reference temperature, with the map as its residual
+    slope       (8,) slopes of UNKNOWNS, 1 / kelvin
+    covariance  (16 + 2 k, 16 + 2 k) of UNKNOWNS, their slopes, and x and y of k nodes; zero for a
+                fixed one
+    nodes       (k, 2) pixel, places of the nodes of the map
     """
 
     camera: Camera
@@ -136,8 +136,8 @@ def after_frame(
     with the normal equations S of the camera's unknowns without the attitude, as in `calibrate`,
     and with its weights against false matches.
 
-    step     second, since the frame before
-    warmer   kelvin, above the reference temperature
+    step     second, time since the previous frame
+    warmer   kelvin, temperature above the reference temperature
     Returns  the estimate; with too few matched stars, only the change with time is applied
     Accuracy  model: errors of centroids are independent from frame to frame. Errors that last at a
               place of the field, beyond the map and `prior.floor`, make the covariance too small.
@@ -145,7 +145,7 @@ def after_frame(
     known = known.later(settings, step)
     if len(matches) < FEWEST:
         return known
-    # In units of the prior, so that all unknowns have numbers of similar size.
+    # In units of the prior, so that the numbers of all unknowns have similar sizes.
     scale = settings.sigma(known.camera)
     free = np.flatnonzero(scale > 0)
     scale = scale[free]
@@ -174,7 +174,7 @@ def attitude_doubt(
 
         D = A V P V' A',   V = [1, warmer 1, weights of the nodes]
 
-    with the slopes A of the least-squares attitude by the camera. `known` must be the estimate
+    A are the derivatives of the least-squares attitude by the camera. `known` must be the estimate
     before this frame.
 
     Returns  zero if too few stars are matched
@@ -200,7 +200,7 @@ def _view(state: KnownCamera, warmer: float) -> Floats:
 
 
 def _slopes_of_nodes(state: KnownCamera, frame: MatchedFrame) -> Floats | None:
-    """Slopes (n, 2, 2 k) of the stars' pixels by x and y of the nodes; None without a map."""
+    """Derivatives (n, 2, 2 k) of the stars' places by x and y of the nodes; None without a map."""
     if not len(state.nodes):
         return None
     camera, count = state.camera, len(state.nodes)

@@ -11,17 +11,17 @@ from startrack.core import Flags, Floats, axes_of_pair, kernel
 def consensus(observed: Floats, reference: Floats, sigma: Floats, gate: float) -> Flags:
     """Find the largest set of stars that one attitude explains.
 
-    Every pair of stars whose two distances agree gives an attitude (TRIAD: Black 1964, AIAA J.
-    2(7), 1350); the stars within the gate of it are fitted, and those within the gate of the fit
-    are counted. The result is the set with the most stars, among equals that with the smallest
-    residuals. All pairs are tried, so that the result depends neither on random draws nor on the
-    order.
+    Every pair of stars whose measured and catalogue distances agree gives an attitude (TRIAD: Black
+    1964, AIAA J. 2(7), 1350). The stars within the gate of this attitude are fitted, and the stars
+    within the gate of the fit are counted. The result is the set with the most stars; among sets of
+    equal size, the one with the smallest residuals. All pairs are tried, so that the result depends
+    neither on random draws nor on the order.
 
     observed   (n, 3) unit vectors in camera axes
     reference  (n, 3) unit vectors, ICRS axes
     sigma      (n,) radian, error of each direction per axis
-    gate       sigma, beyond which a star does not agree
-    Returns    (n,) which stars agree; none where no pair does
+    gate       sigma, residual beyond which a star does not agree
+    Returns    (n,) which stars agree; none if no pair agrees
     Accuracy   numerical: rounding only. It takes n^3 / 2 steps: 0.1 ms for 30 stars.
     """
     chosen = np.zeros(len(sigma), np.bool_)
@@ -61,7 +61,8 @@ def _search(observed: Floats, reference: Floats, sigma: Floats, gate: float, cho
                 agree += trial[k]
             if agree < best_count:
                 continue
-            # The gate of a close pair is wide; so the attitude of all these stars is tested again.
+            # The gate of a close pair is wide. Therefore the attitude of all these stars is tested
+            # again.
             products[:] = 0.0
             for k in range(count):
                 if trial[k]:

@@ -1,4 +1,4 @@
-"""Attitudes of heads and rates in time -> attitude, gyroscope, alignments, lasting errors."""
+"""Kalman filter: attitudes and rates in time -> attitude, gyroscope bias, alignments, errors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -28,13 +28,13 @@ class State:
 
     icrs_to_camera  attitude
     bias            (3,) radian / second, rate that the gyroscope shows at rest, in its axes
-    covariance      (n, n) of the small rotation about the camera's axes, radian, of the bias, of
-                    the lasting errors, of the alignment of each further head about its axes, and
-                    of the misalignment: n = 6 + 3 k + 3 h + m
+    covariance      (n, n) of the small rotation about the camera's axes (radian), of the bias, of
+                    the lasting errors, of the alignment of each further head about its axes, and of
+                    the misalignment: n = 6 + 3 k + 3 h + m
     lasting         (k, 3) radian, errors of the measured attitudes that last from frame to frame,
-                    about the axes of the head: the same number for each head, head by head
-    misalignment    (m,) radian, rotation from the camera's axes to the gyroscope's: three angles,
-                    or none where the gyroscope has the axes of the camera
+                    about the axes of the head; head by head, the same number for each head
+    misalignment    (m,) radian, rotation from the camera's axes to the gyroscope's axes: three
+                    angles, or none if the gyroscope has the axes of the camera
     to_heads        (h,) rotations from the camera, which is head 0, to each further head
     """
 
@@ -62,12 +62,12 @@ class State:
         return self.to_head(head) * self.icrs_to_camera, turns @ self.covariance @ turns.T
 
     def alignment(self, head: int) -> slice:
-        """The place of the alignment of a further head in the covariance."""
+        """The rows of the covariance for the alignment of a further head."""
         begin = 3 + 3 * len(self.lasting) + 3 * head
         return slice(begin, begin + 3)
 
     def turns(self, head: int) -> Floats:
-        """(3, n), derivatives of a head's attitude by the errors of the state."""
+        """Derivatives (3, n) of a head's attitude by the errors of the state."""
         turns = np.zeros((3, len(self.covariance)))
         turns[:, :3] = self.to_head(head).as_matrix()
         if head:
@@ -75,7 +75,7 @@ class State:
         return turns
 
     def measured(self, head: int) -> Floats:
-        """(3, n), derivatives of an attitude that a head measures, including its lasting errors."""
+        """Derivatives (3, n) of an attitude that a head measures, including its lasting errors."""
         many = len(self.lasting) // (1 + len(self.to_heads))
         measured = self.turns(head)
         begin = 6 + 3 * many * head
@@ -87,8 +87,8 @@ class State:
 class LastingErrors:
     """Parts of the error of a measured attitude that are correlated in time (Gauss-Markov).
 
-    covariance  (k, 3, 3) radian^2 about the camera's axes, of each part, within that of the
-                measurement
+    covariance  (k, 3, 3) radian^2 about the camera's axes, of each part; the covariance of the
+                measurement contains it
     keep        (k,) 1, correlation of each part from one frame to the next
     """
 
@@ -109,11 +109,11 @@ def start(
 
     covariance  (3, 3) radian^2, of the small rotation about the axes of the head that measured it
     bias_sigma  radian / second, standard deviation of the bias per axis
-    lasting     parts of that covariance, for each head; None: each attitude has independent errors
-    misalignment_sigma  radian, standard deviation per axis; 0: the gyroscope has none
-    heads       for each further head: the rotation from the camera to it, and its standard
+    lasting     parts of `covariance`, for each head; None: all attitudes have independent errors
+    misalignment_sigma  radian, standard deviation per axis; 0: the gyroscope has no misalignment
+    heads       for each further head: the rotation from the camera to this head, and its standard
                 deviation about each axis of the head, radian
-    head        that measured the attitude; 0: the camera
+    head        number of the head that measured the attitude; 0: the camera
     """
     parts = np.zeros((0, 3, 3)) if lasting is None else lasting.covariance
     many = len(parts) // (1 + len(heads))
@@ -131,7 +131,7 @@ def start(
         zeros[: 3 * bool(misalignment_sigma)],
         tuple(to_head for to_head, _ in heads),
     )
-    # The attitude contains the lasting errors, while the state starts with lasting errors of zero.
+    # The attitude contains the lasting errors, but the state starts with lasting errors of zero.
     back = state.to_head(head).inv()
     errors = state.measured(head)
     errors[:, :3] = np.eye(3)
@@ -152,16 +152,16 @@ def predict(
 
         A' = exp(-[t]x) A,   t = exp(-[m]x) (rate - bias) step
 
-    The stars rotate by -t in the axes of a camera that rotates by t. The error, a small rotation
-    after A, rotates with them; an error b of the bias adds about b step, one of the misalignment m
-    about m x t.
+    If the camera rotates by t, the stars rotate by -t in its axes. The error, a small rotation
+    after A, rotates with the stars. An error b of the bias adds about b step, and an error m of the
+    misalignment adds about m x t.
 
-    Source: Lefferts, Markley and Shuster (1982), J. Guidance 5(5), 417; the noise over a step is
-    Farrenkopf's (1978), exact for a small turn.
+    Source: Lefferts, Markley and Shuster (1982), J. Guidance 5(5), 417. The noise over a step is
+    from Farrenkopf (1978); it is exact for a small rotation.
 
-    rate       (3,) radian / second, of the camera, as the gyroscope shows it
+    rate       (3,) radian / second, rate of the camera that the gyroscope shows
     step       second
-    lasting    law of the lasting errors of the state; None: it has none
+    lasting    law of the lasting errors of the state; None: there are none
     """
     turn = state.rate_of(rate) * step
     step_rotation = Rotation.from_rotvec(-turn)
@@ -197,7 +197,7 @@ class MeasuredAttitude(NamedTuple):
 
     covariance  (3, 3) radian^2, about the axes of the head; without the lasting errors of the
                 state, and without errors that all heads share
-    head        0: the camera
+    head        number of the head; 0: the camera
     """
 
     icrs_to_head: Rotation
@@ -215,9 +215,11 @@ def correct_together(
 ) -> State:
     """Correct the state with attitudes that heads measured from stars at one time.
 
-    The multiplicative extended Kalman filter: the innovation is the rotation vector from the
-    predicted to the measured attitude, and the correction is a rotation. Joseph's form keeps the
-    covariance positive definite. Source: Markley (2003), J. Guidance 26(2), 311.
+    This is the multiplicative extended Kalman filter: the innovation is the rotation vector from
+    the predicted to the measured attitude, and the correction is a rotation. Joseph's form keeps
+    the covariance positive definite.
+
+    Source: Markley (2003), J. Guidance 26(2), 311.
 
     shared  (3, 3) radian^2 about the axes of the camera, of errors that all of these attitudes
             share, such as motion of the platform within the exposures; None: none

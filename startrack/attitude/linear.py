@@ -7,19 +7,19 @@ import numpy as np
 from startrack.core import Floats, kernel
 
 EPS = 2.0**-52
-MOST_SWEEPS = 12  # a limit: convergence is quadratic, so that a few are enough
+MOST_SWEEPS = 12  # limit of the sweeps: convergence is quadratic, so that a few are enough
 
 
 @kernel
 def best_rotation(b: Floats, rotation: Floats) -> Floats:
-    """Write the rotation R of largest trace(R^T b), and return the direction of its largest part.
+    """Write the rotation R with the largest trace(R^T b), and return the main direction u1.
 
         b = U S V^T with falling S,   R = u1 v1^T + u2 v2^T + (u1 x u2) (v1 x v2)^T
 
-    The cross products make both frames right-handed, and need no smallest singular value, which
-    has no correct digits. Method: Golub and Van Loan (2013), Matrix Computations, 8.6.3.
+    The cross products make both frames right-handed. They do not need the smallest singular value,
+    which has no correct digits. Method: Golub and Van Loan (2013), Matrix Computations, 8.6.3.
 
-    b         (3, 3); destroyed: its columns become U S
+    b         (3, 3); overwritten: its columns become U S
     rotation  (3, 3), written
     Returns   (3,) u1
     """
@@ -49,7 +49,7 @@ def best_rotation(b: Floats, rotation: Floats) -> Floats:
 
 @kernel
 def _make_orthogonal(b: Floats, v: Floats, i: int, j: int) -> bool:
-    """Rotate columns i and j of b and of v so that those of b are orthogonal; whether needed."""
+    """Rotate columns i and j of b and v to make b's orthogonal; return whether it was needed."""
     ii = jj = ij = 0.0
     for k in range(3):
         ii += b[k, i] * b[k, i]
@@ -71,7 +71,7 @@ def _make_orthogonal(b: Floats, v: Floats, i: int, j: int) -> bool:
 
 @kernel
 def _frame(first: Floats, second: Floats) -> tuple[Floats, Floats]:
-    """Two orthogonal unit vectors: along the first, and as near as can be to the second."""
+    """Two orthogonal unit vectors: along the first, and as close as possible to the second."""
     size, least = math.sqrt(_dot(first, first)), 0
     u1, u2 = np.empty(3), np.empty(3)
     for k in range(3):
@@ -87,7 +87,7 @@ def _frame(first: Floats, second: Floats) -> tuple[Floats, Floats]:
     _normalise(u2)
     along = _dot(u1, u2)
     for k in range(3):
-        u2[k] -= u1[k] * along  # again: a short or chosen vector is not orthogonal yet
+        u2[k] -= u1[k] * along  # once more: a short or chosen vector is not yet orthogonal
     _normalise(u2)
     return u1, u2
 
@@ -118,13 +118,13 @@ def _cross(a: Floats, b: Floats) -> Floats:
 def least_squares(columns: Floats, triangle: Floats, step: Floats) -> None:
     """Minimise |A d - t| by modified Gram-Schmidt with the target as the last column.
 
-    That is as stable as Householder's method: Bjorck (1996), Numerical Methods for Least Squares
+    It is as stable as Householder's method: Bjorck (1996), Numerical Methods for Least Squares
     Problems, 2.4.
 
-    columns   (4, n) the three columns of A, and t; destroyed
-    triangle  (3, 3), written: upper triangular, A = Q triangle; a zero on its diagonal where A
-              has no rank
-    step      (3,), written: d; not finite where A has no rank
+    columns   (4, n) the three columns of A, and t; overwritten
+    triangle  (3, 3), written: upper triangular, A = Q triangle; with a zero on its diagonal if A
+              has not full rank
+    step      (3,), written: d; not finite if A has not full rank
     """
     count = columns.shape[1]
     target = np.zeros(3)
@@ -155,7 +155,7 @@ def least_squares(columns: Floats, triangle: Floats, step: Floats) -> None:
 
 @kernel
 def invert(triangle: Floats, inverse: Floats) -> None:
-    """Write the inverse of an upper triangle; infinite where there is none."""
+    """Write the inverse of an upper triangular matrix; infinite if it is singular."""
     a, b, c = triangle[0, 0], triangle[1, 1], triangle[2, 2]
     inverse[:] = 0.0
     inverse[0, 0], inverse[1, 1], inverse[2, 2] = 1 / a, 1 / b, 1 / c

@@ -10,8 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from startrack.core import FINITE, NON_NEGATIVE, POSITIVE, Parameters, Range, Unit, parameter
 
-# Pixel per axis, typical of calibrated cameras. Chosen by hand: a larger one gives all stars nearly
-# the same weight, a smaller one states too small a covariance for bright stars.
+# Pixel per axis, typical systematic error of calibrated cameras. Chosen by hand: a larger one gives
+# all stars nearly the same weight; with a smaller one the stated covariance of bright stars is too
+# small.
 UNKNOWN_FLOOR = 0.015
 
 
@@ -27,27 +28,27 @@ class SolverSettings(Parameters):
     """
 
     centroid_floor: float | None = parameter(
-        "pixel, systematic error per axis that every centroid has beside its noise: sampling by "
+        "pixel, systematic error per axis of every centroid in addition to its noise: sampling by "
         "pixels, their unequal response, light of other stars; None: the prediction of the "
-        "design for each star, or 0.015 where there is no design",
+        "design for each star, or 0.015 without a design",
         limit=NON_NEGATIVE,
         default=None,
     )
     gate: float = parameter(
         "sigma, normalised residual beyond which a star is left out as a false match, a double "
-        "star or a hot pixel; scaled with the residuals where these are larger than the noise "
+        "star or a hot pixel; scaled with the residuals if these are larger than the noise "
         "explains. Chosen by hand: a smaller one loses stars, a larger one keeps outliers",
         limit=POSITIVE,
         default=5.0,
     )
     sift: bool = parameter(
-        "first take the largest set of stars that agree on one attitude within the gate, "
-        "however small; for matches that were not verified together",
+        "whether the solver first takes the largest set of stars that agree on one attitude within "
+        "the gate, however small the set is; for matches that were not verified together",
         default=False,
     )
     method: str = parameter(
         '"least squares": by the residuals in the image plane; or user code, see '
-        "docs/extensions.md, which then also handles outliers: gate and sift are not used",
+        "docs/extensions.md. User code also handles outliers: gate and sift are not used",
         limit=Range(choices=METHODS, code="attitudes"),
         default="least squares",
     )
@@ -58,8 +59,8 @@ class Mounting(Parameters):
 
         camera_to_body = exp([angle + swing sin(phase)] x)
 
-    The error of the known angle is the bias of ECSS-E-ST-60-20C, the swing its thermo-elastic
-    error: a sinusoid models the heating and cooling during an orbit.
+    In ECSS-E-ST-60-20C, the error of the known angle is the bias, and the swing is the
+    thermo-elastic error. A sinusoid models the heating and cooling during an orbit.
 
     Raises  ValueError if an angle is not finite or an amplitude is negative.
     """

@@ -1,4 +1,4 @@
-"""Gauss-Newton on residuals in the image plane; covariance of an attitude, with shared errors."""
+"""Gauss-Newton on residuals in the image plane; covariance of the attitude, with shared errors."""
 
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple
@@ -10,9 +10,9 @@ from startrack import core
 from startrack.attitude.linear import invert, least_squares
 from startrack.core import Flags, Floats, Unit, kernel, plane_slopes, turn_by
 
-MOST_STEPS = 10  # a limit: the start is close to the minimum
-SMALLEST_STEP = 1e-15  # radian, some eps
-# Of the largest diagonal element, below which the stars have no second direction. Chosen by hand:
+MOST_STEPS = 10  # limit of the steps: the start is close to the minimum
+SMALLEST_STEP = 1e-15  # radian, several eps
+# Ratio to the largest diagonal element below which all stars lie in one direction. Chosen by hand:
 # between rounding, 1e-16, and the narrowest fields.
 LEAST_RANK = 1e-12
 
@@ -45,16 +45,16 @@ def refine(
 ) -> Refinement:
     """Minimise sum_i r_i^T C_i^-1 r_i + (s - 1)^2 / tolerance^2 over rotations and the scale s.
 
-    The residuals are taken in the undistorted image plane, where x/z of a direction changes with
-    a small rotation d about the camera's axes by s (-xy, 1 + x^2, -y) d and y/z by
-    s (-(1 + y^2), xy, x) d, and in proportion to themselves with s. The covariance is that of the
-    attitude with the scale estimated too.
+    The residuals are taken in the undistorted image plane. There a small rotation d about the
+    camera's axes changes x/z of a direction by s (-xy, 1 + x^2, -y) d, and y/z by s (-(1 + y^2),
+    xy, x) d. Both are proportional to s. The covariance of the attitude includes the uncertainty of
+    the estimated scale.
 
     pixel       (n, 2) measured centroids
     covariance  (n, 2, 2) pixel^2
     direction   (n, 3) unit vectors, ICRS axes
     start       icrs_to_camera near the minimum
-    tolerance   1, prior standard deviation of the scale; 0 holds it
+    tolerance   1, prior standard deviation of the scale; 0: the scale is fixed
     Returns     Refinement
     Raises      ValueError if the attitude is not observable (fewer than two directions).
     Accuracy    model: the covariance of a centroid is assumed to be the same without distortion.
@@ -63,10 +63,10 @@ def refine(
     """
     seen = camera.unproject(pixel)
     seen_plane = seen[:, :2] / seen[:, 2:]
-    # (n, 3) the lower triangle of a matrix that makes the noise of a position one.
+    # (n, 3) lower triangle of a matrix that whitens the noise of a position.
     root = np.linalg.inv(np.linalg.cholesky(covariance)) * camera.focal_length_px
     whitener = np.ascontiguousarray(root[:, [0, 1, 1], [0, 0, 1]])
-    direction = np.ascontiguousarray(direction)  # directions rotated by scipy are not
+    direction = np.ascontiguousarray(direction)  # rotated directions are not contiguous
     matrix = start.as_matrix()
     inverse, chi_square = np.empty((3, 3)), np.empty(len(pixel))
     residual = np.empty_like(seen_plane)
@@ -85,12 +85,12 @@ def refine(
 
 
 class Refinements(NamedTuple):
-    """The minima of m sets of stars, as `Refinement` has one.
+    """The minima of m sets of stars; fields as in `Refinement`.
 
     source_to_target  m rotations
-    covariance        (m, 3, 3) radian^2; infinite where not observed
+    covariance        (m, 3, 3) radian^2; infinite if not observable
     chi_square        (m,) 1, sum over the stars
-    observed          (m,) whether the stars fix the attitude
+    observed          (m,) whether the stars determine the attitude
     """
 
     source_to_target: Rotation
@@ -150,7 +150,7 @@ def _refine_all(plane, whitener, direction, tolerance, matrix, covariance, chi_s
 
 @kernel
 def _refine(seen, whitener, direction, tolerance, matrix, inverse, residual, chi_square):  # type: ignore[no-untyped-def]
-    """Rotate the matrix to the minimum, write the rest; the scale, NaN if not observable."""
+    """Gauss-Newton to the minimum, in place; returns the scale, NaN if not observable."""
     columns, stretch = np.zeros((4, 2 * len(seen) + 1)), np.zeros(2 * len(seen) + 1)
     triangle, step, along = np.zeros((3, 3)), np.empty(3), np.zeros(4)
     scale = 1.0
@@ -179,7 +179,8 @@ def _refine(seen, whitener, direction, tolerance, matrix, inverse, residual, chi
 
 @kernel
 def _linearise(seen, whitener, direction, matrix, scale, columns, stretch, residual):  # type: ignore[no-untyped-def]
-    """Residuals (n, 2) in the plane; whitened, their derivatives and themselves, as columns.
+    """Write residuals (n, 2) in the image plane; as columns, the whitened derivatives and
+    residuals.
 
     The derivative by the scale is in `stretch`; the last row is reserved for the scale's prior.
     """
@@ -203,7 +204,8 @@ def _linearise(seen, whitener, direction, matrix, scale, columns, stretch, resid
 
 @kernel
 def _free(stretch, columns, scale, tolerance, along):  # type: ignore[no-untyped-def]
-    """Make the columns orthogonal to the scale's, and write their projections on it (4,)."""
+    """Make the columns orthogonal to the column of the scale; write their projections on it
+    (4,)."""
     stretch[-1], columns[3, -1] = 1 / tolerance, (1 - scale) / tolerance
     square = (stretch**2).sum()
     for k in range(4):
@@ -224,13 +226,15 @@ def tangent(plane: Floats) -> Floats:
 @core.printed
 @dataclass(frozen=True, eq=False)
 class SharedErrors:
-    """Errors that near stars, or all stars, share, as far as the tracker knows their statistics.
+    """Errors that close stars, or all stars, share, as far as the tracker knows their statistics.
 
-    columns, rows  pixel, of the frame
-    table          (q, p, 2, k) pixel, x and y at q x p places that span the frame: a root of their
-                   covariance, table table^T over the k
-    variance       pixel^2 per axis over the frame; the systematic variance of stars contains it
-    turn           (3,) radian^2, of turns between camera and spacecraft about the camera's axes
+    columns, rows  pixel, size of the frame
+    table          (q, p, 2, k) pixel, x and y at q x p places that span the frame: a root of the
+                   covariance of the displacements, table table^T summed over k
+    variance       pixel^2 per axis, mean over the frame; the systematic variance of stars contains
+                   it
+    turn           (3,) radian^2, variance of rotations between camera and spacecraft about the
+                   camera's axes
     """
 
     columns: Annotated[int, Unit("pixel")]
@@ -240,21 +244,22 @@ class SharedErrors:
     turn: Annotated[Floats, Unit("rad2", "arcsec2")]
 
     def at(self, pixel: Floats) -> Floats:
-        """The root (..., 2, k) at places (..., 2) pixel: that of the nearest place of the table."""
+        """The root (..., 2, k) at places (..., 2) pixel, from the nearest place of the table."""
         down, across = self.table.shape[:2]
         x = np.rint((pixel[..., 0] + 0.5) / self.columns * (across - 1)).astype(np.int64)
         y = np.rint((pixel[..., 1] + 0.5) / self.rows * (down - 1)).astype(np.int64)
         return self.table[np.clip(y, 0, down - 1), np.clip(x, 0, across - 1)]
 
     def added(self, gain: Floats, pixel: Floats) -> Floats:
-        """Covariance to add to one that assumes independent errors of all stars.
+        """Covariance to add to a covariance that assumes independent errors of all stars.
 
             G (S - variance 1) G^T + turn,   S = table table^T at the stars
 
         gain     (..., 3, n, 2) radian per pixel, of the attitude; zero for missing stars
-        pixel    (..., n, 2)
+        pixel    (..., n, 2) places of the stars
         Returns  (..., 3, 3) radian^2
-        Accuracy  model: to first order in the errors; turns about different axes are independent.
+        Accuracy  model: to first order in the errors; rotations about different axes are
+                  independent.
         """
         root, flat = self.at(pixel), gain.reshape(*gain.shape[:-2], -1)
         moved = flat @ root.reshape(*flat.shape[:-2], flat.shape[-1], -1)
@@ -276,12 +281,13 @@ def attitude_gain(plane: Floats, inverse: Floats, focal: float, tolerance: float
 
         G = (H^T M H + P)^-1 H^T M
 
-    with the derivatives H of the places by a small rotation and, if it is estimated, by the scale.
+    H are the derivatives of the places by a small rotation and, if it is estimated, by the scale. P
+    is the prior information of the scale.
 
     plane      (..., n, 2) places of the stars in the image plane
     inverse    (..., n, 2, 2) 1 / pixel^2, M: inverse covariances; zero for missing stars
-    focal      pixel
-    tolerance  1, prior standard deviation of the relative focal length; 0: it is held
+    focal      pixel, focal length
+    tolerance  1, prior standard deviation of the relative focal length; 0: it is fixed
     Returns    (..., 3, n, 2) radian per pixel
     """
     count = plane.shape[-2]

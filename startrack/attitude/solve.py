@@ -1,4 +1,4 @@
-"""Estimate from Spots and Matches: attitude, covariance and status; by user code."""
+"""Spots and Matches -> Estimate: attitude, covariance and status; also by user code."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -18,10 +18,10 @@ GROUP = "attitudes"
 EXACT = 1e-6  # largest element of R R^T - 1 that is accepted for a rotation matrix
 NO_COVARIANCE = np.full((3, 3), np.nan)
 MEDIAN_CHI_SQUARE = 2 * np.log(2)  # of two degrees of freedom
-# Probability of larger residuals by noise alone, below which the covariance is enlarged. Chosen by
+# Probability of larger residuals by noise alone below which the covariance is enlarged. Chosen by
 # hand: a larger one enlarges it too often, a smaller one ignores distortion and catalogue errors.
 SIGNIFICANCE = 1e-3
-FEWEST = 4  # matches that are always kept: fewer have no freedom left that shows an outlier
+FEWEST = 4  # matches that are always kept: with fewer, residuals do not show an outlier
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,11 +30,11 @@ class AttitudeInput:
 
     seen       (n, 3) unit vectors in camera axes, by the tracker's camera model
     direction  (n, 3) unit vectors of the same stars, ICRS axes
-    sigma      (n,) radian, standard deviation of each per axis, its systematic part included
+    sigma      (n,) radian, standard deviation of each star per axis, systematic part included
 
-    The function returns (3, 3) the rotation matrix icrs_to_camera; then startrack computes the
-    covariance from the change of the attitude with each star. Or (6, 3): below it the covariance,
-    radian^2 about the camera's axes
+    The function returns the rotation matrix icrs_to_camera (3, 3); then startrack computes the
+    covariance from the change of the attitude with each star. Or it returns (6, 3): below the
+    matrix its covariance, radian^2 about the camera's axes.
     """
 
     seen: Floats
@@ -43,7 +43,7 @@ class AttitudeInput:
 
 
 def attitude_by_code(name: str, given: AttitudeInput) -> tuple[Rotation, Floats]:
-    """The attitude icrs_to_camera and its covariance (3, 3) of a function that a design names.
+    """The attitude icrs_to_camera and its covariance (3, 3), from user code that a design names.
 
     Raises  ValueError if the function raises an error, or returns an invalid result.
     """
@@ -95,9 +95,9 @@ class KnownErrors:
     systematic  (m,) pixel^2 per axis, variance by causes other than noise; None: the square of
                 `SolverSettings.centroid_floor`
     shared      errors that stars share, which the covariance then includes; None: none are known
-    hot         (m,) pixel^2 per axis, mean errors by hot pixels under unknown stars. They change no
-                weight; the covariance includes them if the residuals are no larger than noise;
-                None: zero
+    hot         (m,) pixel^2 per axis, mean variance by hot pixels; which stars have them is
+                unknown. It changes no weight; the covariance includes it if the residuals are not
+                larger than noise; None: zero
     """
 
     systematic: Annotated[Floats | None, Unit("pixel2")] = None
@@ -117,17 +117,17 @@ def solve(
 ) -> Estimate:
     """The attitude from matched stars, weighted by the covariance of their centroids.
 
-    Stars beyond the gate are left out, the worst first, while more than half stay. If the other
-    residuals are larger than the centroids' noise explains (noise exceeds their chi-square with a
-    probability below 0.001), the covariance is multiplied by chi-square over its degrees of
-    freedom, to include errors of distortion and catalogue. Otherwise it is not changed: enlarging
-    it for every upward fluctuation would overstate the error on average.
+    Stars beyond the gate are left out, the worst first, as long as more than half stay. The other
+    residuals may be larger than the noise of the centroids explains: noise exceeds their chi-square
+    with a probability below 0.001. In that case the covariance is multiplied by chi-square over its
+    degrees of freedom, to include errors of distortion and catalogue. Otherwise it is not changed:
+    enlarging it for every upward fluctuation would overstate the error on average.
 
     spots      all spots of the frame
-    matches    of these spots; their `camera` is used
+    matches    matches of these spots; their `camera` is used
     tolerance  1, prior standard deviation of the relative focal length, which is estimated with the
-               attitude; 0: it is held
-    known      of the errors of the matched stars
+               attitude; 0: it is fixed
+    known      known errors of the matched stars
     Returns    Estimate; not solved if the matches are not solved or do not determine the attitude
     """
     if matches.status is not core.Status.SOLVED:
@@ -152,7 +152,7 @@ def solve(
     if excess > 1 or (hot is not None and not hot.any()):
         hot = None
     if shared is not None or hot is not None:
-        # The places of the stars by the attitude.
+        # The places of the stars, predicted by the attitude.
         direction = best.icrs_to_camera.apply(matches.direction[used])
         plane, focal = direction[:, :2] / direction[:, 2:], matches.camera.focal_length_px
         inverse: Floats = np.linalg.inv(covariance[used]).astype(np.float64)
@@ -198,7 +198,7 @@ def _fit_within_gate(
 
 
 def _by_code(name: str, pixel: Floats, covariance: Floats, matches: core.Matches) -> Estimate:
-    """The estimate of a function that the design names."""
+    """The estimate by user code that the design names."""
     camera = matches.camera
     sigma = np.sqrt(np.trace(covariance, axis1=1, axis2=2) / 2) / camera.focal_length_px
     given = AttitudeInput(camera.unproject(pixel), matches.direction, sigma)
@@ -220,7 +220,7 @@ def _fit(
 
 
 def _agreeing(pixel: Floats, covariance: Floats, matches: core.Matches, gate: float) -> Ints:
-    """Indices of the stars that agree on one attitude; all stars where fewer than 4 agree."""
+    """Indices of the stars that agree on one attitude; all stars if fewer than 4 agree."""
     sigma = np.sqrt(np.trace(covariance, axis1=1, axis2=2) / 2) / matches.camera.focal_length_px
     agree = consensus(matches.camera.unproject(pixel), matches.direction, sigma, gate)
     return np.flatnonzero(agree) if agree.sum() >= FEWEST else np.arange(len(matches))

@@ -23,7 +23,7 @@ def products(observed: Array, reference: Array, weight: Array) -> Array:
 
 
 def parts(b: Array) -> tuple[Array, Array, Array]:
-    """Trace (...), symmetric sum B + B^T (..., 3, 3) and antisymmetric vector (..., 3) of B."""
+    """Of a matrix B: trace (...), sum B + B^T (..., 3, 3), and antisymmetric part (..., 3)."""
     trace = np.trace(b, axis1=-2, axis2=-1)
     vector = np.stack(
         [b[..., 2, 1] - b[..., 1, 2], b[..., 0, 2] - b[..., 2, 0], b[..., 1, 0] - b[..., 0, 1]],
@@ -43,7 +43,7 @@ def svd(observed: Array, reference: Array, weight: Array) -> Rotation:
     reference  (..., n, 3) unit vectors in the source's axes
     weight     (..., n) inverse variances, on any scale
     Returns    source_to_target
-    Accuracy   numerical: narrow fields lose digits (an error of sqrt(eps) in the worst case);
+    Accuracy   numerical: narrow fields lose digits, with an error of sqrt(eps) in the worst case;
                `align` and `refine` restore them.
     """
     u, _, vt = np.linalg.svd(products(observed, reference, weight))
@@ -57,8 +57,9 @@ def davenport(observed: Array, reference: Array, weight: Array) -> Rotation:
 
         K q = lambda q   for the largest eigenvalue,   q^T K q = trace(R(q)^T B),   q = (x, y, z, w)
 
-    Source: Davenport (1968), in Wertz (1978), Spacecraft Attitude Determination and Control, 12.2;
-    the vector of eq. 12-73 has the other sign here, since scipy's quaternions turn vectors.
+    Source: Davenport (1968), in Wertz (1978), Spacecraft Attitude Determination and Control, 12.2.
+    The vector of eq. 12-73 has the opposite sign here, because scipy's quaternions rotate vectors
+    instead of axes.
 
     Arguments and result as for `svd`.
     Accuracy   numerical: as `svd`, eps over the gap between the two largest eigenvalues.
@@ -72,7 +73,7 @@ def davenport(observed: Array, reference: Array, weight: Array) -> Rotation:
     return Rotation.from_quat(np.linalg.eigh(k)[1][..., 3])
 
 
-# No rotation, and 180 deg about each axis: the columns of B that change their sign.
+# Signs of the columns of B: for no rotation, and for 180 deg about each axis.
 FLIPS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
 HALF_TURNS = np.array([[0, 0, 0, 1], [1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]])
 STEPS = 8  # two suffice, except for stars that contradict each other
@@ -84,15 +85,16 @@ def quest(observed: Array, reference: Array, weight: Array) -> Rotation:
         p(l) = (l^2 - a)(l^2 - b) - c l + c s - d,   q ~ (((l^2 - s^2 + k) I + (l - s) S + S^2) z,
                                                           (l + s)(l^2 - s^2 + k) - det S)
 
-    with s the trace, S and z the symmetric and antisymmetric parts of B, k the trace of the
-    adjugate of S. At a rotation by 180 deg the quaternion vanishes; so the references are rotated
-    by 180 deg first, about the axis that gives the largest scalar part (sequential rotations).
+    s is the trace of B, S and z its symmetric and antisymmetric parts, and k the trace of the
+    adjugate of S. At a rotation by 180 deg the quaternion vanishes. Therefore the references are
+    first rotated by 180 deg about the axis that gives the largest scalar part (sequential
+    rotations).
 
     Source: Shuster and Oh (1981), J. Guidance and Control 4(1), 70, eqs. 63 to 71.
 
     Arguments and result as for `svd`.
-    Accuracy   numerical: worse than `svd`, since the polynomial's coefficients hold the fourth
-               powers of the singular values; fields of a few degrees lose half of their digits.
+    Accuracy   numerical: worse than `svd`, because the polynomial's coefficients contain the fourth
+               powers of the singular values; fields of a few degrees lose half of the digits.
     """
     flips = FLIPS.astype(observed.dtype)
     turned = products(observed, reference, weight)[..., None, :, :] * flips[:, None, :]
@@ -133,8 +135,8 @@ def foam(observed: Array, reference: Array, weight: Array) -> Rotation:
     It has no singular attitude. Source: Markley (1993), J. Astronaut. Sci. 41(2), 261.
 
     Arguments and result as for `svd`.
-    Accuracy   numerical: as `quest`; narrow fields lose half of their digits. The identity where B
-               has no second direction.
+    Accuracy   numerical: as `quest`; narrow fields lose half of the digits. If all vectors have one
+               direction, the result is the identity.
     """
     b = products(observed, reference, weight)
     x, y, z = (b[..., i, :] for i in range(3))
@@ -151,7 +153,7 @@ def foam(observed: Array, reference: Array, weight: Array) -> Rotation:
         values[..., None, None] for values in ((largest**2 - norm) / 2, norm, largest)
     )
     matrix = (k + norm) * b + largest * cofactors - b @ np.swapaxes(b, -1, -2) @ b
-    # The divisor of the source vanishes where digits are lost; the determinant's root does not.
+    # The divisor in the source vanishes if digits are lost; the root of the determinant does not.
     scale = np.cbrt(np.linalg.det(matrix))[..., None, None]
     none = np.broadcast_to(np.eye(3, dtype=b.dtype), b.shape).copy()
     matrix = np.divide(matrix, scale, out=none, where=scale > 0)

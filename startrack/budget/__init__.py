@@ -1,4 +1,4 @@
-"""The error of a design split by cause, by analysis and by trials.
+"""Error budgets: the attitude error of a design split by cause, by analysis and by trials.
 
 budget     Causes of error and the case without each; Budget: a line for each, and their sum.
 fields     Sky and camera -> the stars of many fields, and attitude errors from star errors.
@@ -13,8 +13,8 @@ exclusion  Case with a baffle -> error over the angle to Sun, Moon and Earth; ex
 measured   Case -> Budget by trials: each cause is switched off, on the same sky and noise; the
            error indices of the standard by sequences, over members and times.
 units      Case -> error budgets of many units at an age: classes of error and levels.
-single_stars  Case -> errors of single stars: by formula, in boxes, in trials over the field.
-curves     Case -> its error over the sky and over slew rate, and the errors of its stars.
+single_stars  Case -> centroid errors of single stars: by formula, in boxes, in trials.
+curves     Case -> attitude error over the sky and over slew rate, centroid errors of its stars.
 """
 
 from startrack.budget.analytic import analytic, refuse_scans

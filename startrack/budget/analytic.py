@@ -37,17 +37,17 @@ from startrack.budget.tracked import Tracked, tracked, within_stated
 from startrack.core import Floats, Ints, Refused
 from startrack.design import Case
 
-FINE = 0.05  # magnitude between two entries
+FINE = 0.05  # magnitude between two entries of `Measured.table`
 HOT = "hot pixels"
 
 
 class Measured(NamedTuple):
     """Detection and errors of single stars.
 
-    star     errors by cause; with hot pixels, of the case `with_uniform_dark`
-    above    (m,) 1, probability to pass the threshold
-    table    the same in small steps of magnitude, with the effect of hot pixels
-    random   names of its random causes
+    star     errors by cause; if there are hot pixels, of the case `with_uniform_dark`
+    above    (m,) 1, probability that a star passes the threshold
+    table    errors and detection in small steps of magnitude, with the effect of hot pixels
+    random   names of the random causes in `table`
     lost     of `Solver`
     """
 
@@ -60,14 +60,13 @@ class Measured(NamedTuple):
 
 @lru_cache(maxsize=2)
 def measured_response(case: Case) -> Measured:
-    """Detection and errors of single stars; cached for the last 2 cases, because units share a
-    case."""
+    """Detection and errors of single stars. Cached for the last 2 cases: units share a case."""
     if trial.boxed(case):
         return in_boxes(case)
     pattern = response.dark_pattern(case) if has_hot_pixels(case) else None
     even = response.with_uniform_dark(case) if pattern else case
     star = response.errors(even)
-    # If dark signal fills the converter, no star is measured, and no star is moved.
+    # If dark signal saturates the converter, no star is measured, so hot pixels shift none.
     hot = hot_stars(case, even, star) if pattern and _variance(star.stated).all() else None
     search = hot and hot.search
     grid = np.arange(star.magnitude[0], star.magnitude[-1] + FINE / 2, FINE)
@@ -83,7 +82,7 @@ def measured_response(case: Case) -> Measured:
     if pattern and hot:
         lost = hot.lost
         size = response.scale(even)
-        # Among the noise that the read-out adds, the spread of the dark signal is constant in time.
+        # The noise of a pixel contains the spread of the dark signal, which is constant in time.
         constant = (pattern.spread / size.noise) ** 2
         read = random[response.READ]
         random = random | {response.READ: (1 - constant) * read, "DSNU": constant * read}
@@ -108,10 +107,10 @@ def _measured(
 ) -> Measured:
     """`Measured`, with covariances interpolated between magnitudes.
 
-    grid            (k,) magnitudes of its table
-    fraction        (z, k) 1, detected
+    grid            (k,) magnitudes of the table
+    fraction        (z, k) 1, fraction of the stars that is detected
     stated, random  (z, m, 2, 2) pixel^2, at the magnitudes of `star`
-    false           (k,) number of brighter false spots
+    false           (k,) number of false spots that are brighter than a star of this magnitude
     """
     causes = [_fine(star.magnitude, covariance, grid) for covariance in random.values()]
     fine = _fine(star.magnitude, stated, grid)
@@ -123,7 +122,7 @@ def in_boxes(case: Case) -> Measured:
     """Responses measured with stars that are drawn in the tracker's boxes, equal on both axes.
 
     Noise is split into shot noise of the star and other noise by the star's fraction of the
-    electrons in its box. Errors by differences between pixels are attributed to hot pixels.
+    electrons in its box. Errors caused by differences between pixels count as hot pixels.
     """
     stars, size, box = trial.boxed_stars(case), response.scale(case), case.tracker.box
     finite = np.isfinite(stars.total)
@@ -159,14 +158,13 @@ def in_boxes(case: Case) -> Measured:
 
 
 def has_hot_pixels(case: Case) -> bool:
-    """Whether the dark current of some pixels is far from the dark current of the others."""
+    """Whether some pixels have an outlying dark current."""
     detector = case.instrument.detector
     return bool(detector.age or (detector.defects and detector.defects.hot))
 
 
 def _between(magnitude: Floats, table: Floats, grid: Floats) -> Floats:
-    """Tables (z, m) over magnitudes (m,), interpolated linearly at the magnitudes of a grid: (z,
-    k)."""
+    """Tables (z, m) over magnitudes (m,), interpolated linearly at a grid (k,): (z, k)."""
     before = np.clip(np.searchsorted(magnitude, grid, side="right") - 1, 0, len(magnitude) - 2)
     t = np.clip((grid - magnitude[before]) / np.diff(magnitude)[before], 0.0, 1.0)
     return np.asarray(table[:, before] + t * (table[:, before + 1] - table[:, before]))
@@ -186,13 +184,13 @@ def _fine(magnitude: Floats, table: Floats, grid: Floats) -> Floats:
     return np.ascontiguousarray(covariance)  # kernels are compiled again for another layout
 
 
-# Above these limits, drawn spots decide which stars are matched; by hand, below the 1 % of
-# availabilities.
+# Above these limits, drawn spots decide which stars are matched. Chosen by hand, below 1 % of the
+# availability.
 BEYOND = 0.01  # fraction of the stars beyond the match radius
-UNCOVERED = 0.01  # fraction of the attitudes with larger errors than stated
+UNCOVERED = 0.01  # fraction of the attitudes whose errors exceed the stated ones
 SIFTED = 4  # stars: least number from which the solver can leave out a wrong one
-DISPLACED = 0.1  # mean square of displacements over noise, below which noise hides them
-LEAST_CHANCE = 1e-3  # least probability that the gate keeps a star; far below 1 % of fields
+DISPLACED = 0.1  # mean square displacement over noise variance, below which noise hides it
+LEAST_CHANCE = 1e-3  # probability that the gate keeps a star, below which the star is left out
 
 
 def analytic(case: Case, count: int = FIELDS) -> Budget[ErrorLaw]:
@@ -201,26 +199,27 @@ def analytic(case: Case, count: int = FIELDS) -> Budget[ErrorLaw]:
 
         error of a field = sum of gains * errors of its stars (`propagate`), rms over fields
 
-    The errors of a star follow from noise-free images of stars over sub-pixel places. The error of
-    the centroid method is the offset of the centroid. The error by noise is the one that the
-    tracker states. PRNU and DSNU are fixed patterns that shift the centroid. Fixed errors (camera,
-    catalogue) shift each star of each field.
+    The errors of a star follow from its noise-free images at several places within a pixel. The
+    error of the centroid method is the offset of the centroid in these images. The noise error is
+    the one that the tracker states. PRNU and DSNU are fixed patterns that shift the centroid. Fixed
+    errors (camera, catalogue) shift each star of each field.
 
     Behind a lens table, noise and detection depend on the zone of the frame and on the star's
     colour (`zone_errors`). The star is displaced by the difference between its image and the image
     that the tracker assumes. This gives two causes: PSF over the field, for sunlike stars, and
     lateral colour, for the difference of other stars from them.
 
-    Pixels with outlying dark current move, hide and imitate stars (`hot_stars`), and raise the
-    detection threshold. All other pixels are assumed to be equal, with their spread as noise.
+    Pixels with outlying dark current shift, hide and imitate stars (`hot_stars`). They also raise
+    the detection threshold. All other pixels are assumed to be equal, and the spread of their dark
+    current counts as noise.
 
     count   fields over the sky, a power of two
     Raises    ValueError if the case contradicts itself, or if no field can be solved.
     Accuracy  model: to first order. It leaves out cosmic rays, dead pixels, the smear of a roll,
               lag, aberrations that grow over the field without a lens table, and light that varies
-              over the sky (`scene.lights`). A star near the threshold, or so sharp that the tracker
-              may take it for a hot pixel, counts by its probability. numerical: 1 % across and 3 %
-              about for 512 fields.
+              over the sky (`scene.lights`). A star counts by its probability if it is near the
+              threshold, or so sharp that the tracker may reject it as a hot pixel. numerical: 1 %
+              across and 3 % about for 512 fields.
     """
     budget = budget_if_solved(case, count)
     if budget is None:
@@ -229,13 +228,13 @@ def analytic(case: Case, count: int = FIELDS) -> Budget[ErrorLaw]:
 
 
 def budget_if_solved(case: Case, count: int = FIELDS) -> Budget[ErrorLaw] | None:
-    """`analytic`, but None where no field can be solved."""
+    """`analytic`, but None if no field can be solved."""
     solved = of_fields(case, listed_fields(case, attitudes, count))
     return solved and solved.budget
 
 
 class FieldBudget(NamedTuple):
-    """A budget over some fields, the errors in each of them, and the stars that cause these."""
+    """A budget over some fields, with the errors and the stars of each field."""
 
     budget: Budget[ErrorLaw]
     attitudes: Attitudes
@@ -245,12 +244,12 @@ class FieldBudget(NamedTuple):
 def of_fields(case: Case, view: Fields, like: Case | None = None) -> FieldBudget | None:
     """The budget over some fields, and the errors in each of them; None if no field is solved.
 
-    Drawn spots decide in each field (`tracked`) in two cases: if stars lie so far from their
-    predicted places that the tracker may not match them, and if its errors may exceed those that it
-    states.
+    In two cases drawn spots decide which stars of a field are matched (`tracked`): if stars lie so
+    far from their predicted places that the tracker may not match them, and if the errors may
+    exceed the ones that the tracker states.
 
-    like  a case that differs only in the places of its stars; its response to single stars is used
-          for this case; None: the response is measured
+    like  a case that differs only in the places of its stars, whose response to single stars is
+          used; None: the response of this case is measured
     """
     return _of_fields(case, view, like, None)
 
@@ -258,8 +257,7 @@ def of_fields(case: Case, view: Fields, like: Case | None = None) -> FieldBudget
 def _of_fields(
     case: Case, view: Fields, like: Case | None, decided: Tracked | None
 ) -> FieldBudget | None:
-    """`of_fields`. The stars are decided by drawn spots (`decided`); None: by their
-    probabilities."""
+    """`of_fields`, with the stars that drawn spots decided; None: by probabilities."""
     refuse_scans(case)
     _refuse_few_boxes(case)
     same = like or case
@@ -279,7 +277,7 @@ def _of_fields(
     lines = tuple(_lines(case, errors, errors.solved / total, measured.random, counting.fixed))
     law = _sum_of(lines)
     covered = decided.covered.astype(float) if decided else None
-    if not decided and HOT not in measured.random:  # the tracker also knows of hot pixels
+    if not decided and HOT not in measured.random:  # it states hot pixels, too
         covered = _covered(case, law, errors, stars)
     unsure = covered is not None and law.weight @ covered.prod(axis=1) < 1 - UNCOVERED
     if not (decided or trial.boxed(case)) and _astray(case, counting, bool(unsure)):
@@ -305,8 +303,8 @@ def _refuse_few_boxes(case: Case) -> None:
     if trial.boxed(case) and case.tracker.box.stars < SIFTED:
         raise Refused(
             f"tracker.box.stars must be at least {SIFTED} for a budget by formula, got "
-            f"{case.tracker.box.stars}: of fewer, the tracker cannot tell a wrong star, or one "
-            "that a hot pixel moved, so that errors are not normal; trials show them (montecarlo)"
+            f"{case.tracker.box.stars}: with fewer, the tracker cannot detect a wrong star, or one "
+            "shifted by a hot pixel, so that errors are not normal; trials show them (montecarlo)"
         )
 
 
@@ -315,7 +313,7 @@ class _CountingStars(NamedTuple):
 
     stars   of `propagate`
     inside  (n,) indices into the stars of the fields
-    sigma   (n,) pixel per axis, by noise and by the other errors that the tracker assumes
+    sigma   (n,) pixel per axis, of noise and of the other errors that the tracker assumes
     fixed   causes that displace single stars
     apart   (n, 2) pixel, displacements by these causes minus their mean in each field
     """
@@ -328,7 +326,7 @@ class _CountingStars(NamedTuple):
 
 
 def _counting_stars(case: Case, view: Fields, same: Case, measured: Measured) -> _CountingStars:
-    """The stars that the gate is likely to keep: stars with larger displacements are left out.
+    """The stars that the gate may keep: stars with larger displacements are left out.
 
     same  a case that differs only in the places of its stars, with the response `measured`
     """
@@ -368,14 +366,14 @@ def _counting_stars(case: Case, view: Fields, same: Case, measured: Measured) ->
 
 
 def _solver(case: Case, lost: Floats) -> Solver:
-    """Settings of a case's solver; `lost` as in `Measured`."""
+    """Settings of the solver of a case; `lost` as in `Measured`."""
     most = case.tracker.box.stars if trial.boxed(case) else case.tracker.detection.max_spots
     tolerance = case.tracker.identification.focal_tolerance
     return Solver(case.believed_camera.focal_length_px, tolerance, lost, most)
 
 
 def _sum_of(lines: tuple[BudgetLine[ErrorLaw], ...]) -> ErrorLaw:
-    """The error by all causes, which are independent."""
+    """The error by all causes together; the causes are independent."""
     mean = np.sum([line.spread.mean for line in lines], axis=0)
     sigma = np.sqrt(np.sum([line.spread.sigma**2 for line in lines], axis=0))
     return ErrorLaw(mean, sigma, lines[0].spread.weight)
@@ -399,9 +397,9 @@ def _left_out(
 
 
 def _astray(case: Case, counting: _CountingStars, unsure: bool) -> bool:
-    """Whether displaced stars are lost, or cause larger errors than the tracker states.
+    """Whether displaced stars are lost, or cause errors larger than the stated ones.
 
-    unsure  whether errors exceed the stated ones
+    unsure  whether errors may exceed the stated ones
     """
     counts, variance = counting.stars.kept, np.maximum(counting.sigma, 1e-9) ** 2
     square, total = (counting.apart**2).sum(axis=1), max(float(counts.sum()), 1e-9)
@@ -415,7 +413,7 @@ def _astray(case: Case, counting: _CountingStars, unsure: bool) -> bool:
 
 
 def _covered(case: Case, law: ErrorLaw, errors: Attitudes, stars: FieldStars) -> Floats | None:
-    """`Budget.covered`, by the covariance from the stars plus the terms that the tracker adds."""
+    """`Budget.covered`, with the covariance from the stars plus the terms that the tracker adds."""
     solved = errors.solved > 0
     stated = np.zeros((len(solved), 3, 3))
     stated[solved] = np.linalg.inv(errors.stated[solved])
@@ -461,7 +459,7 @@ def _likely_at_the_limit(case: Case, measured: Measured) -> float:
 
 
 def _refused(measured: Measured, magnitude: Floats) -> float:
-    """Fraction of the stars (n,) above the threshold that the tracker takes for hot pixels."""
+    """Fraction of the stars (n,) above the threshold that the tracker rejects as hot pixels."""
     star = measured.star
     above = np.interp(magnitude, star.magnitude, measured.above)
     lost = above * (1 - np.interp(magnitude, star.magnitude, star.kept))
@@ -471,7 +469,7 @@ def _refused(measured: Measured, magnitude: Floats) -> float:
 def _lines(
     case: Case, errors: Attitudes, weight: Floats, random: list[str], fixed: list[Cause]
 ) -> Iterator[BudgetLine[ErrorLaw]]:
-    """One line for each cause: of single stars, of shifts of all stars, and of the camera."""
+    """A line for each cause: random errors and fixed shifts of stars, errors of the camera."""
     none = np.zeros_like(errors.shift[:, 0])
     for k, name in enumerate(random):
         if name == response.LENS_FIELD:

@@ -10,20 +10,20 @@ from startrack.core import Floats, Ints, Refused
 from startrack.design import Case
 
 BRIGHTEST, FAINTEST, STEP = -30.0, 20.0, 0.05  # G, steps to find the faintest star
-LIKELY = 0.1  # probability with which a star passes the threshold; chosen by hand
+LIKELY = 0.1  # probability of passing the threshold above which a star counts; by hand
 RULE = "must see enough stars somewhere in the sky, it does not"
 
 
 def blind(case: Case, what: str = "the case") -> Refused:
-    """Why too few stars count in every field: the first stage that leaves too few.
+    """The reason why no field can be solved: the first stage that leaves too few stars.
 
-    The stages are: the stars of the sky in the frame; their light against dark current, sky and
-    read-out; the tracker's catalogue; its test against hot pixels; and hot pixels among its spots.
+    The stages are: stars in the frame; their signal compared with dark current, sky and read noise;
+    the tracker's catalogue; its test for hot pixels; hot pixels among its brightest spots.
 
     what     name of the case in the message
     Accuracy  model: a star is bright enough if it passes the threshold in one of ten frames; the
-              budget counts fainter stars, too. Removing dark current or the sky's light only
-              reduces the noise.
+              budget also counts fainter stars. It is assumed that without dark current or the light
+              of the sky only the noise is smaller.
     """
     view = fields(case.catalog, case.instrument.camera, attitudes)
     return Refused(f"{what} {RULE}: {_cause(case, view)}", rule=RULE)
@@ -51,7 +51,7 @@ def _cause(case: Case, view: Fields) -> str:
     listed = passing & (believed_index(case.catalog, case.believed_catalog)[view.name[star]] >= 0)
     if _most(field[listed]) < fewest:
         return (
-            "the tracker's catalogue leaves out the stars that it sees: of at most "
+            "the tracker's catalogue lacks stars that the camera sees: of at most "
             f"{_most(field[passing])} in a field it has {_most(field[listed])} (tracker.catalog, "
             f"to G = {case.believed_catalog.limit_g:g}); {needed}"
         )
@@ -59,7 +59,7 @@ def _cause(case: Case, view: Fields) -> str:
     kept = listed & (np.interp(magnitude, errors.magnitude, errors.kept) > LIKELY)
     if _most(field[kept]) < fewest:
         return (
-            f"the tracker takes the stars that it sees for hot pixels: of at most "
+            f"the tracker rejects the stars that it sees as hot pixels: of at most "
             f"{_most(field[listed])} in a field it keeps {_most(field[kept])} "
             f"(tracker.detection.sharpest_sigma = {detection.sharpest_sigma:g} pixel); {needed}"
         )
@@ -89,7 +89,7 @@ def _faintest(case: Case) -> float:
 
 
 def _light(case: Case, magnitude: Floats, field: Ints, needed: str) -> str:
-    """Whether stars are too faint, and against which noise; "" if enough pass the threshold."""
+    """Why stars are too faint, and which noise hides them; "" if enough pass the threshold."""
     size, fewest = response.scale(case), case.tracker.identification.min_matches
     dark = response.dark_electrons(case.instrument.detector)[0]
     sky = max(size.background - dark, 0.0)
@@ -99,7 +99,7 @@ def _light(case: Case, magnitude: Floats, field: Ints, needed: str) -> str:
         if dark > sky:
             filled, keys = "dark current", "instrument.detector.dark_current"
         return (
-            f"{filled} fills the pixels, which hold {size.largest:.5g} electrons: dark current "
+            f"{filled} saturates the pixels, which hold {size.largest:.5g} electrons: dark current "
             f"makes {dark:.5g} in an exposure, the sky {sky:.5g} ({keys}, "
             "instrument.detector.exposure)"
         )
@@ -120,8 +120,8 @@ def _light(case: Case, magnitude: Floats, field: Ints, needed: str) -> str:
         if _most(field[magnitude < deeper]) >= fewest:
             return (
                 f"{name} hides them: it makes {size.background - rest:.4g} electrons in a pixel "
-                f"and the noise {size.pixel:.3g} instead of {noise:.3g} ({keys}); {seen}; without "
-                f"it, those to G = {deeper:.1f} would"
+                f"and raises the noise to {size.pixel:.3g} from {noise:.3g} ({keys}); {seen}; "
+                f"without it, stars to G = {deeper:.1f} would"
             )
     order = np.lexsort((magnitude, field))
     first = np.searchsorted(field[order], np.unique(field))
@@ -129,8 +129,9 @@ def _light(case: Case, magnitude: Floats, field: Ints, needed: str) -> str:
     last = last[last < len(order)]
     last = last[field[order][last] == field[order][last - fewest + 1]]
     return (
-        f"they have too little light: of G = 0 {size.star:.3g} electrons in an exposure, beside a "
-        f"noise of {size.pixel:.3g} in a pixel (instrument.optics, instrument.detector.exposure); "
+        f"they have too little light: a star of G = 0 gives {size.star:.3g} electrons in an "
+        f"exposure, and a pixel has a noise of {size.pixel:.3g} electrons (instrument.optics, "
+        "instrument.detector.exposure); "
         f"{seen}; the best field has {fewest} stars to "
         f"G = {magnitude[order][last].min():.1f}"
     )

@@ -1,5 +1,4 @@
-"""Causes of error, and the case without each; Budget: a line for each cause, their sum, the
-total."""
+"""Causes of error, and the case without each; Budget: a line for each cause, and the total."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -20,9 +19,10 @@ from startrack.trial import Term, present
 class Cause:
     """One cause of error.
 
-    name     of the cause
-    term     that it belongs to
-    without  gives the case without the cause; the sky and all other draws stay the same
+    name     name of the cause
+    term     class of error to which it belongs
+    without  function that returns the case without the cause; the sky and all other draws stay the
+             same
     """
 
     name: str
@@ -30,13 +30,13 @@ class Cause:
     without: Callable[[Case], Case]
 
 
-# Causes that every case has; there is no case without them.
+# Causes that every case has: no case can be made without them.
 NEIGHBOURS = "neighbours"
 ALWAYS = ((SHOT, Term.NOISE), (READ, Term.NOISE), (METHOD, Term.PIXEL), (NEIGHBOURS, Term.FIELD))
 
 
 def causes(case: Case) -> tuple[Cause, ...]:
-    """The causes of a case from pixels to the spacecraft, except the causes that every case has."""
+    """The causes of a case in the order from pixels to spacecraft, except those of every case."""
     return tuple(
         Cause(effect.cause, effect.term, effect.without)
         for effect in present("cause", case)
@@ -64,7 +64,7 @@ class Spread(Protocol):
         """(3,) radian."""
 
     def level(self, axes: Sequence[int], fraction: float, interpretation: Interpretation) -> float:
-        """Radian per axis that errors do not exceed in a fraction of the cases."""
+        """Radian per axis: the level that errors do not exceed in a fraction of the cases."""
 
 
 S = TypeVar("S", bound=Spread, covariant=True)
@@ -73,7 +73,7 @@ S = TypeVar("S", bound=Spread, covariant=True)
 @printed
 @dataclass(frozen=True, eq=False)
 class ErrorLaw:
-    """A normal error in each of m fields of the sky, as the analytic budget expects it.
+    """Error predicted by the analytic budget: a normal distribution in each of m fields.
 
     mean, sigma  (m, 3) radian
     weight       (m,) 1, fraction of each field; sums to 1
@@ -116,14 +116,14 @@ class ErrorLaw:
         return float(self.weight @ inside.mean(axis=1))
 
     def _normal(self, axes: Sequence[int]) -> tuple[Floats, Floats]:
-        """Absolute mean, and sigma with a tiny lower limit: (m, axes) radian."""
+        """Absolute mean, and sigma with a tiny lower limit; both (m, axes) radian."""
         return np.abs(self.mean[:, axes]), np.maximum(self.sigma[:, axes], 1e-15)
 
 
 @printed
 @dataclass(frozen=True, eq=False)
 class SkySample:
-    """Errors that were simulated.
+    """Errors from simulated trials.
 
     error  (members, times, 3) radian
     """
@@ -135,12 +135,12 @@ class SkySample:
         return np.sqrt((self.error**2).mean(axis=(0, 1)))
 
     def level(self, axes: Sequence[int], fraction: float, interpretation: Interpretation) -> float:
-        """See `startrack.metrics.level`; each axis counts as further members."""
+        """As `startrack.metrics.level`; the errors about each axis count as separate members."""
         chosen = np.concatenate([self.error[..., axis] for axis in axes])
         return level(chosen, fraction, interpretation)
 
     def rms_interval(self, axes: Sequence[int]) -> Interval:
-        """Rms over axes, radian, with its 95 % interval; each member counts as one sample."""
+        """Rms per axis, radian, with its 95 % interval; each member counts as one sample."""
         return rms_interval((self.error[..., list(axes)] ** 2).mean(axis=(1, 2)))
 
     def level_interval(self, axes: Sequence[int], fraction: float) -> Interval:
@@ -156,11 +156,11 @@ class SkySample:
 
 @dataclass(frozen=True, eq=False)
 class BudgetLine(Generic[S]):
-    """One cause of error, or several.
+    """The error by one cause, or by the sum of several causes.
 
-    name    of the cause
-    term    that it belongs to; None for a sum
-    spread  distribution of its error
+    name    name of the cause or sum
+    term    class of error to which the cause belongs; None for a sum
+    spread  distribution of the error
     """
 
     name: str
@@ -185,17 +185,17 @@ class Budget(Generic[S]):
     """An error budget.
 
     lines         one for each cause
-    whole         the error end to end
-    availability  1, fraction of the sky and time with a correct attitude, as trials count it: its
-                  error lies within five of the standard deviations that the tracker states. In a
-                  budget by trials: with any attitude
-    stars         mean number of stars in these
+    whole         the error end to end, by all causes
+    availability  1, fraction of the sky and time with a correct attitude. As in trials, an attitude
+                  is correct if its error lies within five stated standard deviations. A budget by
+                  trials counts every attitude
+    stars         mean number of detected stars where there is an attitude
     left_out      phrases: effects of this design that the budget leaves out
     refused       1, fraction of the stars above the threshold that are rejected as hot pixels; in
-                  budgets by formula only
+                  analytic budgets only
     covered       (m, 2) 1, probability in each field of `whole` that the errors across and about
-                  lie within the stated ones; None: one
-    solved        1, fraction with any attitude; None: all of them are correct
+                  lie within the stated ones; None: the probability is 1
+    solved        1, fraction of the sky with any attitude; None: every attitude is correct
     """
 
     lines: tuple[BudgetLine[S], ...]
@@ -262,9 +262,9 @@ class Budget(Generic[S]):
 
 
 def errors_text(across: float, about: float, required: Sequence[Accuracy], form: str) -> str:
-    """Rms errors (radian), each with its limit.
+    """Rms errors (radian) across and about the boresight, each with its required limit.
 
-    form  of the numbers, such as ".3f"
+    form  format of the numbers, such as ".3f"
     """
     limits = {limit.name: limit.most for limit in required if limit.objective.rms_per_axis}
     allowed = {name: f" ({most / arcsec:g} allowed)" for name, most in limits.items()}
@@ -276,7 +276,7 @@ def errors_text(across: float, about: float, required: Sequence[Accuracy], form:
 
 
 def answer(expected: Budget[ErrorLaw], required: Sequence[Accuracy]) -> str:
-    """The error with its limits, and its largest cause."""
+    """A sentence: the error with its limits, its largest cause, and the availability."""
     errors = errors_text(expected.across, expected.about, required, ".3f")
     largest = max(expected.lines, key=lambda line: line.across)
     return (

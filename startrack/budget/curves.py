@@ -1,4 +1,4 @@
-"""Case -> its error over sky and slew rate, by analysis and by trials, and errors of stars."""
+"""Case -> attitude error over the sky and over slew rate, and errors of single stars."""
 
 import math
 from collections.abc import Callable
@@ -21,9 +21,9 @@ from startrack.response import Errors, errors
 from startrack.trial import SingleStars, boxed, boxed_stars
 
 SMEARS = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)  # pixel in an exposure
-LONGEST = 8.0  # pixel, longest smear of the formula; a longer one takes ten seconds
-BETWEEN = 1  # extra rates of the formula between two rates of the trials
-TRIALS = 60  # whose stars are evaluated
+LONGEST = 8.0  # pixel, longest smear of an analytic budget; a longer smear takes ten seconds
+BETWEEN = 1  # extra rates of the analytic budget between two rates of the trials
+TRIALS = 60  # trials whose stars are evaluated
 
 
 @printed
@@ -65,11 +65,11 @@ class BudgetCurve(NamedTuple):
 
     @property
     def new_left_out(self) -> str:
-        """Effects that the budget leaves out at that rate, but not at rest."""
+        """Effects that the budget leaves out at `first_left_out`, but not at rest."""
         first = self.first_left_out
         if first is None:
             return ""
-        # The numbers in the phrases may differ; the words do not.
+        # The phrases of one effect differ only in their numbers.
         at_rest = {_words(text) for text in self.left_out[0]}
         return "; ".join(text for text in self.left_out[first] if _words(text) not in at_rest)
 
@@ -108,7 +108,7 @@ def analytic_curve(
 
 
 def _budget(case: Case, rate: float) -> Budget[Any] | None:
-    """None where no field is solved."""
+    """The analytic budget at a slew rate (radian / second); None if no field is solved."""
     try:
         return analytic(slewing(case, rate))
     except Refused:
@@ -116,7 +116,7 @@ def _budget(case: Case, rate: float) -> Budget[Any] | None:
 
 
 def between(rates: Floats) -> Floats:
-    """The rates, and more rates in equal steps between each two of them."""
+    """The rates with `BETWEEN` more rates in equal steps between neighbouring ones."""
     steps = BETWEEN + 1
     return np.interp(np.arange(steps * (len(rates) - 1) + 1) / steps, range(len(rates)), rates)
 
@@ -137,7 +137,7 @@ class Slew(NamedTuple):
 
 
 def slews(case: Case, seed: int, trials: int, progress: Advance) -> list[Slew]:
-    """The same trials at other slew rates about x, otherwise as in the design."""
+    """Run the same trials at several slew rates about x; all else is as in the design."""
     result = []
     for smear, rate in zip(SMEARS, slew_rates(case).tolist(), strict=True):
         turned = slewing(case, rate)
@@ -147,15 +147,15 @@ def slews(case: Case, seed: int, trials: int, progress: Advance) -> list[Slew]:
 
 
 class ErrorCurves(NamedTuple):
-    """Error of a case as curves over the quantities that it depends on.
+    """Error of a case over slew rate and over the magnitude of stars.
 
     curve   the analytic budget over slew rates
-    steps   rates of the formula for one rate of the trials
-    tried   slew rates, radian / second, and the results of trials at them
-    stars   errors of single stars over their magnitude, by formula, of the whole frame's search
-    boxed   errors of stars in boxes; None: the tracker searches the frame
-    seen    stars of some trials
-    trials  number of these
+    steps   number of rates in `curve` for each rate of the trials
+    tried   results of trials at some slew rates
+    stars   analytic errors of single stars over their magnitude, for a search of the whole frame
+    boxed   errors of stars in boxes; None: the tracker searches the whole frame
+    seen    measured errors of the stars of some trials
+    trials  number of these trials
     """
 
     curve: BudgetCurve
@@ -172,7 +172,7 @@ def error_curves(
 ) -> ErrorCurves:
     """The error over slew rate, and the errors of single stars.
 
-    seed, trials  of the frames whose stars are evaluated
+    seed, trials  seed and number of the trials whose stars are evaluated
     advance       called after each of `curve_steps`
     """
     rates = slew_rates(case, LONGEST)
@@ -188,8 +188,9 @@ def error_curves(
 
 
 def curve_steps(case: Case) -> int:
-    """Number of steps of `error_curves`: rates of the formula, rates of the trials, and one step
-    for all frames of stars, which take as long as a rate.
+    """Number of calls of `advance` by `error_curves`.
+
+    There is one for each rate of the formula and of the trials, and one for all frames of stars.
     """
     rates = slew_rates(case, LONGEST)
     return len(between(rates)) + len(rates) + 1
@@ -208,7 +209,8 @@ class RateSurvey:
     solved         (m,) 1, probability that they are enough for an attitude
     across, about  (m,) radian, rms error across (per axis) and about the boresight; NaN where
                    there is no attitude
-    faintest       (m,) G of a sunlike star as bright as the faintest star likely to count; NaN
+    faintest       (m,) G of a sunlike star as bright as the faintest star that is likely to count;
+                   NaN where there is none
     """
 
     direction: Floats
@@ -224,12 +226,12 @@ class RateSurvey:
 
 
 def budget_and_sky(case: Case) -> tuple[Budget[ErrorLaw], RateSurvey]:
-    """The budget of `analytic`, and its errors in each of its fields."""
+    """The budget of `analytic`, and the errors in each of its fields."""
     return _surveyed(case, listed_fields(case, attitudes))
 
 
 def survey(case: Case, places: int = DIRECTIONS) -> RateSurvey:
-    """The analytic budget in each direction. Raises and accuracy as `analytic`."""
+    """The analytic budget in each direction. Exceptions and accuracy are those of `analytic`."""
     return _surveyed(case, listed_fields(case, boresights, places))[1]
 
 

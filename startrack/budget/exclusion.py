@@ -14,18 +14,18 @@ from startrack.scene import DARK, EARTH_ALBEDO, SUN_G, SUN_G_MINUS_V, Disc, Eart
 from startrack.space import AU, EARTH_RADIUS
 
 FULL_MOON_G = -12.73 + SUN_G_MINUS_V  # Krisciunas and Schaefer (1991), as `moon_of`
-STEP = 1.0  # magnitude between the backgrounds of the budgets, for 1 % between them
-BRIGHTEST = 4.0  # magnitude per square arcsecond, of the brightest background; chosen by hand
+STEP = 1.0  # magnitude between computed backgrounds; interpolation between them is within 1 %
+BRIGHTEST = 4.0  # magnitude per square arcsecond of the brightest background; chosen by hand
 
 
 @printed
 @dataclass(frozen=True, eq=False)
 class Exclusion:
-    """Effect of a body on a tracker, over the angle from the boresight to its centre or limb.
+    """Effect of a bright body on a tracker, over the angle from the boresight to the body.
 
-    angle          (n,) radian, rising
+    angle          (n,) radian, rising, to the centre or limb of the body
     stray_light_g  (n,) magnitude per square arcsecond of the light that passes the baffle
-    across         (n,) radian, error across the boresight; NaN where no star is detected, or stray
+    across         (n,) radian, error across the boresight; NaN where no star is detected or stray
                    light saturates the pixels
     availability   (n,) 1
     """
@@ -54,12 +54,13 @@ def exclusions(case: Case, angle: Floats, altitude: float = 600e3) -> dict[str, 
 
         stray light = irradiance PST(angle) f^2 / A,  as a uniform background
 
-    angle     (n,) radian, rising; to the Earth's limb, to the centres of Sun and Moon
-    altitude  metre, from which the Earth is seen
+    angle     (n,) radian, rising, to the Earth's limb and to the centres of Sun and Moon
+    altitude  metre, of the tracker above the Earth
     Returns   an Exclusion for each of "sun", "moon" and "earth"
     Raises    ValueError if the case has no baffle, or if `analytic` refuses it.
     Accuracy  model: as `Baffle` and the budget; the stray light is uniform over the field, and the
-              body is outside the field. numerical: 1 % between backgrounds of whole magnitudes.
+              body is outside the field. numerical: 1 %, by interpolation between backgrounds of
+              whole magnitudes.
     """
     levels = stray_light_levels(case, angle, altitude)
     faintest = max(float(level.max()) for level in levels.values())
@@ -97,7 +98,7 @@ def _stray_light(case: Case, magnitude_g: float, angle: Floats) -> Floats:
 
 
 def _of_the_earth(case: Case, angle: Floats, altitude: float) -> Floats:
-    """Stray light of an Earth in full sunlight; each part of it counts at its own angle."""
+    """Stray light of a fully sunlit Earth, summed over its parts at their angles."""
     assert case.instrument.stray
     distance = EARTH_RADIUS + altitude
     horizon = math.asin(EARTH_RADIUS / distance)
@@ -115,7 +116,7 @@ def _of_the_earth(case: Case, angle: Floats, altitude: float) -> Floats:
 
 @lru_cache(maxsize=4)  # entries: the baffles of one design
 def _budgets(case: Case, skies: tuple[float, ...]) -> tuple[Floats, Floats]:
-    """(n,) errors across and (n,) availabilities with stray light of n brightnesses."""
+    """(n,) errors across and (n,) availabilities at n brightnesses of the stray light."""
     across, availability = np.full(len(skies), math.nan), np.zeros(len(skies))
     for i, sky in enumerate(skies):
         lit = replace(case, scene=case.scene.with_stray_light(sky))
@@ -126,7 +127,7 @@ def _budgets(case: Case, skies: tuple[float, ...]) -> tuple[Floats, Floats]:
 
 
 def _at_index(values: Floats, at: Floats) -> Floats:
-    """Values at fractional indices, by linear interpolation; NaN beside a NaN."""
+    """Values at fractional indices, by linear interpolation; NaN if a neighbour is NaN."""
     low = np.minimum(at.astype(np.int64), len(values) - 2)
     part = at - low
     return np.where(part > 0, (1 - part) * values[low] + part * values[low + 1], values[low])

@@ -17,16 +17,16 @@ from startrack.observation import index_resolution, rotations_from_cube, separat
 FIELDS = 512
 LEAST = 1e-4  # least probability at which a star counts; chosen by hand
 LATTICE = 33  # places along each side of a frame, at which units displace stars
-WIDER = 1.25  # fields are shared by cameras that are narrower by less than this factor
+WIDER = 1.25  # cameras whose fields of view differ by less than this factor share fields
 
 
 class Fields(NamedTuple):
-    """The stars of fields evenly distributed over the sky, one field after the other.
+    """The stars of m fields evenly distributed over the sky, one field after the other.
 
-    sky       separable stars; stars too close for the camera count as one
-    name      (stars,) their indices in the catalogue
+    sky       single stars; stars that the camera cannot separate count as one
+    name      (stars,) index of each single star in the catalogue
     attitude  icrs_to_camera of the m fields
-    field     (n,) which field
+    field     (n,) index of the field
     x, y      (n,) 1, x / z and y / z in camera axes; brightest first in each field
     star      (n,) index into the single stars
     """
@@ -47,9 +47,9 @@ def fields(
     count: int = FIELDS,
     listed: Selection | None = None,
 ) -> Fields:
-    """The stars within the camera's half diagonal, and some beyond it.
+    """The stars within the camera's half diagonal, and some stars beyond it.
 
-    spread  makes the attitudes of a number of fields: `attitudes` or `boresights`
+    spread  function that makes the attitudes of a number of fields: `attitudes` or `boresights`
     listed  the tracker's catalogue: stars fainter than its faintest star are left out, because they
             never count; None: all stars
     """
@@ -67,7 +67,7 @@ def listed_fields(case: Case, spread: Callable[[int], Rotation], count: int = FI
 
 @lru_cache(maxsize=16)
 def believed_index(true: Selection, believed: Selection) -> Ints:
-    """For each star of the true sky, its index in the believed sky; -1 if it is not in that."""
+    """Index of each true star in the believed sky; -1 if the believed sky lacks it."""
     star, there = open_sky(believed).stars.find(open_sky(true).stars.identifier)
     return np.where(there, star, -1)
 
@@ -84,7 +84,7 @@ def _fields(
     stars, sky = separated(selection, resolution), open_sky(selection)
     attitude = spread(count)
     boresight = attitude.inv().apply([0.0, 0.0, 1.0])
-    # The whole sky is searched, because its order is already known for all resolutions.
+    # The whole sky is searched, because its sorted order is cached for all resolutions.
     place = stars.places(len(sky))
     if listed is not None:
         known = np.flatnonzero(believed_index(selection, listed) >= 0)
@@ -101,26 +101,26 @@ def _fields(
 
 
 def attitudes(count: int) -> Rotation:
-    """Attitudes spread evenly over all rotations, from a Sobol sequence."""
+    """Attitudes that cover all rotations evenly, from a Sobol sequence."""
     return rotations_from_cube(sobol_points(count))
 
 
 def sobol_points(count: int) -> Floats:
-    """The first points (n, 3) of the Sobol sequence in [0, 1), without a scramble.
+    """The first points (n, 3) of the Sobol sequence in [0, 1), not scrambled.
 
-    The same as those of scipy.stats.qmc.Sobol, to the last bit; importing that part of scipy would
+    They equal those of scipy.stats.qmc.Sobol to the last bit. Importing that part of scipy would
     delay each command by half a second.
 
-    Source: Joe and Kuo (2008), SIAM Journal on Scientific Computing 30, 2635, direction numbers
-    of the first three dimensions; Antonov and Saleev (1979), the order by Gray's code.
+    Source: Joe and Kuo (2008), SIAM Journal on Scientific Computing 30, 2635, direction numbers of
+    the first three dimensions; Antonov and Saleev (1979), the order by Gray code.
     """
     place = np.arange(count)
     gray = place ^ (place >> 1)
     column = np.ones((3, max(int(count).bit_length(), 3)), int)  # direction numbers m_k, odd
     column[2, 1] = 3
     for k in range(1, column.shape[1]):
-        column[1, k] = 2 * column[1, k - 1] ^ column[1, k - 1]  # of x + 1
-        if k > 1:  # of x^2 + x + 1
+        column[1, k] = 2 * column[1, k - 1] ^ column[1, k - 1]  # polynomial x + 1
+        if k > 1:  # polynomial x^2 + x + 1
             column[2, k] = 2 * column[2, k - 1] ^ 4 * column[2, k - 2] ^ column[2, k - 2]
     points = np.zeros((3, count), int)
     for k, direction in enumerate(column.T):
@@ -131,11 +131,11 @@ def sobol_points(count: int) -> Floats:
 def boresights(count: int) -> Rotation:
     """Attitudes with boresights evenly over the sphere and rolls evenly over the circle.
 
-    On a spiral of golden turns: Gonzalez (2010), Mathematical Geosciences 42, 49.
+    They lie on a golden-angle spiral: Gonzalez (2010), Mathematical Geosciences 42, 49.
     """
     k = np.arange(count) + 0.5
     declination = np.arcsin(1 - 2 * k / count)
-    # The boresight is +z: turned to the pole first, then down to the star.
+    # The boresight is +z. It is rotated from the pole down to its declination.
     turn = [GOLDEN_ANGLE * k, np.pi / 2 - declination, GOLDEN_ANGLE * k * np.sqrt(2)]
     return Rotation.from_euler("ZYZ", np.column_stack(turn)).inv()
 
@@ -144,8 +144,8 @@ class FieldResponse(NamedTuple):
     """Detection and measurement of stars by the tracker, over their magnitude.
 
     start, step  magnitude of the first entry, and between two entries
-    fraction     (z, k) 1, detected, in each zone of the frame and of colour
-    stated       (z, k, 2, 2) pixel^2, of the noise, as the tracker states it
+    fraction     (z, k) 1, fraction detected in each zone (of the frame and of colour)
+    stated       (z, k, 2, 2) pixel^2, covariance of the noise that the tracker states
     causes       (z, c, k, 2, 2) pixel^2, true covariance of each random cause
     false        (k,) number of brighter false spots; each takes the place of a star
     """
@@ -162,10 +162,10 @@ class Attitudes(NamedTuple):
     """Errors of the attitudes of m fields, in camera axes.
 
     stars     (m,) 1, expected number of detected stars
-    solved    (m,) 1, probability that there are enough of them
-    variance  (m, c, 3) radian^2, of each random cause
-    shift     (m, d, 3) radian, by each displacement
-    stated    (m, 3, 3) radian^-2, information as the tracker states it
+    solved    (m,) 1, probability that enough stars for an attitude are detected
+    variance  (m, c, 3) radian^2, error variance by each random cause
+    shift     (m, d, 3) radian, error by each displacement
+    stated    (m, 3, 3) radian^-2, information that the tracker states
     gain      (n, 4, 2) radian / pixel, for each star: rotation about three axes by an error in x
               and y; the last row holds twice the probability that the star counts
     """
@@ -180,12 +180,12 @@ class Attitudes(NamedTuple):
     def by_lattice(self, first: Ints, pixel: Floats, camera: Camera) -> Floats:
         """Matrix from displacements (2, LATTICE^2) pixel at a lattice to errors (3, m) radian.
 
-        Between the places, displacements are local cubic polynomials.
+        Between the lattice nodes, displacements are interpolated by local cubic polynomials.
 
-        first    of `FieldStars`
-        pixel    (n, 2) places of the stars
+        first    `FieldStars.first`
+        pixel    (n, 2) positions of the stars
         Returns  (3, m, 2, LATTICE^2) radian / pixel
-        Accuracy  numerical: 1e-3 of the attitude errors by residuals of units.
+        Accuracy  numerical: 1e-3 of the attitude errors by calibration residuals of units.
         """
         (left, across), (top, down) = (
             local_weights(nodes, at)
@@ -217,7 +217,7 @@ class FieldStars(NamedTuple):
     first         (m + 1,) index of the first star of each field, and n
     x, y          (n,) 1, x / z and y / z in camera axes
     magnitude     (n,) G of a sunlike star of equal brightness
-    zone          (n,) of the response
+    zone          (n,) index of the zone in the `FieldResponse`
     kept          (n,) 1, probability that a detected star is kept
     systematic    (n,) pixel^2 per axis, systematic variance that the tracker assumes
     displacement  (d, n, 2) pixel, fixed errors of the positions
@@ -236,11 +236,11 @@ class FieldStars(NamedTuple):
 class Solver(NamedTuple):
     """Settings of the tracker's solver that the propagation of errors needs.
 
-    focal_length_px  pixel, as the tracker believes it
+    focal_length_px  pixel, focal length that the tracker assumes
     tolerance        1, prior sigma of the fitted scale about one; 0 if no scale is fitted
-    lost             (k,) probability that 0, 1, 2, ... detected stars give no attitude; more give
-                     one
-    most             brightest spots that are kept
+    lost             (k,) probability that 0, 1, ... k - 1 detected stars give no attitude; k or
+                     more stars always give one
+    most             number of the brightest spots that are kept
     """
 
     focal_length_px: float
@@ -258,8 +258,9 @@ def propagate(seen: FieldStars, response: FieldResponse, solver: Solver) -> Atti
     its focal length first moves every star p_i by r error_i p_i, which gives the second term, b =
     I^-1 sum_i H_i^T W_i p_i. Each star counts by its probability of detection.
 
-    Accuracy  model: to first order in the errors. A star that is not always detected counts as a
-              fraction of a star; with few detected stars, this gives too small an error.
+    Accuracy  model: to first order in the errors. A star with a detection probability below 1
+              counts as a fraction of a star; if few stars are detected, the predicted error is too
+              small.
     """
     count, causes, shifts = len(seen.first) - 1, response.causes.shape[1], len(seen.displacement)
     errors = Attitudes(
@@ -302,7 +303,7 @@ def _propagate(
 
 @kernel
 def _entry(magnitude: float, response: FieldResponse) -> tuple[int, float]:
-    """The table entry before a magnitude, and the fraction of the step from this entry."""
+    """Index of the table entry before a magnitude, and the fraction of the step beyond it."""
     last = response.fraction.shape[1] - 2
     place = min(max((magnitude - response.start) / response.step, 0.0), last + 0.999)
     return int(place), place - int(place)
@@ -310,8 +311,7 @@ def _entry(magnitude: float, response: FieldResponse) -> tuple[int, float]:
 
 @kernel
 def _detected(i: int, k: int, t: float, seen: FieldStars, response: FieldResponse) -> float:
-    """Probability that a star is detected and kept, at the fraction `t` of the step after entry
-    `k`."""
+    """Probability that a star is detected and kept; `k` and `t` are from `_entry`."""
     fraction = response.fraction[seen.zone[i]]
     return seen.kept[i] * (fraction[k] + t * (fraction[k + 1] - fraction[k]))
 
@@ -320,10 +320,10 @@ def _detected(i: int, k: int, t: float, seen: FieldStars, response: FieldRespons
 def _information(
     f: int, seen: FieldStars, response: FieldResponse, solver: Solver, full: Floats, chance: Floats
 ) -> tuple[int, float]:
-    """Information of a field about turn and scale, and the probabilities of too few detected stars.
+    """Information of a field about rotation and scale, and the probability of each star count.
 
-    full     (4, 4) radian^-2, is written to
-    chance   (k,) 1, probability of exactly 0, 1, ... detected stars; is written to
+    full     (4, 4) radian^-2, information; written in place
+    chance   (k,) 1, probability of exactly 0, 1, ... detected stars; written in place
     Returns  the index after the last star that counts, and the expected number of stars
     """
     design, weight = np.empty((2, 4)), np.empty((2, 2))
@@ -333,7 +333,7 @@ def _information(
     end, total = seen.first[f], 0.0
     while end < seen.first[f + 1] and total < solver.most:
         k, t = _entry(seen.magnitude[end], response)
-        # Of the last star, only the part that fits into the list.
+        # The last star counts only by the fraction that still fits into the list of spots.
         p = min(_detected(end, k, t, seen, response), solver.most - response.false[k] - total)
         if p > LEAST:
             design_row(seen.x[end], seen.y[end], solver.focal_length_px, design)
@@ -367,8 +367,8 @@ def _gains(
 
     inverse   (3, 3) radian^2, of the information
     by_scale  (3,) radian, change of the attitude by a scale error of 1
-    row       (4,) row of the scale in the inverse of the information about turn and scale
-    gain      (n, 4, 2) radian / pixel; the last row holds the probability twice; is written to
+    row       (4,) row of the scale in the inverse of the information about rotation and scale
+    gain      (n, 4, 2) radian / pixel, the last row holds the probability twice; written in place
     """
     design, weight = np.empty((2, 4)), np.empty((2, 2))
     room = float(solver.most)

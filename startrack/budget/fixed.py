@@ -15,14 +15,14 @@ from startrack.motion import jitter_rms
 
 
 def visible(case: Case, view: Fields, faintest: float, like: Case) -> tuple[Ints, Floats]:
-    """Indices of the stars of the fields around which a window fits, and their magnitudes.
+    """Indices of the stars of the fields whose window fits into the frame, and their magnitudes.
 
-    like  a case with the same magnitudes of stars
+    like  a case whose stars have the same magnitudes
     """
     camera, detection = case.instrument.camera, case.tracker.detection
     stars = view.sky.stars
     edge = np.tan(min(1.1 * camera.half_diagonal, 1.5))
-    # Red stars are brighter than their G.
+    # Red stars give more signal than a sunlike star of the same G: one magnitude of margin.
     near = _within(view.x, view.y, view.star, stars.magnitude_g, edge, faintest + 1)
     pixel = camera.project(np.column_stack([view.x[near], view.y[near], np.ones(len(near))]))
     near = near[camera.holds(pixel, -(detection.window // 2 + detection.edge))]
@@ -37,7 +37,7 @@ def visible(case: Case, view: Fields, faintest: float, like: Case) -> tuple[Ints
 def _within(
     x: Floats, y: Floats, star: Ints, magnitude: Floats, edge: float, faintest: float
 ) -> Ints:
-    """Indices of the stars at x and y below an edge that are brighter than a magnitude."""
+    """Indices of the stars with |x| and |y| below an edge that are brighter than a magnitude."""
     index, count = np.empty(len(x), np.int64), 0
     for k in range(len(x)):
         if abs(x[k]) < edge and abs(y[k]) < edge and magnitude[star[k]] < faintest:
@@ -61,9 +61,9 @@ OF_STARS = (
 class ThroughLens(NamedTuple):
     """Effect of a lens table on n stars.
 
-    zone     (n,) of the frame and of colour
-    fainter  (n,) magnitude, by vignetting
-    shift    (n, 2) pixel, of the centroid, for each cause
+    zone     (n,) index of the zone, of the frame and of colour
+    fainter  (n,) magnitude lost by vignetting
+    shift    for each cause, (n, 2) pixel shift of the centroid
     """
 
     zone: Ints
@@ -74,7 +74,7 @@ class ThroughLens(NamedTuple):
 def through_lens(case: Case, camera: Camera, view: Fields, inside: Ints) -> ThroughLens:
     """Effect of a case's lens table on stars of the fields; without a table, no effect.
 
-    camera  that sees the stars; for a unit it may differ from the camera of the case
+    camera  camera that sees the stars; for a unit it may differ from the camera of the case
     """
     count = len(inside)
     if not case.instrument.optics.tabulated:
@@ -123,9 +123,10 @@ def displacement(
 
 
 def _sheared(case: Case, x: Floats, y: Floats) -> Floats:
-    """Pixel (n, 2): motion of stars from the exposure of the middle row to that of their row.
+    """Pixel (n, 2): motion of stars between the exposures of the middle row and of their row.
 
-    The tracker's correction, by the row delay and the rates that it believes, is subtracted.
+    The tracker's correction is subtracted. It uses the row delay and rates that the tracker
+    assumes.
     """
     camera, delay = case.instrument.camera, case.instrument.detector.row_delay
     direction = np.column_stack([x, y, np.ones(len(x))])
@@ -139,7 +140,7 @@ def _sheared(case: Case, x: Floats, y: Floats) -> Floats:
 def displaced(case: Case, view: Fields, inside: Ints) -> Floats:
     """Pixel (n, 2): displacement of each star of the fields by the light of its neighbours.
 
-    Stars that only the camera of the case merges are not moved.
+    Stars that only the camera of the case merges are not displaced.
     """
     x, y = view.x[inside], view.y[inside]
     # The camera of the fields and the camera of the case may merge different stars.
@@ -163,8 +164,7 @@ def _plane(direction: Floats) -> Floats:
 
 
 def of_the_camera(case: Case, cause: Cause) -> tuple[Floats, Floats] | None:
-    """Mean and sigma (3,), radian, of a cause that turns the whole camera; None for other
-    causes."""
+    """Mean and sigma (3,), radian, of a cause that rotates the camera; None for other causes."""
     instrument = case.instrument
     if cause.term is trial.Term.BIAS:
         wrong = case.believed_mounting.camera_to_body().inv()

@@ -13,22 +13,22 @@ from startrack.core import Floats, Ints, Stars, Streams, is_code, kept, kernel, 
 from startrack.design import Case
 from startrack.identification import LEAST_SIGMA, LOG_ATTITUDES, NARROWEST, REACH, log_evidence
 
-EVEN: Floats = (np.arange(32) + 0.5) / 32  # quantiles of a threshold
-HOT_RANGE, HOT_STEP = 5.0, 1.0  # magnitude above the faintest, at which shifts are measured; a step
+EVEN: Floats = (np.arange(32) + 0.5) / 32  # probabilities of the quantiles of a threshold
+HOT_RANGE, HOT_STEP = 5.0, 1.0  # magnitude: range above the faintest star with shifts; a step of it
 WINDOWS = 512  # windows with hot pixels, in which shifts are measured
-FIELDS, DRAWS = 64, 32  # fields of the sky, and frames of each, for the stars that are left out
+FIELDS, DRAWS = 64, 32  # fields of the sky, and frames of each, to find the stars that are left out
 MEDIAN_SQUARE = 2 * math.log(2)  # median of a squared error, in variances per axis
-MOST = 12  # matched stars, with which a frame is assumed to be identified
+MOST = 12  # a frame with this number of matched stars is assumed to be identified
 
 
 class NearHot(NamedTuple):
     """Effect of hot pixels on stars of m magnitudes, and on the search of a frame.
 
-    search  of a frame with them
-    false   (k,) electron, of the false spots that they make
-    kept    (m,) probability that the tracker keeps a star, found by the search, despite them
-    moment  (m, 2, 2) pixel^2, second moment of the shifts by them, over the stars
-    lost    of `Solver`, including the lack of evidence among these spots
+    search  quantities of the search in a frame with hot pixels
+    false   (k,) electron, signal of the false spots that hot pixels make
+    kept    (m,) probability that the tracker keeps a star that the search finds
+    moment  (m, 2, 2) pixel^2, second moment of the star shifts by hot pixels
+    lost    as `Solver.lost`, including fields rejected for lack of evidence among false spots
     """
 
     search: response.StarSearch
@@ -43,19 +43,20 @@ def hot_stars(case: Case, even: Case, star: response.Errors) -> NearHot:
 
         kept = P(used),   moment = <s s^T> of the used
 
-    over windows with hot pixels, which a fraction of the stars has. Stars that the search rejects
-    are lost; the others are shifted by s. Frames are drawn to decide which stars the tracker uses.
+    A fraction of the stars has hot pixels in its window. Some of these stars are rejected by the
+    search; the others are shifted by s. Frames are drawn to decide which stars the tracker uses.
     The identification matches spots within a radius that grows with the median error of the frame,
     and needs evidence against the false spots. The solver then leaves out the worst stars. Shifted
-    stars bias its fit and enlarge its median residual, so that a bright star with a shift of many
-    sigmas stays if others are shifted, too. Shifts are measured at a few magnitudes; they are
-    inversely proportional to the star's light.
+    stars bias its fit and enlarge its median residual. Therefore a bright star with a shift of many
+    sigmas is kept if other stars are shifted, too. Shifts are measured at a few magnitudes; they
+    are inversely proportional to the star's light.
 
-    even      the case `with_uniform_dark`;  star  its errors
-    Accuracy  model: that of drawn spots, which use the same windows; the evidence of brightness,
-              and false matches, are left out. The error across over that of 1000 windows or more
-              each of `noise_only` is 1.00 for 0.6 % hot pixels, 0.89 for 1.7 %, 1.03 for 4.4 % and
-              1.15 for 5.6 %; the number of attitudes is up to 5 % too small.
+    even      the case `with_uniform_dark`
+    star      errors of its stars
+    Accuracy  model: as drawn spots, which use the same windows; evidence by brightness and false
+              matches are left out. Ratio of the error across to the error in 1000 or more windows,
+              for the design `noise_only`: 1.00 for 0.6 % hot pixels, 0.89 for 1.7 %, 1.03 for 4.4 %
+              and 1.15 for 5.6 %. The number of attitudes is up to 5 % too small.
     """
     magnitude, fewest = star.magnitude, case.tracker.identification.min_matches
     hot = _hot_effect(*map(response.star_inputs, (case, even)))
@@ -80,10 +81,10 @@ def hot_stars(case: Case, even: Case, star: response.Errors) -> NearHot:
 class _HotEffect(NamedTuple):
     """Effect of hot pixels on the search, and on stars of k magnitudes.
 
-    search     of a frame with them
+    search     quantities of the search in a frame with hot pixels
     magnitude  (k,) G of these stars
     windows    shifts of these stars
-    false      (f,) electron, of the spots that hot pixels make in an empty frame
+    false      (f,) electron, signal of the spots that hot pixels make in an empty frame
     """
 
     search: response.StarSearch
@@ -116,23 +117,25 @@ def _hot_effect(case: Case, even: Case) -> _HotEffect:
 
 
 def _quantiles(values: Floats, weight: Floats) -> Floats:
-    """Quantiles EVEN of values (n,) with weights."""
+    """Quantiles of weighted values (n,) at the probabilities EVEN."""
     order = np.argsort(values)
     middle = np.cumsum(weight[order]) - weight[order] / 2
     return np.interp(EVEN, middle / weight.sum(), values[order])
 
 
 class _Rules(NamedTuple):
-    """Conditions of the tracker for a star.
+    """Rules by which the tracker uses a star and accepts an attitude.
 
-    focal_length_px          pixel
-    tolerance, radius, gate  keys of identification and solver: 1, pixel, sigma
-    area                     1, of the image, in units of the focal length
-    evidence                 logarithm of the required evidence
-    fewest                   stars that an attitude needs
-    most                     spots that are kept
-    false                    spots that hot pixels make
-    verified                 spots by which the evidence is computed
+    focal_length_px  pixel
+    tolerance        1, tracker.identification.focal_tolerance
+    radius           pixel, tracker.identification.match_radius
+    gate             sigma, tracker.attitude.gate
+    area             1, area of the image over the square of the focal length
+    evidence         logarithm of the required evidence
+    fewest           least number of stars for an attitude
+    most             largest number of spots that are kept
+    false            number of spots that hot pixels make
+    verified         number of spots from which the evidence is computed
     """
 
     focal_length_px: float
@@ -153,10 +156,10 @@ class _Drawn(NamedTuple):
     first     (m + 1,) index of the first star of each field, and n
     x, y      (n,) 1, x / z and y / z in camera axes
     detected  (n,) 1, probability that the search finds the star
-    false     (n,) brighter spots that hot pixels make
-    sigma     (3, n) pixel per axis: of all errors except hot pixels; as the identification assumes
-              it; and as the solver weights it
-    place     (n,) index of the magnitude at which shifts are known
+    false     (n,) number of brighter spots that hot pixels make
+    sigma     (3, n) pixel per axis: the true value without hot pixels; the value that the
+              identification assumes; and the value by which the solver weights
+    place     (n,) index of the magnitude whose measured shifts are used
     chance    (d, n) uniform;  noise  (d, n, 2) standard normal
     shift     (d, n, 2) pixel, by hot pixels; NaN where these make the search reject the star
     """
@@ -233,17 +236,16 @@ def _sigmas(case: Case, star: response.Errors, stars: Stars, magnitude: Floats) 
     knowledge = response.knowledge_of(case)
     known = knowledge.places(stars)
     lasting = assumed = knowledge.systematic[known]
-    if (of_pixels := knowledge.of_pixels[known]).any():  # with hot ones
+    if (of_pixels := knowledge.of_pixels[known]).any():  # with hot pixels
         lasting = assumed - of_pixels + response.lasting(star, magnitude) ** 2
     return np.sqrt([noise + lasting, np.maximum(noise, LEAST_SIGMA**2), noise + assumed])
 
 
 class _Counts(NamedTuple):
-    """Numbers of stars and frames, added up by `_count`.
+    """Numbers of stars at the k magnitudes of the shifts, and of frames, added up by `_count`.
 
-    seen, used       (k,) over the magnitudes of shifts: stars that the search finds, and found
-                     stars that the tracker uses
-    solved, square   (k,) only in frames with an attitude: stars that are used, and their squared
+    seen, used       (k,) stars that the search finds, and those of them that the tracker uses
+    solved, square   (k,) in frames with an attitude: number of used stars, sum of their squared
                      shifts
     tried, accepted  (j,) frames with 0, 1, ... matches, and such frames with an attitude
     """
@@ -258,7 +260,7 @@ class _Counts(NamedTuple):
 
 @kernel
 def _count(drawn: _Drawn, rules: _Rules, counts: _Counts) -> None:
-    """Count the stars of all frames that the search finds, and the stars that the tracker uses."""
+    """Count the stars that the search finds, and the stars that the tracker uses, in all frames."""
     for d in range(len(drawn.chance)):
         for f in range(len(drawn.first) - 1):
             first, end = drawn.first[f], drawn.first[f + 1]
@@ -289,16 +291,16 @@ def _count(drawn: _Drawn, rules: _Rules, counts: _Counts) -> None:
 
 @kernel
 def _error(d: int, i: int, drawn: _Drawn) -> tuple[float, float]:
-    """Pixel x and y, by noise and hot pixels."""
+    """Error of star i in frame d by noise and hot pixels, pixel in x and y."""
     x = drawn.sigma[0, i] * drawn.noise[d, i, 0] + drawn.shift[d, i, 0]
     return x, drawn.sigma[0, i] * drawn.noise[d, i, 1] + drawn.shift[d, i, 1]
 
 
 @kernel
 def _matched(d: int, star: Ints, drawn: _Drawn, rules: _Rules) -> tuple[Ints, float]:
-    """The stars that the identification matches, by the rule of its last round.
+    """The stars that the identification matches in its last round.
 
-    And the variance per axis (pixel^2) that it assumes in addition to their noise.
+    Also returned: the variance per axis (pixel^2) that it assumes in addition to their noise.
     """
     square, variance = np.empty(len(star)), np.empty(len(star))
     for k in range(len(star)):
@@ -321,8 +323,8 @@ def _residuals(
 ) -> Floats:
     """Squared residuals (k,) pixel^2 of stars from the fitted attitude and scale.
 
-    variance  (k,) pixel^2 per axis, by which they are weighted
-    rows      (k, 2, 4) pixel / radian, is written to
+    variance  (k,) pixel^2 per axis, by which the stars are weighted
+    rows      (k, 2, 4) pixel / radian, derivatives; written in place
     """
     info, moved, square = np.zeros((4, 4)), np.zeros(4), np.zeros(len(star))
     # The scale is fixed if no focal length is fitted.
@@ -358,7 +360,7 @@ def _evidence(
     spots: int,
     excess: float,
 ) -> bool:
-    """Whether the positions of matched stars among all spots are enough evidence of an attitude."""
+    """Whether the positions of the matched stars are enough evidence of an attitude."""
     focal, unknowns = rules.focal_length_px, 4 if rules.tolerance > 0 else 3
     rows, prior = np.empty((len(star), 2, 4)), np.zeros((unknowns, unknowns))
     log_prior = -LOG_ATTITUDES

@@ -18,17 +18,17 @@ from startrack.trial import left_out
 # than 1 %. Chosen by hand from the designs of experiments/budget_against_trials.py.
 UNKNOWN_SMEAR = 2.5  # pixel
 LONGEST = 27.0  # pixel; the half sides of the window of a fit end at 15 pixel
-IN_WINDOW = 0.65  # of a star's light inside the window of its centre of gravity
+IN_WINDOW = 0.65  # fraction of a star's light inside the window of its centre of gravity
 ROLLED = 1.5  # pixel of smear in the corner, by rotation about the boresight
 SHAKEN = 1.0  # pixel rms of jitter
 FEW = 10.0  # stars in a field, below which its identification is uncertain
-PART = 0.01  # of the sky
-FASTER = 1.2  # pixel rate over the rate at which the read noise is known
+PART = 0.01  # fraction of the sky
+FASTER = 1.2  # pixel rate over the rate at which the read noise holds
 CROWDED = 0.03  # fraction of the stars that share their window with another
-FAR = 0.5  # of the match radius, rms displacement of stars by wrong beliefs
-CUT = 2.0  # sigma, level of an empty pixel above zero; there 1/40 of the noise is cut
+FAR = 0.5  # rms displacement of stars by wrong assumptions of the tracker, over the match radius
+CUT = 2.0  # sigma, level of an empty pixel above zero; at 2 sigma 1/40 of the noise is cut off
 HIDDEN = 0.3  # fraction of the kept spots that are hot pixels
-REFUSED = 0.3  # of the stars above the threshold
+REFUSED = 0.3  # fraction of the stars above the threshold
 
 # Meaning of each cause, and the keys that change it.
 ADVICE = {
@@ -36,19 +36,19 @@ ADVICE = {
     "instrument.optics.focal_length, instrument.detector.exposure, tracker.detection.max_spots",
     response.READ: "instrument.detector.read_noise beside the light of the stars in their windows: "
     "less blur (instrument.optics.defocus), a longer instrument.detector.exposure",
-    response.METHOD: "pixels sample the image coarsely: more blur (instrument.optics.defocus), or "
-    'tracker.detection.centroid = "likelihood"',
+    response.METHOD: "pixels sample the image too coarsely: more blur (instrument.optics.defocus), "
+    'or tracker.detection.centroid = "likelihood"',
     "PRNU": "pixels respond unequally: instrument.detector.prnu, or more blur",
     "DSNU": "dark signal differs from pixel to pixel: instrument.detector.thermal.temperature, "
     "instrument.detector.exposure, tracker.detection.dark_map",
-    "hot pixels": "pixels of a large dark current near stars: tracker.detection.dark_map and its "
+    "hot pixels": "pixels with large dark current near stars: tracker.detection.dark_map and its "
     "age, a colder detector (instrument.detector.thermal.temperature), more shielding",
     "read-out": "instrument.detector.settling or impulse_response, instrument.detector.lag, "
     "instrument.detector.nonlinearity, instrument.detector.adc_inl",
     "neighbours": "fainter stars in the window: a smaller tracker.detection.window, less blur",
-    response.LENS_FIELD: "the image of a star differs over the field: instrument.optics.defocus, "
+    response.LENS_FIELD: "the image of a star varies over the field: instrument.optics.defocus, "
     "another lens, fewer tracker.detection.max_spots",
-    trial.LENS_COLOUR: "stars of other colours lie elsewhere: tracker.focal_length_by_colour, a "
+    trial.LENS_COLOUR: "the lens shifts stars of other colours: tracker.focal_length_by_colour, a "
     "narrower instrument.optics.transmission",
     trial.SHUTTER: "rows are exposed one after the other: instrument.detector.row_delay, "
     "instrument.motion.rate_x",
@@ -56,15 +56,15 @@ ADVICE = {
     "proper motion": "the tracker's catalogue is of another year: tracker.catalog.epoch",
     "parallax": "tracker.catalog.parallax",
     "aberration": "tracker.catalog.aberration, tracker.catalog.orbital_velocity",
-    "mounting": "the tracker is mounted otherwise than it believes: tracker.mounting",
+    "mounting": "the true mounting differs from the one that the tracker assumes: tracker.mounting",
     "mounting swing": "heat turns the mounting over an orbit: instrument.mounting.swing_x",
     "time stamp": "tracker.delay",
-    trial.JITTER: "the spacecraft moves within an exposure, and the attitude asked for is that at "
-    "its middle, one motion of all of its heads and no noise of the sensor: "
-    'instrument.detector.exposure, instrument.motion.tones; tracker.reference = "mean" asks for '
-    "the mean",
-    trial.JITTER_OF_HEAD: "the mount of the head moves within an exposure, and the attitude asked "
-    "for is that at its middle: instrument.detector.exposure, instrument.motion.tones",
+    trial.JITTER: "the spacecraft moves within an exposure, and the reference is the attitude at "
+    "mid-exposure; all heads share this motion, which is no noise of the sensor: "
+    "instrument.detector.exposure, instrument.motion.tones; for the mean attitude as reference: "
+    'tracker.reference = "mean"',
+    trial.JITTER_OF_HEAD: "the mount of the head moves within an exposure, and the reference is "
+    "the attitude at mid-exposure: instrument.detector.exposure, instrument.motion.tones",
     trial.HITS: "particles hit pixels: instrument.detector.hits",
 }
 # Causes that a tracker cannot see in the spots that it weights.
@@ -82,9 +82,7 @@ UNSEEN = (
 
 
 def advice(budget: Budget[Any]) -> list[str]:
-    """Advice on each cause, largest error across the boresight first: its meaning, and the keys
-    that change it.
-    """
+    """Meaning of each cause and the keys that change it; largest error across first."""
     return [
         f"{line.name} ({line.across / arcsec:.3g} arcsec across): {ADVICE[line.name]}"
         for line in sorted(budget.lines, key=lambda line: -line.across)
@@ -98,7 +96,7 @@ def unseen(budget: Budget[Any]) -> str:
     parts = [f"{line.name} ({line.across / arcsec:.3g} arcsec across)" for line in lines]
     of_units = "unit", "instrument.structure"  # causes that the unit as designed does not have
     if any(not any(word in text for word in of_units) for text in budget.left_out):
-        parts.append("what is not counted")
+        parts.append("effects that are left out")
     return f"the tracker does not know of {'; '.join(parts)}" if parts else ""
 
 
@@ -110,7 +108,7 @@ def of_the_case(case: Case) -> Iterator[str]:
     if rated and detector.pixel_rate > FASTER * rated:
         yield (
             f"more read noise at {detector.pixel_rate / 1e6:.3g} Mpix/s than at {rated / 1e6:.3g}, "
-            "where instrument.detector.read_noise holds"
+            "for which instrument.detector.read_noise is given"
         )
     size = response.scale(case)
     level = size.background + detector.offset * detector.electrons_per_dn
@@ -123,13 +121,13 @@ def of_the_case(case: Case) -> Iterator[str]:
     inside = 1.0 if plan.method.skips_dead else _in_window(plan.star.psf, plan.settings.window)
     if inside < IN_WINDOW:
         yield (
-            f"noise that moves a window which holds {100 * inside:.0f} % of a star's light "
+            f"shifts by noise of a window that holds only {100 * inside:.0f} % of a star's light "
             "(tracker.detection.window)"
         )
     if trial.boxed(case) and case.instrument.optics.tabulated:
         yield (
-            "that the image in a box differs over the field and with its place in the pixel, "
-            "except for the mean displacement (instrument.optics)"
+            "that the image in a box varies over the field and with its place in the pixel; only "
+            "the mean displacement is counted (instrument.optics)"
         )
     yield from _of_the_motion(case)
 
@@ -172,8 +170,8 @@ def of_the_sky(case: Case, stars: Floats, refused: float, moved: float) -> Itera
     """Effects that the budget leaves out because of the stars in its fields.
 
     stars    (m,) expected number in each field
-    refused  1, fraction of the stars above the threshold that are refused as hot pixels
-    moved    pixel, rms displacement of stars by wrong beliefs of the tracker
+    refused  1, fraction of the stars above the threshold that are rejected as hot pixels
+    moved    pixel, rms displacement of stars by wrong assumptions of the tracker
     """
     detector, settings = case.instrument.detector, case.tracker.detection
     least = min(FEW, round(0.9 * settings.max_spots))
@@ -181,18 +179,18 @@ def of_the_sky(case: Case, stars: Floats, refused: float, moved: float) -> Itera
     by_search = not trial.boxed(case)  # each box has its star
     if by_search and few > PART:
         yield (
-            f"which star is which, in the {100 * few:.0f} % of the sky with fewer than "
+            f"wrong identification, in the {100 * few:.0f} % of the sky with fewer than "
             f"{least:.0f} stars"
         )
     elif by_search and refused > REFUSED:
-        yield f"which star is which, where {100 * refused:.0f} % of the stars are missing"
+        yield f"wrong identification, as {100 * refused:.0f} % of the stars are missing"
     side = settings.window + math.hypot(*observation.detection_plan(case).settings.smear)
     crowded = float(stars.mean()) * settings.window * side / (detector.columns * detector.rows)
     if crowded > CROWDED:
         yield f"wrong centroids of merged stars, {100 * crowded:.0f} % of all"
     if moved > FAR * case.tracker.identification.match_radius:
         yield (
-            f"stars beyond tracker.identification.match_radius: they lie {moved:.2g} pixel rms off"
+            f"stars outside tracker.identification.match_radius: they are {moved:.2g} pixel rms off"
         )
 
 
@@ -210,18 +208,18 @@ def of_the_catalog(case: Case, likely: float, available: float) -> Iterator[str]
 
 
 def of_false_spots(case: Case, brighter: float) -> Iterator[str]:
-    """Effects left out where hot pixels make many spots that are brighter than stars."""
+    """Effects left out if hot pixels make many spots that are brighter than stars."""
     most = case.tracker.detection.max_spots
     if brighter > HIDDEN * most:
         yield (
-            f"which star is which, where {brighter:.0f} of {most} spots are hot pixels "
+            f"wrong identification, as {brighter:.0f} of {most} spots are hot pixels "
             "(tracker.detection.dark_map, max_spots)"
         )
 
 
 def caveats(case: Case, left_out: tuple[str, ...]) -> list[str]:
-    """Sentences that a reader of the budget needs besides `refusal`; `left_out` as for `Budget`."""
-    what = "; ".join(left_out) or "nothing that the design names"
+    """Sentences on the limits of a budget, besides `refusal`; `left_out` as for `Budget`."""
+    what = "; ".join(left_out) or "no effect of the design"
     whose = " of the unit as designed" if case.varying else ""
     sentences = [f"not counted{whose}: {what}"]
     return sentences if case.differs else [*sentences, noise_only(case)]
@@ -238,26 +236,26 @@ def noise_only(case: Case) -> str:
 
 
 def refusal(case: Case, refused: float) -> list[str]:
-    """Why many stars are refused as hot pixels, which may enlarge errors; empty if few are refused.
+    """Why many stars are rejected as hot pixels, which may enlarge errors; empty if few are.
 
-    refused  1, fraction of the stars above the threshold
+    refused  1, rejected fraction of the stars above the threshold
     """
     if refused < PART:
         return []
     return [
-        f"{100 * refused:.0f} % of the stars above the threshold are refused as hot pixels: they "
+        f"{100 * refused:.0f} % of the stars above the threshold are rejected as hot pixels: they "
         "are sharper than tracker.detection.sharpest_sigma = "
         f"{case.tracker.detection.sharpest_sigma:g} pixel; more blur, or a smaller limit, keeps "
         "them"
     ]
 
 
-# Numbers of trials by windows, frames and drawn spots; by hand: one or two seconds on one core.
+# Numbers of trials in each fidelity; chosen by hand for one or two seconds on one core.
 WINDOWS, FRAMES, DRAWN = 60, 24, 200
 LARGEST = 2**20  # pixel, largest frame that is rendered more than a few times
 FEWEST = 6  # frames, least number for any size of detector
 AGREEING = 1.15  # ratio of formula and trials up to which they agree outside the interval
-SURE = 0.99  # confidence of the interval of the availability
+SURE = 0.99  # confidence level of the interval of the availability
 
 
 @printed
@@ -265,8 +263,8 @@ SURE = 0.99  # confidence of the interval of the availability
 class TrialCheck:
     """Comparison of a design's analytic budget with trials.
 
-    fidelity  of the trials
-    summary   of them
+    fidelity  fidelity of the trials
+    summary   summary of the trials
     differs   sentences, one for each value of the formula outside the trials' interval
     """
 
@@ -276,10 +274,10 @@ class TrialCheck:
 
 
 def check(case: Case, budget: Budget[ErrorLaw], seed: int) -> TrialCheck:
-    """Compare a budget with some trials, by windows of frames if possible.
+    """Compare a budget with some trials, in fidelity `window` if possible.
 
-    Large detectors are compared by drawn spots, or by windows if the motion has effects that both
-    the formula and drawn spots leave out. If neither supports the design, a few frames are used.
+    Large detectors are compared by drawn spots. If the motion has effects that both the formula and
+    drawn spots leave out, windows are used. If neither supports the design, a few frames are used.
 
     Raises    ValueError if no fidelity supports the design.
     Accuracy  statistical: 60 trials give an rms within 9 %, and detect a loss of 5 % of the trials

@@ -23,7 +23,7 @@ from startrack.metrics import indices
 from startrack.scene import illuminate
 from startrack.sequence import Sequence, fly_sequences
 
-SAME = 0.7  # pixel, distance within which a spot is the same in two frames; by hand, below the
+SAME = 0.7  # pixel, distance within which two spots are the same star; by hand, below the
 # distance of separate spots and above the noise of their centroids
 HOT_TOO = "DSNU, hot pixels"
 BLOCKS = 8  # of members, for each worker
@@ -42,13 +42,13 @@ def measured(
 
         contribution of a cause = error - error without it
 
-    These are vectors with the same sky, noise and set of stars, so that the effect of one cause
-    does not count as scatter of another. The contributions of all causes add up to the error,
-    except for interactions of causes.
+    Contributions are vectors. Both errors have the same sky, noise and set of stars, so that the
+    effect of one cause does not appear as scatter of another. The contributions of all causes add
+    up to the error, except for interactions of causes.
 
     members   number of random attitudes, each with a device and a calibration of the case
     times     number of frames of each, with different noise
-    executor  that runs them
+    executor  executor that runs the members
     progress  called with the number of members that were just completed
     Returns   Budget whose lines hold (members, times, 3) errors; a member with an unsolved or false
               frame is left out
@@ -94,8 +94,7 @@ def terms(case: Case) -> tuple[tuple[str, trial.Term], ...]:
 
 
 def _name(case: Case, cause: budget.Cause) -> str:
-    """Name of a line: a frame has hot and usual pixels together; only the analytic budget splits
-    them."""
+    """Name of a line: trials have one line for DSNU and hot pixels, the analytic budget has two."""
     return HOT_TOO if cause.name == trial.DSNU and has_hot_pixels(case) else cause.name
 
 
@@ -105,8 +104,8 @@ def contributions(case: Case, attitude: Rotation, streams: Streams) -> tuple[Flo
     A constant cause is switched off in noise-free frames, so that nothing else changes. Each kind
     of noise is added alone to noise-free frames.
 
-    Returns  (1 + causes, 3) radian in camera axes, the error first, then as in `terms`; NaN where
-             the trial has no correct attitude; the number of stars
+    Returns  errors (1 + causes, 3) radian in camera axes: the whole error, then one for each of
+             `terms`; NaN if the trial has no correct attitude. And the number of stars
     """
     record = trial.observe(case, attitude, streams)
     rows = np.full((1 + len(terms(case)), 3), np.nan)
@@ -133,7 +132,7 @@ def contributions(case: Case, attitude: Rotation, streams: Streams) -> tuple[Flo
 
 
 class _Trial:
-    """One trial, rendered again with other causes, and with the same stars and weights."""
+    """One trial that is rendered again with other causes, but with the same stars and weights."""
 
     def __init__(self, case: Case, attitude: Rotation, streams: Streams, record: trial.Record):
         self._case, self._attitude, self._streams = case, attitude, streams
@@ -141,7 +140,8 @@ class _Trial:
         self._known = {(_imaging(case), case.tracker.detection, Content.REAL): record.spots}
 
     def error(self, case: Case, content: Content) -> Floats:
-        """(3,) radian, of the attitude from a frame of the case, by the beliefs of the case."""
+        """(3,) radian: attitude error from a frame of a case, with the tracker's assumptions of
+        it."""
         spots = self._spots(case, content)
         matches, (star, direction) = self._record.matches, self._believed(case)
         chosen = replace(matches, direction=direction)
@@ -174,7 +174,7 @@ class _Trial:
         return star, direction / np.linalg.norm(direction, axis=1, keepdims=True)
 
     def _spots(self, case: Case, content: Content) -> Spots:
-        """The same stars in a frame of another case."""
+        """Spots of the same stars, measured in a frame of another case."""
         key = imaging, detection, _ = _imaging(case), case.tracker.detection, content
         if key not in self._known:
             case = replace(case, instrument=imaging)
@@ -188,7 +188,7 @@ class _Trial:
     def _frame(self, case: Case, content: Content) -> Frame:
         detector, size = case.instrument.detector, response.scale(case)
         electrons = self._electrons(case)
-        # If only one kind of noise is present, the ripple represents the others.
+        # If only one kind of noise is present, the ripple stands for the other kinds.
         match content:
             case Content.REAL:
                 return frame_of(electrons, detector, self._streams)
@@ -218,8 +218,8 @@ class _Trial:
         rate, _ = electron_rate(light, detector, observation.throughput(case.instrument))
         pixel = camera.project(self._attitude.apply(self._believed(case)[1]))
         old = self._record.spots
-        # A star between two pixels may be measured in the window around either: use the one of
-        # the other frames.
+        # A star between two pixels may be measured in the window around either of them. Use the
+        # window of the other frames.
         nearest = np.rint(np.column_stack([old.x, old.y])[matches.spot])
         side = response.cell_side(case.instrument, case.tracker.detection)
         shape = response.star_images(case.instrument, pixel - nearest, side)
@@ -230,7 +230,7 @@ class _Trial:
         return replace(old, x=x, y=y)
 
     def _measured(self, frame: Frame, detection: Detection) -> Spots:
-        """All spots of the record, measured in another frame; lost spots keep their values."""
+        """All spots of the record, measured in another frame; a lost spot keeps its old values."""
         old = self._record.spots
         column, row = (np.rint(place).astype(np.int64) for place in (old.x, old.y))
         candidates = Peaks(column, row, old.area)
@@ -251,7 +251,7 @@ def _imaging(case: Case) -> Instrument:
 
 
 def _used(case: Case, record: trial.Record) -> Ints:
-    """Indices of the matches that the estimate used, which have the smallest residuals."""
+    """Indices of the matches that the estimate used: those with the smallest residuals."""
     matches, estimate = record.matches, record.estimate
     if estimate.stars == len(matches):
         return np.arange(len(matches))
@@ -277,13 +277,13 @@ def _members(case: Case, seed: int, times: int, members: range) -> tuple[Floats,
     return table, stars
 
 
-# The output of a star tracker is knowledge. The corresponding indices of a platform that points by
-# it are APE, MPE, RPE and PDE (ECSS-E-ST-60-10C, 3.2).
+# A star tracker measures attitude, so its errors are knowledge errors. The corresponding indices of
+# the platform's pointing are APE, MPE, RPE and PDE (ECSS-E-ST-60-10C, 3.2).
 INDICES: dict[str, str] = {
     "AKE": "absolute knowledge error: the error itself",
     "MKE": "mean knowledge error over each window",
     "RKE": "relative knowledge error: the error less its window's mean",
-    "KDE": "knowledge drift error: a window's mean less that of the one before",
+    "KDE": "knowledge drift error: a window's mean less the previous window's mean",
 }
 
 
@@ -299,7 +299,7 @@ def indices_of(
     """The indices of the attitudes of single frames, over sequences of random attitudes.
 
     window   second
-    Returns  AKE, MKE, RKE and KDE (see `INDICES`), each a line whose sample has a member for each
+    Returns  AKE, MKE, RKE and KDE (see `INDICES`), each a line; its sample has a member for each
              sequence
     Raises   ValueError if the window does not fit twice, or if no sequence was solved in enough
              frames. A frame without an attitude in one sequence is left out of all, so that all
@@ -315,13 +315,13 @@ def indices_of(
     seen = np.all(np.isfinite(error), axis=(0, 2))
     run = _longest(seen)
     if run.stop - run.start < 2:
-        raise Refused(f"a sequence must be solved in frames in a row, got {int(seen.sum())} frames")
+        raise Refused(f"a sequence needs solved consecutive frames, got {int(seen.sum())} frames")
     step = float(np.diff(time).mean())
     runs = [indices(history, step, window) for history in error[:, run]]
     if not len(runs[0].drift):
         raise Refused(
-            f"window must fit twice into the {run.stop - run.start} frames in a row that all "
-            f"sequences were solved in, {step:g} s apart, got {window:g} s"
+            f"window must fit twice into the {run.stop - run.start} consecutive frames that are "
+            f"solved in all sequences, {step:g} s apart, got {window:g} s"
         )
     return {
         name: BudgetLine(

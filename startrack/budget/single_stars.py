@@ -1,4 +1,4 @@
-"""Case -> errors of single stars: by formula, in boxes, and in trials over the field."""
+"""Case -> centroid errors of single stars: by formula, in boxes, and in trials."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -13,7 +13,7 @@ from startrack.core import Advance, Floats, Ints, Streams
 from startrack.design import Case
 from startrack.motion import stability
 
-STEP = 10  # rows in the table of the formula from one magnitude to the next
+STEP = 10  # every tenth row of the formula's table is used
 
 
 def single_stars(case: Case, seed: int = 0) -> trial.SingleStars:
@@ -22,7 +22,7 @@ def single_stars(case: Case, seed: int = 0) -> trial.SingleStars:
     The formula's errors are means over zones of the frame and over colours; its usual error is the
     error without hot pixels. Common shifts of all stars of a frame, and neighbours, are left out.
 
-    seed      of the drawn stars
+    seed      seed of the drawn stars
     Accuracy  as for `boxed_stars` and `analytic`.
     """
     if trial.boxed(case):
@@ -61,7 +61,7 @@ class Residuals(NamedTuple):
 
 
 def residuals(case: Case, seed: int, trials: int, progress: Advance = lambda _: None) -> Residuals:
-    """Measured positions of stars minus their positions by the true attitude and camera.
+    """Measured positions of stars minus true positions, by the true attitude and camera.
 
     progress  called after each trial
     """
@@ -103,7 +103,7 @@ def star_errors(
 ) -> StarErrors:
     """Repeat trials, and keep the error of each star, which `Outcome` does not contain.
 
-    icrs_to_camera  the true attitude of each
+    icrs_to_camera  the true attitude of each trial
     """
     rows = [np.empty((0, 4))]
     for number, attitude in zip(numbers, icrs_to_camera, strict=True):
@@ -118,8 +118,9 @@ def _stars(case: Case, record: trial.Record) -> Floats:
     if not record.outcome.solved or record.outcome.false:
         return np.empty((0, 4))
     camera, matches = case.instrument.camera, record.matches
-    # A centroid measures the mean position in the exposure, so the true one is at the mean line of
-    # sight.
+    # A centroid measures the mean position during the exposure, so the true position is taken at
+    # the
+    # mean line of sight.
     mean = stability(record.path).mean
     turned = record.icrs_to_camera.apply(matches.direction)
     position = camera.project(turned + np.cross(mean, turned))

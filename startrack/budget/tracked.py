@@ -1,7 +1,7 @@
 """Fields of stars -> which fields the tracker identifies, and the errors that it states.
 
-If the tracker believes a wrong camera or catalogue, stars lie far from their predicted places.
-Which stars it matches, and whether it accepts the match, then depends on all stars together.
+If the tracker assumes a wrong camera or catalogue, stars lie far from their predicted places. Which
+stars it matches, and whether it accepts the match, then depends on all stars together.
 Probabilities of single stars cannot describe this. Therefore the tracker's own identification and
 solver decide, on drawn spots.
 """
@@ -18,13 +18,13 @@ from startrack.core import Flags, Floats, Ints, Refused, Streams
 from startrack.design import Case
 from startrack.metrics import STATED
 
-HOPELESS = 32  # fields without an attitude, after which no other field is tried
+HOPELESS = 32  # number of fields without an attitude after which the search for one ends
 GOLDEN = (5**0.5 - 1) / 2  # multiples of it, modulo 1, are evenly spread
 NEAR = 2.0  # pixel, from a star to its spot
 SEED = 0  # seed of the drawn spots, the same in all designs
-LEVELS = ndtri((np.arange(32) + 0.5) / 32)  # of a normal distribution, equally probable
+LEVELS = ndtri((np.arange(32) + 0.5) / 32)  # equally probable values of a normal distribution
 LOST = (
-    "the camera and the catalogue that the tracker believes must place stars where it finds them, "
+    "the camera and the catalogue that the tracker assumes must place stars where it finds them, "
     "but it identifies none of {} drawn fields; calibrate it (tracker.camera, "
     "tracker.calibration), or widen tracker.identification.focal_tolerance and match_radius"
 )
@@ -33,7 +33,7 @@ LOST = (
 class Tracked(NamedTuple):
     """Result of the tracker in m fields with n stars in total.
 
-    solved   (m,) whether it has an attitude, and no false one
+    solved   (m,) whether it has a correct attitude
     covered  (m, 2) whether the errors across and about lie within the stated ones
     dropped  (n,) whether the star has a spot that the attitude does not use
     """
@@ -88,7 +88,7 @@ def within_stated(mean: Floats, sigma: Floats, stated: Floats) -> Floats:
     sigma, stated = np.maximum(sigma, 1e-30), np.maximum(stated, 1e-30)
     low, high = ((sign * STATED * stated - mean) / sigma for sign in (-1, 1))
     x = mean[:, :1] + sigma[:, :1] * LEVELS
-    # The half chord of the circle at each x.
+    # Half of the chord of the circle at each x.
     square = STATED**2 - (x / stated[:, :1]) ** 2
     y = np.sqrt(np.maximum(square, 0.0)) * stated[:, 1:2]
     inside = ndtr((y - mean[:, 1:2]) / sigma[:, 1:2]) - ndtr((-y - mean[:, 1:2]) / sigma[:, 1:2])

@@ -23,7 +23,7 @@ from startrack.trial import EFFECTS
 
 CAMERA_MODEL = "camera model"
 OF_THE_CAMERA = (CAMERA_MODEL, "mounting")  # calibrated together, so that they partly cancel
-# Error terms of one unit, besides those of the camera; and their causes.
+# Error terms of one unit that are not of the camera, and their causes.
 TURNED = (Term.THERMO_ELASTIC, Term.MEASUREMENT_DATE)
 TURNS = tuple(
     Cause(effect.cause, effect.term, effect.without)
@@ -32,7 +32,7 @@ TURNS = tuple(
 )
 FIELDS = 64  # of each unit in each environment
 ENVIRONMENTS = 3  # of each unit
-# Values that datasheets state, and the error classes in them (ECSS-E-ST-60-20C): rms over units.
+# Values that datasheets state, and the error classes (ECSS-E-ST-60-20C) in them; rms over units.
 _RANDOM = Term.NOISE, Term.PIXEL, Term.ABERRATION, Term.MEASUREMENT_DATE
 _ALL = *_RANDOM, Term.FIELD, Term.THERMO_ELASTIC, Term.PLATFORM
 PUBLISHED = {
@@ -50,12 +50,12 @@ ARRAYS = ("mean", "sigma", "weight", "bias", "availability")  # of `UnitBudgets`
 class UnitBudgets:
     """Error budgets of n units, each in m fields of the sky and environments.
 
-    The bias of a unit is separate: the mean of its error over fields, without the errors that vary
-    with environment and from frame to frame.
+    The bias of a unit is separate. It is the mean of the unit's error over fields, without the
+    errors that vary with environment and from frame to frame.
 
     age           second
-    mean, sigma   (n, m, 3) radian, of a normal error, without the bias of the unit
-    weight        (n, m) 1, of each field; sums to 1 for each unit
+    mean, sigma   (n, m, 3) radian, of a normally distributed error, without the bias of the unit
+    weight        (n, m) 1, weight of each field; sums to 1 for each unit
     bias          (n, 3) radian
     terms         (n, 3) radian, rms of each class of error except bias
     availability  (n,) 1
@@ -71,7 +71,7 @@ class UnitBudgets:
 
     @classmethod
     def of_one(cls, budget: Budget[ErrorLaw]) -> UnitBudgets:
-        """The unit as designed at age 0, from its budget; without classes of error."""
+        """`UnitBudgets` of one unit, the unit as designed at age 0; `terms` is empty."""
         law = budget.whole.spread
         available = np.array([budget.availability])
         bias = np.zeros((1, 3))
@@ -85,7 +85,7 @@ class UnitBudgets:
         return ErrorLaw(self.mean[number], self.sigma[number], self.weight[number])
 
     def first(self, count: int) -> UnitBudgets:
-        """The budgets of the first of these units."""
+        """The budgets of the first `count` units."""
         terms = {term: values[:count] for term, values in self.terms.items()}
         some = {name: getattr(self, name)[:count] for name in ARRAYS}
         return replace(self, terms=terms, **some)
@@ -162,7 +162,8 @@ def unit_budgets(
     environments  number of environments of each unit
     progress      called with 1 for each unit
     first         number of the first unit
-    apart         whether biases are separate; False: the means contain them, in 2/3 of the time
+    apart         whether biases are separate; False: `mean` contains them, which takes 2/3 of the
+                  time
     Raises    as `analytic`; ValueError if a unit is solved in no field.
     Accuracy  as `analytic`; 10 % of a unit's rms for 64 fields in 3 environments. With a lens table
               all units have the noise of the middle unit, see `middle_of`.
@@ -204,9 +205,10 @@ def joined(parts: Sequence[UnitBudgets]) -> UnitBudgets:
 class _Settings(NamedTuple):
     """Settings of the budget of each unit.
 
-    environments  numbers; with -1 first (the calibration), the bias is separate
+    environments  numbers of the environments; a first one of -1, the calibration, makes the bias
+                  separate
     alike         whether stars have the same response in all environments of a unit
-    middle        plan that all units share; None: each unit has its own response
+    middle        plan that all units share; None: the response of each unit is measured
     """
 
     age: float
@@ -238,8 +240,8 @@ class _Middle(NamedTuple):
 
     unit    the middle unit
     still   the design and its middle unit at rest
-    seed    of the units
-    answer  matrix of `Attitudes.by_lattice`
+    seed    seed of the units
+    answer  matrix from `Attitudes.by_lattice`
     shared  lines that all units share
     """
 
@@ -269,11 +271,11 @@ class _Middle(NamedTuple):
 def _displaced(case: Case, like: Case, seed: int, moment: Moment) -> tuple[Case, Floats]:
     """A unit at a moment, and the displacements (2, LATTICE^2) pixel of its stars over the frame.
 
-    Cached for the last 128, because the conditions of a design differ only in motion.
+    The last 128 are cached, because the conditions of a design differ only in motion.
     """
     unit = placed(case, like, seed, moment)
-    # The turn that the mounting's calibration corrects is subtracted first: a shift of the
-    # principal point is hundreds of arcseconds, of which a thousandth would count.
+    # The rotation that the mounting's calibration corrects is subtracted first. It is hundreds of
+    # arcseconds for a shift of the principal point, so an error of 1/1000 of it would matter.
     turn = unit.believed_mounting.camera_to_body().inv()
     turn *= unit.instrument.mounting.camera_to_body()
     true = unit.instrument.camera
@@ -282,9 +284,7 @@ def _displaced(case: Case, like: Case, seed: int, moment: Moment) -> tuple[Case,
 
 
 def _middle(case: Case, seed: int, age: float, count: int) -> _Middle | None:
-    """The plan that all units share; None if units differ in noise, or if the median unit sees no
-    stars.
-    """
+    """The plan that all units share; None if units differ in noise or the median unit is blind."""
     unit = middle_of(case, age)
     if unit is None:
         return None
@@ -363,9 +363,9 @@ def _of_unit(case: Case, seed: int, unit: int, settings: _Settings) -> _UnitBudg
 def _measured(
     case: Case, seed: int, moment: Moment, settings: _Settings, like: Case | None
 ) -> tuple[_Lines, Case | None]:
-    """The lines of a unit with its own response, and the case whose response its other moments use.
+    """The lines of a unit at a moment, and the case whose response its other moments use.
 
-    like  case of an earlier moment; None: there is none
+    like  case of an earlier moment, whose response is used; None: the response is measured
     """
     unit = unit_of(case, seed, moment)
     view = listed_fields(unit, attitudes, settings.fields)
@@ -381,7 +381,7 @@ def _measured(
 def _as_measured(case: Case) -> Case:
     """A unit without the parameters that do not change its response to single stars.
 
-    Units that differ only in those are measured once.
+    Units that differ only in such parameters are measured once.
     """
     instrument, mounting, seed = case.instrument, Mounting(), "instrument.detector.device_seed"
     detector = replace(instrument.detector, device_seed=0)

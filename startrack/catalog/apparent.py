@@ -7,7 +7,7 @@ import numpy as np
 from startrack.catalog.catalog import Catalog
 from startrack.core import LIGHT_SPEED, Floats, Refused, Stars, installed_tables, printed, within
 
-# The span in which ERFA's epv00 states its error (Moisson & Bretagnon 2001, refitted to DE405).
+# The years for which ERFA states the error of epv00 (Moisson & Bretagnon 2001, refitted to DE405).
 FIRST_YEAR, LAST_YEAR = 1900.0, 2100.0
 
 
@@ -17,7 +17,7 @@ class Observer:
     """Position and velocity of an observer.
 
     position  (3,) astronomical unit from the solar system's barycentre, ICRS axes
-    velocity  (3,) m/s against the barycentre, ICRS axes
+    velocity  (3,) m/s relative to the barycentre, ICRS axes
     """
 
     position: Floats
@@ -25,15 +25,16 @@ class Observer:
 
 
 def earth_observer(epoch: float, orbital_velocity: Floats | None = None) -> Observer:
-    """The Earth's centre, or a satellite near it.
+    """An observer at the Earth's centre, or on a satellite near it.
 
-    Source: astropy's built-in ephemeris (ERFA's epv00), nothing is downloaded.
+    Source: astropy's built-in ephemeris (ERFA's epv00); nothing is downloaded.
 
     epoch             Julian year (TDB), in [1900, 2100]
-    orbital_velocity  (3,) m/s of a satellite against the Earth's centre, ICRS axes
+    orbital_velocity  (3,) m/s of a satellite relative to the Earth's centre, ICRS axes
     Returns           the observer
-    Raises            ValueError outside these years. Errors of 14 km and 5 mm/s: 1e-7 of parallax
-                      and 2e-7 of aberration. A satellite's place counts as the Earth's centre.
+    Raises            ValueError outside these years.
+    Accuracy          model: a satellite is placed at the Earth's centre. numerical: 14 km and 5
+                      mm/s, which are 1e-7 of the parallax and 2e-7 of the aberration.
     """
     from astropy import units  # costs 0.5 s, and only aberration and parallax need it
     from astropy.coordinates import get_body_barycentric_posvel
@@ -63,14 +64,14 @@ def apparent(
     catalog            stars at their own epoch
     epoch              Julian year
     observer_position  (3,) astronomical unit from the barycentre; None leaves parallax out
-    observer_velocity  (3,) m/s against the barycentre; None leaves aberration out
+    observer_velocity  (3,) m/s relative to the barycentre; None leaves aberration out
     Returns            the stars, in the order of the catalogue
     Accuracy           model: no light deflection by the Sun (4 mas at 90 deg from it, 41 mas at 11
                        deg), no radial velocity, no orbits of double stars.
     """
     place = catalog.place(epoch)
     if observer_position is not None:
-        # A negative parallax is noise around a distant star; it counts as zero.
+        # A negative measured parallax is noise of a distant star; it counts as zero.
         place = place - np.maximum(catalog.parallax, 0)[:, None] * np.asarray(observer_position)
     direction = place / np.linalg.norm(place, axis=1, keepdims=True)
     if observer_velocity is not None:
@@ -90,7 +91,7 @@ def aberrate(direction: Floats, velocity: Floats) -> Floats:
     direction  (n, 3) unit vectors towards the stars, for an observer at rest
     velocity   (3,) m/s of the observer
     Returns    (n, 3) unit vectors
-    Raises     ValueError from the speed of light on.
+    Raises     ValueError if the speed is not below the speed of light.
     Accuracy   numerical: 1e-16.
     """
     beta = velocity / LIGHT_SPEED

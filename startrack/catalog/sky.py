@@ -35,8 +35,9 @@ LIMITS = {"bright": LIMIT_G, "deep": DEEP_LIMIT_G}
 class Selection(Parameters):
     """The stars that a sky holds.
 
-    The true sky and the sky that the tracker believes are two selections: leaving a correction out
-    of the second shows its effect. Two selections of a file are not equal if the file has changed.
+    The true sky and the sky that the tracker assumes are two selections. Leaving a correction out
+    of the second one shows its effect. If a file has changed, selections of it made before and
+    after are not equal.
     """
 
     source: str = parameter(
@@ -52,39 +53,39 @@ class Selection(Parameters):
     )
     limit_g: float = parameter("magnitude of the faintest star", default=LIMIT_G)
     random_g: float | None = parameter(
-        "beyond that, single stars to this magnitude at random places, as many at each galactic "
-        "latitude as Gaia counts, for what light of stars that no list here has does; no "
-        "tracker's catalogue has them. None: none",
+        "magnitude of the faintest random star. From limit_g on, single stars are placed at "
+        "random, as many at each galactic latitude as Gaia counts. They show the effect of stars "
+        "beyond the catalogue; no tracker's catalogue has them. None: no random stars",
         limit=Range(high=LAST_G),
         default=None,
     )
     epoch: float | None = parameter(
-        "Julian year at which the sky is seen; None in a design: that of its scene's date; "
-        "without one: 2026.0",
+        "Julian year at which the sky is seen; None in a design: the year of the scene's date, or "
+        "2026.0 if it has no date",
         default=None,
     )
     proper_motion: bool = parameter(
         "whether the stars move from the catalogue's epoch to this one", default=True
     )
     aberration: bool = parameter(
-        "whether the observer's velocity displaces the stars: the Earth's at the epoch (20.5 "
-        "arcsec), and that of its orbit",
+        "whether the observer's velocity displaces the stars: the Earth's velocity at the epoch "
+        "(20.5 arcsec), and the orbital velocity",
         default=False,
     )
     orbital_velocity: tuple[float, ...] | None = parameter(
-        "of the observer against the Earth's centre, ICRS axes (x, y, z); a low orbit's 7.6 "
-        "km/s are 5.2 arcsec; () for none; None in a design: that of its scene's orbit, where "
-        "it has a phase and aberration is true",
+        "of the observer relative to the Earth's centre, ICRS axes (x, y, z); the 7.6 km/s of a "
+        "low orbit displace stars by 5.2 arcsec. (): none. None in a design: the velocity in the "
+        "scene's orbit, if the orbit has a phase and aberration is true",
         unit=Unit("m / s", "km / s"),
         default=None,
     )
     parallax: bool = parameter(
-        "whether the Earth's place at the epoch displaces the stars (up to 0.8 arcsec)",
+        "whether the Earth's position at the epoch displaces the stars (up to 0.8 arcsec)",
         default=False,
     )
     columns: tuple[str, ...] = parameter(
-        "columns of a FITS, VOTable, ECSV or CSV table in no such format, such as "
-        '["ra=RAJ2000", "dec=DEJ2000", "magnitude_v=Vmag", "epoch=2000.0"]; further ones: '
+        "columns of a FITS, VOTable, ECSV or CSV table in another format, such as "
+        '["ra=RAJ2000", "dec=DEJ2000", "magnitude_v=Vmag", "epoch=2000.0"]; further quantities: '
         "identifier, magnitude_g, colour (BP - RP), b_v, pm_ra, pm_dec, parallax",
         default=(),
     )
@@ -145,7 +146,7 @@ class Selection(Parameters):
             raise Refused(f"orbital_velocity must have three components, got {len(velocity)}")
         if velocity and not self.aberration:
             raise Refused(
-                "orbital_velocity must be empty where aberration is false, got "
+                "orbital_velocity must be empty if aberration is false, got "
                 f"{self.orbital_velocity}"
             )
 
@@ -155,7 +156,7 @@ class Selection(Parameters):
         return cls(source, limit_g=LIMITS.get(source, FAINTEST_G), epoch=epoch)
 
 
-SLACK = 1e-12  # of a height, so that rounding loses no star
+SLACK = 1e-12  # added to ranges of height, so that rounding loses no star
 
 
 @core.printed
@@ -217,7 +218,7 @@ class Sky:
 def _around(direction: Floats, rank: Ints, centre: Floats, radius: float) -> Ints:
     """The ranks of the directions within an angle of a centre.
 
-    Angles are compared by their chords, which are exact for small angles and insensitive close to
+    Angles are compared by their chords, which are exact for small angles but insensitive close to
     pi. Beyond a right angle, the chord to the opposite point is compared instead.
     """
     wide = radius > math.pi / 2
@@ -241,8 +242,9 @@ def belt(direction, height, radius):  # type: ignore[no-untyped-def]
     """Range of the directions, sorted by height, that lie within the heights of a circle.
 
     direction  (n, 3) unit vectors, in order of their last coordinate
-    height     last coordinate of the circle's centre;  radius  radian
-    Returns    places from the first on, and before the last
+    height     last coordinate of the circle's centre
+    radius     radian
+    Returns    index of the first direction, and index after the last one
     """
     middle = math.asin(min(max(height, -1.0), 1.0))
     low = math.sin(max(middle - radius, -math.pi / 2)) - SLACK

@@ -29,8 +29,8 @@ class Records:
     """Columns of text, and their places in a file.
 
     path     the file
-    columns  the text of each field, one entry a star
-    line     the number in the file of each star's line, from 1
+    columns  texts of each field, one for each star
+    line     number of each star's line in the file, from 1
     """
 
     path: Path
@@ -40,7 +40,7 @@ class Records:
     def numbers(self, name: str) -> Floats:
         """A column as numbers, NaN where the field is blank.
 
-        Raises  ValueError where a field is no finite number.
+        Raises  ValueError if a field is not a finite number.
         """
         texts = self.columns[name]
         try:
@@ -59,7 +59,7 @@ class Records:
     def integers(self, name: str) -> Ints:
         """A column of whole numbers, none of them blank.
 
-        Raises  ValueError where a field is no whole number.
+        Raises  ValueError if a field is not a whole number.
         """
         values = self.numbers(name)
         wrong = np.flatnonzero(values != np.round(values))
@@ -82,14 +82,14 @@ def _number(text: str) -> bool:
 def fixed_width(
     path: Path, fields: Mapping[str, tuple[int, int]], needed: int, record: int
 ) -> Records:
-    """Read a file whose fields stand at fixed bytes.
+    """Read a file whose fields have fixed positions in the line.
 
     path     the file, plain or gzipped
-    fields   first and last byte of each field, from 1, as the CDS writes them
-    needed   bytes that every line must have; the rest may be blank and stripped
-    record   bytes of a whole line
+    fields   first and last byte of each field, from 1, as in the CDS's descriptions
+    needed   number of bytes that every line must have; blanks after them may be stripped
+    record   number of bytes of a whole line
     Returns  the columns
-    Raises   ValueError for an empty or a cut file and for a line that is too short.
+    Raises   ValueError for an empty or truncated file, and for a line that is too short.
     """
     lines = text_lines(path, record)
     for number, line in enumerate(lines, 1):
@@ -106,8 +106,8 @@ def fixed_width(
 def separated(path: Path, fields: Mapping[str, int], count: int, record: int) -> Records:
     """`fixed_width` for a file whose fields are separated by bars.
 
-    fields   place of each field in the line, from 0
-    count    fields in a line
+    fields   number of each field in the line, from 0
+    count    number of fields in a line
     """
     columns: dict[str, list[str]] = {name: [] for name in fields}
     lines = text_lines(path, record)
@@ -123,17 +123,17 @@ def separated(path: Path, fields: Mapping[str, int], count: int, record: int) ->
 
 
 def text_lines(path: Path, record: int) -> list[str]:
-    """The lines of a text file, plain or gzipped, without their ends.
+    """The lines of a text file, plain or gzipped, without line ends.
 
-    record  bytes of a whole line; a shorter last line without an end was cut
-    Raises  ValueError for a file that is empty, cut, or not text.
+    record  number of bytes of a whole line; a shorter last line without a line end was truncated
+    Raises  ValueError for a file that is empty, truncated, or not text.
     """
     text = content(path)
     lines = text.splitlines()
     if not text.endswith("\n") and len(lines[-1]) < record:
         raise Refused(
             f"{path}, line {len(lines)}: the last line must be whole, got {len(lines[-1])} "
-            f"characters and no end of line: the file is cut"
+            f"characters and no end of line: the file is truncated"
         )
     return lines
 
@@ -149,7 +149,7 @@ def require_columns(path: Path, there: Iterable[str], needed: Iterable[str]) -> 
 def numbers(path: Path, table: Any, name: str) -> Floats:
     """A column of a table as numbers, NaN where it is masked or the table has no such column.
 
-    Raises  ValueError where the column does not hold numbers.
+    Raises  ValueError if the column does not hold numbers.
     """
     if name not in table.colnames:
         return np.full(len(table), np.nan)
@@ -168,7 +168,7 @@ def numbers(path: Path, table: Any, name: str) -> Floats:
 def whole_numbers(path: Path, table: Any, name: str) -> Ints:
     """A column of a table as whole numbers, none of them masked.
 
-    Raises  ValueError if they are not: as floats they would have lost their last digits.
+    Raises  ValueError if they are not whole numbers: floats would have lost their last digits.
     """
     column = table[name]
     if column.dtype.kind not in "iu" or column.shape != (len(table),):
@@ -182,10 +182,10 @@ def whole_numbers(path: Path, table: Any, name: str) -> Ints:
 def degrees(records: Records, name: str, cuts: tuple[int, int] | None = None) -> Floats:
     """A column of degrees (or hours), minutes and seconds as degrees (or hours).
 
-    cuts     where the minutes and the seconds begin, for fields that touch; None for fields
-             with blanks between them
+    cuts     positions in the text where the minutes and the seconds begin, if there are no blanks
+             between them; None: they are separated by blanks
     Returns  (n,) number, NaN where the field is blank
-    Raises   ValueError where a field is not three numbers, or has 60 minutes or more.
+    Raises   ValueError if a field is not three numbers, or has 60 minutes or more.
     """
     values = np.full(len(records.line), np.nan)
     for i, text in enumerate(records.columns[name]):
@@ -217,9 +217,9 @@ HOURS = "h"  # the unit of right ascensions in hours
 def angle_texts(path: Path, name: str, texts: Iterable[str]) -> tuple[Floats, str] | None:
     """A column of angles such as 05:14:32.3, 5h14m32.3s, -8d12'06" or "05 14 32.3".
 
-    Returns  the angles as decimal numbers, NaN for an empty field, and the unit that the letters
-             in them give: HOURS, "deg", or "" without letters; None where a field is no such angle
-    Raises   Refused where minutes or seconds are 60 or more, or units differ from row to row.
+    Returns  the angles as decimal numbers, NaN for an empty field, and their unit by the letters in
+             the texts: HOURS, "deg", or "" without letters. None if a field is not such an angle
+    Raises   Refused if minutes or seconds are 60 or more, or if units differ from row to row.
     """
     values, units = [], set[str]()
     for row, text in enumerate(texts, 1):
@@ -246,19 +246,19 @@ def angle_texts(path: Path, name: str, texts: Iterable[str]) -> tuple[Floats, st
 
 
 def fits_table(path: Path) -> tuple[Any, dict[str, Any]]:
-    """The first table of a FITS file, checked against its checksums if it has some.
+    """The first table of a FITS file; checksums in the file are checked.
 
     path     the file
     Returns  its header, and its columns by name in lower case, in the machine's byte order
-    Raises   ValueError for a file that is cut, damaged, or has no table.
+    Raises   ValueError for a file that is truncated, damaged, or has no table.
     """
     from astropy.io import fits
     from astropy.utils.exceptions import AstropyUserWarning, AstropyWarning
 
     try:
         with warnings.catch_warnings():
-            # Letters and cards that violate the standard are harmless; but astropy also only warns
-            # of a cut or damaged file.
+            # Violations of the standard in header cards are harmless. But astropy also only warns
+            # of a truncated or damaged file.
             warnings.simplefilter("ignore", AstropyUserWarning)
             warnings.filterwarnings("error", ".*(truncated|verification failed)", AstropyWarning)
             data = unpacked(path, read_bytes(path, "a star catalogue"), 2)
@@ -274,7 +274,7 @@ def fits_table(path: Path) -> tuple[Any, dict[str, Any]]:
                 }
     except (MemoryError, FileNotFoundError):
         raise
-    except Exception as error:  # astropy and numpy each raise their own
+    except Exception as error:  # of any class, from astropy and numpy
         raise Refused(f"{path} must be a whole FITS table, got: {first_line(error)}") from None
     return header, columns
 
@@ -287,31 +287,31 @@ def votable(path: Path) -> Any:
 
     path     the file
     Returns  an astropy table
-    Raises   ValueError for a file that is cut, has no table, or fewer rows than it says.
+    Raises   ValueError for a file that is truncated, has no table, or has fewer rows than declared.
     """
     from astropy.io.votable import parse
     from astropy.io.votable.exceptions import VOWarning
 
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", VOWarning)  # the archives' own files are not perfect
+            warnings.simplefilter("ignore", VOWarning)  # files of archives cause warnings, too
             data = read_bytes(path, "a star catalogue")
             require_memory(len(data) * TEXT_NEEDED, f"{path}, a VOTable of {len(data)} bytes,")
             table = parse(io.BytesIO(data)).get_first_table().to_table()
     except (MemoryError, FileNotFoundError):
         raise
-    except Exception as error:  # expat, astropy and numpy each raise their own
+    except Exception as error:  # of any class, from expat, astropy and numpy
         raise Refused(f"{path} must be a whole VOTable, got: {first_line(error)}") from None
-    said = NROWS.search(data)  # astropy does not hold the file to it
+    said = NROWS.search(data)  # declared number of rows, which astropy does not check
     if said and int(said[1]) != len(table):
-        raise Refused(f"{path} must have the {int(said[1])} rows it says, got {len(table)}")
+        raise Refused(f"{path} must have the {int(said[1])} rows it declares, got {len(table)}")
     return in_lower_case(path, table)
 
 
 def any_table(path: Path) -> Any:
     """Read a table of a FITS, VOTable, ECSV or CSV file, recognised by its first bytes.
 
-    Raises  ValueError for a file that is none, or cut.
+    Raises  ValueError for a file that is not such a table, or is truncated.
     """
     from astropy.table import Table
     from astropy.units import Unit

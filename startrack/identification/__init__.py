@@ -1,15 +1,15 @@
-"""Spots into catalogue stars: Spots become Matches.
+"""Star identification: Spots become Matches with catalogue stars.
 
 parameters  Identification: tolerances of the camera and thresholds of the match, or user code.
 grids       Grids that find directions within an angle, and spots near a position.
 index       The pattern index: codes of triangles of stars, sorted into cells.
 cache       The pattern index of a catalogue and a field of view, from a file if one exists.
-seen        Spots in the image plane of the believed camera, and the stars expected among them.
+seen        Spots in the image plane of the believed camera, and the stars expected in the image.
 fit         Attitude and scale from matched directions and points in the image plane.
 agree       One-to-one matches of spots and predicted stars, and the attitude that they give.
 evidence    The log-evidence for a match, from positions and from brightness.
-verify      The number of spots that a hypothesis explains, and the bound on chance.
-regrow      A sparse match grown again from each of its patches, where one false match may hold it.
+verify      Hypothesis -> its matches, and a bound on the probability of such a match by chance.
+regrow      A sparse match that one false match may distort -> an attitude grown from its patches.
 search      The first accepted hypothesis from triangles of spots, brightest first.
 identify    Matches from spots, the believed camera and the catalogue.
 blind       Spots of an unknown camera -> matches and field of view, then the distortion of its

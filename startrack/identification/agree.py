@@ -54,13 +54,13 @@ def pair(plane: Floats, place: Floats, radius: Floats) -> tuple[Ints, Ints, Floa
 
 # Chosen by hand.
 ROUNDS = 5  # most rounds of matching and fitting; ends when the matches stay the same
-# Match radius, in sigma of noise and excess of the residuals: a larger radius takes more false
+# Match radius, in sigma of noise and excess of the residuals. A larger radius matches more false
 # spots, a smaller one loses stars. A Gaussian in two dimensions exceeds 4 sigma with a probability
 # of 0.03 %.
 REACH = 4.0
-NARROWEST = 1 / 8  # of the match radius: least radius of a round
-# Scale of Cauchy's weights in sigma; 2.385 has 95 % efficiency for Gaussian residuals (Holland and
-# Welsch 1977, Commun. Statist. A6(9), 813), a smaller one suppresses outliers more.
+NARROWEST = 1 / 8  # least radius of a round, as a fraction of the match radius
+# Scale of Cauchy's weights, in sigma. A scale of 2.385 has 95 % efficiency for Gaussian residuals
+# (Holland and Welsch 1977, Commun. Statist. A6(9), 813); a smaller one suppresses outliers more.
 PULL = 2.0
 
 
@@ -69,7 +69,7 @@ class Agreed(NamedTuple):
 
     spot      (k,) indices into `seen`, in rising order
     taken     (k,) indices into `star`
-    distance  (k,) between the two, in the image plane
+    distance  (k,) distances of spot and star, in the image plane
     rotation  (3, 3) icrs_to_camera
     scale     true over believed focal length
     """
@@ -95,15 +95,15 @@ def agree(
     """Match and fit alternately until the matches stay the same.
 
     The first attitude is wrong by a few pixels. A false spot may then be matched to a star, and
-    hold the fit at a place where half of the stars are missed. Hence large residuals get less
-    weight (Cauchy), and the match radius follows the residuals.
+    keep the fit at an attitude where half of the stars are missed. Therefore large residuals get
+    less weight (Cauchy), and the match radius is adapted to the residuals.
 
     direction     (s, 3) unit vectors of stars, ICRS axes
     star          (m,) indices into `direction` of the stars that the image should hold
     place         (m, 2) their expected positions, at the attitude and scale to start from
     rotation      (3, 3) icrs_to_camera to start from, as scale
     match_radius  1, radius of the first round in the image plane
-    fewest        matches; with fewer it ends
+    fewest        least number of matches; with fewer, the iteration ends
     """
     n = len(seen.sigma)
     radius, weight = np.empty(n), np.empty(n)
@@ -171,9 +171,9 @@ def fit_matches(
 def excess_variance(seen: Seen, spot: Ints, taken: Ints, place: Floats) -> float:
     """Variance per axis of the residuals beyond the noise: distortion and catalogue errors.
 
-    From the median, which is robust against few false matches: the median squared length of a
-    two-dimensional Gaussian is 2 ln 2 times its variance per axis. Corrected for the degrees of
-    freedom of the fit.
+    It follows from the median, which is robust against few false matches: the median squared length
+    of a two-dimensional Gaussian is 2 ln 2 times its variance per axis. It is corrected for the
+    degrees of freedom of the fit.
     """
     square, variance = np.empty(len(spot)), np.empty(len(spot))
     for i in range(len(spot)):
@@ -189,11 +189,11 @@ def excess_variance(seen: Seen, spot: Ints, taken: Ints, place: Floats) -> float
 class Gathered(NamedTuple):
     """All matches, with attitude and scale from them; NaN if the attitude is not observable.
 
-    spot        (k,) in rising order
-    star        (k,) of the catalogue
-    direction   (k, 3) of these, ICRS axes
+    spot        (k,) indices of spots, in rising order
+    star        (k,) indices of stars of the catalogue
+    direction   (k, 3) unit vectors of these stars, ICRS axes
     rotation    (3, 3) icrs_to_camera
-    quaternion  (4,) the same, scalar last
+    quaternion  (4,) icrs_to_camera, scalar last
     scale       true over believed focal length
     """
 
@@ -212,7 +212,7 @@ def gather(
     """Match all spots to the stars in the image; fit attitude and focal length.
 
     faint      all stars of the catalogue
-    magnitude  (stars,) of these, in the catalogue's order
+    magnitude  (stars,) their magnitudes, in the order of the catalogue
     """
     star, place = _brightest(seen, faint, magnitude, rotation, scale)
     match_radius = max(seen.excess, REACH * median(seen.sigma))
@@ -234,8 +234,8 @@ def _brightest(
 ) -> tuple[Ints, Floats]:
     """The brightest stars in the image (m,) and their positions (m, 2).
 
-    At most 2 n + 50 for n spots; by hand: more would include fainter stars, but also more chance
-    matches.
+    At most 2 n + 50 stars for n spots. Chosen by hand: more stars would include fainter ones, but
+    also cause more chance matches.
     """
     star, place = predict(seen, faint, rotation, scale)
     most = 2 * len(seen.plane) + 50
@@ -248,8 +248,8 @@ def _brightest(
     return star, place
 
 
-# Number of distortion corrections, each with the last focal length, because distortion is no
-# similarity. Chosen by hand: trades time against convergence.
+# Number of distortion corrections. Distortion is not a similarity, so each correction uses the last
+# focal length. Chosen by hand, for convergence against time.
 FOCAL_ROUNDS = 3
 
 
@@ -258,9 +258,9 @@ def refit(
 ) -> core.Camera:
     """The camera with the focal length that `identify` would find from these matches.
 
-    camera    as the tracker believes it
-    Returns   Camera; the same where `settings.focal_tolerance` is 0
-    Raises    ValueError where the matches are not solved.
+    camera    the camera that the tracker assumes
+    Returns   Camera; the same camera if `settings.focal_tolerance` is 0
+    Raises    ValueError if the matches are not solved.
     """
     if matches.icrs_to_camera is None:
         raise Refused(f"matches must be solved, got {matches.status}: {matches.reason}")

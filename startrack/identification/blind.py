@@ -1,4 +1,4 @@
-"""Spots of an unknown camera -> matches and field of view, then the distortion of its lens."""
+"""Spots of an unknown camera -> matches and field of view; then the distortion of the lens."""
 
 from __future__ import annotations
 
@@ -18,19 +18,20 @@ from startrack.identification.index import PatternIndex
 from startrack.identification.parameters import Identification
 from startrack.identification.seen import usable
 
-# Radian across the columns. A larger range takes more tries. The pinhole with a field of 2.5 radian
-# has its corners 77 degrees off the axis.
+# Radian, fields of view across the columns. A larger range needs more tries. The pinhole with a
+# field of 2.5 radian has its corners 77 degrees off the axis.
 NARROWEST, WIDEST = 1.5 * deg, 90 * deg
-# Relative, of the focal length in each try. Chosen by hand: a larger one needs fewer tries, but the
-# search for triangles becomes slower and less certain, more so off the axis of a wide field.
+# Relative tolerance of the focal length in each try. Chosen by hand: a larger one needs fewer
+# tries, but makes the search for triangles slower and less certain, especially far from the axis of
+# a wide field.
 TOLERANCE, TOLERANCE_WIDE, WIDE = 0.1, 0.05, 30 * deg
-FISHEYE = 45 * deg  # wider fields are tried with a fisheye's image, too
+FISHEYE = 45 * deg  # wider fields are also tried with a fisheye projection
 USUAL = 12 * deg  # field that is tried first
 WIDEST_PINHOLE = 2.5  # radian
 
 
 def fields(first: float = USUAL) -> list[float]:
-    """Fields of view to try, radian, the nearest to the first one first.
+    """Fields of view to try, radian, in the order of their distance from the first one.
 
     Each is tried with a tolerance of the focal length. The steps are so small that the ranges of
     neighbouring fields touch.
@@ -47,7 +48,7 @@ def fields(first: float = USUAL) -> list[float]:
 
 
 def tolerance_of(field: float) -> float:
-    """Relative, of the focal length in the try of a field (radian)."""
+    """Relative tolerance of the focal length in the try of a field (radian)."""
     return TOLERANCE if field < WIDE else TOLERANCE_WIDE
 
 
@@ -56,7 +57,7 @@ def cameras(
 ) -> list[tuple[core.Camera, float]]:
     """Cameras to try and the tolerance of each: pinholes of all fields, then wide fisheyes.
 
-    first  radian, field that is tried first; None: 12 degrees
+    first  radian, field of view that is tried first; None: 12 degrees
     """
     tried = fields(first=first or USUAL)
     pinholes = [(core.Camera.from_field_of_view(columns, rows, field), field) for field in tried]
@@ -69,7 +70,7 @@ def cameras(
 def cameras_of(
     columns: int, rows: int, field: float, tolerance: float
 ) -> list[tuple[core.Camera, float]]:
-    """The cameras of a field of view (radian) alone: a pinhole and, if it is wide, a fisheye."""
+    """The cameras of one field of view (radian): a pinhole and, if it is wide, a fisheye."""
     made = [core.Camera.from_field_of_view(columns, rows, field)] if field <= WIDEST_PINHOLE else []
     made += [fisheye(columns, rows, field)] if FISHEYE <= field <= WIDEST else []
     least = tolerance_of(field)
@@ -80,7 +81,7 @@ def cameras_of(
 
 
 def fisheye(columns: int, rows: int, fov_x: float) -> core.Camera:
-    """An equidistant camera: the distance of an image from the axis is proportional to the angle.
+    """An equidistant camera: image height is proportional to the angle from the axis.
 
     fov_x     radian, edge to edge
     Accuracy  model: OpenCV's radial distortion up to the corners, within 0.03, 0.15, 1.2 and 8 of
@@ -106,19 +107,20 @@ def identify_blind(
 ) -> core.Matches:
     """Try one camera after the other until one is solved: fields from 1.5 to 90 degrees.
 
-    `settings.max_false_probability` is divided by the number of tries, so that it bounds their
-    total.
+    `settings.max_false_probability` is divided by the number of tries, so that it bounds the
+    probability over all tries.
 
     columns, rows  pixel
-    index_of       the index of the stars for a camera, best `PatternIndexes`: thirty are needed
-    settings       the focal tolerance of each try replaces its own
+    index_of       function that returns the index of the stars for a camera. `PatternIndexes` is
+                   best, because thirty indexes are needed
+    settings       settings; their focal tolerance is replaced by the tolerance of each try
     tries          cameras with their tolerances; None: `cameras`
-    Returns        as `identify`; if none is solved, the result that chance explains least
+    Returns        as `identify`; if no try is solved, the result that is least likely by chance
     """
     tries = cameras(columns, rows) if tries is None else tries
     count = len(usable(spots))
     if count < settings.min_matches and not core.is_code(settings.method):
-        return too_few(count, tries[0][0], settings)  # and no index is built
+        return too_few(count, tries[0][0], settings)  # before any index is built
     chance = settings.max_false_probability / len(tries)
     unsolved = []
     for camera, focal in tries:
@@ -130,9 +132,9 @@ def identify_blind(
     return min(unsolved, key=lambda matches: matches.false_probability)
 
 
-# Unknowns that may be estimated with the attitude, with the standard deviation of their priors:
-# relative focal length, principal point over the width of the image, radial distortion, and unequal
-# pitches and shear of the grid of pixels (by resampling or a rolling shutter).
+# Unknowns that may be estimated with the attitude, with the standard deviations of their priors:
+# relative focal length, principal point over the width of the image, radial distortion, and
+# difference of pitches and shear of the pixel grid (by resampling or a rolling shutter).
 PRIORS = {
     "focal": 0.2, "k1": 0.5, "x": 0.03, "y": 0.03, "k2": 0.5, "oblong": 0.05, "shear": 0.05,
 }  # fmt: skip
@@ -140,41 +142,42 @@ NAMES = tuple(PRIORS)
 # Standard deviations of unknowns that are not estimated; the covariance counts them.
 UNSEEN = PRIORS | {"k2": 0.2, "oblong": 0.002, "shear": 0.002}
 STAGES = (("focal",), ("focal", "k1"), ("focal", "k1", "x", "y"), ("focal", "k1", "x", "y", "k2"))
-GRID = ("oblong", "shear")  # the last stage, with the earlier stages that were kept
-# Unknowns of one frame of a calibrated camera, to first order: refraction of the air, focus,
-# resampling. The others have these standard deviations about the calibration. Chosen by hand: they
-# are about three times the scatter of calibrations in one series.
+GRID = ("oblong", "shear")  # unknowns of the last stage
+# Unknowns of one frame of a calibrated camera: to first order, the effects of refraction of the
+# air, focus and resampling. The other unknowns have these standard deviations about the
+# calibration. Chosen by hand: about three times the scatter of calibrations in one series.
 FRAME = ("focal", *GRID)
 CALIBRATED = UNSEEN | {"focal": 3e-4, "k1": 0.03, "x": 2e-3, "y": 2e-3, "k2": 0.2}
-# Match radius of the rounds of a stage: an unknown lens displaces stars by more than a spot.
+# Match radius of the rounds of a stage, over the match radius of the settings. It begins large,
+# because an unknown lens displaces stars by several pixels.
 RADII = (4.0, 2.0, 1.0)
 # Chosen by hand.
-SIGNIFICANT = 10.0  # of Fisher's F: a stage is kept above; a smaller one fits noise
-LEAST_FREE = 8  # coordinates beyond the unknowns, below which a stage is not tried
-LEAST_GRID = 24  # the same for the grid: few images need it, ten stars fit it by chance
-FLOOR = 0.05  # pixel, of a centroid: no lens is known more accurately
-# Error of the axis that does not decrease with the number of stars, chosen by hand with 45
-# photographs of ten cameras: pixel, and least fraction of the scatter of residuals beyond their
-# noise. The model lacks the cause of this scatter (a tilted lens, motion with a rolling shutter).
+SIGNIFICANT = 10.0  # Fisher's F above which a stage is kept; a smaller limit fits noise
+LEAST_FREE = 8  # least number of coordinates minus unknowns with which a stage is tried
+LEAST_GRID = 24  # the same for the pixel grid: few images need it, and ten stars fit it by chance
+FLOOR = 0.05  # pixel, least sigma of a centroid: no lens is known more accurately
+# Error of the axis that does not decrease with the number of stars: pixel, and least fraction of
+# the scatter of residuals beyond their noise. Its causes are not modelled: a tilted lens, or motion
+# with a rolling shutter. Chosen by hand with 45 photographs of ten cameras.
 AXIS, COMMON = 0.05, 0.5
-REFRACTION = 58.3 * core.arcsec  # of tan z, at sea level
+REFRACTION = 58.3 * core.arcsec  # factor of tan z, at sea level
 LOWEST = 0.05  # sine of the elevation, below which the tangent law is invalid
 OUTLIER = 2.0  # sigma, beyond which a residual counts less (soft L1)
-BLOCKS, LEAST_IN_BLOCK = (3, 2), 3  # of the jackknife: across, down; stars
-BY_CHANCE = 1.8  # chi-square per degree of freedom (2 x 5), exceeded in 5 %
-STEPS, CLOSE = 20, 1e-6  # most Gauss-Newton steps; chi-square of the last one
+BLOCKS, LEAST_IN_BLOCK = (3, 2), 3  # jackknife: blocks across and down; least stars in a block
+BY_CHANCE = 1.8  # chi-square per degree of freedom (2 x 5) that chance exceeds in 5 %
+STEPS, CLOSE = 20, 1e-6  # most Gauss-Newton steps; chi-square of a step that ends them
 ROUNDS = 8  # most rounds of a stage; ends when the matches stay the same
 
 
 class LensFit(NamedTuple):
-    """An image with the distortion of its lens.
+    """The attitude of an image, and the camera with the distortion of its lens.
 
-    matches            with the camera that was found and its attitude
+    matches            matches, with the camera that was found and its attitude
     icrs_to_image      attitude of the axis through the image centre. It is the camera's attitude,
                        whose axis goes through the principal point, turned by the shortest rotation
     covariance         (3, 3) radian^2, of the small rotation about these axes. It includes the
-                       unknowns of the camera; unknowns that the stars do not determine count by
-                       their priors
+                       errors of the camera's unknowns; unknowns that the stars do not determine
+                       have the variance of their priors
     residual_rms       pixel, root mean square over both axes of all matches
     """
 
@@ -194,18 +197,18 @@ def fit_lens(
     """Estimate the lens from the matches, and match more stars with it, alternately.
 
     Radial distortion, principal point, a second radial term, and an oblong and sheared grid of
-    pixels are added in this order; each is kept if it is significant with the earlier ones. One
-    image determines a principal point where its field is wide (20 pixels, at 50 degrees and 40
-    stars, to 1 pixel).
+    pixels are added in this order. Each is kept if it is significant together with the earlier
+    ones. One image determines the principal point only if its field is wide: at 50 degrees and with
+    40 stars, a displacement of 20 pixels is found to 1 pixel.
 
-    spots, matches  as for `identify`, solved
+    spots, matches  as for `identify`; the matches are solved
     stars, index    as for `identify`
-    settings        its `match_radius` holds for the fitted lens
-    Raises          ValueError where the matches are not solved.
-    Accuracy        model: OpenCV's radial distortion of second order about the principal point.
-                    For 25 photographs of 50 degrees, the boresights differ from those with a camera
-                    fitted to all photographs by 0.3 arcmin (median) and 0.7 at most. This is 0.9
-                    times the stated sigma (median), and 1.8 times at 95 %.
+    settings        settings; `match_radius` holds for the fitted lens
+    Raises          ValueError if the matches are not solved.
+    Accuracy        model: OpenCV's radial distortion of second order about the principal point. For
+                    25 photographs with a field of 50 degrees, the boresights differ by 0.3 arcmin
+                    (median) and at most 0.7 from boresights with a camera fitted to all
+                    photographs. This is 0.9 times the stated sigma (median), and 1.8 times at 95 %.
     """
     if matches.icrs_to_camera is None:
         raise Refused(f"matches must be solved, got {matches.status}: {matches.reason}")
@@ -223,15 +226,15 @@ def fit_lens(
 def fit_frame(spots: Spots, matches: core.Matches) -> LensFit:
     """The attitude of a frame of a calibrated camera, with the frame's scale and grid of pixels.
 
-    If they are significant, the frame's relative focal length, and oblong and sheared grid, are
-    estimated with the attitude. The air's refraction changes these three: at the zenith distance z
-    it shortens an image by 2.9e-4 along the horizon, and by 2.9e-4 / cos(z)^2 along the vertical
-    (Smart, Textbook on spherical astronomy, section 35: R = 60" tan z). The covariance is as in
-    `fit_lens`: errors that neighbouring stars share do not average out with many stars.
+    The frame's relative focal length, and its oblong and sheared grid, are estimated with the
+    attitude if they are significant. Refraction of the air changes these three. At the zenith
+    distance z it shortens an image by 2.9e-4 along the horizon, and by 2.9e-4 / cos(z)^2 along the
+    vertical (Smart, Textbook on spherical astronomy, section 35: R = 60" tan z). The covariance is
+    as in `fit_lens`: errors that neighbouring stars share do not average out with many stars.
 
     spots, matches  solved by `identify` with the calibrated camera
-    Returns         the camera as calibrated, with this frame's scale and grid
-    Raises          ValueError where the matches are not solved.
+    Returns         the calibrated camera, with this frame's scale and grid
+    Raises          ValueError if the matches are not solved.
     Accuracy        model: the noise of a centroid is assumed to be the same without distortion;
                     refraction beyond its first derivative is not corrected, but stated as an error:
                     0.3 pixel of 1280 for a field of 27 degrees at 20 degrees above the horizon.
@@ -240,7 +243,7 @@ def fit_frame(spots: Spots, matches: core.Matches) -> LensFit:
         raise Refused(f"matches must be solved, got {matches.status}: {matches.reason}")
     camera, focal = matches.camera, matches.camera.focal_length_px
     centre = np.array([(camera.columns - 1) / 2, (camera.rows - 1) / 2])
-    # A pinhole camera whose stars lie at their undistorted places, with the same image centre.
+    # A pinhole camera with the same image centre, whose stars lie at their undistorted places.
     direction = camera.unproject(np.vstack([np.column_stack([spots.x, spots.y]), centre]))
     plane = focal * direction[:, :2] / direction[:, 2:]
     principal_x, principal_y = (-plane[-1]).tolist()
@@ -263,11 +266,11 @@ def fit_frame(spots: Spots, matches: core.Matches) -> LensFit:
 
 
 def fit_again(spots: Spots, matches: core.Matches) -> LensFit:
-    """The attitude and lens of matches that stay, with the unknowns that their camera has.
+    """Fit attitude and lens again, with the same matches and the same unknowns of the camera.
 
     spots, matches  as `fit_lens` returns them; directions of stars may have moved a little
-    Raises          ValueError where the matches are not solved.
-    Accuracy        that of `fit_lens`
+    Raises          ValueError if the matches are not solved.
+    Accuracy        as `fit_lens`
     """
     if matches.icrs_to_camera is None:
         raise Refused(f"matches must be solved, got {matches.status}: {matches.reason}")
@@ -282,8 +285,8 @@ def _stated(spots: Spots, best: _BlindFit) -> LensFit:
     blocks = _without_blocks(spots, best)
     if len(blocks) < 2:
         return lens
-    # Neighbouring stars share errors that the model lacks; the rms of all residuals does not show
-    # it.
+    # Neighbouring stars share errors that the model lacks. The rms of all residuals does not show
+    # these.
     turn = [(_axis(fit.matches) * lens.icrs_to_image.inv()).as_rotvec() for fit in blocks]
     square = float(np.var(turn, axis=0)[:2].sum()) * (len(blocks) - 1)
     more = max(1.0, square / BY_CHANCE / float(np.trace(lens.covariance[:2, :2])))
@@ -291,11 +294,11 @@ def _stated(spots: Spots, best: _BlindFit) -> LensFit:
 
 
 def _without_blocks(spots: Spots, best: _BlindFit) -> list[_BlindFit]:
-    """The fits without each of BLOCKS parts of the image, for the jackknife; none for few stars.
+    """Fits that each leave out one of BLOCKS parts of the image; none if there are few stars.
 
         cov = (m - 1) / m  sum_k (a_k - mean a)(a_k - mean a)^T
 
-    Source: Kuensch (1989), Ann. Statist. 17, 1217, for blocks of neighbours.
+    Source: Kuensch (1989), Ann. Statist. 17, 1217, the jackknife for blocks of neighbours.
     """
     matches, (across, down) = best.matches, BLOCKS
     if len(matches) < LEAST_IN_BLOCK * across * down:
@@ -433,7 +436,7 @@ class _BlindFit:
         return max(typical - float(np.median(self.noise)), 0.0)
 
     def significant(self, before: tuple[str, ...]) -> bool:
-        """Whether the newly freed unknowns are significantly different from zero."""
+        """Whether the newly estimated unknowns differ significantly from zero."""
         information, _ = self._normal(*self._residual())
         index = np.flatnonzero(self.used)
         covariance = np.linalg.pinv(information[np.ix_(index, index)])
@@ -448,7 +451,7 @@ class _BlindFit:
         return 2 * len(self.place) - int(self.used.sum())
 
     def _chi_square(self) -> float:
-        """Per degree of freedom, robust; at least 1."""
+        """Robust chi-square per degree of freedom; at least 1."""
         residual = self._residual()[0] / np.sqrt(self.noise + self.excess)[:, None]
         cost = 2 * OUTLIER**2 * (np.hypot(1, residual / OUTLIER) - 1).sum()
         return max(1.0, float(cost) / self._freedom) if self._freedom > 0 else 1.0
@@ -457,13 +460,14 @@ class _BlindFit:
         """The result; its covariance is from the derivatives by all unknowns."""
         residual, slopes = self._residual()
         information, _ = self._normal(residual, slopes)
-        # With few residuals their scatter is uncertain: hence the variance of Student's
-        # distribution.
+        # The scatter of few residuals is uncertain, therefore the variance of Student's
+        # distribution is used.
         few = self._freedom / (self._freedom - 2) if self._freedom > 2 else 3.0
         covariance = np.linalg.pinv(information) * self._chi_square() * few
         rows = self._turns_of_axis()
         axis_covariance = rows @ covariance @ rows.T
-        # Errors that neighbouring stars share depend on the place, like the error of the axis.
+        # Errors that neighbouring stars share vary with the position, as the error of the axis
+        # does.
         most = OUTLIER * np.sqrt(self.noise + self.excess)[:, None]
         bounded = np.clip(residual, -most, most)
         near = cKDTree(self.place).query(self.place, 2)[1][:, 1]
@@ -474,21 +478,21 @@ class _BlindFit:
         return LensFit(self.matches, _axis(self.matches), axis_covariance, rms)
 
     def _turns_of_axis(self) -> Floats:
-        """Turn (3, 3 + names) of the axis through the middle of the image, by the unknowns."""
+        """Derivatives (3, 3 + names) of the rotation of the image's axis by the unknowns."""
         camera, turn = self.matches.camera, _centre(self.matches.camera)
         _, slope = _project(camera, self.values, camera.unproject(_middle(camera)))
-        # The direction of the middle moves so that its place stays; the camera turns about it.
+        # The position of the middle is fixed, so its direction moves; the camera rotates about it.
         rows = np.zeros((3, len(self.used)))
         rows[:, :3] = np.eye(3)
         rows[:, 3:] = np.linalg.lstsq(slope[0, :, :3], slope[0, :, 3:])[0]
         return np.asarray(turn.inv().as_matrix() @ rows)
 
     def refraction_left(self) -> Floats:
-        """Turn (3,), radian, of the axis by the refraction that is neither scale nor squeeze.
+        """Rotation (3,), radian, of the axis by refraction that scale and grid do not model.
 
-        The squeeze of the grid gives the zenith distance, by R = 58.3" tan z, and the line through
-        the zenith in the image. It does not show at which end of the line the zenith lies: the sign
-        is unknown.
+        The compression of the grid gives the zenith distance, by R = 58.3" tan z, and the line
+        through the zenith in the image. At which end of the line the zenith lies is unknown, so the
+        sign of the rotation is unknown.
         """
         _, oblong, shear = self.values[[0, -2, -1]].tolist()
         squeeze = math.hypot(oblong, shear)
@@ -496,7 +500,7 @@ class _BlindFit:
             return np.zeros(3)
         camera, place = self.matches.camera, np.vstack([self.place, _middle(self.matches.camera)])
         seen = _centre(camera).inv().apply(camera.unproject(place))
-        line = (math.atan2(shear, oblong) + math.pi) / 2  # direction of the squeeze
+        line = (math.atan2(shear, oblong) + math.pi) / 2  # direction of the compression
         distance = math.atan(math.sqrt(squeeze / REFRACTION))
         zenith = math.sin(distance) * np.array([math.cos(line), math.sin(line), 0.0])
         zenith[2] = math.cos(distance)
@@ -532,7 +536,7 @@ def _values_of(camera: core.Camera) -> Floats:
 
 
 def _with_values(camera: core.Camera, values: Floats) -> core.Camera:
-    """Inverse of `_values_of`; other parameters of the camera stay."""
+    """Inverse of `_values_of`; other parameters of the camera do not change."""
     focal, k1, x, y, k2, oblong, shear = values.tolist()
     grid = core.FieldPolynomial((0.0, oblong / 2, shear), (0.0, 0.0, -oblong / 2))
     return replace(
@@ -592,7 +596,7 @@ def _axis(matches: core.Matches) -> Rotation:
 
 
 def _middle(camera: core.Camera) -> Floats:
-    """Pixel (1, 2)."""
+    """Pixel (1, 2), position of the image centre."""
     return np.array([[(camera.columns - 1) / 2, (camera.rows - 1) / 2]])
 
 

@@ -10,19 +10,21 @@ from startrack.identification.index import PatternIndex, build_index, indexed_fi
 from startrack.io import cache_folder, from_cache
 
 FORMAT = 8  # raise it with every change of the content or the making of an index
-# Files of some 10 MB; a photograph needs up to 26. Chosen by hand: disk against rebuilding.
+# Number of kept files, each of about 10 MB; a photograph needs up to 26. Chosen by hand: disk space
+# against rebuilding.
 KEPT = 60
-HELD = 34  # indexes of 10 MB in memory: all of `identify_blind`, for images up to 2 : 1
+HELD = 34  # indexes of 10 MB kept in memory: enough for `identify_blind` and images up to 2 : 1
 
 
 def cached_index(stars: Stars, field_of_view: float, folder: Path) -> PatternIndex:
     """The index of `build_index`, kept in a folder from one run to the next (`from_cache`).
 
-    A file is named by a hash of everything that the index depends on; the 60 used last are kept.
+    A file is named by a hash of everything that the index depends on. The 60 files used last are
+    kept.
 
     stars          the tracker's catalogue
     field_of_view  radian, of the smaller side of the image
-    folder         is made where it does not exist
+    folder         folder of the files; it is made if it does not exist
     """
     return from_cache(
         "index",
@@ -37,7 +39,7 @@ class PatternIndexes:
     """The pattern indexes of one catalogue, by field of view; the 34 used last stay in memory.
 
     stars   the tracker's catalogue
-    folder  where they are kept from one run to the next; None: `cache_folder()`
+    folder  folder in which indexes are kept from one run to the next; None: `cache_folder()`
     """
 
     def __init__(self, stars: Stars, folder: Path | None = None):

@@ -7,8 +7,8 @@ import numpy as np
 from startrack.core import Floats, Ints, kernel, median, order
 from startrack.identification.fit import cholesky
 
-# Priors, chosen by hand; experiments/identification.py shows the success and the false solutions
-# that they lead to, but does not vary them.
+# Priors, chosen by hand. experiments/identification.py shows the success and the false solutions
+# with them, but does not vary them.
 OUTLIER_FRACTION = 0.1  # w: a larger one admits more variable and blended stars, a smaller decides
 ZERO_POINTS = np.arange(-2.1, 2.11, 0.3)  # z, magnitude, about the difference of the medians
 LEAST_SPREAD = 0.5  # magnitude, of q: spots of nearly equal brightness are weak evidence
@@ -28,14 +28,15 @@ def log_brightness(
         R = mean over z  prod_matched ((1 - w) N(m - M - z; v) / q(m) + w),   ln((1 + R) / 2)
 
     for spots of magnitude m and stars of magnitude M. The flux of a star is known except for the
-    camera's zero point z and errors of variance v: its noise, and the passband for stars of other
-    colours. By chance a spot is as bright as the spots of this image are, with the density q. A
-    fraction w of the stars may be as bright as any spot (variable, blended, saturated). Fluxes may
-    also be useless, as in saturated photographs; this case has prior probability 1/2.
+    camera's zero point z and for errors of variance v, by noise and by the passband for stars of
+    other colours. In a chance match, the brightness of a spot is random, with the density q of the
+    spots in this image. So is the brightness of a fraction w of the stars (variable, blended,
+    saturated). Fluxes may also be useless, as in saturated photographs; this case has prior
+    probability 1/2.
 
-    magnitude  (n,) of all spots, NaN where unknown: such a match has the factor 1
+    magnitude  (n,) magnitudes of all spots; NaN if unknown: such a match has the factor 1
     spot_blur  (k,) magnitude, standard deviation of matched spots
-    expected   (m,) magnitudes of all stars that the image should hold
+    expected   (m,) magnitudes of all stars that the image should contain
     star_blur  (k,) magnitude, standard deviation of matched stars
     spot       (k,) indices into `magnitude` of the matches
     star       (k,) indices into `expected` of the matches
@@ -87,12 +88,13 @@ def _normal(difference: float, variance: float) -> float:
     return math.exp(-0.5 * difference * difference / variance) / math.sqrt(2 * math.pi * variance)
 
 
-# Priors, chosen by hand; experiments/identification.py shows the success and the false solutions
-# that they lead to, but does not vary them. More values take time, fewer fit fewer cameras.
+# Priors, chosen by hand. experiments/identification.py shows the success and the false solutions
+# with them, but does not vary them. More values take more time; fewer values fit fewer cameras.
 DEPTHS = np.array([4, 6, 9, 14, 20, 28, 40])  # number of the brightest stars that a camera detects
-# Probability to detect a star up to this depth, up to twice of it, and deeper.
+# Probability to detect a star whose rank in brightness is up to this depth, up to twice the depth,
+# and beyond.
 SEEN_BRIGHT, SEEN_FAINT, SEEN_DEEP = 0.85, 0.2, 0.01
-EXCESSES = np.array([0.0, 1 / 16, 1 / 4])  # of the match radius, sigma of errors beyond the noise
+EXCESSES = np.array([0.0, 1 / 16, 1 / 4])  # sigma of errors beyond the noise, over the match radius
 LOG_ATTITUDES = math.log(8 * math.pi**2)  # volume of all rotations, radian^3
 
 
@@ -115,23 +117,23 @@ def log_evidence(
             prod_matched (p_j A / n) N(d; v)  prod_missed (1 - p_j)
         B = L prior(unknowns) (2 pi)^(d / 2) det(H)^(-1/2)
 
-    By chance, n spots lie anywhere in the image, each with the density 1 / A. Under the hypothesis
-    each predicted star j is detected with a probability p_j, displaced by Gaussian noise of
-    variance v; c spots of clutter are expected besides, and s is the variance of the number of
-    spots. L is the likelihood ratio for k matches; B is its integral over attitude and focal
-    length (Laplace's method, H the information matrix, d its size), averaged over a few depths to
-    which the camera may detect stars and a few errors of the believed distortion.
+    In a chance match, n spots lie anywhere in the image, each with the density 1 / A. Under the
+    hypothesis, each predicted star j is detected with a probability p_j, and displaced by Gaussian
+    noise of variance v. In addition c false spots are expected; s is the variance of the number of
+    spots. L is the likelihood ratio for k matches. B is its integral over attitude and focal length
+    (Laplace's method, H the information matrix, d its size), averaged over a few depths to which
+    the camera may detect stars and a few errors of the believed distortion.
 
-    By chance the mean of B is 1, so that B exceeds 1 / P with a probability of at most P (Markov's
-    inequality), whatever the number of hypotheses. By Neyman and Pearson's lemma, no other test
-    finds more at the same P, if the model holds.
+    The mean of B over chance matches is 1. Therefore B exceeds 1 / P with a probability of at most
+    P (Markov's inequality), whatever the number of hypotheses. By the Neyman-Pearson lemma, no
+    other test finds more at the same P, if the model holds.
 
     Source: Laplace's method for Bayes factors: Kass and Raftery (1995), J. Am. Stat. Assoc. 90,
     773.
 
     square     (k,) squared distances of the matches, in the image plane
-    variance   (k,) of the spots' noise along each axis, in the same units
-    brighter   (k,) number of brighter stars that the image should hold
+    variance   (k,) variance of the spots' noise along each axis, in the same unit squared
+    brighter   (k,) number of brighter stars that the image should contain
     rows       (k, 2, d) derivatives of the positions by the unknowns
     prior      (d, d) prior information on the unknowns
     log_prior  ln of the prior density of the unknowns at their solution
@@ -176,7 +178,7 @@ def _log_mean(logarithm: Floats) -> float:
 
 @kernel
 def _log_seen(brighter: Ints, depth: int, spots: int, stars: int) -> float:
-    """ln of the factors of L for which stars are detected, given the depth of the camera."""
+    """ln of the factors of L by detected and missed stars, given the depth of the camera."""
     bright = min(stars, depth)
     faint = min(stars, 2 * depth) - bright
     deep = stars - bright - faint
@@ -189,8 +191,9 @@ def _log_seen(brighter: Ints, depth: int, spots: int, stars: int) -> float:
         else:
             found_deep += 1
     clutter = max(spots - SEEN_BRIGHT * bright - SEEN_FAINT * faint - SEEN_DEEP * deep, 1.0)
-    # The number of spots is given; the less clutter, the smaller its variance and the greater the
-    # probability of just this number.
+    # The number of spots is given. With fewer false spots its variance is smaller, and the
+    # probability
+    # of just this number is larger.
     spread = (
         clutter + SEEN_BRIGHT * (1 - SEEN_BRIGHT) * bright + SEEN_FAINT * (1 - SEEN_FAINT) * faint
     )
@@ -217,5 +220,5 @@ def _log_determinant(matrix: Floats) -> float:
 
 @kernel
 def _log_found(seen: int, of: int, p: float) -> float:
-    """ln of the probability to detect just these stars, each with a probability p."""
+    """ln of the probability that just these stars are detected, each with a probability p."""
     return seen * math.log(p) + (of - seen) * math.log(1 - p)

@@ -44,15 +44,15 @@ def fit(
 
         residual = plane - scale (x, y) / z,   (x, y, z) = rotation direction
 
-    plane       (n, 2) x / z and y / z of spots, as the believed camera unprojects them
-    weight      (n,) inverse variance of these
+    plane       (n, 2) x / z and y / z of spots, by the believed camera
+    weight      (n,) inverse variance of `plane`
     direction   (m, 3) unit vectors of stars, ICRS axes
-    spot, star  (k,) which spot is which star
+    spot, star  (k,) indices of matched spots and stars
     rotation    (3, 3) icrs_to_camera to start from, near the solution
     scale       1, true over believed focal length, to start from
-    focal       1, prior standard deviation of the scale about one; 0 leaves it as it is
-    steps       of Gauss-Newton
-    Returns     rotation (3, 3), scale; NaN where the matches do not determine them
+    focal       1, prior standard deviation of the scale about one; 0: the scale is fixed
+    steps       number of Gauss-Newton steps
+    Returns     rotation (3, 3), scale; NaN if the matches do not determine them
     """
     rotation, unknowns = rotation.copy(), 4 if focal > 0 else 3
     normal, right, step = np.empty((4, 4)), np.empty(4), np.empty(4)
@@ -69,7 +69,7 @@ def fit(
             dx = plane[spot[i], 0] / scale - x
             dy = plane[spot[i], 1] / scale - y
             w = weight[spot[i]]
-            for j in range(4):  # the fourth is not read where the scale is held
+            for j in range(4):  # the fourth is not read if the scale is fixed
                 right[j] += w * (row_x[j] * dx + row_y[j] * dy)
                 for k in range(j + 1):
                     normal[j, k] += w * (row_x[j] * row_x[k] + row_y[j] * row_y[k])
@@ -114,7 +114,7 @@ def cholesky(matrix: Floats, n: int) -> None:
 
 @kernel
 def _solve(normal: Floats, right: Floats, n: int, solution: Floats) -> None:
-    """Write the solution (4,) of the first n equations, else 0; NaN where there is none."""
+    """Write the solution of the first n equations; the rest of (4,) is 0; NaN if there is none."""
     cholesky(normal, n)
     solution[:] = 0.0
     for j in range(n):

@@ -10,18 +10,18 @@ from startrack.core import Floats, Ints, kernel
 
 Indices = NDArray[np.int32]
 
-MOST_CUBES = 80  # along an axis: the table of cubes takes 2 MB; chosen by hand for its memory
+MOST_CUBES = 80  # most cubes along an axis: their table takes 2 MB; chosen by hand
 
 
 class SkyGrid(NamedTuple):
     """Stars sorted into the cubes of a grid over [-1, 1]^3.
 
-    Cubes in space have neither poles nor a jump of right ascension. Most are empty; each of these
-    takes one access to `start`.
+    Cubes in space have neither poles nor a jump of right ascension. Most cubes are empty; an empty
+    cube costs one access to `start`.
 
     side       number of cubes along an axis
     start      (side^3 + 1,) index of the first star of each cube in `member`
-    member     (n,) index of the star in the directions that the grid was made from
+    member     (n,) index of each star in the directions from which the grid was made
     direction  (n, 3) unit vectors, in the order of `member`
     """
 
@@ -48,7 +48,7 @@ def sky_grid(direction: Floats, spacing: float) -> SkyGrid:
     """Sort unit vectors into cubes.
 
     direction  (n, 3) unit vectors
-    spacing    radian, smallest edge of a cube: best a third of the radius of the cones
+    spacing    radian, smallest edge of a cube; a third of the radius of the cones is best
     """
     side = cubes(spacing)
     cell = np.minimum(((direction + 1) / 2 * side).astype(np.int64), side - 1)
@@ -106,7 +106,7 @@ def cone(grid: SkyGrid, axis: Floats, radius: float) -> Indices:
     return inside[:count]
 
 
-MOST_CELLS = 160  # along an axis: 50 kB, so that the grid stays in the processor's cache
+MOST_CELLS = 160  # most cells along an axis: the 50 kB of the grid stay in the processor's cache
 
 
 class SpotGrid(NamedTuple):
@@ -153,7 +153,7 @@ def spot_grid(plane: Floats, low: Floats, high: Floats, radius: float) -> SpotGr
 
 @kernel
 def hits(screen: SpotGrid, plane: Floats, place: Floats) -> int:
-    """Number of positions within the radius of a spot; rarely too small, where spots are close.
+    """Number of positions within the radius of a spot; rarely too small, if spots are close.
 
     plane  (n, 2) the spots of the grid
     place  (m, 2) positions in the image plane, all inside the image

@@ -16,8 +16,8 @@ from startrack.identification.search import TripleLimits, breadth_first, search
 from startrack.identification.seen import Seen, keep_brightest, see, usable, with_focal
 from startrack.identification.verify import MatchVerdict, scale_tolerance, verify
 
-# Bound on chance below which a refused hypothesis is reported as ambiguous instead of no match.
-# Chosen by hand: it changes only the status.
+# Bound on the probability by chance below which a refused hypothesis is reported as ambiguous
+# instead of no match. Chosen by hand: it changes only the status.
 PROBABLE = 1e-2
 
 
@@ -35,16 +35,16 @@ def identify(
     `settings.max_false_probability` per image is refined and matched to all spots.
 
     spots     brightest first; those without a finite position are left out
-    camera    as the tracker believes it; only its focal length may be wrong
+    camera    the camera that the tracker assumes; only its focal length may be wrong
     stars     the tracker's catalogue, apparent directions
     index     built from these stars, for about this field of view
-    Returns   Matches: solved, with the spots in rising order and the least-squares attitude; or
-              too few stars, a blank image, ambiguous (the best hypothesis is likely, but its
-              bound on chance is too large, or one match alone holds the roll about the others or
-              the focal length), or no match, also if more spots fit a focal length beyond the
-              tolerance
-    Raises    ValueError where the index was built from another number of stars.
-    Accuracy  model: the bound on false matches holds for randomly distributed spots; spots of trees
+    Returns   Matches: solved, with the spots in rising order and the least-squares attitude; or not
+              solved: too few stars, a blank image, ambiguous, or no match. It is ambiguous if the
+              best hypothesis is likely, but its bound on chance is too large, or if one match alone
+              determines the roll about the others or the focal length. There is no match, also, if
+              more spots fit with a focal length outside the tolerance
+    Raises    ValueError if the index was built from another number of stars.
+    Accuracy  model: the bound on false matches holds for randomly distributed spots. Spots of trees
               or clouds are clustered, and so are stars.
     """
     if index.stars != len(stars):
@@ -93,10 +93,10 @@ def _identify(
     magnitude: Floats,
     limits: TripleLimits,
 ) -> tuple[MatchVerdict, int, Gathered, bool, bool]:
-    """`search` and `gather` in one call: a call takes about as long as the work in it.
+    """`search` and `gather` in one compiled call, because a call takes as long as its work.
 
-    Returns  verdict, number of hypotheses, the matches; whether an accepted one needs a focal
-             length beyond the tolerance, and whether one match alone holds it
+    Returns  verdict, number of hypotheses, the matches; whether an accepted hypothesis needs a
+             focal length outside the tolerance, and whether one match alone determines it
     """
     voting = keep_brightest(seen, limits.voting)
     best, tried = search(voting, choices, table, voters, limits)
@@ -126,7 +126,7 @@ def refined(
 ) -> Matches:
     """The matches of all spots at an accepted attitude.
 
-    Distortion is not a similarity, so it is corrected again with each new focal length.
+    Distortion is not a similarity, so it is corrected again for each new focal length.
 
     finite    the usable spots
     rotation  (3, 3) icrs_to_camera to start from
@@ -156,7 +156,7 @@ def _solved(gathered: Gathered, finite: Ints, camera: Camera, log_p: float) -> M
 
 
 def too_few(spots: int, camera: Camera, settings: Identification) -> Matches:
-    """No match of the usable spots."""
+    """The unsolved result for too few usable spots."""
     status = Status.TOO_FEW if spots else Status.BLANK
     reason = f"{spots} usable spots, of which {settings.min_matches} are needed"
     return _unsolved(status, reason, camera)
@@ -186,7 +186,7 @@ def _other_focal_length(
 
 def _held_by_one(log_p: float, matches: int, spots: int, camera: Camera) -> Matches:
     reason = (
-        f"{matches} of {spots} spots are stars, but one of them alone holds the roll about the "
+        f"{matches} of {spots} spots are stars, but one alone determines the roll about the "
         "others or the focal length"
     )
     return _unsolved(Status.AMBIGUOUS, reason, camera, math.exp(log_p))

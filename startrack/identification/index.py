@@ -19,7 +19,7 @@ from startrack.identification.grids import (
     sky_grid,
 )
 
-MAGNITUDE = 0.4 * np.log(10)  # ln of the flux per magnitude
+MAGNITUDE = 0.4 * np.log(10)  # change of ln(flux) per magnitude
 
 
 def merged(
@@ -27,12 +27,12 @@ def merged(
 ) -> tuple[core.Stars, Ints]:
     """Merge stars closer than the resolution into one star at the centre of their light.
 
-    The brightest star of a close group is merged with those within the resolution of it.
+    The brightest star of a close group is merged with the stars within the resolution of it.
 
     resolution  radian
-    pairs       (k, 2) of stars that are so close, by their ranks in brightness; None: searched for
-    Returns     the remaining stars, brightest first, with identifier and colour of the brightest
-                of each group; the indices of these in `stars`
+    pairs       (k, 2) close stars, by their ranks in brightness; None: they are searched for
+    Returns     the merged stars, brightest first, with identifier and colour of the brightest star
+                of each group; and the indices of these brightest stars in `stars`
     """
     order = np.argsort(stars.magnitude_g, kind="stable")
     direction = stars.direction[order]
@@ -55,7 +55,7 @@ def merged(
 
 
 def _takers(count: int, pairs: Ints) -> Ints:
-    """The star (count,) that each one is merged into, or itself; stars are brightest first."""
+    """Index (count,) of the star into which each star is merged, or its own; brightest first."""
     taker = np.arange(count)
     pairs = np.sort(pairs, axis=1)
     for brighter, fainter in pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]:
@@ -86,8 +86,8 @@ def _rank(direction: Floats, radius: float, most: int, side: int) -> Ranks:
     """`local_rank` by a grid of `side` cubes along an axis, from the brightest star on."""
     n = len(direction)
     rank = np.empty(n, np.int16)
-    newest = np.full(side**3, -1, np.int32)  # the cubes are linked lists: last star put in
-    before = np.empty(n, np.int32)  # and the star put in before each
+    newest = np.full(side**3, -1, np.int32)  # each cube is a linked list: its last star
+    before = np.empty(n, np.int32)  # and the star before each star
     limit = np.cos(radius)
     steps = int(np.ceil(radius / 2 * side))
     for s in range(n):
@@ -125,8 +125,8 @@ def triangle_code(a: Floats, b: Floats, c: Floats) -> tuple[float, float]:
     A and B are the two directions farthest apart, so that C lies in the lens of points that are
     nearer to A and to B than A is to B. The canonical order of A and B has x <= 1/2.
 
-    Source: after Lang et al. (2010), Astron. J. 139, 1782, sect. 2.2, who take four stars and the
-    square over the base.
+    Source: after Lang et al. (2010), Astron. J. 139, 1782, sect. 2.2, who use four stars and the
+    square on the base.
 
     a, b, c  (3,) unit vectors
     Returns  (x, y) 1, in units of the base
@@ -151,23 +151,24 @@ def separation(a: Floats, b: Floats) -> float:
 
 
 # Chosen by hand: smaller cells hold fewer triangles to compare, but more of them must be read.
-CELL = 0.02  # edge of a cell of the code: larger than the errors
+CELL = 0.02  # edge of a cell of the code, larger than the errors of a code
 CELLS_X = round(0.5 / CELL)  # cells along x, from 0 to 1/2
 CELLS_Y = 2 * math.ceil(TALLEST / CELL)  # cells along y, equal numbers below and above the base
 STRETCH = 0.02  # ln of the ratio of the bases of two neighbouring cells, as CELL
-# Chosen by hand: a wider range makes triangles of more stars of an image, and a larger index.
-SMALLEST = 0.2  # of the field: the noise of a code grows as the inverse of the base
-LARGEST = 1.2  # of the field: few longer bases fit into the diagonal, sqrt(2)
+# Range of bases over the field of view. Chosen by hand: in a wider range, more stars of an image
+# form triangles, but the index is larger.
+SMALLEST = 0.2  # the noise of a code is inversely proportional to the base
+LARGEST = 1.2  # few longer bases fit into the diagonal, sqrt(2)
 CELLS_BASE = math.ceil(math.log(LARGEST / SMALLEST) / STRETCH)  # cells along the length of the base
-# Radian, widest field of an index: triangles with bases of 1.2 times this still fit the plane that
-# touches the sphere in the middle of the base. Wider images have many such triangles.
+# Radian, widest field of an index. Triangles with bases of 1.2 times this field still fit the plane
+# that touches the sphere in the middle of the base. Wider images also have many such triangles.
 WIDEST = 90 * deg
-POINTS = 512  # resolved across a field: two pixels of 1024; chosen by hand for common cameras
-VOTING_RANK = 40  # stars per field that verify hypotheses; chosen by hand: trades time and memory
-# Error of a star's magnitude in an unknown passband. Chosen by hand: larger ones make brightness
+POINTS = 512  # resolved points across a field: two pixels of 1024; by hand for common cameras
+VOTING_RANK = 40  # stars per field that verify hypotheses; by hand: success against time and memory
+# Error of a star's magnitude in an unknown passband. Chosen by hand: larger errors make brightness
 # weaker evidence, smaller ones refuse variable stars and unusual passbands.
-BLUR = 0.3  # magnitude, of a star of the Sun's colour
-COLOUR_BLUR = 0.2  # magnitude per magnitude of BP - RP from the Sun's
+BLUR = 0.3  # magnitude, of a star with the Sun's colour
+COLOUR_BLUR = 0.2  # magnitude per magnitude of difference in BP - RP from the Sun
 SUN_COLOUR = 0.82  # magnitude, BP - RP (Casagrande and VandenBerg 2018, MNRAS 479, L102)
 
 
@@ -212,7 +213,7 @@ class PatternIndex:
 
     @property
     def size(self) -> int:
-        """Bytes that the arrays take."""
+        """Memory of the arrays, byte."""
         return core.bytes_of(self)
 
 
@@ -243,9 +244,9 @@ def build_index(
     field_of_view    radian, of the smaller side of the image
     stars_per_field  number of stars that form triangles, mean over fields
     triangles        approximate number to index, usually fewer; each takes 6 bytes
-    resolution       radian, stars closer than this are one spot; None: field_of_view / 512
+    resolution       radian, stars closer than this form one spot; None: field_of_view / 512
     Returns          PatternIndex
-    Raises           ValueError where a star's direction is no unit vector, or the field lies
+    Raises           ValueError if a star's direction is not a unit vector, or the field lies
                      outside (0, 90] deg.
     Accuracy         model: the number of triangles holds for randomly distributed stars.
     """
@@ -286,7 +287,7 @@ def _named(sky: SkyGrid, names: Ints) -> SkyGrid:
 
 
 def _verification_stars(stars: core.Stars, field_of_view: float) -> VerificationStars:
-    """These stars, with their magnitudes and the errors of these."""
+    """The stars on a grid of the sky, with their magnitudes and the errors of the magnitudes."""
     sky = sky_grid(stars.direction, field_of_view / 2)
     stars = stars[sky.member.astype(np.int64)]
     red = np.where(np.isfinite(stars.colour), stars.colour - SUN_COLOUR, 1.0)
@@ -318,12 +319,12 @@ def _order(cell: Indices) -> Ints:
 
 
 def _crowding(fields: float, per_field: float, triangles: int) -> float:
-    """The constant c for which stars of rank below c / base form the wanted number of triangles.
+    """The constant c: stars of rank below c / base form the wanted number of triangles.
 
         triangles = fields pi L Int min(s, c / r)^3 r^3 dr
 
-    With s stars per field, each star has pi s r dr partners at a distance r, each pair counted
-    once, and s L r^2 stars lie in the lens of area L r^2 over each such base.
+    s is the number of stars per field. Each star has pi s r dr partners at a distance r, with each
+    pair counted once. s L r^2 stars lie in the lens of area L r^2 on each such base.
 
     fields     number of fields on the sphere
     per_field  s, randomly distributed stars
@@ -346,7 +347,7 @@ def _triangles(
 ) -> Indices:
     """All triangles (k, 3) of stars A, B, C of the grid, with A and B farthest apart.
 
-    rank      (n,) of the stars; a triangle takes those below crowding / base
+    rank      (n,) ranks of the stars; a triangle has only stars of rank below crowding / base
     crowding  radian, `_crowding` times the field of view
     """
     triangles = np.empty((1024, 3), np.int32)
@@ -389,7 +390,7 @@ def _square(a: Floats, b: Floats) -> float:
 
 @kernel
 def _encode(direction: Floats, triangle: Indices, smallest: float) -> Indices:
-    """Put triangles into canonical order; return the cells that their codes lie in."""
+    """Put triangles into canonical order; return the cells in which their codes lie."""
     cell = np.empty(len(triangle), np.int32)
     for i in range(len(triangle)):
         a, b, c = triangle[i]
@@ -405,17 +406,17 @@ def _encode(direction: Floats, triangle: Indices, smallest: float) -> Indices:
 
 @kernel
 def cell_x(x: float) -> int:
-    """Cell along x, the nearest one where x lies outside."""
+    """Cell along x; for x outside the table, the nearest cell."""
     return min(max(math.floor(x / CELL), 0), CELLS_X - 1)
 
 
 @kernel
 def cell_y(y: float) -> int:
-    """Cell along y, the nearest one where y lies outside."""
+    """Cell along y; for y outside the table, the nearest cell."""
     return min(max(math.floor(y / CELL) + CELLS_Y // 2, 0), CELLS_Y - 1)
 
 
 @kernel
 def cell_base(base: float, smallest: float) -> int:
-    """Cell along the length of the base (radian), the nearest one where it lies outside."""
+    """Cell along the length of the base (radian); for a base outside the table, the nearest."""
     return min(max(math.floor(math.log(base / smallest) / STRETCH), 0), CELLS_BASE - 1)

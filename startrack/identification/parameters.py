@@ -15,15 +15,15 @@ METHODS = ("triangles",)
 class Identification(Parameters):
     """Settings of the identification of spots, for calibrated cameras by default.
 
-    The defaults are chosen by hand, for speed against success; experiments/identification.py and
-    experiments/photographs.py show the success that they lead to, but do not vary them.
+    The defaults are chosen by hand, for speed against success. experiments/identification.py and
+    experiments/photographs.py show the success with them, but do not vary them.
 
-    Raises                 ValueError where a value lies outside its range.
+    Raises                 ValueError if a value lies outside its range.
     """
 
     focal_tolerance: float = parameter(
-        "relative error allowed to the focal length; 0 holds it, above 0 it is estimated with "
-        "the attitude",
+        "allowed relative error of the focal length; 0: it is fixed, above 0: it is estimated "
+        "with the attitude",
         limit=Range(0, 0.3),
         default=0.01,
     )
@@ -36,8 +36,8 @@ class Identification(Parameters):
         default=1e-5,
     )
     max_false_track: float = parameter(
-        "the same with a predicted attitude; larger, because the prediction has been confirmed "
-        "before and two stars are weak evidence",
+        "largest bound on the same probability with a predicted attitude; it is larger, because "
+        "earlier frames have confirmed the prediction, and two stars are weak evidence",
         limit=Range(0, 1, above=True),
         default=1e-3,
     )
@@ -66,8 +66,8 @@ class Identification(Parameters):
     )
     method: str = parameter(
         '"triangles": codes of triangles, which other spots verify; or user code, see '
-        "docs/extensions.md. Of the keys above it, code follows min_matches and what it reads "
-        "itself",
+        "docs/extensions.md. For user code, min_matches holds, and the other keys above only if "
+        "the code reads them",
         limit=Range(choices=METHODS, code="identifications"),
         default="triangles",
     )
@@ -80,9 +80,9 @@ GROUP = "identifications"
 class IdentificationInput:
     """Spots and the catalogue that a user's identification matches.
 
-    seen        (n, 3) unit vectors of the spots in camera axes, brightest first, by the camera
-                that the tracker believes
-    sigma       (n,) radian, standard deviation of each per axis
+    seen        (n, 3) unit vectors of the spots in camera axes, brightest first, by the camera that
+                the tracker assumes
+    sigma       (n,) radian, standard deviation of each spot per axis
     flux        (n,) digital number
     stars       the tracker's catalogue: direction (m, 3) unit vectors in ICRS axes, magnitude_g
                 (m,); the same object in each trial, so that functools.cache can keep what a method
@@ -90,10 +90,10 @@ class IdentificationInput:
     radius      radian, from the boresight to the corners of the frame
     settings    the other keys of tracker.identification
     predicted   (3, 3) icrs_to_camera that a tracker expects in a sequence; None: lost in space
-    covariance  (3, 3) radian^2 of that, about the camera's axes; None: lost in space
+    covariance  (3, 3) radian^2 of the prediction, about the camera's axes; None: lost in space
 
     The function returns (k, 2) whole numbers: index of a spot, index of its star; no index twice.
-    No rows: the sky is not identified
+    It returns no rows if the sky is not identified.
     """
 
     seen: Floats
@@ -115,11 +115,11 @@ def matches_by_code(
     predicted: Rotation | None = None,
     covariance: Floats | None = None,
 ) -> core.Matches:
-    """The matches of a function that a design names; arguments as for `identify` and `track`.
+    """The matches of user code that a design names; arguments as for `identify` and `track`.
 
     usable   (n,) indices of the spots that may be matched
-    Returns  Matches, with the false probability unknown (NaN); no match where the function matches
-             fewer stars than `settings.min_matches`, or two with a prediction
+    Returns  Matches, with unknown (NaN) false probability; no match if the function matches fewer
+             stars than `settings.min_matches`, or fewer than two with a prediction
     Raises   ValueError if the function raises an error, or returns an invalid result.
     """
     name, none = settings.method, np.empty(0, np.int64)

@@ -1,4 +1,4 @@
-"""A sparse match grown again from each of its patches, where one false match may hold it."""
+"""A sparse match that one false match may distort -> an attitude grown from its patches."""
 
 import math
 
@@ -11,23 +11,23 @@ from startrack.identification.grids import VerificationStars
 from startrack.identification.seen import Seen, predict, project, with_focal
 from startrack.identification.verify import log_evidence_of_match
 
-# Chosen by hand beside a million skies (experiments/solvers.py), of which eight were false, all
-# with the Pleiades in a field of 20 deg.
-SPARSE = 0.5  # of the spots: fewer matches are examined
-UNEXPLAINED = 0.5  # of the noise variance, by which their residuals exceed it
-# Share of the information on one direction that a single match gives: from ALONE on a match is
+# Chosen by hand with a million skies (experiments/solvers.py). Eight of them were false, all with
+# the Pleiades in a field of 20 deg.
+SPARSE = 0.5  # fraction of the spots; a match of fewer spots is examined
+UNEXPLAINED = 0.5  # excess of the residuals' variance over the noise, in units of the noise
+# Share of the information on one direction that a single match gives. From ALONE on the match is
 # grown again, and from UNCHECKED on it is not accepted.
 ALONE, UNCHECKED = 0.8, 0.99
-FREE = 5.0  # times the tolerance: standard deviation of a free focal length
-CROWDED = 0.1  # largest number of spots that chance puts into a gate
+FREE = 5.0  # standard deviation of a free focal length, over its tolerance
+CROWDED = 0.1  # largest expected number of chance spots in a gate
 GROWTHS = 8  # most rounds of growth
 
 
 @kernel
 def is_doubtful(seen: Seen, held: Gathered) -> bool:
-    """Whether a sparse match may be held by one false match.
+    """Whether one false match may distort a sparse match.
 
-    Its residuals exceed the noise, or one match alone holds it.
+    That is so if its residuals exceed the noise, or one match alone determines it.
     """
     if not _is_sparse(seen, held):
         return False
@@ -42,9 +42,10 @@ def is_doubtful(seen: Seen, held: Gathered) -> bool:
 
 @kernel
 def is_held_by_one(seen: Seen, held: Gathered, share: float) -> bool:
-    """Whether one match of a sparse match gives more than a share of what is known of a direction.
+    """Whether one star of a sparse match gives more than a share of the information on a direction.
 
-    Such as the roll about a cluster of stars, or the focal length: no other match checks it.
+    A direction is, for example, the roll about a cluster of stars, or the focal length. No other
+    match then checks it.
     """
     if not _is_sparse(seen, held):
         return False
@@ -70,14 +71,14 @@ def regrown(
 ) -> tuple[Floats, float]:
     """Attitude and scale with the most evidence: of the match, or grown from one of its patches.
 
-    Stars of a cluster may be evidence enough, while one false match far from them holds the roll
-    about the cluster, or the focal length: then all other stars are missed. Grown from the cluster
-    alone, with the freedom that it leaves, the attitude finds them.
+    Stars of a cluster may be evidence enough, while one false match far from them determines the
+    roll about the cluster, or the focal length. Then all other stars are missed. An attitude that
+    is grown from the cluster alone, with its larger uncertainty, finds them.
 
     seen     the spots that verify
     held     the match
-    fewest   number of matches of a patch, and the fewest of an attitude that is compared
-    Returns  icrs_to_camera (3, 3); true over believed focal length, perhaps beyond the tolerance
+    fewest   number of matches in a patch, and least number of an attitude that is compared
+    Returns  icrs_to_camera (3, 3); true over believed focal length, perhaps outside the tolerance
     """
     free = with_focal(seen, FREE * seen.focal)
     most, rotation, scale = _evidence(free, voters, held.rotation, held.scale, fewest)
@@ -98,7 +99,7 @@ def regrown(
 def _evidence(
     seen: Seen, voters: VerificationStars, rotation: Floats, scale: float, fewest: int
 ) -> tuple[float, Floats, float]:
-    """ln of the evidence for what agrees with an attitude; the attitude and scale of that."""
+    """ln of the evidence for the matches that agree with an attitude; their attitude and scale."""
     star, place = predict(seen, voters.sky, rotation, scale)
     agreed = agree(seen, voters.sky.direction, star, place, rotation, scale, seen.radius, fewest)
     if len(agreed.spot) < fewest or not math.isfinite(agreed.scale):
@@ -108,7 +109,7 @@ def _evidence(
 
 @kernel
 def _patch(seen: Seen, held: Gathered, middle: int, count: int) -> Ints:
-    """Indices of this match and of the nearest to it."""
+    """Indices of one match (`middle`) and of the matches nearest to it; `count` in total."""
     square = np.empty(len(held.spot))
     at = seen.plane[held.spot[middle]]
     for k in range(len(held.spot)):
@@ -121,13 +122,13 @@ def _patch(seen: Seen, held: Gathered, middle: int, count: int) -> Ints:
 def _grown(
     seen: Seen, voters: VerificationStars, held: Gathered, patch: Ints
 ) -> tuple[Floats, float]:
-    """Attitude and scale from a patch of matches, and from what agrees farther and farther off it.
+    """Attitude and scale from a patch of matches, extended to stars farther and farther away.
 
-    A star is matched where the attitude so far predicts its place so well that chance puts fewer
-    than CROWDED spots into its gate.
+    A star is matched if the attitude predicts its position so accurately that fewer than CROWDED
+    chance spots are expected in its gate.
 
     patch    (k,) indices into `held`
-    Returns  as `regrown`; NaN where the patch does not determine them
+    Returns  as `regrown`; NaN if the patch does not determine them
     """
     count = len(seen.plane)
     widest = math.sqrt(CROWDED * seen.area / (math.pi * count))
@@ -190,10 +191,10 @@ def _information(
 
 @kernel
 def _spread(seen: Seen, root: Floats, rows: Floats) -> tuple[float, float, float]:
-    """Variances along x and y and covariance of a place, as the attitude and scale are uncertain.
+    """Variances along x and y, and covariance, of a position by errors of attitude and scale.
 
-    root  (4, 4) of `_information`
-    rows  (2, 4) derivatives of the place
+    root  (4, 4) from `_information`
+    rows  (2, 4) derivatives of the position
     """
     part = np.zeros((2, 4))
     for axis in range(2):

@@ -29,7 +29,7 @@ from startrack.identification.verify import (
 )
 
 # Chosen by hand.
-# Tolerance of a code for noise: a larger one takes time, a smaller one loses triangles.
+# Tolerance of a code for noise: a larger one takes more time, a smaller one loses triangles.
 SIGMAS = 3.5
 
 
@@ -38,7 +38,8 @@ def breadth_first(spots: int, bright: int) -> Ints:
     """Choices (k, 3) of three bright spots, sorted by the sum of their ranks.
 
     In this order one bright false spot delays the search only a little. Choices of the fainter
-    spots follow: the limb of the Moon may be brighter than all stars.
+    spots follow, because all bright spots may be false: the limb of the Moon may be brighter than
+    all stars.
 
     spots   number of spots to choose from
     bright  number of spots of the first choices
@@ -57,7 +58,7 @@ class TripleLimits(NamedTuple):
 
     voting           number of the brightest spots that verify a hypothesis
     code_tolerance   1, error of a code beyond the noise
-    fewest           as in `verify`
+    fewest           least number of matches
     log_accepted     ln of the largest accepted bound on chance
     most_hypotheses  number after which the search ends
     """
@@ -78,7 +79,7 @@ def search(
     seen           the spots that verify
     choices        (k, 3) spots, in the order to try
     table, voters  the triangles of the index, and its stars that verify hypotheses
-    Returns        the best verdict, the last one if accepted; number of hypotheses
+    Returns        the best verdict, which is the last one if accepted; number of hypotheses
     """
     _, code_tolerance, fewest, log_accepted, most_hypotheses = limits
     tried = 0
@@ -90,8 +91,9 @@ def search(
         longest, noise, off_axis = _measure(seen, choice)
         if not table.smallest * (1 - seen.focal) <= longest <= table.largest * (1 + seen.focal):
             continue
-        # Off the axis, a wrong focal length is no similarity: the stretches along and across the
-        # radius differ by the relative error times tan^2 of the angle.
+        # Off the axis, a wrong focal length is not a similarity: the magnifications along and
+        # across
+        # the radius differ by the relative error times tan^2 of the angle.
         error = noise + code_tolerance + 2 * seen.focal * off_axis
         stretch = noise + code_tolerance - math.log1p(-seen.focal) + 2 * seen.focal * off_axis
         shortest = cell_base(longest * math.exp(-stretch), table.smallest)
@@ -142,11 +144,11 @@ def _measure(seen: Seen, choice: Ints) -> tuple[float, float, float]:
 def _namings(
     direction: Floats, choice: Ints, longest: float, error: float, names: Ints, codes: Floats
 ) -> int:
-    """All orders A, B, C of three spots that are canonical, or may be so within the error.
+    """All orders A, B, C of three spots that are canonical, or may be canonical within the error.
 
     longest       radian, separation of the base
-    names, codes  (6, 3), (6, 2), written: the spots and their codes
-    Returns       number of orders: one, except where sides are nearly equal or x is near 1/2
+    names, codes  (6, 3), (6, 2) the spots and their codes; written in place
+    Returns       number of orders: one, unless sides are nearly equal or x is near 1/2
     """
     count = 0
     for i in range(3):

@@ -1,4 +1,4 @@
-"""Spots in the image plane of the believed camera, and the stars expected among them."""
+"""Spots in the image plane of the believed camera, and the stars expected in the image."""
 
 import math
 from functools import lru_cache
@@ -11,8 +11,8 @@ from startrack.identification.grids import SkyGrid, cubes_around, most_within
 from startrack.identification.parameters import Identification
 
 # Chosen by hand: a larger gate matches more false spots, a smaller one loses noisy stars.
-GATE = 3.0  # sigma of the centroids: the match radius is not smaller
-# Chosen by hand: a smaller one gives bright spots too much weight for an imperfect camera model.
+GATE = 3.0  # sigma of the centroids, least match radius
+# Chosen by hand: with an imperfect camera model, a smaller one gives bright spots too much weight.
 LEAST_SIGMA = 0.01  # pixel, smallest standard deviation assumed of a centroid
 PER_SNR = 2.5 / math.log(10)  # magnitude, error of a flux of signal-to-noise ratio one
 
@@ -22,13 +22,13 @@ class Seen(NamedTuple):
 
     plane      (n, 2) x / z and y / z
     direction  (n, 3) unit vectors, camera axes
-    sigma      (n,) radian, of the centroids along each axis
-    magnitude  (n,) -2.5 lg flux; NaN where there is none
-    blur       (n,) magnitude, its standard deviation
+    sigma      (n,) radian, standard deviation of the centroids along each axis
+    magnitude  (n,) -2.5 lg flux; NaN if there is no flux
+    blur       (n,) magnitude, standard deviation of `magnitude`
     low, high  (2,) x / z and y / z of the corners of the image
     corner     radian, from the boresight to the farthest corner
     radius     1, match radius in the image plane
-    excess     1, the same without the part due to noise: `match_radius` of the settings
+    excess     1, match radius without the part for noise: `match_radius` of the settings
     area       1, of the image in the image plane
     focal      1, relative tolerance of the focal length
     """
@@ -99,7 +99,7 @@ def _see(
     tolerance: float,
     voting: int,
 ) -> Seen:
-    """`see` for chosen spots at places in the image plane; `voting` of them set the radius."""
+    """`see` for chosen spots in the image plane; the first `voting` spots determine the radius."""
     n = len(chosen)
     left, top, right, bottom = border
     direction = np.empty((n, 3))
@@ -174,7 +174,7 @@ def with_focal(seen: Seen, focal: float) -> Seen:
 
 @kernel
 def predict(seen: Seen, sky: SkyGrid, rotation: Floats, scale: float) -> tuple[Ints, Floats]:
-    """Indices into `sky` (m,) and positions in the plane (m, 2) of the stars in the image.
+    """Indices into `sky` (m,) and positions in the image plane (m, 2) of the stars in the image.
 
     rotation  (3, 3) icrs_to_camera
     scale     true over believed focal length

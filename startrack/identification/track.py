@@ -17,11 +17,11 @@ from startrack.identification.parameters import Identification, matches_by_code
 from startrack.identification.seen import Seen, keep_brightest, predict, project, see, usable
 from startrack.identification.verify import log_evidence_with_prior
 
-# Squared radius of a window over its variance. Chosen by hand: a larger one takes more false spots;
-# one of 3000 true spots lies outside.
+# Squared radius of a window over its variance: one of 3000 true spots lies outside. Chosen by hand:
+# a larger window matches more false spots.
 WINDOW = 16.0
 FEWEST = 2  # stars that determine an attitude
-MOST_CHAINS = 200  # chosen by hand: trades time against the success with uncertain predictions
+MOST_CHAINS = 200  # chosen by hand: success with uncertain predictions against time
 
 
 @kernel
@@ -30,9 +30,9 @@ def follow(
 ) -> tuple[Floats, int, float]:
     """The chain of matches with the greatest evidence.
 
-    Each pair of a spot and a star within the window of the prediction starts a chain: the pair
-    updates the attitude and its covariance, and the other stars, brightest first, are matched
-    within their smaller windows, each updating the attitude again (a Kalman filter without time).
+    Each pair of a spot and a star within the window of the prediction starts a chain. The pair
+    updates the attitude and its covariance. The other stars, brightest first, are matched within
+    their smaller windows, and each updates the attitude again (a Kalman filter without time).
 
     voters      the stars that may be detected
     predicted   (3, 3) icrs_to_camera
@@ -113,7 +113,8 @@ def _chain(
 def _innovation(
     seen: Seen, spot: int, place: Floats, row: Floats, state: Floats, spread: Floats
 ) -> tuple[float, float, float, float, float]:
-    """Offset x, y of a spot from the expected star, and xx, xy, yy of its inverse covariance."""
+    """Offset x, y of a spot from the expected star; xx, xy, yy of the offset's inverse
+    covariance."""
     dx = seen.plane[spot, 0] - place[0]
     dy = seen.plane[spot, 1] - place[1]
     xx = yy = seen.sigma[spot] ** 2
@@ -165,14 +166,14 @@ def _away(source: Floats, target: Floats) -> Floats:
     away = np.zeros(3)
     for k in range(3):
         x, y, z = rotated(target, source[k])
-        # The source's axis k, in the target's camera axes, is column k of the rotation.
+        # Axis k of the source, in the camera axes of the target, is column k of the rotation.
         column = (x, y, z)
         away[(k + 1) % 3] -= 0.5 * column[(k + 2) % 3]
         away[(k + 2) % 3] += 0.5 * column[(k + 1) % 3]
     return away
 
 
-EDGE = 3.0  # sigma of the prediction, margin about the image; chosen by hand: trades time
+EDGE = 3.0  # sigma of the prediction, margin around the image; by hand: stars against time
 
 
 def track(
@@ -191,11 +192,11 @@ def track(
     is matched. If the evidence is too weak, `identify` is called.
 
     spots       brightest first; those without a finite position are left out
-    camera      with the focal length of the last frame, which is kept fixed
+    camera      camera with the focal length of the last frame, which is kept fixed
     predicted   icrs_to_camera at the middle of this exposure
     covariance  (3, 3) radian^2, of the small rotation about the camera's axes
     Returns     as `identify`
-    Raises      ValueError where the covariance is not positive definite.
+    Raises      ValueError if the covariance is not positive definite.
     Accuracy    model: windows are linear in the error of the prediction, which holds up to a few
                 degrees.
     """

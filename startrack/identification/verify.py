@@ -1,4 +1,4 @@
-"""The number of spots that a hypothesis explains, and the bound on chance."""
+"""Hypothesis -> its matches, and a bound on the probability of such a match by chance."""
 
 import math
 from typing import NamedTuple
@@ -13,8 +13,9 @@ from startrack.identification.grids import SkyGrid, SpotGrid, VerificationStars,
 from startrack.identification.index import separation
 from startrack.identification.seen import Seen, predict
 
-# Times the match radius, because three stars predict the others less accurately than all stars do.
-# Chosen by hand: a larger one matches more false spots, a smaller one loses true hypotheses.
+# First radius over the match radius. It is larger, because three stars predict the others less
+# accurately than all stars do. Chosen by hand: a larger one matches more false spots, a smaller one
+# loses true hypotheses.
 FIRST_RADIUS = 2.0
 
 
@@ -23,8 +24,8 @@ class MatchVerdict(NamedTuple):
 
     rotation  (3, 3) icrs_to_camera
     scale     1, true over believed focal length
-    matches   number of matched spots, 0 where the hypothesis is refused without a test
-    log_p     ln of the bound on chance
+    matches   number of matched spots; 0 if the hypothesis is refused without a test
+    log_p     ln of the bound on the probability by chance
     """
 
     rotation: Floats
@@ -35,7 +36,7 @@ class MatchVerdict(NamedTuple):
 
 @kernel
 def attempt_attitude(seen: Seen, spots: Ints, a: Floats, b: Floats) -> tuple[Floats, float]:
-    """Attitude and scale that take two stars (3,) to the first two of these spots."""
+    """Attitude and scale that map two stars (3,) to the first two of these spots."""
     u, v = seen.direction[spots[0]], seen.direction[spots[1]]
     scale = 1.0
     if seen.focal > 0:
@@ -50,7 +51,7 @@ def attempt_attitude(seen: Seen, spots: Ints, a: Floats, b: Floats) -> tuple[Flo
 def prefilter(
     seen: Seen, screen: SpotGrid, sky: SkyGrid, rotation: Floats, scale: float, fewest: int
 ) -> bool:
-    """Whether at least `fewest` stars of `sky` lie near a spot; else `verify` is not needed."""
+    """Whether at least `fewest` stars of `sky` lie near a spot; if not, `verify` is not called."""
     if not abs(scale - 1) <= 2 * scale_tolerance(seen):
         return False
     _, place = predict(seen, sky, rotation, scale)
@@ -59,7 +60,7 @@ def prefilter(
 
 @kernel
 def scale_tolerance(seen: Seen) -> float:
-    """Largest difference of the scale from one: the focal tolerance, and noise."""
+    """Largest difference of the scale from one, by the focal tolerance and by noise."""
     return seen.focal + seen.radius / seen.corner
 
 
@@ -69,7 +70,7 @@ def verify(
 ) -> MatchVerdict:
     """Predict the stars of the image, match them to spots, and compute the evidence.
 
-    fewest  matches; with fewer the hypothesis is refused
+    fewest  least number of matches; with fewer, the hypothesis is refused
     """
     star, place = predict(seen, voters.sky, rotation, scale)
     agreed = agree(
@@ -96,10 +97,10 @@ def _scaled(plane: Floats, scale: float) -> Floats:
 def log_evidence_of_match(
     seen: Seen, voters: VerificationStars, star: Ints, match: Agreed
 ) -> float:
-    """ln of the evidence for a match, all attitudes being equally likely a priori.
+    """ln of the evidence for a match; a priori all attitudes are equally likely.
 
-    star   (m,) indices into `voters` of the stars that the image should hold
-    match  of spots with these stars, and the attitude and scale that it gives
+    star   (m,) indices into `voters` of the stars that the image should contain
+    match  match of spots with these stars, with its attitude and scale
     """
     unknowns = 4 if seen.focal > 0 else 3
     prior, log_prior = np.zeros((unknowns, unknowns)), -LOG_ATTITUDES

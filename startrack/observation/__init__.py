@@ -1,11 +1,11 @@
-"""Inputs of an exposure: stars, images, attitude and motion; and the values the tracker believes.
+"""Inputs of an exposure: stars, images, attitude and motion; and the values the tracker assumes.
 
 pointing  Attitude of a trial, the motion of the camera about it, and the attitude that a tracker
           must report.
-stars     Case -> the stars of its sky that a frame may hold, their brightness and colour.
-images    Instrument -> the images of stars: their PSF, over the frame and over their colour.
-exposure  Case and attitude -> the exposure of its detector, a matrix or lines that sweep.
-belief    Case -> values that its tracker believes: detection plan, meaning of the numbers, smear.
+stars     Case -> the stars that may be in a frame, their brightness and colour.
+images    Instrument -> the images of stars: PSF by place in the frame and by colour.
+exposure  Case and attitude -> the exposure of its detector, a matrix or scanning lines.
+belief    Case -> values that its tracker assumes: detection plan, meaning of the numbers, smear.
 """
 
 from startrack.observation.belief import (

@@ -1,4 +1,4 @@
-"""Case -> values that its tracker believes: detection plan, meaning of the numbers, smear."""
+"""Case -> values that its tracker assumes: detection plan, meaning of the numbers, smear."""
 
 import math
 from dataclasses import replace
@@ -20,7 +20,7 @@ from startrack.detection import (
 from startrack.detector import Detector, dark_frames, to_frame
 from startrack.observation.images import psf_of
 
-# Pixel: smear is rounded to this step, so that frames at nearly the same rate share a plan; an
+# Pixel: smear is rounded to this step, so that frames at nearly the same rate share a plan. An
 # error of half a step has no measurable effect.
 SMEAR_STEP = 0.25
 
@@ -30,8 +30,8 @@ def detection_plan(
 ) -> DetectionPlan:
     """The plan of a tracker that knows the PSF of its design, made once per design.
 
-    detection  None for that of the tracker
-    smear      pixel, where the settings leave it out; None for `known_smear`
+    detection  settings; None: `tracker.detection`
+    smear      pixel, used if the settings have no smear; None: `known_smear`
     """
     return _planned(*_settings(case, detection, smear))
 
@@ -63,7 +63,7 @@ def frames_of_map(detector: Detector, detection: Detection) -> DarkFrames:
 
 
 def as_believed(case: Case, frame: Frame) -> Frame:
-    """A frame with the meaning that the tracker believes its numbers to have."""
+    """A frame with the meaning of its numbers (gain, offset, noise) that the tracker assumes."""
     if case.design is None:
         return frame
     return to_frame(frame.image, case.as_designed.instrument.detector)
@@ -77,14 +77,14 @@ def seen_smear(case: Case, frame: Frame) -> tuple[float, float]:
         return 0.0, 0.0
     x, y = (SMEAR_STEP * round(side / SMEAR_STEP) for side in (coarse.x, coarse.y))
     streak = refined(frame, still, detect(frame, detection_plan(case, smear=(x, y))), coarse)
-    # Not rounded to steps: the rounding alone would add 1/40 to the error at 3 deg/s.
+    # Not rounded to steps: rounding alone would increase the error at 3 deg/s by 1/40.
     return streak.x, streak.y
 
 
 def known_smear(case: Case) -> tuple[float, float]:
     """Smear on the boresight (pixel, x and y) by the rates that the tracker knows.
 
-    Zero for scanned lines, because each of their spots has its own time.
+    It is zero for a detector that scans, because each of its spots has its own time.
     """
     detector, motion = case.as_designed.instrument.detector, case.believed_motion
     if detector.scan:
@@ -101,7 +101,7 @@ def smear_of(case: Case, rate_x: float, rate_y: float) -> tuple[float, float]:
 def smear(camera: Camera, exposure: float, rate_x: float, rate_y: float) -> tuple[float, float]:
     """Smear on the boresight (pixel, x and y) of an exposure (s) at rates (rad / s).
 
-    The sky turns by r: a star on the boresight moves by (r_y, -r_x).
+    If the sky rotates by r, a star on the boresight moves by (r_y, -r_x).
     """
     scale = camera.focal_length_px * exposure
     return rate_y * scale, -rate_x * scale
@@ -110,7 +110,7 @@ def smear(camera: Camera, exposure: float, rate_x: float, rate_y: float) -> tupl
 def with_smear(detection: Detection, x: float, y: float) -> Detection:
     """The settings with the given smear, unless they have one.
 
-    A smear below `STREAK` is used by the likelihood alone: without it, the error is 3.7 times as
+    Only the method "likelihood" uses a smear below `STREAK`. Without it, its error is 3.7 times as
     large for stars of 0.33 pixel (sigma).
     """
     if detection.smear_x is not None or detection.smear_y is not None:

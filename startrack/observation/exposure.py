@@ -1,4 +1,4 @@
-"""Case and attitude -> the exposure of its detector, a matrix or lines that sweep."""
+"""Case and attitude -> the exposure of its detector, a matrix or scanning lines."""
 
 from dataclasses import replace
 
@@ -13,11 +13,11 @@ from startrack.observation.images import images_of, psf_of
 from startrack.observation.pointing import motion_before, motion_function
 from startrack.observation.stars import light_of, throughput, throughput_of_colours
 
-PACE = 0.5  # pixel over all stages of a TDI, largest lead of stars over the charge; chosen by hand
+PACE = 0.5  # pixel, largest lead of stars over the charge in all stages of a TDI; chosen by hand
 
 
 def sweep(case: Case, light: Light, icrs_to_camera: Rotation, streams: Streams) -> Frame:
-    """The image of the scanned lines, half of it exposed before time zero and half after.
+    """The image of scanning lines; half of it is exposed before time zero and half after.
 
     icrs_to_camera  true attitude at time zero
     Raises          as `detector.scan`
@@ -40,9 +40,9 @@ def sweep(case: Case, light: Light, icrs_to_camera: Rotation, streams: Streams) 
 
 
 def out_of_step(instrument: Instrument) -> str:
-    """Lead of the stars over the charge of a TDI, and values that would synchronise them.
+    """A sentence: lead of the stars over the charge of a TDI, and values that synchronise them.
 
-    "" where that is half a pixel or less over all stages, and of other detectors.
+    Empty if the lead is half a pixel or less over all stages, and for other detectors.
     """
     detector, camera = instrument.detector, instrument.camera
     if not detector.scan or detector.scan.kind != "tdi":
@@ -65,24 +65,24 @@ def straighten(
 ) -> Spots:
     """The spots that a matrix would have at time zero.
 
-    A star was on the line when its row of the image was exposed; its direction is rotated back from
-    this time to time zero, with the rates that the tracker believes.
+    A star was on the line when its row of the image was exposed. Its direction is rotated back from
+    this time to time zero, with the rates that the tracker assumes.
 
         time = (y - (rows - 1) / 2 + delay) exposure
 
-    spots     on the image of the lines
+    spots     spots on the image of the lines
     exposure  second, of a line
-    motion    as the tracker believes it; its rates count
-    camera    of a matrix of as many rows as the image, as the tracker believes it
+    motion    motion that the tracker assumes; only its rates count
+    camera    camera that the tracker assumes, with a matrix of the same number of rows as the image
     Returns   the spots at other positions; the covariance along a line shrinks with its sampling
-    Accuracy  model: the mean of all lines stands for each, which is correct where image and charge
+    Accuracy  model: all lines are represented by their mean, which is correct if image and charge
               move together; jitter is unknown to the tracker.
     """
     row, delay = scanned.middle
     time = (spots.y - (camera.rows - 1) / 2 + delay) * exposure
     x = spots.x / scanned.phases
     pixel = np.column_stack([x, np.full(len(x), row + (camera.rows - 1) / 2)])
-    # The sky turns against the camera; back to time zero it turns with the camera.
+    # The sky rotates against the camera; the correction back to time zero rotates with the camera.
     back = Rotation.from_rotvec(np.multiply.outer(time, motion.rates))
     place = camera.project(back.apply(camera.unproject(pixel))) if len(x) else pixel
     size = np.array([1 / scanned.phases, 1.0])
@@ -96,11 +96,11 @@ def at_one_time(spots: Spots, row_delay: float, rate: Floats, camera: Camera) ->
     Each spot is rotated, at the rates that the tracker knows, from the time of its row to the time
     of the middle row.
 
-    row_delay  second, as the tracker believes it
-    rate       (3,) radian / second, about the camera's axes, as the tracker believes it
-    camera     as the tracker believes it
-    Accuracy   model: the rate is constant within an exposure; the row of a spot is its centroid's
-    row.
+    row_delay  second, value that the tracker assumes
+    rate       (3,) radian / second about the camera's axes, rates that the tracker assumes
+    camera     camera that the tracker assumes
+    Accuracy   model: the rate is constant within an exposure; the row of a spot is the row of its
+               centroid.
     """
     if not row_delay or not np.any(rate) or not len(spots):
         return spots
@@ -116,7 +116,7 @@ def duration(detector: Detector) -> float:
 
 
 def _lines(detector: Detector) -> tuple[Detector, tuple[Line, ...]]:
-    """The lines as a detector of as many rows, and their positions on it."""
+    """The lines as a detector with a row for each line, and their positions on it."""
     assert detector.scan
     lines = detector.scan.all_lines
     middle = (len(lines) - 1) / 2
@@ -147,11 +147,11 @@ def exposure_of(
 ) -> Exposure:
     """All inputs of a trial's frame, except the noise.
 
-    With residual charge (lag), the camera has the same rate in the frame before. All earlier frames
-    are assumed to equal this one.
+    With residual charge (lag), the camera has the same rate in the previous frame. All earlier
+    frames are assumed to be equal to the previous one.
 
     light  as `light_of` gives it
-    path   as `line_of_sight` gives it, of the same turn
+    path   as `line_of_sight` gives it, for the same `turn`
     """
     exposure = Exposure(
         light,

@@ -9,15 +9,15 @@ from startrack.design import Case, Instrument
 from startrack.optics import Optics, cube_psf, field_psf, grown_psf, open_optics, pixel_psf
 from startrack.scene import SUN, WAVELENGTH
 
-# Kelvin, temperatures of blackbodies; images of stars are interpolated between theirs.
+# Kelvin, temperatures of blackbodies; images of stars are interpolated between their images.
 TEMPERATURES = np.array([50000.0, 8000.0, 4500.0, 2500.0])
 
 
 @kept(8)
 def psf_of(instrument: Instrument) -> Psf:
-    """The PSF for sunlike stars, with a lens table its mean over the frame.
+    """The PSF for sunlike stars; with a lens table, its mean over the frame.
 
-    Kept for the 8 last instruments.
+    Cached for the last 8 instruments.
     """
     if instrument.optics.tabulated:
         return _whole_images(instrument).mean(sunlike_colour(instrument))
@@ -56,7 +56,8 @@ def images_of(instrument: Instrument) -> Psf | FieldPsf:
 
 @kept(8)
 def field_psf_of(instrument: Instrument) -> FieldPsf:
-    """The images of stars over the frame and their colour; kept for the 8 last instruments."""
+    """The images of stars by place in the frame and by colour; cached for the last 8
+    instruments."""
     images, optics = _whole_images(instrument), instrument.optics
     if not optics.lens_colour:
         images = images.of_one_colour(sunlike_colour(instrument))
@@ -66,10 +67,10 @@ def field_psf_of(instrument: Instrument) -> FieldPsf:
 
 
 def with_images_of(case: Case) -> Case:
-    """The design whose images a unit uses; the case itself if it is no unit.
+    """The design whose images a unit uses; the case itself if it is not a unit.
 
-    Displacements of centroids follow from the images. Other differences of the unit, in light and
-    noise, change these displacements too, which changes attitude errors by at most 1e-5 of them.
+    Displacements of centroids follow from the images. The unit's differences in light and noise
+    also change these displacements, but this changes attitude errors by at most 1e-5 of them.
     """
     return case.as_designed if case.instrument.imaged else case
 

@@ -1,5 +1,4 @@
-"""Attitude of a trial, the camera's motion about it, and the attitude that a tracker must
-report."""
+"""Attitude of a trial, the camera's motion about it, and the attitude the tracker must report."""
 
 import math
 from collections.abc import Sequence
@@ -44,7 +43,7 @@ def line_of_sight(
 ) -> LineOfSight:
     """The path of the line of sight in the exposure of one trial.
 
-    turn  how the camera moves about the middle of the exposure; None: drawn
+    turn  motion of the camera relative to the middle of the exposure; None: it is drawn
     """
     camera, exposure = instrument.camera, instrument.detector.exposure
     pixel, half = 1 / camera.focal_length_px, camera.half_diagonal
@@ -69,7 +68,7 @@ def motion_before(
     streams: Streams,
     turn: MotionRealisation | None = None,
 ) -> tuple[LineOfSight, MotionFunction]:
-    """The line of sight in the exposure of the frame before, and its motion at any time."""
+    """The line of sight in the exposure of the previous frame, and its motion at any time."""
     detector = instrument.detector
     motion = turn or realise_motion(instrument.motion, detector.exposure, streams)
     late = 1 / detector.update_rate
@@ -80,7 +79,7 @@ def motion_before(
 def mean_attitude(instrument: Instrument, icrs_to_camera: Rotation, streams: Streams) -> Rotation:
     """The mean attitude over a trial's exposure, from the attitude at the middle of the exposure.
 
-    A slew at a constant rate does not move it.
+    For a slew at a constant rate, both attitudes are equal.
     """
     motion, exposure = instrument.motion, instrument.detector.exposure
     if not motion.jitters:
@@ -92,9 +91,9 @@ def mean_attitude(instrument: Instrument, icrs_to_camera: Rotation, streams: Str
 def reference_attitude(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Rotation:
     """The attitude icrs_to_camera that the tracker must report to be free of error.
 
-    The time tag may be late, and the mounting may differ from the believed one. The reference is
-    therefore the spacecraft's attitude at the time tag, or its mean over the exposure, in the axes
-    of the camera as the tracker believes it mounted.
+    The time tag may be late, and the mounting may differ from the believed mounting. Therefore the
+    reference is the spacecraft's attitude at the time tag, or its mean over the exposure, converted
+    to camera axes by the believed mounting.
     """
     truth = icrs_to_camera
     if case.time_tag_error:
@@ -106,7 +105,7 @@ def reference_attitude(case: Case, icrs_to_camera: Rotation, streams: Streams) -
 
 
 def in_believed_axes(case: Case, attitude: Rotation, streams: Streams) -> Rotation:
-    """An attitude, or several, in the axes of the camera as the tracker believes it mounted."""
+    """One attitude or several, in camera axes by the mounting that the tracker assumes."""
     mounting, believed = case.instrument.mounting, case.believed_mounting
     if mounting == believed:
         return attitude
@@ -117,7 +116,8 @@ def in_believed_axes(case: Case, attitude: Rotation, streams: Streams) -> Rotati
 def exposure_jitter(case: Case) -> Floats:
     """Radian^2 (3,) about the camera's axes: mean attitude of an exposure minus the reference.
 
-    Zero if the reference is the mean, and for scanned lines. Jitter by user code is not counted.
+    Zero if the reference is the mean, and for a detector that scans. Jitter by user code is not
+    counted.
     """
     instrument = case.instrument
     if case.tracker.reference == "mean" or instrument.detector.scan:

@@ -1,4 +1,4 @@
-"""Case -> the stars of its sky that a frame may hold, their brightness and colour."""
+"""Case -> the stars that may be in a frame, their brightness and colour."""
 
 import math
 from collections.abc import Callable
@@ -102,9 +102,9 @@ def light_by_colour(case: Case, colour: Floats) -> Light:
 
 
 def colour_correction(case: Case, bp_rp: Floats) -> Floats:
-    """Magnitude (n,): stars in this camera minus sunlike stars of the same G.
+    """Magnitude (n,) of stars in this camera minus the magnitude of sunlike stars of the same G.
 
-    bp_rp  NaN where it is not known
+    bp_rp  (n,) BP - RP; NaN if unknown
     """
     light, instrument = light_by_colour(case, np.append(COLOURS, np.nan)), case.instrument
     rate, _ = electron_rate(light, instrument.detector, throughput(instrument))
@@ -115,13 +115,13 @@ def colour_correction(case: Case, bp_rp: Floats) -> Floats:
 def mean_colour(case: Case, bp_rp: Floats) -> Floats:
     """Mean detected wavelength (n,) of stars, metre.
 
-    bp_rp  where it is not known (NaN), that of a sunlike star
+    bp_rp  (n,) BP - RP; NaN means sunlike
     """
     return _wavelengths(bp_rp, mean_by_colour(case))
 
 
 def mean_by_colour(case: Case) -> tuple[float, ...]:
-    """Mean detected wavelengths of stars of COLOURS, and of a sunlike one; metre.
+    """Mean detected wavelengths of stars of COLOURS, and of a sunlike star; metre.
 
     The values do not depend on the aperture, to the last bit.
     """
@@ -146,8 +146,8 @@ def _wavelengths(bp_rp: Floats, mean: tuple[float, ...]) -> Floats:
 class SeparableStars:
     """Stars of a catalogue; stars too close for the tracker's index count as one.
 
-    sky   brightest first
-    name  (n,) index of each in the catalogue; for merged stars, of the brightest
+    sky   these stars, brightest first
+    name  (n,) index of each star in the catalogue; for merged stars, of the brightest
     """
 
     sky: Sky
@@ -167,9 +167,9 @@ def index_resolution(camera: Camera) -> float:
 
 @lru_cache(maxsize=32)
 def separated(selection: Selection, resolution: float) -> SeparableStars:
-    """The stars of a catalogue as an index of a resolution (radian) merges them.
+    """The stars of a catalogue, merged as in an index of a resolution (radian).
 
-    Cached for the last 32 pairs, because a search uses them again.
+    Cached for the last 32 pairs of arguments, because a search uses them again.
     """
     pair, chord = _close(selection, 2.0 ** math.ceil(math.log2(resolution)))
     near = pair[chord <= 2 * math.sin(resolution / 2)]
@@ -180,24 +180,25 @@ def separated(selection: Selection, resolution: float) -> SeparableStars:
 
 @kept(4)
 def _close(selection: Selection, radius: float) -> tuple[Ints, Floats]:
-    """The pairs (k, 2) of stars of a catalogue within a radius, by rank; and their distances
-    (1)."""
+    """Pairs (k, 2) of stars of a catalogue within a radius, by rank; and their distances
+    (chord)."""
     tree = _tree_of(selection)
     pair = tree.query_pairs(2 * math.sin(radius / 2), output_type="ndarray")
     apart = tree.data[pair[:, 0]] - tree.data[pair[:, 1]]
     return pair, np.linalg.norm(apart, axis=1)
 
 
-# Limit of pairs whose images may disturb each other; by hand: some seconds, half a gigabyte.
+# Most pairs whose images may disturb each other. By hand: several seconds, half a gigabyte.
 MOST_PAIRS = 5_000_000
-CROWDED = 8  # times as many pairs as even stars have, for which there is memory without a count
+CROWDED = 8  # pairs over the number for evenly distributed stars, for which memory suffices
 
 
 @kept(8)
 def near_pairs(selection: Selection, radius: float, faintest: float) -> Ints:
-    """Pairs (2, k) of near stars of a catalogue; the first is no fainter than a limit.
+    """Pairs (2, k) of close stars of a catalogue; the first is not fainter than a limit.
 
-    radius   radian, within which they are
+    radius   radian, largest distance of the two stars
+    faintest  magnitude of the faintest first star
     Returns  indices into the catalogue
     Raises   Refused if there are more than MOST_PAIRS
     """
@@ -213,7 +214,7 @@ def near_pairs(selection: Selection, radius: float, faintest: float) -> Ints:
             "instrument.optics.focal_length must be so long that stars do not overlap: within "
             f"{radius / deg:.3g} deg, over which images of two stars disturb each other, each of "
             f"{bright} stars has {pairs / bright:.0f} others, more than {MOST_PAIRS / bright:.0f}; "
-            "a brighter catalog.limit_g, or smaller pixels, have fewer",
+            "a brighter catalog.limit_g, or smaller pixels, reduce this number",
             key="instrument.optics.focal_length",
         )
     near = seen.sparse_distance_matrix(tree, chord, output_type="ndarray")
@@ -227,5 +228,5 @@ def _tree_of(selection: Selection) -> cKDTree:
     """The directions of the stars of a catalogue, by rank in brightness."""
     stars = open_sky(selection).stars
     direction = stars.direction[np.argsort(stars.magnitude_g, kind="stable")]
-    # Half the time of a balanced tree, and the same pairs as fast.
+    # Built in half the time of a balanced tree, and as fast in the search for pairs.
     return cKDTree(direction, balanced_tree=False, compact_nodes=False)

@@ -1,9 +1,10 @@
 """Uncertainty of predictions: designs with unknown values -> errors with intervals.
 
-draws    Design file -> draws of its unknown values, each with the classes of error of its units.
+draws    Design file -> draws of its unknown values, with the classes of error of each draw's units.
 as_designed  Design file -> errors of the unit as designed, by formula, in draws of its unknowns.
-surface  Draws -> the logarithm of each class of error, linear in the scores of the unknowns.
-learn    Surface and told figures -> the distribution of each unknown given these figures.
+surface  Draws -> response surface: the logarithm of each class of error, linear in the scores of
+         the unknowns.
+learn    Surface and told figures -> the posterior distribution of each unknown.
 predict  Design file -> Prediction: median and intervals of each figure, and causes of their width.
 """
 

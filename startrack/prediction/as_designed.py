@@ -18,11 +18,11 @@ from startrack.verification import expected_margins, margins
 
 @printed
 class DesignedDraw(NamedTuple):
-    """The unit as designed with one value of each unknown.
+    """Error of the unit as designed, with one value of each unknown.
 
-    errors  radian rms per axis (2,), across the boresight and about it; NaN where it has none
-    met     whether the formula meets each requirement of its campaign, by name, in the design's
-            own condition; empty where it has no errors
+    errors  radian rms per axis (2,), across the boresight and about it; NaN without an attitude
+    met     whether the formula meets each requirement of the campaign, by name, in the design's own
+            condition; empty without an attitude
     """
 
     errors: Floats
@@ -50,7 +50,7 @@ class DesignedDraws:
 
     @property
     def lost(self) -> int:
-        """Number of draws without an attitude, or with a value out of its limits."""
+        """Number of draws without an attitude, or with a value outside its limits."""
         return int(np.isnan([draw.errors[0] for draw in self.draws]).sum())
 
     @property
@@ -70,10 +70,10 @@ def draw_as_designed(
     """Errors of the unit as designed, by its analytic budget, in draws of all unknowns.
 
     The draws are those of `draw_unknowns`. Two designs with one seed have equal quantiles for
-    unknowns of the same name, so that the ratio of their errors is more certain than either error.
+    unknowns of the same name. Therefore the ratio of their errors is more certain than each error.
 
     progress  called with 1 after each draw
-    Raises    what `load_design` raises of the file.
+    Raises    as `load_design`.
     Accuracy  as `analytic`; variations from unit to unit are not included.
     """
     whole(1, 10**4, count=count)

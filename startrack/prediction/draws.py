@@ -1,4 +1,4 @@
-"""Design file -> draws of its unknown values, each with the classes of error of its units."""
+"""Design file -> draws of its unknown values, with the classes of error of each draw's units."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from startrack.design import Case, Design, Moment, Unknown, load_design, stratif
 from startrack.population import left_over, unit_of
 from startrack.verification import expected_in_frames, expected_of_star
 
-# Fields of each unit. By hand: the error from their small number is in the surface's scatter, and
-# small compared with the width of most laws.
+# Environments and fields of each unit. Chosen by hand: the error by their small number is in the
+# scatter of the surface, and small compared with the width of most laws.
 ENVIRONMENTS, FIELDS = 1, 32
 ALL_FIELDS = 512  # fields of the middle draw; as many as in `analytic`
 # The mean over these few fields is wrong by a factor that is nearly equal for all draws. This
-# factor is computed for the middle draw, by a second budget over as many fields as in `startrack
+# factor is computed for the middle draw, by a second budget over the number of fields of `startrack
 # budget`. For three shipped designs the error of the noise was 5 to 12 % before the correction, and
-# 2 % at most after it.
+# at most 2 % after it.
 BY_FIELDS = Term.NOISE, Term.PIXEL, Term.FIELD
-RESIDUAL = "residual"  # a told figure that takes time; it is computed only if it is told
+RESIDUAL = "residual"  # a figure that takes time; it is computed only if the design is told it
 MIDDLE = -1  # number of the draw with all unknowns at their middle values
 
 
@@ -33,15 +33,16 @@ MIDDLE = -1  # number of the draw with all unknowns at their middle values
 class Draw(NamedTuple):
     """One value of each unknown, and the resulting errors of the design.
 
-    number        of the draw; -1: all unknowns have their middle values
-    unknowns      of the design as drawn; they may differ if one of several files is included
-    quantile      of each, in (0, 1), by its name
+    number        number of the draw; -1: all unknowns have their middle values
+    unknowns      unknowns of the drawn design; they may differ from draw to draw if the design
+                  includes one of several files
+    quantile      quantile of each unknown, in (0, 1), by its name
     terms         radian (2,), rms over units of each class of error: per axis across the boresight,
                   and about it
-    availability  1, mean of the units
+    availability  1, mean over the units
     refused       reason why the design has no errors; empty if it has errors
-    frames        figures that frames measure, by name, of `expected_in_frames`; also "residual" and
-                  figures of stars of a magnitude, if the design is told one
+    frames        figures that frames measure, by name, from `expected_in_frames`; also "residual"
+                  and figures of stars of a magnitude, if the design is told such a figure
     """
 
     number: int
@@ -71,20 +72,20 @@ def draw_unknowns(
     on the seed and the unknown's name (Latin hypercube, McKay et al. 1979, Technometrics 21, 239).
     Each draw has different units, so that the mean over draws does not depend on one set of units.
 
-    units     of each draw
+    units     number of units of each draw
     age       second; None: the end of life
-    executor  whose workers compute the draws. This process computes the middle draw first, so that
-              it is available soon; None: this process computes all
+    executor  executor whose workers compute the draws. This process computes the middle draw first,
+              so that it is available soon; None: this process computes all
     progress  called with 1 after each draw
-    middle    whether the middle draw is included; then the noise, pixel and field errors of the
-              others are corrected for their few fields of the sky
+    middle    whether the middle draw is included; if so, the noise, pixel and field errors of the
+              other draws are corrected for their few fields of the sky
     watch     called with the middle draw
-    Raises    as `load_design` for the file. If a drawn design has no budget, because no field can
-              be solved or a value is out of its limits, its draw has `refused`.
+    Raises    as `load_design`. If a drawn design has no budget, because no field can be solved or a
+              value is outside its limits, its draw has `refused`.
     """
     whole(1, 10**4, count=count)
     whole(1, 10**4, units=units)
-    load_design(path, changes)  # raises errors of the file itself, before any draw
+    load_design(path, changes)  # raises errors of the file before any draw
     plan = _DrawPlan(path, tuple(changes), seed, count, units, age)
     draws, factors = list[Draw](), dict[Term, Floats]()
     if middle:
@@ -173,7 +174,7 @@ def drawn_design(
 def drawn_cases(path: Path, seed: int, count: int, changes: Sequence[str] = ()) -> list[Case]:
     """The design with other values of its unknowns, for each draw of `draw_unknowns`.
 
-    Raises  Refused if a drawn value is out of its limits; as `load_design`.
+    Raises  Refused if a drawn value is outside its limits; otherwise as `load_design`.
     """
     whole(1, 10**4, count=count)
     return [drawn_design(path, changes, seed, number, count, {}).case for number in range(count)]
@@ -194,9 +195,10 @@ def _terms(
 
 
 def _residual(case: Case, seed: int, first: int, units: int) -> float:
-    """Pixel rms per axis, over units and the frame: displacements that remain after calibration.
+    """Displacements that remain after calibration: pixel rms per axis over units and the frame.
 
-    At the begin of life, in one environment of each unit; zero if all units are as believed.
+    They are computed at the begin of life, in one environment of each unit. They are zero if the
+    tracker's camera model is true for all units.
     """
     if not case.differs:
         return 0.0

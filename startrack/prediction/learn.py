@@ -1,4 +1,4 @@
-"""Surface of errors and told figures -> the distribution of each unknown given these figures."""
+"""Surface of errors and told figures -> the posterior distribution of each unknown."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ from startrack.prediction.surface import FrameSurface, PredictionSurface
 TERMS = dict(zip(ERROR_FIGURES, PUBLISHED.values(), strict=True))
 START = 0.5  # standard deviation of the scores at which the walkers start
 HOW = Ensembles(count=2, stretch=500, most_steps=10_000)
-LEAST_FACTOR = 1.001  # of a law, which must be above 1
-# The figures count as silent on an unknown if the ratio of its spread to the earlier spread is at
-# least this, and its shift is at most this. Chosen by hand.
+LEAST_FACTOR = 1.001  # least factor of a law, which must be above 1
+# The figures say nothing of an unknown if its new spread over its earlier spread is at least
+# SILENT, and its shift is at most UNMOVED. Chosen by hand.
 SILENT, UNMOVED = 0.9, 0.2
 FAR = 2.0  # standard deviations: larger shifts lead into the tails of a law; by hand
-NOT_A_CHANCE = 1e-3  # probability of a value of a choice, below which it is left out
+NOT_A_CHANCE = 1e-3  # probability below which a value of a choice is left out
 
 
 class Lesson(NamedTuple):
     """Distribution of an unknown after figures were told.
 
-    unknown    with its new distribution, without correlations with other unknowns
+    unknown    the unknown with its new distribution; correlations with other unknowns are lost
     narrowing  1, spread of its score over the earlier spread
     shift      change of its mean, in standard deviations of its earlier distribution; for a choice,
                the largest change of the probability of a value
@@ -59,8 +59,8 @@ class Learned:
     """The unknowns of a design under told figures.
 
     told     the figures
-    lessons  one for each unknown; if the figures are silent on it, with its earlier distribution
-    chains   of the unknowns' normal scores
+    lessons  one for each unknown; if the figures say nothing of it, with its earlier distribution
+    chains   chains of samples of the unknowns' normal scores
     """
 
     told: tuple[Told, ...]
@@ -68,7 +68,7 @@ class Learned:
     chains: Chains
 
     def quantiles(self, count: int) -> Floats:
-        """Quantiles (n, unknowns) of the unknowns, as jointly sampled."""
+        """Quantiles (n, unknowns) of joint samples of the unknowns."""
         return np.asarray(ndtr(thinned(self.chains.flat, count)))
 
 
@@ -80,9 +80,9 @@ def learn(surface: PredictionSurface, told: Sequence[Told], seed: int) -> Learne
     The variable x of each unknown is the normal score of its quantile, with a standard normal
     prior; the value of a choice also follows from x. The scatter is the scatter of the surface.
 
-    Raises    Refused if nothing is unknown, or if the design has no error of a told class or no
+    Raises    Refused if nothing is unknown, or if the design has no error of a told class, or no
               such figure of frames.
-    Accuracy  model: a figure counts for the middle of all units. numerical: see
+    Accuracy  model: a told figure is assumed to hold for the middle of all units. numerical: see
               `Chains.reason_unconverged`.
     """
     if not surface.unknowns:
@@ -116,8 +116,7 @@ def learn(surface: PredictionSurface, told: Sequence[Told], seed: int) -> Learne
 
 
 def _of_errors(surface: PredictionSurface, told: Told, errors: Floats) -> Floats:
-    """Minus the logarithm of the likelihood (n,) of a told error, from errors (n, t, 2) in
-    radian."""
+    """Minus ln(likelihood) (n,) of a told error, from errors (n, t, 2) in radian."""
     which = surface.counted(TERMS[told.figure])
     square = errors[:, which] ** 2
     expected, weight = told.of_heads(np.sqrt(square.sum(axis=1)))
@@ -176,9 +175,10 @@ def _rounded(value: float) -> float:
 def save_posterior(path: Path, design: Path, learned: Learned) -> None:
     """Write a design file that includes another one, with the distributions after told figures.
 
-    The distributions contain the information of these figures. The file therefore has none of them;
-    new figures may be added. If a design includes one of several files, the probabilities of these
-    files stay as in `design`; the learned ones are written as a comment.
+    The distributions contain the information of these figures. The file therefore does not contain
+    the figures; new figures may be added. If a design includes one of several files, the
+    probabilities of these files stay as in `design`. The learned probabilities are written as a
+    comment.
     """
     table = dict[str, Any](told=[])
     comments = [f"{figure.name} was told" for figure in learned.told]
@@ -196,5 +196,5 @@ def save_posterior(path: Path, design: Path, learned: Learned) -> None:
 
 
 def save_told(path: Path, design: Path, told: Sequence[Told]) -> None:
-    """Write a design file over another one, with figures that it is told."""
+    """Write a design file that includes another one and adds told figures."""
     save_over(path, design, {"told": [to_table(figure) for figure in told]})

@@ -18,14 +18,14 @@ from startrack.prediction.draws import MIDDLE, Draw, draw_unknowns
 from startrack.prediction.learn import Learned, learn
 from startrack.prediction.surface import PredictionSurface, columns_of, fit_surface
 
-DRAWS, UNITS = 32, 3  # of a prediction, and units of each draw; chosen by hand: 20 s on two cores
-# Error of the logarithm: all draws see the same 32 fields of the sky. The error of the middle draw
-# with these fields corrects all draws; 2 % at most remain for three shipped designs (`BY_FIELDS` of
-# draws.py).
+DRAWS, UNITS = 32, 3  # draws, and units of each draw; chosen by hand: 20 s on two cores
+# Error of the logarithm that all draws share, because all see the same 32 fields of the sky. All
+# draws are corrected by the middle draw; at most 2 % remain for three shipped designs (`BY_FIELDS`
+# of draws.py).
 COMMON = 0.02
 AXES = ("across", "about")
-SAMPLES = 8192  # of the surface: 95 % quantiles are known within 3 % of the width
-PARTS = 32  # parts of these by the score of an unknown; their means give its variance
+SAMPLES = 8192  # samples of the surface: 95 % quantiles are known within 3 % of the width
+PARTS = 32  # parts of the samples by the score of an unknown; their means give its variance
 QUANTILES = (0.5, 0.16, 0.84, 0.025, 0.975)
 ACCURACY = "and thermo-elastic: accuracy"  # figure with an explained width
 OTHERS = "what is not linear, few fields or units"
@@ -36,14 +36,14 @@ class PredictedFigure(NamedTuple):
 
     figure   name in `PUBLISHED`, with the classes of error that it counts
     axis     "across" (per axis) or "about"
-    middle   with all unknowns at their middle values
-    median   over the unknowns
+    middle   value with all unknowns at their middle values
+    median   median over the unknowns
     low_68   16 % lie below
     high_68  84 % lie below
     low_95   2.5 % lie below
     high_95  97.5 % lie below
-    causes   unknowns, and the fraction of the variance of its logarithm by each alone, largest
-             first
+    causes   unknowns, each with the fraction of the variance of the figure's logarithm that it
+             causes alone; largest first
     """
 
     figure: str
@@ -68,15 +68,15 @@ class Prediction:
     """Predicted errors of a design with values that are not known.
 
     figures       each figure about each axis, if it counts a class of error of the design
-    unknowns      with their laws
+    unknowns      unknowns with their laws
     age           second
-    draws, units  number of draws, and units of each
-    lost          fraction of the draws without an attitude anywhere, or with a value out of its
+    draws, units  number of draws, and number of units of each
+    lost          fraction of the draws without an attitude anywhere, or with a value outside its
                   limits; the figures are those of the other draws
-    reasons       why, with the number of draws
+    reasons       reasons for lost draws, each with the number of draws
     availability  1, least, median and largest over the draws
-    surface       of the classes of error
-    learned       the unknowns given the told figures; None: no figure was told
+    surface       surface of the classes of error
+    learned       posterior distributions of the unknowns; None: no figure was told
     """
 
     figures: tuple[PredictedFigure, ...]
@@ -114,22 +114,22 @@ def predict(
     through the draws (`fit_surface`) gives the distribution of each figure. If the design file has
     `[[told]]` figures, the unknowns are first estimated with them (`learn`).
 
-    path      of the design file
+    path      path of the design file
     changes   values that replace those of the file, as for `load_design`
     age       second; None: the end of life
-    executor  whose workers compute the draws; None: this process
+    executor  executor whose workers compute the draws; None: this process
     progress  called with 1 after each draw
     watch     called with the middle draw, before the others are computed
     Raises    Refused if nothing is unknown, or if too few draws have an attitude.
     Accuracy  model: as `unit_budgets` and `fit_surface`. numerical: with 32 draws, the ends of both
-              intervals scatter by 2 % of the width, for errors that are products of powers of 6 or
-              12 unknowns with a scatter of 10 %.
+              intervals scatter by 2 % of the width. This was measured for errors that are products
+              of powers of 6 or 12 unknowns, with a scatter of 10 %.
     """
     design = load_design(path, changes)
     if not design.unknowns:
         raise Refused(
-            f"{path} must have a value that is not known, such as f_number = {{ low = 1.2, "
-            "high = 2.0 }, to be predicted with an interval; `startrack budget` has its error"
+            f"{path} must have an unknown value, such as f_number = {{ low = 1.2, "
+            "high = 2.0 }, for a prediction with an interval; `startrack budget` gives its error"
         )
     age = design.case.end_of_life if age is None else age
     made = draw_unknowns(path, seed, draws, units, age, changes, executor, progress, watch=watch)
@@ -146,7 +146,7 @@ def prediction_of(
 ) -> Prediction:
     """The prediction from draws; units and age are those of the draws.
 
-    told    figures with which the unknowns are estimated (`learn`); none: their prior distributions
+    told    figures with which the unknowns are estimated (`learn`); none: prior distributions
     common  error that all draws share, as in `fit_surface`
     """
     drawn = [draw for draw in draws if draw.number != MIDDLE]
@@ -206,8 +206,9 @@ def _causes(
 
         S_i = Var(E[y | x_i]) / Var(y)
 
-    Source: Sobol (1993), Mathematical Modelling and Computational Experiment 1, 407; from means
-    over parts of the given samples.
+    These are Sobol's first-order indices, from means over parts of the given samples.
+
+    Source: Sobol (1993), Mathematical Modelling and Computational Experiment 1, 407.
     """
     total, parts, first = float(logarithm.var()), list[tuple[str, float]](), 0
     for unknown in surface.unknowns:

@@ -1,4 +1,4 @@
-"""Draws -> the logarithm of each class of error, linear in the scores of the unknowns."""
+"""Draws -> response surface: the logarithm of each error, linear in scores of the unknowns."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from startrack.core import Floats, Refused, Streams, arcsec, printed
 from startrack.design import Unknown, stratified
 from startrack.prediction.draws import Draw
 
-LEAST = 1e-6 * arcsec  # radian, least class of error for the logarithm
-FINEST = 1e-12  # of a quantile
-EVEN = 12**0.5  # inverse standard deviation of an even law between 0 and 1
+LEAST = 1e-6 * arcsec  # radian, least value of a class of error for the logarithm
+FINEST = 1e-12  # least distance of a quantile from 0 and 1
+EVEN = 12**0.5  # inverse standard deviation of a uniform law between 0 and 1
 SPARE = 3  # least number of draws minus unknown coefficients for a fit; chosen by hand
 
 
@@ -24,7 +24,7 @@ SPARE = 3  # least number of draws minus unknown coefficients for a fit; chosen 
 class FrameSurface:
     """Figures of a design that frames measure, as a function of its unknown values.
 
-    names     of the figures, all of them above zero in all draws
+    names     names of the figures; all figures are above zero in all draws
     constant  (f,) ln figure
     slope     (f, k)
     scatter   (f,)
@@ -43,18 +43,17 @@ class PredictionSurface:
 
         ln(error) = constant + slope . scores + scatter z
 
-    Each unknown has a score: the standard normal number of its quantile; for an even law, a number
-    of unit variance that is linear in the value; for a choice of numbers, the logarithm of the
-    number. Any other choice has one score for each value except the first: 1 if this value is
-    chosen, else 0.
+    Each unknown has a score: the normal score of its quantile; for a uniform law, a number of unit
+    variance that is linear in the value; for a choice of numbers, the logarithm of the number. Any
+    other choice has one score for each value except the first: 1 if this value is chosen, else 0.
 
-    unknowns  whose scores these are
+    unknowns  unknowns in the order of their scores
     terms     classes of error
     constant  (t, 2) ln radian, across and about
     slope     (t, 2, k)
     scatter   (t, 2) by nonlinear terms, by the few units of a draw, and by errors that all draws
               share
-    frames    figures that frames measure, with ln(figure) likewise
+    frames    figures that frames measure, with ln(figure) also linear in the scores
     """
 
     unknowns: tuple[Unknown, ...]
@@ -65,11 +64,11 @@ class PredictionSurface:
     frames: FrameSurface
 
     def counted(self, terms: Sequence[Term]) -> list[int]:
-        """The given classes of error that the surface has."""
+        """Indices of those of the given classes of error that the surface has."""
         return [place for place, term in enumerate(self.terms) if term in terms]
 
     def figure(self, errors: Floats, terms: Sequence[Term]) -> Floats:
-        """Radian (n, 2): root of the sum of squares of classes of error (n, t, 2)."""
+        """Radian (n, 2): root sum of squares of some classes of error (n, t, 2)."""
         return np.sqrt((errors[:, self.counted(terms)] ** 2).sum(axis=1))
 
     def errors(self, scores: Floats) -> Floats:
@@ -97,14 +96,14 @@ class PredictionSurface:
 
 
 def fit_surface(draws: Sequence[Draw], common: float = 0.0) -> PredictionSurface:
-    """The surface through draws that have errors, by least squares.
+    """Fit the surface to draws that have errors, by least squares.
 
-    common    standard deviation of the logarithm of an error that all draws share; their scatter
-              does not show it, so it is added to the scatter
+    common    standard deviation of the logarithm of an error that all draws share; the draws do not
+              show it, so it is added to their scatter
     Raises    Refused if there are too few draws for the number of unknowns.
     Accuracy  model: errors are products of powers of the unknown values, as in most laws of noise
-              and of displacements; deviations are in the scatter. If only some of several files
-              have an unknown, it counts as if all had it.
+              and of displacements; deviations are in the scatter. If only some of several included
+              files have an unknown, it is treated as if all had it.
     """
     some = [draw for draw in draws if not draw.refused]
     unknowns = unknowns_of(some)
@@ -115,7 +114,7 @@ def fit_surface(draws: Sequence[Draw], common: float = 0.0) -> PredictionSurface
     scores = scores_of(unknowns, quantiles, len(some))
     if len(some) < scores.shape[1] + 1 + SPARE:
         raise Refused(
-            f"draws must be {scores.shape[1] + 1 + SPARE} or more with an attitude for "
+            f"draws with an attitude must be {scores.shape[1] + 1 + SPARE} or more for "
             f"{len(unknowns)} unknowns, got {len(some)}"
         )
     terms = tuple(term for term in Term if any(term in draw.terms for draw in some))

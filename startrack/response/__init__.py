@@ -1,13 +1,12 @@
-"""Measurement of one star: its errors, and its chance of being detected.
+"""Response of the tracker to one star: its errors, and its probability of detection.
 
-star_inputs    Case -> the case with fixed values where they do not change the image of a star.
+star_inputs    Case -> the case with fixed values of all parameters that do not change a star image.
 star_response  Case -> response of the tracker's centroid to single stars of any flux.
 star_errors    Case -> errors of single stars over their magnitude, cause by cause.
-zones          Case with a lens table -> measurement of single stars, by place in the frame and by
-               colour.
+zones          Case with a lens table -> errors of single stars, by place in the frame and colour.
 neighbours     Case and catalogue -> shift of each star by the light of its neighbours.
 calibration_residual  Design -> errors that remain after the calibration of a unit's camera:
-               displacements of stars, and turns.
+                      displacements of stars, and rotations.
 knowledge      Case -> its tracker's knowledge of its errors.
 dark_pattern   Dark signal of pixels: its law, its pattern in a case, and the effect of hot pixels.
 spot_response  Case -> detection and centroid of a star, over its flux and position in the pixel.

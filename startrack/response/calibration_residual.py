@@ -1,4 +1,4 @@
-"""Design -> errors that remain after a camera's calibration: displacements of stars, and turns."""
+"""Design -> errors that remain after a camera's calibration: displacements, and rotations."""
 
 import numpy as np
 
@@ -7,12 +7,11 @@ from startrack.design import Case, Scope, found_at
 from startrack.optics import Residual
 
 TURNS = tuple(f"instrument.mounting.{axis}" for axis in "xyz")
-_law = kept(8)(Residual.law)  # of the last 8 designs, at all rates
+_law = kept(8)(Residual.law)  # cached for the last 8 designs, at all slew rates
 
 
 def residual_law(design: Case) -> Floats:
-    """`Residual.law` (33, 33, 2, k) of the errors that remain after calibration of a design's
-    units."""
+    """`Residual.law` (33, 33, 2, k) of the errors that remain after the calibration of units."""
     instrument, calibration = design.instrument, design.tracker.calibration
     if instrument.residual is None:
         return np.zeros((1, 1, 2, 1))
@@ -28,7 +27,7 @@ def residual_law(design: Case) -> Floats:
 
 
 def map_noise(design: Case) -> float:
-    """Pixel^2, variance of a map of the camera, caused by the noise of its calibration."""
+    """Pixel^2, variance of a camera's calibration map by the noise of the calibration."""
     calibration = design.tracker.calibration
     if calibration is None or not calibration.nodes:
         return 0.0
@@ -41,13 +40,13 @@ def map_noise(design: Case) -> float:
 
 
 def remaining_turns(design: Case) -> Floats:
-    """Radian^2 (3,) about each axis, of turns of the camera that vary after its calibration.
+    """Variance (3,), radian^2 about each axis, of rotations of the camera after its calibration.
 
-    They vary with the environment and from frame to frame; at launch, if the camera was calibrated
-    on the ground; and from unit to unit, if it was never calibrated.
+    The rotations vary with the environment and from frame to frame. They also vary at launch if the
+    camera was calibrated on the ground, and from unit to unit if it was never calibrated.
     """
     calibration, turn = design.tracker.calibration, np.zeros(3)
-    left = {Scope.ENVIRONMENT, Scope.FRAME}  # which a recursive one does not follow, either
+    left = {Scope.ENVIRONMENT, Scope.FRAME}  # a recursive calibration does not follow these
     if calibration is None or calibration.place == "ground":
         left.add(Scope.LAUNCH)
     if calibration is None:

@@ -18,13 +18,13 @@ from startrack.response.star_inputs import star_inputs
 
 
 def dark_currents(detector: Detector) -> tuple[float, float]:
-    """Mean over single pixels and rms about the mean, electron / second at reference temperature.
+    """Mean and rms of the dark current of pixels, electron / second at reference temperature.
 
         d = max(N(m, s), 0) + hot,   mean d = m Phi(m/s) + s phi(m/s) + p h
         var d = (m^2 + s^2) Phi + m s phi - (m Phi + s phi)^2 + (2 p - p^2) h^2
 
-    of normal currents, clipped at zero, and hot pixels with the probability p and an exponential
-    distribution of mean h.
+    The current of a pixel is normally distributed and clipped at zero. With the probability p, a
+    hot pixel adds a current with an exponential distribution of mean h.
     """
     m, defects = detector.typical_current, detector.defects
     if not defects:
@@ -46,15 +46,14 @@ def dark_electrons(detector: Detector) -> tuple[float, float]:
 
 
 def dark_residual(detector: Detector, dark_map: detection.DarkMap | None) -> float:
-    """Rms over the pixels of the dark signal that a tracker does not know of, electron.
+    """Rms over the pixels of the dark signal that a tracker does not know, electron.
 
         with a map          sqrt(noise^2 / frames + step^2 / 12)
         list of hot pixels  sqrt(s^2 + v (1 - (a^2 / 2 + a + 1) exp(-a))),   a = hot noise / h
 
-    with the variance s^2 of the usual pixels, the variance v of the hot pixels, and the mean signal
-    h of the hot pixels.
+    s^2 is the variance of the usual pixels, v the variance and h the mean signal of the hot pixels.
 
-    Accuracy  model: stars beside a hot pixel are left out; some of them are lost.
+    Accuracy  model: stars next to a hot pixel are left out; some of them are lost.
     """
     _, spread = dark_electrons(detector)
     if dark_map is None:
@@ -78,16 +77,17 @@ def dark_residual(detector: Detector, dark_map: detection.DarkMap | None) -> flo
 
 
 OUTLYING = 5.0  # sigma of the usual pixels, beyond which a pixel is an outlier; by hand
-ROUNDS = 20  # iterations of leaving out such pixels
-SAMPLES = 128  # of windows with outlying pixels
-PLACES = 512  # in a frame, at which its threshold is measured
+ROUNDS = 20  # most iterations in which outliers are left out
+SAMPLES = 128  # number of windows with outlying pixels
+PLACES = 512  # number of places in a frame at which the threshold is measured
 
 
 class HotPixels(NamedTuple):
     """Effect of pixels with outlying dark current on the centroid of a star near them.
 
     chance  1, probability that such a pixel is near a star
-    shift   (l, k, 2) pixel, over the fluxes of `Response`, in k samples; NaN where the star is lost
+    shift   (l, k, 2) pixel, shift at each flux of a `SpotResponse`, in k samples; NaN if the star
+            is lost
     """
 
     chance: float
@@ -98,10 +98,10 @@ NO_HOT = HotPixels(0.0, np.zeros((2, 1, 2)))
 
 
 class DarkPattern(NamedTuple):
-    """Dark signal of the pixels of an image, as the tracker's dark map leaves it.
+    """Dark signal of the pixels of an image after the correction by the tracker's dark map.
 
-    mean      electron, of the pixels that are not outliers
-    spread    electron rms, of these pixels about their mean
+    mean      electron, mean of the pixels that are not outliers
+    spread    electron, rms of these pixels about their mean
     marked    1, fraction of the pixels that the tracker's dark map marks as hot
     outlying  (k,) row * columns + column of the outliers
     excess    (k,) electron, dark signal of the outliers minus the mean
@@ -115,9 +115,9 @@ class DarkPattern(NamedTuple):
 
 
 def dark_pattern(case: Case) -> DarkPattern | None:
-    """The pattern of the dark signal in an exposure; None where all pixels are alike.
+    """The pattern of the dark signal in an exposure; None if all pixels are equal.
 
-    Pixels that flicker are in one random state. Pixels that a dark map marks as hot are no
+    Pixels that flicker are in one random state. Pixels that a dark map marks as hot do not count as
     outliers.
     """
     detector = case.instrument.detector
@@ -129,13 +129,12 @@ def dark_pattern(case: Case) -> DarkPattern | None:
 
 @lru_cache(maxsize=8)
 def _at_rest(case: Case) -> Case:
-    """The case at rest, which is all that its dark map depends on; cached for the last 8 cases."""
+    """The case at rest: its dark map does not depend on motion; cached for the last 8 cases."""
     return turning(star_inputs(case), 0.0)
 
 
 def _still(detector: Detector) -> Detector:
-    """The detector with only the effects that change its dark signal, so that cases share a
-    pattern."""
+    """The detector without effects that do not change its dark signal: cases share a pattern."""
     return replace(
         detector, prnu=0.0, read_noise=0.0, offset=0, pixel_rate=1e6, frame_rate=None, hits=None
     )
@@ -168,11 +167,10 @@ def _pattern(detector: Detector, mapped: Case | None) -> DarkPattern:
 
 
 def with_uniform_dark(case: Case) -> Case:
-    """The case whose pixels all have the mean dark current; its spread becomes noise of the pixels.
+    """The case with the mean dark current in all pixels; their spread is added to the noise.
 
-    Stars lie anywhere on the pixels, so that the spread acts as noise does, from trial to trial.
-    The loss of light by ageing is in the fill factor. A case without a pattern is returned as it
-    is.
+    Stars lie anywhere on the pixels, so that the spread acts as noise from trial to trial. The loss
+    of light by ageing is in the fill factor. A case without a pattern is returned unchanged.
     """
     pattern = dark_pattern(case)
     if pattern is None:
@@ -194,8 +192,8 @@ def with_uniform_dark(case: Case) -> Case:
 def near_stars(case: Case, side: int, samples: int = SAMPLES) -> tuple[float, Floats]:
     """Probability of outliers in the window of a star, and samples of windows that have some.
 
-    side     pixel, of the window
-    Returns  1, and (k, side, side) electron above the mean
+    side     pixel, side of the window
+    Returns  the probability, and windows (k, side, side), electron above the mean
     """
     pattern, detector = dark_pattern(case), case.instrument.detector
     if pattern is None or not len(pattern.outlying):
@@ -215,12 +213,12 @@ def near_stars(case: Case, side: int, samples: int = SAMPLES) -> tuple[float, Fl
 class Empty(NamedTuple):
     """Result of the search on a frame without stars.
 
-    spots            in excess of those that noise makes of usual pixels
+    spots            number of spots in excess of those that noise makes of usual pixels
     flux             (k,) electron of all spots, brightest first
-    noise            digital number, of the filtered frame in a typical tile
-    threshold_sigma  sigma of the filtered frame, detection threshold
-    of_places        (t,) the same at random places, sigma of the typical tile, above the level of
-                     the usual pixels
+    noise            digital number, noise of the filtered frame in a typical tile
+    threshold_sigma  detection threshold, sigma of the filtered frame
+    of_places        (t,) detection threshold at random places, sigma of the typical tile, above the
+                     level of the usual pixels
     """
 
     spots: float
@@ -234,7 +232,7 @@ class Empty(NamedTuple):
 def empty_frame(case: Case, sky: float) -> Empty | None:
     """Result of searching a star-free frame with a case's pattern; None if all pixels are equal.
 
-    sky  electron in a pixel
+    sky  electron in a pixel, light of the sky
     """
     pattern = dark_pattern(case)
     if pattern is None:

@@ -32,14 +32,14 @@ from startrack.response.zones import focal_stretch, lens_variance
 @printed
 @dataclass(frozen=True, eq=False)
 class TrackerKnowledge:
-    """Knowledge that a tracker has of its errors; arrays have one entry for each of the n stars of
-    its own catalogue.
+    """Knowledge that a tracker has of its errors.
 
-    Each part is computed when it is first asked for, and kept.
+    Arrays have one entry for each of the n stars of the tracker's own catalogue. Each part is
+    computed when it is first needed, and kept.
 
     design   the case as designed, from which the distributions come
     of_unit  whether the tracker is a unit of this design with a calibrated camera
-    age      second in orbit, at which hot pixels are counted; None: that of the design
+    age      second in orbit, at which hot pixels are counted; None: the age of the design
     """
 
     design: Case
@@ -57,18 +57,18 @@ class TrackerKnowledge:
 
             variance = S-curve^2 + PRNU^2 + DSNU^2 + shift^2 / 2 + lens^2 + residual^2
 
-        S-curve, PRNU, DSNU  from centroids of noise-free stars of that magnitude (`errors`)
+        S-curve, PRNU, DSNU  from centroids of noise-free stars of the star's magnitude (`errors`)
         shift     by neighbours in the believed catalogue (`blending_shift`), along one line; each
                   axis therefore has half of its square
-        lens      error of the lens model that the tracker does not correct, for a star of that
-                  colour, mean over the frame (`lens_variance`)
-        residual  of a unit, rms of its `Residual` after calibration
+        lens      error of the lens model that the tracker does not correct, for a star of the
+                  star's colour, mean over the frame (`lens_variance`)
+        residual  rms of the `Residual` of a unit after its calibration
 
-        `centroid_floor`, where it is given, replaces the sum.
+        `centroid_floor`, if given, replaces the sum.
 
-        Accuracy  those of `errors` and `blending_shift`. model: for a detector that scans, the
-                  tracker assumes UNKNOWN_FLOOR; the tracker does not know how a residual changes
-                  with temperature.
+        Accuracy  as `errors` and `blending_shift`. model: for a detector that scans, the tracker
+                  assumes UNKNOWN_FLOOR. The tracker does not know how a residual changes with
+                  temperature.
         """
         design, settings = self.design, self.design.tracker.attitude
         if settings.centroid_floor is not None:
@@ -95,18 +95,19 @@ class TrackerKnowledge:
         """Pixel^2 (n,) per axis, variance of stars by hot pixels at this age.
 
         It changes no weight and excludes no star, because it concerns few stars, and the tracker
-        does not know which. `solve` adds it to the stated error if the residuals show no outlier.
+        does not know which ones. `solve` adds it to the stated error if the residuals show no
+        outlier.
 
             p <s^2 / 2 where s^2 < 2 g^2 (noise + lasting)>
 
-        with the probability p of a hot pixel in a window, the shifts s that hot pixels cause, and
-        the gate g of the solver; zero where `centroid_floor` is given.
+        p is the probability of a hot pixel in a window, s the shift by hot pixels, and g the gate
+        of the solver. The term is zero if `centroid_floor` is given.
 
-        Accuracy  model: whether a star is left out depends on no other. The normalised error
-                  squared has the expected value 3. With this term it is 3.0 instead of 3.4 for 600
-                  windows of the nanosatellite; 2.4 instead of 3.4 for 400 of high_accuracy, where
-                  nearly each star has a hot pixel; and 2.9 to 4.2 instead of 4.9 to 6.8 for 140 to
-                  200 of `noise_only` at three doses.
+        Accuracy  model: whether a star is left out does not depend on other stars. The squared
+                  normalised error should have the mean 3. With this term it is 3.0 instead of 3.4
+                  for 600 windows of `nanosatellite`. It is 2.4 instead of 3.4 for 400 windows of
+                  `high_accuracy`, where nearly each star has a hot pixel. It is 2.9 to 4.2 instead
+                  of 4.9 to 6.8 for 140 to 200 windows of `noise_only` at three doses.
         """
         none = np.zeros(len(self.stars))
         design = self.design if self.age is None else aged(self.design, self.age)
@@ -128,11 +129,11 @@ class TrackerKnowledge:
 
     @cached_property
     def shared(self) -> SharedErrors | None:
-        """Errors that stars share; None where they share none.
+        """Errors that stars share; None if they share none.
 
         They are the `Residual` after the calibration of a unit, by rms and correlation length, and
-        turns of the camera against the spacecraft that vary after the calibration
-        (`remaining_turns`). Jitter within the exposure counts for the case as designed too.
+        rotations of the camera relative to the spacecraft that vary after the calibration
+        (`remaining_turns`). Jitter within the exposure is included, also for the case as designed.
 
         Accuracy  model: the tracker knows neither drifts over life, nor the change of a residual
                   with temperature, nor jitter by user code.
@@ -154,7 +155,7 @@ class TrackerKnowledge:
 
     @cached_property
     def stretch(self) -> Floats | None:
-        """`focal_stretch` (n,) of each star's colour; None where all are zero."""
+        """`focal_stretch` (n,) for each star's colour; None if all are zero."""
         if not self.design.tracker.focal_length_by_colour:
             return None
         return focal_stretch(self.design, mean_colour(self.design, self.stars.colour))
@@ -164,7 +165,7 @@ class TrackerKnowledge:
         return KnownErrors(self.systematic[star], self.shared, self.hot[star])
 
     def places(self, stars: Stars) -> Ints:
-        """Places in the catalogue of stars of the true sky; any place for those not in it."""
+        """Indices in the catalogue of stars of the true sky; arbitrary for stars not in it."""
         return self.stars.find(stars.identifier)[0]
 
     @property
@@ -186,8 +187,7 @@ class TrackerKnowledge:
 
 
 def knowledge_of(case: Case) -> TrackerKnowledge:
-    """Knowledge that the tracker of a case has of its errors, cached for the last 8 designs and
-    ages.
+    """Knowledge that the tracker of a case has of its errors; cached for 8 designs and ages.
 
     The true age of its detector is the only true value in it.
     """

@@ -20,42 +20,42 @@ from startrack.response.star_inputs import unmapped_inputs
 from startrack.response.star_response import RING, cell_side, measure, phases, scale, star_images
 
 CONTRAST = np.arange(-2.0, 6.0)  # magnitude of the neighbour minus magnitude of the star
-STEP = 0.5  # pixel, between two distances; beyond EVEN, longer by GROWTH each
+STEP = 0.5  # pixel, between two distances; beyond EVEN, each step is longer by GROWTH
 EVEN, GROWTH = 4.0, 1.125
-PIXELS = 2**21  # that are measured at once
+PIXELS = 2**21  # number of pixels that are measured at once
 MERGED = 1.5  # pixel beyond the window's half side, within which two stars are one spot
 TILT = math.radians(30)  # angle between the columns and the line from the star to its neighbour
-# Angles to a streak, which is not round, with weights; denser along the streak, where a
-# neighbour moves a star most: angle = t^2 pi / 2 in the middles of halves of t. Other angles are
-# mirror images.
+# Angles between a streak, which is not round, and the line to the neighbour, with weights. They are
+# denser along the streak, where a neighbour shifts a star most: angle = t^2 pi / 2, in the middles
+# of halves of t. Other angles are mirror images.
 TILTS = math.pi / 32, 9 * math.pi / 32
 WEIGHTS = 0.25, 0.75
 LOST = 1e4  # pixel, shift of a star that is not detected beside its neighbour
 SNR = 100.0  # of the brightest pixel of the star in the chart
-WIDER = math.log(2)  # pairs are shared by reaches whose logarithm is smaller by less
-FAINTER = 1.0  # magnitude fainter than the tracker's catalogue; such stars have no shift
+WIDER = math.log(2)  # step of ln(reach): cases with reaches in one step share the pairs
+FAINTER = 1.0  # magnitude beyond the tracker's catalogue from which on stars have no shift
 
 
 @kept(8, reads=unmapped_inputs)
 def blending_shift(case: Case, catalog: Selection) -> Floats:
     """Shift of each separable star of a catalogue by the light of its neighbours.
 
-    A shift along the line to the neighbour, by its distance and contrast, measured on a chart of
-    pairs; shifts by several neighbours are added. If two stars are in one window, the brighter has
-    the spot, and the other is LOST. Stars that the tracker's index merges are one here: their spot
-    is at the centre of their light.
+    The shift is along the line to the neighbour. It depends on distance and contrast, and is
+    measured on a chart of pairs; shifts by several neighbours are added. If two stars are in one
+    window, the brighter star has the spot, and the other star is LOST. Stars that the tracker's
+    index merges count as one star, with the spot at the centre of their light.
 
-    catalog  the true one, or that of the tracker
+    catalog  the true catalogue, or the catalogue of the tracker
     Returns  (n, 3) pixel, ICRS axes, in the order of `separated`; zero for stars that are
              FAINTER than the tracker's catalogue
     Accuracy  model: pairs at one angle to the columns represent all; smear and scale are those of
-              the boresight. numerical: streaks are measured at two angles only, which changes the
-              error of an attitude by 0.1 % for streaks below 6 pixels and by 1 % at 13 pixels.
+              the boresight. numerical: streaks are measured at two angles only. This changes the
+              error of an attitude by 0.1 % for streaks below 6 pixels, and by 1 % at 13 pixels.
     """
     camera = case.instrument.camera
     resolution = index_resolution(camera)
     stars = separated(catalog, resolution).sky.stars
-    # Rounded up, so that cameras of similar focal lengths share the pairs.
+    # The angle is rounded up, so that cameras of similar focal lengths share the pairs.
     angle = math.exp(math.ceil(math.log(_reach(case) / camera.focal_length_px) / WIDER) * WIDER)
     near = _pairs(catalog, resolution, angle, case.believed_catalog.limit_g + FAINTER).within(
         _reach(case) / camera.focal_length_px
@@ -83,14 +83,14 @@ def _shift(case: Case, distance: Floats, contrast: Floats) -> Floats:
     s = index - i
     shift = (1 - s) * ((1 - t) * table[i, j] + t * table[i, j + 1])
     shift += s * ((1 - t) * table[i + 1, j] + t * table[i + 1, j + 1])
-    # A fainter neighbour shifts by its fraction of the light.
+    # The shift by a fainter neighbour is proportional to its light.
     shift *= 10 ** (-0.4 * np.maximum(contrast - CONTRAST[-1], 0))
     return shift
 
 
 @kept(8)
 def _table(case: Case) -> Floats:
-    """Shift by contrast and distance, pixel; LOST where the star is lost at any position."""
+    """Shift by contrast and distance, pixel; LOST if the star is lost at any position."""
     x, y = detection_plan(case).settings.smear
     if not (x or y):
         return _at_angle(case, TILT)
@@ -109,7 +109,7 @@ def _at_angle(case: Case, tilt: float) -> Floats:
     line = np.array([math.cos(tilt), math.sin(tilt)])
     alone, _ = measure(case, light * star, both_signs=False)
     pull = np.full((len(distance), len(CONTRAST), len(place)), LOST)
-    # Beside a brighter neighbour in its window a star is lost anyway.
+    # A star with a brighter neighbour in its window is lost in any case.
     counts = (np.append(distance[1:], math.inf) > _merged(case))[:, None] | (CONTRAST >= 0)
     many = max(1, PIXELS // star.size)
     for part in np.split(np.argwhere(counts), range(many, int(counts.sum()), many)):
@@ -132,7 +132,7 @@ def _distances(case: Case) -> Floats:
 
 
 def _merged(case: Case) -> float:
-    """Pixel, distance within which two stars make one spot."""
+    """Pixel, distance within which two stars form one spot."""
     return case.tracker.detection.window // 2 + MERGED
 
 
@@ -143,12 +143,12 @@ def _reach(case: Case) -> float:
 
 
 class _Pairs(NamedTuple):
-    """Pairs of near stars, each in both orders; the nearest first.
+    """Pairs of close stars, each pair in both orders; the closest pair first.
 
     star       (k,) indices of separable stars
-    magnitude, colour  (2, k) G and BP - RP, of these stars and of the others
-    angle      (k,) radian
-    apart      (3, k) from the star to the other, ICRS axes
+    magnitude, colour  (2, k) G and BP - RP, of these stars and of their neighbours
+    angle      (k,) radian, distance
+    apart      (3, k) vector from the star to its neighbour, ICRS axes
     """
 
     star: Ints
@@ -158,7 +158,7 @@ class _Pairs(NamedTuple):
     apart: Floats
 
     def within(self, angle: float) -> "_Pairs":
-        """The pairs whose stars are less than an angle (radian) apart."""
+        """The pairs whose distance is below an angle (radian)."""
         many = int(np.searchsorted(self.angle, angle))
         return _Pairs(
             self.star[:many],
@@ -171,13 +171,13 @@ class _Pairs(NamedTuple):
 
 @kept(32)
 def _pairs(catalog: Selection, resolution: float, radius: float, faintest: float) -> _Pairs:
-    """All pairs of separable stars within a radius (radian), of stars down to a magnitude.
+    """All pairs of separable stars within a radius (radian), of stars to a magnitude.
 
     A merged star counts if its brightest star is not fainter than this magnitude.
     """
     several = separated(catalog, resolution)
     stars, place = several.sky.stars, several.places(len(open_sky(catalog)))
-    # Merged stars lie no farther from their common centre than the resolution.
+    # Merged stars are not farther from their common centre than the resolution.
     within = radius + 2 * 2.0 ** math.ceil(math.log2(resolution))
     both = place[near_pairs(catalog, within, faintest)]
     both = both[:, (both >= 0).all(axis=0)]

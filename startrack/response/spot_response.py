@@ -17,26 +17,26 @@ from startrack.response.star_response import PHASES, phases, shaken, within_fram
 from startrack.response.zones import centroid_shift, unique_places, zones_of
 
 FLUX_STEP = 0.2 * math.log(10)  # step in the logarithm of flux: half a magnitude
-# Pixel, within which a companion shifts a star: a window and its ring. Chosen by hand.
+# Pixel, distance within which a companion shifts a star: a window and its ring. Chosen by hand.
 COMPANION_RADIUS = 7
-KEPT = 0.5  # probability of being taken for a star, below which hot pixels lose it
+KEPT = 0.5  # probability of acceptance below which a star near hot pixels counts as lost
 COMPANION_RATIOS = np.arange(-4, 4) * 0.8  # logarithm of a companion's flux over the star's
 
 
 class SpotResponse(NamedTuple):
     """Detection and centroid of a star, over its flux and position in the pixel.
 
-    In each of z zones of the frame and of colour; without a lens table there is one.
+    There are z zones of the frame and of colour; without a lens table there is one.
 
     first              logarithm of the least flux in electron; the others follow in equal steps
     bias               (z, l, p, p, 2) pixel x and y, by row and column of the position
     covariance_root    (z, l, p, p, 3) pixel electron, triangular root xx, yx, yy of the covariance,
                        times flux
-    light              (z, l, p, p, 2) measured flux (digital number) over electron; its relative
-                       noise
+    light              (z, l, p, p, 2) measured flux (digital number) over electrons; relative noise
+                       of the measured flux
     threshold_margin   (z, l, p, p) sigma, excess of a star over the threshold
     pass_probability   (z, l, p, p) 1, probability that a detected star is not rejected as a hot
-    pixel
+                       pixel
     star_at_threshold  (5,) flux in digital number, its sigma, covariance xx, xy, yy
     """
 
@@ -54,8 +54,8 @@ class ResponseGrid:
     """Stars of a case on a grid of cells, which the detection measures.
 
     sky     electron in a pixel
-    psf     of the stars; None for that of the instrument
-    search  as `expect` takes it
+    psf     PSF of the stars; None: the PSF of the instrument
+    search  as for `detection.expect`
     """
 
     case: Case
@@ -120,7 +120,7 @@ def response_of_zones(grid: ResponseGrid, faintest: float, brightest: float) -> 
     """`response_of` in each zone of a lens table.
 
     The bias leaves out the difference between `centroid_shift` and the shift of the image, because
-    this difference varies from star to star. False spots have the flux of those of the mean image.
+    this difference varies from star to star. False spots have the same flux as with the mean image.
     """
     case = grid.case
     images, shift = field_psf_of(case.instrument), centroid_shift(case)
@@ -166,11 +166,11 @@ def _mirrored(response: SpotResponse, mirror: Floats) -> SpotResponse:
 
 
 def _at_threshold(seen: SpotExpectation, good: Flags) -> Floats:
-    """`SpotResponse.star_at_threshold`: interpolated over flux, the median of all positions."""
+    """`SpotResponse.star_at_threshold`: interpolated over flux, median over all positions."""
     xx, xy, yy = (seen.covariance[:, i, j] for i, j in ((0, 0), (0, 1), (1, 1)))
     values = np.stack([seen.above, seen.flux, seen.sigma, xx, xy, yy]).reshape(6, *good.shape)
     above, *rest = np.median(values[:, good.all(axis=1)], axis=2)
-    # A saturated star may pass by less than a fainter one.
+    # A saturated star may exceed the threshold by less than a fainter star does.
     above = np.maximum.accumulate(above)
     return np.array([np.interp(0.0, above, figure) if len(above) else np.nan for figure in rest])
 
@@ -180,20 +180,20 @@ def hot_windows(
 ) -> tuple[HotPixels, Floats]:
     """Effect of hot pixels on the centroids of stars of some fluxes, and on their detection.
 
-    grid     of the case `with_uniform_dark`
+    grid     grid of the case `with_uniform_dark`
     true     the case with its hot pixels
     flux     (l,) electron
     samples  number of windows with hot pixels
-    Returns  the shifts; (l, k) sigma, rise of the star's margin above the threshold
+    Returns  the shifts; (l, k) sigma, increase of the star's excess over the threshold
     """
     chance, dark = near_stars(true, grid.side, samples)
     if not chance:
         return NO_HOT, np.zeros((2, 1))
-    samples, few = len(dark), min(len(dark), SAMPLES)  # of few places
+    samples, few = len(dark), min(len(dark), SAMPLES)  # few: own places of stars
     phase = Streams(0, 0)("places of stars near hot pixels").random((few, 2)) - 0.5
 
     def expected(behind: Floats | None, count: int) -> tuple[Floats, Floats, Floats]:
-        """Displacement (l, k, 2), margin above the threshold and probability to be kept (l, k)."""
+        """Displacement (l, k, 2), excess over the threshold and probability to be kept (l, k)."""
         shape = len(flux), count
         seen, place = grid.expect(phase, flux, dark=behind)
         moved = np.column_stack([seen.x, seen.y]) - place
@@ -204,7 +204,7 @@ def hot_windows(
     seen, above, kept = expected(dark, samples)
     shift = seen - alone
     shift[~(kept > KEPT)] = np.nan
-    shift[~((above_alone > 0) & np.isfinite(alone[..., 0]))] = 0.0  # such a star is lost anyway
+    shift[~((above_alone > 0) & np.isfinite(alone[..., 0]))] = 0.0  # is lost in any case
     return HotPixels(chance, shift), above - above_alone
 
 
@@ -217,7 +217,7 @@ def fluxes_between(faintest: float, brightest: float) -> Floats:
 def companion_shift(grid: ResponseGrid, flux: float) -> Floats:
     """Shift of a centroid by a companion, pixel: (r, d, d, 2) over its flux ratio and position.
 
-    NaN where only the companion is detected.
+    NaN if only the companion is detected.
     """
     offset = np.arange(-COMPANION_RADIUS, COMPANION_RADIUS + 1.0)
     y, x = np.meshgrid(offset, offset, indexing="ij")
@@ -239,7 +239,7 @@ def companion_shift(grid: ResponseGrid, flux: float) -> Floats:
 def _smear(case: Case) -> Floats:
     """Weight, x and y (pixel) of the path of a star in the middle of the field, (m, 3).
 
-    The slew alone counts: jitter moves the star differently in each trial, and is a blur here.
+    Only the slew counts. Jitter moves the star differently in each trial, and is included as blur.
     """
     camera = case.instrument.camera.ideal
     slew = replace(case.instrument, motion=case.instrument.motion.steady)

@@ -14,9 +14,9 @@ from startrack.response.dark_pattern import dark_residual
 from startrack.response.star_inputs import unmapped_inputs
 from startrack.response.star_response import Chart, chart, magnitudes, pattern, scale
 
-LEAST_KEPT = 1e-6  # sum of probabilities, below which a magnitude is not used
+LEAST_KEPT = 1e-6  # sum of probabilities to be kept, below which a magnitude is not used
 TYPICAL = 4.5  # G of a star of high weight in most trackers; chosen by hand
-NEAR = 0.8  # of saturation, from which on a star may reach it; chosen by hand
+NEAR = 0.8  # fraction of saturation from which on a star may saturate; chosen by hand
 SHOT, READ, METHOD = "shot noise", "read noise", "centroid method"
 
 
@@ -27,9 +27,9 @@ class Errors(NamedTuple):
     magnitude  (m,) G of a sunlike star
     kept       (m,) probability that the tracker measures a detected star and does not reject it as
                a hot pixel
-    stated     (m, 2, 2) pixel^2, by the tracker
+    stated     (m, 2, 2) pixel^2, covariance that the tracker states
     random     (m, 2, 2) pixel^2 by cause, covariance over positions, times and devices
-    mean       (m, 2) pixel, over the positions, of the centroid's method
+    mean       (m, 2) pixel, error of the centroid method, mean over the positions
     """
 
     magnitude: Annotated[Floats, Unit("mag")]
@@ -75,7 +75,7 @@ class NoisyStars(NamedTuple):
     plain        noise-free stars, with the covariance that the tracker states
     kept         (m, p) probability that the tracker measures a detected star and does not reject it
                  as a hot pixel
-    noise, shot  (m, p, 2, 2) pixel^2, covariance by all noise, by shot noise alone
+    noise, shot  (m, p, 2, 2) pixel^2, covariance by all noise, and by shot noise alone
     """
 
     plain: Chart
@@ -121,7 +121,7 @@ def _noise_covariance(
     size, detector = scale(case), case.instrument.detector
     peak = size.star * 10 ** (-0.4 * magnitude) * float(images.point.max())
     peak += size.background + size.pixel
-    # Only stars that may saturate at some position or converter: the others do not change.
+    # Only stars that may saturate at some position are computed again: the others do not change.
     near = detector.offset + peak / detector.electrons_per_dn > NEAR * saturation
     covariance = covariance.copy()
     if near.any():
@@ -131,7 +131,10 @@ def _noise_covariance(
 
 @lru_cache(maxsize=8)
 def without_saturation(case: Case) -> Case:
-    """A case whose tracker overstates the covariance of no saturated star; of the 8 last cases."""
+    """The case with a tracker that does not overstate the covariance of saturated stars.
+
+    Cached for the last 8 cases.
+    """
     bold: Case = unchecked(case, {"tracker.detection.saturation": None})
     return bold
 
@@ -139,7 +142,7 @@ def without_saturation(case: Case) -> Case:
 def mean_of(values: Floats, kept: Floats) -> Floats:
     """Mean over the positions (second axis), weighted by the chance (m, p) that a star is kept.
 
-    If no star of a magnitude is kept, it takes the mean of the nearest magnitude with kept stars,
+    If no star of a magnitude is kept, the mean is that of the nearest magnitude with kept stars,
     because values are interpolated between magnitudes. If no star of any magnitude is kept, the
     mean is zero and is never used.
     """
@@ -160,12 +163,12 @@ def moment_of(offset: Floats, kept: Floats) -> Floats:
 
 
 def lasting(star: Errors, magnitude: Floats | float = TYPICAL) -> Floats:
-    """Rms error per axis (pixel) of noise-free stars: errors that last as long as their pixels.
+    """Rms error per axis (pixel) of noise-free stars: constant while a star stays on its pixels.
 
     magnitude  (...) G of sunlike stars
     Returns    (...) root mean square over positions in the pixel and over devices
     """
     still = sum(part for name, part in star.random.items() if name not in (SHOT, READ))
     variance = np.trace(still, axis1=1, axis2=2) / 2
-    # The error by dark current grows with a power of magnitude: interpolate its logarithm.
+    # The error by dark current grows exponentially with magnitude: interpolate its logarithm.
     return np.exp(np.interp(magnitude, star.magnitude, np.log(np.maximum(variance, 1e-16)) / 2))

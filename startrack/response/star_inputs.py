@@ -1,4 +1,4 @@
-"""Case -> the case with fixed values where they do not change the image of a star."""
+"""Case -> the case with fixed values of all parameters that do not change the image of a star."""
 
 from functools import lru_cache
 from typing import Any
@@ -27,10 +27,10 @@ NOT_SHOWN: dict[str, Any] = {
 
 @lru_cache(maxsize=64)
 def star_inputs(case: Case) -> Case:
-    """The case as images of single stars show it; cached for the last 64 cases.
+    """The case with all parameters fixed that do not change images of single stars.
 
     Cases that differ only in identification, in calibration, or in the spacecraft share all results
-    that are computed from it.
+    that are computed from it. Cached for the last 64 cases.
     """
     values = dict(NOT_SHOWN)
     if case.instrument.imaged:
@@ -46,7 +46,7 @@ def star_inputs(case: Case) -> Case:
 def unmapped_inputs(case: Case) -> Case:
     """`star_inputs` without the age of the dark map, which changes no star's centroid.
 
-    So that units share with their design, at any age, what the tracker knows of its errors.
+    Units and their design then share the tracker's knowledge of its errors, at any age.
     """
     shown: Case = unchecked(star_inputs(case), {"tracker.detection.dark_map_age": None})
     return shown if case.design is None else shown.unit_of(unmapped_inputs(case.design))

@@ -44,12 +44,13 @@ def noise_free_frame(electrons: Floats, detector: Detector, ripple: float, noise
     """A noise-free frame in which the tracker estimates the background as it does with noise.
 
     With equal pixels in the ring, the tracker would clip pixels and fit slopes differently than in
-    a real frame. Therefore the noise is added to and subtracted from alternate pixels, like a
-    chessboard: the ring has the correct spread, and the moments of a star do not change.
+    a real frame. Therefore the noise rms is added to and subtracted from alternate pixels, in a
+    chessboard pattern. The ring then has the correct spread, and the moments of a star do not
+    change.
 
     electrons  (rows, columns) expected
     ripple     electron, amplitude of the chessboard
-    noise      electron rms, of a pixel without light, as the tracker believes
+    noise      electron rms of a pixel without light, value that the tracker assumes
     Returns    Frame of numbers that are not rounded
     """
     law = law_of(detector)._replace(gain=1 / detector.electrons_per_dn)
@@ -60,7 +61,7 @@ def noise_free_frame(electrons: Floats, detector: Detector, ripple: float, noise
 
 
 def pixel_noise(detector: Detector, streams: Streams) -> Floats:
-    """The noise (rows, columns) that read-out adds, electron before the multiplication."""
+    """The noise (rows, columns) that read-out adds, in electrons before EM multiplication."""
     return added_noise(detector, streams) / detector.em_gain
 
 
@@ -69,7 +70,7 @@ STEP = 0.5  # magnitude between two rows of the chart
 BRIGHTEST = -1.5
 RING = 3  # pixel, width of the ring around the window that gives the background
 WIDER = 64  # pixel, by which a star's cell, with ring and margins, may exceed a small frame
-CELL_BYTES = 42  # for each pixel that is measured; measured: 36 to 41
+CELL_BYTES = 42  # memory for each pixel of a cell; 36 to 41 were measured
 FAINTEST_SNR = 3.0  # below this no star is detected
 
 
@@ -91,10 +92,10 @@ class Chart(NamedTuple):
 class NoiseScale(NamedTuple):
     """Signal levels of a detector: electrons in an exposure.
 
-    star        of a sunlike star of G = 0
-    background  in a pixel, of the sky's light and dark current
-    noise       rms of a pixel without light, with that of the quantisation
-    largest     in a pixel, within full-well capacity and range of the converter
+    star        light of a sunlike star of G = 0
+    background  light of the sky and dark current, in a pixel
+    noise       rms of a pixel without light, quantisation included
+    largest     largest signal of a pixel, by full-well capacity and range of the converter
     excess      1, variance of the detected light over its mean
     """
 
@@ -106,18 +107,18 @@ class NoiseScale(NamedTuple):
 
     @property
     def shot(self) -> float:
-        """Electron rms of the background's light and dark current."""
+        """Electron rms, shot noise of the background's light and dark current."""
         return math.sqrt(self.excess * self.background)
 
     @property
     def pixel(self) -> float:
-        """Electron rms of an empty pixel."""
+        """Electron rms, noise of a pixel without a star."""
         return math.hypot(self.noise, self.shot)
 
 
 @lru_cache(maxsize=16)
 def scale(case: Case) -> NoiseScale:
-    """The scale of a case; see `electron_rate` for its errors. Kept for the 16 last cases."""
+    """The signal levels of a case; `electron_rate` states their errors. Cached for 16 cases."""
     detector = case.instrument.detector
     sunlike = light_by_colour(case, np.full(1, np.nan))
     star, sky = electron_rate(sunlike, detector, throughput(case.instrument))
@@ -134,11 +135,11 @@ def scale(case: Case) -> NoiseScale:
 
 
 class Reading(Enum):
-    """Reading of a noise-free frame by the tracker."""
+    """Interpretation of a noise-free frame by the tracker."""
 
     BELIEVED = "numbers and noise as those of its design"
-    TRUE = "as what they are, so that the covariance is the true one"
-    SHOT_NOISE = "as what they are, with pixels without light that have no noise"
+    TRUE = "true numbers and noise, so that the covariance is the true one"
+    SHOT_NOISE = "true numbers and noise, but no noise in pixels without light"
 
 
 class StarImages(NamedTuple):
@@ -170,10 +171,10 @@ def chart(
     magnitude   (m,) G
     images      None: `images_at_phases`
     gain        (m, p, side, side) 1, response of the pixels around each star; None: uniform
-    extra       (m, p, side, side) electron to add to them; None: none
+    extra       (m, p, side, side) electron to add to these pixels; None: none
     both_signs  as for `measure`
-    groups      groups of positions, each measured separately: with one sign, the chessboard moves
-                equal positions of all groups equally
+    groups      number of groups of positions, each measured separately: with one sign, the
+                chessboard shifts equal positions of all groups equally
     """
     images = images or images_at_phases(case)
     electrons = star_electrons(case, magnitude, images)
@@ -192,14 +193,14 @@ def chart(
 
 
 def _grouped(values: Floats, groups: int) -> Floats:
-    """Values (m, g p, ...) of g groups of positions -> (g, m p, ...)."""
+    """Values (m, g p, ...) of g groups of positions, rearranged to (g, m p, ...)."""
     m, _, *rest = values.shape
     parts = values.reshape(m, groups, -1, *rest).swapaxes(0, 1)
     return parts.reshape(groups, -1, *rest)
 
 
 def _ungrouped(values: Floats, m: int) -> Floats:
-    """Values (g, m p, ...) -> (m, g p, ...)."""
+    """Inverse of `_grouped`: values (g, m p, ...) to (m, g p, ...)."""
     groups, _, *rest = values.shape
     return values.reshape(groups, m, -1, *rest).swapaxes(0, 1).reshape(m, -1, *rest)
 
@@ -219,11 +220,11 @@ def measure(
 ) -> tuple[Floats, Floats]:
     """The tracker's centroids of stars, each in a separate cell.
 
-    electrons   (n, side, side) of the star in the pixels of its cell, side odd
-    both_signs  average over both signs of the chessboard of `noise_free_frame`; unnecessary where
-                only differences between measurements are used
-    Returns     (n, 2) pixel from the middle of the cell, (n, 2, 2) pixel^2 as stated; NaN for a
-                star that the tracker drops
+    electrons   (n, side, side) electrons of the star in the pixels of its cell, side odd
+    both_signs  whether to average over both signs of the chessboard of `noise_free_frame`;
+                unnecessary if only differences between measurements are used
+    Returns     (n, 2) pixel from the middle of the cell, (n, 2, 2) pixel^2, stated covariance; NaN
+                for a star that the tracker drops
     """
     centroids, covariances = _measurements(case, electrons[None], reading, both_signs)
     return _mean(centroids)[0], _mean(covariances)[0]
@@ -232,14 +233,13 @@ def measure(
 def _measurements(
     case: Case, electrons: Floats, reading: Reading, both_signs: bool
 ) -> tuple[list[Floats], list[Floats]]:
-    """Measurements that `measure` averages, of cells (g, n, side, side): places (g, n, 2) and
-    covariances.
-    """
+    """Measurements of cells (g, n, side, side) that `measure` averages: places, covariances."""
     size, detection = scale(case), case.tracker.detection
     noise = 0.0 if reading is Reading.SHOT_NOISE else size.noise
     ripple = math.hypot(noise, size.shot)
     plan = detection_plan(case, _of_all_stars(detection))
-    # A chessboard moves a fit of a narrow star; its negative moves the fit back by as much.
+    # A chessboard shifts the fit of a narrow star; the opposite sign shifts it by the opposite
+    # amount.
     signs = (1, -1) if plan.method.skips_dead and both_signs else (1,)
     centroids, covariances = [], []
     for sign in signs:
@@ -266,7 +266,7 @@ def _in_cells(
 ) -> tuple[Frame, Ints]:
     """A frame of stars (g, n, side, side), and the middles (g n, 2) of their cells, pixel.
 
-    Groups lie below each other, each from an even row on.
+    Groups lie one below the other; each begins in an even row.
     """
     groups, count, side, _ = electrons.shape
     across = math.gcd(count, PHASES**2)
@@ -303,8 +303,9 @@ def kept_fraction(case: Case, plain: Chart, images: StarImages) -> Floats:
 class StarSearch(NamedTuple):
     """Search of a frame with hot pixels by a tracker.
 
-    noise      digital number, of the filtered frame in a typical tile
-    threshold  (k,) sigma of that, samples over tiles and surroundings of a star, equally likely
+    noise      digital number, noise of the filtered frame in a typical tile
+    threshold  (k,) threshold in units of this noise: equally likely samples over tiles and
+               surroundings of a star
     """
 
     noise: float
@@ -318,12 +319,12 @@ def detection_probability(
 
         fraction = mean over positions of Phi(peak / noise - threshold)
 
-    With the quick search, the smaller of the fractions by its filter and by the matched filter
-    counts at each position. Zero if the background alone saturates the pixels.
+    For the quick search, the smaller of two fractions counts at each position: by its own filter
+    and by the matched filter. The result is zero if the background alone saturates the pixels.
 
     point     (p, side, side) fraction of a star's light in each pixel; None: `point_images`
-    search    of a frame with hot pixels; None: of the background alone
-    Accuracy  model: the noise of the peak is that of the background; neighbours, and the tests
+    search    search of a frame with hot pixels; None: there are none
+    Accuracy  model: the noise of the peak is the noise of the background; neighbours, and the tests
               against hot pixels, are left out.
     """
     size = scale(case)
@@ -342,7 +343,7 @@ def detection_probability(
         if quick:
             light = filtered(image, plan.quick_filter)
             narrow_peak[k] = light[middle - 1 : middle + 2, middle - 1 : middle + 2].max()
-        if search is not None:  # faint stars are looked for between the pixels
+        if search is not None:  # faint stars are also searched between pixels
             y, x = np.unravel_index(near.argmax(), near.shape)
             place = int(x) + middle - 1, int(y) + middle - 1
             peak[k] = highest_between(image, *place, 0.0, plan.filters)
@@ -401,8 +402,7 @@ def cell_side(instrument: Instrument, detection: Detection) -> int:
 
 
 def within_frame(side: int, detector: Detector) -> int:
-    """The side of a star's cell, pixel; refused if the frame is smaller than the image of a
-    star."""
+    """The side of a star's cell, pixel; refused if the frame is smaller than a star image."""
     if side > max(detector.columns, detector.rows) + WIDER:
         raise Refused(
             f"images of stars must not be wider than the frame of {detector.columns} x "
@@ -421,7 +421,7 @@ def star_images(instrument: Instrument, place: Floats, side: int, psf: Psf | Non
     """Fraction of the light of stars in each pixel, with the smear of the boresight.
 
     place    (n, 2) pixel from the middle of a cell
-    psf      None for that of the instrument
+    psf      PSF of the star; None: the PSF of the instrument
     Returns  (n, side, side) 1
     """
     _, weight, offset, _ = _smeared(instrument)
@@ -443,7 +443,7 @@ def star_images(instrument: Instrument, place: Floats, side: int, psf: Psf | Non
 
 
 def shaken(instrument: Instrument, psf: Psf | None = None) -> Psf:
-    """A PSF, or that of the instrument, with the blur of expected jitter."""
+    """A PSF (None: the PSF of the instrument) with the blur of expected jitter."""
     if psf is None:
         return _smeared(instrument)[0]
     return _blurred(psf, _jitter_blur(instrument) / instrument.detector.pitch)
@@ -458,7 +458,7 @@ def _smeared(instrument: Instrument) -> tuple[Psf, Floats, Floats, float]:
     camera, detector, motion = instrument.camera, instrument.detector, instrument.motion
     pixel = 1 / camera.focal_length_px
     path = slew(motion.steady, detector.exposure, pixel, camera.half_diagonal)
-    # The sky turns by r: a star on the boresight moves by (r_y, -r_x).
+    # If the sky rotates by r, a star on the boresight moves by (r_y, -r_x).
     offset = path.rotation[:, [1, 0]] * [1, -1] / pixel
     wide = _jitter_blur(instrument)
     if wide and instrument.optics.tabulated:
@@ -489,6 +489,6 @@ def _blurred(psf: Psf, sigma: float) -> Psf:
 
 @lru_cache(maxsize=1)
 def phases() -> Floats:
-    """(p, 2) pixel, x and y from the middle of the pixel."""
+    """Sub-pixel positions (p, 2), pixel, x and y from the middle of the pixel."""
     line = (np.arange(PHASES) + 0.5) / PHASES - 0.5
     return np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)

@@ -1,4 +1,4 @@
-"""Case with a lens table -> measurement of single stars, by place in the frame and by colour."""
+"""Case with a lens table -> errors of single stars, by place in the frame and by colour."""
 
 import math
 from dataclasses import replace
@@ -22,13 +22,13 @@ from startrack.response import star_errors, star_response
 from startrack.response.star_inputs import star_inputs, unmapped_inputs
 
 PLACES = 5  # zones along each side of the frame
-COLOURS = 3  # classes of stars, each a third of them
-# Sub-pixel positions, each with its own x and its own y. Means over this lattice are exact for
-# waves of one and of two periods in a pixel along the axes, and for their products except one pair.
+COLOURS = 3  # classes of colour, each with a third of the stars
+# Sub-pixel positions, with different x and different y. Means over this lattice are exact for waves
+# of one and of two periods in a pixel along the axes, and for their products except one pair.
 POSITIONS, TURN = 5, 2
 EVERY = 3  # a zone uses every third magnitude of `errors`
 STILL = 1.0  # pixel of smear, below which mirror images of a zone are equal; by hand
-HALF = 0.5  # of the largest signal of a pixel, for the star whose shifts are measured
+HALF = 0.5  # brightest pixel of the star whose shifts are measured, over the largest signal
 LENS_FIELD = "PSF over the field"
 
 
@@ -37,7 +37,7 @@ class Zones(NamedTuple):
 
     x, y    (p,), (q,) pixel, middles of the columns and of the rows of cells
     colour  (c,) metre, mean wavelength of the stars of each class
-    edge    (c - 1,) metre, between two classes
+    edge    (c - 1,) metre, wavelength between two classes
     """
 
     x: Floats
@@ -60,7 +60,7 @@ class Zones(NamedTuple):
         return np.searchsorted(self.edge, colour)
 
     def of(self, x: Floats, y: Floats, colour: Floats) -> Ints:
-        """The number (n,) of the zone of each star; beyond the frame, the nearest."""
+        """The number (n,) of the zone of each star; outside the frame, the nearest zone."""
         i, j = (
             np.clip(np.floor((at + 0.5) / (2 * (nodes[0] + 0.5))), 0, len(nodes) - 1)
             for at, nodes in ((x, self.x), (y, self.y))
@@ -90,11 +90,12 @@ def zones_of(case: Case) -> Zones:
 def centroid_shift(case: Case) -> FieldPsf:
     """Shift of the tracker's centroid from the projection of the star by the camera model.
 
-    The sum of the shift of the image, and of the tracker's centroid in this image minus the one in
-    the mean image, averaged over sub-pixel positions. It is measured at the nodes of the images,
-    for a star whose brightest pixel is half full, or fainter.
+    It is the sum of two shifts, averaged over sub-pixel positions: the shift of the image, and the
+    tracker's centroid in this image minus its centroid in the mean image. It is measured at the
+    nodes of the images, for a star whose brightest pixel is half full, or fainter. Cached for the
+    last 8 cases.
 
-    Returns  a FieldPsf without tables: shifts and relative flux. Kept for the 8 last cases
+    Returns  a FieldPsf without tables: shifts and relative flux
     """
     images = field_psf_of(case.instrument)
     nodes = [
@@ -113,8 +114,8 @@ def centroid_shift(case: Case) -> FieldPsf:
 def focal_stretch(case: Case, colour: Floats) -> Floats:
     """Relative excess (n,) of the tracker's focal length by colour over that of sunlike stars.
 
-    A least-squares fit to `centroid_shift` over the frame, with the lens in its state at the
-    calibration of the camera. Zero where the tracker does not correct the colour.
+    It is a least-squares fit to `centroid_shift` over the frame, with the lens in its state at the
+    calibration of the camera. It is zero if the tracker does not correct the colour.
 
     colour  (n,) metre
     """
@@ -138,7 +139,7 @@ def _from_centre(case: Case) -> Floats:
 def residual_shift(case: Case) -> tuple[FieldPsf, FieldPsf]:
     """`centroid_shift` of a sunlike star, and the difference of other stars from it.
 
-    The tracker's own correction of the star's colour is subtracted. Kept for the 8 last cases.
+    The tracker's correction for the star's colour is subtracted. Cached for the last 8 cases.
     """
     shift = centroid_shift(with_images_of(case))
     sunlike = shift.of_one_colour(sunlike_colour(case.instrument))
@@ -167,9 +168,9 @@ class ZoneErrors(NamedTuple):
 
     magnitude  (m,) G
     point      (u, p, side, side) 1, different images of a star at p sub-pixel positions
-    which      (z,) of these images
+    which      (z,) index of the image of each zone
     kept       (z, m) probability that the tracker measures a detected star and does not reject it
-    stated     (z, m, 2, 2) pixel^2, by the tracker
+    stated     (z, m, 2, 2) pixel^2, covariance that the tracker states
     random     (z, m, 2, 2) pixel^2 by cause, covariance over positions and times
     """
 
@@ -183,14 +184,14 @@ class ZoneErrors(NamedTuple):
 
 @kept(8, reads=star_inputs)
 def zone_errors(case: Case) -> ZoneErrors:
-    """Errors of single stars in each zone; kept for the 8 last cases.
+    """Errors of single stars in each zone; cached for the last 8 cases.
 
     They are measured at five sub-pixel positions and at every third magnitude of `errors`. Their
     ratios to the errors of the mean image are interpolated. The random error LENS_FIELD is the
-    difference between the tracker's centroids of a zone's image and of the mean image, minus its
-    mean over the positions.
+    difference between the tracker's centroids in a zone's image and in the mean image, minus the
+    mean of this difference over the positions.
 
-    Accuracy  model: noise and detection are those of the middle of the zone.
+    Accuracy  model: noise and detection in the middle of a zone hold for the whole zone.
     """
     star = star_errors.errors(case)
     coarse = np.unique(np.append(np.arange(0, len(star.magnitude), EVERY), len(star.magnitude) - 1))
@@ -217,9 +218,9 @@ def zone_errors(case: Case) -> ZoneErrors:
 
 
 class _PlaceErrors(NamedTuple):
-    """Chance to be kept (m,), and covariances (m, 2, 2) pixel^2, of stars at one place and colour.
+    """Probability to be kept (m,), and covariances (m, 2, 2) pixel^2, at one place and colour.
 
-    stated      by the tracker
+    stated      covariance that the tracker states
     shot, read  by the noise of the star's light, and by other noise
     field       LENS_FIELD
     """
@@ -234,9 +235,9 @@ class _PlaceErrors(NamedTuple):
 def _place_errors(
     star: star_errors.Errors, place: star_errors.NoisyStars, mean: star_errors.NoisyStars
 ) -> _PlaceErrors:
-    """Errors of the mean image (`star`), scaled by the ratios of a place's image to the mean one.
+    """Errors with the mean image (`star`), scaled to those with the image of a place.
 
-    place, mean  the same stars, at fewer magnitudes, by both images
+    place, mean  the same stars, at fewer magnitudes, with the image of the place and the mean image
     """
     magnitude = mean.plain.magnitude
 
@@ -246,7 +247,7 @@ def _place_errors(
 
     stated = scaled(star.stated, place.plain.covariance, mean.plain.covariance)
     shot = scaled(star.random[star_errors.SHOT], place.shot, mean.shot)
-    # The variance by read noise is almost zero, of either sign, where the brightest stars saturate.
+    # If the brightest stars saturate, the variance by read noise is almost zero, of either sign.
     noise = star.random[star_errors.SHOT] + star.random[star_errors.READ]
     read = scaled(noise, place.noise, mean.noise) - shot
     difference = place.plain.offset - mean.plain.offset
@@ -307,11 +308,11 @@ def unique_places(
 ) -> tuple[list[tuple[float, float, float]], Ints, Floats]:
     """The different places (x, y, colour) of a frame; the others are their mirror images.
 
-    With a centred lens, stars are measured equally in eight places of a frame. This neglects a
-    smear below a pixel, which has the same direction in all eight.
+    With a centred lens, the errors of stars are equal in eight places of a frame. This neglects a
+    smear below a pixel, which has the same direction in all eight places.
 
-    Returns  the different places; the index (n,) of each given place among them; the mirror (n, 2,
-             2) that maps displacements there to displacements at the given place
+    Returns  the different places; the index (n,) of each given place among them; the matrix (n, 2,
+             2) that maps displacements at the different place to displacements at the given place
     """
     instrument = case.instrument
     detector = instrument.detector

@@ -1,13 +1,13 @@
-"""One trial in any fidelity: frame, window, spots, covariance.
+"""One trial in any of the fidelities: frame, window, spots, covariance.
 
 window      Case and attitude -> the spots of a frame of which only windows are rendered.
 spot_plan   Case -> plan of its statistical trials: detectable stars, their response, refusals.
 spots       Case and attitude -> the spots of one trial, drawn without an image.
 covariance  Case -> outcomes of trials from drawn spots, with identification assumed to be perfect.
-effects     The effects of designs, one row each: which parts of startrack count, refuse or omit it.
-boxes       Stars that a tracker takes in its search boxes, in a frame or as single stars by
+effects     Table of the effects of designs: which parts of startrack count, refuse or omit each.
+boxes       Stars that a tracker measures in its search boxes: in a frame, or as single stars by
             magnitude.
-chain       One trial: one line for each room, in the order of the light.
+chain       One trial from stars to outcome: one line for each stage, in the order of the light.
 """
 
 from startrack.trial.boxes import Images, SingleStars, agreeing, boxed, boxed_stars, follow_boxes

@@ -1,4 +1,4 @@
-"""Stars that a tracker takes in its search boxes, in a frame or as single stars by magnitude."""
+"""Stars that a tracker measures in its search boxes: in a frame, or single stars by magnitude."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from startrack.trial.window import frame_in_windows
 BOX = "box"
 # Catalogue number of a star -> pixel (column, row) right below the middle of its image.
 Images = dict[int, tuple[int, int]]
-MARGIN = 4  # pixel, of the images about the border of a box
+MARGIN = 4  # pixel, margin around a box, for the images of stars at its border
 
 
 def boxed(case: Case) -> bool:
@@ -31,15 +31,16 @@ def boxed(case: Case) -> bool:
 
 
 def expected_attitude(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Rotation:
-    """The attitude that the tracker expects in a single trial: the true one plus the prior's
-    error."""
+    """The attitude that the tracker expects in a trial: the true one plus the prior's error."""
     error = case.tracker.box.prior * streams("expected attitude").standard_normal(3)
     return Rotation.from_rotvec(error) * icrs_to_camera
 
 
 def targets(case: Case, camera: Camera, expected: Rotation) -> tuple[Ints, Floats]:
-    """Stars (m,) of the tracker's catalogue with boxes inside the frame, brightest first; and
-    places."""
+    """Stars (m,) of the tracker's catalogue whose boxes lie inside the frame, and their places.
+
+    They are in the order of brightness, brightest first.
+    """
     sky, box = open_sky(case.believed_catalog), case.tracker.box
     near = nearby(sky, expected, camera)
     place = camera.project(expected.apply(sky.stars.direction[near]))
@@ -58,11 +59,12 @@ def follow_boxes(
     images: Images,
     plan: DetectionPlan | None = None,
 ) -> tuple[Spots, Matches, Images]:
-    """Pixels that the tracker takes about the places where it expects stars.
+    """Measure stars in boxes around the places where the tracker expects them.
 
-    images   of stars after the exposure before. Stars without an image, and stars whose image has
-             left their box, are searched for
-    Returns  the spots, each as the star of its box, and `images` after this exposure
+    images   images of stars after the previous exposure. Stars without an image, and stars whose
+             image has left their box, are searched for
+    Returns  the spots, their matches with the stars of their boxes, and `images` after this
+             exposure
     """
     star, place = targets(case, camera, expected)
     flux = believed_electrons(case)[star]
@@ -94,7 +96,7 @@ def boxes_in_windows(
 
 
 def matched(case: Case, taken: Taken, star: Ints, camera: Camera, expected: Rotation) -> Matches:
-    """Each spot as the star of its box; the solver rejects false ones."""
+    """Match each spot with the star of its box; the solver rejects false spots."""
     star = star[taken.found]
     direction = open_sky(case.believed_catalog).stars.direction[star]
     spot = np.arange(len(star))
@@ -110,8 +112,7 @@ def matched(case: Case, taken: Taken, star: Ints, camera: Camera, expected: Rota
 
 
 def agreeing(tracker: Tracker) -> Tracker:
-    """The tracker with a solver that keeps the largest set of agreeing stars, to reject false
-    ones."""
+    """The tracker with a solver that keeps the largest set of agreeing stars (rejects others)."""
     return replace(tracker, attitude=replace(tracker.attitude, sift=True))
 
 
@@ -126,12 +127,12 @@ def _electrons(case: Case, catalog: Selection) -> Floats:
     return electrons_of(replace(case, catalog=catalog, tracker=tracker))
 
 
-SIDE = 16  # stars along a side of the detector that is drawn
-TIMES = 2  # exposures of each star
+SIDE = 16  # number of stars along a side of the drawn detector
+TIMES = 2  # number of exposures of each star
 STEP = 2  # every second magnitude of a chart is drawn
-FEWEST = 8  # stars of a magnitude, below which no error is stated
+FEWEST = 8  # least number of stars of a magnitude for which errors are stated
 MEDIAN = 0.6745  # median absolute value of a normal error, over its sigma
-NEAR = 1.0  # pixel from the true place, within which a spot is taken for the star
+NEAR = 1.0  # pixel, distance from the true place within which a spot is the star
 
 
 @core.printed
@@ -141,10 +142,10 @@ class SingleStars(NamedTuple):
     magnitude  (m,) G of a sunlike star
     measured   (m,) 1, fraction of the stars that are found, false spots not counted
     stated     (m,) error that the tracker states: noise, and the light outside the box
-    temporal   (m,) from exposure to exposure on the same pixels
-    method     (m,) over places in the pixel, without noise on equal pixels
-    total      (m,) over exposures, places and pixels, without the shift that all stars share
-    usual      (m,) the same without the few stars that hot pixels move far
+    temporal   (m,) error from exposure to exposure on the same pixels
+    method     (m,) error over places in the pixel, without noise and on equal pixels
+    total      (m,) error over exposures, places and pixels, without the shift that all stars share
+    usual      (m,) `total` without the few stars that hot pixels shift far
     """
 
     magnitude: Annotated[Floats, Unit("mag")]
@@ -160,14 +161,13 @@ class SingleStars(NamedTuple):
 def boxed_stars(case: Case, seed: int = 0) -> SingleStars:
     """Draw stars at random places, each on other pixels, find them in boxes and follow them.
 
-    The usual error is the median absolute error over the one of a unit normal error.
+    The usual error is the median absolute error over the median absolute value of a standard normal
+    variable. The magnitudes are those of the tracker's catalogue at which no star saturates.
 
-    The magnitudes, of the tracker's catalogue, are such that no star saturates.
-
-    Accuracy  model: a star moves neither within an exposure nor between the exposures that give the
-              temporal error; pixels flicker between these two exposures. numerical: 3 % (1 sigma)
-              where the errors are normal; few hot pixels make most of the total of aged detectors,
-              which varies more.
+    Accuracy  model: a star moves neither within an exposure nor between the two exposures that give
+              the temporal error; pixels flicker between these two exposures. numerical: 3 % (1
+              sigma) if the errors are normal. In aged detectors a few hot pixels cause most of the
+              total, which then varies more.
     """
     size, peak = scale(case), float(point_images(case).max())
     of_chart = magnitudes(case, case.believed_catalog.limit_g)
@@ -181,10 +181,10 @@ def boxed_stars(case: Case, seed: int = 0) -> SingleStars:
 class _Field(NamedTuple):
     """A case whose detector has a box for each of n stars.
 
-    place      (n, 2) pixel, true
-    expected   (n, 2) pixel, where the tracker expects them
-    point      (rows, columns) fraction of a star's light, of all stars together
-    half_side  pixel, of a box
+    place      (n, 2) pixel, true places of the stars
+    expected   (n, 2) pixel, places where the tracker expects the stars
+    point      (rows, columns) fraction of a star's light in each pixel, sum over all stars
+    half_side  pixel, half side of a box
     """
 
     case: Case

@@ -1,4 +1,4 @@
-"""One trial: one line for each room, in the order of the light."""
+"""One trial from stars to outcome: one line for each stage, in the order of the light."""
 
 import math
 from collections.abc import Sequence
@@ -40,7 +40,7 @@ from startrack.trial.covariance import outcomes as drawn_outcomes
 from startrack.trial.spots import spots_of
 from startrack.trial.window import spots_in_windows
 
-MANY = 0.8  # of the matches with the better sign of a motion: with fewer, a sign is not tried
+MANY = 0.8  # a sign of the motion with fewer than 0.8 of the other sign's matches is not compared
 
 
 @printed
@@ -49,7 +49,7 @@ class Record:
     """All results of one trial.
 
     icrs_to_camera  true attitude at the middle of the exposure
-    path            true motion around it; its first and last points are the start and the end
+    path            true motion relative to this attitude, from the start to the end of the exposure
     """
 
     icrs_to_camera: Rotation
@@ -73,7 +73,7 @@ def run_trials(
     fidelity: Fidelity = Fidelity.FRAME,
     icrs_to_camera: Rotation | None = None,
 ) -> Rows:
-    """The outcomes of some trials of a seed; each does not depend on which others are run.
+    """The outcomes of some trials of a seed; each is independent of the other trials that are run.
 
     icrs_to_camera  a true attitude for each; None: the random ones of `run_random_trial`
     Returns  (n,) structured array: `trial` and the fields of Outcome
@@ -113,7 +113,7 @@ def run_random_trial(
 def run_trial(
     case: Case, icrs_to_camera: Rotation, streams: Streams, fidelity: Fidelity = Fidelity.FRAME
 ) -> Outcome:
-    """The outcome of a trial at a given attitude. Raises as `run_random_trial`."""
+    """The outcome of a trial at a given attitude; exceptions as for `run_random_trial`."""
     if fidelity is Fidelity.FRAME:
         return observe(case, icrs_to_camera, streams).outcome
     if fidelity is Fidelity.COVARIANCE:
@@ -162,10 +162,11 @@ def observe(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Record:
 def frame_at(
     case: Case, icrs_to_camera: Rotation, streams: Streams, turn: MotionRealisation | None = None
 ) -> tuple[Frame, core.Stars, core.LineOfSight]:
-    """The frame of a matrix, or the image of lines that sweep over the sky; its stars and path.
+    """The frame of a matrix, or the image of scanning lines; also its stars and path.
 
     icrs_to_camera  true attitude at the middle of the exposure
-    turn            how the camera moves about it; None: as the design has it. Not for lines
+    turn            motion of the camera relative to this attitude; None: the motion of the design.
+                    Not for lines
     """
     instrument = case.instrument
     stars = stars_in_field(open_sky(case.catalog), icrs_to_camera, instrument.camera)
@@ -178,7 +179,7 @@ def frame_at(
 
 
 def _detected(case: Case, frame: Frame) -> Spots:
-    """The spots of a frame; those of lines where a matrix would have them at time zero."""
+    """The spots of a frame; spots of scanning lines are moved to their places at time zero."""
     detector = case.as_designed.instrument.detector
     spots = detect(as_believed(case, frame), detection_plan(case))
     if not detector.scan:
@@ -191,8 +192,8 @@ def _detected(case: Case, frame: Frame) -> Spots:
 def _detected_turning(case: Case, frame: Frame) -> tuple[Spots, Matches]:
     """Spots and matches of a frame by a tracker that is given no rate.
 
-    With a rolling shutter the sign of the rate matters: the tracker takes the sign with the better
-    match of about as many stars.
+    With a rolling shutter, the spots depend on the sign of the rate. Of two signs with about the
+    same number of matched stars, the tracker takes the sign with the better match.
     """
     x, y = seen_smear(case, frame)
     spots = detect(as_believed(case, frame), detection_plan(case, smear=(x, y)))
@@ -219,8 +220,7 @@ def _at_one_time(case: Case, spots: Spots) -> Spots:
 
 
 def searched(case: Case, frame: Frame) -> Frame:
-    """A frame as its tracker searches it: dark map subtracted, hot pixels set to their
-    neighbours."""
+    """The frame that the tracker searches: dark map subtracted, hot pixels interpolated."""
     plan = detection_plan(case)
     if plan.correction is None:
         return frame
@@ -229,7 +229,7 @@ def searched(case: Case, frame: Frame) -> Frame:
 
 
 def _identified(case: Case, spots: Spots) -> Matches:
-    """The spots as stars of the tracker's catalogue."""
+    """Match the spots with stars of the tracker's catalogue."""
     indexes, camera = pattern_indexes(case.believed_catalog), case.believed_camera
     return identify(spots, camera, indexes.stars, indexes(camera), case.tracker.identification)
 
@@ -253,13 +253,12 @@ def lost_in_space(
 ) -> tuple[Spots, Matches, Estimate]:
     """Run the flight software on a frame, real or rendered.
 
-    camera     as the tracker believes it
-    indexes    of the tracker's catalogue
-    tracker    its settings; if they include its motion, stars are measured as streaks of this
-               motion
-    psf        as the tracker believes it; None: a Gaussian
-    knowledge  of its errors, `startrack.response.knowledge_of` a design; None: each star has the
-               systematic error tracker.attitude.centroid_floor
+    camera     camera that the tracker assumes
+    indexes    pattern indexes of the tracker's catalogue
+    tracker    settings; if they include a motion, stars are measured as streaks of this motion
+    psf        PSF that the tracker assumes; None: a Gaussian
+    knowledge  knowledge of the tracker's errors, from `startrack.response.knowledge_of`; None: each
+               star has the systematic error tracker.attitude.centroid_floor
     """
     settings = tracker.detection
     if tracker.motion and math.isfinite(frame.exposure):
@@ -297,9 +296,9 @@ def solve_matches(
 def shrunk(
     spots: Spots, matches: Matches, tracker: Tracker, stretch: Floats
 ) -> tuple[Spots, Matches]:
-    """Spots moved to where sunlike stars would be, and the focal length of sunlike stars.
+    """Spots corrected for their stars' colour, with the focal length of sunlike stars.
 
-    stretch  (n,) 1, by which the focal length is longer for each star of the catalogue
+    stretch  (n,) 1, relative excess of the focal length for the colour of each catalogue star
     """
     x, y = spots.x.copy(), spots.y.copy()
     longer = 1 + stretch[matches.star]
@@ -313,5 +312,5 @@ def shrunk(
 
 @lru_cache(maxsize=16)
 def pattern_indexes(catalog: Selection) -> PatternIndexes:
-    """The pattern indexes of a tracker's catalogue; those of the 16 last catalogues are kept."""
+    """The pattern indexes of a tracker's catalogue; cached for the last 16 catalogues."""
     return PatternIndexes(open_sky(catalog).stars)

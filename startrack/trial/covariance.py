@@ -24,15 +24,15 @@ from startrack.trial.spot_plan import SpotPlan, plan_spots, refuse
 from startrack.trial.spots import false_spots, sights, trial_keys
 
 UNIT = np.eye(2)
-SURPRISE = 1e-3  # probability, below which noise does not explain the residuals; as in `solve`
+SURPRISE = 1e-3  # probability of the residuals by noise below which it does not explain them
 
 
 class Fitted(NamedTuple):
     """Attitudes of m trials.
 
     icrs_to_camera  m rotations
-    covariance      (m, 3, 3) radian^2, that the tracker states
-    observed        (m,) whether the stars fix the attitude
+    covariance      (m, 3, 3) radian^2, covariance that the tracker states
+    observed        (m,) whether the stars determine the attitude
     """
 
     icrs_to_camera: Rotation
@@ -52,9 +52,11 @@ def fitted(
     """Attitudes of m trials with up to n stars each, as `solve` finds them.
 
     matrix     (m, 3, 3) true icrs_to_camera, at which the identification predicts its stars
-    seen       (m, n, 2) pixel;  reference  (m, n, 3) directions, in front of the camera
-    noise      (m, n, 2, 2) pixel^2;  hot  (m, n) pixel^2, as `TrackerKnowledge.hot`
-    there      (m, n) whether each of the n exists
+    seen       (m, n, 2) pixel, measured places
+    reference  (m, n, 3) directions of the stars, in front of the camera
+    noise      (m, n, 2, 2) pixel^2, covariance of the noise
+    hot        (m, n) pixel^2, as `TrackerKnowledge.hot`
+    there      (m, n) whether the star exists
     """
     camera, tolerance = case.believed_camera, case.tracker.identification.focal_tolerance
     if tolerance:
@@ -69,7 +71,7 @@ def fitted(
     plane, focal = observed[..., :2] / observed[..., 2:], camera.focal_length_px
     inverse = there[..., None, None] * _inverse(noise)
     best = refine_all(plane, inverse, reference, focal, matrix, tolerance)
-    # As in the tracker's solver, when the noise does not explain the residuals.
+    # Enlarged as in the tracker's solver if the noise does not explain the residuals.
     freedom = np.maximum(2 * there.sum(axis=1) - (4 if tolerance else 3), 1)
     chance = special.chdtrc(freedom, best.chi_square)
     excess = np.where(chance < SURPRISE, best.chi_square / freedom, 1.0)
@@ -135,8 +137,8 @@ def _scales(
     return scale
 
 
-BLOCK = 1024  # trials that are drawn together
-TOGETHER = 64  # trials that are solved together
+BLOCK = 1024  # number of trials that are drawn together
+TOGETHER = 64  # number of trials that are solved together
 
 
 def outcomes(
@@ -153,14 +155,15 @@ def outcomes(
     These values come from the tracker's detection. It measures noise-free stars, rendered with
     smear and the response of the pixels, in steps of half a magnitude at 36 positions in the pixel.
 
-    icrs_to_camera  a true attitude for each; None: those of the same trials of other fidelities
-    plan            of the case; None: `plan_spots`
+    icrs_to_camera  a true attitude for each; None: the attitudes of these trials in all fidelities
+    plan            plan of the case; None: `plan_spots`
     Returns  (n,) structured array, as `judge_all` gives it, in the order of `numbers`
     Raises    ValueError with the effect that needs an image.
     Accuracy  model: normal errors, to first order in the noise; single stars with the smear of the
               field's centre and shifts by companions; false spots are counted and never matched.
-              On the example the rms attitude error agrees with frames within 5 %; in crowded fields
-              it is 10 % smaller, because frames have merged stars with larger errors.
+              For the example design the rms attitude error agrees with frames within 5 %. In
+              crowded fields it is 10 % smaller, because frames have merged stars with larger
+              errors.
     """
     refuse(case)
     require_least_squares(case)
@@ -179,11 +182,11 @@ def outcomes(
 class Drawn(NamedTuple):
     """Draws of m trials, up to n stars each.
 
-    pixel     (m, n, 2) x and y of the centroids
+    pixel     (m, n, 2) pixel, x and y of the centroids
     star      (m, n) index into the field of the plan
     noise     (m, n, 2, 2) pixel^2, covariances of the noise
     matched   (m,) number of matched stars, at most n
-    spots     (m,) number of spots, false ones included
+    spots     (m,) number of spots, false spots included
     """
 
     pixel: Floats
@@ -241,7 +244,7 @@ def _tried(
 
 @kernel
 def _draw(attitude: Floats, keys: NDArray[np.uint64], plan: SpotPlan, drawn: Drawn) -> None:
-    """Write the detected stars of each trial, and how many matches and spots it has."""
+    """Write the detected stars of each trial, and the numbers of its matches and spots."""
     _, _, field, _, view, gate, false, through, _ = plan
     most = drawn.star.shape[1]
     flux = np.empty(most)
@@ -249,7 +252,7 @@ def _draw(attitude: Floats, keys: NDArray[np.uint64], plan: SpotPlan, drawn: Dra
         count = others = 0
         for seen in sights(attitude[n], keys[n], plan):
             i = seen.star
-            # The tracker's focal length for the star's colour.
+            # The tracker assumes a focal length for the star's colour.
             stretch = field.stretch[i] / (1 + field.stretch[i])
             dx = seen.dx - stretch * (seen.x + seen.dx - view.centre_x)
             dy = seen.dy - stretch * (seen.y + seen.dy - view.centre_y)
@@ -262,7 +265,7 @@ def _draw(attitude: Floats, keys: NDArray[np.uint64], plan: SpotPlan, drawn: Dra
                 others += 1
                 continue
             at = count
-            if count == most:  # the brightest are kept
+            if count == most:  # the brightest stars are kept
                 at = int(np.argmin(flux))
                 if flux[at] >= field.flux[i]:
                     continue

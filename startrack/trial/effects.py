@@ -1,7 +1,7 @@
-"""The effects of designs, one row each: which parts of startrack count, refuse or omit an effect.
+"""Table of the effects of designs: which parts of startrack count, refuse or omit each.
 
-By this table `require_fidelity` refuses cases, and `startrack.budget` counts causes and lists the
-effects that it leaves out. Effects that make pixels depend on each other are rows of
+`require_fidelity` refuses cases by this table. `startrack.budget` takes from it the causes of error
+and the effects that it leaves out. Effects that make pixels depend on each other are rows of
 `PIXEL_EFFECTS`.
 """
 
@@ -18,13 +18,13 @@ from startrack.response import LENS_FIELD, dark_currents
 from startrack.scene import LIGHTS
 
 MOST_ROLL = 0.5  # pixel of smear in the corner, by rotation about the boresight; chosen by hand
-SHARED = 0.3  # of the noise of a pixel: the part that a row or a column shares
+SHARED = 0.3  # limit of the noise that a row or a column shares, over the noise of a pixel
 HITS = "hits"
 JITTER, JITTER_OF_HEAD = "jitter", "jitter of the head"
 DSNU = "DSNU"
 SHUTTER = "rolling shutter"
 LENS_COLOUR = "lateral colour"
-# Of the signal of a pixel, and the values without them.
+# Parameters that change the signal of a pixel, with the values that have no effect.
 NONLINEAR = {
     "settling": 0.0,
     "impulse_response": (),
@@ -36,10 +36,10 @@ NONLINEAR = {
 
 
 class Term(StrEnum):
-    """The parts of a star tracker's error by their names in ECSS-E-ST-60-20C, and other errors.
+    """The classes of a star tracker's error by their names in ECSS-E-ST-60-20C, and other errors.
 
     The motion of the platform within an exposure is an error of the attitude that is reported for
-    its middle. But all heads share it, and it is no error of the sensor.
+    mid-exposure. But all heads share it, and it is not an error of the sensor.
     """
 
     BIAS = "bias"
@@ -52,20 +52,22 @@ class Term(StrEnum):
     PLATFORM = "platform motion"
 
 
-# With what "{case.instrument. ...}" stands for, or made from the case.
+# A text with fields such as "{case.instrument. ...}", or a function that makes it from the case.
 Phrase = str | Callable[[Case], Iterable[str]]
 
 
 class Effect(NamedTuple):
     """An effect that some designs have.
 
-    key         of the design
-    present     whether a case has it
-    cause       its name as a cause of error; "": it is none
-    term        that the cause belongs to
-    without     gives the case without it; the sky and all other draws stay the same
-    drawn       its name in refusals by drawn spots and their covariance; "": they have it
-    window      phrase: what the design must have instead for windows; "": they have it
+    key         key of the design
+    present     function: whether a case has the effect
+    cause       name of the effect as a cause of error; "": it is not a cause
+    term        class of error to which the cause belongs
+    without     function that returns the case without the effect; the sky and all other draws stay
+                the same
+    drawn       name of the effect in refusals by drawn spots and their covariance; "": they include
+                it
+    window      phrase: what the design must have instead for windows; "": they include it
     covariance  the same for the fidelity covariance alone
     left_out    phrases: effects that the error budget leaves out; none: it counts the effect
     """
@@ -87,7 +89,7 @@ class Effect(NamedTuple):
 
 
 def _flawless(case: Case) -> Case:
-    """All pixels alike; losses of light and of charge transfer by ageing stay."""
+    """The case with equal pixels; losses of light and of charge transfer by ageing stay."""
     detector = case.instrument.detector
     mean, _ = dark_currents(detector)
     age = detector.age and detector.age.undamaged
@@ -110,14 +112,14 @@ def _calibrated(case: Case) -> Case:
 
 
 def _misbelieved(*names: str) -> Callable[[Case], bool]:
-    """Whether the tracker's catalogue and the sky differ in these values."""
+    """Function: whether the tracker's catalogue and the sky differ in these values."""
     return lambda case: any(
         getattr(case.catalog, name) != getattr(case.believed_catalog, name) for name in names
     )
 
 
 def _believed_right(*names: str) -> Callable[[Case], Case]:
-    """The case whose tracker's catalogue has the values of the sky."""
+    """Function: the case whose tracker's catalogue has the values of the sky."""
     return lambda case: replaced(
         case,
         "tracker.catalog",
@@ -151,7 +153,7 @@ def _shining(case: Case) -> list[str]:
 
 
 def _unmodelled_air(case: Case) -> list[str]:
-    """Effects of the air above a camera that no fidelity has, with their size."""
+    """Effects of the air above a camera that no fidelity includes, with their size."""
     sky, half = case.scene.sky, case.instrument.camera.half_diagonal
     if sky is None:
         return []
@@ -182,7 +184,7 @@ def _shares_noise(case: Case) -> bool:
 
 
 def _jitters(of: str) -> Callable[[Case], bool]:
-    """Whether a case has jitter with a spectrum, of the platform or of the head."""
+    """Function: whether a case has jitter with a spectrum, of the platform or of the head."""
 
     def jitters(case: Case) -> bool:
         motion = case.instrument.motion
@@ -192,13 +194,12 @@ def _jitters(of: str) -> Callable[[Case], bool]:
 
 
 def _sheared(case: Case) -> bool:
-    """Whether rows have time differences that the tracker does not correct by the rates it
-    knows."""
+    """Whether rows have time differences that the tracker does not correct by known rates."""
     turn = case.instrument.detector.row_delay * case.instrument.motion.rates
     return bool((turn != case.believed_row_delay * case.believed_motion.rates).any())
 
 
-# Rows with a cause are in the order of the causes, from pixels to the spacecraft.
+# Rows with a cause are in the order of the causes, from the pixels to the spacecraft.
 EFFECTS = [
     Effect(
         "instrument.detector.charge_effects, signal_effects, image_effects",
@@ -230,7 +231,7 @@ EFFECTS = [
         window="the search by a matched filter, so that tracker.detection.search must not be "
         "{case.tracker.detection.search}",
         left_out=lambda case: [
-            f"the search by {name}: that of a matched filter is assumed (tracker.detection.search)"
+            f"the search by {name}: a matched filter is assumed (tracker.detection.search)"
             for name in [case.tracker.detection.search]
             if is_code(name)
         ],
@@ -240,7 +241,7 @@ EFFECTS = [
         lambda case: case.tracker.rate == "images",
         drawn="a rate from the images",
         window="a rate that is known, so that tracker.rate must not be images",
-        left_out="what is lost where a rate is taken from the images (tracker.rate)",
+        left_out="errors of a rate that is taken from the images (tracker.rate)",
     ),
     Effect(
         "instrument.motion.tones, broadband",
@@ -373,7 +374,7 @@ EFFECTS = [
     Effect(
         "instrument.detector.lag",
         lambda case: case.instrument.detector.lag and case.instrument.motion.rate,
-        left_out="residual charge of the frame before (detector.lag)",
+        left_out="residual charge of the previous frame (detector.lag)",
     ),
     Effect(
         "instrument.detector.blooming",
@@ -405,14 +406,14 @@ EFFECTS = [
     Effect(
         "instrument.residual",
         lambda case: case.instrument.residual and not case.instrument.residual.seed,
-        left_out="displacements of {case.instrument.residual.rms:g} pixel that a unit has "
+        left_out="displacements of {case.instrument.residual.rms:g} pixel in a unit "
         "(instrument.residual)",
     ),
     Effect(
         "tracker.acquisition",
         lambda case: case.tracker.acquisition == "box",
         drawn="acquisition in boxes",
-        left_out="false things that boxes take where few are true stars (tracker.box)",
+        left_out="false spots in boxes when few boxes hold stars (tracker.box)",
     ),
     Effect(
         "instrument.detector.pattern",
@@ -466,7 +467,7 @@ EFFECTS = [
 
 
 def present(column: str, case: Case) -> list[Effect]:
-    """The effects that a case has, of those that have something in a column of the table."""
+    """The effects of a case that have an entry in a column of the table."""
     return [effect for effect in EFFECTS if getattr(effect, column) and effect.present(case)]
 
 
@@ -476,8 +477,7 @@ def said(column: str, case: Case) -> list[str]:
 
 
 def left_out(case: Case) -> list[str]:
-    """Effects of a design that the error budget leaves out, by this table alone; one phrase
-    each."""
+    """Effects of a design that the error budget leaves out, by this table; a phrase each."""
     of_pixels = [
         f"{effect.left_out} (detector.{effect.key})"
         for effect in PIXEL_EFFECTS
@@ -512,7 +512,7 @@ def require_no_image(case: Case) -> None:
 
 
 def require_least_squares(case: Case) -> None:
-    """Refuse effects that the covariance of drawn spots cannot have.
+    """Refuse effects that the covariance of drawn spots cannot include.
 
     Raises  Refused, with the necessary change of the design.
     """

@@ -43,19 +43,19 @@ from startrack.response import (
 from startrack.trial.effects import require_least_squares, require_no_image, require_window
 
 FAINTEST = 4.5  # sigma below the threshold, where a star passes 3 times in a million
-LEAST = 0.5  # sigma, lower limit, or all stars would count at low thresholds; by hand
-CROWDED = 0.1  # limit of spots by hot pixels over spots that are kept; chosen by hand
+LEAST = 0.5  # sigma of the faintest stars, lower limit for low thresholds; by hand
+CROWDED = 0.1  # limit of the spots by hot pixels over the spots that are kept; chosen by hand
 MARKED = 0.003  # limit of the fraction of pixels that a dark map marks as hot; by hand
 STEPS, COLOURS = 16, 32  # nodes of the shifts by a lens table: along a side, over colour
-TYPICAL = 5.0  # times the faintest flux: flux at which shifts by companions are measured
+TYPICAL = 5.0  # flux at which shifts by companions are measured, over the faintest flux
 
 
 class SpotField(NamedTuple):
     """The stars that can be detected, in order of the last coordinate of their directions.
 
     direction   (n, 3) unit vectors, true
-    believed    (n, 3) unit vectors, in the tracker's catalogue
-    known       (n,) whether they are in that catalogue
+    believed    (n, 3) unit vectors in the tracker's catalogue
+    known       (n,) whether the star is in the tracker's catalogue
     flux        (n,) logarithm of electrons
     number      (n,) index into the sky, which selects the star's random numbers
     systematic  (n,) pixel^2 per axis, systematic variance that the tracker assumes
@@ -80,11 +80,11 @@ class SpotField(NamedTuple):
 class Through(NamedTuple):
     """Effect of a lens table on stars of k colours over the frame; empty without one.
 
-    table        (k, q, p, 3) pixel shift x and y; logarithm of the relative flux
-    step_x, _y   pixel, between two places
-    wide, high   pixel, of a zone
-    across       zones in a row
-    down         zones in a column
+    table        (k, q, p, 3) shift in x and y, pixel; logarithm of the relative flux
+    step_x, _y   pixel, distance between two nodes of the table
+    wide, high   pixel, width and height of a zone
+    across       number of zones in a row
+    down         number of zones in a column
     slack        pixel^2 per axis, mean square of a unit's residual: the solver's gate grows with
                  the typical residual
     """
@@ -102,8 +102,8 @@ class Through(NamedTuple):
 class Companions(NamedTuple):
     """The neighbours of each of the n stars of a `SpotField`.
 
-    start      (n + 1,) neighbours of star i are start[i] to start[i + 1]
-    direction  (k, 3) unit vectors
+    start      (n + 1,) the neighbours of star i are those from start[i] to start[i + 1]
+    direction  (k, 3) unit vectors of the neighbours
     flux       (k,) logarithm of electrons
     """
 
@@ -115,9 +115,9 @@ class Companions(NamedTuple):
 class SpotView(NamedTuple):
     """A camera and the part of its frame that is searched, for the kernels.
 
-    focal .. k3   as in Camera; centre_x, centre_y of the principal point, pixel
+    focal .. k3   as in Camera; centre_x, centre_y: principal point, pixel
     border        pixel, least distance of a star from the edge
-    cosine        of the angle from the boresight to the farthest corner
+    cosine        cosine of the angle from the boresight to the farthest corner
     """
 
     columns: int
@@ -140,18 +140,18 @@ NO_LENS = Through(np.zeros((0, 1, 1, 3)), 1.0, 1.0, 1.0, 1.0, 1, 1, 0.0)
 class SpotPlan(NamedTuple):
     """Values that all trials of a case share.
 
-    response    of the detection to single stars
-    pull        of `companion_shift`
+    response    response of the detection to single stars
+    pull        shifts by companions, from `companion_shift`
     field       the stars that can be detected
-    companions  stars near these
+    companions  neighbours of these stars
     view        the true camera
-    gate        sigma, of the solver
+    gate        sigma, gate of the solver
     false       expected number of false spots in a frame
     through     effect of a lens table
     hot         effect of hot pixels on the centroids of stars
 
-    Accuracy  model: leaves out hot pixels near companions, and noise that changes the order of
-    brightness of two spots.
+    Accuracy  model: leaves out hot pixels near companions, and changes by noise in the order of
+              brightness of two spots.
     """
 
     response: SpotResponse
@@ -168,14 +168,14 @@ class SpotPlan(NamedTuple):
 def refuse(case: Case) -> None:
     """Refuse effects that need an image.
 
-    Raises  ValueError that names it.
+    Raises  ValueError that names the effect.
     """
     require_no_image(case)
     _refuse_crowded(case)
 
 
 def _refuse_crowded(case: Case) -> None:
-    """Refuse designs with many hot pixels, which displace stars from the list of spots."""
+    """Refuse designs with many hot pixels: they replace stars in the list of spots."""
     pattern = dark_pattern(case)
     if pattern is None:
         return
@@ -198,10 +198,10 @@ def _refuse_crowded(case: Case) -> None:
 
 
 class FluxLimits(NamedTuple):
-    """The stars that a plan holds.
+    """The stars of a plan.
 
-    faintest, brightest  electrons, between which stars are measured
-    found                (n,) indices into the sky, in order of the last coordinate
+    faintest, brightest  electrons, range in which stars are measured
+    found                (n,) indices of the stars in the sky, in the order of their last coordinate
     """
 
     faintest: float
@@ -236,7 +236,7 @@ def limits_of(case: Case) -> FluxLimits:
 
 @kept(8)
 def plan_spots(case: Case) -> SpotPlan:
-    """Measure the stars of a case; kept for the 8 last cases."""
+    """Measure the stars of a case; cached for the last 8 cases."""
     return plan_within(case, limits_of(case))
 
 
@@ -333,7 +333,7 @@ def _colour_nodes(case: Case) -> Floats:
 def _shifts(case: Case) -> Floats:
     """`Through.table` of a lens table: `centroid_shift` in small steps.
 
-    Linear interpolation between them errs by 0.001 pixel where the shift is a tenth of a pixel.
+    Linear interpolation between the nodes has an error of 0.001 pixel for a shift of 0.1 pixel.
     """
     camera, shift = case.instrument.camera, centroid_shift(case)
     x = np.linspace(-0.5, camera.columns - 0.5, STEPS + 1)

@@ -33,7 +33,7 @@ from startrack.response import (
 )
 from startrack.trial.spot_plan import SpotPlan, Through, plan_spots, refuse
 
-MARGIN = 8.0  # pixel beyond the frame; a lens table moves no star from farther into it
+MARGIN = 8.0  # pixel; a lens table moves no star into the frame from farther outside it
 FALSE = np.uint64(2**63)  # key of the draws of false spots; numbers of stars are smaller
 
 
@@ -54,7 +54,7 @@ SIGHT = np.dtype(
 
 @kernel
 def sights(a: Floats, key: np.uint64, plan: SpotPlan) -> Rows:
-    """The stars (k,) that are detected in the trial of a key, at the attitude `a`."""
+    """The stars (k,) that are detected at the attitude `a`, in the trial with a key."""
     response, pull, field, companions, view, _, _, through, hot = plan
     near = in_view(a, field.direction, view)
     sighted = np.empty(len(near), SIGHT)
@@ -110,7 +110,7 @@ def false_spots(key, mean):  # type: ignore[no-untyped-def]
 
 @kernel
 def in_view(a, direction, view):  # type: ignore[no-untyped-def]
-    """Stars (k,) in the cone around the frame, of directions (n, 3) sorted by z."""
+    """Indices (k,) of the stars in the cone around the frame; directions (n, 3) sorted by z."""
     first, last = belt(direction, a[2, 2], math.acos(view.cosine))
     inside = np.empty(last - first, np.int64)
     count = 0
@@ -230,7 +230,7 @@ def _pulled(dx: float, dy: float, ratio: float, pull: Floats) -> tuple[float, fl
     return x / total, y / total
 
 
-ROWS = 3  # iterations; each reduces the error by the pixels a star moves in a row's time
+ROWS = 3  # iterations; each multiplies the error by the motion of a star between two rows (pixel)
 ROW = 7  # columns: x, y, flux, its sigma, xx, xy, yy
 
 
@@ -240,13 +240,13 @@ def spots_of(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Spots:
         s = 1 + blur N(0, 1),   flux = s expected flux
         centroid = projection + (bias + root N(0, 1)) / s,   covariance = root root^T / s^2
 
-    Stars are those of `outcomes`, including stars that the tracker's catalogue lacks. Noise that
-    lifts a star over the threshold also makes it brighter; its error, divided by the flux, becomes
-    smaller. A star is at its mean place in the exposure, jitter included. All trials have the mean
-    blur by jitter; its variation between trials is left out. With a rolling shutter each star is at
-    its place at the time of its row, by the rates alone. False spots are distributed uniformly.
-    They have the covariance of stars at the threshold, and exceed the threshold by the tail of a
-    normal distribution.
+    The stars are those of `outcomes`, including stars that the tracker's catalogue lacks. Noise
+    that lifts a star over the threshold also makes it brighter. Its error, which is divided by the
+    flux, then becomes smaller. A star is at its mean place in the exposure, jitter included. All
+    trials have the mean blur by jitter; its variation between trials is left out. With a rolling
+    shutter each star is at its place at the time of its row, by the rates alone. False spots are
+    distributed uniformly. They have the covariance of stars at the threshold. Their excess over the
+    threshold is drawn from the tail of a normal distribution.
 
     icrs_to_camera  true attitude at the middle of the exposure
     Returns         Spots, brightest first; their areas are unknown and set to 0
@@ -265,12 +265,12 @@ def spots_of(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Spots:
 
 
 def _rolled(instrument: Instrument, place: Floats) -> Floats:
-    """Places (n, 2) at the middle of the frame's exposure -> those at the time of their rows."""
+    """Places (n, 2) at the time of their rows, from places at the middle of the exposure."""
     detector, camera, motion = instrument.detector, instrument.camera, instrument.motion
     if not (detector.row_delay and motion.rate and len(place)):
         return place
     direction, moved = camera.unproject(place), place
-    for _ in range(ROWS):  # the row to which the star has moved
+    for _ in range(ROWS):  # time of the row to which the star has moved
         late = detector.row_delay * (moved[:, 1] - (camera.rows - 1) / 2)
         turn = Rotation.from_rotvec(np.multiply.outer(-late, motion.rates))
         moved = camera.project(turn.apply(direction))
@@ -293,7 +293,7 @@ def _draw(a: Floats, key: np.uint64, plan: SpotPlan) -> Floats:
 
 @kernel
 def _write(row, seen):  # type: ignore[no-untyped-def]
-    """Write a star; noise that makes it brighter makes its error smaller."""
+    """Write a star; noise that makes it brighter also makes its error smaller."""
     fraction = max(1 + seen.blur * seen.surplus, seen.blur)
     row[0], row[1] = seen.x + seen.dx / fraction, seen.y + seen.dy / fraction
     row[2], row[3] = seen.flux * fraction, seen.flux * seen.blur

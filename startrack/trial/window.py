@@ -58,17 +58,18 @@ from startrack.observation import (
 from startrack.trial.effects import require_window
 
 Smear = tuple[float, float] | None
-SAMPLES = 16  # frames, whose background and noise represent all frames
+SAMPLES = 16  # number of frames whose background and noise represent all frames
 SAMPLE_SEED = 2**63 - 1
 FAINTEST = 4.5  # sigma below the threshold, where a star passes 3 times in a million
-DARKEST = 0.1  # sigma of the filtered frame; a star that adds less moves no false spot
+DARKEST = 0.1  # sigma of the filtered frame; a star that adds less changes no false spot
 LEAST_HALF = 3  # pixel, least half side of a star's window; chosen by hand
-# Standard deviations of a pixel: outliers deviate by more in their expectation. Each outlier costs
-# a window. All other pixels raise the number of crossings, and so of proposals.
+# Limits of the deviation of a pixel's mean, in sigma of its noise; pixels beyond are outliers. Each
+# outlier costs a window. All other pixels raise the number of crossings, and so of proposals.
 OUTLIER_LIMITS = (4.0, 2.0, 1.2, 0.6)
-# Time over that of a pixel in a whole frame, measured on frames of 512 and 1024 pixels a side.
-WINDOW_PIXEL = 3.0  # a pixel that is rendered in a window
-PROPOSAL = 300.0  # a proposal of a crossing, with the windows of those that are accepted
+# Times in units of the time of a pixel in a whole frame, measured on frames of 512 and 1024 pixels
+# a side.
+WINDOW_PIXEL = 3.0  # time of a pixel that is rendered in a window
+PROPOSAL = 300.0  # time of a proposal of a crossing, windows of accepted proposals included
 
 
 def spots_in_windows(
@@ -82,15 +83,15 @@ def spots_in_windows(
     """The spots of a frame; only windows of the frame are rendered and searched.
 
     Around each star that may be detected, and around each outlier pixel, a window is rendered with
-    the numbers of the whole frame. Elsewhere only noise makes spots: the pixels where noise exceeds
-    the search level are drawn from their exact distribution, with the numbers around them. The
-    search takes background and noise from one of 16 whole frames of the design. If the windows
+    the same numbers as in the whole frame. Elsewhere only noise makes spots. The pixels where noise
+    exceeds the search level are drawn from their exact distribution, with the numbers around them.
+    The search takes background and noise from one of 16 whole frames of the design. If the windows
     would take more time than the whole frame, the whole frame is rendered and searched.
 
     icrs_to_camera  true attitude at the middle of the exposure
-    turn            motion of the camera about it; None: drawn as the design says
-    smear           pixel, along x and y, as the tracker believes it; None: that of the design
-    plan            of the case; None: `plan_windows`
+    turn            motion of the camera relative to this attitude; None: drawn by the design
+    smear           pixel along x and y, that the tracker assumes; None: the design's
+    plan            plan of the case; None: `plan_windows`
     Returns         Spots, brightest first
     Raises          ValueError with the part of the design that needs the whole frame.
     Accuracy        statistical: all trials of all seeds take background and noise from the same 16
@@ -124,7 +125,7 @@ def spots_in_windows(
         windows, (weight, x, y), star, plan.psf, detector, sky, streams, plan.workspace, colour
     )
     frame = as_believed(case, frame)
-    # Numbers of noise must not overwrite those around a star, so stars are searched first.
+    # Drawn noise must not overwrite the numbers around a star, so stars are searched first.
     if separate(grown_mask(noisy, plan.spread, *size), windows[: len(regions)]):
         write_numbers(frame, pixel, numbers)
         return detection.detect_within(frame, every, ground, plan.detection)
@@ -138,9 +139,9 @@ def spots_in_windows(
 def frame_in_windows(
     case: Case, icrs_to_camera: Rotation, streams: core.Streams, windows: Ints
 ) -> core.Frame:
-    """A frame with the numbers of the whole frame in windows (w, 4), and its background elsewhere.
+    """A frame that equals the whole frame in windows (w, 4), and is its background elsewhere.
 
-    The whole frame is rendered where its pixels flicker or lights of the scene vary.
+    The whole frame is rendered if its pixels flicker or lights of the scene vary.
     """
     instrument = case.instrument
     if instrument.detector.flickers or case.scene.lights:
@@ -203,7 +204,7 @@ def arrive(
 ) -> tuple[Floats, Floats, Floats | None]:
     """Directions (n, 3) of the points that reach the detector, and their electrons (n,).
 
-    With a lens table, their mean wavelengths (n,) too.
+    With a lens table, also their mean wavelengths (n,).
     """
     camera, detector = case.instrument.camera, case.instrument.detector
     sky = open_sky(case.catalog)
@@ -215,7 +216,7 @@ def arrive(
     light = light_of(case, in_field, icrs_to_camera, streams)
     if light.diffuse:
         raise Refused(
-            "fidelity must be frame where the light of the sky varies over the field, got window"
+            "fidelity must be frame if the light of the sky varies over the field, got window"
         )
     through, colour = throughput(case.instrument), None
     if isinstance(plan.psf, core.FieldPsf):
@@ -230,9 +231,9 @@ def path_points(
     streams: core.Streams,
     turn: MotionRealisation | None = None,
 ) -> tuple[Floats, Floats, Floats]:
-    """Weights (m,), x and y (m, n) of the points of the stars' paths.
+    """Weights (m,), and x and y (m, n), of the points of the stars' paths.
 
-    The residual charge of the frame before is a fainter star at the star's place in that frame.
+    The residual charge of the previous frame is a fainter star at the star's place in that frame.
     """
     path, lag = line_of_sight(instrument, streams, turn), instrument.detector.lag
     views = [(1 - lag, path, motion_function(instrument, streams, turn))]
@@ -253,10 +254,10 @@ def path_points(
 class Noise(NamedTuple):
     """The distribution of noise that exceeds the search level.
 
-    outliers  (k,) row * columns + column of the pixels outside these distributions
+    outliers  (k,) row * columns + column of the pixels to which the distributions do not apply
     numbers   distributions of the numbers of a frame without stars
-    tilt      the same, given that the filtered number exceeds the level
-    grounds   levels of some frames, and the rates of proposals there
+    tilt      the same distributions, given that the filtered number exceeds the level
+    grounds   levels of some frames, and the rates of proposals in them
     """
 
     outliers: Ints
@@ -269,17 +270,18 @@ class Noise(NamedTuple):
 class WindowPlan:
     """Values that all trials of a case share.
 
-    detector   without its lag, which changes stars only, not a uniform background
-    star       (n,) electron of each in the sky, None for a scene with other lights
-    colour     (n,) metre, their mean wavelengths, where the image changes with it
+    detector   detector without its lag, which changes stars only, not a uniform background
+    star       (n,) electron of each star of the sky; None for a scene with other lights
+    colour     (n,) metre, mean wavelengths of the stars, if the image varies with colour
     sky        electron in a pixel of mean response
     psf        images of stars
-    noise      law of false spots; None where whole frames take less time than windows
+    noise      law of false spots; None if whole frames take less time than windows
     threshold  sigma
-    fraction   (k,) 1, of a star's light in a pixel of the filtered frame, at 0, 1, 2, ... pixel
+    fraction   (k,) 1, fraction of a star's light in a pixel of the filtered frame, at a distance of
+               0, 1, 2, ... pixel
     spread     pixel, distance over which a pixel of the filtered frame depends on others
-    detection  of the tracker
-    workspace  of the frames
+    detection  detection plan of the tracker
+    workspace  workspace of the frames
     """
 
     detector: Detector
@@ -297,11 +299,11 @@ class WindowPlan:
 
 @kept(8)
 def plan_windows(case: Case, smear: Smear = None) -> WindowPlan:
-    """Render and measure some frames of a case; kept for the 8 last cases."""
+    """Render and measure some frames of a case; cached for the last 8 cases."""
     instrument = case.instrument
     detector, psf = replace(instrument.detector, lag=0.0), psf_of(instrument)
     require_independent_pixels(detector)
-    # Lights that vary over the field are refused at the attitudes where they do.
+    # Lights that vary over the field are refused later, at the attitudes where they vary.
     require_window(case, "instrument.ghosts", "tracker.detection.search", "tracker.rate")
     sky = sky_electrons(case)
     plan = detection_plan(case, smear=smear)
@@ -326,9 +328,9 @@ def plan_windows(case: Case, smear: Smear = None) -> WindowPlan:
 def noise_of(
     detector: Detector, sky: float, grounds: Sequence[FrameBackground], plan: DetectionPlan
 ) -> Noise | None:
-    """Distributions for the number of outlier pixels with which windows take the least time.
+    """Noise distributions, with the number of outlier pixels for which windows take least time.
 
-    plan     of the detection; a hot pixel of its dark map is not an outlier
+    plan     plan of the detection; a hot pixel of its dark map is not an outlier
     Returns  None if whole frames take less time, or if the noise spans too many digital numbers for
              a table
     """
@@ -366,7 +368,7 @@ def noise_of(
 
 
 def ground_of(case: Case, streams: core.Streams, plan: DetectionPlan) -> FrameBackground:
-    """Background and noise of one frame of the design; its stars raise them a little."""
+    """Background and noise of one frame of the design; its stars raise both a little."""
     case = replace(case, scene=replace(case.scene, lights=()))
     instrument, attitude = case.instrument, random_attitude(streams)
     in_field = stars_in_field(open_sky(case.catalog), attitude, instrument.camera)
@@ -378,7 +380,7 @@ def ground_of(case: Case, streams: core.Streams, plan: DetectionPlan) -> FrameBa
 
 @kernel
 def separate(some: Ints, others: Ints) -> bool:
-    """Whether no region (m, 4) overlaps one of the others (n, 4)."""
+    """Whether none of the regions (m, 4) overlaps any of the others (n, 4)."""
     for region in some:
         for other in others:
             across = max(region[0], other[0]) < min(region[2], other[2])
@@ -388,7 +390,7 @@ def separate(some: Ints, others: Ints) -> bool:
 
 
 def merged(spots: Spots, more: Spots, most: int) -> Spots:
-    """Spots of both, brightest first, at most `most`."""
+    """The spots of two sets, brightest first, at most `most`."""
     order = np.argsort(-np.concatenate([spots.flux, more.flux]), kind="stable")[:most]
     together = (
         np.concatenate([getattr(spots, field.name), getattr(more, field.name)])[order]
@@ -422,9 +424,9 @@ def _reach(flux, fraction, least, dark, more):  # type: ignore[no-untyped-def]
 
 @kernel
 def around_paths(x: Floats, y: Floats, half: Ints, columns: int, rows: int) -> Ints:
-    """Regions (w, 4) that hold the paths of stars, and a margin on each side.
+    """Regions (w, 4) that contain the paths of stars, with a margin on each side.
 
-    x, y  (m, n) pixel, of the points of the paths
+    x, y  (m, n) pixel, points of the paths
     half  (n,) pixel, margin; stars with -1 are left out
     """
     regions = np.empty((len(half), 4), np.int64)
@@ -432,12 +434,12 @@ def around_paths(x: Floats, y: Floats, half: Ints, columns: int, rows: int) -> I
     for n in range(len(half)):
         left, top = x[:, n].min() - half[n], y[:, n].min() - half[n]
         right, bottom = x[:, n].max() + half[n] + 1, y[:, n].max() + half[n] + 1
-        # False for NaN too.
+        # NaN makes the condition false.
         if half[n] >= 0 and left < columns and top < rows and right > 0 and bottom > 0:
             regions[count, 0], regions[count, 1] = max(math.floor(left), 0), max(math.floor(top), 0)
             regions[count, 2] = min(math.ceil(right), columns)
             regions[count, 3] = min(math.ceil(bottom), rows)
-            # A star beside a brighter one often needs no region of its own.
+            # The region of a star near a brighter one often lies within the region of that star.
             count += not _within_another(regions[count], regions[:count])
     return regions[:count]
 
@@ -453,7 +455,7 @@ def _within_another(region, others):  # type: ignore[no-untyped-def]
 
 @kernel
 def around_pixels(pixel: Ints, half: int, columns: int, rows: int) -> Ints:
-    """Regions (w, 4) that hold pixels and `half` more on each side."""
+    """Regions (w, 4) around pixels, with `half` more pixels on each side."""
     regions = np.empty((len(pixel), 4), np.int64)
     for k in range(len(pixel)):
         y, x = pixel[k] // columns, pixel[k] % columns

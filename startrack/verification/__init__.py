@@ -1,16 +1,16 @@
-"""Whether a design meets its requirements, by formulas, by analysis and by trials.
+"""Verification: whether a design meets its requirements, by formulas, by analysis and by trials.
 
 accuracy  Budget, outcomes of trials, case -> the statistic that a requirement limits, and its
           margin.
 cases     Design and campaign -> all cases to judge (conditions, keep-out angles), and the trials
           that count.
-decide    Outcomes, a requirement -> bounds at a look, and whether they decide it.
+decide    Outcomes and a requirement -> bounds of its statistic, and whether they decide it.
 verify    Design, campaign -> a verdict on each requirement, by analysis and by trials, and the
           table of them.
 problem   Problem -> a verdict on each of its limits, by formula and by trials.
 units     Design, campaign, units -> a verdict on each requirement by its yield.
-windows_of_flight  Images of stars that a tracker sent down: files of windows, and windows cut from
-          whole frames.
+windows_of_flight  Star images downlinked by a tracker: files of windows, and windows cut from whole
+                   frames.
 figures   Windows of flight -> measured figures: centroids, light, noise, photon transfer, image.
 frame_figures  Figures measured from frames, and the same figures predicted by the design.
 prediction  Case and windows of flight -> images by the design for the same stars and paths.

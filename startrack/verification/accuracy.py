@@ -20,8 +20,8 @@ from startrack.motion import blur
 from startrack.observation import detection_plan, psf_of, throughput
 from startrack.scene import illuminate
 
-# Regions for requirements on the worst part of the sky. Chosen by hand: more regions are smaller
-# and need more trials, because each region needs its own.
+# Regions for requirements on the worst part of the sky. Chosen by hand: with more regions, each is
+# smaller, and more trials are needed, because each region needs its own.
 REGIONS = Regions(3, 4)
 
 
@@ -31,7 +31,7 @@ def expected_error(objective: Objective, budget: Budget[ErrorLaw]) -> float:
     By length:  sum_i weight_i P(k / 2, L^2 / (2 square_i)) = fraction,   P the regularised
         incomplete gamma function, k = 2, 1, 3 axes, square_i the mean square per axis in field i
     Per axis:   `ErrorLaw.level`
-    A sum:      of the rms errors, by their weights
+    A sum:      weighted sum of the rms errors
 
     Accuracy  model: normal errors in each field; for the length of errors, also equal variances
               about the axes.
@@ -68,7 +68,7 @@ def units_expected(objective: Objective, budgets: UnitBudgets) -> Floats:
 def yield_of(accuracy: Accuracy, errors: Floats, part: float = 1.0) -> Interval:
     """Fraction of the units whose errors (n,) meet a limit, with its interval.
 
-    part  fraction of units that counts as all, as if each were known by many trials
+    part  effective number of units over n; 1: each error is known by many trials
     """
     return fraction_interval(part * int((errors <= accuracy.most).sum()), part * len(errors))
 
@@ -76,8 +76,8 @@ def yield_of(accuracy: Accuracy, errors: Floats, part: float = 1.0) -> Interval:
 def expected_over(objective: Objective, law: ErrorLaw, sky: str) -> float:
     """`expected_of` over the whole sky, or in the worst of its regions.
 
-    law     of `analytic`, end to end
-    sky     "whole" or "worst"
+    law      error by all causes, from `analytic`
+    sky      "whole" or "worst"
     Returns  radian; infinite in the worst region if no attitude is expected in it
     """
     if sky == "whole":
@@ -152,7 +152,7 @@ def expected_margins(needs: Requirements, budget: Budget[ErrorLaw]) -> dict[str,
 # Chosen by hand: finer steps need a count of the stars in all fields for each focal length.
 FIELDS = 1024  # attitudes at which stars are counted
 FOCAL_STEP = 1.05  # ratio of the focal lengths at which they are counted
-FIRST_STARS = 4  # times the mean need of a field: number of bright stars that count first
+FIRST_STARS = 4  # bright stars that are counted first, over the mean number that fields need
 MAGNITUDES = np.linspace(-2, 12, 57)  # magnitudes for the interpolation of the limit
 
 
@@ -201,11 +201,11 @@ def limiting_magnitude(case: Case) -> float:
     star, sky = electron_rate(light, detector, throughput(case.instrument))
     noise = (sky * pixel + detector.dark_rate) * detector.integration * detector.excess_noise
     noise += detector.noise**2 + detector.electrons_per_dn**2 / 12
-    # Sum of squares of the pixels' fractions, averaged over the smear.
+    # Sum of the squared fractions of the light in the pixels, averaged over the smear.
     psf = psf_of(case.instrument)
     sharpness = float((psf.table**2).sum()) / psf.oversampling**2
     smear = blur(case.instrument.motion, detector.exposure)
-    # A straight line of this length gives the same blur.
+    # A straight streak of this length has the same blur.
     length = np.sqrt(12) * float(np.hypot(smear[0], smear[1])) / np.sqrt(pixel)
     sharpness /= np.sqrt(1 + length**2 * sharpness)
     signal = star * detector.integration * np.sqrt(sharpness)
@@ -238,9 +238,10 @@ def _needed(
     """Required limiting magnitude at a focal length of FOCAL_STEP**step pixels."""
     camera = Camera(columns, rows, FOCAL_STEP**step)
     sky, axes = open_sky(catalog), attitudes(FIELDS).as_matrix()
-    # If the whole source has too few stars: a magnitude beyond its limit.
+    # If the whole source has too few stars, the result is a magnitude beyond its limit.
     faintest, left = np.full(FIELDS, catalog.limit_g + 1), np.arange(FIELDS)
-    # The stars are in order of brightness: these hold a few times the stars that a field needs.
+    # The stars are in order of brightness. These contain several times the stars that a field
+    # needs.
     sphere = 4 * math.pi * camera.focal_length_px**2
     count = math.ceil(FIRST_STARS * stars * sphere / columns / rows)
     while True:

@@ -13,7 +13,7 @@ from startrack.scene import BODIES, body_angles
 
 
 def cases(case: Case, campaign: Campaign) -> tuple[tuple[Judged, ...], tuple[str, ...]]:
-    """The cases in which a design is judged, and the reasons for required cases that cannot be.
+    """The cases in which a design is judged, and why other required cases cannot be judged.
 
     They are the cases of `Campaign.judged` and, for each keep-out angle, the sky with the stray
     light of the body at this angle: the Sun, the full Moon, or the sunlit Earth.
@@ -35,7 +35,7 @@ def cases(case: Case, campaign: Campaign) -> tuple[tuple[Judged, ...], tuple[str
 
 def _refusal(case: Case, angle: float) -> str:
     if case.instrument.stray is None:
-        return "instrument.baffle or tube must be given, without which no stray light is computed"
+        return "instrument.baffle or tube must be given: without it no stray light is computed"
     corner = case.instrument.camera.half_diagonal
     if angle <= corner:
         return f"the body would be in the field, whose half diagonal is {corner / deg:.1f} deg"

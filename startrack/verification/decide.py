@@ -1,4 +1,4 @@
-"""Outcomes, a requirement -> bounds of its statistic at a look, and whether they decide it."""
+"""Outcomes and a requirement -> bounds of its statistic, and whether they decide it."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -47,18 +47,19 @@ def answer_of(parts: Sequence[Answer], left: object) -> Answer:
 
 
 class Looks(Parameters):
-    """Numbers of trials at which a requirement is tested, and the error probabilities of the tests.
+    """Looks of a sequential test: numbers of trials, and the error probabilities of the tests.
 
-        n_k = first 2^k,  k = 0 .. K - 1;   a test may wrongly pass with alpha / K at each look, and
-        wrongly fail with alpha / (K m)
+        n_k = first 2^k,  k = 0 .. K - 1
 
-    So an unmet requirement passes at some look with a probability of at most alpha, and one of m
-    met requirements fails at some look with at most alpha (Bonferroni). The whole verification
-    passes only if all m pass; so its pass and its fail, too, are each wrong with at most alpha.
+    A test at one look may wrongly pass with the probability alpha / K, and wrongly fail with alpha
+    / (K m). Therefore an unmet requirement passes at some look with a probability of at most alpha.
+    The probability that one of m met requirements fails at some look is also at most alpha
+    (Bonferroni). The whole verification passes only if all m requirements pass. Therefore its pass
+    and its fail, too, are each wrong with a probability of at most alpha.
 
-    first  trials at the first look
-    most   trials at the last
-    alpha  1, one minus the confidence
+    first  number of trials at the first look
+    most   number of trials at the last look
+    alpha  1, one minus the confidence level
     """
 
     first: int = parameter(limit=Range(2, 10**9), default=256)
@@ -134,8 +135,8 @@ class Claim:
     """A requirement that trials can show.
 
     accuracy  the limit on an error; None for the availability
-    least     fraction of correct attitudes, for the availability
-    limits    of a correct attitude
+    least     required fraction of correct attitudes, for the availability
+    limits    limits of the errors of a correct attitude
     sky       "whole", or "worst" for an error in the worst region
     """
 
@@ -160,11 +161,11 @@ class Claim:
         passing, failing  probabilities that each bound does not hold
         Accuracy          availability and levels: exact for any distribution; for a level per axis,
                           the two axes of a trial count as one. rms: by `mean_bounds`, with a third
-                          of the probability for the bound that passes and half for the one that
-                          fails. Measured in verifications of 5 % over 100 to 800 (1,000 to 8,000)
-                          trials: wrong passes in 1.6 % (1.3). If the size of errors varies over the
-                          sky by a factor of e^0.5 (1 sigma), in 5.0 % (2.6); by e^0.8, in 9.9 %
-                          (6.9). Wrong fails in at most 2.1 %.
+                          of the probability for the bound that passes, and half for the bound that
+                          fails. Measured in verifications with alpha = 5 % over 100 to 800 trials
+                          (in brackets: 1,000 to 8,000): 1.6 % (1.3 %) wrong passes. If the size of
+                          errors varies over the sky by a factor of e^0.5 (1 sigma), there are 5.0 %
+                          (2.6 %); for e^0.8, 9.9 % (6.9 %). There are at most 2.1 % wrong fails.
         """
         if self.accuracy is None:
             met = correct(outcomes, self.limits)
@@ -217,7 +218,7 @@ class Claim:
         more = len(outcomes) / len(finite)  # trials for each error that counts
         objective = self.accuracy.objective
         fraction = objective.fraction
-        # As a mean square per axis, like `Objective.squares`.
+        # The limit as a mean square per axis, like `Objective.squares`.
         limit = self.accuracy.most**2 / (len(objective.summed) if objective.radial else 1)
         if fraction is not None:
             enough = _needed_hits(float((finite <= limit).mean()), fraction, passing, failing)
@@ -236,7 +237,7 @@ class Claim:
 class YieldClaim:
     """Claim that a fraction of the units of a design meets a limit on an error.
 
-    least  1, of the units
+    least  1, required fraction of the units
     """
 
     least: float
@@ -246,9 +247,9 @@ class YieldClaim:
 
         met               (n,) whether each unit meets the limit
         passing, failing  probabilities that each bound does not hold
-        part              fraction of units that counts as all, as if each were known by many trials
-        Accuracy          exact; if a unit's error is from few trials, for the yield of these
-        measured errors
+        part              effective number of units over n; 1: each unit is known by many trials
+        Accuracy          exact; if a unit's error is from few trials, exact for the yield of these
+                          measured errors
         """
         hits, n = part * int(met.sum()), part * len(met)
         low = fraction_interval(hits, n, 1 - 2 * passing).low
@@ -264,7 +265,7 @@ class YieldClaim:
         return max(0, int(scipy.stats.binom.ppf(passing, n, 1 - self.least)) - 1)
 
     def margin(self, value: float) -> float:
-        """Margin of a yield to the required yield."""
+        """A yield minus the required yield."""
         return value - self.least
 
     def needed(self, share: float, passing: float, failing: float) -> int | None:
@@ -302,8 +303,7 @@ def _error_bounds(
 
 
 def _needed_hits(share: float, required: float, passing: float, failing: float) -> int | None:
-    """Number of trials with which a fraction of hits `found` shows that it is, or is not,
-    `required`."""
+    """Number of trials that decide whether a fraction `share` of hits meets the required one."""
 
     def passes(n: int) -> bool:
         hits = math.floor(share * n)
@@ -317,8 +317,7 @@ def _needed_hits(share: float, required: float, passing: float, failing: float) 
 
 
 def _least(shows: Callable[[int], bool]) -> int | None:
-    """Approximate least number for which a condition holds that also holds for all larger
-    numbers."""
+    """Approximate least number at which a condition begins to hold; None if it is above MOST."""
     high = 2
     while not shows(high):
         high *= 2

@@ -1,4 +1,4 @@
-"""Windows of flight -> measured figures: centroids, light, noise, photon transfer, image."""
+"""Windows of flight -> measured figures: centroids, light, noise, photon transfer, star image."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from startrack.core import Flags, Floats, Ints, Refused
 from startrack.detector import stamp
 from startrack.verification.windows_of_flight import BORDER, FEWEST_IMAGES, Windows, without_blocks
 
-PHASES = 10  # of a pixel, of the curve of the centroid
-CELLS = 4  # of a pixel along each side, of the mean images
+PHASES = 10  # positions in a pixel at which the curve of the centroid is measured
+CELLS = 4  # cells of a pixel along each side, in which images are averaged
 PLACES = [(x, y) for x in (-0.25, 0.25) for y in (-0.25, 0.25)]  # pixel, of images of one PSF
-FEWEST = 20  # exposures of a cell
+FEWEST = 20  # least number of exposures of a cell
 MEMBERS = 60  # most exposures of a cell whose images the model averages
-CLEAR = 0.2  # of the median light: largest deviation of an exposure
+CLEAR = 0.2  # largest deviation of an exposure's light from the median light, relative
 ROUNDING = 1 / 12  # variance by rounding of numbers
 THIRD = np.array([1.0, -3.0, 3.0, -1.0]) / math.sqrt(20)  # keeps white noise, removes a parabola
-GROUP = 150  # differences of one pixel at one level, in the photon transfer
+GROUP = 150  # differences of one pixel at one level that form a group of the photon transfer
 CLIP = 5.0  # sigma; larger differences are left out
-PULL = 4.0  # sigma; groups with more are left out: their pixel flickers
-SEEN_TOGETHER = 0.5  # of a star's exposures: least part with another star for the common motion
-LONGEST_GAP = 3.0  # times the usual time between exposures, over which places are interpolated
+PULL = 4.0  # sigma; groups with larger deviations are left out: their pixel flickers
+SEEN_TOGETHER = 0.5  # least fraction of a star's exposures in which another star shows its motion
+LONGEST_GAP = 3.0  # longest gap over which places are interpolated, over the usual time step
 
 
 class Centroids(NamedTuple):
-    """First moments of the images of one star, for exposures in which it was seen.
+    """Centroids of the images of one star, for exposures in which it was seen.
 
     place   (n, 2) pixel (x, y)
     total   (n,) digital number of the image above its background
@@ -43,9 +43,10 @@ class Centroids(NamedTuple):
 
 
 def centroids(windows: Windows, box: detection.Box) -> Centroids:
-    """First moments as the tracker takes them, of its images of `box.size` pixels.
+    """Centroids of a star by the tracker's first moments, from images of `box.size` pixels.
 
-    Exposures whose light deviates from the median by 20 % do not show the star and are left out.
+    Exposures whose light deviates from the median by more than 20 % are left out: they do not show
+    the star.
     """
     light, corner = _light(windows, box)
     total = light.sum(axis=(1, 2))
@@ -60,7 +61,7 @@ def centroids(windows: Windows, box: detection.Box) -> Centroids:
 
 
 def is_steady(windows: Windows, box: detection.Box) -> bool:
-    """Whether centroids can be measured, with all blocks of time and without each of them."""
+    """Whether centroids can be measured, from all blocks of time and without any one of them."""
     total = _light(windows, box)[0].sum(axis=(1, 2))
     parts = [total, *(total[left] for (left,) in without_blocks([windows.time]))]
     return all(
@@ -74,7 +75,7 @@ def _is_clear(total: Floats) -> Flags:
 
 
 def _light(windows: Windows, box: detection.Box) -> tuple[Floats, Ints]:
-    """Light above the background (n, k, k) in the pixels that count, and the images' corners."""
+    """Light above the background (n, k, k) in the used pixels, and the corners of the images."""
     side = windows.number.shape[1]
     size = min(box.size, side)
     cut = (side - size) // 2
@@ -98,9 +99,9 @@ def level_of(windows: Windows, box: detection.Box) -> Floats:
 class MeasuredWindows(NamedTuple):
     """Measured figures of one star.
 
-    scalar  name: value, for all of `KEYS` except the curve
-    curve   (2, PHASES) pixel, place along x and y minus its mean, over the phase in the pixel; NaN
-            at phases without the star
+    scalar  value of each figure by name, for all of `KEYS` except the curve
+    curve   (2, PHASES) pixel, mean centroid error along x and y, over the position in the pixel;
+            NaN at positions without the star
     """
 
     scalar: dict[str, float]
@@ -115,26 +116,28 @@ def measure(
 ) -> list[MeasuredWindows]:
     """Measure stars that were seen together.
 
-    psfs        image of each star by the design; none: images are not compared
+    psfs        predicted PSF of each star; none: images are not compared
     read_noise  digital number, of the design, for the offset
 
     temporal    pixel rms per axis, of the place minus the motion that all stars share, by third
                 differences in time between exposures whose image did not move
-    total       pixel rms per axis, of that place over the whole time, minus a cubic in time and a
-                part proportional to the common motion. Both are multiplied by sqrt(k / (k - 1)) for
-                k stars, so that two stars share one figure
-    curve       of the same, over the place in the pixel
-    moves       steps of an image along an axis, in an exposure
-    background  digital number; brightness in digital numbers a second and exposure
-    gain, read_noise  electron a number, and number: see `gain_in_flight`; NaN where it refuses
+    total       pixel rms per axis, of the same place over the whole time, minus a cubic in time and
+                a part proportional to the common motion. Both figures are multiplied by sqrt(k / (k
+                - 1)) for k stars, so that two stars have the same figure
+    curve       pixel, mean of the same place over the position in the pixel
+    moves       number of steps of an image along an axis, in an exposure
+    background  digital number
+    brightness  digital number per second and exposure
+    gain, read_noise  electron per digital number, and digital number: see `gain_in_flight`; NaN if
+                      it refuses
     offset      digital number at which the variance equals the design's read noise; zero if the
                 offset was already subtracted
     acquired    fraction of the exposures with the star's light in which the search finds it
     image       1, of the peak: worst pixel of the mean images in phase cells minus the design's
                 image at the fitted place and flux, NaN without `psfs`
 
-    With only one star, the temporal scatter contains the motion, and there is no total and no
-    curve. A star that is never seen together with others has none of the three.
+    With only one star, the temporal scatter contains the motion, and there is neither total nor
+    curve. A star that is never seen together with others has none of these three figures.
     """
     seen = [centroids(star, box) for star in stars]
     measured = []
@@ -173,7 +176,8 @@ class OwnMotion(NamedTuple):
 
     off    (n, 2) pixel; NaN at exposures without the other stars
     calm   (n - 3,) whether four successive exposures are known and their images did not move
-    scale  1, factor to the error of one star: the common motion has a part of it
+    scale  1, factor from `off` to the error of one star, because the common motion contains a part
+           of this error
     """
 
     off: Floats
@@ -182,12 +186,13 @@ class OwnMotion(NamedTuple):
 
 
 def about_common(seen: Sequence[Centroids]) -> list[OwnMotion]:
-    """What each star moves beside the motion that all share.
+    """The motion of each star relative to the motion that all stars share.
 
-    The motion is the mean over the star and all stars that are seen in half of its exposures, a
-    part proportional to it, and a cubic in time. It is known at exposures for which all of them
-    have one before and one after. A star that is never seen together with others has no known
-    motion of its own; a single star has all about its mean place.
+    The common motion is the mean over the star and all stars that are seen in half of its
+    exposures, a part proportional to this mean, and a cubic in time. It is known at exposures for
+    which each of these stars has an exposure before and one after. The own motion of a star that is
+    never seen together with others is unknown. The own motion of a single star is its whole motion
+    about its mean place.
     """
     times = [track.windows.time for track in seen]
     moved = [still(track.windows) for track in seen]
@@ -207,7 +212,7 @@ def about_common(seen: Sequence[Centroids]) -> list[OwnMotion]:
             np.column_stack([np.interp(time, times[k], p) for p in seen[k].place.T])
             for k in members
         ]
-        # Third differences in which another star's image moved contain its step.
+        # If the image of another star moved, its step is in the third difference.
         quiet = [np.interp(time[:-3], times[k][:-3], moved[k]) > 0.999 for k in members]
         common = np.mean(others, axis=0)
         common = common - common[together].mean(axis=0)
@@ -257,7 +262,7 @@ def _curve(place: Floats, off: Floats) -> Floats:
 
 
 def known_mean(values: Floats, axis: int) -> Floats:
-    """Mean of the values that are not NaN; NaN without such values."""
+    """Mean of the values that are not NaN; NaN if all are NaN."""
     finite = np.isfinite(values)
     many = finite.sum(axis=axis)
     total = np.where(finite, values, 0.0).sum(axis=axis)
@@ -278,10 +283,10 @@ def gain_in_flight(windows: Windows) -> tuple[float, float]:
         variance = read noise^2 + 1/12 + mean / gain
 
     Variances are those of third differences in time of one pixel, between exposures whose image did
-    not move, in groups of equal level; a line is fitted with weights. Groups more than four
-    standard deviations above the line are left out: their pixels flicker, or a star jumped.
+    not move, in groups of equal level; a weighted line is fitted. Groups more than four standard
+    deviations above the line are left out: their pixels flicker, or a star moved.
 
-    Raises    Refused where there are fewer than eight groups.
+    Raises    Refused if there are fewer than eight groups.
     Accuracy  model: the mean has no offset; nonlinearity is left out.
     """
     rest, slope = _transfer_line(windows)
@@ -289,7 +294,7 @@ def gain_in_flight(windows: Windows) -> tuple[float, float]:
 
 
 def _read_noise(rest: float) -> float:
-    """Digital number, of the variance without light."""
+    """Read noise, digital number, from the variance without light."""
     return math.sqrt(max(rest - ROUNDING, 0.0))
 
 
@@ -321,8 +326,7 @@ def _transfer_line(windows: Windows) -> tuple[float, float]:
 
 
 def image_difference(seen: Centroids, box: detection.Box, psf: core.Psf) -> float:
-    """Worst pixel of the mean images in phase cells minus the design's image, relative to the
-    peak."""
+    """Largest difference of a pixel, mean flown image minus the design's, relative to the peak."""
     light, corner = _light(seen.windows, box)
     size = light.shape[1]
     middle = corner + (size - 1) / 2
@@ -343,8 +347,10 @@ def image_difference(seen: Centroids, box: detection.Box, psf: core.Psf) -> floa
 
 
 def image_of_other(psf: core.Psf, design: core.Psf, box: detection.Box) -> float:
-    """Worst pixel of the images of a star with one PSF minus those of the design's at the
-    best-fitting place and flux, relative to the peak; over places in the pixel.
+    """Largest difference of a pixel between the images of a star with two PSFs.
+
+    It is relative to the peak, over places in the pixel. The image by `design` is at the
+    best-fitting place and flux.
     """
     if psf is design:
         return 0.0
@@ -361,7 +367,7 @@ def image_of_other(psf: core.Psf, design: core.Psf, box: detection.Box) -> float
 
 
 def _fitted(image: Floats, start: Floats, spread: Floats, psf: core.Psf) -> Floats:
-    """An image minus the image of a star at the best-fitting place and flux."""
+    """Residual: an image minus the image of a star at the best-fitting place and flux."""
     size = len(image)
     far = (size - 1) / 2 + BORDER
     inner = slice(BORDER, BORDER + size)

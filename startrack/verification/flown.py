@@ -1,7 +1,7 @@
-"""Images of stars that a tracker sent down, and its design -> each figure, predicted and measured.
+"""Star images downlinked by a tracker, and its design -> each figure, predicted and measured.
 
-Both are measured by the same code. The design predicts the images that it would have made of the
-same stars on the same paths, on detectors with other pixels.
+Both figures are measured by the same code. The predicted images are those that the design would
+have made of the same stars on the same paths, on detectors with other pixels.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from startrack.verification.figures import centroids, image_of_other, is_steady,
 from startrack.verification.prediction import fraction_in_box, images_of_stars, simulate
 from startrack.verification.windows_of_flight import Windows, blocks_of, jackknife_sigma
 
-OFF = 1.5  # of half of its interval: a larger offset is not zero (3 sigma)
+OFF = 1.5  # an offset is not zero if it exceeds 1.5 times half of its 95 % interval (3 sigma)
 # Keys of the design that each figure depends on, usually least known first.
 KEYS = {
     "background": "instrument.detector.dark_current, .thermal, .age; scene.background_g",
@@ -39,7 +39,7 @@ KEYS = {
     "acquired": "tracker.detection.threshold, .kernel_sigma; instrument.optics.transmission",
 }
 SCALED = (
-    "the predicted images have the light that is seen, so that neither transmission nor quantum "
+    "the predicted images have the measured light, so that neither transmission nor quantum "
     "efficiency is tested; give magnitude_g, Gaia's G of the star"
 )
 
@@ -47,9 +47,9 @@ SCALED = (
 class FlightDifference(NamedTuple):
     """One figure of one star: measured and predicted, and the keys of the design behind it.
 
-    seen       95 % by a jackknife over eight blocks of time
+    seen       measured value, with its 95 % interval by a jackknife over eight blocks of time
     predicted  median of the drawn devices, and the 95 % interval for a further device
-    untested   why this figure does not test the design; empty: it does
+    untested   why this figure does not test the design; empty if it does
     """
 
     star: str
@@ -77,8 +77,10 @@ class FlightDifference(NamedTuple):
 class FlightComparison(NamedTuple):
     """A comparison of all stars.
 
-    curves  star: measured and predicted (2, PHASES), mean over the devices, pixel
-    left    names of stars left out for lack of steady light, in measured or predicted images
+    curves  for each star by name: measured and predicted curve (2, PHASES), pixel; the predicted
+            one is the mean over the devices
+    left    names of the stars that are left out, because their light is not steady in measured or
+            predicted images
     """
 
     differences: list[FlightDifference]
@@ -96,11 +98,11 @@ def compare_flown(
 ) -> FlightComparison:
     """Measure images in flight and those that the design predicts, by the same code.
 
-    Predicted images take their brightness from the flown images, so that brightness tests nothing.
-    The exception is a star with `magnitude_g`: its predicted brightness follows from this
-    magnitude, and tests transmission and quantum efficiency. Background and read noise are not
-    tested if the images and the design have different offsets. Stars without steady light, measured
-    or predicted, are left out.
+    Predicted images have the brightness of the flown images, so that brightness tests nothing. The
+    exception is a star with `magnitude_g`: its predicted brightness follows from this magnitude,
+    and tests transmission and quantum efficiency. Background and read noise are not tested if the
+    images and the design have different offsets. A star is left out if its light is not steady in
+    the measured or in the predicted images.
 
     unknown   the design with other values of its unknowns, one for each device, so that the
               predicted intervals include them; none: all devices are of `case`
@@ -116,7 +118,7 @@ def compare_flown(
     kept = [n for n, images in enumerate(zip(*made, strict=True)) if _all_steady(images, box)]
     left = tuple(star.name for star in stars if star not in [steady[n] for n in kept])
     if not kept:
-        raise Refused("stars must have a steady light, as seen and as predicted")
+        raise Refused("stars must have a steady light, as measured and as predicted")
     stars = [steady[n] for n in kept]
     drawn = [measure([unit[n] for n in kept], box) for unit in made]
     detector = case.instrument.detector
@@ -178,8 +180,9 @@ def _light_by_magnitude(case: Case, star: Windows) -> float:
 
 
 def _of_known_offset(differences: list[FlightDifference]) -> list[FlightDifference]:
-    """The differences; if the offset differs, background and read noise are not tested, because
-    both are figures of numbers without light.
+    """The differences, with background and read noise untested if the offset differs.
+
+    Both of these figures are measured from numbers without light, which contain the offset.
     """
     off = {
         row.star: row
@@ -189,8 +192,8 @@ def _of_known_offset(differences: list[FlightDifference]) -> list[FlightDifferen
     }
     return [
         row._replace(
-            untested="the numbers have another offset than instrument.detector.offset: by photon "
-            f"transfer {off[row.star].seen.value:.4g} digital numbers are left where there is no "
+            untested="the offset of the numbers is not instrument.detector.offset: by photon "
+            f"transfer, {off[row.star].seen.value:.4g} digital numbers remain where there is no "
             "light"
         )
         if row.name in ("background", "read_noise") and row.star in off
@@ -213,7 +216,8 @@ def _jackknifed(value: float, parts: list[float]) -> Interval:
 def _of_devices(values: Floats) -> Interval:
     """Median of the devices (n,), and the 95 % interval for a further device.
 
-    By Student's law; for positive values, of their logarithms; unbounded for one device.
+    It follows from Student's t distribution, for positive values of their logarithms. It is
+    unbounded for one device.
     """
     known = values[np.isfinite(values)]
     if not len(known):

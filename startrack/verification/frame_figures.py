@@ -36,19 +36,20 @@ from startrack.verification.windows_of_flight import (
 
 SIDE = 8  # pixel, of the images whose corners give the background
 SUBPIXELS = 4  # places of a star in a pixel, along each axis
-# Difference between reduction and formula, of a figure's logarithm; from frames of drawn designs.
+# Least sigma of a figure's logarithm: difference between reduction and formula, measured in frames
+# of drawn designs.
 LEAST_SIGMA = {"star signal": 0.01, "image width": 0.01}
 LEAST_KEPT = 1e-3  # least probability that a tracker measures a star of a figure
-LEAST_MOTION = 1e-3  # pixel, least common motion that is told
-FEWEST_STILL = 16  # third differences between images that do not move
+LEAST_MOTION = 1e-3  # pixel, least common motion that is returned
+FEWEST_STILL = 16  # least number of third differences between images that do not move
 OFF_RATE = 0.01  # largest relative difference of the time between frames from the design
 
 
 class Reduced(NamedTuple):
-    """Images of a star, reduced.
+    """Light and width of the images of a star.
 
     total   (n,) light above the background, in the unit of the images
-    moment  (n,) pixel^2, second moment of an axis about the first
+    moment  (n,) pixel^2, second central moment per axis
     """
 
     total: Floats
@@ -56,7 +57,8 @@ class Reduced(NamedTuple):
 
 
 def reduced(images: Floats, size: int) -> Reduced:
-    """Light and width of images (n, 8, 8) in their `size` inner pixels, as `tracker.box` counts."""
+    """Light and width of images (n, 8, 8) in their `size` inner pixels, by the rule of
+    `tracker.box`."""
     level = detection.corner_level(images)
     cut = (SIDE - size) // 2
     inner = images[:, cut : cut + size, cut : cut + size] - level[:, None, None]
@@ -72,12 +74,12 @@ def reduced(images: Floats, size: int) -> Reduced:
 def expected_in_frames(case: Case) -> dict[str, float]:
     """Figures that frames measure, predicted by the design, as `told_by_frames` defines them.
 
-    Figures of other measurements are added: the limiting magnitude of `limiting_magnitude`, and
-    PRNU and full well of a photon transfer.
+    Figures of other measurements are added: the limiting magnitude by `limiting_magnitude`, and
+    PRNU and full well of a photon transfer. There are no figures for scanned lines.
 
-    Empty for scanned lines. Raises Refused if the design has no image.
+    Raises    Refused if the design has no image.
     Accuracy  model: equal pixels; one image for the whole field; jitter by user code left out.
-              numerical: of a star's light and width 1e-3, by 16 places in the pixel.
+              numerical: 1e-3 of a star's light and width, by 16 places in the pixel.
     """
     instrument = case.instrument
     detector = instrument.detector
@@ -102,9 +104,9 @@ def expected_in_frames(case: Case) -> dict[str, float]:
 
 
 def _reduced_stars(case: Case) -> Reduced:
-    """Light (fraction) and width of stars in the tracker's box, averaged over places in a pixel.
+    """Light (fraction) and width of stars in the tracker's box, at several places in a pixel.
 
-    The middle of an image lies between pixels; the middle of a cell is on a pixel.
+    The middle of an image lies between pixels; the middle of a cell lies on a pixel.
     """
     place = (np.arange(SUBPIXELS) + 0.5) / SUBPIXELS - 1
     places = np.stack(np.meshgrid(place, place), axis=-1).reshape(-1, 2)
@@ -113,17 +115,17 @@ def _reduced_stars(case: Case) -> Reduced:
 
 
 def expected_of_star(case: Case, figure: str, magnitude: float) -> float:
-    """Figure of a sunlike star of Gaia's G, predicted by the design.
+    """Figure of a sunlike star of a magnitude (Gaia's G), predicted by the design.
 
         SNR = N / sqrt(F^2 (N + n sky) + sum_i w_i^2 noise^2),  N its light in the tracker's box
 
     with the weights w of the n pixels of the box. "centroid noise", pixel rms per axis, is the
-    temporal noise of the tracker's centroids as in budgets.
+    temporal noise of the tracker's centroids, as in budgets.
 
     Raises    Refused for scanned lines, or if the tracker detects no star of the magnitude.
     """
     if case.instrument.detector.scan:
-        raise Refused(f"told: {figure} must be left out where lines scan")
+        raise Refused(f"told: {figure} must be left out for a detector that scans")
     if figure == "SNR":
         size = scale(case)
         light = size.star * 10 ** (-0.4 * magnitude) * float(_reduced_stars(case).total.mean())
@@ -141,7 +143,7 @@ def expected_of_star(case: Case, figure: str, magnitude: float) -> float:
 
 
 def _passed(rate: float) -> Callable[[Floats], Floats]:
-    """Fraction of a sinusoid's power that third differences of images at a rate keep."""
+    """Function: frequency -> fraction of a sinusoid's power that third differences keep."""
     lag = np.arange(len(THIRD))
     return lambda hertz: (
         np.abs(np.exp(-2j * np.pi * np.multiply.outer(np.asarray(hertz), lag) / rate) @ THIRD) ** 2
@@ -149,16 +151,16 @@ def _passed(rate: float) -> Callable[[Floats], Floats]:
 
 
 def told_by_frames(case: Case, stars: Sequence[Windows], source: str = "") -> list[Told]:
-    """Figures measured in frames of a tracker at rest, with their errors, to learn a design.
+    """Figures measured in frames of a tracker at rest, with their errors, to estimate a design.
 
-        read noise     digital number, by the darker pixels about the stars and the design's gain
-        star signal    digital number of an exposure: light of a sunlike star of G = 0 in the box,
+        read noise     digital number, from the darker pixels around the stars and the design's gain
+        star signal    digital number in an exposure: light of a sunlike star of G = 0 in the box,
                        from stars with `magnitude_g`
         image width    pixel, root of the second moment of the light in the box, mean of both axes
         common motion  pixel rms per axis, of third differences in time of the mean place of all
                        stars between frames at the update rate, without centroid noise
 
-    stars   with images of 8 x 8 pixels
+    stars     windows of stars, with images of 8 x 8 pixels
     Returns  figures that the frames determine; figures with unknown errors are left out
     Raises    Refused if the images are smaller.
     Accuracy  model: the error is from a jackknife over eight blocks of time; errors of magnitudes
@@ -211,9 +213,9 @@ def _seen(case: Case, stars: Sequence[Windows]) -> dict[str, float]:
 def _dark_variance(star: Windows, electrons: float) -> float:
     """Variance of pixels without light, digital number^2, from the darker half of a star's window.
 
-    By third differences in time, minus the noise of their light by the gain of the design. Bright
-    pixels change when a star moves from frame to frame, which would spoil a photon transfer. NaN if
-    the image moves too often.
+    It is computed from third differences in time, minus the shot noise of their light by the gain
+    of the design. A photon transfer is not used, because bright pixels change when a star moves
+    from frame to frame. NaN if the image moves too often.
     """
     number, calm = star.number.reshape(len(star.number), -1), still(star)
     if calm.sum() < FEWEST_STILL:
@@ -225,7 +227,10 @@ def _dark_variance(star: Windows, electrons: float) -> float:
 
 
 def _common_motion(case: Case, seen: Sequence[Centroids]) -> float:
-    """Pixel rms per axis; NaN if frames are not at the update rate, or have only one star."""
+    """Common motion of all stars, pixel rms per axis.
+
+    NaN if frames are not at the update rate, or have only one star.
+    """
     times, counts = np.unique(
         np.concatenate([track.windows.time for track in seen]), return_counts=True
     )

@@ -23,7 +23,7 @@ from startrack.verification.windows_of_flight import (
     followed_stars,
 )
 
-SMOOTH = 15  # exposures, over which a path is smoothed
+SMOOTH = 15  # number of exposures over which a path is smoothed
 
 
 def simulate(
@@ -34,17 +34,18 @@ def simulate(
     progress: Advance | None = None,
     unknown: Sequence[Case] = (),
 ) -> list[list[Windows]]:
-    """Images by the design for the same stars on the same paths.
+    """Images predicted by the design, of the same stars on the same paths.
 
     Brightness and path of each star are measured in its flown images: the median of its light, and
     the motion that it shares with the other stars, smoothed over SMOOTH exposures. Its motion
-    beside them is an error of its centroids, which is predicted, and not taken from the flight.
-    Pixels, noise and flicker of the design are drawn.
-    The offset of `case` is subtracted from all images, as in the flown ones.
+    relative to the other stars is an error of its centroids. It is predicted, and not taken from
+    the flight. Pixels, noise and flicker of the design are drawn. The offset of `case` is
+    subtracted from all images, as in the flown ones.
 
-    devices  number of draws of the pixels; progress called with 1 after each star
-    unknown  the design with other values of its unknowns, one for each device; none: all devices
-             are of `case`
+    devices   number of draws of the pixels
+    progress  called with 1 after each star
+    unknown   the design with other values of its unknowns, one for each device; none: all devices
+              are of `case`
     Returns  [device][star], in windows that `tracker.box` places, 8 x 8 pixels each
     Raises   Refused if the numbers of `unknown` and of devices differ
     Accuracy  model: one image on the whole path of a star; a star does not move within an exposure;
@@ -87,7 +88,7 @@ def _of_device(streams: core.Streams, device: int) -> core.Streams:
 
 
 def _paths(tracks: Sequence[Centroids]) -> list[Floats]:
-    """Path (n, 2) of each star, pixel, without what it alone moves by."""
+    """Path (n, 2) of each star, pixel, without the motion of this star alone."""
     if len(tracks) == 1:
         return [_smoothed(tracks[0].place)]
     return [
@@ -103,7 +104,7 @@ def _smoothed(place: Floats) -> Floats:
 
 
 def fraction_in_box(psf: core.Psf, box: detection.Box) -> float:
-    """Fraction of a star's light inside its image, with the star in the middle."""
+    """Fraction of a star's light inside its box, with the star in the middle."""
     image = np.zeros((box.size + 2 * BORDER, box.size + 2 * BORDER))
     middle = np.array([(len(image) - 1) / 2])
     stamp(image, psf, middle, middle, np.ones(1))
@@ -123,8 +124,8 @@ def _drawn(
     """One star on detectors side by side, each a tile of one frame.
 
     path    (n, 2) pixel
-    psf     of the star
-    offset  digital number, which is subtracted from the images
+    psf     PSF of the star
+    offset  digital number that is subtracted from the images
     """
     seen, share = star.windows, fraction_in_box(psf, case.tracker.box)
     flux = float(np.median(star.total)) / share * case.instrument.detector.electrons_per_dn

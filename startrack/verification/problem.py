@@ -23,8 +23,8 @@ class LimitClaim:
     margin: Margin
 
     def answer(self, bounds: Interval) -> Answer:
-        """Decision by the bound that decides a fail (low) and the bound that decides a pass
-        (high)."""
+        """Decision by the lower bound, which decides a fail, and the upper, which decides a
+        pass."""
         if self.margin._replace(value=bounds.high).relative >= 0:
             return Answer.PASS
         fails = self.margin._replace(value=bounds.low).relative < 0
@@ -75,7 +75,7 @@ def _by_trials(
     problem: Problem, rows: Callable[[int], Rows], looks: Looks, watch: Callable[[int], None] | None
 ) -> Iterator[Verdict]:
     expected, note = _expected(problem)
-    # Two trials show which limits exist.
+    # Two trials are enough to know the names of the limits.
     limits = {name: margins[0] for name, margins in problem.judge(rows(2)).margins.items()}
     claims = [LimitClaim(name, margin) for name, margin in limits.items()]
     if not claims:

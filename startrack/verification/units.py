@@ -15,11 +15,11 @@ from startrack.verification.cases import cases, counted
 from startrack.verification.decide import Answer, YieldClaim, answer_of
 
 UnitTrials = Callable[[Case, Units], Rows]
-USUAL = 0.95  # of the units, if a campaign does not state the required fraction
-ENVIRONMENTS = 4  # of each unit; chosen by hand: time against the rms of a unit
+USUAL = 0.95  # required fraction of the units if a campaign does not state it
+ENVIRONMENTS = 4  # environments of each unit; by hand: time against the error of a unit's rms
 
 
-FEWEST_TRIALS = 8  # least trials of a unit; their scatter smears a limit by 18 %
+FEWEST_TRIALS = 8  # least number of trials of a unit; the rms of a unit has an error of 18 %
 
 
 @dataclass(frozen=True)
@@ -42,12 +42,12 @@ class YieldVerdict:
 class UnitRow:
     """A requirement in one condition, by its yields.
 
-    condition  its name
-    name       of the requirement
-    statistic  in words, of each unit, that is limited
+    condition  name of the condition
+    name       name of the requirement
+    statistic  limited statistic of each unit, in words
     limit      radian, or a fraction
-    least      1, fraction of the units that must meet it
-    ages       at the begin and at the end of life
+    least      1, fraction of the units that must meet the limit
+    ages       yields at the begin and at the end of life
     """
 
     condition: str
@@ -60,11 +60,11 @@ class UnitRow:
 
 @dataclass(frozen=True)
 class StatedErrors:
-    """Errors over units as data sheets state them, from trials in the design's own condition.
+    """Errors over units as datasheets state them, from trials in the design's own condition.
 
     age        second
     with_bias  (3,) radian, rms over all units and trials
-    without    (3,) radian, the same without the mean of each unit
+    without    (3,) radian, rms without the mean error of each unit
     """
 
     age: float
@@ -90,9 +90,9 @@ def _stated(outcomes: Rows, how: Units) -> StatedErrors:
 class UnitVerification:
     """All verdicts by yields.
 
-    rows    in order of the conditions
-    count   units
-    trials  of each
+    rows    requirements, in the order of the conditions
+    count   number of units
+    trials  number of trials of each unit
     alpha   probability of any wrong pass, and of any wrong fail
     left    conditions that could not be judged, and why
     stated  errors at each age
@@ -116,7 +116,7 @@ class UnitVerification:
 
 
 def trials_of_a_unit(campaign: Campaign) -> int:
-    """Number of trials by which each unit is judged, at least 8: their noise is not removed."""
+    """Number of trials by which each unit is judged; at least 8, because their noise counts."""
     return max(campaign.trials_per_unit, FEWEST_TRIALS)
 
 
@@ -130,12 +130,13 @@ def verify_units(
     of the campaign, or 95 %. Each of the two ages is tested once, with the error probabilities of
     `Looks` for one look.
 
-    trials    function that gives outcomes of trials of units of a case; they must not have tuned it
-    count     units
-    seed      of these trials
+    trials    function that gives outcomes of trials of units of a case; these trials must not have
+              been used to tune the design
+    count     number of units
+    seed      seed of these trials
     Raises    ValueError if all units of the design are equal, or if a trial cannot be run.
-    Accuracy  the scatter of a unit's rms from n trials smears the limit across by 1 / sqrt(4 n) of
-              it, and a unit's availability has steps of 1 / n.
+    Accuracy  a unit's rms across from n trials has a relative error of 1 / sqrt(4 n), which blurs
+              the limit. A unit's availability has steps of 1 / n.
     """
     units = replace(campaign, units=campaign.units or USUAL)
     judged, left = cases(case, units)

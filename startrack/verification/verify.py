@@ -20,7 +20,7 @@ from startrack.verification.cases import boresights, cases, counted
 from startrack.verification.decide import Answer, Claim, Looks, answer_of, claims_of, decide
 from startrack.verification.decide import tails as tails_of_looks
 
-SHOWN = 0.95  # confidence of intervals in a summary
+SHOWN = 0.95  # confidence level of intervals in a summary
 Trials = Callable[[Case, int], Rows]
 FORMULA = "formula"
 
@@ -29,20 +29,20 @@ FORMULA = "formula"
 class Verdict:
     """One requirement in one condition.
 
-    condition  its name
-    name       of the requirement
+    condition  name of the condition
+    name       name of the requirement
     statistic  the limited statistic, in words
     limit      radian, or a fraction; NaN for a requirement by formula
-    analysis   its value by the analytic budget; NaN without a budget
-    trials     its value by trials, with the bounds that decide a fail and a pass; None if it needs
-               no trials
-    number     of trials
-    margin     as a fraction of the limit (stars: magnitude; availability: difference), by trials if
-               there are any
+    analysis   value of the statistic by the analytic budget; NaN without a budget
+    trials     value by trials, with the bounds that decide a fail and a pass; None if the
+               requirement needs no trials
+    number     number of trials
+    margin     margin as a fraction of the limit (stars: magnitude; availability: difference), by
+               trials if there are any
     answer     pass, fail or not shown
-    needed     number of trials that would decide it if it is not shown; None: no number
-    note       why there is no value, or empty
-    unit       of limit and values as a text; none: radian or a fraction
+    needed     number of trials that would decide it if it is not shown; None: no number would
+    note       why there is no value; empty if there is one
+    unit       unit of limit and values, as a text; none: radian or a fraction
     shown      value and limit by formula with their units, of a requirement that needs no trials
     """
 
@@ -65,8 +65,8 @@ class Verdict:
 class Verification:
     """All verdicts on a design.
 
-    verdicts  in order of the conditions
-    looks     numbers of trials at which they were tested, and the errors of the tests
+    verdicts  verdicts, in the order of the conditions
+    looks     numbers of trials at which they were tested, and the error probabilities of the tests
     left      conditions that could not be judged, and why
     """
 
@@ -94,9 +94,9 @@ def verify(
     judged by trials, at the numbers of `looks`, until all requirements of a condition are decided.
     See `Looks` for the probability of a wrong answer, and `Claim.bounds` for its accuracy.
 
-    trials      function that gives outcomes of trials of a case; they must not have tuned the
-                design
-    seed        of these trials
+    trials      function that gives outcomes of trials of a case; these trials must not have been
+                used to tune the design
+    seed        seed of these trials
     watch       called with each condition and its number of trials before these are run
     Raises      ValueError if a condition does not fit the case, or if a trial cannot be run.
     """
@@ -169,7 +169,7 @@ def bounds_of_errors(
 ) -> list[tuple[Claim, Interval]]:
     """Limited errors, with the bounds by which one look at trials judges them.
 
-    boresight  (n, 3) of the outcomes, ICRS
+    boresight  (n, 3) unit vectors of the boresight of each outcome, ICRS axes
     claims     number of claims that are judged together
     """
     tails = tails_of_looks(1, 1 - needs.confidence, claims)
@@ -183,7 +183,7 @@ def with_bounds(
     """A summary whose rms errors have the intervals by which requirements are judged.
 
     An error then has the same 95 % interval in the summary and in its requirement. The intervals
-    hold for skewed distributions of the squares, too.
+    also hold for skewed distributions of the squared errors.
     """
     known: dict[str, Any] = {
         claim.accuracy.name: interval
@@ -281,7 +281,7 @@ def verdict_notes(verified: Verification) -> list[str]:
     lines.append(
         f"tested at {sizes} trials until decided; a pass or a fail of the whole is wrong with a "
         f"probability of at most {alpha:g} %. Errors in arcsec, availability in %; margins are "
-        "fractions of the limits, that of stars is in mag."
+        "fractions of the limits, the margin of stars is in mag."
     )
     return lines
 

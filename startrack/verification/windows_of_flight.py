@@ -1,4 +1,4 @@
-"""Images of stars that a tracker sent down: files of windows, and windows cut from whole frames."""
+"""Star images downlinked by a tracker: files of windows, and windows cut from whole frames."""
 
 from __future__ import annotations
 
@@ -19,26 +19,27 @@ from startrack.detector import Detector, dark_frames
 from startrack.observation import colour_correction, psf_of
 from startrack.trial import lost_in_space, pattern_indexes
 
-BLOCKS = 8  # of time, of the jackknife
-FEWEST_IMAGES = 4 * BLOCKS  # of a star
+BLOCKS = 8  # blocks of time of the jackknife
+FEWEST_IMAGES = 4 * BLOCKS  # least number of images of a star
 BORDER = 8  # pixel around a path, margin of the drawn detector
-FOLLOWED = 8  # stars of whole frames, the brightest
-APART = 2.0 * BORDER  # pixel, between two stars that are followed
-NEAR = 2.0  # pixel, within which a spot is that of a star
+FOLLOWED = 8  # number of the brightest stars of whole frames that are followed
+APART = 2.0 * BORDER  # pixel, least distance between two stars that are followed
+NEAR = 2.0  # pixel, distance within which a spot belongs to a star
 
 
 class Windows(core.Parameters, eq=False):
     """Images of one star over time.
 
     time        (n,) second, rising
-    number      (n, s, s) digital number less the offset, rows upwards in y
+    number      (n, s, s) digital number minus the offset, rows upwards in y
     corner      (n, 2) pixel (x, y) of the first pixel of each image
     background  (n,) digital number of a pixel that the tracker subtracts; None: unknown
-    magnitude   stated by the tracker; NaN: unknown magnitude_g G of a sunlike star of equal light,
-                from a catalogue and not from these images; NaN: unknown
+    magnitude   magnitude that the tracker states; NaN: unknown
+    magnitude_g  G of a sunlike star of equal light, from a catalogue and not from these images;
+                 NaN: unknown
     acquired    (n,) whether a search of the frame finds the star; None: unknown
-    from_middle whether `corner` counts from the middle of the detector, and not from its first
-                pixel
+    from_middle  whether `corner` counts from the middle of the detector, and not from its first
+                 pixel
     """
 
     name: str
@@ -58,7 +59,7 @@ class Windows(core.Parameters, eq=False):
             raise Refused(f"number of {self.name} must be (n, s, s) with s even, got {shape}")
         if np.shape(self.time) != shape[:1] or np.shape(self.corner) != (shape[0], 2):
             raise Refused(
-                f"time and corner of {self.name} must be as many as its {shape[0]} images, got "
+                f"time and corner of {self.name} must have {shape[0]} entries, one per image, got "
                 f"{np.shape(self.time)} and {np.shape(self.corner)}"
             )
         if shape[0] < FEWEST_IMAGES:
@@ -67,7 +68,7 @@ class Windows(core.Parameters, eq=False):
 
     @property
     def columns(self) -> dict[str, Any]:
-        """Columns of `read_windows`, as an npz file has them."""
+        """The columns of an npz file that `read_windows` reads."""
         left, top = self.corner.T
         columns = {"time": self.time, "number": self.number, "col0": left, "row0": top}
         return columns if self.acquired is None else columns | {"acquired": self.acquired}
@@ -96,16 +97,16 @@ class Windows(core.Parameters, eq=False):
 def read_windows(path: Path, names: Sequence[str] = ()) -> list[Windows]:
     """The stars of a file of numpy arrays (npz) or of FITS tables.
 
-    names  of the stars to read; none: all stars with enough images
+    names  names of the stars to read; none: all stars with enough images
 
-    Where a star of the file has a negative col0 or row0, those of all its stars count from the
-    middle of the detector.
+    If a star of the file has a negative col0 or row0, the numbers of all stars in the file count
+    from the middle of the detector.
 
     npz   `time`, `number` (or `raw_adu`), `col0`, `row0` and optionally `background` (or
           `bkg_adu`), `magnitude` (or `obc_mag`), `magnitude_g` and `acquired`, each prefixed by the
           name of its star and "_" if there are several
     FITS  one table for each star, with columns of these names
-    Raises  ValueError, in one sentence with the path, where it has no star or a column is missing.
+    Raises  ValueError, in one sentence with the path, if there is no star or a column is missing.
     """
     tables = _fits_tables(path) if path.suffix.lower() != ".npz" else _arrays(path)
     if not tables:
@@ -173,14 +174,13 @@ def windows_of_frames(
 ) -> list[Windows]:
     """Windows of 8 x 8 pixels of the brightest stars of whole frames, in the order of time.
 
-    The tracker's search finds the stars in the first frame. From then on its box follows each star,
-    and its search shows in each frame whether it would have acquired the star. Stars that come near
-    the border are left out. Frames without time stamps are assumed to be at the detector's update
-    rate.
+    The tracker's search finds the stars in the first frame. In the later frames a box follows each
+    star, and the search shows whether it would have acquired the star. Stars that come near the
+    border are left out. Frames without time stamps are assumed to be at the detector's update rate.
 
     progress    called with 1 after each frame
-    dark_frame  of the detector, from which a tracker with a dark map makes its map; the windows
-                hold uncorrected numbers
+    dark_frame  dark frame of the detector, from which a tracker with a dark map makes its map; the
+                windows contain uncorrected numbers
     Raises      Refused if the frames are not of the design's detector, are too few, or have no star
                 away from the border; if only some have time stamps, or these do not rise; and if a
                 dark frame is missing for a dark map, or given without one.
@@ -188,8 +188,8 @@ def windows_of_frames(
     detector, box, settings = case.instrument.detector, case.tracker.box, case.tracker.detection
     if (dark_frame is None) != (settings.dark_map is None):
         raise Refused(
-            "a dark frame must be given where the tracker has a dark map "
-            "(tracker.detection.dark_map), and nowhere else"
+            "a dark frame must be given if, and only if, the tracker has a dark map "
+            "(tracker.detection.dark_map)"
         )
     taken = None
     if dark_frame is not None:
@@ -233,7 +233,7 @@ def windows_of_frames(
 
 
 def blocks_of(stars: Sequence[Windows]) -> Iterable[list[Windows]]:
-    """The stars without each of eight blocks of time."""
+    """The stars without one of eight blocks of time, for each block."""
     for parts in without_blocks([star.time for star in stars]):
         yield [star.of(part) for star, part in zip(stars, parts, strict=True)]
 
@@ -247,7 +247,7 @@ def without_blocks(times: Sequence[Floats]) -> Iterable[list[Flags]]:
 
 
 def jackknife_sigma(parts: Sequence[float] | Floats) -> float:
-    """Standard deviation of a figure by its values without each of the blocks of time."""
+    """Standard deviation of a figure by a jackknife, from its values without each block of time."""
     spread = np.array(parts) - np.mean(parts)
     return math.sqrt((BLOCKS - 1) / BLOCKS * float((spread**2).sum()))
 
@@ -257,7 +257,7 @@ def with_magnitudes(stars: Sequence[Windows], frame: core.Frame, case: Case) -> 
 
     The tracker finds its attitude from the first frame, lost in space. A star of the windows that
     it matched gets the G of the catalogue, corrected for its colour in the band of the camera. The
-    magnitudes of other stars, or of all stars without an attitude, do not change.
+    magnitudes of other stars do not change; without an attitude, no magnitude changes.
 
     Accuracy  model: single stars, without the light of their neighbours.
     """
@@ -326,7 +326,7 @@ def acquired_in(frame: core.Frame, corner: Ints, plan: detection.DetectionPlan) 
 def followed_stars(
     frame: core.Frame, corner: Ints, box: detection.Box, plan: detection.DetectionPlan
 ) -> Ints:
-    """Places of the tracker's boxes after a frame; a box that loses its star stays."""
+    """Places of the tracker's boxes after a frame; a box that loses its star does not move."""
     after = detection.follow(frame, corner, box, plan)
     return np.where(after < 0, corner, after)
 

@@ -32,13 +32,13 @@ DIM = {"instrument.optics.f_number": 20.0}  # stars to G = 3.5 or so pass the th
         ),
         (
             {"instrument.detector.dark_current": "3e5 electron / s"},
-            "dark current fills the pixels, which hold 19687 electrons: dark current makes 24000 ",
+            "dark current saturates the pixels, which hold 19687 electrons: dark current makes 240",
         ),
-        ({"scene.background_g": 10.0}, "the light of the sky fills the pixels"),
+        ({"scene.background_g": 10.0}, "the light of the sky saturates the pixels"),
         ({"catalog.limit_g": 1.0}, "too few stars are in a field, at most [123] of the"),
         (
             {"tracker.detection.sharpest_sigma": 5.0},
-            "the tracker takes the stars that it sees for hot pixels: of at most",
+            "the tracker rejects the stars that it sees as hot pixels: of at most",
         ),
     ],
     ids=["light", "dark", "sky", "full of dark", "full of sky", "catalogue", "hot pixels"],
@@ -54,7 +54,7 @@ def test_the_cause_is_said(changes, cause):
 def test_a_catalogue_of_the_tracker_that_leaves_out_its_stars_is_said():
     catalog = Selection(limit_g=1.0)
     case = dataclasses.replace(CASE, tracker=dataclasses.replace(CASE.tracker, catalog=catalog))
-    with pytest.raises(Refused, match="tracker's catalogue leaves out the stars that it sees"):
+    with pytest.raises(Refused, match="tracker's catalogue lacks stars that the camera sees"):
         survey(case)
 
 

@@ -35,12 +35,12 @@ def test_a_constant_error_is_mean_and_not_relative(case):
 
 
 def test_a_window_must_fit_twice(case):
-    with pytest.raises(ValueError, match="window must fit twice into the 12 frames"):
+    with pytest.raises(ValueError, match="window must fit twice into the 12 consecutive frames"):
         indices_of(case, CALM, 1, 1, 4.0, Serial())
 
 
 def test_a_blind_sequence_is_told(case):
     detector = replace(case.instrument.detector, exposure=1e-6)
     dark = replace(case, instrument=replace(case.instrument, detector=detector))
-    with pytest.raises(ValueError, match="must be solved in frames in a row, got 0 frames"):
+    with pytest.raises(ValueError, match="needs solved consecutive frames, got 0 frames"):
         indices_of(dark, CALM, 1, 1, 1.0, Serial())

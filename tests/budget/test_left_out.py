@@ -39,8 +39,8 @@ def test_it_is_said_of_which_unit_something_is_not_counted(case):
         ({"instrument.detector.lag": 0.02}, "residual charge"),
         ({"instrument.detector.read_noise_rate": 1e6}, "than at 1, where instrument.detector.read"),
         ({"instrument.motion.rate_z": 10 * deg}, "corners"),
-        ({"instrument.optics.blur": 25e-6}, "noise that moves a window"),
-        ({"catalog.limit_g": 5.0}, "which star is which"),
+        ({"instrument.optics.blur": 25e-6}, "shifts by noise of a window"),
+        ({"catalog.limit_g": 5.0}, "wrong identification"),
     ],
 )
 def test_an_effect_that_is_not_counted_is_named(case, changes, said):
@@ -106,7 +106,7 @@ def test_what_the_covariance_cannot_hold_is_named(case):
     budget = analytic(wrong)
     assert unseen(budget).startswith("the tracker does not know of camera model")
     more = replace(budget, left_out=("a wide streak",))
-    assert unseen(more) == f"{unseen(budget)}; what is not counted"
+    assert unseen(more) == f"{unseen(budget)}; effects that are left out"
 
 
 def test_noise_that_the_converter_cuts_off_is_named(case):

@@ -152,7 +152,7 @@ def test_votable_with_fewer_rows_than_it_says(tmp_path):
     text = path.read_text()
     start = text.rindex("<TR>")
     path.write_text(text[:start] + text[text.rindex("</TR>") + 5 :])
-    with pytest.raises(ValueError, match="must have the 2 rows it says, got 1"):
+    with pytest.raises(ValueError, match="must have the 2 rows it declares, got 1"):
         read(path)
 
 

@@ -98,8 +98,8 @@ def test_all_figures_stand_before_pictures_of_the_sky_are_drawn(
 def test_why_stars_are_refused_stands_above_the_error_that_it_makes(capsys):
     noise_only = str(shipped("designs/noise_only.toml"))
     _, out, _ = run(capsys, noise_only, "--set", "instrument.optics.blur=0 um")
-    assert out.count("are refused as hot pixels") == 1
-    assert out.index("are refused as hot pixels") < out.index("arcsec rms per axis")
+    assert out.count("are rejected as hot pixels") == 1
+    assert out.index("are rejected as hot pixels") < out.index("arcsec rms per axis")
 
 
 @pytest.mark.slow

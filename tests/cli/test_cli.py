@@ -391,8 +391,8 @@ def test_why_stars_are_refused_comes_after_costs_and_before_errors(capsys):
     lines = capsys.readouterr().out.splitlines()
     table = next(n for n, line in enumerate(lines) if line.startswith("requirement "))
     assert lines[0].startswith("mass kg")
-    assert "stars above the threshold are refused as hot pixels" in lines[table - 2]
-    assert sum("refused as hot pixels" in line for line in lines) == 1
+    assert "stars above the threshold are rejected as hot pixels" in lines[table - 2]
+    assert sum("rejected as hot pixels" in line for line in lines) == 1
 
 
 def test_keys_of_a_table(call):

@@ -109,7 +109,7 @@ def test_a_cluster_and_one_match_alone_are_ambiguous(design, towards, spots_at):
     found = known.solve(seen)
     assert len(group) == 6
     assert found.status is Status.AMBIGUOUS
-    assert "one of them alone holds the roll" in found.reason
+    assert "one alone determines the roll" in found.reason
 
 
 @pytest.mark.parametrize("seed", [23, 61, 124])

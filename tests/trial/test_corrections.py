@@ -121,7 +121,7 @@ def test_corrections_live_in_design_files():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Selection(orbital_velocity=ORBIT), "orbital_velocity must be empty where"),
+        (lambda: Selection(orbital_velocity=ORBIT), "orbital_velocity must be empty if"),
         (lambda: Selection(aberration=True, orbital_velocity=(1.0,)), "must have three components"),
         (lambda: Tracker(mounting=Mounting(swing_x=1e-6)), "mounting of a tracker must not swing"),
         (lambda: Mounting(swing_z=-1e-6), "swing_z must not be negative, got -1e-06"),

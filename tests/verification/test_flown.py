@@ -182,7 +182,9 @@ def test_a_tracker_with_a_dark_map_needs_a_dark_frame():
     unaware = replace(case.tracker.detection, dark_map=None)
     without = replace(case, tracker=replace(case.tracker, detection=unaware))
     for given, some in ((None, case), (dark, without)):
-        with pytest.raises(ValueError, match="dark frame must be given where the tracker has"):
+        with pytest.raises(
+            ValueError, match="dark frame must be given if, and only if, the tracker has"
+        ):
             windows_of_frames(frames, some, dark_frame=given)
 
 
@@ -295,7 +297,7 @@ def test_an_offset_that_is_not_the_designs_is_told_and_no_background_compared():
     assert abs(rows[0.0]["offset"].seen.value) < 15
     assert not rows[0.0]["background"].untested
     assert rows[60.0]["offset"].seen.value - rows[0.0]["offset"].seen.value == pytest.approx(60)
-    assert rows[60.0]["background"].untested.startswith("the numbers have another offset")
+    assert rows[60.0]["background"].untested.startswith("the offset of the numbers is not")
     assert not rows[60.0]["background"].differs
 
 
