@@ -1,19 +1,20 @@
 """Instrument, Tracker, Scene and campaign: the contents of a design file.
 
 epoch         Scene, Selection -> the catalogue's epoch and orbital velocity, which must not
-              contradict it.
-case          Case: what is true and what the tracker believes, kept apart; how faithful a trial is.
-products      Table of a design -> the same with the values of the detector product that it names.
-measured_tables  Tables of a photon transfer or of stars -> the figures of a design that they tell.
-spectrum      Table of a design -> the same with the power spectra of jitter that it names as files.
-parameter     Dotted name, case -> the value there, its unit, or a case with other values.
+              contradict the scene.
+case          Case: true values and values that the tracker assumes, kept apart; Fidelity of a
+              trial.
+products      Table of a design -> the same table with the values of its detector product.
+measured_tables  Tables of a photon transfer or of stars -> measured figures of a design.
+spectrum      Table of a design -> the same table with power spectra of jitter from its files.
+parameter     Dotted name, case -> the value at this name, its unit, or a case with other values.
 variables     Variable, Link, DesignSpace, Choice: the parameters of a case that a campaign may
               change.
 objective     Outcomes of trials -> the error that is minimised, and ratios of it.
 requirements  Requirements: limits of a design besides accuracy, with the cost of its lens.
 conditions    Condition: a further rate, background or age at which a design is judged.
-variation     Variation: how a number of the truth differs between units, environments, in time.
-structure     Structure: the carrier of lens and detector, and their motion with its temperatures.
+variation     Variation: differences of a true value between units, environments and in time.
+structure     Structure: the carrier of lens and detector, and their motion with temperature.
 campaign      Campaign: objective, limits, conditions and variables of a study.
 told          Told: a figure of a design that somebody measured or published.
 unknown       Laws of unknown values of a design file, and draws from them.

@@ -24,7 +24,7 @@ from startrack.design.requirements import COSTS, Accuracy, Requirements
 from startrack.design.variables import Choice, Link, Variable
 
 AGES = ("begin", "end")
-UNIT_TRIALS = 20  # of each fresh unit: its rms is known to 11 %; chosen by hand
+UNIT_TRIALS = 20  # trials of each fresh unit: they give its rms to 11 %; chosen by hand
 
 
 def fewest_trials_beyond(objective: Objective) -> int:
@@ -35,108 +35,114 @@ def fewest_trials_beyond(objective: Objective) -> int:
 
 
 class Campaign(Parameters):
-    """The question that is put to a design."""
+    """The question that is asked about a design: what to minimise, over what, and how."""
 
     OLD_KEYS: ClassVar[Mapping[str, str]] = {"prospects": "analytic_evaluations"}
 
     variables: tuple[Variable, ...] = parameter("what may change", default=())
     links: tuple[Link, ...] = parameter("what follows them", default=())
     choices: tuple[Choice, ...] = parameter(
-        "what may be one of several: each combination is a branch of its own", default=()
+        "parameters with a list of values: each combination is a separate branch", default=()
     )
     requirements: Requirements = parameter("what must hold", default_factory=Requirements)
     conditions: tuple[Condition, ...] = parameter(
-        "rates, backgrounds and ages at which the design is judged, besides its own", default=()
+        "rates, backgrounds and ages at which the design is also judged", default=()
     )
     objective: str = parameter(
-        '"across", "about" or "both", whose rms error is made small; with a fraction in '
-        'percent, as in "across-99.73", the error that this share of trials does not exceed by its '
-        'length; as in "across-99.73 per axis", that this share of errors about single axes does '
-        'not exceed; "both radial": the root of the sum of the squares about all axes; as in '
-        '"across + 0.1 about", a weighted sum of rms errors',
+        'error to be minimised. "across", "about" or "both": rms per axis; "across-99.73": length '
+        'of the error that 99.73 % of the trials do not exceed; "across-99.73 per axis": error '
+        'about a single axis that 99.73 % do not exceed; "both radial": rms of the length over all '
+        'axes; "across + 0.1 about": a weighted sum of rms errors',
         default="across",
     )
     unknown_draws: int = parameter(
-        "draws of what is not known in which the design is judged, too, each a condition of "
-        "weight 1 with one value of each unknown; 0: all unknowns stay at their middle",
+        "number of draws of the unknown values in which the design is also judged; each draw is a "
+        "condition of weight 1; 0: all unknowns stay at their middle",
         limit=Range(0, 200),
         default=0,
     )
     conditions_mean: str = parameter(
-        "how the objective counts conditions, by their weights: their geometric, arithmetic or "
-        "quadratic mean; or the worst of those that have a weight",
+        "how the objective combines conditions: their geometric, arithmetic or quadratic mean by "
+        "their weights; or the worst of those that have a weight",
         limit=Range(choices=MEANS),
         default=MEANS[0],
     )
     minimise: str = parameter(
-        '"error": the objective; or a cost by the models of the requirements, under their limits, '
-        "which trials of errors and availability decide as ever",
+        '"error": the objective; or a cost by the models of the requirements; their limits then '
+        "hold, and trials decide the limits on errors and availability",
         limit=Range(choices=("error", *COSTS)),
         default="error",
     )
     units: float | None = parameter(
-        "fraction of the units of the design, such as 0.95, that must be as good: the objective "
-        "is then the error that this fraction does not exceed, and a limit on an error must "
-        "hold for it; None: of the unit as designed alone",
+        "fraction of the units of the design, such as 0.95, over which errors are judged: the "
+        "objective is the error that this fraction of the units does not exceed, and limits on "
+        "errors must hold for this fraction; None: only the unit as designed is judged",
         default=None,
     )
     age: str = parameter(
-        'of these units: "begin" or "end" of life, or a time such as "3 yr"', default="end"
+        'age of these units: "begin" or "end" of life, or a time such as "3 yr"', default="end"
     )
     unit_count: int = parameter(
-        "units that the analytic budget of each design is computed for",
+        "number of units for which the analytic budget of each design is computed",
         limit=Range(2, 1000),
         default=20,
     )
     fresh_units: int = parameter(
-        "units on which start and best are compared at the end", limit=Range(2, 10**5), default=60
+        "number of units on which start and best design are compared at the end",
+        limit=Range(2, 10**5),
+        default=60,
     )
     unit_trials: int | None = parameter(
-        "trials of each of these; None: 20. More where a level of the objective or of a "
-        "requirement needs them to have one trial beyond it, which are 371 for 99.73 %",
+        "number of trials of each of these units; None: 20. If the objective or a requirement is a "
+        "level, there are enough trials for one of them to exceed it: 371 for 99.73 %",
         limit=Range(2, 10**4),
         default=None,
     )
     fidelity: Fidelity = parameter(
-        "of the trials that a search is done with; the winner is verified on frames",
+        "fidelity of the trials of a search; the best design is verified on frames",
         default=Fidelity.WINDOW,
     )
-    trials: int = parameter("of each design at first", limit=Range(2, 10**6), default=50)
+    trials: int = parameter(
+        "initial number of trials of each design", limit=Range(2, 10**6), default=50
+    )
     most_trials: int = parameter(
-        "of each design at last; the number doubles between", limit=Range(high=10**6), default=200
+        "final number of trials of each design; the number doubles until then",
+        limit=Range(high=10**6),
+        default=200,
     )
     evaluations: int = parameter(
-        "designs at most that are tried by trials, in all branches together; three more "
-        "in each round that follows fresh trials in which a limit is missed",
+        "largest number of designs that are judged by trials, over all branches; each round after "
+        "fresh trials that miss a limit adds three",
         limit=Range(1, 10**6),
         default=120,
     )
     analytic_evaluations: int = parameter(
-        "designs at most of each branch that the analytic budget evaluates, before the first trial",
+        "largest number of designs of each branch that the analytic budget evaluates, before the "
+        "first trial",
         limit=Range(0, 10**6),
         default=200,
     )
     search: str = parameter(
-        'how designs are chosen for the analytic budget: "emulator", where Gaussian processes '
-        "through all that are known expect most, or algorithms of nlopt one after the other, such "
-        'as "direct+sbplx" or "GN_ISRES", each with as many evaluations; or user code, '
-        "see docs/extensions.md",
+        'how designs are chosen for the analytic budget: "emulator", the largest gain expected by '
+        "Gaussian processes that are fitted to all evaluated designs; or algorithms of nlopt one "
+        'after the other, such as "direct+sbplx" or "GN_ISRES", each with this number of '
+        "evaluations; or user code, see docs/extensions.md",
         limit=Range(code="searches", free=True),
         default="emulator",
     )
     precision: float = parameter(
-        "fraction of the objective that is worth no further evaluation: a search ends when it "
-        "expects to gain less, and each variable is known as well as that bears",
+        "tolerance of the search, as a fraction of the objective: it ends when the expected gain "
+        "is smaller, and each variable is known with the accuracy that this allows",
         limit=Range(1e-4, 0.5),
         default=0.01,
     )
     sample_trials: int = parameter(
-        "trials for each design that the tolerance region is computed from",
+        "number of trials of each design from which the tolerance region is computed",
         limit=Range(2, 10**6),
         default=160,
     )
     fresh_trials: int = parameter(
-        "frames on which start and best are compared at the end",
+        "number of frames on which start and best design are compared at the end",
         limit=Range(2, 10**6),
         default=1000,
     )
@@ -146,7 +152,7 @@ class Campaign(Parameters):
         default=0.2,
     )
     span: float = parameter(
-        "half the width of that region's box, as a fraction of each variable's range",
+        "half the width of the box of this region, as a fraction of each variable's range",
         limit=Range(0.001, 0.5),
         default=0.15,
     )
@@ -158,7 +164,7 @@ class Campaign(Parameters):
         self._check_units()
 
     def error(self, text: str) -> Objective:
-        """A statistic of the error, over the conditions as the campaign counts them."""
+        """A statistic of the error, with the campaign's mean over conditions."""
         return replace(Objective.read(text), mean=self.conditions_mean)
 
     @property
@@ -172,7 +178,7 @@ class Campaign(Parameters):
         return replace(self, minimise="error")
 
     def cost(self, case: Case) -> float | None:
-        """The cost that is minimised instead of the error; None where the error is.
+        """The cost that is minimised instead of the error; None if the error is minimised.
 
         Returns  SI, in the unit of `COSTS`
         """
@@ -180,7 +186,7 @@ class Campaign(Parameters):
             return None
         cost = self.requirements.cost_named(self.minimise, case)
         if not cost > 0:
-            raise Refused(f"{self.minimise} must be positive to be made small, got {cost:g}")
+            raise Refused(f"{self.minimise} must be positive to be minimised, got {cost:g}")
         return cost
 
     @property
@@ -202,7 +208,7 @@ class Campaign(Parameters):
         if not 0 < self.units < 1:
             raise Refused(f"units must lie in (0, 1), such as 0.95, got {self.units}")
         if self.requirements.sky == "worst":
-            raise Refused("units must be left out where requirements.sky is worst")
+            raise Refused("units must be left out if requirements.sky is worst")
 
     @property
     def trials_of_level(self) -> int:
@@ -225,7 +231,7 @@ class Campaign(Parameters):
     def over_units(self, case: Case) -> OverUnits | None:
         """The units over which a design is judged; None: it is judged as designed.
 
-        Raises  ValueError if units are asked and those of the design are all alike.
+        Raises  ValueError if units are required and all units of the design are equal.
         """
         if self.units is None:
             return None
@@ -240,7 +246,7 @@ class Campaign(Parameters):
         return OverUnits(self.units, age, self.unit_count, per_unit)
 
     def goal_of(self, case: Case) -> str:
-        """The statistic of the error of a design, in words: over its units where these are asked.
+        """The statistic of the error of a design, in words; over its units if these are required.
 
         Raises  as `over_units`
         """
@@ -250,8 +256,8 @@ class Campaign(Parameters):
     def judged(self, case: Case) -> tuple[Judged, ...]:
         """A design in all conditions in which it is judged; see `startrack.design.judged`.
 
-        Where units are asked, conditions without a weight in the objective and without a limit on
-        an error are those of the unit as designed.
+        If units are required, conditions that have neither a weight in the objective nor a limit on
+        an error are judged for the unit as designed.
         """
         units, every = self.over_units(case), judged(case, self.requirements, self.conditions)
         if units is None:

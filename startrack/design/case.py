@@ -1,4 +1,4 @@
-"""Case: what is true and what the tracker believes, kept apart; how faithful a trial is."""
+"""Case: true values and values that the tracker assumes, kept apart; Fidelity of a trial."""
 
 from __future__ import annotations
 
@@ -55,25 +55,27 @@ class CameraCalibration(Parameters):
     """A calibration of the camera of one unit: a least-squares fit to stars at known directions.
 
     On the ground, a collimator or a star simulator shows stars at `positions` evenly over the
-    frame, in one attitude of the camera that is fitted too. In orbit, `frames` of random sky have
-    `stars` each, at random places, and an attitude each. A recursive one is a filter from frame to
-    frame (`CameraFilter`, which reaches the bound of such a fit) whose memory are the last
-    `frames`: they last less than an environment does.
+    frame, in one attitude of the camera, which is also fitted. In orbit, each of `frames` of random
+    sky has `stars` at random places, and its own attitude. A recursive calibration is a filter from
+    frame to frame (`CameraFilter`, which reaches the bound of such a fit). Its memory is the last
+    `frames`, which last shorter than an environment.
     """
 
     place: str = parameter(
-        '"ground": before launch, so that steps of the launch come after; "orbit": once after it; '
-        '"recursive": as "orbit", and then focal length, distortion and map again and again, so '
-        "that they follow age and temperature; principal point and mounting stay, because stars "
-        "hardly tell them from a turn",
+        '"ground": before launch, so that steps at launch are not calibrated; "orbit": once after '
+        'launch; "recursive": as "orbit", then focal length, distortion and map again and again, '
+        "so that they follow age and temperature. Principal point and mounting stay, because stars "
+        "hardly distinguish them from a rotation",
         limit=Range(choices=PLACES),
         default="ground",
     )
     positions: int = parameter("on the ground", limit=Range(10, 10**5), default=100)
     frames: int = parameter("in orbit", limit=Range(1, 10**5), default=50)
-    stars: int = parameter("in each of these frames", limit=Range(3, 1000), default=10)
+    stars: int = parameter(
+        "number of stars in each of these frames", limit=Range(3, 1000), default=10
+    )
     noise: float = parameter(
-        "pixel rms per axis, of the mean centroid of a star at a position, or in a frame",
+        "pixel rms per axis, noise of the mean centroid of a star at a position, or in a frame",
         limit=NON_NEGATIVE,
         default=0.02,
     )
@@ -84,21 +86,21 @@ class CameraCalibration(Parameters):
         default=0.0,
     )
     temperature: float = parameter(
-        "of the instrument above its reference, at which the residual is seen",
+        "temperature of the instrument above its reference during the calibration",
         unit=Unit("K"),
         limit=FINITE,
         default=0.0,
     )
     order: int = parameter(
-        "of the polynomial of distortion in the fit: 1: focal length and principal point alone; "
-        "3: k1 too; 5: and k2; 7: and k3",
+        "order of the distortion polynomial in the fit. 1: focal length and principal point alone; "
+        "3: also k1; 5: also k2; 7: also k3",
         default=3,
     )
-    tangential: bool = parameter("whether p1 and p2 are fitted too", default=False)
+    tangential: bool = parameter("whether p1 and p2 are also fitted", default=False)
     map: int = parameter(
-        "nodes along each side of a table of displacements, to which what the polynomial leaves "
-        "is fitted, with straight lines between them; 0: none; 1, a shift of all, is none, too: "
-        "it is the principal point",
+        "nodes along each side of a map of displacements, which is fitted to the residuals of the "
+        "polynomial, with linear interpolation between nodes. 0: no map; 1: no map either, because "
+        "one common shift is the principal point",
         limit=Range(0, 9),
         default=0,
     )
@@ -110,7 +112,7 @@ class CameraCalibration(Parameters):
 
     @property
     def nodes(self) -> int:
-        """Along each side of the map; 0 where there is none."""
+        """Number of nodes along each side of the map; 0 without a map."""
         return self.map if self.map > 1 else 0
 
     @property
@@ -120,13 +122,13 @@ class CameraCalibration(Parameters):
 
 
 class Fidelity(StrEnum):
-    """Fidelity of a trial; each is a cheaper approximation of the one before.
+    """Fidelity of a trial; each is a cheaper approximation of the previous one.
 
     frame       the whole image is rendered and searched
-    window      only the pixels that the detection could look at: around stars, and where noise
-                alone passes the threshold
-    spots       spots are drawn from the centroids' bias and covariance, without an image, and are
-                identified and solved as those of a frame
+    window      only the pixels that the detection may use are rendered: around stars, and where
+                noise alone exceeds the threshold
+    spots       spots are drawn from the centroids' bias and covariance, without an image; they are
+                identified and solved like the spots of a frame
     covariance  spots are drawn as in `spots`; identification is assumed to be perfect
     """
 
@@ -140,14 +142,14 @@ class Temperatures(Parameters):
     """Temperatures of an instrument; that of its detector is in the detector."""
 
     lens: float = parameter(
-        "of the lens, whose table then gives focal length, focus and distortion",
+        "temperature of the lens, at which its table gives focal length, focus and distortion",
         unit=Unit("K", "degC", absolute=True),
         limit=Range(1, 1000),
         default=ROOM,
     )
 
 
-MOST_OUTSIDE = 0.02  # of the light of a sunlike star, that may have no bin of wavelength
+MOST_OUTSIDE = 0.02  # limit of the fraction of a sunlike star's light outside all spectral bins
 
 
 @lru_cache(maxsize=16)
@@ -160,7 +162,7 @@ def _traced_camera(
     principal: tuple[float, float],
     photons: bytes,
 ) -> core.Camera:
-    """`fit_camera`; kept for the 16 last lenses, as units and their environments share one.
+    """`fit_camera`; cached for the last 16 lenses, because units in their environments share one.
 
     photons  of `Instrument.detected_spectra`
     """
@@ -171,31 +173,31 @@ def _traced_camera(
 class Instrument(Parameters):
     """The truth: it makes the frame and judges the attitude.
 
-    imaged    the instrument whose images and distortion behind a lens table these are, scaled by
-              the focal length; None: its own. No file holds it
+    imaged    the instrument from which images and distortion behind a lens table are taken, scaled
+              by the focal length; None: this instrument. No file contains it
     """
 
     optics: Optics = parameter("A lens.")
     detector: Detector = parameter(
-        "A matrix of pixels, or lines of them, in the terms of EMVA 1288 (release 4.0)."
+        "A matrix of pixels, or lines of pixels, in the terms of EMVA 1288 (release 4.0)."
     )
     motion: Motion = parameter(
-        "How the camera turns in an exposure, about its own axes.", default_factory=Motion
+        "How the camera rotates in an exposure, about its own axes.", default_factory=Motion
     )
     mounting: Mounting = parameter(
-        "how the camera sits on the spacecraft", default_factory=Mounting
+        "mounting of the camera on the spacecraft", default_factory=Mounting
     )
     delay: float = parameter(
-        "by which the time stamp of a frame lies after the middle of its exposure",
+        "time stamp of a frame minus the middle of its exposure",
         unit=Unit("s", "ms"),
         limit=FINITE,
         default=0.0,
     )
     baffle: Baffle | None = parameter(
-        "what it lets through of Sun, Moon and Earth; None: nothing", default=None
+        "transmission of the baffle for Sun, Moon and Earth; None: no stray light", default=None
     )
     tube: BaffleTube | None = parameter(
-        "the baffle by its geometry, in place of a curve; None: as `baffle` says", default=None
+        "geometry of the baffle, in place of its curve; None: `baffle` holds", default=None
     )
     thermal: Temperatures | None = parameter(
         "temperatures; None: the lens is at 20 degC", default=None
@@ -204,12 +206,13 @@ class Instrument(Parameters):
         "reflections in the lens that make ghosts of bright sources; None: no ghosts", default=None
     )
     residual: Residual | None = parameter(
-        "displacements that no camera model holds, which a calibration leaves; None: none",
+        "displacements that remain after a calibration, because no camera model contains them; "
+        "None: none",
         default=None,
     )
     structure: Structure | None = parameter(
-        "what carries lens and detector, and how warm it becomes; what follows from it differs "
-        "as a [[variation]] does; None: nothing",
+        "structure that carries lens and detector, and its temperatures; their effects vary like a "
+        "[[variation]]; None: no structure",
         default=None,
     )
     imaged: Instrument | None = field(default=None, metadata={"computed": True})
@@ -219,17 +222,17 @@ class Instrument(Parameters):
         if self.baffle and self.tube:
             raise Refused("baffle must be left out where tube gives its geometry, or tube left out")
         if self.thermal and not self.optics.traced:
-            raise Refused("thermal.lens must be left out where no lens_file says what it changes")
+            raise Refused("thermal.lens must be left out without a lens_file that says its effect")
         if self.ghosts:
             lens_surfaces(self.optics)
             if self.detector.scan:
-                raise Refused("ghosts must be left out where lines scan")
+                raise Refused("ghosts must be left out for a detector that scans")
         if self.optics.tabulated and self.detector.scan:
             key = "lens_file" if self.optics.traced else "psf_file of several images"
-            raise Refused(f"optics.{key} must be left out where lines scan")
+            raise Refused(f"optics.{key} must be left out for a detector that scans")
 
     def __hash__(self) -> int:
-        """Computed once, as that of a Case."""
+        """Computed once, as the hash of a Case."""
         return self._hash
 
     @cached_property
@@ -241,9 +244,10 @@ class Instrument(Parameters):
 
     @cached_property
     def stray(self) -> Baffle | None:
-        """Transmission of the baffle: its curve, or that of its geometry; None: no stray light.
+        """Transmission of the baffle, by its curve or its geometry; None: no stray light.
 
-        Lens and field count to three digits, so that the units of a design share one curve.
+        Lens and field are rounded to three digits, so that the units of a design share one curve.
+
         Raises  Refused if the tube is narrower than its entrance.
         """
         if self.tube is None:
@@ -265,14 +269,14 @@ class Instrument(Parameters):
 
     @property
     def lens_temperature(self) -> float:
-        """Kelvin."""
+        """Temperature of the lens, kelvin."""
         return self.thermal.lens if self.thermal else ROOM
 
     @cached_property
     def camera(self) -> core.Camera:
         """True camera; with a lens table, the camera that fits it best.
 
-        Raises  ValueError if the table does not hold the frame, the band or the temperature.
+        Raises  ValueError if the table does not cover the frame, the band or the temperature.
         """
         model = self._camera_model
         if self.residual is None:
@@ -327,9 +331,9 @@ class Instrument(Parameters):
 
     @property
     def response(self) -> Floats:
-        """Transmission times quantum efficiency, electron / photon, its mean in each bin.
+        """Transmission times quantum efficiency, electron / photon, mean over each bin.
 
-        Behind a mosaic the mean of its pixels.
+        For a mosaic of colour filters it is the mean over the pixels.
 
         Returns  (k,) in the bins of WAVELENGTH
         Raises   Refused if a part of the light that matters has no bin.
@@ -370,7 +374,7 @@ class Tracker(Parameters):
         "How matched stars are weighted, and when one is left out.", default_factory=SolverSettings
     )
     camera: core.Camera | None = parameter(
-        "its calibration; None for a perfect one, which follows the instrument's design",
+        "camera that the tracker assumes; None: a perfect calibration, by the instrument's design",
         default=None,
     )
     camera_model: str = parameter(
@@ -380,77 +384,77 @@ class Tracker(Parameters):
         default="radial",
     )
     catalog: Selection | None = parameter(
-        "its cut of the star catalogue, None for the one that the sky is made of", default=None
+        "star catalogue of the tracker; None: the catalogue of the sky", default=None
     )
     mounting: Mounting | None = parameter(
         "mounting that it assumes, None for the true one without its swing", default=None
     )
     delay: float | None = parameter(
-        "second that it takes off its time stamps, None for all of the delay there is",
+        "second, delay that the tracker subtracts from its time stamps; None: the true delay",
         unit=Unit("s", "ms"),
         limit=FINITE,
         default=None,
     )
     motion: Motion | None = parameter(
-        "how it believes the camera to turn, None for as it does, jitter apart; where lines "
-        "scan, each spot has its own time",
+        "motion that the tracker assumes; None: the true motion without jitter. For a detector "
+        "that scans, each spot has its own time",
         default=None,
     )
     rate: str = parameter(
-        'how it knows the smear of its stars without a prediction: "known", by its motion; '
-        '"images", by the streaks of the frame itself, whose sign stays open',
+        'source of the smear of stars without a prediction: "known", the motion that the tracker '
+        'assumes; "images", the streaks in the frame itself, whose sign is unknown',
         limit=Range(choices=("known", "images")),
         default="known",
     )
     reference: str = parameter(
-        'attitude that it is judged by: "instant", that in the middle of the exposure, for which '
-        'control wants it and ECSS-E-ST-60-20C states errors; "mean", that over the exposure, '
-        "which leaves jitter within the exposure to the spacecraft, as makers' noise figures do",
+        'reference attitude of the errors: "instant", the attitude at mid-exposure, which control '
+        'needs and to which errors of ECSS-E-ST-60-20C refer; "mean", the mean over the exposure. '
+        "Jitter within the exposure is then an error of the spacecraft, as in makers' noise data",
         limit=Range(choices=("instant", "mean")),
         default="instant",
     )
     row_delay: float | None = parameter(
-        "second between the exposures of two rows, by which it moves each spot to the middle of "
-        "the frame's exposure at the rates that it knows; None for that of the detector as "
-        "designed, 0 for no correction",
+        "second between the exposures of two rows, by which the tracker moves each spot to the "
+        "middle of the frame's exposure at the rates that it knows; None: the row delay of the "
+        "detector as designed, 0: no correction",
         unit=Unit("s", "us"),
         limit=NON_NEGATIVE,
         default=None,
     )
     calibrated_at: float | None = parameter(
-        "temperature of the lens when the camera was calibrated, None for that which it has; a "
-        "lens table says what differs",
+        "temperature of the lens when the camera was calibrated; None: its true temperature. The "
+        "lens table gives the difference",
         unit=Unit("K", "degC", absolute=True),
         limit=Range(1, 1000),
         default=None,
     )
     focal_length_by_colour: bool = parameter(
-        "whether it scales the place of each star by a focal length of the star's colour in its "
-        "catalogue, as calibrated: it takes off most of the lateral colour of a lens table",
+        "whether the tracker uses a calibrated focal length for the catalogue colour of each star. "
+        "This removes most of the lateral colour of a lens table",
         default=False,
     )
     acquisition: str = parameter(
-        'how it finds its stars where it expects an attitude: "whole" searches the frame, "box" '
-        "a box about the place of each star, whose light it takes for the star's. In a sequence "
-        "the first attitude comes from the whole frame; a single trial expects one",
+        'how stars are found with a predicted attitude: "whole" searches the frame; "box" searches '
+        "a box around the place of each star, and assigns its light to the star. In a sequence the "
+        "first attitude comes from the whole frame; a single trial has a prediction",
         limit=Range(choices=("whole", "box")),
         default="whole",
     )
     box: Box = parameter("these boxes", default_factory=Box)
     calibration: CameraCalibration | None = parameter(
-        "how the camera of each unit is calibrated, where units vary; None: not at all, it is "
-        "believed to be as designed",
+        "how the camera of each unit is calibrated, if units vary; None: not calibrated, the "
+        "tracker assumes the camera as designed",
         default=None,
     )
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.camera is not None and self.camera_model != "radial":
-            raise Refused("camera_model must be left out beside tracker.camera, which is one")
+            raise Refused("camera_model must be left out if tracker.camera is given")
         if self.catalog and self.catalog.faintest_g > self.catalog.limit_g:
             raise Refused("catalog of a tracker must have no random_g: no list has these stars")
         if self.mounting and self.mounting.swings:
-            raise Refused("mounting of a tracker must not swing: it believes one turn")
+            raise Refused("mounting of a tracker must not swing: it assumes one rotation")
         least, most = self.identification.min_matches, self.detection.max_spots
         if least > most:
             raise Refused(
@@ -463,14 +467,14 @@ class Tracker(Parameters):
 class Case(core.CarriesCode):
     """One design in one scene: everything that a trial needs except its attitude and its noise.
 
-    An epoch and an orbital velocity that the catalogue leaves out (None) are set by `seen_from`,
-    from the date and the orbit of the scene; those of the tracker's catalogue are then the same.
+    If the catalogue leaves out epoch or orbital velocity (None), `seen_from` sets them from the
+    date and the orbit of the scene. The tracker's catalogue then has the same values.
 
     The assumptions of the tracker come from the design, from its settings or from a calibration,
     never from random values of a unit: see `as_designed`.
 
-    design     the case that this one is a unit of, whose truth differs by chance; None: it is as
-               designed. No file holds it
+    design     the design of which this case is a unit with random differences; None: this case is
+               as designed. No file contains it
 
     Raises  ValueError if the catalogue contradicts the scene.
     """
@@ -480,16 +484,16 @@ class Case(core.CarriesCode):
         "What the flight software believes and how it works.", default_factory=Tracker
     )
     scene: Scene = parameter(
-        "Background and bodies besides the stars, date and observer.", default_factory=Scene
+        "Background and bodies in addition to the stars, date and observer.", default_factory=Scene
     )
     catalog: Selection = parameter("The stars that a sky holds.", default_factory=Selection)
     variation: tuple[Variation, ...] = parameter(
-        "what differs between units, launches, environments and in time; a trial without units "
-        "leaves it out",
+        "differences between units, launches, environments and in time; a trial without units "
+        "leaves them out",
         default=(),
     )
     lifetime: float = parameter(
-        "age at the end of life; 0: that of the detector, if it has one",
+        "age at the end of life; 0: the age of the detector, if it has one",
         unit=Unit("s", "yr"),
         limit=NON_NEGATIVE,
         default=0.0,
@@ -500,14 +504,14 @@ class Case(core.CarriesCode):
         super().__post_init__()
         if self.tracker.focal_length_by_colour and not self.instrument.optics.tabulated:
             raise Refused(
-                "tracker.focal_length_by_colour must be left out where no lens_file says how the "
-                "focal length changes with colour"
+                "tracker.focal_length_by_colour must be left out without a lens_file that says how "
+                "the focal length changes with colour"
             )
         if self.tracker.acquisition == "box" and self.instrument.detector.scan:
-            raise Refused("tracker.acquisition must be whole where lines scan")
+            raise Refused("tracker.acquisition must be whole for a detector that scans")
         if self.tracker.detection.dark_map_age is not None and not self.instrument.detector.age:
             raise Refused(
-                "tracker.detection.dark_map_age must be left out where the detector has no age"
+                "tracker.detection.dark_map_age must be left out if the detector has no age"
             )
         catalog = seen_from(self.scene, self.catalog)
         object.__setattr__(self, "catalog", catalog)
@@ -518,8 +522,8 @@ class Case(core.CarriesCode):
         for variation in self._of_structure:
             if (variation.name, variation.per) in own:
                 raise Refused(
-                    f"variation of {variation.name} per {variation.per} must be left out beside "
-                    "instrument.structure, which it follows from"
+                    f"variation of {variation.name} per {variation.per} must be left out: "
+                    "instrument.structure gives it"
                 )
         check_variations(self, self.varying)
 
@@ -536,7 +540,8 @@ class Case(core.CarriesCode):
         ]
 
     def __hash__(self) -> int:
-        """Computed once: each trial looks up by the hash the values that are kept for its case."""
+        """Computed once: each trial uses the hash to look up values that are cached for its
+        case."""
         return self._hash
 
     @cached_property
@@ -545,7 +550,7 @@ class Case(core.CarriesCode):
 
     def __getstate__(self) -> dict[str, Any]:
         state = super().__getstate__()
-        state.pop("_hash", None)  # texts have another one in another process
+        state.pop("_hash", None)  # texts have another hash in another process
         return state
 
     @cached_property
@@ -587,7 +592,7 @@ class Case(core.CarriesCode):
 
     @property
     def end_of_life(self) -> float:
-        """Second, its lifetime; where that is left out, the age of its detector."""
+        """Second, the lifetime of the design; if it is left out, the age of its detector."""
         age = self.instrument.detector.age
         return self.lifetime or (age.years * YEAR if age else 0.0)
 
@@ -604,7 +609,7 @@ class Case(core.CarriesCode):
 
     @property
     def believed_camera(self) -> core.Camera:
-        """The camera that the tracker computes with."""
+        """The camera that the tracker assumes."""
         return self.tracker.camera or self._perfect_camera
 
     @cached_property
@@ -627,17 +632,17 @@ class Case(core.CarriesCode):
 
     @property
     def believed_mounting(self) -> Mounting:
-        """Mounting of the camera as the tracker believes it."""
+        """Mounting of the camera that the tracker assumes."""
         return self.tracker.mounting or self.as_designed.instrument.mounting.still
 
     @property
     def believed_motion(self) -> Motion:
-        """Motion of the camera as the tracker believes it; its rates count."""
+        """Motion of the camera that the tracker assumes; only its rates count."""
         return self.tracker.motion or self.as_designed.instrument.motion
 
     @property
     def believed_row_delay(self) -> float:
-        """Second between two rows, as the tracker believes it."""
+        """Second between two rows that the tracker assumes."""
         believed = self.tracker.row_delay
         return self.as_designed.instrument.detector.row_delay if believed is None else believed
 

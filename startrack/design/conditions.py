@@ -28,31 +28,31 @@ class Change(Parameters):
     """One parameter that has another value."""
 
     name: str = parameter('path in the case, such as "instrument.detector.dark_current"')
-    value: float | str = parameter("number, text with a unit where the parameter has one, or name")
+    value: float | str = parameter("number, text with a unit if the parameter has one, or name")
 
 
 MAX_ERROR = "limits in this condition; None: those of the requirements"
 
 
 class Condition(Parameters):
-    """A condition in which a design is judged, besides that of the file itself."""
+    """A condition in which a design is judged, in addition to the condition of the file itself."""
 
-    name: str = parameter("for tables and messages")
+    name: str = parameter("name in tables and messages")
     weight: float = parameter(
-        "of its error in the objective, in which the file's own condition has 1; 0: only its "
-        "requirements count",
+        "weight of its error in the objective, in which the file's own condition has 1; 0: only "
+        "its requirements count",
         limit=NON_NEGATIVE,
         default=1.0,
     )
     rate: float | None = parameter(
-        "slew rate, about the axis about which the design turns; where it does not, across the "
-        "boresight at 45 degrees to the columns. None: as the design",
+        "slew rate about the axis of rotation of the design; if the design does not rotate, about "
+        "an axis across the boresight at 45 degrees to the columns. None: as the design",
         unit=Unit("rad/s", "deg/s"),
         limit=NON_NEGATIVE,
         default=None,
     )
     background_g: float | None = parameter(
-        "magnitude per square arcsecond of the sky; None: as the design", default=None
+        "background of the sky, magnitude per square arcsecond; None: as the design", default=None
     )
     change: tuple[Change, ...] = parameter(
         "any other parameter, such as the dark current at the end of life", default=()
@@ -96,12 +96,12 @@ class Condition(Parameters):
 
 @dataclass(frozen=True)
 class OverUnits:
-    """Over which units of a design its errors are judged.
+    """The units of a design over which its errors are judged.
 
-    fraction  1, of the units, whose errors must not be larger
-    age       second, of all units
-    count     units of the analytic budget
-    trials    of each of them, in a search
+    fraction  1, fraction of the units whose errors must not exceed the result
+    age       second, age of all units
+    count     number of units of the analytic budget
+    trials    number of trials of each of these units, in a search
     """
 
     fraction: float
@@ -111,7 +111,7 @@ class OverUnits:
 
     @property
     def words(self) -> str:
-        """Words behind the name of an error that tell over which units it is taken."""
+        """Words after the name of an error that say to which units it refers."""
         units = f"{100 * self.fraction:g} % of units at {self.age / YEAR:g} yr"
         return f"that {units} do not exceed"
 
@@ -120,11 +120,11 @@ class OverUnits:
 class Judged(NamedTuple):
     """A case with the requirements that judge it.
 
-    name    of the condition
-    case    the design in it
+    name    name of the condition
+    case    the design in this condition
     needs   requirements of the case
-    weight  1, of its error in the objective
-    units   over which its errors are judged; None: those of the unit as designed are
+    weight  1, weight of its error in the objective
+    units   units over which its errors are judged; None: the unit as designed
     """
 
     name: str
@@ -149,9 +149,9 @@ def turning(case: Case, rate: float) -> Case:
 def judged(
     case: Case, needs: Requirements, conditions: Sequence[Condition] = ()
 ) -> tuple[Judged, ...]:
-    """All conditions of a design: its own first, those that are given, rest, the largest rate.
+    """All conditions of a design: its own, the given conditions, rest, and the largest rate.
 
-    Rest and the largest required rate are added with the weight 0 where no condition has them.
+    Rest and the largest required rate are added with the weight 0 if no other condition has them.
 
     Raises  ValueError if a condition does not fit the case.
     """

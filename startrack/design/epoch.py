@@ -1,4 +1,4 @@
-"""Scene, Selection -> the catalogue's epoch and orbital velocity, which must not contradict it."""
+"""Scene, Selection -> the catalogue's epoch and orbital velocity, which must match the scene."""
 
 from dataclasses import replace
 
@@ -9,33 +9,35 @@ from startrack.core import LIGHT_SPEED, Floats, Refused, arcsec
 from startrack.scene import ObserverOrbit, Scene, orbital_velocity
 from startrack.space import AU
 
-# Largest difference of the sky's epoch from the date. A star to G = 8 moves by 0.03 arcsec
-# (median), 0.4 arcsec (99 %) or 7 arcsec (Groombridge 1830) in a year, which is all that "2026"
-# says of a date.
+# Largest difference of the sky's epoch from the date. It is a year, the resolution of a date such
+# as "2026". Stars to G = 8 move by 0.03 arcsec (median), 0.4 arcsec (99 %) or 7 arcsec (Groombridge
+# 1830) in a year.
 MOTION_YEARS = 1.0
-# The Earth's velocity turns by 60 degrees in it: aberration then errs by as much as it is, 20.5
-# arcsec, and the bodies of a scene err by the same, which are seen without it.
+# The Earth's velocity turns by 60 degrees in this time. The error of the aberration is then as
+# large as the aberration, 20.5 arcsec. The error of the bodies of a scene, which are computed
+# without aberration, has the same size.
 ABERRATION_YEARS = 1 / 6
-# Chosen by hand: a tenth of the aberration of a low orbit. More tolerates a wrong orbit, less a
-# direction that is rounded to 6 degrees.
+# Chosen by hand: a tenth of the aberration of a low orbit. A larger value would accept a wrong
+# orbit, a smaller one would refuse a direction that is rounded to 6 degrees.
 ABERRATION = 0.5 * arcsec
-# Metre. The Earth's parallax, 0.8 arcsec of the nearest star, then errs by less than 0.08 arcsec.
+# Metre. The error of the parallax (0.8 arcsec for the nearest star) is then below 0.08 arcsec.
 NEAR_EARTH = 0.1 * AU
-PHASES = 720  # of an orbit that draws its own, so that the nearest is 0.02 arcsec off
+PHASES = 720  # phases of an orbit with a random phase: the nearest differs by 0.02 arcsec
 
 
 def seen_from(scene: Scene, catalog: Selection) -> Selection:
     """The catalogue with its epoch and its orbital velocity given.
 
-        epoch = the middle of the scene's dates,   velocity = that of its orbit at its phase
+        epoch = the middle of the scene's dates,   velocity = orbital velocity at the scene's phase
 
-    Where the catalogue leaves them out (None, or no velocity of an observer in an orbit). An epoch
-    without a date is 2026.0. There is no orbital velocity without an orbit, and none of an orbit
-    whose phase each trial draws: the stars of all trials are at the same apparent places.
+    These values are used if the catalogue leaves them out (None, or no velocity of an observer in
+    an orbit). Without a date the epoch is 2026.0. There is no orbital velocity without an orbit,
+    nor for an orbit whose phase each trial draws: the stars of all trials are at the same apparent
+    places.
 
     Raises    ValueError if a given value contradicts the scene, with both keys and values.
-    Accuracy  model: where trials draw their dates, the stars stay at one epoch; where they draw the
-              phase of the orbit, its aberration is left out (5.2 arcsec of a low orbit).
+    Accuracy  model: if trials draw their dates, the stars stay at one epoch. If trials draw the
+              phase of the orbit, its aberration is left out (5.2 arcsec in a low orbit).
     """
     epoch = catalog.year
     velocity: tuple[float, ...] = catalog.orbital_velocity or ()
@@ -56,8 +58,8 @@ def seen_from(scene: Scene, catalog: Selection) -> Selection:
 def believed_from(scene: Scene, true: Selection, believed: Selection) -> Selection:
     """The tracker's catalogue with its epoch and orbital velocity given.
 
-    An epoch that it leaves out is the true one where the scene has a date, and a velocity where it
-    has an orbit. Values that it gives may differ from the truth.
+    An epoch that it leaves out is the true one if the scene has a date. A velocity that it leaves
+    out is the true one if the scene has an orbit. Values that it gives may differ from the truth.
     """
     epoch, velocity = believed.year, believed.orbital_velocity
     if believed.epoch is None and scene.date is not None:
@@ -89,7 +91,7 @@ def _check_place(scene: Scene, catalog: Selection) -> None:
     distance = float(np.linalg.norm(np.array(scene.place) - earth))
     if distance > NEAR_EARTH:
         raise Refused(
-            "scene.place must lie within 0.1 AU of the Earth where catalog.parallax is true, or "
+            "scene.place must lie within 0.1 AU of the Earth if catalog.parallax is true, or if "
             "catalog.aberration is true without catalog.orbital_velocity, "
             f"got {distance / AU:.3g} AU"
         )

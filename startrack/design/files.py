@@ -43,7 +43,7 @@ from startrack.optics import with_plain_optics
 
 # Lists of tables that included files extend, and the keys that identify equal entries.
 JOINED = {"variation": {"name": None, "per": str(Scope.UNIT)}}
-# A product of the catalogue stands for a detector; how a mission operates it, is kept.
+# A product of the catalogue replaces a detector; the keys by which a mission operates it are kept.
 RENEWED = {DETECTOR: Renewed("product", (*KEPT, *OPERATED))}
 
 
@@ -53,9 +53,9 @@ class Design:
     """Contents of a design file.
 
     case      the instrument, the tracker, the scene and the sky
-    campaign  the question put to it, None if the file asks none
-    unknowns  values that the file does not know, each with its law; the case has one value of each
-    told      figures of the design that somebody measured or published
+    campaign  the campaign on the design; None if the file has none
+    unknowns  unknown values of the file, each with its law; the case has one value of each
+    told      figures of the design that were measured or published
     """
 
     case: Case
@@ -76,7 +76,7 @@ class Design:
             replaced |= pair if replaced & pair else set()
 
         def is_replaced(name: str) -> bool:
-            # A chosen detector replaces all but some of its keys.
+            # A choice of the detector replaces all but a few of its keys.
             table, _, key = name.rpartition(".")
             return name in replaced or (table in replaced and key not in (*KEPT, *OPERATED))
 
@@ -94,11 +94,11 @@ class Design:
     def asked(self) -> Campaign | None:
         """The campaign, with draws of the unknown values among the conditions.
 
-        The draws are a Latin hypercube: of each unknown, each draw has a value from another one of
-        equally probable intervals. They are the same for all seeds, so that designs are compared on
-        the same draws.
+        The draws are a Latin hypercube: the range of each unknown is divided into equally probable
+        intervals, and each draw has a value from another interval. They are the same for all seeds,
+        so that designs are compared on the same draws.
 
-        Raises  Refused if draws are asked for, but no unknown can be drawn.
+        Raises  Refused if draws are required, but no unknown can be drawn.
         """
         campaign = self.campaign
         if campaign is None or not campaign.unknown_draws:
@@ -106,8 +106,9 @@ class Design:
         unknowns = [unknown for unknown in self.open_unknowns if unknown.of_one_key]
         if not unknowns:
             raise Refused(
-                "campaign.unknown_draws must be 0 where no value of the design is unknown, or all "
-                f"are what the campaign varies or files among several, got {campaign.unknown_draws}"
+                "campaign.unknown_draws must be 0 if no value of the design is unknown, or if the "
+                "campaign varies all of them or they are choices of files, got "
+                f"{campaign.unknown_draws}"
             )
         count = campaign.unknown_draws
         quantiles = {unknown.name: stratified(1, unknown.name, count) for unknown in unknowns}
@@ -139,32 +140,31 @@ def load_design(
 ) -> Design:
     """Read a design file.
 
-    `product = "cmv4000"` under `[instrument.detector]` takes the values of that detector from
-    the catalogue; other keys of the table in this file and in files over it override them. From
-    files below, only exposure, frame rate, binning, row delay and age are kept.
-    `product = "mine.toml"` takes them from a file beside the design file, and `file = "psd.csv"`
-    under `[[instrument.motion.broadband]]` a power spectrum of jitter.
-    `aperture = "25 mm"` under `[instrument.optics]` stands instead of `f_number`, and over that of
-    files below; a campaign that varies the focal length keeps it.
-    `file = "levels.csv"` under `[[told]]` is a table of a photon transfer or of stars, beside the
-    design file, which tells several figures: `reduced_transfer`, `reduced_stars`.
-    `base = "other.toml"` and `include = ["a.toml"]` at the top of the file take the values of other
-    files, see `read_layers`;
-    `[[variation]]` tables of all of them count, except one below that another with the same
-    `name` and `per` replaces.
+    `product = "cmv4000"` under `[instrument.detector]` takes the values of that detector from the
+    catalogue. Other keys of the table override them, in this file and in files that refer to it.
+    From the files to which this file refers, only exposure, frame rate, binning, row delay and age
+    are kept. `product = "mine.toml"` takes the values from a file next to the design file. `file =
+    "psd.csv"` under `[[instrument.motion.broadband]]` takes a power spectrum of jitter from a file
+    next to the design file. `aperture = "25 mm"` under `[instrument.optics]` replaces `f_number`,
+    also the f-number of files to which this file refers. A campaign that varies the focal length
+    keeps the aperture. `file = "levels.csv"` under `[[told]]` is a table of a photon transfer or of
+    stars, next to the design file, which gives several figures: `reduced_transfer`,
+    `reduced_stars`. `base = "other.toml"` and `include = ["a.toml"]` at the top of the file take
+    the values of other files, see `read_layers`. The `[[variation]]` tables of all files count; a
+    table replaces an earlier one with the same `name` and `per`.
 
-    Instead of a value that is not known, a law may stand: `{ low = 1.2, high = 2.0 }`,
-    `{ median = "1 um", factor = 2.8 }` or `{ among = ["has2", "star1000"], weight = [2, 1] }`; in
-    `include`, one of several files: `{ among = ["variations/lens-made.toml", ...] }`.
+    Instead of an unknown value, the file may give a law: `{ low = 1.2, high = 2.0 }`, `{ median =
+    "1 um", factor = 2.8 }` or `{ among = ["has2", "star1000"], weight = [2, 1] }`. In `include`, it
+    may be one of several files: `{ among = ["variations/lens-made.toml", ...] }`.
 
     changes     values that replace the file's: "instrument.optics.f_number=2.0"
     allow_code  whether the code that the file names may run, in this process and its workers; it is
-                imported at once. False: only that which is allowed otherwise, see
+                imported at once. False: only code that is allowed in another way, see
                 docs/extensions.md
-    quantile    of each value that is not known, by its name, in (0, 1), or None for its middle;
-                None: all are at their middle
-    Raises   ValueError, one sentence with the file that the value is from, the position in it, the
-             rule and the value.
+    quantile    function: name of an unknown value -> its quantile in (0, 1), or None for its
+                middle; None: all are at their middle
+    Raises      ValueError, one sentence with the file of the value, the position in it, the rule
+                and the value.
     """
     path = Path(path)
     reader = UnknownReader(quantile)
@@ -215,7 +215,7 @@ def _require_code(design: Design, allow: bool) -> None:
 
 
 def with_aperture(campaign: Campaign) -> Campaign:
-    """A campaign that keeps the aperture of the design where it varies the focal length alone."""
+    """The campaign; if it varies the focal length alone, it keeps the aperture of the design."""
     names = {variable.name for variable in campaign.variables}
     names |= {link.name for link in campaign.links}
     length, others = f"{OPTICS}.focal_length", {f"{OPTICS}.{key}" for key in INSTEAD[OPTICS]}

@@ -1,11 +1,11 @@
-"""Words of a datasheet, keys of a design file -> the keys that they mean."""
+"""Words of a datasheet, keys of a design file -> the keys that the words mean."""
 
 import re
 from collections.abc import Sequence
 
 from startrack.design.keys import Key
 
-# Words of datasheets that no key is called by, and the keys that set them.
+# Words of datasheets that are in no key's name, and the keys that set the quantity.
 DATASHEET = {
     "field of view|fov": (
         "instrument.optics.focal_length",

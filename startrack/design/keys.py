@@ -31,16 +31,16 @@ WORDS = {float: "number", int: "whole number", str: "text", bool: "true or false
 class Key(NamedTuple):
     """A key of a design file.
 
-    name     its place: "instrument.optics.f_number"; of a list of tables, that within each
+    name     its place: "instrument.optics.f_number"; in a list of tables, its place in each table
     kind     "number", "whole number", "text", "true or false", "list of ...", "table", "tables"
-    unit     that a value may have, as a text; "" for none
-    range    "above 0", "0 to 1": in that unit; "" where its class states none by itself
-    default  as a file would have it; "required" where it must be given, "none" where nothing is
-             there unless it is given
+    unit     unit that a value may have, as a text; "" for none
+    range    "above 0", "0 to 1": in this unit; "" if its class declares no range
+    default  value in the form of a file; "required" if it must be given, "none" if there is nothing
+             by default
     meaning  as its class declares it
-    taken_by  "all", or the fidelities (and the error budget) that compute with it, and, in
-             brackets, those that run a design with it but leave it out; the others refuse such a
-             design. "": trials do not depend on it
+    taken_by  "all", or the fidelities (and the error budget) that compute with it; in brackets the
+              fidelities that run a design with it but leave it out. All others refuse such a
+              design. "": trials do not depend on it
     """
 
     name: str
@@ -52,10 +52,10 @@ class Key(NamedTuple):
     taken_by: str = ""
 
 
-# What `load_design` takes from a file before the classes see it.
+# Keys that `load_design` reads before it constructs the classes.
 OF_FILES = (
-    Key("base", "text", "", "", "none", "design file below this one, see `load_design`"),
-    Key("include", "list of texts", "", "", "none", "files over the base, below this one"),
+    Key("base", "text", "", "", "none", "design file whose values this file overrides"),
+    Key("include", "list of texts", "", "", "none", "files that override the base, but not this"),
 )
 PRODUCT = Key(
     "instrument.detector.product",
@@ -63,8 +63,8 @@ PRODUCT = Key(
     "",
     "",
     "none",
-    'detector of the catalogue, or a file beside the design file such as "mine.toml", whose values '
-    "hold where the design has none",
+    'detector of the catalogue, or a file next to the design file such as "mine.toml", whose '
+    "values hold for keys that the design does not give",
 )
 APERTURE = Key(
     "instrument.optics.aperture",
@@ -72,7 +72,7 @@ APERTURE = Key(
     "mm",
     "above 0",
     "none",
-    "instead of f_number: diameter of the clear aperture, which a campaign keeps where it varies "
+    "instead of f_number: diameter of the clear aperture, which a campaign keeps if it varies "
     "the focal length",
 )
 SPECTRUM = Key(
@@ -81,16 +81,17 @@ SPECTRUM = Key(
     "",
     "",
     "none",
-    "instead of frequency and density: a table of both beside the design file; a head such as "
-    '"frequency (Hz), density (urad2 / Hz)" names the units, else Hz and arcsec2 / Hz',
+    "instead of frequency and density: a file next to the design file with a table of both; a "
+    'header such as "frequency (Hz), density (urad2 / Hz)" names the units, otherwise they are '
+    "Hz and arcsec2 / Hz",
 )
-# Keys that `load_design` replaces before the classes see them, after the keys that they stand for.
+# Keys that `load_design` replaces before it constructs the classes, by the keys that they replace.
 REPLACED = (
     (PRODUCT, "instrument.detector"),
     (SPECTRUM, "instrument.motion.broadband.density"),
     (APERTURE, "instrument.optics.f_number"),
 )
-CAMPAIGN = Key("campaign", "table", "", "", "none", "The question that is put to a design.")
+CAMPAIGN = Key("campaign", "table", "", "", "none", "The question that is asked about a design.")
 TOLD = Key("told", "tables", "", "", "none", "Figures that were measured or published.")
 TABLE = Key(
     "told.file",
@@ -98,10 +99,11 @@ TABLE = Key(
     "",
     "",
     "none",
-    'with figure = "photon transfer": a table beside the design file with mean, variance and '
-    "spatial (digital numbers, squared) of levels of even light, of which the least is dark; with "
-    'figure = "star table": one with magnitude (G), electrons or signal, snr and centroid_noise '
-    "(pixel) of stars. It tells several figures, with factor as what all may be wrong by",
+    "file next to the design file with a table that gives several figures, with factor as "
+    'their common error. With figure = "photon transfer": mean (digital number), variance and '
+    "spatial (digital number squared) at levels of uniform light, of which the lowest is dark. "
+    'With figure = "star table": magnitude (G), electrons or signal, snr and centroid_noise '
+    "(pixel) of stars",
 )
 
 
@@ -131,7 +133,7 @@ def _taken_by(refused: Sequence[str] = (), left_out: Sequence[str] = ()) -> str:
 
 
 def keys_of(kind: type, place: str = "") -> Iterator[Key]:
-    """The keys of a table that a class of parameters is read from, and of the tables in it."""
+    """The keys of the table of a class of parameters, and of the tables in it."""
     for name, field in fields_of(kind).items():
         inner, unit = item_of(field)
         where = f"{place}.{name}" if place else name
@@ -146,13 +148,13 @@ def keys_of(kind: type, place: str = "") -> Iterator[Key]:
 
 
 def range_of(field: Field) -> Range:
-    """Range of a field's value; nothing is stated of a list."""
+    """Range of a field's value; for a list, no range is stated."""
     several = typing.get_origin(field.kind) is tuple
     return Range() if several or field.range is None else field.range
 
 
 def item_of(field: Field) -> tuple[Any, Unit | None]:
-    """The type of a value, or of each of a list, and its unit."""
+    """The type and unit of a value; for a list, of each of its entries."""
     if typing.get_origin(field.kind) is not tuple:
         return field.kind, field.unit
     kind, unit = bare(typing.get_args(field.kind)[0])
@@ -173,7 +175,7 @@ def _kind(field: Field, inner: Any) -> str:
 
 
 def _range(limits: Range, unit: Unit | None) -> str:
-    """The limits in the unit that files have."""
+    """The limits in the unit of design files."""
 
     def text(value: float) -> str:
         return f"{unit.of(value):.4g}" if unit and value else f"{value:g}"
@@ -192,11 +194,11 @@ def _default(field: Field) -> str:
     if field.default is None:
         return "none"
     if field.unit and isinstance(field.default, float):
-        # A file has all digits, which a reader does not need.
+        # A file has all digits; a reader does not need them.
         number, _, unit = written(field, field.default).partition(" ")
         return f'"{float(number):.6g} {unit}"'
     if dataclasses.is_dataclass(field.kind):
-        return ""  # those of its keys
+        return ""  # its keys have the defaults
     return toml(written(field, field.default))
 
 
@@ -225,11 +227,11 @@ def template(product: str = "", optional: bool = False) -> str:
     """The text of a design file that `load_design` reads.
 
     The values are those of the example in the catalogue, a tracker for a nanosatellite. Limits that
-    another detector cannot keep follow from it: the power is the example's and what reading out
-    takes more, the update rate is at most that of the detector.
+    another detector cannot meet are changed: the power limit is raised by the additional power of
+    its read-out, and the update rate is at most the detector's rate.
 
-    product   detector of the catalogue; "": the example's, without a name
-    optional  whether keys that may be left out stand there, too, with their defaults, as comments
+    product   detector of the catalogue; "": the detector of the example, without a name
+    optional  whether optional keys are included, with their defaults, as comments
     Raises    ValueError for a product that the catalogue does not have.
     """
     table = _example()
@@ -238,7 +240,7 @@ def template(product: str = "", optional: bool = False) -> str:
         table["instrument"]["detector"] = {"product": product} | own
         table["campaign"]["requirements"] |= _kept_limits(product)
         table["tracker"]["detection"]["saturation"] = float(2 ** detector["bits"] - 1)
-        # The example's detector ages by a law of its own; another one by that of the class.
+        # The example's detector has its own law of ageing; another detector has that of its class.
         del table["tracker"]["detection"]["dark_map_age"]
         rows = [row for row in table.pop("variation") if row["name"] != AGEING]
         if rows:
@@ -250,9 +252,9 @@ def template(product: str = "", optional: bool = False) -> str:
 
 
 def changed_limits(product: str) -> str:
-    """The limits in `template` that differ from the example's, and why; "" where all are the same.
+    """The limits in `template` that differ from the example's, and why; "" if none differ.
 
-    product  detector of the catalogue; "": the example's
+    product  detector of the catalogue; "": the detector of the example
     """
     limits = _kept_limits(product) if product else {}
     words = " and ".join(f"{name} = {value}" for name, value in limits.items())
@@ -269,7 +271,7 @@ def _own_values(table: dict[str, Any]) -> dict[str, Any]:
 
 
 def _kept_limits(product: str) -> dict[str, str]:
-    """Limits, in the form of a file, for a detector that cannot keep those of the example."""
+    """Limits, in the form of a file, for a detector that cannot meet the example's limits."""
     table = _example()
     needs = from_table(Requirements, table["campaign"]["requirements"])
     example = _detector(table["instrument"]["detector"])
@@ -374,9 +376,9 @@ ABOUT = ("description", "markdownDescription", "examples")
 def design_schema() -> Schema:
     """A JSON Schema (draft 7) of design files.
 
-    It has types, ranges, choices and the names of all keys. Whether a unit converts, and rules
-    between several keys, are left to `load_design`: a file that it refuses is no design, one that
-    it takes may still be none. In a file with `base` or `include` no key is required.
+    It has types, ranges, choices and the names of all keys. Conversion of units, and rules between
+    several keys, are left to `load_design`. A file that the schema refuses is not a design; a file
+    that it accepts may still be refused. In a file with `base` or `include` no key is required.
     """
     design, required = table_schema(Case), _required(Case)
     required["properties"]["campaign"] = _required(Campaign)
@@ -402,7 +404,7 @@ def design_schema() -> Schema:
     return {
         "$schema": DRAFT,
         "title": "startrack design",
-        "description": "A camera, what its tracker believes, and what a study of it is asked.",
+        "description": "A camera, the assumptions of its tracker, and a campaign of study on it.",
         "definitions": {"law": {"anyOf": [_law_schema(form) for form in FORMS]}},
         **design,
         "if": {"not": either},
@@ -419,7 +421,7 @@ def _table_at(schema: Schema, place: str) -> Schema:
 
 
 def _law_schema(form: Collection[str]) -> Schema:
-    """Schema of the law of a value that is not known; its values are checked as they are drawn."""
+    """Schema of the law of an unknown value; the values are checked when they are drawn."""
     some = {"type": "array", "minItems": 2}
     kinds = {"factor": {"type": "number"}, "among": some, "weight": some}
     properties: Schema = {key: kinds.get(key, {"type": ["number", "string"]}) for key in form}
@@ -428,7 +430,7 @@ def _law_schema(form: Collection[str]) -> Schema:
 
 
 def _allow_laws(schema: Schema) -> None:
-    """Let a law stand for each value of a table and of those within it, except the campaign."""
+    """Allow a law for each value of a table and of the tables in it, except the campaign."""
     for name, value in schema.get("properties", {}).items():
         if name == "campaign":
             continue
@@ -447,10 +449,10 @@ def _plain(key: Key) -> Schema:
 
 
 def table_schema(kind: type, place: str = "", keys: Mapping[str, Key] | None = None) -> Schema:
-    """A JSON Schema of the table that a class of parameters is read from.
+    """A JSON Schema of the table of a class of parameters.
 
-    place  of the table in its file
-    keys   by their names, whose meanings it has; None: those of a design file
+    place  place of the table in its file
+    keys   keys by their names, for their meanings; None: the keys of a design file
     """
     keys = _by_name() if keys is None else keys
     properties = dict[str, Schema]()
@@ -513,7 +515,7 @@ def _with_unit(unit: Unit, limits: Range) -> Schema:
 
 
 def _required(kind: type) -> Schema:
-    """Keys that are required, of a table and of the tables within it."""
+    """Required keys of a table and of the tables in it."""
     schema: Schema = {"required": [], "properties": {}}
     for name, field in fields_of(kind).items():
         if field.required:

@@ -1,4 +1,4 @@
-"""Measured tables of a detector's photon transfer or of stars -> figures of the design."""
+"""Measured tables of a detector's photon transfer or of stars -> measured figures of a design."""
 
 from __future__ import annotations
 
@@ -31,30 +31,30 @@ OF_TABLE = {
 }
 ANY_SIGN = "mean", "variance", "spatial", "magnitude"  # columns that may be zero or below it
 QUANTISATION = 1 / 12  # digital number squared
-# Dark variance, digital number squared, below which quantisation hides the read noise: EMVA 1288,
+# Dark variance (digital number squared) below which quantisation hides the read noise: EMVA 1288,
 # 6.6.
 LEAST_DARK = 0.24
-# Fraction of the largest variance below which the brightest level is saturated. Chosen by hand: a
-# saturated level has hardly any variance, and one below saturation hardly less than the largest.
+# Fraction of the largest variance below which the brightest level is saturated. Chosen by hand: the
+# variance of a saturated level is almost zero; just below saturation it is almost the largest.
 SATURATED = 0.1
 # Fraction of the signal of the largest variance up to which the line is fitted: EMVA 1288, 6.6.
 LINEAR = 0.7
-FEWEST_LEVELS = 3  # of light on the line, besides the dark one
-REWEIGHTINGS = 5  # of the fit of a line, each by the variances of the fit before
-# Sigma of the logarithm that each figure has at least, for formula and reduction differ by about as
-# much. Chosen by hand.
+FEWEST_LEVELS = 3  # least number of levels with light on the line
+REWEIGHTINGS = 5  # fits of a line, each weighted by the variances of the previous fit
+# Least sigma of the logarithm of each figure, because formula and reduction differ by about this.
+# Chosen by hand.
 LEAST_SIGMA = 0.003
 GROUPS, FEWEST_STARS = 4, 3  # groups of stars by magnitude, and the least number of stars of each
 SINGLE_SIGMA = 0.1  # sigma of the logarithm of a figure of one star; chosen by hand
 
 
 class MeasuredFigure(NamedTuple):
-    """A figure that a table tells.
+    """A figure from a measured table.
 
-    figure     its name, one of `FRAME_FIGURES`
-    number     in its unit
+    figure     name of the figure, one of `FRAME_FIGURES`
+    number     value in its unit
     sigma      1, standard deviation of its logarithm
-    magnitude  Gaia's G of its star; None where it is not that of a star of one magnitude
+    magnitude  Gaia's G of its star; None if the figure does not refer to a magnitude
     """
 
     figure: str
@@ -69,8 +69,8 @@ def with_measured_tables(told: list[Any], folder: Path) -> list[Any]:
     The `factor` of such an entry is a common error of all its figures, in addition to the scatter
     within the table.
 
-    folder  in which the files are
-    Raises  Refused, with the file, where there is no such table.
+    folder  folder of the files
+    Raises  Refused, with the file, if there is no such table.
     """
     entries = list[Any]()
     for number, entry in enumerate(told):
@@ -87,10 +87,10 @@ def _figures_of_table(
 ) -> Iterator[dict[str, Any]]:
     """Entries of `[[told]]` for the figures of the table that an entry names.
 
-    place  of the entry, for messages
+    place  place of the entry, for messages
     """
     if (kind := entry.get("figure")) not in TABLES:
-        raise Refused(f"{place}.file must be left out except of the figures {', '.join(TABLES)}")
+        raise Refused(f"{place}.file must be left out except for the figures {', '.join(TABLES)}")
     if not isinstance(name := entry.get("file"), str):
         raise Refused(f"{place}.file must be the name of a table of {kind}, got {shown(name)}")
     if more := entry.keys() - {"figure", "file", "factor", "source"}:
@@ -109,19 +109,20 @@ def _figures_of_table(
 
 
 def reduced_transfer(path: Path) -> list[MeasuredFigure]:
-    """Gain, read noise, PRNU and full well of a table of levels of even light.
+    """Gain, read noise, PRNU and full well from a table of levels of uniform light.
 
         s^2 = read^2 + 1 / 12 + K (mean - dark mean),   s_spatial^2 = s_0^2 + (prnu signal)^2
 
-    in digital numbers, with the system gain K, the inverse of `gain`. The full well, that of the
-    pixel or of the converter, is the signal of the brightest level, if its variance has collapsed.
-    A dark variance below 0.24 gives no read noise, for quantisation decides it.
+    All values are in digital numbers. K is the system gain, the inverse of `gain`. The full well,
+    of the pixel or of the converter, is the signal of the brightest level, if the variance of this
+    level has collapsed. A dark variance below 0.24 gives no read noise, because it is mostly
+    quantisation noise.
 
     Source: EMVA 1288, release 4.0, 6.6 (photon transfer) and 8.2 (PRNU).
 
-    path    of a table with `mean` and `variance` in time and, where it has one, `spatial`: variance
-            between pixels, of means over many frames. The level of the least mean is dark.
-    Raises  Refused if the file is no such table, or its variance does not grow with the light.
+    path    path of a table with `mean`, temporal `variance` and optionally `spatial`: variance
+            between pixels, of means over many frames. The level with the lowest mean is dark.
+    Raises  Refused if the file is not such a table, or its variance does not grow with the light.
     """
     table = _columns(path, TRANSFER, ("mean", "variance"))
     order = np.argsort(table["mean"])
@@ -131,8 +132,8 @@ def reduced_transfer(path: Path) -> list[MeasuredFigure]:
     line = (signal <= LINEAR * signal[top]) & (np.arange(len(mean)) < max(top, 1))
     if line.sum() < FEWEST_LEVELS + 1:
         raise Refused(
-            f"{path} must have a dark level and {FEWEST_LEVELS} of light, below {LINEAR:.0%} of "
-            f"the light of the largest variance, got {int(line.sum())} levels there"
+            f"{path} must have a dark level and {FEWEST_LEVELS} levels with light, below "
+            f"{LINEAR:.0%} of the light of the largest variance, got {int(line.sum())} levels there"
         )
     (dark, slope), errors = _line(signal[line], variance[line])
     if not slope > 0:
@@ -152,14 +153,14 @@ def reduced_transfer(path: Path) -> list[MeasuredFigure]:
 
 
 def reduced_stars(path: Path) -> list[MeasuredFigure]:
-    """Light, SNR and centroid noise of a table of stars.
+    """Light, SNR and centroid noise from a table of stars.
 
-    path     of a table with `magnitude`, Gaia's G, and some of these columns: `electrons` or
-             `signal` (digital number) of an exposure in the tracker's box; `snr`, that light over
-             its standard deviation; `centroid_noise`, pixel rms of an axis
-    Returns  light of a star of G = 0, the mean over all; SNR and centroid noise of up to four
-             groups of stars of like magnitude, each the mean of its logarithms
-    Raises   Refused if the file is no such table, or has none of these.
+    path     path of a table with `magnitude`, Gaia's G, and some of these columns: `electrons` or
+             `signal` (digital number) of an exposure in the tracker's box; `snr`, this light over
+             its standard deviation; `centroid_noise`, pixel rms per axis
+    Returns  light of a star of G = 0, mean over all stars; SNR and centroid noise of up to four
+             groups of stars of similar magnitude, each the mean of the logarithms
+    Raises   Refused if the file is not such a table, or has none of these columns.
     """
     table = _columns(path, STARS, ("magnitude",))
     magnitude = table["magnitude"]
@@ -181,10 +182,10 @@ def reduced_stars(path: Path) -> list[MeasuredFigure]:
 
 
 def _columns(path: Path, what: str, needed: tuple[str, ...]) -> dict[str, Floats]:
-    """Columns (n,) of a table by their meaning; all are finite; those not in ANY_SIGN are positive.
+    """Columns (n,) of a table by their meaning; finite, and positive unless in ANY_SIGN.
 
     what    kind of table, one of TABLES
-    needed  meanings that it must have
+    needed  meanings of the columns that it must have
     """
     table = csv_table(path, ended=False, what=f"a {what}")
     columns = dict[str, Floats]()
@@ -222,8 +223,8 @@ def _line(x: Floats, y: Floats) -> tuple[Floats, Floats]:
 def _mean(figure: str, logarithm: Floats, magnitude: Floats) -> MeasuredFigure:
     """A figure of stars, by the mean of its logarithm, at the mean of their magnitudes.
 
-    Its sigma follows from the scatter of the logarithms about a line over the magnitude; of fewer
-    than FEWEST_STARS, or of stars of one magnitude, from their scatter about the mean.
+    Its sigma follows from the scatter of the logarithms about a line over magnitude. For fewer than
+    FEWEST_STARS stars, or stars of one magnitude, it follows from the scatter about the mean.
     """
     count = len(logarithm)
     if count < FEWEST_STARS or np.ptp(magnitude) == 0:

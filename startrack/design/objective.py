@@ -21,22 +21,23 @@ TERM = re.compile(r"\s*(?:(\d+\.?\d*|\.\d+)\s+)?(across|about)\s*")
 
 @dataclass(frozen=True)
 class Objective:
-    """A statistic of the error over the solved trials without the false ones.
+    """A statistic of the error over all trials with a correct attitude.
 
         rms per axis:  across = sqrt(mean (x^2 + y^2) / 2),   about = sqrt(mean z^2),
                        both = sqrt(mean (x^2 + y^2 + z^2) / 3)
         rms radial:    without the division
 
     axes      "across", "about" or "both"
-    fraction  None for the root mean square; or the fraction, as in 0.9973, that does not exceed the
-              result: of the trials by the length of their error where radial, such as
-              sqrt(x^2 + y^2) for across; of the errors about single axes where per axis
-    kind      "per axis" or "radial"; "" is per axis for the rms and radial with a fraction. About
+    fraction  None for the root mean square; or the fraction, such as 0.9973, that does not exceed
+              the result. Radial: fraction of the trials, by the length of their error, such as
+              sqrt(x^2 + y^2) for across. Per axis: fraction of the errors about single axes
+    kind      "per axis" or "radial"; "" is per axis for the rms, and radial with a fraction. About
               the boresight alone, both are the same
-    terms     axes and weights of a sum of rms errors per axis, in place of the others; () for none
-    mean      over conditions, by their weights w of the errors e in them: "geometric",
-              "arithmetic" (sum w e), "quadratic" (sqrt(sum w e^2)), both over sum w, or "worst",
-              the largest of all that have a weight
+    terms     axes and weights of a sum of rms errors per axis, in place of the other fields; () for
+              none
+    mean      mean over conditions, by their weights w, of the errors e in them: "geometric",
+              "arithmetic" (sum w e / sum w), "quadratic" (sqrt(sum w e^2 / sum w)), or "worst", the
+              largest error in the conditions that have a weight
     """
 
     axes: str = "across"
@@ -56,8 +57,7 @@ class Objective:
 
     @classmethod
     def read(cls, text: str) -> Objective:
-        """Objective from a text such as "across", "about-99.73", "across-99.73 per axis" or "across
-        + 0.1 about".
+        """Objective from a text: "about-99.73", "across-99.73 per axis", "across + 0.1 about".
 
         Raises  ValueError if the text has none of these forms.
         """
@@ -94,9 +94,9 @@ class Objective:
         return self.kind == "radial" if self.kind else self.fraction is not None
 
     def squares(self, outcomes: Rows) -> Floats:
-        """Squared error (radian^2) of each trial, NaN where there is no attitude or a false one.
+        """Squared error (radian^2) of each trial; NaN without an attitude or with a false one.
 
-        Returns  (n,), mean over the axes; (n, axes) for a level per axis of several axes, and for a
+        Returns  (n,) mean over the axes; (n, axes) for a level per axis of several axes, and for a
                  weighted sum
         """
         axes = np.stack([outcomes[f"error_{'xyz'[axis]}"] ** 2 for axis in AXES[self.axes]], -1)
@@ -113,7 +113,7 @@ class Objective:
 
     @property
     def per_axis_level(self) -> bool:
-        """Whether it is a level of errors about single axes, of more than one axis."""
+        """Whether it is a level of errors about single axes, for more than one axis."""
         return self.fraction is not None and not self.radial and self.axes != "about"
 
     @property
@@ -132,11 +132,12 @@ class Objective:
             ]
             return np.asarray(np.sum(parts, axis=0))
         with warnings.catch_warnings():
-            # That an axis is all NaN, of which the mean is NaN, as it should be.
+            # If an axis has only NaN, its mean is NaN, as it should be.
             warnings.filterwarnings("ignore", "Mean of empty slice|All-NaN", RuntimeWarning)
             if self.fraction is None:
                 return np.sqrt((axes if self.radial else 1) * np.nanmean(squares, axis=-1))
-            # That for NaN takes the rows one by one; the mean of no values is also NaN.
+            # The function for NaN is slow: it takes rows one by one. The mean of no values is NaN,
+            # too.
             complete = squares.size and not np.isnan(squares).any()
             quantile = np.quantile if complete else np.nanquantile
             if self.per_axis_level:
@@ -161,7 +162,7 @@ class Objective:
         return math.exp(math.fsum(weight * math.log(error) for error, weight in pairs) / total)
 
     def _shares(self, errors: Sequence[float], weights: Sequence[float]) -> Floats:
-        """d ln(mean) / d ln(error) of the error in each condition; their sum is 1."""
+        """d ln(mean) / d ln(error) for the error in each condition; their sum is 1."""
         power = {"geometric": 0, "arithmetic": 1, "quadratic": 2}.get(self.mean)
         if power is None:
             return np.eye(len(errors))[int(np.argmax(errors))]
@@ -169,7 +170,7 @@ class Objective:
         return np.asarray(share / share.sum())
 
     def _columns(self, squares: Floats) -> tuple[list[Floats], Floats]:
-        """Squares (n,) whose rms make the error, and d ln(error) / d ln(rms) of each."""
+        """Squares (n,) from whose rms the error is made, and d ln(error) / d ln(rms) for each."""
         if not self.terms:
             return [squares], np.ones(1)
         columns = [squares[:, AXES[name]].mean(axis=1) for name, _ in self.terms]
@@ -182,13 +183,13 @@ class Objective:
     def _all_columns(
         self, conditions: Sequence[Floats], shares: Floats
     ) -> tuple[list[Floats], Floats]:
-        """`_columns` of all conditions, with d ln(mean) / d ln(rms) of each."""
+        """`_columns` of all conditions, with d ln(mean) / d ln(rms) for each."""
         every = [self._columns(squares) for squares in conditions]
         own = [share * part for share, (_, part) in zip(shares, every, strict=True)]
         return [column for columns, _ in every for column in columns], np.concatenate(own)
 
     def as_one_square(self, squares: Floats) -> Floats:
-        """(n,) of each trial, whose mean varies as the square of the error, to first order."""
+        """A value (n,) for each trial; to first order, its mean varies as the squared error."""
         columns, shares = self._columns(squares)
         if len(columns) == 1:
             return columns[0]
@@ -206,16 +207,17 @@ class Objective:
         confidence: float = 0.95,
         paired: bool = True,
     ) -> Interval:
-        """Statistic of the squares of some trials over that of others, with its interval.
+        """Ratio of the statistics of two sets of trials, with its interval.
 
-        Over several conditions, the ratio of the means by their weights. A trial that a design did
+        For several conditions, it is the ratio of the weighted means. A trial that one design did
         not solve counts for the other design alone.
 
-        first, second  radian^2, of trials of each condition, on the same skies in all of them
-        paired         whether both are of the same trials, in the same order
-        Accuracy       NaN where one solved none; see `ratio_of_rms` and `ratio_of_levels`. Sums and
-                       other means than the geometric one are linearised about what was found; the
-                       worst condition is the one that was found to be.
+        first, second  radian^2, squares of the trials in each condition, with the same skies in all
+        paired         whether both sets are the same trials, in the same order
+        Accuracy       NaN if one set has no solved trial; see `ratio_of_rms` and `ratio_of_levels`.
+                       Sums, and means other than the geometric one, are linearised about the
+                       measured values. The worst condition is the one with the largest measured
+                       value.
         """
         if not all(np.isfinite(squares).any() for squares in (*first, *second)):
             return Interval(np.nan, np.nan, np.nan)

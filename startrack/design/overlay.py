@@ -11,7 +11,7 @@ from startrack.io import name_from, save_toml
 
 
 def save_over(path: Path, base: Path, table: Mapping[str, Any], comment: str = "") -> None:
-    """Write a design file with some values over another file, which is named from its folder."""
+    """Write a design file with values that override another file, named relative to its folder."""
     below = name_from(path.resolve().parent, base)
     save_toml(path, {"base": below} | dict(table), comment)
 
@@ -19,9 +19,9 @@ def save_over(path: Path, base: Path, table: Mapping[str, Any], comment: str = "
 def save_overlay(path: Path, design: Design, base: Path, comment: str = "") -> None:
     """Write the differences of a design from its base file, with all digits, as a design file.
 
-    Comments, included files and laws of unknown values stay in the base file. A chosen
-    detector has its product's name. An overlay cannot take anything out of the file below: where
-    it does not read back to the design, the whole design is written, as by `save_design`.
+    Comments, included files and laws of unknown values stay in the base file. A chosen detector is
+    written by the name of its product. An overlay cannot remove anything from the base file: if it
+    does not read back to the design, the whole design is written, as by `save_design`.
     """
     tables = (_over(base, product, design) for product in _products(design))
     for table in sorted((table for table in tables if table is not None), key=_values):
@@ -33,17 +33,17 @@ def save_overlay(path: Path, design: Design, base: Path, comment: str = "") -> N
 
 
 def _products(design: Design) -> list[str]:
-    """Names of the detectors that the campaign may have chosen, after "" for none of them."""
+    """Names of the detectors that the campaign may have chosen, with "" (no product) first."""
     choices = design.campaign.choices if design.campaign else ()
     chosen = [choice.values for choice in choices if choice.name == DETECTOR]
     return ["", *(str(product) for values in chosen for product in values)]
 
 
 def _over(base: Path, product: str, design: Design) -> dict[str, Any] | None:
-    """The table that lies over a file.
+    """The table that overrides a file.
 
-    product  of the detector; "": its keys are written
-    Returns  None where the file below refuses the product
+    product  name of the detector's product; "": its keys are written
+    Returns  the table; None if the base file refuses the product
     """
     try:
         below = load_design(base, [f'{PLACE}="{product}"'] if product else [])
@@ -56,12 +56,12 @@ def _over(base: Path, product: str, design: Design) -> dict[str, Any] | None:
 
 
 def _values(table: Mapping[str, Any]) -> int:
-    """The number of values of a table and of those within it."""
+    """The number of values in a table and in the tables within it."""
     return sum(_values(value) if isinstance(value, dict) else 1 for value in table.values())
 
 
 def _differences(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    """The values of `above` that differ from those of `below`; a list as a whole."""
+    """The values of `above` that differ from the values of `below`; a list counts as one value."""
     differences = dict[str, Any]()
     for key, value in above.items():
         if key in below and below[key] == value:

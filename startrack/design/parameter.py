@@ -1,4 +1,4 @@
-"""Dotted name, case -> the value there, its unit, or a case with other values."""
+"""Dotted name, case -> the value at this name, its unit, or a case with other values."""
 
 import dataclasses
 import math
@@ -17,7 +17,7 @@ EVERY = "*"
 
 
 def _entry(entries: tuple[Any, ...], part: str) -> int | None:
-    """Entry of a list that a part of a name means, by its number or its name; of all, the first."""
+    """Index of the entry that a part of a name means, by number or name; for "*", the first."""
     if part.isdecimal():
         return int(part) if int(part) < len(entries) else None
     if part == EVERY:
@@ -27,7 +27,7 @@ def _entry(entries: tuple[Any, ...], part: str) -> int | None:
 
 
 class _Place(NamedTuple):
-    """Path that a name means (fields and numbers of entries), and the value there."""
+    """Path that a name means (fields and numbers of entries), and the value at this path."""
 
     path: tuple[str, ...]
     value: Any
@@ -69,9 +69,9 @@ def _is_field(kind: type, part: str) -> bool:
 def paths(case: Any, name: str) -> list[str]:
     """The parameters that a name means, with the numbers of entries of lists.
 
-    An entry may be given by its number or by its own `name`: "channels.mir.optics.f_number"; "*" is
-    every entry. A class may have short names (`ALIASES`) for places in it. A key of an earlier
-    version is replaced by the present key, with a FutureWarning of one line.
+    An entry may be given by its number or by its own `name`: "channels.mir.optics.f_number". "*"
+    means every entry. A class may have short names (`ALIASES`) for places in it. A key of an
+    earlier version is replaced by the present key, with a FutureWarning of one line.
 
     Raises  ValueError if there is no such parameter.
     """
@@ -121,9 +121,9 @@ def number(case: Any, name: str) -> float:
 
 
 def replaced(case: T, name: str, value: Any) -> T:
-    """The case with another value at a name; a number is rounded where a whole one was.
+    """The case with another value at a name; a number is rounded if the old one was whole.
 
-    Raises  ValueError with the name, where the parameter refuses the value.
+    Raises  ValueError with the name, if the parameter refuses the value.
     """
     return replaced_all(case, {name: value})
 
@@ -134,16 +134,16 @@ def replaced_all(case: T, values: Mapping[str, Any]) -> T:
     Each part of the case is checked with all of its new values, so that values that are valid only
     together can be given together.
 
-    values  by dotted name; a number is rounded where a whole one was
-    Raises  ValueError with the names of those values that the part which refused them has; and
-            where one name is part of another.
+    values  values by dotted name; a number is rounded if the old one was whole
+    Raises  ValueError with the names of the values that a part of the case refuses; also if one
+            name is part of another.
     """
     changed: T = _with(case, _changes(case, values), checked=True)
     return changed
 
 
 def with_values(case: T, values: Mapping[str, float | str]) -> T:
-    """`replaced_all` by numbers, texts with a unit where a parameter has one, or names."""
+    """`replaced_all` by numbers, texts with a unit if a parameter has one, or names."""
     in_si = {
         name: value if isinstance(find(case, name), str) else quantity(case, name, value)
         for name, value in values.items()
@@ -152,7 +152,7 @@ def with_values(case: T, values: Mapping[str, float | str]) -> T:
 
 
 def with_changes(case: T, changes: Sequence[str]) -> T:
-    """The case with other values, "KEY=VALUE" each; other values than numbers are texts."""
+    """The case with other values, each "KEY=VALUE"; values that are not numbers are texts."""
     values = dict[str, float | str]()
     for change in changes:
         key, equals, text = change.partition("=")
@@ -171,13 +171,13 @@ def _number_or_text(text: str) -> float | str:
 
 
 def unchecked(case: T, values: Mapping[str, Any]) -> T:
-    """Like `replaced_all`, without a check of the case: only to compute other values from."""
+    """As `replaced_all`, without checks: only for cases from which other values are computed."""
     changed: T = _with(case, _changes(case, values), checked=False)
     return changed
 
 
 def unit_at(case: Any, name: str) -> Unit | None:
-    """The unit of a parameter, None where it has none."""
+    """The unit of a parameter; None if it has none."""
     parts = paths(case, name)[0].split(".")
     while parts[-1].isdecimal():  # a tuple's numbers have the unit of the tuple
         parts.pop()
@@ -204,7 +204,7 @@ def quantity(case: Any, name: str, value: float | str) -> float:
 
 
 def label(case: Any, name: str) -> str:
-    """Name for tables: without its first part; a variation has the label of the varied value."""
+    """Name for tables, without its first part; for a variation, the label of the varied value."""
     first, _, rest = name.partition(".")
     if first != "variation":
         return rest
@@ -214,7 +214,7 @@ def label(case: Any, name: str) -> str:
 
 
 def text(case: Any, name: str, value: float, digits: int = 4) -> str:
-    """A value as a person writes it, with a number of digits and the parameter's unit."""
+    """A value as a text, with a number of digits and the parameter's unit."""
     unit = unit_at(case, name)
     if not unit:
         return f"{float(f'{value:.{digits}g}'):g}"
@@ -261,7 +261,8 @@ def _with(owner: Any, changes: list[_Change], checked: bool) -> Any:
 
 
 def _of_fields(owner: Any, values: Mapping[str, Any]) -> dict[str, Any]:
-    """New values of fields; names in `DERIVED` of the class are replaced by the fields they set."""
+    """New values of fields; names in `DERIVED` of the class are replaced by fields that they
+    set."""
     derived = getattr(type(owner), "DERIVED", {})
     fields = {name: value for name, value in values.items() if name not in derived}
     for name in values.keys() & derived.keys():

@@ -1,4 +1,4 @@
-"""Table of a design -> the same with the values of the detector product that it names."""
+"""Table of a design -> the same table with the values of the detector product that it names."""
 
 import tomllib
 from collections.abc import Mapping
@@ -12,19 +12,19 @@ PLACE = "instrument.detector.product"
 DETECTOR = "instrument.detector"
 FILE = ".toml"  # a product that ends so is the name of a file
 AGE = "age"
-KEPT = "exposure", "age"  # of a detector, where another product takes its place: the mission's
-# How a detector is operated: kept likewise, where the design does not leave it to the default.
+KEPT = "exposure", "age"  # keys of the mission, which are kept if another product is chosen
+# Keys of the operation of a detector: also kept, if the design gives them.
 OPERATED = "frame_rate", "binning", "row_delay"
 
 
 def with_product(table: Mapping[str, Any], folder: Path | None = None) -> dict[str, Any]:
     """Replace `product` under `instrument.detector` by that product's values.
 
-    Keys of the design override the catalogue, also within tables. What the
-    catalogue says of its age counts where the design gives it one.
+    Keys of the design override the catalogue, also within tables. The catalogue's law of ageing is
+    used if the design gives an age.
 
-    table    of a whole design
-    folder   in which a file is that is named as a product; None: this process's
+    table    table of a whole design
+    folder   folder of a file that is named as a product; None: the working directory
     Returns  a table without the key
     Raises   ValueError for a name that the catalogue does not have.
     """
@@ -46,10 +46,10 @@ def products() -> list[str]:
 
 
 def of_product(product: object, folder: Path | None = None) -> dict[str, Any]:
-    """The table of a detector of the catalogue, or of a file: alone, or in that of a design.
+    """The table of a detector of the catalogue or of a file (of a detector or a whole design).
 
-    folder  in which the file is; None: this process's
-    Raises  ValueError if there is none.
+    folder  folder of the file; None: the working directory
+    Raises  ValueError if there is no such product.
     """
     if isinstance(product, str) and product.endswith(FILE):
         path = (folder or Path()) / product
@@ -69,10 +69,10 @@ def of_product(product: object, folder: Path | None = None) -> dict[str, Any]:
 
 
 def with_product_files(choices: object, folder: Path) -> None:
-    """Let the choices of a campaign name files of detectors by their whole paths.
+    """Replace names of detector files in the choices of a campaign by their full paths.
 
     choices  in the form of a file, changed here; other values are unchanged
-    folder   of the file that names them
+    folder   folder of the file that names them
     """
     for choice in choices if isinstance(choices, list) else ():
         match choice:

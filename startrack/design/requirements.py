@@ -1,4 +1,4 @@
-"""Requirements on a design -> its mass, power, volume and cost, and the limits on its errors."""
+"""Requirements on a design: limits of errors, mass, power, volume and cost, with cost models."""
 
 import math
 from collections.abc import Mapping
@@ -14,20 +14,20 @@ from startrack.design.objective import AXES, KINDS, Objective
 from startrack.metrics import ErrorLimits
 from startrack.optics import Optics, Surfaces, element_count, full_surfaces
 
-BARREL = 3.7  # mass of a lens with its barrel over that of its glass
+BARREL = 3.7  # mass of a lens with its barrel over the mass of its glass
 WALL = 1.96  # outer diameter over the largest clear diameter
 HOUSING = 1.26  # length of the housing to the detector, over the path of the rays
-# Price of a lens: PRICE (mass / PRICED)^STEEP, in dollar of 2010 and kilogram.
+# Price of a lens: PRICE (mass / PRICED)^STEEP, price in dollar of 2010, mass in kilogram.
 PRICE, PRICED, STEEP = 270.0, 0.24, 1.6
 
 
 class LensCost(NamedTuple):
     """Mass, volume and price of a lens.
 
-    elements  number of lens elements and mirrors; that of a lens family is not rounded
+    elements  number of lens elements and mirrors; not rounded for a lens family
     mass      kilogram, with the barrel
     volume    cubic metre, of the cylinder around lens and detector
-    price     dollar of 2010, of a camera lens made in series
+    price     dollar of 2010, price of a camera lens made in series
     """
 
     elements: float
@@ -43,12 +43,12 @@ def lens_cost(optics: Optics) -> LensCost | None:
         volume = pi / 4 (1.96 largest clear diameter)^2 * 1.26 length to the detector
         price  = 270 (mass / 0.24 kg)^1.6
 
-    The mass of the glass is that of the prescription, scaled to the design's focal length. In a
+    The mass of the glass follows from the prescription, scaled to the design's focal length. In a
     lens family, the clear apertures are those that the beams need at the design's f-number. The
-    three factors of mass and volume are medians over nine camera lenses; the price is a fit to
-    five of them. docs/figures/lens-costs.md lists these lenses.
+    three factors of mass and volume are medians over nine camera lenses. The price is a fit to five
+    of them. docs/figures/lens-costs.md lists these lenses.
 
-    Returns   None where the surfaces of the lens are not known
+    Returns   None if the surfaces of the lens are unknown
     Accuracy  model: measured over predicted mass is 0.5 (barrel of plastic) to 1.8 (brass), volume
               0.5 to 1.4, price 0.5 to 3.1. All nine are double Gauss lenses made in series. A lens
               for space costs about a hundred times as much, so that only ratios of prices count.
@@ -84,7 +84,7 @@ COST_MODELS = ("aperture",)
 SKIES = ("whole", "worst")
 BLINDED = ("counted", "left out")
 ALUMINIUM = 2700.0  # kg / m3
-SURE = 0.9973  # fraction of the normal errors that just meet a requirement, which count as correct
+SURE = 0.9973  # fraction of attitudes that is correct if normal errors just meet a requirement
 
 
 HALF_TURN = Range(0, math.pi)
@@ -103,7 +103,7 @@ class KeepOut(Parameters):
         default=None,
     )
     altitude: float = parameter(
-        "of the orbit, for the size of the Earth",
+        "altitude of the orbit, for the size of the Earth",
         unit=Unit("m", "km"),
         limit=POSITIVE,
         default=600e3,
@@ -136,8 +136,8 @@ class Accuracy:
     def single(self) -> float:
         """Limit of a single error, radian.
 
-        Normal errors that just meet the requirement exceed it in 0.27 % of the cases. It is a limit
-        on their length, and at least `most` where `most` is a length.
+        Normal errors that just meet the requirement exceed it in 0.27 % of the cases. It limits the
+        length of the error, and is at least `most` if `most` is a length.
         """
         objective, axes = self.objective, len(AXES[self.objective.axes])
         if objective.fraction is None:
@@ -151,7 +151,7 @@ class Accuracy:
 
 
 def _length(axes: int, fraction: float) -> float:
-    """Length that a fraction of normal errors of sigma 1 does not exceed, by the number of axes."""
+    """Quantile of the length of an error vector with standard normal errors about `axes` axes."""
     return math.sqrt(2 * float(special.gammaincinv(axes / 2, fraction)))
 
 
@@ -170,22 +170,22 @@ class Requirements(core.CarriesCode):
         power  = power_fixed + energy_per_bit * data rate
         cost   = cost_fixed + cost_of_metre * aperture^cost_power + tolerances + calibration
 
-    Four parts replace or extend these terms. A lens of a family, or of a table with its surfaces,
+    Five parts replace or extend these terms. A lens of a family, or of a table with its surfaces,
     has the mass, volume and price of `lens_cost` instead of the terms of the aperture. Tolerances
-    cost sum price log2(1 / scale) over the [[variation]] tables that have a price; a calibration on
-    the ground costs calibration_price * positions * position_time in hours. A structure
-    (`[instrument.structure]`) adds its mass, the power of its heater, and the cost of its material:
-    mass times price times `cost_of_part`. A baffle that is given by its geometry
-    (`[instrument.tube]`) has the volume of that geometry, and its mass is added.
+    cost the sum of price log2(1 / scale) over the [[variation]] tables that have a price. A
+    calibration on the ground costs calibration_price * positions * position_time in hours. A
+    structure (`[instrument.structure]`) adds its mass, the power of its heater, and the cost of its
+    material: mass times price times `cost_of_part`. A baffle that is given by its geometry
+    (`[instrument.tube]`) has the volume of this geometry, and its mass is added.
 
-    The coefficients are inputs, not results; those of mass, volume and power are assumed.
-    Source of the cost: NASA Marshall's model of 47 telescopes, whose cost grows as aperture^1.7
-    and is 20 million dollars for one metre on the ground (NTRS 20205010427).
+    The coefficients are inputs, not results. The coefficients of mass, volume and power are
+    assumed. Source of the cost: NASA Marshall's model of 47 telescopes (NTRS 20205010427). Their
+    cost grows as aperture^1.7, and is 20 million dollars for one metre on the ground.
 
-    Accuracy  model: proxies. The mass of a lens grows as the cube of its aperture, the tube is as
-              long as the focal length times a ratio, and power grows with the data rate. The lens
-              of a star tracker is far smaller than those telescopes, so that only ratios of costs
-              count.
+    Accuracy  model: proxies. The mass of a lens grows as the cube of its aperture, the length of
+              the tube is the focal length times a ratio, and power grows with the data rate. The
+              lens of a star tracker is far smaller than these telescopes, so that only ratios of
+              costs are meaningful.
     """
 
     OLD_KEYS: ClassVar[Mapping[str, str]] = {"sky_share": "sky_fraction"}
@@ -209,21 +209,21 @@ class Requirements(core.CarriesCode):
         default=6000.0,
     )
     density: float | None = parameter(
-        "of the whole tracker, whose mass then follows from its volume; None: the mass follows "
-        "from the aperture. The median of seven trackers that were built is 950 kg/m3",
+        "density of the whole tracker, whose mass then follows from its volume; None: the mass "
+        "follows from the aperture. The median of seven built trackers is 950 kg/m3",
         unit=Unit("kg / m3"),
         limit=POSITIVE,
         default=None,
     )
     baffle_angle: float | None = parameter(
         "least angle of the Sun from the boresight at which the baffle shades the lens; None: no "
-        "baffle, or one that the other terms contain",
+        "baffle, or a baffle that the other terms contain",
         unit=Unit("rad", "deg"),
         limit=Range(0, math.pi / 2),
         default=None,
     )
     shielding: float = parameter(
-        "thickness of a layer of aluminium around the tracker, beside its housing",
+        "thickness of a layer of aluminium around the tracker, in addition to its housing",
         unit=Unit("m", "mm"),
         limit=NON_NEGATIVE,
         default=0.0,
@@ -271,7 +271,7 @@ class Requirements(core.CarriesCode):
         "cost of a lens with an aperture of one metre", limit=NON_NEGATIVE, default=20e6
     )
     cost_power: float = parameter(
-        "exponent of the cost over the aperture", limit=POSITIVE, default=1.7
+        "exponent of the cost as a power of the aperture", limit=POSITIVE, default=1.7
     )
     position_time: float = parameter(
         "duration of one position of a calibration on the ground; assumed",
@@ -311,33 +311,34 @@ class Requirements(core.CarriesCode):
     )
     level: str = parameter(
         'statistic of these errors: "rms", or the percentage of cases, such as "99.73 %", in which '
-        "they must keep the limit",
+        "errors must be within the limit",
         default="rms",
     )
     kind: str = parameter(
-        '"per axis": of the errors about each axis; "radial": of their length. About the '
-        "boresight, both are the same",
+        '"per axis": limits hold for the errors about each axis; "radial": for their length. About '
+        "the boresight, both are the same",
         limit=Range(choices=KINDS),
         default="per axis",
     )
     sky: str = parameter(
-        '"whole": over the whole sky; "worst": in the worst of 12 regions of equal area',
+        'where limits must hold: "whole", over the whole sky; "worst", in the worst of 12 regions '
+        "of equal area",
         limit=Range(choices=SKIES),
         default="whole",
     )
     confidence: float = parameter(
-        "of the bounds by which trials show that limits are kept",
+        "confidence level of the bounds by which trials show that limits are met",
         limit=Range(0.5, 0.9999),
         default=0.95,
     )
     max_rate: float | None = parameter(
-        "slew rate at which the limits on errors and availability must hold, too",
+        "slew rate at which the limits on errors and availability must also hold",
         unit=Unit("rad/s", "deg/s"),
         limit=POSITIVE,
         default=None,
     )
     min_keep_out: KeepOut = parameter(
-        "angles to Sun, Moon and Earth at which these limits must hold, too",
+        "angles to Sun, Moon and Earth at which these limits must also hold",
         default_factory=KeepOut,
     )
     blinded: str = parameter(
@@ -353,7 +354,7 @@ class Requirements(core.CarriesCode):
         default="aperture",
     )
     checks: tuple[str, ...] = parameter(
-        "user code that computes margins, none of which may be negative",
+        "user code that computes margins; no margin may be negative",
         limit=Range(code="requirements"),
         default=(),
     )
@@ -377,7 +378,7 @@ class Requirements(core.CarriesCode):
 
     @property
     def accuracy(self) -> tuple[Accuracy, ...]:
-        """The limits on the error that are required."""
+        """The required limits on the error."""
         limits = {"across": self.max_across, "about": self.max_about}
         return tuple(
             Accuracy(Objective(axes, self._fraction(), self.kind), most)
@@ -421,11 +422,11 @@ class Requirements(core.CarriesCode):
     def _baffle(self, case: Case) -> float:
         """Volume of the baffle, cubic metre: a cone in front of the lens, outside of the field.
 
-        Where its angle lies in the field, its length is a thousand apertures, beyond any limit.
+        If its angle lies in the field, its length is a thousand apertures, beyond any limit.
         """
         if tube := case.instrument.tube:
             if self.baffle_angle is not None:
-                raise Refused("requirements.baffle_angle must be left out where a tube is given")
+                raise Refused("requirements.baffle_angle must be left out if a tube is given")
             lens, field = case.instrument.optics.aperture, case.instrument.camera.half_diagonal
             return tube.volume(lens, field)
         if self.baffle_angle is None:
@@ -448,9 +449,9 @@ class Requirements(core.CarriesCode):
         return calibration.positions * self.position_time
 
     def cost(self, case: Case) -> float:
-        """Cost in the unit of `cost_of_metre`; with a lens of known surfaces in dollar of 2010.
+        """Cost in the unit of `cost_of_metre`; for a lens of known surfaces, in dollar of 2010.
 
-        Raises  ValueError if the code of `cost_model` raises one, or returns no number.
+        Raises  ValueError if the code of `cost_model` raises an error, or returns no number.
         """
         if core.is_code(self.cost_model):
             return _number("costs", self.cost_model, case)
@@ -468,17 +469,17 @@ class Requirements(core.CarriesCode):
         return case.instrument.optics.aperture
 
     def cost_named(self, name: str, case: Case) -> float:
-        """A cost by its name, one of COSTS, in the unit that is given there."""
+        """A cost by its name, one of COSTS, in the unit that COSTS states."""
         return float(getattr(self, name.replace(" ", "_"))(case))
 
     def own_margins(self, case: Case) -> dict[str, float]:
-        """Margins by the user code in `checks`, by its name.
+        """Margins by the user code in `checks`, by the name of the code.
 
-        Raises  ValueError if the code of one raises an error, or returns no number.
+        Raises  ValueError if the code raises an error, or returns no number.
         """
         return {name: _number("requirements", name, case) for name in self.checks}
 
 
 def _number(group: str, name: str, case: Case) -> float:
-    """A number by user code: a cost in the unit of `max_cost`, or a margin, negative if not met."""
+    """A number by user code: a cost in the unit of `max_cost`, or a margin (negative: not met)."""
     return float(core.returned(group, name, core.call_code(group, name, case), ()))

@@ -1,4 +1,4 @@
-"""Table of a design -> the same with the power spectra of jitter that it names as files."""
+"""Table of a design -> the same table with power spectra of jitter from the files that it names."""
 
 import re
 from collections.abc import Iterator
@@ -9,9 +9,9 @@ from startrack.core import Refused, parse
 from startrack.io import read_bytes
 
 PLACE = "instrument.motion.broadband"
-UNITS = "Hz", "arcsec2 / Hz"  # of columns whose head names none
+UNITS = "Hz", "arcsec2 / Hz"  # units of columns if the header names none
 HEAD = re.compile(r"[^(\[]*[(\[](.*)[)\]]\s*")
-# Units other than UNITS that a head names without brackets.
+# Units other than UNITS that a header names without brackets.
 LOOSE = re.compile(
     r"(?<![a-z])([munpkµμ]?rad|arcmin|deg|[mu]?as|[mu]arcsec|db|[km]hz)(?![a-z])", re.IGNORECASE
 )
@@ -20,15 +20,15 @@ LOOSE = re.compile(
 def with_spectra(table: Any, folder: Path) -> None:
     """Replace `file` of each table of `instrument.motion.broadband` by frequency and density.
 
-    The file has two columns, between commas, semicolons or blanks: frequency and one-sided power
-    spectral density. A head such as "frequency (Hz), density (urad2 / Hz)", with or without a #
-    before it, names the units, which else are Hz and arcsec2 / Hz. Other lines that begin with # do
-    not count.
+    The file has two columns, separated by commas, semicolons or blanks: frequency and one-sided
+    power spectral density. A header such as "frequency (Hz), density (urad2 / Hz)", with or without
+    a # before it, names the units. Without a header they are Hz and arcsec2 / Hz. Other lines that
+    begin with # are ignored.
 
-    table   of a whole design, changed here
-    folder  in which the file is
-    Raises  ValueError, with file and line, where there is no such file or it is no such table, and
-            where a line before the numbers names another unit without brackets.
+    table   table of a whole design, changed in place
+    folder  folder of the file
+    Raises  ValueError, with file and line, if there is no such file, if it is not such a table, or
+            if a line before the numbers names another unit without brackets.
     """
     match table:
         case {"instrument": {"motion": {"broadband": list(entries)}}}:
@@ -60,7 +60,7 @@ def _columns(path: Path) -> tuple[list[str], list[str]]:
         frequency.append(f"{cells[0]} {units[0]}")
         density.append(f"{cells[1]} {units[1]}")
     if len(frequency) < 2:
-        raise Refused(f"{path} must have two lines of frequency and density or more")
+        raise Refused(f"{path} must have two or more lines of frequency and density")
     return frequency, density
 
 
@@ -86,7 +86,7 @@ def _cells(text: str) -> list[str]:
 
 
 def _units(path: Path, line: int, cells: list[str], before: list[str]) -> list[str]:
-    """The units that a head names; those of lines before it where it names none."""
+    """The units that a header names; if it names none, the units of the lines before it."""
     found = [match[1] if (match := HEAD.fullmatch(cell)) else "" for cell in cells]
     if not any(found):
         if loose := LOOSE.search(" ".join(cells)):

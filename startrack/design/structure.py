@@ -28,14 +28,14 @@ from startrack.io import csv_table, regular_file
 from startrack.optics import Optics
 from startrack.space import Heat, warmth
 
-RADIATED = 4 * 5.670374e-8 * 293.15**3  # W / (m2 K), of a black surface at 20 degC: CODATA 2018
+RADIATED = 4 * 5.670374e-8 * 293.15**3  # W / (m2 K), black surface at 20 degC: CODATA 2018
 ORBIT, LAUNCH = "orbit", "temperature since calibration"  # names of groups of variations
 EXPANSION, LENGTH, KELVIN = Unit("1 / K", "um / (m K)"), Unit("m", "mm"), Unit("K")
 GRADIENT = Unit("K / m")
 FOCAL = "instrument.optics.focal_length"
 RESIDUAL = "instrument.residual.temperature"
 TURNS = tuple(f"instrument.mounting.{axis}" for axis in "xyz")
-UNITS = {"instrument.mounting": "rad", "instrument.residual": "K"}  # by the table of the number
+UNITS = {"instrument.mounting": "rad", "instrument.residual": "K"}  # by the table of the key
 
 
 class Material(NamedTuple):
@@ -44,7 +44,7 @@ class Material(NamedTuple):
     expansion     1 / kelvin, linear, near 20 degC
     conductivity  W / (m K)
     density       kg / m3
-    price         1, price of a machined kilogram over that of aluminium
+    price         1, price of a machined kilogram over the price for aluminium
     """
 
     expansion: float
@@ -65,7 +65,7 @@ MATERIALS = {
     "albemet": Material(13.9e-6, 210.0, 2100.0, 40.0),
     "silicon-carbide": Material(2.2e-6, 180.0, 3150.0, 25.0),
 }
-# Outer diameter of a tube over the clear aperture; median of the nine lenses of
+# Outer diameter of a tube over the clear aperture: median of the nine lenses in
 # docs/figures/lens-costs.md.
 WIDE = 1.96
 NONE = (0.0, 0.0, 0.0, 0.0)
@@ -74,7 +74,7 @@ PARTS = ("feet", "detector", "lens")
 COLUMNS = ("part", "load", "x", "y", "z", "dx", "dy", "dz")
 TIMES = 48  # intervals of an orbit, in a profile by heat
 # Additional length of a cantilever on an elastic half-plane, over its thickness: 16.67 / (12 pi),
-# O'Donnell.
+# from O'Donnell.
 ROOT = 0.44
 SHEAR = 3.2  # shear factor of a rectangle: 2 (1 + 0.33) 6 / 5
 SPREAD = 1.5  # span of the feet over the diameter of the tube; assumed
@@ -84,20 +84,22 @@ class Structure(Parameters):
     """Structure that carries lens and detector on the spacecraft, and its temperature.
 
     A tube with lens and detector stands on a base with feet that are bolted to a panel. There are
-    three loads. The mean temperature is M above that of the calibration. The temperature grows by
-    G_x per metre along x. A flux makes the side of the tube at +x warmer by F_x than that at -x.
-    G_y and F_y are the same along y. The camera turns by
+    three loads. The mean temperature is M above the temperature of the calibration. The temperature
+    grows by G_x per metre along x. A flux makes the side of the tube at +x warmer by F_x than the
+    side at -x. G_y and F_y are the same along y. The camera rotates by
 
         x =  t G_y + s F_y,   y = -(t G_x + s F_x) + b o M,   z = -a o (G_y + F_y / D)
         s = a (L - f / 2) / D,   t = a (L - f / 2 + h + c / 2) + p H
 
-    where a is the expansion of the structure, f is the focal length, and the other letters are
-    those of the keys. G is the same in tube, base and feet. F acts in the tube alone, whose
-    curvature a F / D turns the lens, and the detector f behind it. H is the height of a bracket.
+    where a is the expansion of the structure, f is the focal length, and the meanings of the keys
+    explain the other letters. G is the same in tube, base and feet. F acts in the tube alone. The
+    curvature a F / D of the tube rotates the lens, and the detector at the distance f behind it. H
+    is the height of a bracket.
 
-    b is the curvature of the base, of thickness c, when the panel expands by p. The feet are moved
-    by e = (a - p) S / 2 per kelvin. Three unknowns follow from the equations below: the rotation q
-    at the tops of the feet, the deflection d of a foot, and the force P over modulus and width.
+    b is the curvature of the base (of thickness c) per kelvin, because the panel expands by p. The
+    feet move by e = (a - p) S / 2 per kelvin. Three unknowns follow from the equations below: the
+    rotation q at the tops of the feet, the deflection d of a foot, and the force P divided by
+    modulus and width.
 
         P = k1 d - k2 q,   d = e - q c / 2 - P B / (2 c),   q (c^3 / (6 B) + k4) = k2 d + P c / 2
         k1, k2, k4 = I (12 / h^3, 6 / h^2, (4 + v) / h) / (1 + v),   I = w^3 / 12,
@@ -109,20 +111,20 @@ class Structure(Parameters):
 
         df / f = [e T + a (1 - T)] M,   defocus = f (a - e) M
 
-    where e is `lens_expansion`. T is 1 for a lens that is telecentric in image space, and 0 where
-    the exit pupil is at the nodal point. A flux q, in the middle of a side of the tube of
+    where e is `lens_expansion`. T is 1 for a lens that is telecentric in image space, and 0 if the
+    exit pupil is at the nodal point. A flux q, in the middle of a side of the tube with the
     conductivity k, gives
 
         F = 2 q / (k u / R^2 + 4 sigma T^3),   R = D / 2,   u the wall
 
-    Source: beams with shear, Timoshenko and Young (1968), Elements of Strength of Materials;
-    O'Donnell (1960), Journal of Applied Mechanics 27, 461, for their roots; conduction and
-    radiation of heat around a tube.
+    Source: beams with shear: Timoshenko and Young (1968), Elements of Strength of Materials; roots
+    of beams: O'Donnell (1960), Journal of Applied Mechanics 27, 461. F is from conduction around
+    the tube and radiation.
 
-    Accuracy  model: small displacements, one material; no slip of bolts, no moisture, no bending
-              of the panel itself, no mounts of single lenses. Finite elements of the same section
-              (tests/oracle/structure.py, 25 shapes, 16 of them random) are within 10 % with a
-              gradient, 18 % with a flux and 15 % where the panel bends the base.
+    Accuracy  model: small displacements, one material; no slip of bolts, no moisture, no bending of
+              the panel itself, no mounts of single lenses. Finite elements of the same section
+              (tests/oracle/structure.py, 25 shapes, 16 of them random) agree within 10 % for a
+              gradient, 18 % for a flux, and 15 % if the panel bends the base.
     """
 
     material: str = parameter(
@@ -164,7 +166,7 @@ class Structure(Parameters):
         "h, height of the feet; assumed", unit=LENGTH, limit=POSITIVE, default=10e-3
     )
     feet_thickness: float = parameter(
-        "w, thickness of a foot along the span: thin feet yield; assumed",
+        "w, thickness of a foot along the span: thin feet are flexible; assumed",
         unit=LENGTH,
         limit=POSITIVE,
         default=5e-3,
@@ -173,14 +175,14 @@ class Structure(Parameters):
         "c, thickness of the base; assumed", unit=LENGTH, limit=POSITIVE, default=5e-3
     )
     offset: float = parameter(
-        "o, distance of the lens along x from the middle of the feet, which their stiffness "
-        "weights: 0 where the feet are symmetric",
+        "o, distance along x of the lens from the middle of the feet, weighted by their stiffness: "
+        "0 if the feet are symmetric",
         unit=LENGTH,
         limit=FINITE,
         default=0.0,
     )
     plate_expansion: float = parameter(
-        "p, thermal expansion of the panel of the platform: aluminium",
+        "p, thermal expansion of the panel of the platform; default: aluminium",
         unit=EXPANSION,
         limit=FINITE,
         default=23.6e-6,
@@ -199,19 +201,19 @@ class Structure(Parameters):
         default=5e-6,
     )
     telecentric: float = parameter(
-        "T, 0: the exit pupil is at the nodal point; 1: it is at infinity. The default changes the "
-        "scale as in the shipped Petzval lens, traced in aluminium: 20 um / (m K)",
+        "T, 0: the exit pupil is at the nodal point; 1: it is at infinity. With the default the "
+        "scale changes as in the shipped Petzval lens, traced in aluminium: 20 um / (m K)",
         limit=Range(0, 1),
         default=0.2,
     )
     detector_offset: float = parameter(
-        "distance along x from where the board is fixed to the middle of the detector",
+        "distance along x from the fixed point of the board to the middle of the detector",
         unit=LENGTH,
         limit=FINITE,
         default=0.0,
     )
     board_expansion: float = parameter(
-        "thermal expansion of that board: glass and epoxy",
+        "thermal expansion of the board; default: glass and epoxy",
         unit=EXPANSION,
         limit=FINITE,
         default=15e-6,
@@ -223,7 +225,7 @@ class Structure(Parameters):
         default=0.0,
     )
     gradient_x: float = parameter(
-        "G, amplitude over an orbit of the gradient along x, the same in panel and head",
+        "G, amplitude of the gradient along x over an orbit; the same in panel and head",
         unit=GRADIENT,
         limit=NON_NEGATIVE,
         default=0.0,
@@ -232,29 +234,31 @@ class Structure(Parameters):
         "likewise along y", unit=GRADIENT, limit=NON_NEGATIVE, default=0.0
     )
     phase_x: float = parameter(
-        "phase of the gradient along x, in orbits before the mean temperature, which follows the "
-        "heat by a quarter",
+        "phase of the gradient along x, in orbits before the mean temperature; the default is a "
+        "quarter, by which the mean temperature lags behind the heat",
         limit=FINITE,
         default=0.25,
     )
     phase_y: float = parameter(
-        "likewise along y: a quarter more, so that the warm side rotates", limit=FINITE, default=0.5
+        "phase of the gradient along y; by default a quarter more, so that the warm side rotates",
+        limit=FINITE,
+        default=0.5,
     )
     flux: float = parameter(
         "q, amplitude over an orbit of the flux absorbed in the middle of one side of the tube, "
-        "minus that of the opposite side; for both axes, in phase with the gradients",
+        "minus the flux on the opposite side; for both axes, in phase with the gradients",
         unit=Unit("W / m2"),
         limit=NON_NEGATIVE,
         default=0.0,
     )
     mean_profile: tuple[float, ...] = parameter(
-        "temperature above that of the calibration, at even steps over an orbit; in place of "
+        "mean temperature above the calibration's, at even steps over an orbit; in place of "
         "`swing`, and with the effect of heaters included",
         unit=KELVIN,
         default=(),
     )
     gradient_x_profile: tuple[float, ...] = parameter(
-        "likewise the gradient, in place of `gradient_x`", unit=GRADIENT, default=()
+        "gradient at even steps over an orbit, in place of `gradient_x`", unit=GRADIENT, default=()
     )
     gradient_y_profile: tuple[float, ...] = parameter("likewise along y", unit=GRADIENT, default=())
     heat: Heat | None = parameter(
@@ -263,21 +267,24 @@ class Structure(Parameters):
         default=None,
     )
     displacements: str = parameter(
-        "CSV of a thermo-elastic program: displacements of nodes per kelvin, of a gradient per "
-        "kelvin / metre. Columns: part (feet, detector, lens), load (mean, gradient_x, gradient_y, "
-        "flux_x, flux_y), x, y, z, dx, dy, dz (metre, in the camera's axes). It takes the place of "
-        'the formulas for the loads that it has; "": none',
+        "CSV file of a thermo-elastic program: displacements of nodes per kelvin, for a gradient "
+        "per kelvin / metre. Columns: part (feet, detector, lens), load (mean, gradient_x, "
+        "gradient_y, flux_x, flux_y), x, y, z, dx, dy, dz (metre, in the camera's axes). It "
+        'replaces the formulas for the loads that it contains; "": none',
         limit=core.FILE,
         default="",
     )
     calibration_offset: float = parameter(
-        "sigma over units of the mean temperature in flight minus that of the calibration",
+        "sigma over units of the mean temperature in flight minus the temperature of calibration",
         unit=KELVIN,
         limit=NON_NEGATIVE,
         default=0.0,
     )
     gradient_offset: float = parameter(
-        "likewise the gradient, per axis", unit=GRADIENT, limit=NON_NEGATIVE, default=0.0
+        "sigma over units of the gradient per axis, in flight minus calibration",
+        unit=GRADIENT,
+        limit=NON_NEGATIVE,
+        default=0.0,
     )
     rise: float = parameter(
         "rise of temperature after the head is switched on",
@@ -296,8 +303,8 @@ class Structure(Parameters):
     )
     heater: float = parameter(
         "mean power of controlled heaters at the feet, or below the bracket. Swing and gradients "
-        "fall by the fraction power / (conductance A), where A is the amplitude of the temperature "
-        "of a foot, gradients included",
+        "decrease by the fraction power / (conductance A), where A is the amplitude of a foot's "
+        "temperature, gradients included",
         unit=Unit("W"),
         limit=NON_NEGATIVE,
         default=0.0,
@@ -310,7 +317,7 @@ class Structure(Parameters):
         default=0.5,
     )
     focus: bool = parameter(
-        "whether the defocus changes, too; trials then take several times as long, because each "
+        "whether the defocus also changes; trials then take several times as long, because each "
         "environment has its own images",
         default=False,
     )
@@ -325,12 +332,12 @@ class Structure(Parameters):
                 f"{self.feet_span:g} m and {self.feet_thickness:g} m"
             )
         if self.heat and (any(self._profiles) or self.swing or self.flux):
-            raise Refused("heat must be left out beside swing, flux and profiles, which it gives")
+            raise Refused("heat must be left out if swing, flux or profiles are given")
         counts = {len(profile) for profile in self._profiles if profile}
         if len(counts) > 1 or 1 in counts:
             raise Refused(
-                "mean_profile, gradient_x_profile and gradient_y_profile must be of one length "
-                f"of two or more, got {', '.join(map(str, sorted(counts)))}"
+                "mean_profile, gradient_x_profile and gradient_y_profile must have one common "
+                f"length of two or more, got {', '.join(map(str, sorted(counts)))}"
             )
 
     @property
@@ -392,9 +399,9 @@ class Structure(Parameters):
     def responses(self, optics: Optics, pitch: float) -> dict[str, Floats]:
         """Change of each value of the instrument by each load: M, G_x, G_y, F_x, F_y.
 
-        pitch    metre, of the detector
-        Returns  (5,) by dotted name, per kelvin (M, F) or kelvin / metre (G): of the focal length
-                 the relative change, of others that in SI units or pixel
+        pitch    metre, pixel pitch of the detector
+        Returns  (5,) by dotted name, per kelvin (M, F) or kelvin / metre (G): the relative change
+                 of the focal length; for other values the change in SI units or pixel
         """
         length, diameter, span = self.size(optics)
         own = self.made_of.expansion
@@ -479,7 +486,7 @@ class Structure(Parameters):
         """Loads (5, n) of `responses`, kelvin and kelvin / metre, at even steps over an orbit.
 
         Both ends of the orbit are included. Without a profile, n is 1, and the loads are complex
-        amplitudes of sinusoids: i is the sine a quarter of an orbit earlier.
+        amplitudes of sinusoids: the phase of i is a quarter of an orbit earlier.
         """
         wave = self._waves(optics)
         if self.heat:
@@ -505,8 +512,8 @@ class Structure(Parameters):
 
         place  (n,) 1, position in the orbit from the ascending node, 0 to 1
         mean   (n,) kelvin, mean temperature above calibration, without heaters; None: by `swing`
-        sides  (2, n) W / m2, half of the flux that the tube absorbs at +x minus that at -x, and the
-               same along y; None: by `flux`
+        sides  (2, n) W / m2, half of the difference of the fluxes that the tube absorbs at +x and
+               at -x, and the same along y; None: by `flux`
         """
         loads = np.imag(self._waves(optics)[:, None] * np.exp(2j * math.pi * place))
         if mean is not None:
@@ -516,7 +523,7 @@ class Structure(Parameters):
         return loads
 
     def _by_heat(self, heat: Heat, optics: Optics) -> Floats:
-        """Like `_over_orbit`, with temperatures by heat; the calibration is at their mean."""
+        """As `_over_orbit`, with temperatures by heat; the calibration is at their mean."""
         warm = warmth(heat)
         rows = np.stack([warm.head - warm.head.mean(), warm.side_x, warm.side_y])
         place = np.linspace(0, 1, TIMES + 1)
@@ -530,12 +537,12 @@ def read_displacements(path: str, content: str) -> dict[str, tuple[Floats, float
     """Rotation (3,) of the camera in radian, and relative change of its focal length, by load.
 
     Each part moves as the rigid body that fits its nodes best, by least squares. The boresight is
-    the line from the middle of the detector's nodes to that of the lens's nodes, relative to the
-    feet. About the boresight the camera turns with the detector.
+    the line from the middle of the detector's nodes to the middle of the lens's nodes, relative to
+    the feet. About the boresight the camera rotates with the detector.
 
     content  digest of the file, so that a changed file is read again
-    Raises   Refused if the file has other columns, or a part has fewer than three nodes or all
-             of them on a line.
+    Raises   Refused if the file has other columns, or if a part has fewer than three nodes or all
+             of its nodes on a line.
     """
     table = csv_table(Path(path), ended=False, what="a table of displacements")
     if not set(COLUMNS) <= set(table.colnames):
@@ -564,7 +571,7 @@ def read_displacements(path: str, content: str) -> dict[str, tuple[Floats, float
 
 
 class _Rigid(NamedTuple):
-    """Middle (3,) of a part in metre, its shift (3,) in metre and its rotation (3,) in radian."""
+    """Middle (3,) of a part in metre, its shift (3,) in metre, and its rotation (3,) in radian."""
 
     middle: Floats
     shift: Floats

@@ -1,4 +1,4 @@
-"""Told: a figure of a design that somebody measured or published."""
+"""Told: a measured or published figure of a design."""
 
 import math
 
@@ -24,7 +24,7 @@ FRAME_FIGURES = {
     "limiting magnitude": "G",
     "residual": "pixel",
 }
-OF_STARS = "SNR", "centroid noise"  # figures of a star of some magnitude
+OF_STARS = "SNR", "centroid noise"  # figures of a star of a given magnitude
 
 
 class Told(Parameters):
@@ -38,21 +38,22 @@ class Told(Parameters):
     """
 
     figure: str = parameter(
-        'errors that it holds: "NEA", temporal noise; "pixel", with pixel spatial errors; "FOV", '
-        'with field-of-view errors, too; "accuracy", with thermo-elastic errors; "with bias". Of '
-        'frames: "gain", electron / digital number; "read noise", digital number; "star signal", '
-        "digital number of an exposure, of a sunlike star of G = 0 in the tracker's box, and "
-        '"star electrons", electron; "SNR", that light over its standard deviation, and "centroid '
-        'noise", pixel rms of an axis, of a star of `magnitude`; "PRNU", 1; "full well", electron; '
-        '"image width", pixel, root of the second moment in the box; "common motion", pixel rms of '
-        'an axis, of third differences from frame to frame; "limiting magnitude", Gaia\'s G of a '
-        'sunlike star at the detection threshold; "residual", pixel rms of an axis over the frame, '
-        "of the places of stars at the begin of life, as a table of stars has it (`calibrate`)",
+        'name of the figure. Errors, each with all earlier ones: "NEA", temporal noise; "pixel", '
+        'pixel spatial errors; "FOV", field-of-view errors; "accuracy", thermo-elastic errors; '
+        '"with bias". Figures of frames: "gain", electron / digital number; "read noise", digital '
+        'number; "star signal", digital number, light of a sunlike star of G = 0 in the tracker\'s '
+        'box in an exposure; "star electrons", electron, the same light; "SNR", this light over '
+        'its standard deviation, for a star of `magnitude`; "centroid noise", pixel rms per axis, '
+        'for a star of `magnitude`; "PRNU", 1; "full well", electron; "image width", pixel, root '
+        'of the second moment in the box; "common motion", pixel rms per axis, of third '
+        'differences from frame to frame; "limiting magnitude", Gaia\'s G of a sunlike star at the '
+        'detection threshold; "residual", pixel rms per axis over the frame, displacements of '
+        "stars at the begin of life, as in a table of stars (`calibrate`)",
         limit=Range(choices=(*ERROR_FIGURES, *FRAME_FIGURES)),
     )
     axis: str | None = parameter(
-        "of an error: across the boresight, per axis, or about it; of several heads the mean of "
-        "their boresights",
+        "axis of an error: across the boresight (per axis), or about it; for several heads, about "
+        "the mean of their boresights",
         limit=Range(choices=AXES),
         default=None,
     )
@@ -60,38 +61,39 @@ class Told(Parameters):
         "of an error", unit=Unit("rad", "arcsec"), limit=POSITIVE, default=None
     )
     number: float | None = parameter(
-        "of a figure of frames, in its unit", limit=POSITIVE, default=None
+        "value of a figure of frames, in its unit", limit=POSITIVE, default=None
     )
     magnitude: float | None = parameter(
-        "Gaia's G of a sunlike star, of an SNR or a centroid noise",
+        "Gaia's G of a sunlike star, for an SNR or a centroid noise",
         limit=Range(-30, 30),
         default=None,
     )
     level: float = parameter(
-        'fraction of errors about one axis that are no larger, such as "99.73 %", as of a normal '
-        'law; "68.27 %" of an rms',
+        'fraction of normal errors about one axis that do not exceed the value, such as "99.73 %"; '
+        '"68.27 %" for an rms',
         limit=Range(0.5, 1 - 1e-9),
         default=0.6827,
     )
     factor: float = parameter(
-        "by which the value may be wrong, either way, in 68 % of such figures",
+        "error of the figure, as a factor: in 68 % of the cases the true value lies within this "
+        "factor of it, above or below",
         limit=Range(1, 100, above=True),
         default=1.2,
     )
     heads: int = parameter(
-        "alike and independent, of which it is the error after they are fused, each axis weighted "
-        "by the inverse of its variance",
+        "number of equal and independent heads whose fused attitude has this error, each axis "
+        "weighted by the inverse of its variance",
         limit=Range(1, 12),
         default=1,
     )
     angle: float | None = parameter(
-        "between the boresights of two heads, or of neighbours of more heads, evenly on a cone; "
-        "to be given for two heads or more",
+        "angle between the boresights of two heads, or of neighbours among more heads, evenly on a "
+        "cone; required for two or more heads",
         unit=Unit("rad", "deg"),
         limit=Range(0, math.pi),
         default=None,
     )
-    source: str = parameter("where the value is from; it has no effect", default="")
+    source: str = parameter("source of the value; it has no effect", default="")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -101,14 +103,14 @@ class Told(Parameters):
             needed = (name == "number") == of_frames
             if needed != (value is not None):
                 must = "must be given" if needed else "must be left out"
-                raise Refused(f"{name} {must} of the told figure {self.figure!r}")
+                raise Refused(f"{name} {must} for the told figure {self.figure!r}")
         if (self.magnitude is not None) != (self.figure in OF_STARS):
             must = "given" if self.figure in OF_STARS else "left out"
-            raise Refused(f"magnitude must be {must} of the told figure {self.figure!r}")
+            raise Refused(f"magnitude must be {must} for the told figure {self.figure!r}")
         if of_frames and self.heads > 1:
-            raise Refused(f"heads must be 1 of the told figure {self.figure!r}, got {self.heads}")
+            raise Refused(f"heads must be 1 for the told figure {self.figure!r}, got {self.heads}")
         if (self.angle is None) != (self.heads == 1):
-            must = "must be left out of one head" if self.heads == 1 else "must be given"
+            must = "must be left out for one head" if self.heads == 1 else "must be given"
             raise Refused(f"angle {must}, got heads = {self.heads}")
         widest = 2 * math.pi / self.heads
         if self.angle is not None and self.angle > widest * (1 + 1e-9):
@@ -140,7 +142,8 @@ class Told(Parameters):
 
             I = sum_h (1 - n n^T) / across^2 + n n^T / about^2,   error_k^2 = 1 / I_kk
 
-        with the boresights n, and axes along and across their mean; k is the axis of this figure.
+        n are the boresights. The axes are along and across their mean; k is the axis of this
+        figure.
 
         errors   (n, 2) radian rms per axis of one head, across and about
         Returns  (n,) radian rms per axis; (n, 2) 1, derivatives of the logarithm of this error by
@@ -150,7 +153,7 @@ class Told(Parameters):
         if self.angle is None:
             return errors[:, axis], np.broadcast_to(np.eye(2)[axis], errors.shape)
         slope = min(math.sin(self.angle / 2) / math.sin(math.pi / self.heads), 1.0) ** 2
-        # Mean square of the boresights along the axes across their mean, and along it.
+        # Mean squares of the boresights' components across their mean, and along it.
         across = (slope, 0.0) if self.heads == 2 else (slope / 2, slope / 2)
         along = np.array(across if axis == 0 else (1 - slope,))[:, None]
         information = self.heads * np.stack(

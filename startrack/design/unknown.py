@@ -1,6 +1,6 @@
-"""Tables of a design file -> unknown values, each with its law, and the value that is drawn of it.
+"""Tables of a design file -> unknown values, each with its law and a drawn value.
 
-An Unknown is a value that is not known, described by a law. It neither varies from unit to unit
+An Unknown is an unknown value that is described by a law. It varies neither from unit to unit
 (`Variation`) nor from frame to frame.
 """
 
@@ -22,9 +22,9 @@ from startrack.core import Floats, Ints, Refused, Streams, shown
 # The keys of each form of a law.
 FORMS = (("low", "high"), ("median", "factor"), ("among",), ("among", "weight"))
 NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*")
-MOST_CHOICES = 100  # of a law; chosen by hand
+MOST_CHOICES = 100  # most values of a choice; chosen by hand
 INCLUDE = "include"
-# Two equivalent keys of a table: a file has the first, a case the second.
+# Two equivalent keys of a table: a file has APERTURE, a case F_NUMBER.
 OPTICS, APERTURE, F_NUMBER = "instrument.optics", "aperture", "f_number"
 INSTEAD = {OPTICS: (APERTURE, F_NUMBER)}
 Quantile = Callable[[str], float | None]  # name of an unknown -> its quantile; None: its middle
@@ -36,13 +36,13 @@ def is_law(value: object) -> bool:
 
 
 class Unknown(NamedTuple):
-    """A value of a design that is not known.
+    """An unknown value of a design.
 
-    name  its place in the file: "instrument.optics.f_number"; of a file among several,
-          "include" and what their names begin with: "include lens"
-    law   as in the file: {low, high}, uniform between two values; {median, factor}, normal in
-          the logarithm, 68 % within a factor of the median; {among, weight}, one of several, with
-          relative weights, equal where none are given
+    name  its place in the file: "instrument.optics.f_number"; for a choice of files, "include" and
+          the common beginning of their names: "include lens"
+    law   as in the file: {low, high}, uniform between two values; {median, factor}, lognormal, 68 %
+          within a factor of the median; {among, weight}, one of several values, with relative
+          weights (by default equal)
     """
 
     name: str
@@ -70,8 +70,8 @@ class Unknown(NamedTuple):
     def at(self, quantile: float | None) -> Any:
         """The value at a quantile, in the form of a file.
 
-        quantile  in (0, 1); of a choice, in the order of its values. None: the middle, and of a
-                  choice the likeliest value, the first of several
+        quantile  in (0, 1); for a choice, in the order of its values. None: the middle; for a
+                  choice, the most probable value, the first of several
         Raises    Refused if the law is malformed.
         """
         self._check()
@@ -93,9 +93,9 @@ class Unknown(NamedTuple):
         return np.searchsorted(np.cumsum(self.weights)[:-1], quantile, side="right")
 
     def numbers(self, quantile: Floats) -> Floats:
-        """Numbers (n,) at quantiles (n,), in the unit that the file has.
+        """Numbers (n,) at quantiles (n,), in the unit of the file.
 
-        Of a choice whose values are not all positive numbers, their indices.
+        For a choice whose values are not all positive numbers, the indices of the values.
         """
         if self.choice:
             values = self.law["among"] if self.in_order else range(len(self.law["among"]))
@@ -163,7 +163,7 @@ class Unknown(NamedTuple):
 def stratified(seed: int, name: str, count: int) -> Floats:
     """Numbers (count,) in (0, 1), one in each of `count` equal intervals, in random order.
 
-    Those of several names are a Latin hypercube (McKay et al. 1979, Technometrics 21, 239).
+    The numbers of several names form a Latin hypercube (McKay et al. 1979, Technometrics 21, 239).
     """
     random = Streams(seed, 0)(f"unknown {name}")
     return (random.permutation(count) + random.uniform(1e-9, 1 - 1e-9, count)) / count
@@ -172,7 +172,7 @@ def stratified(seed: int, name: str, count: int) -> Floats:
 class UnknownReader:
     """Replaces laws in the tables of a file by values, and keeps the unknowns in `found`.
 
-    quantile  of each unknown, by its name; None: all are at their middle
+    quantile  function: name of an unknown -> its quantile; None: all are at their middle
     """
 
     def __init__(self, quantile: Quantile | None = None) -> None:
@@ -188,7 +188,7 @@ class UnknownReader:
         return value
 
     def file(self, entry: object) -> str:
-        """The file that an entry of `include` names, which may be one of several.
+        """The file that an entry of `include` names; the entry may be a choice of files.
 
         Raises  Refused if it is neither a name nor a law of names.
         """
@@ -199,14 +199,14 @@ class UnknownReader:
             isinstance(names, list) and all(isinstance(name, str) for name in names)
         ):
             raise Refused(
-                "include must be a list of names of files, or of { among = [...] } of such names, "
+                "include must be a list of file names, or of choices { among = [...] } of them, "
                 f"got {shown(entry)}"
             )
         assert isinstance(entry, Mapping)
         return str(self.value(f"{INCLUDE} {_stem(names)}", entry))
 
     def table(self, value: Any, place: str = "") -> Any:
-        """A table, or a list of tables, with values for laws."""
+        """A table, or a list of tables, with values in place of laws."""
         if is_law(value):
             return self.value(place, value)
         if isinstance(value, dict):
@@ -222,10 +222,10 @@ class UnknownReader:
 def with_laws(table: dict[str, Any], unknowns: Sequence[Unknown]) -> dict[str, Any]:
     """A table of a design with the laws of unknown values in place of their values.
 
-    Laws of included files and of a detector's product have no place among the values of one file:
-    they are left out.
+    Laws of included files and of a detector's product are left out, because they do not belong to
+    the values of one file.
 
-    table  changed here, and returned
+    table  changed in place, and returned
     """
     for unknown in unknowns:
         *outer, key = unknown.name.split(".")
@@ -244,7 +244,7 @@ def with_laws(table: dict[str, Any], unknowns: Sequence[Unknown]) -> dict[str, A
 
 
 def _stem(names: Sequence[str]) -> str:
-    """First part of the names of files, as words: "lens" of lens-made and lens-shelf."""
+    """First part of the names of files, as words: "lens" for lens-made and lens-shelf."""
     words = [re.split("[-_]", PurePosixPath(name).stem) for name in names]
     shared = itertools.takewhile(lambda parts: len(set(parts)) == 1, zip(*words, strict=False))
     return "-".join(parts[0] for parts in shared) or PurePosixPath(names[0]).stem

@@ -35,10 +35,10 @@ class Variable(Parameters):
         'path in the case, such as "instrument.optics.focal_length"; in a list by number, such '
         'as "instrument.motion.tones.0.rms_x". A whole number is rounded'
     )
-    low: float | str = parameter("bounds, with a unit where the parameter has one")
-    high: float | str = parameter("bounds, with a unit where the parameter has one")
+    low: float | str = parameter("lower bound, with a unit if the parameter has one")
+    high: float | str = parameter("upper bound, with a unit if the parameter has one")
     scale: str = parameter(
-        '"linear" or "log": how the range is walked through',
+        '"linear" or "log": scale on which the search steps through the range',
         limit=Range(choices=("linear", "log")),
         default="linear",
     )
@@ -49,20 +49,20 @@ class Link(Parameters):
 
         value = value_0 (to / to_0)^power
 
-    The index 0 is that of the design as it is read.
+    The index 0 means the value in the design as it is read.
     """
 
     name: str = parameter("path of the parameter that follows")
     to: str = parameter(
-        "path of the one that it follows, which may be no variable itself but follow one"
+        "path of the parameter that it follows; this may also follow another parameter"
     )
-    power: float = parameter("see above; 0 keeps the value", limit=FINITE, default=1.0)
+    power: float = parameter("exponent; 0 keeps the value", limit=FINITE, default=1.0)
 
 
 def followed(case: Any, values: Mapping[str, float], links: Sequence[Link]) -> dict[str, float]:
-    """The values (SI) of parameters by name, and of those that follow them by links, in order.
+    """Values (SI) of parameters by name, and of parameters that follow them by links, in order.
 
-    What a link follows may be computed from variables, and is then not yet checked.
+    A value that a link follows may be computed from variables; it is then not yet checked.
 
     Raises  Refused if a followed value cannot be computed.
     """
@@ -89,10 +89,11 @@ def bounds_of(case: Any, variables: Sequence[Variable]) -> list[Bounds]:
     return found
 
 
-# Fraction of a variable's range from a bound, within which it counts as on it; chosen by hand.
+# Distance from a bound within which a variable is on the bound, as a fraction of its range; by
+# hand.
 AT_BOUND = 0.01
 
-# Variables that the images of a file do not follow.
+# Variables that do not change the images of a PSF file.
 OF_IMAGES = "instrument.optics.focal_length", "instrument.optics.f_number"
 
 
@@ -101,8 +102,8 @@ OF_IMAGES = "instrument.optics.focal_length", "instrument.optics.f_number"
 class DesignSpace:
     """The designs that differ from `case` in the variables and in values that follow them.
 
-    links  taken in their order, after the variables
-    adapt  a Python function that makes the last changes to each design, None for none; a design
+    links  applied in their order, after the variables
+    adapt  a Python function that makes the last changes to each design; None: no changes. A design
            that it refuses with a ValueError is not in the space
 
     Raises  ValueError if a name is not a number of the case, a bound has a wrong unit, the bounds
@@ -126,9 +127,9 @@ class DesignSpace:
             for name in (link.to, link.name):
                 if not (value := number(self.case, name)) > 0:
                     shown = text(self.case, name, value)
-                    raise Refused(f"{name} must be positive where a link holds it, got {shown}")
+                    raise Refused(f"{name} must be positive if a link uses it, got {shown}")
         for corner in (np.zeros(len(self)), np.ones(len(self))):
-            self._replaced(corner)  # which refuses bounds that the parameters refuse
+            self._replaced(corner)  # refuses bounds that the parameters refuse
 
     def _check(self, variable: Variable, low: float, high: float) -> None:
         if not low < high:
@@ -141,12 +142,12 @@ class DesignSpace:
         if part[0] == "variation" and part[-1] != "scale":
             raise Refused(
                 f"{variable.name} must be {'.'.join([*part[:2], 'scale'])}, the factor on all "
-                "differences of a variation, which has its price"
+                "differences of a variation, because the price is for this factor"
             )
         if self.case.instrument.optics.psf_file and variable.name in OF_IMAGES:
             raise Refused(
-                f"{variable.name} must not be a variable beside psf_file, whose images are those "
-                "of one lens"
+                f"{variable.name} must not be a variable if psf_file is given, whose images are "
+                "those of one lens"
             )
         start = number(self.case, variable.name)
         if not low <= start <= high:
@@ -183,14 +184,14 @@ class DesignSpace:
         return np.array([variable.name in self._whole for variable in self.variables])
 
     def snapped(self, coordinates: Floats) -> Floats:
-        """Coordinates (n,) in which those of whole numbers are those of the rounded values."""
+        """Coordinates (n,), with whole numbers moved to the coordinates of their rounded values."""
         if not self._whole:
             return coordinates
         rounded = self._coordinates(list(self.values(coordinates).values()))
         return np.where(self.whole, rounded, coordinates)
 
     def values(self, coordinates: Floats) -> dict[str, float]:
-        """The values (SI) of the variables at unit-cube coordinates (n,), as a design has them."""
+        """The values (SI) of the variables of the design at unit-cube coordinates (n,)."""
         result = {}
         for u, variable, (low, high) in zip(coordinates, self.variables, self._bounds, strict=True):
             u = min(max(float(u), 0.0), 1.0)
@@ -214,7 +215,8 @@ class DesignSpace:
     def on_bounds(self, case: Case) -> dict[str, str]:
         """The variables that lie within 1 % of their range from a bound, and "low" or "high".
 
-        There the bound decides, and not the model: a wider range could give another design.
+        For such a variable the bound decides, not the model: a wider range could give another
+        design.
         """
         return {
             variable.name: "low" if u < 0.5 else "high"
@@ -223,17 +225,17 @@ class DesignSpace:
         }
 
     def labels(self) -> dict[str, str]:
-        """The names of the variables, and how tables show them."""
+        """The label in tables of each variable, by its name."""
         names = (variable.name for variable in self.variables)
         return {name: parameter_label(self.case, name) for name in names}
 
     def text(self, case: Case) -> dict[str, str]:
-        """The variables of a design as a person writes them, four digits and a unit."""
+        """The variables of a design as texts, with four digits and a unit."""
         names = (variable.name for variable in self.variables)
         return {name: text(case, name, number(case, name)) for name in names}
 
     def shown(self, name: str, value: float, digits: int) -> str:
-        """A value of a variable as a person writes it, with its unit."""
+        """A value of a variable as a text, with its unit."""
         return text(self.case, name, value, digits)
 
     @cached_property
@@ -252,7 +254,7 @@ class DesignSpace:
 
 MOST_BRANCHES = 256
 EXPOSURE = "instrument.detector.exposure"
-OF_DEVICE = ("depleted",)  # of the age
+OF_DEVICE = ("depleted",)  # keys of the age that belong to the product
 
 
 class Choice(Parameters):
@@ -260,12 +262,11 @@ class Choice(Parameters):
 
     name: str = parameter(
         'path in the case; "instrument.detector" for a product of the catalogue or a file such as '
-        '"mine.toml", whose values '
-        "take the place of all but exposure, frame rate, binning, row delay and age (whose "
-        "`depleted` is the product's)"
+        '"mine.toml". Its values replace all except exposure, frame rate, binning, row delay and '
+        "age; `depleted` of the age is replaced"
     )
     values: tuple[float | str, ...] = parameter(
-        "numbers, texts with a unit where the parameter has one, or names"
+        "numbers, texts with a unit if the parameter has one, or names"
     )
 
     def __post_init__(self) -> None:
@@ -275,14 +276,14 @@ class Choice(Parameters):
 
 
 class Branch(NamedTuple):
-    """A case with one value of each choice, and which."""
+    """A case with one value of each choice, and these values."""
 
     label: str
     case: Case
 
 
 def branches(case: Case, choices: Sequence[Choice]) -> list[Branch]:
-    """Every combination of the choices; the case alone where there are none.
+    """Every combination of the choices; without choices, the case alone.
 
     Raises  ValueError if a value does not fit its parameter, or there are more than 256.
     """
@@ -298,12 +299,12 @@ def branches(case: Case, choices: Sequence[Choice]) -> list[Branch]:
 
 
 def _short(value: float | str) -> str:
-    """A value, of a file its name alone."""
+    """A value as a text; for a file, its name without the folder."""
     return Path(value).name if isinstance(value, str) else f"{value:g}"
 
 
 def _chosen(case: Case, values: Mapping[str, float | str]) -> Case:
-    """All values at once; a product first, whose values the others then change."""
+    """The case with all values; a product is set first, then the other values change it."""
     rest = dict(values)
     if DETECTOR in rest:
         table = to_table(case)

@@ -1,4 +1,4 @@
-"""Variation: how a number of the truth differs between units, environments and in time."""
+"""Variation: differences of a true value between units, environments and in time."""
 
 import math
 from collections.abc import Collection
@@ -18,14 +18,14 @@ LAWS = ("normal", "truncated", "uniform", "lognormal", "sinusoid", "table")
 ABSOLUTE, RELATIVE = "absolute", "relative"
 TRUTH = ("instrument.", "scene.", "catalog.")
 
-QUANTILES = 400  # of a law, for its mean square: of a normal law within 0.4 %
+QUANTILES = 400  # quantiles for the mean square of a law; for a normal law the error is 0.4 %
 
 
 class Scope(StrEnum):
-    """Scope of a variation: from which to which a number differs.
+    """Scope of a variation: between what a number differs.
 
-    unit         as built
-    launch       after one step, at launch
+    unit         from unit to unit, as built
+    launch       by one step of each unit, at launch
     environment  over orbits and seasons: temperature and dependent values
     life         by a constant drift of each unit, per year
     frame        from frame to frame
@@ -39,18 +39,18 @@ class Scope(StrEnum):
 
 
 DIFFERENCE = (
-    "difference from the design, with a unit where it is absolute and the number has one; for "
+    "difference from the design, with a unit if it is absolute and the number has one; for "
     "scope life, per year"
 )
 
 
 class Variation(Parameters):
-    """Variation of one number of the truth by chance; the tracker does not know by how much.
+    """Random variation of one true value; the tracker does not know the difference.
 
         value = design (1 + sum of relative differences) + sum of absolute differences
 
-    With z a standard normal number and u = Phi(z) the uniform one that belongs to it, the
-    difference d is
+    z is a standard normal number, and u = Phi(z) the corresponding uniform number. The difference d
+    is
 
         normal     mean + sigma z
         truncated  as normal, given that low <= d <= high
@@ -62,8 +62,8 @@ class Variation(Parameters):
     """
 
     name: str = parameter(
-        'dotted, of the truth: "instrument.optics.focal_length"; a curve over wavelength '
-        "changes relatively, all values alike"
+        'dotted name of a true value: "instrument.optics.focal_length"; all values of a curve over '
+        "wavelength change by the same relative difference"
     )
     law: str = parameter("see above", limit=Range(choices=LAWS), default="normal")
     sigma: float | str = parameter(DIFFERENCE, default=0.0)
@@ -71,37 +71,39 @@ class Variation(Parameters):
     high: float | str = parameter(DIFFERENCE, default=0.0)
     mean: float | str = parameter(DIFFERENCE, default=0.0)
     amplitude: float | str = parameter(DIFFERENCE, default=0.0)
-    values: tuple[float | str, ...] = parameter("of the table, likewise", default=())
+    values: tuple[float | str, ...] = parameter(
+        "differences of the law table, with a unit as above", default=()
+    )
     phase: float = parameter(
-        "of a sinusoid, in periods: ahead of others of its group", limit=FINITE, default=0.0
+        "phase of a sinusoid in periods, ahead of others of its group", limit=FINITE, default=0.0
     )
     vary: str = parameter(
-        '"absolute" or "relative": how the difference is meant',
+        '"absolute" or "relative" difference',
         limit=Range(choices=(ABSOLUTE, RELATIVE)),
         default=ABSOLUTE,
     )
     per: Scope = parameter("unit, launch, environment, life or frame", default=Scope.UNIT)
     group: str = parameter(
-        'variations of one group and scope share their z; "": its own', default=""
+        'variations of one group and scope share their z; "": no group', default=""
     )
     correlation: float = parameter(
-        "with the z of its group; a sinusoid's phase is that of its group",
+        "correlation with the z of its group; a sinusoid has the phase of its group",
         limit=Range(-1, 1),
         default=1.0,
     )
     scale: float = parameter(
-        "factor on all differences from the mean: a tolerance, which may be a variable of a "
-        'campaign, such as "variation.0.scale"',
+        "factor on all differences from the mean: a tolerance. It may be a variable of a campaign, "
+        'such as "variation.0.scale"',
         limit=NON_NEGATIVE,
         default=1.0,
     )
     price: float = parameter(
-        "what it costs to halve `scale` from 1, in the unit of the requirements' cost; each "
-        "further halving costs as much, and doubling it saves as much",
+        "cost of halving `scale` from 1, in the unit of the requirements' cost; each further "
+        "halving costs the same, and doubling it saves the same",
         limit=NON_NEGATIVE,
         default=0.0,
     )
-    source: str = parameter("where the numbers are from; it has no effect", default="")
+    source: str = parameter("source of the numbers; it has no effect", default="")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -109,26 +111,26 @@ class Variation(Parameters):
             raise Refused("scale must be positive where it has a price, got 0")
         if not self.name.startswith(TRUTH):
             raise Refused(
-                "name must begin with instrument., scene. or catalog., for only the truth varies, "
+                "name must begin with instrument., scene. or catalog.: only true values vary, "
                 f"got {self.name!r}"
             )
         if self.law == "lognormal" and self.vary != RELATIVE:
             raise Refused('vary must be "relative" for law lognormal, got "absolute"')
         if (len(self.values) >= 2) != (self.law == "table"):
             raise Refused(
-                f"values must be two or more for law table and none else, got {len(self.values)}"
+                f"values must be two or more for law table, none for others, got {len(self.values)}"
             )
         if self.correlation != 1 and not self.group:
             raise Refused("correlation must be left out without a group")
 
     @property
     def cost(self) -> float:
-        """Price of the tolerance above that of scale 1: price log2(1 / scale)."""
+        """Cost of the tolerance above the cost at scale 1: price log2(1 / scale)."""
         return -self.price * math.log2(self.scale) if self.price else 0.0
 
     @property
     def stream(self) -> str:
-        """Name of the random stream of its own z."""
+        """Name of the random stream of its independent z."""
         return f"variation of {self.name} per {self.per}"
 
     @property
@@ -141,7 +143,7 @@ class Variation(Parameters):
 class Law:
     """A variation in SI units.
 
-    variation  whose texts are read
+    variation  variation whose texts have been converted
     """
 
     variation: Variation
@@ -182,7 +184,7 @@ class Law:
 def law_of(case: Any, variation: Variation) -> Law:
     """The variation in the units of its parameter.
 
-    Raises  ValueError if the case has no such number, or a value the wrong unit or size.
+    Raises  ValueError if the case has no such number, or a value has the wrong unit or size.
     """
     now = find(case, variation.name)
     curve = isinstance(now, core.Curve)
@@ -239,13 +241,13 @@ def check_variations(case: Any, variations: tuple[Variation, ...]) -> None:
 
 @dataclass(frozen=True)
 class Moment:
-    """One draw of all that varies: a unit, its place and its time.
+    """One draw of all that varies: a unit, its environment, frame and age.
 
-    unit         number of the unit; of -1, nothing varies
-    environment  number of the environment that it is in; -1: that of the calibration
+    unit         number of the unit; -1: nothing varies
+    environment  number of the environment; -1: the environment of the calibration
     frame        number of the frame in this environment; -1: none
     age          second, since launch
-    launched     whether the steps of the launch have been
+    launched     whether the steps at launch have happened
     """
 
     unit: int
@@ -258,7 +260,7 @@ class Moment:
 def differences(case: Any, seed: int, moment: Moment) -> list[tuple[Variation, float]]:
     """The difference of each variation of a case from the design, SI units.
 
-    Each is drawn from random streams that depend on seed, unit and names alone.
+    Each difference is drawn from random streams that depend only on seed, unit and names.
     """
     drawn = []
     for variation, law in zip(case.varying, case.laws, strict=True):
@@ -278,12 +280,12 @@ def differences(case: Any, seed: int, moment: Moment) -> list[tuple[Variation, f
 
 @lru_cache(maxsize=2**14)
 def _normal(seed: int, unit: int, stream: str) -> float:
-    """A standard normal number of a unit; the last are kept, as each design has the same units."""
+    """A standard normal number of a unit; cached, because all designs have the same units."""
     return float(core.Streams(seed, unit)(stream).standard_normal())
 
 
 def _instance(scope: Scope, moment: Moment) -> str | None:
-    """End of a stream's name; None where the scope does not apply."""
+    """End of a stream's name; None if the scope does not apply."""
     match scope:
         case Scope.LAUNCH if not moment.launched:
             return None
@@ -299,10 +301,10 @@ def _instance(scope: Scope, moment: Moment) -> str | None:
 def unit_case(case: Any, seed: int, moment: Moment) -> Any:
     """The case of a unit: its true values are drawn, its assumed values are those of the design.
 
-    A detector with an ageing law (`detector.age`) is as old as the unit; a dark map for which the
-    tracker states no age is taken at this age, too.
+    A detector with an ageing law (`detector.age`) has the age of the unit. A dark map for which the
+    tracker states no age is also made at this age.
 
-    Raises  ValueError with the unit and the name where a drawn value is not allowed.
+    Raises  ValueError with the unit and the name if a drawn value is not allowed.
     """
     bare = case.without_units
     if moment.unit < 0:
@@ -310,7 +312,7 @@ def unit_case(case: Any, seed: int, moment: Moment) -> Any:
     bare = aged(bare, moment.age)
     values = unit_values(case, seed, moment)
     design = case
-    # The maps of its pixels and its residual are those of the unit; a dark map is taken on it.
+    # The unit has its own pixel maps and residual; its dark map is made with its own pixels.
     device = int(core.Streams(seed, moment.unit)("device of a unit").integers(2**62))
     if case.tracker.detection.dark_map is not None:
         design = unchecked(design, {"instrument.detector.device_seed": device})
@@ -347,7 +349,7 @@ def middle_case(case: Any, age: float, names: Collection[str]) -> Any:
     """A unit in which some numbers are those of the middle unit, and all others as designed.
 
     age    second
-    names  of the numbers that differ as for z = 0, as built and with age
+    names  names of the numbers with the difference for z = 0, as built and by age
     """
     drawn = [
         (variation, law.difference(0.0) * (age / YEAR if variation.per is Scope.LIFE else 1.0))
@@ -377,7 +379,7 @@ def _values(case: Any, drawn: list[tuple[Variation, float]]) -> dict[str, Any]:
 def aged(case: Any, age: float) -> Any:
     """A case whose detector, if it has an ageing law, is `age` seconds in orbit.
 
-    A dark map that would be made later, or whose age is left out, is taken at this age.
+    A dark map that would be made later, or whose age is left out, is made at this age.
     """
     detector, detection = case.instrument.detector, case.tracker.detection
     if not detector.age:

@@ -1,4 +1,4 @@
-"""Photons into numbers: photons, charge, pixels, signal, image (EMVA 1288).
+"""The detector, from photons to digital numbers: photons, charge, signal, image (EMVA 1288).
 
 parameters           Detector: pixels, exposure, noise, converter, optional effects; Line, Scan:
                      detectors of lines (one line, staggered lines, TDI).
@@ -12,7 +12,7 @@ collect              Light and detector -> electrons of stars, of the background
 stamp                Stars onto pixels: six-point Lagrange interpolation of the table of the PSF.
 law                  Signal chain of a pixel, and tables of the exact distribution of its digital
                      number.
-digitise             Expected electrons -> digital numbers: one uniform number a pixel, exact
+digitise             Expected electrons -> digital numbers of independent pixels, by the exact
                      distribution.
 effects              Effects on the pixels of a frame, one table in the order of the physics:
                      charge, signal, image.
@@ -20,8 +20,8 @@ readout              Expected electrons -> digital numbers: in one step for inde
                      effect by effect.
 exposure             Exposure: the inputs of a frame -> expected electrons, and a Frame.
 windows              Stars and windows -> a Frame whose numbers are valid only inside these windows.
-threshold_crossings  Filter and thresholds -> pixels where noise alone exceeds them, and the digital
-                     numbers there.
+threshold_crossings  Filter and thresholds -> pixels where noise alone exceeds the threshold, and
+                     the digital numbers around them.
 scan                 Light and the motion of a camera -> the image of a detector of lines.
 """
 

@@ -41,8 +41,8 @@ PROTON_RAD = np.array([  # rad / yr in silicon, of each inclination
 ])  # fmt: skip
 RAD_MEV = 6.2415e7  # MeV / g
 # Ratio of non-ionising to ionising energy loss in silicon, for the protons of about 50 MeV that
-# remain behind a few millimetres: 3.9e-3 over 10 MeV cm2 / g. It is 3.1e-4 to 4.5e-4 from 30 to 100
-# MeV. Assumed: quoted from memory of the tables of PSTAR and of Jun et al. (2003).
+# remain behind a few millimetres: 3.9e-3 over 10 MeV cm2 / g. From 30 to 100 MeV it is 3.1e-4 to
+# 4.5e-4. Assumed: quoted from memory of the tables of PSTAR and of Jun et al. (2003).
 NON_IONISING = 3.9e-4
 
 
@@ -69,9 +69,11 @@ def orbit_dose(altitude: float, inclination: float, shielding: float, events: fl
 
     Protons by `protons_dose`, electrons and their bremsstrahlung by `trapped_electrons`.
 
-    Arguments and exceptions as for `protons_dose`; ImportError without radbelt at 550 km, too.
+    Arguments and exceptions are those of `protons_dose`; also ImportError without radbelt at 550
+    km.
+
     Accuracy  AE-8 and AP-8 within a factor of two; the dose of their spectra within 10 % of
-              SHIELDOSE-2 where electrons or protons dominate. SHIELDOSE-2 has 1.6 times as much
+              SHIELDOSE-2 if electrons or protons dominate. SHIELDOSE-2 has 1.6 times as much
               bremsstrahlung, which dominates in high orbits behind 7 mm or more (docs/mission.md).
     """
     dose = protons_dose(altitude, inclination, shielding, events)
@@ -80,13 +82,14 @@ def orbit_dose(altitude: float, inclination: float, shielding: float, events: fl
 
 
 def orbit_damage(altitude: float, inclination: float, shielding: float, events: float) -> float:
-    """Equivalent fluence: protons of 10 MeV / cm^2 / year that displace as many atoms.
+    """Equivalent fluence: protons of 10 MeV / cm^2 / year that displace the same number of atoms.
 
     It is the `damage_fluence` of the proton dose plus, except at 550 km, the damage by trapped
     electrons. At 550 km in a polar orbit, electrons would add 3 % behind 5 mm and 11 % behind 3 mm.
 
-    Arguments and exceptions as for `protons_dose`.
-    Accuracy  30 % of the energy losses; behind 1 mm at 550 km 25 % less than with electrons.
+    Arguments and exceptions are those of `protons_dose`.
+
+    Accuracy  30 % by the energy losses; behind 1 mm at 550 km it is 25 % less than with electrons.
     """
     fluence = damage_fluence(protons_dose(altitude, inclination, shielding, events), NIEL)
     if altitude == ALTITUDE:
@@ -98,14 +101,15 @@ def orbit_damage(altitude: float, inclination: float, shielding: float, events: 
 def protons_dose(altitude: float, inclination: float, shielding: float, events: float) -> float:
     """Dose of protons of the belts and of solar events, rad in a year in a circular orbit.
 
-    At 550 km without events by the table of `proton_dose`, else by `trapped_protons` and
-    `solar_protons`.
+    At 550 km without events it follows from the table of `proton_dose`, otherwise from
+    `trapped_protons` and `solar_protons`.
 
-    altitude, shielding  metre;  inclination  radian
+    altitude, shielding  metre
+    inclination  radian
     events    number of anomalously large solar events in a year
     Raises    ImportError without radbelt; ValueError as for `proton_dose`.
-    Accuracy  as for these functions; at 550 km and from 15 degrees of inclination on, 5 to 26 %
-              less than the table.
+    Accuracy  as for these functions. At 550 km and inclinations above 15 degrees, `trapped_protons`
+              is 5 to 26 % below the table.
     """
     if altitude == ALTITUDE:
         dose = proton_dose(inclination, shielding)
@@ -118,11 +122,11 @@ def protons_dose(altitude: float, inclination: float, shielding: float, events: 
 
 
 def damage_fluence(dose: float, niel: float) -> float:
-    """Equivalent fluence: protons of 10 MeV / cm^2 / year that displace as many atoms.
+    """Equivalent fluence: protons of 10 MeV / cm^2 / year that displace the same number of atoms.
 
-    dose      rad in a year, ionising, of protons in silicon behind the shield
-    niel      MeV cm^2 / g, of protons of 10 MeV
-    Accuracy  30 % of the ratio of energy losses, for protons of 30 to 100 MeV.
+    dose      rad in a year, ionising dose of protons in silicon behind the shield
+    niel      MeV cm^2 / g, non-ionising energy loss of protons of 10 MeV
+    Accuracy  30 % by the ratio of energy losses, for protons of 30 to 100 MeV.
     """
     return dose * RAD_MEV * NON_IONISING / niel
 
@@ -131,9 +135,9 @@ ELECTRON_VOLT = 1.602176634e-19  # joule
 SQUARE_CM, CUBIC_CM = 1e-4, 1e-6
 RAD = 0.01  # gray
 
-# Of the family "interactions". Srour and Lo (2000), Universal damage factor for radiation-induced
-# dark current in silicon devices, IEEE Transactions on Nuclear Science 47, 2451: 1.9e5 (+- 0.6e5)
-# electron / s / cm^3 for 1 MeV / g, at 300 K a week after the irradiation.
+# Damage factor of the family "interactions": 1.9e5 (+- 0.6e5) electron / s / cm^3 for 1 MeV / g, at
+# 300 K a week after the irradiation. Srour and Lo (2000), Universal damage factor for
+# radiation-induced dark current in silicon devices, IEEE Transactions on Nuclear Science 47, 2451.
 DAMAGE_FACTOR = 1.9e5
 DAMAGE_KELVIN = 300.0
 DAMAGE_ACTIVATION = 0.63 * ELECTRON_VOLT  # the same authors: 0.63 eV for most devices
@@ -143,16 +147,17 @@ NIEL = 7.9e-3  # MeV cm^2 / g, non-ionising energy loss of protons of 10 MeV in 
 class TailLaw(NamedTuple):
     """Histogram of the dark current of a detector in flight, and its growth with the years.
 
-        n(I) = a (I / I_r)^-g_k between breaks I_k, pixels for a ratio of e of the dark current,
-        convolved over ln I with a normal that is cut off
+        n(I) = a (I / I_r)^-g_k between breaks I_k,   number of pixels per unit of ln I
 
-    Each of a, g_1, g_2, g_3 and I_1 is a value at `middle`, its slope before and after, per year.
+    n is convolved over ln I with a truncated normal distribution. a, g_1, g_2, g_3 and I_1 are each
+    given by a value at `middle`, and slopes per year before and after it.
 
-    density         1, a over all pixels
+    density         1, a over the number of all pixels
     slopes          g_1, g_2, g_3
-    knee            electron / s, I_1;  second  electron / s, I_2
+    knee            electron / s, I_1
+    second          electron / s, I_2
     at              electron / s, I_r
-    offsets, weights  of the convolution: steps of ln I, and fractions
+    offsets, weights  steps of ln I and fractions of the convolution
     middle          years since launch
     lowest          electron / s, below which n is zero before the convolution
     kelvin          temperature of the law
@@ -172,7 +177,7 @@ class TailLaw(NamedTuple):
     electrons: float = 1.0
 
 
-BIN = math.log(10) / 20  # of the fit: 20 bins a decade
+BIN = math.log(10) / 20  # bin of the fit: 20 bins per decade
 SMOOTHING = [math.exp(-0.5 * ((-0.75 + 0.1 * n) / 0.3) ** 2) for n in range(15)]
 # Fit by the aspect camera's team to its dark maps of January 2007 to August 2017, scaled to
 # -14 degC: chandra_aca, dark_model.py (BSD 3-clause, Smithsonian Astrophysical Observatory).
@@ -193,16 +198,16 @@ CHANDRA_ACA = TailLaw(
 )
 TAILS = {"chandra-aca": CHANDRA_ACA}
 FAMILIES = ("interactions", *TAILS)
-HIGHEST = 1e6  # electron / s, of the tables of tails
-TABLE = 4000  # entries of these tables
+HIGHEST = 1e6  # electron / s, end of the tables of tails
+TABLE = 4000  # number of entries of these tables
 MANY = 1e4  # mean number of events, above which no table of probabilities is made
 
 
 class Flicker(Parameters):
     """Pixels whose dark current jumps at random (random telegraph signal).
 
-    A pixel above `least` jumps at times of a Poisson process. Its current becomes its mean times
-    10^s:
+    The current of a pixel above `least` jumps at the times of a Poisson process. It becomes the
+    pixel's mean times 10^s:
 
         P(s < x) = down exp(x / w)          x < 0
                    1 - (1 - down) exp(-x / w)   x >= 0,    w = step / (1 + (I / current)^power)
@@ -219,17 +224,17 @@ class Flicker(Parameters):
         "scale of the jumps of the coldest pixels, in decades", limit=POSITIVE, default=0.117
     )
     current: float = parameter(
-        "electron / second, at which the scale is half of that",
+        "electron / second, dark current at which the scale is half of `step`",
         unit=Unit("electron / s"),
         limit=POSITIVE,
         default=344.0,
     )
     power: float = parameter(
-        "exponent with which the scale falls with the current", limit=POSITIVE, default=0.695
+        "exponent of the decrease of the scale with current", limit=POSITIVE, default=0.695
     )
-    largest: float = parameter("decades; a longer jump ends there", limit=POSITIVE, default=0.35)
+    largest: float = parameter("decades, limit of a jump", limit=POSITIVE, default=0.35)
     least: float = parameter(
-        "electron / second, of a pixel that flickers",
+        "electron / second, least dark current of a pixel that flickers",
         unit=Unit("electron / s"),
         limit=NON_NEGATIVE,
         default=50.0,
@@ -239,7 +244,7 @@ class Flicker(Parameters):
     )
 
     def scale(self, current: Floats) -> Floats:
-        """Decades, of pixels of dark currents (electron / s)."""
+        """Scale of the jumps, decades, of pixels with dark currents (electron / s)."""
         return np.asarray(self.step / (1 + (np.asarray(current) / self.current) ** self.power))
 
     def steps(self, current: Floats, uniform: Floats) -> Floats:
@@ -256,13 +261,14 @@ class Age(Parameters):
     """Years in orbit, and the damage of the detector in these years.
 
     family "chandra-aca": the histogram of the dark current of Chandra's aspect camera (a
-    front-illuminated CCD of 24 um in a high orbit behind its shield), as fitted in flight; the same
-    pixels are hot at all ages, and become hotter below some thousand electron / s. Before 2007 and
-    after 2017 it is extrapolated. It counts damaged pixels only, half of all in 2007. The other
-    pixels have the dark current at launch, `dark_current`, which is the least of all.
+    front-illuminated CCD of 24 um in a high orbit behind its shield), as fitted in flight. The same
+    pixels are hot at all ages; those below some thousand electron / s become hotter. Before 2007
+    and after 2017 the histogram is extrapolated. It counts only damaged pixels, half of all in
+    2007. The other pixels have the dark current at launch, `dark_current`, which is the lowest.
 
-    family "interactions": protons displace atoms in the depleted silicon of a pixel. Their number
-    is Poisson. Each adds a dark current from an exponential distribution. The mean increase is
+    family "interactions": protons displace atoms in the depleted silicon of a pixel. The number of
+    interactions has a Poisson distribution. Each interaction adds a dark current from an
+    exponential distribution. The mean increase is
 
         K NIEL fluence depleted volume,   K = 1.9e5 electron / s / cm^3 / (MeV / g) at 300 K
 
@@ -278,68 +284,69 @@ class Age(Parameters):
         default=None,
     )
     year: float | None = parameter(
-        "calendar years, such as 2017.0 and 1999.56", limit=Range(1950, 2150), default=None
+        "calendar year of the age, such as 2017.0", limit=Range(1950, 2150), default=None
     )
     launch: float | None = parameter(
-        "calendar years, such as 2017.0 and 1999.56", limit=Range(1950, 2150), default=None
+        "calendar year of the launch, such as 1999.56", limit=Range(1950, 2150), default=None
     )
     family: str = parameter(
         '"interactions" or "chandra-aca"', limit=Range(choices=FAMILIES), default="interactions"
     )
     fluence: float = parameter(
-        "proton equivalents of 10 MeV, of a square metre and a second, behind the shield; of "
-        'the family "interactions"',
+        "equivalent protons of 10 MeV per square metre and second, behind the shield; for the "
+        'family "interactions"',
         unit=Unit("m-2 / s", "cm-2 / yr"),
         limit=NON_NEGATIVE,
         default=0.0,
     )
     inclination: float | None = parameter(
-        "of a circular orbit, from which the fluence of trapped particles then follows",
+        "inclination of a circular orbit, from which the fluence of trapped particles follows",
         unit=Unit("rad", "deg"),
         default=None,
     )
     altitude: float = parameter(
-        "of that orbit; for others than 550 km, which has a table of protons alone, extra "
-        "`radiation`",
+        "altitude of this orbit; at 550 km a table of protons alone is used, other altitudes need "
+        "the extra `radiation`",
         unit=Unit("m", "km"),
         limit=Range(150e3, 4e7),
         default=ALTITUDE,
     )
     solar_events: float = parameter(
-        "anomalously large events of the Sun, such as that of August 1972, whose protons are added "
-        "(extra `radiation`): one in an active period of seven years was seen in 1964 to 1972",
+        "number per year of anomalously large solar events, such as August 1972, whose protons are "
+        "added (extra `radiation`); from 1964 to 1972 there was one in an active period of seven "
+        "years",
         unit=Unit("s-1", "yr-1"),
         limit=NON_NEGATIVE,
         default=0.0,
     )
     shielding: float | None = parameter(
-        "of aluminium around the detector in that orbit",
+        "thickness of aluminium around the detector in this orbit",
         unit=Unit("m", "mm"),
         limit=Range(float(THICKNESS[0]), float(THICKNESS[-1])),
         default=None,
     )
     dose: float | None = parameter(
-        "gray / second, ionising, of protons in silicon behind the shield, from which the "
-        "fluence then follows: of any orbit, and with those of the Sun, such as SPENVIS "
-        "computes by the models of ECSS-E-ST-10-04C",
+        "gray / second, ionising dose of protons in silicon behind the shield, from which the "
+        "fluence follows; for any orbit, solar protons included, as SPENVIS computes it by the "
+        "models of ECSS-E-ST-10-04C",
         unit=Unit("Gy / s", "krad / yr"),
         limit=NON_NEGATIVE,
         default=None,
     )
     depleted: float = parameter(
-        "depth of the silicon whose damage makes dark current; of the same",
+        "depth of the silicon whose damage causes dark current; for the same family",
         unit=Unit("m", "um"),
         limit=POSITIVE,
         default=10e-6,
     )
     interaction: float = parameter(
-        "electron / second, mean dark current of an interaction, at 296 K; of the same",
+        "electron / second, mean dark current of an interaction at 296 K; for the same family",
         unit=Unit("electron / s"),
         limit=POSITIVE,
         default=4000.0,
     )
     annealed: float = parameter(
-        "fraction of the damage's dark current that annealing took away",
+        "fraction of the damage's dark current that annealing has removed",
         limit=Range(0, 1),
         default=0.0,
     )
@@ -347,14 +354,14 @@ class Age(Parameters):
         "pixels with random telegraph signal; None: none flicker", default=None
     )
     sensitivity_loss: float = parameter(
-        "of the light: glass that darkens, quantum efficiency that falls",
+        "fraction of the light lost per year: glass darkens, quantum efficiency decreases",
         unit=Unit("s-1", "yr-1"),
         limit=NON_NEGATIVE,
         default=0.0,
     )
     transfer_loss: float = parameter(
-        "by which the fraction of the charge that a CCD leaves behind in a transfer from row to "
-        "row grows; it follows in the next row. Rows are read from the first on",
+        "growth per year of the fraction of charge that a CCD leaves behind in a transfer from row "
+        "to row. This charge is read with the next row. The first row is read first",
         unit=Unit("s-1", "yr-1"),
         limit=Range(0, 1e-3 / YEAR),
         default=0.0,
@@ -373,7 +380,7 @@ class Age(Parameters):
         if self.inclination is None and (self.altitude != ALTITUDE or self.solar_events):
             raise Refused("altitude and solar_events must be left out without inclination")
         if self.inclination is not None and self.fluence:
-            raise Refused("fluence must be left out where inclination and shielding give it")
+            raise Refused("fluence must be left out if inclination and shielding give it")
         if self.dose is not None and (self.inclination is not None or self.fluence):
             raise Refused("dose must be left out beside fluence, inclination and shielding")
         given = self.fluence or self.dose or self.inclination is not None
@@ -382,7 +389,7 @@ class Age(Parameters):
 
     @property
     def protons(self) -> float:
-        """Proton equivalents of 10 MeV, of a square metre and a second; see `orbit_damage`."""
+        """Equivalent protons of 10 MeV per square metre and second; see `orbit_damage`."""
         if self.dose is not None:
             fluence = damage_fluence(self.dose * YEAR / RAD, NIEL)
         elif self.inclination is None or self.shielding is None:
@@ -394,9 +401,9 @@ class Age(Parameters):
 
     @property
     def ionising(self) -> float:
-        """Gray / second of silicon in the orbit that is named, see `orbit_dose`.
+        """Ionising dose in silicon in the given orbit, gray / second; see `orbit_dose`.
 
-        Raises  Refused if none is.
+        Raises  Refused if no orbit is given.
         """
         if self.inclination is None or self.shielding is None:
             raise Refused("age must have inclination and shielding, from which its dose follows")
@@ -421,7 +428,7 @@ class Age(Parameters):
 
     @property
     def sensitivity(self) -> float:
-        """1, detected light over that at launch."""
+        """1, detected light over the detected light at launch."""
         return math.exp(-self.sensitivity_loss * self.years * YEAR)
 
     @property
@@ -494,17 +501,17 @@ def damage(
 ) -> Floats:
     """Dark current that interactions add to each pixel, electron / second at a temperature.
 
-    area    square metre, of a pixel
-    Accuracy  model: independent interactions, one week after they happened.
+    area      square metre, of a pixel
+    Accuracy  model: independent interactions, each at the level of one week after it happened.
     """
     mean_rate = mean_damage(age, area, kelvin)
     single = age.interaction * growth_of(DAMAGE_ACTIVATION, kelvin, 296.0)
-    if not single:  # an interaction is below the smallest float: all pixels alike
+    if not single:  # an interaction is below the smallest float: all pixels are equal
         return np.full(shape, mean_rate)
     number, size = device("displaced atoms").random((2, *shape))
     expected = mean_rate / single
     current = np.zeros(shape)
-    hit = number > math.exp(-expected)  # the quantile of no event; most pixels have none
+    hit = number > math.exp(-expected)  # above the probability of no event; most pixels have none
     events, chance = np.maximum(_poisson_quantile(number[hit], expected), 1.0), size[hit]
     amount = -np.log1p(-chance)  # of one event
     several = events > 1
@@ -554,8 +561,8 @@ def aged(
 
     base    (rows, columns) electron / second, at launch
     area    square metre, of a pixel
-    kelvin  reference of the detector
-    to      1, dark current at that reference over dark current at a tail law's temperature
+    kelvin  reference temperature of the detector
+    to      1, dark current at this reference over dark current at a tail law's temperature
     """
     shape = (base.shape[0], base.shape[1])
     law = TAILS.get(age.family)
@@ -582,23 +589,24 @@ class Flickering:
         self.step = law.steps(self.mean, self._draw.random(len(self.mean)))
 
     def later(self, time: float) -> None:
-        """Let some seconds pass: jumps do not depend on the state before."""
+        """Let some seconds pass; the state after a jump does not depend on the state before it."""
         jumps = self._draw.random(len(self.mean)) < -math.expm1(-time / self.law.dwell)
         chosen = np.flatnonzero(jumps)
         self.step[chosen] = self.law.steps(self.mean[chosen], self._draw.random(len(chosen)))
 
     def add_to(self, electrons: Floats, exposure: float) -> Floats:
-        """Expected electrons (rows, columns) of mean dark currents -> of the present ones."""
+        """Expected electrons (rows, columns), changed from mean to present dark currents."""
         changed = electrons.copy()
         changed.ravel()[self.pixel] += self.mean * (10**self.step - 1) * exposure
         return changed
 
 
 def trailed(electrons: Floats, deferred: float, first_row: int = 0) -> Floats:
-    """Charge after its transfers to row -1; each transfer leaves a fraction for the row behind.
+    """Charge after its transfers to row -1; each transfer leaves a fraction for the next row.
 
-    first_row  transfers that the charge of the first row makes before the read-out
-    Accuracy  model: charge that was left behind is not left behind again; for fractions below 0.1.
+    first_row  number of transfers of the charge of the first row before the read-out
+    Accuracy  model: charge that was left behind is not left behind again. Valid for fractions below
+              0.1.
     """
     transfers = first_row + 1 + np.arange(len(electrons))[:, None]
     left = -np.expm1(transfers * math.log1p(-deferred)) * electrons

@@ -8,9 +8,9 @@ from startrack.detector.law import Tables, law_of, tables_for
 from startrack.detector.maps import dark, response
 from startrack.detector.parameters import Detector
 
-# Standard deviations above the background that include most pixels in the wings of stars. By hand:
-# a larger value makes larger tables, a smaller one draws more pixels one by one; the numbers do not
-# change.
+# Standard deviations above the background; this range includes most pixels in the wings of stars.
+# By hand: a larger value makes larger tables, with a smaller one more pixels are drawn one by one.
+# The numbers do not change.
 STAR_WINGS = 0.6
 
 
@@ -29,7 +29,7 @@ def electron_rate(light: Light, detector: Detector, throughput: Floats) -> tuple
 
 
 def efficiency(detector: Detector, throughput: Floats) -> Floats:
-    """(k,) electron m^2 / photon in each spectral bin, of the light on a whole pixel."""
+    """Throughput with fill factor: (k,) electron m^2 / photon in each spectral bin."""
     per_photon = detector.fill_factor * throughput
     return per_photon * detector.sensitivity if detector.age else per_photon
 
@@ -97,7 +97,7 @@ def apply_response(electrons: Floats, detector: Detector) -> Floats:
 
 @kept(4)
 def background_tables(detector: Detector, sky: float) -> Tables:
-    """Tables of the numbers of a frame, from its background alone, so that frames share them.
+    """Tables of the numbers of a frame, from its background alone; frames share them.
 
     Arguments as `background`.
     """
@@ -105,32 +105,32 @@ def background_tables(detector: Detector, sky: float) -> Tables:
 
 
 def carry(electrons: Floats, before: Floats | None, fraction: float) -> Floats:
-    """Expected electrons that are read with a frame, including residual charge of the frame before.
+    """Expected electrons that are read with a frame, with residual charge of the previous frame.
 
         read = (1 - fraction) electrons + fraction before
 
     Each electron is left behind independently, so that the numbers remain Poisson distributed.
 
-    Source: Janesick (2001), Scientific Charge-Coupled Devices, on deferred charge; here from one
-    frame only.
+    Source: Janesick (2001), Scientific Charge-Coupled Devices, on deferred charge; in this model it
+    comes only from one frame.
 
     electrons  (rows, columns) electron, generated in this frame
-    before     (rows, columns) electron, generated in the frame before; None: none
+    before     (rows, columns) electron, generated in the previous frame; None: none
     """
     kept = (1 - fraction) * electrons
     return kept if before is None else kept + fraction * before
 
 
 def diffuse(electrons: Floats, fraction: float) -> Floats:
-    """Expected electrons after crosstalk: a fraction of each pixel's diffuses to each of its sides.
+    """Expected electrons after crosstalk: a fraction diffuses from each pixel to each of its sides.
 
         after = (1 - 4 fraction) electrons + fraction (left + right + above + below)
 
     Electrons diffuse independently. Therefore the numbers stay independent and Poisson distributed,
     and it is enough to spread their expectations.
 
-    Source: Janesick (2001), Scientific Charge-Coupled Devices, on diffusion; here to the nearest
-    pixels alone.
+    Source: Janesick (2001), Scientific Charge-Coupled Devices, on diffusion; in this model only to
+    the nearest pixels.
 
     electrons  (rows, columns) electron; none crosses the border of the array
     fraction   1, at most 1/4

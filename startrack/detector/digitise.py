@@ -1,8 +1,8 @@
-"""Expected electrons -> digital numbers: one uniform number a pixel, exact distribution.
+"""Expected electrons -> digital numbers of independent pixels, by the exact distribution.
 
-A pixel has 32 random bits, half of a word of 64: the first 22 select its number in the table of a
-level, the last 10 one of the two levels about its expectation. If these do not decide, more bits
-follow the first 22, from a second random number of the pixel.
+A pixel has 32 random bits, half of a word of 64. The last 10 bits select one of the two levels
+around its expectation. The first 22 bits select its number in the table of this level. If they do
+not determine it, more bits follow from a second random number of the pixel.
 """
 
 from typing import Any, NamedTuple
@@ -48,9 +48,10 @@ def digitise(
 ) -> Image:
     """The digital image of expected electrons.
 
-    Most pixels of a frame are near its background and take their number from a table of the exact
-    distribution. The others, in stars, draw their electrons and then their read noise. The uniform
-    number of a pixel does not depend on the design, so that two designs have the same noise.
+    Most pixels of a frame are near its background; their number is from a table of the exact
+    distribution. For the other pixels, in stars, electrons and then read noise are drawn. The
+    uniform number of a pixel does not depend on the design, so that two designs have the same
+    noise.
 
     electrons  (rows, columns) expectation of photo- and dark electrons
     tables     for most pixels of the frame; None: made from `electrons`
@@ -67,8 +68,7 @@ def digitise(
 def shot(
     electrons: Floats, streams: Streams, cause: str = SHOT, tables: Tables | None = None
 ) -> Floats:
-    """Poisson numbers of electrons (rows, columns) from the stream of a cause; accuracy as
-    `digitise`."""
+    """Poisson numbers of electrons (rows, columns), by a cause's stream; accurate as `digitise`."""
     caught = np.empty(electrons.shape)
     tables = tables_for(electrons, COUNT) if tables is None else tables
     draws = draws_of(COUNT, tables, streams)

@@ -1,7 +1,7 @@
 """Effects of the detector on the pixels of a frame, in the order of the physics.
 
-Each effect is a row of `PIXEL_EFFECTS`. The read-out applies the rows in order, windows and drawn
-spots refuse effects that need whole frames, and the error budget lists what it leaves out.
+Each effect is a row of `PIXEL_EFFECTS`. The read-out applies the rows in order. Windows and drawn
+spots refuse effects that need whole frames. The error budget lists the effects that it leaves out.
 """
 
 from collections.abc import Callable, Iterator
@@ -56,15 +56,15 @@ def multiplied(charge: Floats, detector: Detector, streams: Streams) -> Floats:
 
         x = n + Poisson(Gamma(r n, t)),   r t = g - 1,   1 + t = g (2 g^(-1 / N) - 1)
 
-    which in the limit of infinite N is the sum of n geometric numbers, the exact law of a register
+    In the limit of infinite N, this is the sum of n geometric numbers, the exact law of a register
     that doubles electrons at a constant rate (Yule's process).
 
     Source: mean and variance for N stages: Robbins and Hadwen (2003), IEEE Trans. Electron Devices
     50, 1227, eq. (9); the shape for high gain: Basden, Haniff and Mackay (2003), MNRAS 345, 985.
 
     charge    (rows, columns) electron
-    Accuracy  model: mean and variance are exact, and no electron is lost; the third cumulant
-              within 0.6 % for 500 stages, 7 % for 100. No clock-induced charge.
+    Accuracy  model: mean and variance are exact, and no electron is lost; the third cumulant is
+              within 0.6 % for 500 stages and 7 % for 100. There is no clock-induced charge.
     """
     gain = detector.em_gain
     if gain == 1:
@@ -75,7 +75,7 @@ def multiplied(charge: Floats, detector: Detector, streams: Streams) -> Floats:
     more, few = np.empty_like(charge), (charge <= FEW) & (charge == np.rint(charge))
     more[few] = _gamma_quantile(shape, charge[few].astype(int), special.ndtri(fraction[few]))
     more[~few] = special.gammaincinv(shape * charge[~few], fraction[~few])
-    # No tables, because the means of pixels differ too much.
+    # Without tables, because the means of pixels differ too much.
     return charge + shot(scale * more, streams, "multiplied electrons", EMPTY)
 
 
@@ -117,8 +117,8 @@ def settle(level: Floats, rest: float) -> Floats:
 
         out_i = (1 - rest) in_i + rest out_(i-1)
 
-    A low-pass filter of first order with time constant tau, sampled at the end of each pixel's time
-    T; each row starts settled to its first pixel.
+    It is a first-order low-pass filter with time constant tau, sampled at the end of each pixel's
+    time T. At the start of each row it is settled to the first pixel.
 
     Source: Oppenheim and Schafer, Discrete-Time Signal Processing, on impulse invariance.
 
@@ -155,7 +155,9 @@ def read_channel(level: Floats, detector: Detector) -> Floats:
 
         out_i = sum_m w_m in_(i-m)
 
-    where the row's first pixel also precedes the row. Source: Krutz et al. (2011), section 1.
+    The pixels before the row are assumed to be equal to the row's first pixel.
+
+    Source: Krutz et al. (2011), section 1.
     """
     if detector.settling:
         return settle(level, detector.settling)
@@ -184,14 +186,14 @@ def read_out_transfer(detector: Detector, frequency: Floats) -> Floats:
 class EffectInput:
     """Input of an effect on a frame.
 
-    values     (rows, columns), not to be written to: electrons of each pixel at the end of the
-               exposure (charge_effects); electrons at the input of the converter, with read noise
+    values     (rows, columns), read-only: electrons of each pixel at the end of the exposure
+               (charge_effects); electrons at the input of the converter, with read noise
                (signal_effects); digital numbers (image_effects)
-    detector   its parameters
+    detector   parameters of the detector
     generator  random numbers of this trial for this effect alone
 
-    The function returns (rows, columns), the values after the effect, finite; charge must not be
-    negative, digital numbers are rounded and clipped to those that the converter has
+    The function returns (rows, columns), the values after the effect. They must be finite, and
+    charge must not be negative. Digital numbers are rounded, and clipped to the converter's range.
     """
 
     values: Floats
@@ -270,7 +272,7 @@ Change = Callable[[Floats, Detector, Streams], Floats]
 
 
 class PixelStage(StrEnum):
-    """Quantity that the values of pixels have, from light to number (EMVA 1288)."""
+    """Quantity of the pixels' values at a stage, from light to number (EMVA 1288)."""
 
     EXPECTED = "expected electrons"
     CHARGE = "charge at the end of the exposure, electron"
@@ -281,15 +283,15 @@ class PixelStage(StrEnum):
 class PixelEffect(NamedTuple):
     """An effect of the detector on the pixels of a frame.
 
-    key         of the detector
-    stage       whose values it changes
-    present     whether a detector has it
-    change      values (rows, columns) of the stage -> values after the effect, a new array; None:
-                the effect needs more inputs and is applied elsewhere (`lag`, `scan` and `mosaic` in
-                the exposure; `age` before the read-out; the spread of the read noise with the read
-                noise)
-    whole_frame whether pixels then depend on each other, on the frame before or on their place;
-                windows and drawn spots refuse such a detector by its key
+    key         key of the detector
+    stage       stage whose values it changes
+    present     function: whether a detector has it
+    change      function: values (rows, columns) of the stage -> values after the effect, a new
+                array. None: the effect needs more inputs and is applied elsewhere (`lag`, `scan`
+                and `mosaic` in the exposure; `age` before the read-out; the spread of the read
+                noise with the read noise)
+    whole_frame  whether pixels with this effect depend on each other, on the previous frame or on
+                 their place; windows and drawn spots refuse such a detector by its key
     noise       whether it adds noise that does not depend on the signal
     left_out    phrase of the error budget; "": the effect is named or counted elsewhere
     """
@@ -398,7 +400,7 @@ def after(stage: PixelStage, values: Floats, detector: Detector, streams: Stream
 def added_noise(detector: Detector, streams: Streams) -> Floats:
     """Noise (rows, columns) that does not depend on the signal, electron at the converter.
 
-    It has the draws of the read-out; the channel does not filter it.
+    It has the same draws as in the read-out; the channel does not filter it.
     """
     noise = np.zeros((detector.rows, detector.columns))
     for effect in present(detector):

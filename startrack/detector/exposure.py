@@ -25,7 +25,7 @@ Turn = Callable[[Floats], Floats]  # seconds (m,) -> rotation vectors (m, 3) as 
 MotionFunction = Callable[[Floats, Floats], Floats]
 Places = tuple[Floats, Floats, Floats]
 
-BATCH = 2**18  # positions that are projected at a time; by hand: memory against calls
+BATCH = 2**18  # number of positions that are projected at once; by hand: memory against calls
 MIDDLE = np.zeros(1)
 # Iterations for the time of a star's row; each multiplies the error by row_delay * rows per second.
 ITERATIONS = 4
@@ -54,13 +54,12 @@ def row_by_row(
     row_delay: float,
     motion_function: MotionFunction,
 ) -> Iterator[Places]:
-    """`at_once` for a rolling shutter: each row is exposed `row_delay` second after the row above
-    it.
+    """`at_once` for a rolling shutter: each row is exposed `row_delay` after the previous row.
 
     A star is exposed at the time of its row. The attitude is valid at the middle of the exposure of
     the middle row.
 
-    motion_function  motion of the camera, beyond the exposure too
+    motion_function  motion of the camera, also before and after the exposure
     Accuracy  model: all rows of a star's image share the time of its middle, so that the image is
               not sheared.
     """
@@ -84,21 +83,21 @@ def row_by_row(
         yield path.weight[some], *np.ascontiguousarray(position(delays, path.time[some]).T)
 
 
-FRAME_BYTES = 56  # for each pixel while a frame is made and searched; measured: 42 to 52
+FRAME_BYTES = 56  # memory per pixel while a frame is made and searched; 42 to 52 were measured
 
 
 @dataclass(frozen=True, eq=False)
 class Exposure:
     """All inputs of a frame except its noise.
 
-    light            at the entrance pupil
-    line_of_sight    its motion in the exposure
+    light            light at the entrance pupil
+    line_of_sight    motion of the line of sight in the exposure
     icrs_to_camera   attitude at the middle of the exposure (of the middle row)
-    camera           the true one
+    camera           true camera
     throughput       (k,) electron m^2 / photon in each spectral bin, area of the aperture times
                      transmission times quantum efficiency
     motion_function  motion of the camera at any time; needed by a rolling shutter
-    residual_charge  (rows, columns) electron, the expected electrons of the frame before; the
+    residual_charge  (rows, columns) electron, the expected electrons of the previous frame; the
                      detector adds its fraction `lag` of them; None: none, as in a first frame
     of_colours       (3, k) throughput of red, green and blue pixels; needed by a mosaic
     """
@@ -116,10 +115,11 @@ class Exposure:
 
 
 def expose(exposure: Exposure, streams: core.Streams) -> core.Frame:
-    """One frame with its noise. Raises and accuracy as `expected`."""
+    """One frame with its noise. Exceptions and accuracy are those of `expected`."""
     electrons, detector = expected(exposure), exposure.detector
     _, sky = arriving(exposure.light, exposure.camera, detector, exposure.throughput)
-    # For a uniform background, residual charge from the frame before equals the charge left behind.
+    # For a uniform background, the residual charge of the previous frame equals the charge left
+    # behind.
     evened = detector if exposure.residual_charge is None else replace(detector, lag=0.0)
     varied = exposure.light.diffuse or exposure.of_colours is not None
     tables = None if varied else collect.background_tables(evened, sky)
@@ -135,7 +135,7 @@ def frame_of(
 ) -> core.Frame:
     """Read out expected electrons (rows, columns) as a Frame, with the meaning of its numbers.
 
-    state  of the pixels that flicker; None: a random one
+    state  state of the pixels that flicker; None: a random state
     """
     if detector.age and detector.age.flicker:
         state = state or flickering(detector, streams)
@@ -200,7 +200,7 @@ def expected(exposure: Exposure) -> Floats:
 def _behind_mosaic(exposure: Exposure, mosaic: ColourMosaic) -> Floats:
     """Expected electrons (rows, columns), each pixel by the throughput of its colour."""
     if exposure.of_colours is None:
-        raise TypeError("of_colours must be given where the detector has a mosaic, got None")
+        raise TypeError("of_colours must be given if the detector has a mosaic, got None")
     detector = replace(exposure.detector, mosaic=None)
     images = [
         expected(replace(exposure, detector=detector, throughput=throughput))
@@ -231,7 +231,7 @@ def seen(
     if not detector.row_delay:
         return at_once(*view)
     if motion_function is None:
-        raise TypeError("motion_function must be given where row_delay is not zero, got None")
+        raise TypeError("motion_function must be given if row_delay is not zero, got None")
     return row_by_row(*view, detector.row_delay, motion_function)
 
 
@@ -264,7 +264,7 @@ def draw(
 def colours(colour: Floats | None) -> Floats:
     """The colours of stars, which a FieldPsf needs. Raises TypeError if they are None."""
     if colour is None:
-        raise TypeError("colour must be given where the image changes with it, got None")
+        raise TypeError("colour must be given if the image varies with it, got None")
     return colour
 
 
@@ -274,12 +274,12 @@ def dark_frames(detector: Detector, frames: int) -> tuple[Floats, float]:
 
     The noise of the mean belongs to the device: it is the same in all trials.
 
-    detector  as it is when the frames are taken
-    Returns   (rows, columns) digital number, read-only; digital number rms, of a median pixel
+    detector  the detector at the time when the frames are taken
+    Returns   (rows, columns) digital number, read-only; noise of a median pixel, digital number rms
     Raises    ValueError for a detector of lines.
     """
     if detector.scan:
-        raise Refused("dark_map must be left out where lines scan")
+        raise Refused("dark_map must be left out for a detector that scans")
     # On the ground there are no particle hits, and no residual charge of stars.
     detector = replace(detector, hits=None, lag=0.0)
     electrons, tables = collect.background(detector, 0.0), collect.background_tables(detector, 0.0)
@@ -318,8 +318,8 @@ def star_grid(
     sky         electron of the uniform background in a pixel of mean response
     companions  another star in each cell: (c, 2) x and y (pixel) from the star, and (r,) electron;
                 None: no such star
-    dark        (k c, side, side) electron above the dark signal of all pixels: the places are taken
-                k times in a row; None: zero
+    dark        (k c, side, side) electron above the dark signal of all pixels: the c places are
+                repeated k times in a row; None: zero
     Returns     Frame of numbers that are not rounded, and (r k c, 2) pixel, positions of the stars
     Accuracy    model: light that leaves the row of cells is lost.
     """

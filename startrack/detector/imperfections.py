@@ -32,7 +32,7 @@ class Thermal(Parameters):
         "of the pixels", unit=Unit("K", absolute=True), limit=Range(0, 500)
     )
     reference: float = parameter(
-        "of the dark_current of the detector",
+        "temperature for which the dark_current of the detector is given",
         unit=Unit("K", absolute=True),
         limit=POSITIVE,
         default=293.15,
@@ -50,7 +50,7 @@ class Thermal(Parameters):
         default=0.0,
     )
     capacitance: float = parameter(
-        "farad, of the sense node; 0 with correlated double sampling",
+        "farad, capacitance of the sense node; 0 with correlated double sampling",
         unit=Unit("F", "fF"),
         limit=NON_NEGATIVE,
         default=0.0,
@@ -58,7 +58,7 @@ class Thermal(Parameters):
 
     @property
     def growth(self) -> float:
-        """Dark current over that at the reference; zero at 0 K."""
+        """Dark current over the dark current at the reference; zero at 0 K."""
         if self.temperature == 0:
             return 0.0
         if self.activation:
@@ -69,12 +69,12 @@ class Thermal(Parameters):
 
     @property
     def reset_noise(self) -> float:
-        """Electron rms."""
+        """Reset noise, electron rms."""
         return math.sqrt(core.BOLTZMANN * self.temperature * self.capacitance) / ELEMENTARY_CHARGE
 
 
 SAMPLES = 16  # points per pixel along a track; chosen by hand: lengths in 1/16 pixel
-LEAST_COSINE = 0.01  # to the normal; only one track in 10 000 has a smaller one
+LEAST_COSINE = 0.01  # least cosine to the normal; one track in 10 000 has a smaller one
 
 
 class Hits(Parameters):
@@ -88,18 +88,18 @@ class Hits(Parameters):
     """
 
     rate: float = parameter(
-        "particle / m^2 / s through the surface, from both sides",
+        "flux, particle / m^2 / s through the surface, from both sides",
         unit=Unit("m-2 s-1", "cm-2 s-1"),
         limit=NON_NEGATIVE,
     )
     charge: float = parameter(
-        "electron / m along the track",
+        "charge, electron / m along the track",
         unit=Unit("electron / m", "electron / um"),
         limit=POSITIVE,
         default=80e6,
     )
     depth: float = parameter(
-        "of the sensitive layer", unit=Unit("m", "um"), limit=POSITIVE, default=10e-6
+        "thickness of the sensitive layer", unit=Unit("m", "um"), limit=POSITIVE, default=10e-6
     )
 
 
@@ -152,14 +152,14 @@ class Defects(Parameters):
         limit=NON_NEGATIVE,
         default=0.0,
     )
-    hot: float = parameter("fraction of the pixels", limit=Range(0, 1), default=0.0)
+    hot: float = parameter("fraction of the pixels that is hot", limit=Range(0, 1), default=0.0)
     hot_current: float = parameter(
         "electron / second, mean over the hot pixels, at the reference temperature",
         unit=Unit("electron / s"),
         limit=NON_NEGATIVE,
         default=0.0,
     )
-    dead: float = parameter("fraction of the pixels", limit=Range(0, 1), default=0.0)
+    dead: float = parameter("fraction of the pixels that is dead", limit=Range(0, 1), default=0.0)
     dead_columns: int = parameter(
         "number of columns without response", limit=Range(0, 2**16), default=0
     )

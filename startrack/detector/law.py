@@ -71,8 +71,7 @@ def nonlinear_signal(charge, full_well, nonlinearity):  # type: ignore[no-untype
 
 @register_jitable(error_model="numpy")
 def with_adc_inl(x, y, adc_inl):  # type: ignore[no-untyped-def]
-    """Output of the converter before rounding; y is x over its largest number. For scalars and
-    arrays."""
+    """Output of the converter before rounding, for scalars or arrays; y is x / largest number."""
     return x + 4.0 * adc_inl * y * (1.0 - y)
 
 
@@ -84,7 +83,7 @@ def signal(electrons, full_well, nonlinearity):  # type: ignore[no-untyped-def]
 
 @kernel
 def unrounded(level, gain, offset, adc_inl, largest):  # type: ignore[no-untyped-def]
-    """Output of the converter for a signal before it rounds, within its range."""
+    """Output of the converter for a signal, before rounding and within the range."""
     x = level * gain + offset
     y = min(max(x / largest, 0.0), 1.0)
     return min(max(with_adc_inl(x, y, adc_inl), 0.0), largest)
@@ -165,8 +164,7 @@ def blank(shape: tuple[int, ...], law: SignalLaw) -> Image:
 
 
 def upper_edge(law: SignalLaw, numbers: Floats) -> Floats:
-    """Electron: signal at the limit between each digital number and the next; inverse of
-    `number`."""
+    """Signal (electron) at the limit between each digital number and the next."""
     wanted = numbers + 0.5
     inside = (wanted > 0) & (wanted < law.largest)
     parabola = np.where(inside, 4 * law.adc_inl, 0.0)
@@ -177,21 +175,21 @@ def upper_edge(law: SignalLaw, numbers: Floats) -> Floats:
 
 
 STEPS = 64  # least number of levels in a standard deviation
-BITS = 48  # of the uniform number
-ENTRY_BITS = 22  # bits of it that the entries compare
+BITS = 48  # bits of the uniform number
+ENTRY_BITS = 22  # bits of the uniform number that the entries compare
 UNSETTLED = 0xFFFF  # in an entry: the cell does not determine the number
 FARTHEST = 8.2  # standard deviations; the probability beyond is less than 2^-48
-LEAST_VARIANCE = 1e-6  # electron^2, of levels; a smaller variance has no visible effect
+LEAST_VARIANCE = 1e-6  # electron^2, least variance of levels; a smaller one has no visible effect
 SKEW = 25.0  # electrons by which the upper tail of a Poisson distribution exceeds a normal one
 # Chosen by hand for time and memory; the numbers of a frame hardly depend on these values.
 BLOCK = 16  # levels: tables are rounded up to a multiple, so that similar frames share one
 MOST_LEVELS = 1024
 MOST_NUMBERS = 4096
-# Bits. A cell in the tails holds several limits, and its pixels take 20 times as long as others;
-# tables of more cells do not fit into a cache.
+# Bits of the cells. With fewer cells, a cell in the tails has several limits, and its pixels take
+# 20 times as long as others. Tables of more cells do not fit into a cache.
 LEAST_CELLS, MOST_CELLS = 10, 12
-FEWEST_PIXELS = 2**14  # of a frame with tables
-MOST_TERMS = 100_000_000  # of the sums behind a table, a tenth of a second
+FEWEST_PIXELS = 2**14  # least number of pixels of a frame with tables
+MOST_TERMS = 100_000_000  # most terms of the sums for a table: a tenth of a second
 
 
 class Tables(NamedTuple):
@@ -202,9 +200,9 @@ class Tables(NamedTuple):
     cells    number of bits that choose a cell
     limit    (levels, d) P(number <= lowest + d) of each level, in units of 2^-48
     lowest   digital number of the first column of `limit`
-    first    number of the first level: its expectation over the spacing
+    first    index of the first level: its expectation over the spacing
     levels   number of levels
-    spacing  electron, between the expectations of two levels
+    spacing  electron, difference of the expectations of two levels
     """
 
     entry: NDArray[np.uint32]
@@ -226,9 +224,9 @@ def level_spacing(lowest: float, noise: float) -> float:
 
 
 def lowest_mean(low: float, middle: float, noise: float) -> float:
-    """The least expectation with a level, so that a few dark pixels do not make levels narrower.
+    """The least expectation with a level; a few dark pixels must not make the levels narrower.
 
-    low, middle  electron, of the darkest pixels and of the median
+    low, middle  electron, of the darkest pixels and of the median pixel
     """
     return max(low, (middle + noise**2) / 4 - noise**2, 0.0)
 
@@ -287,7 +285,7 @@ def build(law: SignalLaw, first: int, count: int, spacing: float) -> Tables:
     log = special.xlogy(electrons, mean[:, None]) - special.gammaln(electrons + 1) - mean[:, None]
     probability = np.exp(log)
     lower, upper = _sums(probability, start, end, special.ndtr(z), special.ndtr(-z))
-    # The smaller of the two has no cancellation.
+    # The smaller of the two sums has no cancellation.
     limit = np.where(lower < 0.5, lower * 2.0**BITS, 2.0**BITS - upper * 2.0**BITS)
     limit = np.rint(limit).astype(np.uint64)
     limit[:, -1] = 2**BITS
@@ -339,7 +337,7 @@ def _sums_of_arrays(probability, start, end, below, above):  # type: ignore[no-u
 def _entries(limit: NDArray[np.uint64], cells: int) -> NDArray[np.uint32]:
     """The entries of all levels, one after the other.
 
-    A cell with one limit contains its next bits; one with several limits is unsettled.
+    A cell with one limit contains the next bits of the limit; a cell with several is unsettled.
     """
     levels, numbers = limit.shape
     entry = np.empty((levels, 2**cells), np.uint32)

@@ -10,8 +10,8 @@ from startrack.detector.ageing import Flickering, aged
 from startrack.detector.imperfections import Defects
 from startrack.detector.parameters import Detector
 
-BYTES = 40  # for each pixel of a map while it is drawn; measured
-# Parameters of the maps, besides the size of the image and age.
+BYTES = 40  # memory per pixel of a map while it is drawn; measured
+# Parameters on which the maps depend, in addition to the size of the image and age.
 MAPPED = (
     *("prnu", "dark_current", "defects", "read_noise_spread"),
     *("binning", "region", "device_seed"),
@@ -27,7 +27,7 @@ def response(detector: Detector) -> Floats | None:
     if not (detector.prnu or (defects and (defects.dead or defects.dead_columns))):
         return None
     device = _device(detector)
-    if device.age:  # the same at any age
+    if device.age:  # the response is the same at any age
         device = replace(device, age=None, thermal=None, pixel_pitch=1.0)
     return _response(device)
 
@@ -54,7 +54,7 @@ def flickering(detector: Detector, streams: Streams) -> Flickering | None:
 def read_noise(detector: Detector) -> Floats | float:
     """Read noise of each pixel (rows, columns), or one value for all, electron rms.
 
-    Log-normal, whose long tail represents pixels with random telegraph noise. The histograms of
+    It is lognormal. The long tail represents pixels with random telegraph noise. The histograms of
     Fowler et al. (2013), Read noise distribution modeling for CMOS image sensors, International
     Image Sensor Workshop, have such a tail; its shape is an assumption.
     """
@@ -70,8 +70,7 @@ def device_streams(detector: Detector) -> Streams:
 
 @lru_cache(maxsize=16)
 def _device(detector: Detector) -> Detector:
-    """The detector with only the parameters of the maps, others at defaults, so that designs share
-    maps."""
+    """The detector with only the parameters of the maps: designs that agree in them share maps."""
     same = {name: getattr(detector, name) for name in MAPPED}
     pitch = 1.0
     if detector.age:
@@ -135,7 +134,7 @@ def dark_response(
 
 
 def _array(device: Detector) -> tuple[int, int]:
-    """Rows and columns of the array that the image is read from."""
+    """Rows and columns of the array from which the image is read."""
     rows, columns = device.rows * device.binning, device.columns * device.binning
     if device.region:
         rows, columns = device.region.array_rows, device.region.array_columns
@@ -146,7 +145,7 @@ def _array(device: Detector) -> tuple[int, int]:
 
 
 def _binned(device: Detector, array: Floats) -> Floats:
-    """The sums over the pixels that make each pixel of the image."""
+    """The sum over the array's pixels in each pixel of the image."""
     size, rows, columns = device.binning, device.rows, device.columns
     top, left = (device.region.top, device.region.left) if device.region else (0, 0)
     array = array[top : top + rows * size, left : left + columns * size]

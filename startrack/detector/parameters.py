@@ -21,25 +21,25 @@ from startrack.detector.ageing import TAILS, Age, typical
 from startrack.detector.imperfections import Defects, Hits, Pattern, Thermal
 from startrack.detector.mosaic import ColourMosaic
 
-LONGEST = 1024  # values, and pixels, of an impulse response
+LONGEST = 1024  # most values, and most pixels, of an impulse response
 KINDS = ("line", "staggered", "tdi", "lines")
 
 
 class Line(Parameters):
     """A line of pixels: its position, delay and gain."""
 
-    row: float = parameter("pixel of the camera", limit=FINITE)
-    shift: float = parameter("pixel of the camera, of its first column", limit=FINITE, default=0.0)
+    row: float = parameter("row of the line, pixel of the camera", limit=FINITE)
+    shift: float = parameter(
+        "position of its first column, pixel of the camera", limit=FINITE, default=0.0
+    )
     delay: float = parameter(
-        "exposures by which it is exposed later than a line without delay",
-        limit=FINITE,
-        default=0.0,
+        "delay of its exposure after a line without delay, in exposures", limit=FINITE, default=0.0
     )
     gain: float = parameter(
         "factor on the electrons that the pixels of the line collect", limit=FINITE, default=1.0
     )
     phase: int = parameter(
-        "number of the interleaved lines of the image to which it adds",
+        "number of the interleaved line of the image to which it contributes",
         limit=Range(0, 15),
         default=0,
     )
@@ -48,7 +48,7 @@ class Line(Parameters):
 def tdi(stages: int, row: float = 0.0, downward: bool = True) -> tuple[Line, ...]:
     """Time delay and integration (TDI): charge moves from stage to stage with the image.
 
-    row       pixel, of the first stage
+    row       pixel, row of the first stage
     downward  whether the charge moves to larger rows
     """
     core.whole(1, 2**16, stages=stages)
@@ -65,11 +65,11 @@ def staggered(distance: float, row: float = 0.0) -> tuple[Line, ...]:
 
 
 class Scan(Parameters):
-    """A detector of lines, whose image grows while the camera turns.
+    """A detector of lines, whose image grows while the camera rotates.
 
-    In its design, `columns` are the pixels of a line, `rows` the lines of the image, and `exposure`
-    is the exposure of one line. Rows count from the middle of the camera; time zero is the middle
-    of the image.
+    In its design, `columns` is the number of pixels of a line, `rows` the number of lines of the
+    image, and `exposure` the exposure of one line. Rows count from the middle of the camera; time
+    zero is the middle of the image.
     """
 
     kind: str = parameter(
@@ -85,7 +85,7 @@ class Scan(Parameters):
     def __post_init__(self) -> None:
         super().__post_init__()
         if bool(self.lines) != (self.kind == "lines"):
-            raise Refused(f"lines must be given for the kind 'lines' alone, got {self.kind!r}")
+            raise Refused(f"lines must be given only for the kind 'lines', got {self.kind!r}")
         if self.stages > 1 and self.kind != "tdi":
             raise Refused(f"stages must be 1 for the kind {self.kind!r}, got {self.stages}")
 
@@ -122,14 +122,14 @@ ROOM = core.ZERO_CELSIUS + 20  # kelvin, for a detector without a temperature
 class RegionOfInterest(Parameters):
     """The part of an array that is read."""
 
-    left: int = parameter("pixel of the array, where the image begins", limit=Range(0, 2**16))
-    top: int = parameter("pixel of the array, where the image begins", limit=Range(0, 2**16))
-    array_columns: int = parameter("pixel, of the array", limit=Range(1, 2**16))
-    array_rows: int = parameter("pixel, of the array", limit=Range(1, 2**16))
+    left: int = parameter("first column of the image, pixel of the array", limit=Range(0, 2**16))
+    top: int = parameter("first row of the image, pixel of the array", limit=Range(0, 2**16))
+    array_columns: int = parameter("number of columns of the array", limit=Range(1, 2**16))
+    array_rows: int = parameter("number of rows of the array", limit=Range(1, 2**16))
 
 
 class Detector(Parameters):
-    """A matrix of pixels, or lines of them, in the terms of EMVA 1288 (release 4.0).
+    """A matrix of pixels, or lines of pixels, in the terms of EMVA 1288 (release 4.0).
 
     An effect that is absent (zero, one or None) costs no time and draws no random number.
     """
@@ -140,19 +140,19 @@ class Detector(Parameters):
         "multiplication": "em_gain",
     }
 
-    columns: int = parameter("pixel, of the image", limit=Range(1, 2**16))
-    rows: int = parameter("pixel, of the image", limit=Range(1, 2**16))
+    columns: int = parameter("number of columns of the image", limit=Range(1, 2**16))
+    rows: int = parameter("number of rows of the image", limit=Range(1, 2**16))
     pixel_pitch: float = parameter(
-        "of a pixel of the array, which is square", unit=Unit("m", "um"), limit=POSITIVE
+        "side of a pixel of the array, which is square", unit=Unit("m", "um"), limit=POSITIVE
     )
     exposure: float = parameter(
-        "in which a frame collects light", unit=Unit("s", "ms"), limit=POSITIVE
+        "time in which a frame collects light", unit=Unit("s", "ms"), limit=POSITIVE
     )
     quantum_efficiency: core.Curve = parameter(
         "electron / photon over wavelength", default=core.ALL
     )
     fill_factor: float = parameter(
-        "fraction of a pixel that detects", limit=Range(0.01, 1), default=1.0
+        "fraction of the area of a pixel that detects light", limit=Range(0.01, 1), default=1.0
     )
     dark_current: float = parameter(
         "electron / second", unit=Unit("electron / s"), limit=NON_NEGATIVE, default=0.0
@@ -164,31 +164,31 @@ class Detector(Parameters):
         default=0.0,
     )
     read_noise_rate: float | None = parameter(
-        "pixel / second at which read_noise holds, where a datasheet says it; budgets and trials "
-        "do not change with it, and name a faster pixel_rate",
+        "pixel / second, rate for which a datasheet gives read_noise. It does not change budgets "
+        "and trials, but they report a faster pixel_rate",
         unit=Unit("pix / s", "Mpix / s"),
         limit=POSITIVE,
         default=None,
     )
     prnu: float = parameter(
-        "rms of the photo response over the pixels", limit=Range(0, 0.5), default=0.0
+        "rms over the pixels of the relative photo response", limit=Range(0, 0.5), default=0.0
     )
     full_well: float = parameter("electron", unit=Unit("electron"), limit=POSITIVE, default=50e3)
     bits: int = parameter(
-        "of the converter; its largest number is the full well over `gain`",
+        "number of bits of the converter; its largest number is the full well over `gain`",
         limit=Range(1, 24),
         default=12,
     )
     offset: float = parameter("mean digital number of an empty pixel", limit=Range(0), default=0.0)
     pixel_rate: float = parameter(
-        "pixel / second of the read-out, which sets the update rate",
+        "pixel / second, speed of the read-out, which determines the update rate",
         unit=Unit("pix / s", "Mpix / s"),
         limit=POSITIVE,
         default=40e6,
     )
     frame_rate: float | None = parameter(
-        "frames a second; None: the next exposure begins when the frame before is read. At most "
-        "such that the longer of exposure and read-out fits into a period",
+        "frames per second; None: an exposure begins when the previous frame has been read. The "
+        "longer of exposure and read-out must fit into a period",
         unit=Unit("Hz"),
         limit=POSITIVE,
         default=None,
@@ -197,26 +197,26 @@ class Detector(Parameters):
         "seed of the maps of one device", limit=Range(0, 2**63 - 1), default=0
     )
     binning: int = parameter(
-        "pixels of the array on a side of a pixel of the image, added as charge; dark_current, "
-        "prnu and defects are those of a pixel of the array",
+        "pixels of the array along each side of a pixel of the image; their charge is added. "
+        "dark_current, prnu and defects are for a pixel of the array",
         limit=Range(1, 64),
         default=1,
     )
     region: RegionOfInterest | None = parameter(
-        "part of the array that is the image, None for all", default=None
+        "part of the array that is read as the image; None: all of it", default=None
     )
     row_delay: float = parameter(
-        "by which each row's exposure starts after the one before: 0 for a global shutter",
+        "time from the start of a row's exposure to the start of the next row's; 0: global shutter",
         unit=Unit("s", "us"),
         limit=NON_NEGATIVE,
         default=0.0,
     )
     thermal: Thermal | None = parameter(
-        "temperature; None: dark_current is that of the operating temperature", default=None
+        "temperature; None: dark_current is for the operating temperature", default=None
     )
     defects: Defects | None = parameter("hot and dead pixels", default=None)
     diffusion: float = parameter(
-        "sigma per axis of the Gaussian by which charge spreads before it is collected",
+        "sigma per axis of the Gaussian spread of charge before it is collected",
         unit=Unit("m", "um"),
         limit=NON_NEGATIVE,
         default=0.0,
@@ -230,18 +230,21 @@ class Detector(Parameters):
         "fraction of the charge that remains for the next frame", limit=Range(0, 0.99), default=0.0
     )
     mosaic: ColourMosaic | None = parameter(
-        "colour filters before the pixels; formulas have the mean of a cell of four pixels in each",
+        "colour filters before the pixels; in formulas each pixel has the mean of a cell of four",
         default=None,
     )
     hits: Hits | None = parameter("cosmic rays and protons", default=None)
     blooming: bool = parameter(
-        "whether charge above the full well flows along the column, or is lost", default=False
+        "whether charge above the full well flows along the column; false: it is lost",
+        default=False,
     )
     em_gain: float = parameter(
         "gain of the multiplication register of an EMCCD", limit=Range(1, 1e5), default=1.0
     )
     em_stages: int = parameter(
-        "stages of that register, each with a little gain", limit=Range(100, 10000), default=536
+        "number of stages of the multiplication register, each with a small gain",
+        limit=Range(100, 10000),
+        default=536,
     )
     # Above these limits, more light would give less signal.
     nonlinearity: float = parameter(
@@ -251,41 +254,43 @@ class Detector(Parameters):
     )
     pattern: Pattern | None = parameter("noise of rows and columns", default=None)
     settling: float = parameter(
-        "fraction of the signal of a pixel that remains for the next one read",
+        "fraction of the signal of a pixel that is added to the next pixel in the read-out",
         limit=Range(0, 0.99),
         default=0.0,
     )
     impulse_response: tuple[float, ...] = parameter(
-        "of the read-out channel to the charge of one pixel, in place of settling: values from the "
-        "moment when the charge enters, over any unit; their sum counts as 1, and undershoot is "
-        "negative. Before its first pixel a row has that pixel's signal",
+        "response of the read-out channel to the charge of one pixel, in place of settling. The "
+        "values begin when the charge enters, and may have any scale: their sum counts as 1. "
+        "Undershoot is negative. Before the first pixel of a row the channel has its signal",
         limit=FINITE,
         default=(),
     )
     impulse_step: float | None = parameter(
-        "between the values of `impulse_response`, which are joined by straight lines; None: each "
-        "value is what a pixel adds to the next one read",
+        "time between the values of `impulse_response`, with linear interpolation; None: one value "
+        "per pixel, the contribution to itself and to the pixels read after it",
         unit=Unit("s", "ns"),
         limit=POSITIVE,
         default=None,
     )
     read_noise_spread: float = parameter(
-        "rms of the logarithm of the read noise over the pixels of a CMOS array, whose median "
-        "is `read_noise`",
+        "rms of the logarithm of the read noise over the pixels of a CMOS array; `read_noise` is "
+        "the median",
         limit=Range(0, 2),
         default=0.0,
     )
-    gain: float = parameter("of the amplifier before the converter", limit=POSITIVE, default=1.0)
+    gain: float = parameter(
+        "gain of the amplifier before the converter", limit=POSITIVE, default=1.0
+    )
     adc_inl: float = parameter(
         "digital number, integral non-linearity of the converter at half scale",
         limit=FINITE,
         default=0.0,
     )
-    scan: Scan | None = parameter("lines that sweep over the sky; None for a matrix", default=None)
+    scan: Scan | None = parameter("lines that scan the sky; None: a matrix", default=None)
     age: Age | None = parameter("damage by radiation in orbit; None: as at launch", default=None)
     charge_effects: tuple[str, ...] = parameter(
-        "user code, one after the other, that changes the charge of all pixels at the "
-        "end of the exposure, see docs/extensions.md",
+        "user code that changes the charge of all pixels at the end of the exposure, in the order "
+        "of the list; see docs/extensions.md",
         limit=Range(code="charge_effects"),
         default=(),
     )
@@ -298,8 +303,8 @@ class Detector(Parameters):
         "user code that changes the digital numbers", limit=Range(code="image_effects"), default=()
     )
     pixel_pitch_y: float | None = parameter(
-        "distance of rows, where a datasheet states two pitches; a value other than pixel_pitch "
-        "is refused, and the message names the nearest square pixels",
+        "distance of rows, if a datasheet states two pitches. A value other than pixel_pitch is "
+        "refused, and the message names the nearest square pixels",
         unit=Unit("m", "um"),
         limit=POSITIVE,
         default=None,
@@ -343,9 +348,10 @@ class Detector(Parameters):
             round(n * pitch / square) for n, pitch in ((self.columns, x), (self.rows, y))
         )
         raise Refused(
-            f"pixel_pitch_y must be pixel_pitch, {x / um:.4g} um, for pixels are square, got "
-            f"{y / um:.4g} um; {columns} columns and {rows} rows of {square / um:.4g} um have "
-            "the same field, light and dark current of a pixel, and one error for both axes"
+            f"pixel_pitch_y must be pixel_pitch, {x / um:.4g} um, because pixels are square, "
+            f"got {y / um:.4g} um; {columns} columns and {rows} rows of {square / um:.4g} um "
+            "have the same field, light and dark current of a pixel, and equal errors of both "
+            "axes"
         )
 
     def _check_impulse(self) -> None:
@@ -382,7 +388,7 @@ class Detector(Parameters):
 
     def _check_rate(self, rate: float) -> None:
         if self.scan:
-            raise Refused("frame_rate must be left out where lines scan")
+            raise Refused("frame_rate must be left out for a detector that scans")
         read = self.rows * self.columns / self.pixel_rate
         most = 1 / max(self.exposure, read)
         if rate > most * (1 + 1e-9):
@@ -401,7 +407,7 @@ class Detector(Parameters):
             "age": self.age,
         }
         for name in (name for name, there in matrix_only.items() if there):
-            raise Refused(f"{name} must be left out where lines scan")
+            raise Refused(f"{name} must be left out for a detector that scans")
         if self.columns * scan.phases > self.pixel_rate * self.exposure * (1 + 1e-9):
             raise Refused(
                 f"pixel_rate must read {self.columns * scan.phases} pixel within an exposure of "
@@ -410,12 +416,12 @@ class Detector(Parameters):
 
     @property
     def pitch(self) -> float:
-        """Metre, of a pixel of the image."""
+        """Metre, side of a pixel of the image."""
         return self.pixel_pitch * self.binning
 
     @property
     def shift(self) -> tuple[float, float]:
-        """Pixel (x, y) from the centre of the image to that of the array."""
+        """Pixel (x, y) from the centre of the image to the centre of the array."""
         if not self.region:
             return 0.0, 0.0
         region, size = self.region, self.binning
@@ -439,8 +445,8 @@ class Detector(Parameters):
 
     @property
     def of_age(self) -> tuple[float, float]:
-        """Kelvin, reference of the dark currents; and their ratio to the currents of the age's
-        law."""
+        """Reference temperature, kelvin, of dark currents; their ratio to the age's law's
+        currents."""
         assert self.age
         law, thermal = TAILS.get(self.age.family), self.thermal
         if not thermal:
@@ -450,12 +456,12 @@ class Detector(Parameters):
 
     @property
     def sensitivity(self) -> float:
-        """1, detected light over that at launch."""
+        """1, detected light over the detected light at launch."""
         return self.age.sensitivity if self.age else 1.0
 
     @property
     def effects_by_code(self) -> tuple[str, ...]:
-        """Keys of user code, and the names that they hold."""
+        """The names of user code in all keys."""
         return tuple(
             f"{group} {name}" for group in EFFECTS_BY_CODE for name in getattr(self, group)
         )
@@ -511,8 +517,7 @@ class Detector(Parameters):
 
     @property
     def update_rate(self) -> float:
-        """Frames per second: `frame_rate`, else by exposure plus read-out; lines do both at
-        once."""
+        """Frames per second: `frame_rate`, or by exposure and read-out, which lines do together."""
         if self.frame_rate:
             return self.frame_rate
         if self.scan:

@@ -1,5 +1,4 @@
-"""Expected electrons -> digital numbers: in one step for independent pixels, else effect by
-effect."""
+"""Expected electrons -> digital numbers: in one step for independent pixels, or by each effect."""
 
 from startrack.core import Floats, Streams
 from startrack.detector.digitise import digitise, digitise_hit, shot
@@ -13,8 +12,9 @@ def read_out(
 ) -> Image:
     """The digital image of expected electrons.
 
-    Independent pixels take their numbers in one step. If an effect needs the whole frame after the
-    electrons are drawn, charge, signal and numbers pass through one effect after the other.
+    The numbers of independent pixels are drawn in one step. If an effect needs the whole frame
+    after the electrons are drawn, the effects are applied one after the other to charge, signal and
+    numbers.
 
     electrons  (rows, columns) expectation of photo- and dark electrons
     tables     as `digitise` takes them

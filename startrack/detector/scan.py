@@ -23,12 +23,12 @@ NODES = 8  # Gauss-Legendre nodes in a line's exposure: 1e-6 of the flux at one 
 class LineExposure:
     """All inputs of the image of a line detector except its noise.
 
-    light           at the entrance pupil
+    light           light at the entrance pupil
     icrs_to_camera  attitude at time zero
-    turn            seconds (m,) -> rotation vectors (m, 3) as in LineOfSight
-    camera          the true one; lines lie at its rows
-    count           rows of the image
-    detector        one row for each line; `exposure` is the exposure of one line
+    turn            function: seconds (m,) -> rotation vectors (m, 3) as in LineOfSight
+    camera          true camera; lines lie at its rows
+    count           number of rows of the image
+    detector        detector with one row for each line; `exposure` is the exposure of one line
     throughput      (k,) electron m^2 / photon in each spectral bin
     """
 
@@ -71,7 +71,8 @@ def scanned(exposure: LineExposure) -> Floats:
         )
     if detector.read_noise_spread:
         raise Refused(
-            f"read_noise_spread must be 0 where lines scan, got {detector.read_noise_spread}"
+            "read_noise_spread must be 0 for a detector that scans, got "
+            f"{detector.read_noise_spread}"
         )
     star_rate, sky_rate = electron_rate(light, detector, throughput)
     sky = sky_rate * camera.focal_length_px**-2 * detector.exposure
@@ -113,8 +114,8 @@ def _star_positions(
     ends = np.append(start, start[-1] + duration)
     all_ends = np.repeat(ends, len(here)), np.tile(here, (len(ends), 1))
     across = position(*all_ends)[:, 1].reshape(len(ends), len(here))
-    # A star's image can touch the line in an exposure if it is near the line at the start or at the
-    # end, or crosses the line in between.
+    # The image of a star can touch the line in an exposure if it is near the line at the start or
+    # at the end, or crosses the line in between.
     low, high = np.minimum(across[:-1], across[1:]), np.maximum(across[:-1], across[1:])
     near = (low < half_width) & (high > -half_width)
     row, star = np.nonzero(near)

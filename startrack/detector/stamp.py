@@ -26,7 +26,7 @@ def stamp(
     image      (rows, columns) electron
     x, y       (n,) pixel; light outside the image is lost
     electrons  (n,) electron
-    gain       (rows, columns) 1, response of each pixel, None: all are one
+    gain       (rows, columns) 1, response of each pixel; None: 1 for all
     Accuracy   numerical: 4e-6 of the peak, 1e-5 pixel in the centroid, with the sampling that
                optics gives its tables; Gaussians 4e-7 of the peak, 1e-7 pixel.
     """
@@ -133,8 +133,8 @@ def add_path(
     Points near one pixel share samples of the table, so the weights of each sample are summed
     first.
 
-    left, top  pixel (x, y) of the first one of the image
-    gain       one element is for all pixels
+    left, top  pixel (x, y), position of the first pixel of the image
+    gain       response; a single element applies to all pixels
     """
     if len(shape.line):
         for m in range(len(weight)):
@@ -186,8 +186,9 @@ def _is_seen(u, v, rows, columns, shape):  # type: ignore[no-untyped-def]
 def _place(centre: float, pixels: int, shape: PsfTable) -> tuple[int, int, int, int, float]:
     """Along one axis: the nearest pixel, and the first and last pixel of the point's visible image.
 
-    Also the sample before the point, and the distance of the point from it. Pixel p + i reads
-    samples i * oversampling further, with the same weights: a pixel is a stride of the table.
+    Also returned: the sample before the point, and the distance of the point from this sample.
+    Pixel p + i reads samples that are i * oversampling further, with the same weights: a pixel is a
+    stride of the table.
     """
     samples, step = shape.samples, shape.oversampling
     middle = samples // 2

@@ -1,15 +1,15 @@
 """Filter and thresholds -> pixels where noise alone exceeds them, and the digital numbers there.
 
-Noise rarely exceeds a high level in the filtered frame. So the numbers under the filter are drawn
-from a tilted law, in which it often does: the law of each pixel times exp(theta weight number).
-These proposals are accepted with a probability that restores the true law:
+Noise rarely exceeds a high level in the filtered frame. Therefore the numbers under the filter are
+drawn from a tilted law, with which it often does: the law of each pixel times exp(theta weight
+number). These proposals are accepted with a probability that restores the true law:
 
     rate of proposals   exp(K(theta) - theta level)
     accepted with       exp(-theta (filtered - level)),   filtered > level
 
-where K is the logarithm of the expectation of exp(theta filtered). Accepted proposals have exactly
-the rate of crossings, and the law of the numbers under the condition that the filtered pixel
-exceeds the level.
+K is the logarithm of the expectation of exp(theta filtered). Accepted proposals have exactly the
+rate of crossings. Their numbers have the law of the numbers given that the filtered pixel exceeds
+the level.
 
 Source: Siegmund (1976), Importance sampling in the Monte Carlo study of sequential tests, Annals
 of Statistics 4, 673, for the tilted law; here with rejection in place of weights.
@@ -29,7 +29,7 @@ from startrack.detector.parameters import Detector
 LEAST_CUMULANT = -1e9  # K for tiles without pixels
 OUTSIDE = -1
 BISECTIONS = 30  # steps of the search for theta
-CUMULANT_ERROR = 1e-6  # of K, for its interpolation over levels and for its rank
+CUMULANT_ERROR = 1e-6  # error of K, by its interpolation over levels and by its rank
 COUNTED = 64  # sums: up to this number, counting is faster than bisection; by hand
 
 
@@ -54,7 +54,7 @@ def number_distributions(
 
     outliers  (k,) row * columns + column of these pixels
     replaced  (k,) of the pixels that take the mean of their neighbours; None: none
-    Returns   None where the noise spans too many numbers (4096) for a table
+    Returns   None if the noise spans too many numbers (4096) for a table
     """
     law, mean = law_of(detector), background(detector, sky).copy()
     mean.ravel()[outliers] = np.median(mean)
@@ -113,9 +113,9 @@ def tilted_law(
 ) -> TiltedLaw:
     """The theta whose mean is the level, and K of each pixel with its neighbours.
 
-    weight  of the filter, which is mirrored at the frame's border; with a border of zeros where
-            pixels are replaced, so that their neighbours lie under it
-    level   digital number, in the filtered frame
+    weight  weights of the filter, which is mirrored at the frame's border; with a border of zeros
+            if pixels are replaced, so that their neighbours lie under it
+    level   digital number in the filtered frame
     mesh    pixel, side of a tile
     border  pixel; no crossing is drawn nearer to the frame's border
     shift   as in TiltedLaw
@@ -179,8 +179,9 @@ def threshold_crossings(
 ) -> tuple[Ints, Ints]:
     """Draw where the noise of a frame exceeds the levels of its tiles.
 
-    regions  (w, 4) left, top, right, bottom, the last two exclusive: no crossings there
-    Returns  (k,) row * columns + column, and (k, 2 m + 1, 2 n + 1) the digital numbers about it
+    regions  (w, 4) left, top, right, bottom, the last two exclusive: regions without crossings
+    Returns  (k,) row * columns + column of the crossings, and (k, 2 m + 1, 2 n + 1) the digital
+             numbers around them
     Accuracy  model: crossings are independent, which is exact if they are a filter's width apart.
               Crossings that overlap have the frequency of independent ones.
     """
@@ -192,7 +193,7 @@ def threshold_crossings(
 
 
 def _theta(numbers: NumberDistributions, weight: Floats, level: float, middle: float) -> float:
-    """Theta with K'(theta) = level: about half of the proposals exceed it."""
+    """Theta with K'(theta) = level, so that about half of the proposals exceed the level."""
     low, high = 0.0, 1.0
     law = numbers.probability
 
@@ -435,10 +436,11 @@ def _places(
     border: int,
     tilt: TiltedLaw,
 ) -> tuple[Ints, Ints, Ints]:
-    """Tiles, x and y (n,) of proposals. Each step is done for all, so that the processor waits for
-    memory once instead of for each.
+    """Tiles, x and y (n,) of proposals.
 
-    size  random numbers of a proposal
+    Each step is done for all proposals, so that the processor waits for memory only once.
+
+    size  number of random numbers of a proposal
     """
     rows, columns = tilt.complete.shape
     across = -(-columns // mesh)

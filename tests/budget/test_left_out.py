@@ -37,7 +37,10 @@ def test_it_is_said_of_which_unit_something_is_not_counted(case):
     [
         ({"instrument.detector.hits": Hits(rate=1e5)}, "cosmic rays"),
         ({"instrument.detector.lag": 0.02}, "residual charge"),
-        ({"instrument.detector.read_noise_rate": 1e6}, "than at 1, where instrument.detector.read"),
+        (
+            {"instrument.detector.read_noise_rate": 1e6},
+            "than at 1, for which instrument.detector.read",
+        ),
         ({"instrument.motion.rate_z": 10 * deg}, "corners"),
         ({"instrument.optics.blur": 25e-6}, "shifts by noise of a window"),
         ({"catalog.limit_g": 5.0}, "wrong identification"),

@@ -141,7 +141,7 @@ def test_a_place_near_the_earth_has_its_parallax():
         (
             Scene(date=DATE, place=MARS),
             Selection(parallax=True),
-            "scene.place must lie within 0.1 AU of the Earth where catalog.parallax is true",
+            "scene.place must lie within 0.1 AU of the Earth if catalog.parallax is true",
         ),
         (Scene(date=DATE, place=MARS), Selection(aberration=True), "got 0.5 AU"),
     ],

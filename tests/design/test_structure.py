@@ -145,7 +145,7 @@ def test_a_profile_stands_for_its_sinusoid():
     for (one, by), (other, same) in zip(*both, strict=True):
         assert one.name == other.name
         assert by == pytest.approx(same, rel=1e-4)
-    with pytest.raises(Refused, match="of one length of two or more"):
+    with pytest.raises(Refused, match="must have one common length of two or more"):
         replace(profile, gradient_x_profile=(0.0, 1.0))
 
 
@@ -285,5 +285,5 @@ def test_heat_drives_the_head():
     table = {one.name: one for one in case.varying}["instrument.optics.focal_length"]
     swing = 23.6e-6 * np.ptp(found.head)
     assert np.ptp(np.array(table.values, float)) == pytest.approx(swing, rel=0.01)
-    with pytest.raises(Refused, match="must be left out beside swing"):
+    with pytest.raises(Refused, match="must be left out if swing"):
         Structure(heat=heat, swing=1.0)

@@ -170,5 +170,5 @@ def test_draws_of_what_is_not_known_are_conditions_of_a_campaign(written):
 
 
 def test_draws_need_something_that_is_not_known(written):
-    with pytest.raises(Refused, match=r"campaign.unknown_draws must be 0 where no value"):
+    with pytest.raises(Refused, match=r"campaign.unknown_draws must be 0 if no value"):
         load_design(written(""), ["campaign.unknown_draws=2"]).asked  # noqa: B018

@@ -110,9 +110,7 @@ def test_what_is_linked_follows():
         DesignSpace(
             CASE, (FOCAL,), (Link("instrument.optics.focal_length", "instrument.optics.blur"),)
         )
-    with pytest.raises(
-        ValueError, match=r"optics\.k1 must be positive where a link holds it, got 0"
-    ):
+    with pytest.raises(ValueError, match=r"optics\.k1 must be positive if a link uses it, got 0"):
         DesignSpace(
             CASE, (FOCAL,), (Link("instrument.optics.k1", "instrument.optics.focal_length"),)
         )

@@ -110,7 +110,7 @@ def test_a_unit_without_number_is_as_designed():
 @pytest.mark.parametrize(
     ("variation", "message"),
     [
-        ({"name": "tracker.attitude.gate", "sigma": 1.0}, "only the truth varies"),
+        ({"name": "tracker.attitude.gate", "sigma": 1.0}, "only true values vary"),
         ({"name": READ, "sigma": 1.0}, "must have a unit"),
         ({"name": READ, "sigma": "1 mm"}, "converts to electron"),
         ({"name": "instrument.optics.nothing", "sigma": 1.0}, "nothing is none"),

@@ -39,5 +39,5 @@ def test_the_map_of_a_device_is_always_the_same_and_without_hits():
 
 def test_lines_are_refused():
     lines = dataclasses.replace(DETECTOR, defects=None, scan=Scan())
-    with pytest.raises(ValueError, match="dark_map must be left out where lines scan"):
+    with pytest.raises(ValueError, match="dark_map must be left out for a detector that scans"):
         dark_frames(lines, 2)

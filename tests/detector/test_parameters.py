@@ -129,7 +129,7 @@ def test_rates_of_lines():
     ],
 )
 def test_lines_are_without_what_a_matrix_has(name, value):
-    with pytest.raises(ValueError, match=f"{name} must be left out where lines scan"):
+    with pytest.raises(ValueError, match=f"{name} must be left out for a detector that scans"):
         replace(DETECTOR, exposure=1e-2, scan=Scan(), **{name: value})
 
 

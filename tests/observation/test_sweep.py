@@ -179,8 +179,11 @@ def test_a_scanning_design_survives_a_file(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"scan": Scan(), "lag": 0.1}, "lag must be left out where lines scan"),
-        ({"scan": Scan(), "row_delay": 1e-6}, "row_delay must be left out where lines scan"),
+        ({"scan": Scan(), "lag": 0.1}, "lag must be left out for a detector that scans"),
+        (
+            {"scan": Scan(), "row_delay": 1e-6},
+            "row_delay must be left out for a detector that scans",
+        ),
         (
             {"scan": Scan("staggered"), "pixel_rate": 1.5e5},
             "must read 200 pixel within an exposure",
@@ -196,7 +199,7 @@ def test_what_lines_cannot_do_is_refused(changes, words):
     ("changes", "words"),
     [
         ({"kind": "tdl"}, "kind must be one of line, staggered, tdi, lines, got 'tdl'"),
-        ({"kind": "lines"}, "lines must be given for the kind 'lines' alone"),
+        ({"kind": "lines"}, "lines must be given only for the kind 'lines'"),
         ({"kind": "line", "stages": 3}, "stages must be 1 for the kind 'line', got 3"),
     ],
 )

@@ -123,7 +123,7 @@ def test_a_campaign_of_covariances_takes_it(tmp_path):
     assert (wanted.note, made.note) == ("", "")
     assert made.error == pytest.approx(wanted.error, rel=0.01)
     assert made.expected == pytest.approx(wanted.expected, rel=0.01)
-    with pytest.raises(ValueError, match="f_number must not be a variable beside psf_file"):
+    with pytest.raises(ValueError, match="f_number must not be a variable if psf_file"):
         DesignSpace(filed, tuple(v for v in design.campaign.variables if "f_number" in v.name))
 
 

@@ -113,7 +113,7 @@ def test_without_a_trial_the_score_of_a_design_is_its_cost(small, campaign):
 
 def test_a_cost_of_nothing_is_refused(small):
     needs = dataclasses.replace(small.campaign.requirements, power_fixed=0.0, energy_per_bit=0.0)
-    with pytest.raises(Refused, match="power must be positive to be made small, got 0"):
+    with pytest.raises(Refused, match="power must be positive to be minimised, got 0"):
         Campaign(minimise="power", requirements=needs).cost(small.case)
     with pytest.raises(Refused, match="minimise must be one of error, mass"):
         Campaign(minimise="noise")

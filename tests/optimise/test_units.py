@@ -89,7 +89,7 @@ def test_trials_of_the_units_correct_the_level():
     [
         ({"units": 1.5}, r"units must lie in \(0, 1\), such as 0.95, got 1.5"),
         ({"age": "old"}, "age must be begin, end or a time such as 3 yr, got 'old'"),
-        ({"requirements": Requirements(sky="worst")}, "units must be left out where"),
+        ({"requirements": Requirements(sky="worst")}, "units must be left out if"),
     ],
     ids=["fraction", "age", "worst sky"],
 )

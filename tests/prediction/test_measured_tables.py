@@ -194,7 +194,7 @@ def test_a_dark_variance_below_a_quarter_says_nothing(tmp_path):
         (
             'figure = "photon transfer"\nfile = "x.csv"',
             "mean,variance\n0,1\n1,2\n",
-            "must have a dark level and 3 of light, below 70% of the light of the largest",
+            "must have a dark level and 3 levels with light, below 70% of the light of the largest",
         ),
         ('figure = "star table"\nfile = "x.csv"', "magnitude\n1\n", "one of the columns electrons"),
         (
@@ -207,7 +207,7 @@ def test_a_dark_variance_below_a_quarter_says_nothing(tmp_path):
             "",
             "told[0].axis must be left out",
         ),
-        ('figure = "SNR"\nnumber = 3.0', "", "magnitude must be given of the told figure 'SNR'"),
+        ('figure = "SNR"\nnumber = 3.0', "", "magnitude must be given for the told figure 'SNR'"),
     ],
 )
 def test_what_is_no_table_is_said(tmp_path, entry, text, words):

@@ -181,7 +181,7 @@ def test_a_told_figure_of_two_heads_says_what_one_of_one_head_does():
     ("more", "words"),
     [
         ({"heads": 2}, "angle must be given, got heads = 2"),
-        ({"angle": 1.0}, "angle must be left out of one head, got heads = 1"),
+        ({"angle": 1.0}, "angle must be left out for one head, got heads = 1"),
         ({"heads": 3, "angle": 2.2}, "angle must be at most 120 deg between neighbours of 3 heads"),
     ],
 )
