@@ -21,10 +21,11 @@ search_log         A search -> a file with a line for each forecast and each des
 landscape          Emulators of a design space -> ranges and prices around its best design.
 steps              The steps of the optimiser: start, forecasts, correction, refinement,
                    confirmation.
-units              Fresh units of a design -> the level that a fraction of them keeps, and yields.
-optimise           Campaign, TrialRunner -> the best design that was found, and how good it is.
-improve            Problem -> a better one: forecasts, trials that correct them, fresh trials that
-                   decide.
+units              Fresh units of a design -> the error that a fraction of them does not exceed, and
+                   yields.
+optimise           Campaign, TrialRunner -> the best design that was found, judged by fresh trials.
+improve            Problem -> a better problem: forecasts, trials that correct them, fresh trials
+                   that decide.
 problem_source     Problem, ledger -> inputs of the engines: forecasts, trials, costs.
 problem_sweep      A problem, one or two of its keys -> objective and margins at each value; limits.
 pareto             Designs, two goals -> the designs that no other design beats in both.
@@ -35,7 +36,7 @@ what_matters       Designs around a design -> effect, share of the variance and 
                    variable.
 figures            Design -> its errors, availability, margins and costs, by formula or by trials.
 sweep              Values of one or two keys of a design file -> the figures of the design at each.
-solve_for          A key, a limit -> the values of the key at which the design just keeps it.
+solve_for          A key, a limit -> the values of the key at which the design just meets the limit.
 allocation         Case, units -> gain of each tolerance and each lever of a design.
 ensemble           Log-probability -> samples and their convergence diagnostics (emcee).
 priors             Laws of unknown values of a design -> variables of a sampling, with densities.

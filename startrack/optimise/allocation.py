@@ -13,17 +13,17 @@ from startrack.metrics import Interval, quantile_of_few, resampled_interval
 from startrack.optimise.units import resampled_units
 from startrack.verification import units_expected
 
-ENVIRONMENTS = 2  # of each unit; chosen by hand: time against the rms of a unit
+ENVIRONMENTS = 2  # environments of each unit; by hand: time against the error of a unit's rms
 BOOTSTRAP = 4  # names the stream of the resampling
 
 
 @printed
 class LeverChange(NamedTuple):
-    """A design that differs in one thing.
+    """A design with one change.
 
     name   name of the changed value
     text   the values before and after; "" for a tolerance, which is halved
-    price  of a tolerance, in the unit of the requirements' cost
+    price  cost of halving a tolerance, in the unit of the requirements' cost
     """
 
     name: str
@@ -36,7 +36,7 @@ class LeverChange(NamedTuple):
 class LeverGain:
     """Gain of one change of the design.
 
-    change  and the design that has it
+    change  the change, with the changed design
     level   radian, decrease of the level over units, with its interval
     yields  1, increase of the yield of each limit, with its interval
     """
@@ -50,12 +50,12 @@ class LeverGain:
 class Allocation:
     """Changes of a design, the largest gain first.
 
-    age       second, of the units
-    fraction  1, of the units, which do not exceed the level
-    level     radian, of the objective
-    yields    1, of each limit
-    gains     of each change
-    refused   changes that the design cannot have, and why
+    age       second, age of the units
+    fraction  1, fraction of the units that does not exceed the level
+    level     radian, level of the objective
+    yields    1, yield of each limit
+    gains     gain of each change
+    refused   changes that the design refuses, and why
     """
 
     age: float
@@ -78,13 +78,13 @@ def allocation(
 ) -> Allocation:
     """Gains of each change alone, on the same draws of the same units.
 
-    At the end of life. Intervals are by a bootstrap over the units, the same ones before and after,
-    so that what all have in common does not count: those of `resampled_interval` of the level,
-    percentiles of the yields.
+    The units are at the end of life. Intervals are by a bootstrap over the units: from
+    `resampled_interval` for the level, percentiles for the yields. The units are the same before
+    and after a change, so that differences that all have in common do not widen the intervals.
 
-    fraction  1, of the units, whose level counts
+    fraction  1, fraction of the units that must not exceed the level
     progress  called with 1 for each unit
-    Accuracy  model: that of the budget; gains of two tolerances do not add where one hides another.
+    Accuracy  model: that of the budget; gains of two tolerances do not add if one hides the other.
     """
     age = case.end_of_life
     asked = [objective, *(limit.objective for limit in limits)]
@@ -149,19 +149,19 @@ STEPS = {
     "instrument.detector.exposure": 1.5,
 }
 STIFFER = {"aluminium": "titanium", "titanium": "invar", "invar": "carbon"}
-FEET, THIN = "instrument.structure.feet_thickness", 2e-3  # metre: they give way to a panel
-HALVED = {"gradient": ("_x", "_y"), "detector_offset": ("",)}  # of a structure
-WATT = 0.5  # of a heater
-DEEPER = 0.5  # magnitude
-HIGHEST, FIRST_MAP, FINEST_MAP = 7, 5, 9  # order of a polynomial; nodes along a side
+FEET, THIN = "instrument.structure.feet_thickness", 2e-3  # metre: thin feet follow the panel
+HALVED = {"gradient": ("_x", "_y"), "detector_offset": ("",)}  # keys of a structure
+WATT = 0.5  # watt, power of a heater
+DEEPER = 0.5  # magnitude, step of the depth of the catalogue
+HIGHEST, FIRST_MAP, FINEST_MAP = 7, 5, 9  # order of a polynomial; nodes along a side of a map
 
 
 def levers(case: design.Case) -> Iterator[LeverChange]:
-    """Possible changes of a designer besides tolerances, each by a step (`STEPS`).
+    """Changes that a designer can make in addition to tolerances, each by a step (`STEPS`).
 
-    Number of tracked stars, catalogue, calibration, causes of the residual, structure, colour,
-    lens and exposure; values that the design does not have, or that are at their bound, are left
-    out.
+    They are changes of number of tracked stars, catalogue, calibration, causes of the residual,
+    structure, colour, lens and exposure. Values that the design does not have, or that are at their
+    bound, are left out.
     """
     wanted = dict[str, Any]()
     for name, factor in STEPS.items():
@@ -210,7 +210,7 @@ def levers(case: design.Case) -> Iterator[LeverChange]:
 
 
 def _value(case: design.Case, name: str) -> Any:
-    """A number of a case; None where it has none."""
+    """A number of a case; None if the case does not have it."""
     part: Any = case
     for step in name.split("."):
         part = getattr(part, step, None)

@@ -8,11 +8,11 @@ from startrack.core import Refused
 from startrack.design import Case
 from startrack.optics import COARSE
 
-ENVIRONMENTS = 2  # of each unit, in a search; chosen by hand: time against the rms of a unit
+ENVIRONMENTS = 2  # of each unit in a search; by hand: time against the error of a unit's rms
 
 
 def _coarse(case: Case) -> Case:
-    """The case with images of few wavelengths, as each design behind a lens table needs its own."""
+    """The case with images of few wavelengths: each design with a lens table needs its own."""
     optics = case.instrument.optics
     if not (optics.tabulated and optics.psf_tolerance < COARSE):
         return case
@@ -22,7 +22,7 @@ def _coarse(case: Case) -> Case:
 
 @lru_cache(maxsize=16)
 def budget_or_none(case: Case) -> Budget[ErrorLaw] | None:
-    """The analytic budget, None where it expects no attitude anywhere; of the 16 last cases."""
+    """The analytic budget; None if it expects no attitude; cached for the last 16 cases."""
     try:
         return analytic(_coarse(case))
     except Refused:
@@ -38,7 +38,7 @@ def budget_of(case: Case) -> Budget[ErrorLaw]:
 def budgets_of_units(
     case: Case, seed: int, age: float, first: int, count: int, environments: int = ENVIRONMENTS
 ) -> UnitBudgets | None:
-    """The analytic budgets of some units, None where one has no attitude; of the 16 last cases."""
+    """Analytic budgets of some units; None if one has no attitude; cached for 16 cases."""
     try:
         return unit_budgets(_coarse(case), seed, count, age, environments, first=first, apart=False)
     except Refused:

@@ -17,9 +17,9 @@ from startrack.optimise.limit import SCATTER
 class Correction:
     """ln(measured error / expected error) as a linear function over the cube, and its covariance.
 
-    The relative standard error of n trials is 1 / sqrt(4 n) at best, more than the difference
-    between neighbouring designs. The budget has no noise but an error that changes slowly over the
-    cube, which the trials of all designs estimate together.
+    The relative standard error of n trials is at best 1 / sqrt(4 n), which is more than the
+    difference between neighbouring designs. The budget has no noise, but it has an error that
+    changes slowly over the cube. The trials of all designs estimate this error together.
 
     middle      (d,) unit-cube coordinates
     terms       (d + 1,) the value at the middle, and the slope
@@ -45,8 +45,8 @@ class Correction:
         return math.sqrt(float(apart @ self.covariance @ apart))
 
 
-# Standard deviations of ln(measured / expected) and of its slope over the cube. Chosen by hand: the
-# wider, the more the noise of few designs moves the correction.
+# Standard deviations of ln(measured / expected) and of its slope over the cube. Chosen by hand:
+# with a wider prior, the noise of few designs changes the correction more.
 PRIOR = 0.3
 PRIOR_SLOPE = 0.1
 
@@ -54,8 +54,8 @@ PRIOR_SLOPE = 0.1
 def fit_correction(tried: Sequence[Evaluation], middle: Floats, radius: float) -> Correction:
     """Fit the correction to the designs within `radius` of the middle along each axis.
 
-    Least squares weighted by the trials of each design, with Gaussian priors on the value and the
-    slopes, so that terms that few designs constrain stay near zero. A cost needs no correction.
+    It is a least-squares fit, weighted by the numbers of trials. Gaussian priors on the value and
+    the slopes keep terms near zero that few designs constrain. A cost needs no correction.
     """
     if any(math.isfinite(evaluation.cost) for evaluation in tried):
         none = np.zeros(len(middle) + 1)

@@ -16,18 +16,21 @@ from startrack.optimise.explorer_settings import DEFAULTS, ExplorerSettings
 from startrack.optimise.gaussian_process import Emulator, emulator
 from startrack.optimise.search import minimise_smooth
 
-SOLVED = "solved"  # an emulated margin: 1 where a design has a forecast, -1 where it has none
+SOLVED = "solved"  # an emulated margin: 1 if a design has a forecast, -1 if it has none
 
 
 class Scale(NamedTuple):
-    """Scale on which a margin is emulated: from -1 to 1, with the sign of the margin. The scale is
-    most sensitive near zero.
+    """Scale on which a margin is emulated: from -1 to 1, with the sign of the margin.
 
-        margins    m / sqrt(m^2 + margin_width^2)
-        of chances the same of ln(room / (room - m)) and 1: the unavailability against its limit
+    It is most sensitive near zero:
 
-    room      1, of a chance: one less the least that is asked; 0: of any other margin
-    settings  of which the scale takes `margin_width` and `least_chance`
+        other margins     m / sqrt(m^2 + margin_width^2)
+        of probabilities  x / sqrt(x^2 + 1),   x = ln(room / (room - m))
+
+    x compares the unavailability with its limit.
+
+    room      1, for a probability: one minus the required probability; 0 for any other margin
+    settings  settings, of which the scale uses `margin_width` and `least_chance`
     """
 
     room: float = 0.0
@@ -42,7 +45,7 @@ class Scale(NamedTuple):
         return np.asarray(log / np.hypot(log, 1.0))
 
     def missing(self, place: Floats) -> Floats:
-        """The amounts by which margins at places on the scale are missed."""
+        """Amounts by which margins are missed, from their places on the scale."""
         short = np.clip(-place, 0.0, 0.999)
         ratio = short / np.sqrt(1 - short**2)
         if self.room:
@@ -51,24 +54,24 @@ class Scale(NamedTuple):
 
 
 class WholeNumbers(Protocol):
-    """Designs some of whose coordinates are those of whole numbers."""
+    """Designs with some coordinates that stand for whole numbers."""
 
     @property
     def whole(self) -> Flags:
-        """Coordinates (d,) that are those of whole numbers."""
+        """Flags (d,): which coordinates stand for whole numbers."""
 
     def snapped(self, point: Floats) -> Floats:
-        """Point (d,) of the same design, with its whole numbers rounded."""
+        """The point (d,) with its whole numbers rounded."""
 
 
 @dataclass(frozen=True, eq=False)
 class Emulators:
     """Expected values of any design, from all forecasts together.
 
-    objective  ln(error / arcsec)
-    margins    of those that some design misses, by name, each on its scale
-    scales     of the margins that are chances, by name
-    settings   of the scales of the others, and how far a limit must be met
+    objective  emulator of ln(error / arcsec)
+    margins    emulators of the margins that some design misses, by name, each on its scale
+    scales     scales of the margins that are probabilities, by name
+    settings   settings of the other scales, and by how much a limit must be met
     """
 
     objective: Emulator
@@ -81,7 +84,7 @@ class Emulators:
         return self.scales.get(name, Scale(settings=self.settings))
 
     def score(self, points: Floats, sigmas: float = 0.0) -> Floats:
-        """The score (m,) of designs (m, d) if all is better by some standard deviations."""
+        """The score (m,) of designs (m, d), with all values better by some standard deviations."""
         score, sigma = self.objective.expected_and_sigma(points)
         score = score - sigmas * sigma
         for name, margin in self.margins.items():
@@ -99,10 +102,10 @@ class Emulators:
     ) -> tuple[Floats, float]:
         """The design of the least score, by nlopt's SLSQP (Kraft 1994) from some starts (m, d).
 
-        correction  is added to the objective
+        correction  correction that is added to the objective
         box         (d,) least and largest coordinates; None: the whole cube
-        steps       whole numbers among the coordinates, which the starts respect; the others are
-                    searched again where these are rounded. None: there are none
+        steps       whole numbers among the coordinates, which the starts respect. After they are
+                    rounded, the other coordinates are searched again. None: there are none
         Returns     the design (d,) and its score
         """
         low, high = box or (np.zeros(starts.shape[1]), np.ones(starts.shape[1]))
@@ -138,7 +141,7 @@ class Emulators:
         return best, least
 
     def with_point(self, point: Floats) -> Emulators:
-        """The emulators if they were right at one more design (d,)."""
+        """The emulators with their own prediction as the value at one more design (d,)."""
         margins = {name: margin.with_point(point) for name, margin in self.margins.items()}
         return replace(self, objective=self.objective.with_point(point), margins=margins)
 
@@ -152,8 +155,8 @@ def emulators(
 ) -> Emulators:
     """The emulators of some forecasts.
 
-    scales   of the margins that are chances, by name
-    like     of fewer forecasts of the same space
+    scales   scales of the margins that are probabilities, by name
+    like     emulators of fewer forecasts of the same space
     Raises   Refused if no design has a forecast.
     """
     beyond = settings.inexact_objective
@@ -178,7 +181,7 @@ def emulators(
         margin = np.array([value.margins[name] for value in values if name in value.margins])
         if (margin < 0).any():
             place = scales.get(name, Scale(settings=settings)).of(margin)
-            # What all designs have are costs, which are smooth everywhere.
+            # Margins that all designs have are of costs, which are smooth everywhere.
             missed = settings.inexact_margin
             short = np.maximum(-place - missed, 0.0) / missed
             unsure = None if present.all() else doubt[present] + short**2

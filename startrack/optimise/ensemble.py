@@ -21,15 +21,15 @@ LONG_ENOUGH = 50  # autocorrelation times; emcee's documentation, "Autocorrelati
 # 16, 667, section 4.
 FEWEST = 400
 FARTHEST = 1.01
-# Chosen by hand, wide around the 0.2 to 0.5 of Foreman-Mackey et al. (2013): a chain outside
-# hardly moves, or its steps are too small.
+# Accepted fraction of the moves. Chosen by hand, a wide range around the 0.2 to 0.5 of
+# Foreman-Mackey et al. (2013): below it a chain hardly moves, above it the steps are too small.
 LEAST_ACCEPTED, MOST_ACCEPTED = 0.05, 0.95
-BURN_IN = 5  # 1 / fraction of the chain that is discarded; chosen by hand: bias against number
-REPEATS = 12  # of a random log-probability, to estimate its noise; chosen by hand
-# Largest standard deviation of a log-probability that is sampled. Chosen by hand: above about 1,
-# walkers stay for many steps at points whose value is high by chance.
+BURN_IN = 5  # a fifth of the chain is discarded; chosen by hand: bias against number of samples
+REPEATS = 12  # evaluations of a random log-probability, to estimate its noise; chosen by hand
+# Largest standard deviation of a log-probability that may be sampled. Chosen by hand: above about
+# 1, walkers stay for many steps at points whose value is high by chance.
 NOISIEST = 1.0
-PARTS = ("chain", "log_prob", "accepted", "key", "rest")  # of a stretch in the ledger
+PARTS = ("chain", "log_prob", "accepted", "key", "rest")  # arrays of a stretch in the ledger
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Chains:
     """Samples without their burn-in.
 
     samples          (ensembles, steps, walkers, d)
-    acceptance       1, fraction of moves that are accepted, of the ensemble where it is least
+    acceptance       1, fraction of moves that are accepted, in the ensemble with the least
     autocorrelation  (d,) step, integrated autocorrelation time of each variable
     """
 
@@ -79,7 +79,7 @@ class Chains:
 
     @property
     def split_r_hat(self) -> Floats:
-        """(d,) standard deviation of all samples over that within the halves of ensembles.
+        """Standard deviation (d,) of all samples over the one within the halves of ensembles.
 
             R^2 = (W + B) / W
 

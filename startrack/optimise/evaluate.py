@@ -22,13 +22,13 @@ from startrack.optimise.runner import TrialRunner
 from startrack.verification import boresights, cost_margins, counted, margin, measured_over
 from startrack.verification import margins as margins_of
 
-# ln(error) for each unit of a margin that is missed. Chosen by hand: it must exceed the slope of
-# ln(error) along every margin; a larger one makes the valley along a limit narrower.
+# ln(error) per unit of a missed margin. Chosen by hand: it must exceed the slope of ln(error) along
+# every margin; a larger one makes the valley along a limit narrower.
 PENALTY = 10.0
-# Amount by which mass, power and other costs may miss their limits where a budget is computed: so
-# much, that emulators know both sides of a limit. Chosen by hand.
+# Largest amount by which mass, power and other costs may miss their limits for a budget to be
+# computed. Emulators then know both sides of a limit. Chosen by hand.
 MOST_EXCESS = 0.05
-LOST = 20.0  # ln(arcsec) of a design that no trial solves; chosen by hand: far above any error
+LOST = 20.0  # ln(arcsec) of a design without a solved trial; by hand: far above any error
 
 
 @printed
@@ -38,14 +38,14 @@ class Evaluation:
 
     coordinates  (d,) in the unit cube
     values       of the variables, SI
-    error        radian, the objective; NaN where no trial was solved
-    expected     radian, the objective by the analytic budget; NaN where it expects no attitude
+    error        radian, the objective by trials; NaN if no trial was solved
+    expected     radian, the objective by the analytic budget; NaN if it expects no attitude
     score        the function that is minimised, see `evaluate`
-    margins      of the requirements, with those of errors and availability; below 0, not met
-    summary      of the trials in the design's own condition, None if no trial was run
+    margins      margins of the requirements, errors and availability included; below 0: not met
+    summary      summary of the trials in the design's own condition; None if no trial was run
     note         reason why no trial was run, or empty
-    forecast     by the budget, of the margins that trials measured
-    tried        number of trials, where there is no summary
+    forecast     forecasts by the budget of the margins that trials measured
+    tried        number of trials if there is no summary
     cost         SI, the cost that the campaign minimises; NaN if it minimises the error
     """
 
@@ -87,25 +87,25 @@ def evaluate(
 
         score = ln(expected / arcsec) + correction(coordinates) + PENALTY sum(max(0, -margin))
 
-    The budget gives the differences between designs without noise. Trials, with the same attitudes
-    and random streams for every design, give what the budget neglects: the correction, and how
-    often an attitude is found. Of several conditions, `expected` is the geometric mean by their
-    weights; those of weight 0 have trials where they are asked for, else the budget's margins. Over
-    units, `expected` is the level that the asked fraction of them does not exceed by their budgets,
-    with the same units for every design; trials of these units give the correction, as the error of
-    all of them together over what the budgets expect of it. An L1 penalty has the same minimum as
-    the constrained problem where PENALTY exceeds the slope of ln(error) along the margin (Fletcher
-    1987, Practical Methods of Optimization, 14.3).
+    The budget gives the differences between designs without noise. Trials give what the budget
+    neglects: the correction, and how often an attitude is found. They have the same attitudes and
+    random streams for every design. For several conditions, `expected` is the geometric mean by
+    their weights. Conditions of weight 0 have trials only if they are named in `close`, otherwise
+    the budget's margins. Over units, `expected` is the level that the required fraction of the
+    units does not exceed by their budgets, with the same units for every design. Trials of these
+    units give the correction: the error of all units together over its forecast by the budgets. An
+    L1 penalty has the same minimum as the constrained problem if PENALTY exceeds the slope of
+    ln(error) along the margin (Fletcher 1987, Practical Methods of Optimization, 14.3).
 
-    A campaign that makes a cost small has ln(cost) in place of the first two terms: no trial
-    corrects it, and errors count by the margins of their limits alone.
+    A campaign that minimises a cost has ln(cost) in place of the first two terms. No trial corrects
+    it, and errors count only by the margins of their limits.
 
-    trials      None for the campaign's first number
-    correction  ln(error / expected) at unit-cube coordinates, None for zero
-    spare       whether no trials are run where a requirement that needs none is missed
-    known       what is expected of the design already; None: it is computed
-    close       names of conditions of weight 0 that are tried, too
-    Returns     an evaluation; its note is the reason where a design cannot be built or rendered
+    trials      number of trials; None: the campaign's first number
+    correction  function: unit-cube coordinates -> ln(error / expected); None: zero
+    spare       whether no trials are run if a requirement that needs no trials is missed
+    known       forecast of the design; None: it is computed
+    close       names of conditions of weight 0 that are also tried
+    Returns     an evaluation; its note is the reason if a design cannot be built or rendered
     """
     coordinates = np.clip(coordinates, 0, 1)
     values = space.values(coordinates)
@@ -160,7 +160,8 @@ def combined(
 ) -> float:
     """The objective (radian) over the trials of all conditions that have a weight.
 
-    foreseen  of each condition, whose budgets say how the level over units is from all trials
+    foreseen  forecast of each condition; its budgets give the ratio of the level over units to the
+              error of all trials
     """
     counted = [condition for condition in judged if condition.weight and condition.name in tried]
     errors = [
@@ -175,11 +176,11 @@ def combined(
 class Foresight(NamedTuple):
     """Expected values of a design without a trial.
 
-    expected    ln of the minimised quantity, the objective in arcsec or a cost; NaN where no
-                attitude is expected
-    margins     of the requirements; none where the design cannot be built
+    expected    ln of the minimised quantity, the objective in arcsec or a cost; NaN if no attitude
+                is expected
+    margins     margins of the requirements; none if the design cannot be built
     conditions  forecast of each condition that was computed, by its name
-    lasting     false where the machine refused the design, such as for lack of memory; no ledger
+    lasting     false if the machine refused the design, for example for lack of memory; no ledger
                 keeps such a forecast
     """
 
@@ -190,12 +191,12 @@ class Foresight(NamedTuple):
 
     @property
     def left_out(self) -> bool:
-        """Whether the design costs far too much, so that its budget was not computed."""
+        """Whether the costs miss their limits by so far that no budget was computed."""
         return bool(self.margins) and math.isnan(self.expected) and not self.conditions
 
     @property
     def score(self) -> float:
-        """Score as for `evaluate`; infinite where no attitude is expected."""
+        """Score as for `evaluate`; infinite if no attitude is expected."""
         if math.isnan(self.expected):
             return math.inf
         return self.expected + PENALTY * missed(self.margins)
@@ -211,15 +212,15 @@ class Foresight(NamedTuple):
         return cls(expected, margins, {name: Forecast(*row) for name, row in conditions.items()})
 
 
-NOTHING = Foresight(math.nan, {})  # of a design that cannot be built
+NOTHING = Foresight(math.nan, {})  # forecast of a design that cannot be built
 
 
 def foresee(space: DesignSpace, campaign: Campaign, coordinates: Floats, seed: int = 1) -> float:
-    """The score of a design without a trial; infinite where it cannot be built.
+    """The score of a design without a trial; infinite if it cannot be built.
 
-    seed      of the units, where it is judged over units
-    Accuracy  model: that of the budget. The result of a search needs trials too, as an optimiser
-              is drawn to designs whose error the model underestimates.
+    seed      seed of the units, if the design is judged over units
+    Accuracy  model: that of the budget. The result of a search also needs trials, because an
+              optimiser favours designs whose error the model underestimates.
     """
     return foresee_all(space, campaign, [coordinates], seed=seed)[0].score
 
@@ -239,9 +240,9 @@ def foresee_all(
 
     A runner's ledger keeps them, so that none is computed again after an interruption.
 
-    enough  score, above which a design is not forecast in conditions without a weight
-    most_excess  amount by which costs miss their limits, above which a design is not forecast
-    known   what is expected in some conditions already, of a single design
+    enough  score above which a design is not forecast in conditions without a weight
+    most_excess  excess of costs over their limits above which a design is not forecast
+    known   known forecasts of a single design in some conditions
     progress  called with the number of known designs, and then with 1 for each computed one
     """
     cases = [_built(space, coordinates) for coordinates in points]
@@ -274,7 +275,7 @@ def foresee_all(
 
 
 def _built(space: DesignSpace, coordinates: Floats) -> Case | None:
-    """The design of a point; None where it contradicts itself."""
+    """The design of a point; None if it contradicts itself."""
     try:
         return space.design(coordinates)
     except Refused:
@@ -289,7 +290,7 @@ def _foreseen(
     most_excess: float,
     known: Mapping[str, Forecast],
 ) -> Foresight:
-    """Forecast of a design; None for None, and where the design contradicts itself."""
+    """Forecast of a design; NOTHING for None, and if the design contradicts itself."""
     if case is None:
         return NOTHING
     objective = campaign.goal
@@ -322,9 +323,9 @@ def _log_arcsec(angle: float) -> float:
 def measured_margins(
     condition: Judged, outcomes: Rows, seed: int, foreseen: Forecast | None = None
 ) -> dict[str, float]:
-    """The margins that need trials, as these found them, without regard to their interval.
+    """The margins that need trials, as measured by the trials, without their intervals.
 
-    foreseen  what is expected of the case, where it is judged over units
+    foreseen  forecast of the case, if it is judged over units
     """
     needs, every = condition.needs, outcomes
     outcomes = counted(condition.needs, condition.case, seed, outcomes)

@@ -1,4 +1,4 @@
-"""Source of designs -> forecasts of the most informative designs, and emulators of their values."""
+"""Source of designs -> forecasts of the most informative designs, and emulators of these."""
 
 from __future__ import annotations
 
@@ -25,15 +25,16 @@ from startrack.optimise.source import DesignSource, affordable
 class Explorer:
     """The forecasts of designs so far, and emulators that predict the values of any other design.
 
-    The next designs are those of the least mean of the emulators, and of the least lower
-    confidence bound, at `sigmas`. Source: Cox and John (1992), IEEE Conference on Systems, Man and
-    Cybernetics.
+    The next designs are those with the least mean of the emulators, and with the least lower
+    confidence bound, at `sigmas`.
 
-    label     of the branch that the designs belong to
+    Source: Cox and John (1992), IEEE Conference on Systems, Man and Cybernetics.
+
+    label     label of the branch of the designs
     points    coordinates (d,) of the designs in the unit cube
-    limits    of the margins that trials decide, by name: what the fresh trials can show, and how
-              trials correct the forecasts; without any, forecasts are not corrected
-    raw       forecasts of the designs, as the budget gives them
+    limits    limits of the margins that trials decide, by name: the margins that fresh trials can
+              confirm, and the correction of forecasts by trials; none: no correction
+    raw       forecasts of the designs by the budget, without correction
     values    the forecasts after the correction by `limits`
     ending    why the search ended; empty while it runs
     watch     called after new forecasts
@@ -99,7 +100,7 @@ class Explorer:
             self._emulators = 0, self._emulators[1]
 
     def complete(self) -> bool:
-        """Forecast the best design in all conditions; again where another one is then the best.
+        """Forecast the best design in all conditions; repeat if another design is then the best.
 
         Returns  whether a score changed
         """
@@ -144,7 +145,7 @@ class Explorer:
         )
 
     def _used_fractions(self, value: Foresight, names: Iterable[str]) -> list[float]:
-        """Fraction that a design uses of the room that each of some margins has."""
+        """Fraction of its limit that a design uses, for each of some margins."""
         rooms = [(name, self.scales.get(name, Scale()).room or 1.0) for name in names]
         return [(room - value.margins[name]) / room for name, room in rooms]
 
@@ -161,7 +162,8 @@ class Explorer:
         ]
 
     def met(self, point: Floats) -> bool:
-        """Whether fresh trials will probably show that a design meets all limits, or nearly so."""
+        """Whether fresh trials will probably show that a design meets, or nearly meets, all
+        limits."""
         value = self.forecast_of(point)
         needless = [margin for name, margin in value.margins.items() if name not in self.limits]
         limited = value.margins.keys() & self.limits.keys()
@@ -222,7 +224,7 @@ class Explorer:
         self._spanned = self._polished = np.inf
 
     def begin(self, start: Floats, most: int) -> None:
-        """Forecast the start, and designs over the whole space whose costs keep their limits."""
+        """Forecast the start, and designs over the whole space whose costs meet their limits."""
         per_variable, besides = self.settings.first_per_variable, self.settings.first_besides
         count = min(per_variable * len(self.source.names) + besides, most)
         random = self._random(0, "first designs to forecast")
@@ -235,11 +237,19 @@ class Explorer:
     def step(self, most: int) -> None:
         """Forecast the next designs, or say in `ending` why there are none.
 
+<<<<<<< HEAD
         Where the emulators propose no design, the ends of the spans are forecast. The emulators
         expect these to be as good as the best: the forecasts test that. After them, designs next to
         the best are forecast, because emulators cannot resolve gains below the roughness of the
         forecasts. After several batches of proposals without a gain, no more are made, because that
         roughness alone causes them; after the designs next to the best, one more batch.
+=======
+        If the emulators propose no design, the ends of the spans are forecast. The emulators
+        predict that these are as good as the best design, and the forecasts test this prediction.
+        After these, designs next to the best are forecast, because emulators cannot resolve gains
+        below the roughness of the forecasts. After several batches of proposals without a gain, no
+        more proposals are made, because only this roughness causes them.
+>>>>>>> e752f014 (Plainer English in the room optimise and in comments of the catalogues)
 
         most  largest number of forecasts
         """
@@ -272,7 +282,7 @@ class Explorer:
             self.ending = f"a further gain is expected to be below {gain:g} %"
 
     def _forecast_near_best(self, most: int) -> None:
-        """Forecast the designs next to the best that COBYLA asks for; margins are its limits."""
+        """Forecast designs next to the best, chosen by COBYLA with the margins as limits."""
         free, best = ~self.source.whole, self.best
         names = list(self.values[self._leader].margins)
         evaluations = min(self.settings.polish_per_variable * int(free.sum()), most)
@@ -294,7 +304,7 @@ class Explorer:
 
         def missing(place: Floats, name: str) -> float:
             margins = at(place).margins
-            if name not in margins:  # of a condition that is not forecast there
+            if name not in margins:  # the condition of the margin has no forecast
                 return 0.0
             scale = self.scales.get(name, Scale(settings=self.settings))
             least = self.settings.safe_margin / self.settings.margin_width
@@ -307,10 +317,10 @@ class Explorer:
         self.complete()
 
     def _proposals(self) -> list[Floats]:
-        """The next designs; none where the expected gain of each is too small.
+        """The next designs; none if the expected gain of each is too small.
 
-        The first is the best by the emulators' means. The others are the best by lower bounds, each
-        as if the emulators were exact for those before.
+        The first is the best by the emulators' means. The others are the best by lower bounds; for
+        each, the predictions for the earlier ones are assumed to be exact.
         """
         model, starts = self.emulators, self.starts()
         least, worth = self.score, self.settings.worthwhile_gain * self.source.precision
@@ -329,7 +339,8 @@ class Explorer:
         return bool(np.abs(every - point).max(axis=1).min() > self.settings.same_design)
 
     def starts(self) -> Floats:
-        """Designs (m, d) from which searches start: the best so far, and those of a random pool."""
+        """Designs (m, d) from which searches start: the best so far, and the best of random
+        ones."""
         settings, random = self.settings, self._random(len(self.points), "designs to forecast")
         order = np.argsort([value.score for value in self.values], kind="stable")
         order = order[: settings.leaders]

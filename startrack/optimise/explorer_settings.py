@@ -11,8 +11,8 @@ FRACTION = Range(0.0, 1.0)
 class ExplorerSettings(Parameters):
     """Settings for the choice of designs to forecast, and for the emulation of forecasts.
 
-    The defaults are chosen by hand. Scores are differences of ln(error), coordinates those of the
-    unit cube.
+    The defaults are chosen by hand. Scores are differences of ln(error). Coordinates are those of
+    the unit cube.
     """
 
     first_per_variable: int = parameter(
@@ -25,22 +25,22 @@ class ExplorerSettings(Parameters):
         default=4,
     )
     worthwhile_gain: float = parameter(
-        "part of the precision; a smaller expected gain does not justify a forecast",
+        "fraction of the precision; a smaller expected gain does not justify a forecast",
         limit=FRACTION,
         default=0.2,
     )
     sigmas: float = parameter(
-        "by which a design may be better than expected: 98 % of a normal law",
+        "standard deviations by which a design may be better than predicted: 98 % of a normal law",
         limit=POSITIVE,
         default=2.0,
     )
     patience: int = parameter(
-        "batches without a worthwhile gain, after which the emulators' proposals are not taken",
+        "number of batches without sufficient gain after which emulators make no more proposals",
         limit=COUNT,
         default=4,
     )
     polish_per_variable: int = parameter(
-        "largest number of forecasts per variable next to the best, where no other design is left",
+        "largest number of forecasts per variable next to the best, when nothing else is proposed",
         limit=Range(0, 10**6),
         default=6,
     )
@@ -50,29 +50,29 @@ class ExplorerSettings(Parameters):
         default=0.02,
     )
     bad_score: float = parameter(
-        "above the least score, beyond which no condition without a weight is forecast",
+        "excess over the least score beyond which conditions without a weight are not forecast",
         limit=POSITIVE,
         default=0.5,
     )
     good_score: float = parameter(
-        "above the least score, up to which a design shows whether these conditions matter",
+        "excess over the least score up to which a design shows whether these conditions matter",
         limit=POSITIVE,
         default=0.2,
     )
     good_designs: int = parameter(
-        "good designs that meet all limits of these conditions by far, after which none is "
-        "forecast",
+        "number of good designs that meet all limits of these conditions by far, after which "
+        "they are no longer forecast",
         limit=COUNT,
         default=8,
     )
     close_part: float = parameter(
-        "part of what a limit allows, from which on trials are worth it in any condition",
+        "used fraction of a limit from which on trials are run in any condition",
         limit=FRACTION,
         default=0.5,
     )
     short_part: float = parameter(
-        "part of what a limit allows, by which a design may miss what fresh trials can show, and "
-        "yet be tried",
+        "fraction of a limit by which a design may miss the margin that fresh trials can confirm, "
+        "and still be tried",
         limit=FRACTION,
         default=0.1,
     )
@@ -93,41 +93,48 @@ class ExplorerSettings(Parameters):
         default=1e-3,
     )
     clipped_objective: float = parameter(
-        "ln(error) above the least, beyond which a design is only bad", limit=POSITIVE, default=2.0
+        "excess of ln(error) over the least beyond which all designs count as equally bad",
+        limit=POSITIVE,
+        default=2.0,
     )
     inexact_objective: float = parameter(
-        "ln(error) above the least, from which on an emulator need not go through a design, the "
-        "less the worse it is: else the worst would decide its lengths",
+        "excess of ln(error) over the least from which on an emulator need not fit a design "
+        "exactly, the less so the worse it is: otherwise the worst designs would determine its "
+        "lengths",
         limit=POSITIVE,
         default=0.7,
     )
     inexact_margin: float = parameter(
-        "the same of a margin that is missed, on its scale", limit=POSITIVE, default=0.4
+        "the same limit for a missed margin, on its scale", limit=POSITIVE, default=0.4
     )
     exact_per_variable: int = parameter(
-        "least number of designs per variable that an emulator goes through", limit=COUNT, default=2
+        "least number of designs per variable that an emulator fits exactly", limit=COUNT, default=2
     )
     margin_width: float = parameter(
         "margin beyond which its scale grows slowly", limit=POSITIVE, default=0.2
     )
     least_chance: float = parameter(
-        "part of the unavailability that is allowed; below it all is equally good",
+        "fraction of the allowed unavailability below which all values are equally good",
         limit=FRACTION,
         default=1e-4,
     )
     safe_margin: float = parameter(
-        "amount by which an emulated margin must be met, because it is wrong by as much at a limit",
+        "amount by which an emulated margin must be met: the emulator's error at a limit",
         limit=FRACTION,
         default=1e-3,
     )
     relaxed_limit: float = parameter(
-        "part of a limit, by which its price relaxes it", limit=FRACTION, default=0.01
+        "fraction of a limit by which it is relaxed to compute its price",
+        limit=FRACTION,
+        default=0.01,
     )
     span_nodes: int = parameter(
-        "values of each variable at which its span is looked for", limit=Range(2, 10**4), default=25
+        "number of values of each variable at which its span is searched",
+        limit=Range(2, 10**4),
+        default=25,
     )
     whole_span: float = parameter(
-        "part of its range, from which on a variable that may have any value does not matter",
+        "fraction of its range from which on a variable's span counts as the whole range",
         limit=FRACTION,
         default=0.9,
     )

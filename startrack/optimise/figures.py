@@ -23,9 +23,9 @@ Figure = float | Interval
 class DesignFigures(NamedTuple):
     """Figures of one design: intervals of 95 % by trials, numbers by formula.
 
-    across        radian, rms per axis of the error across the boresight; where the design is
-                  judged over units, the error that a fraction of the units does not exceed
-    about         radian, rms of the error about the boresight; likewise
+    across        radian, rms per axis of the error across the boresight; if the design is judged
+                  over units, the error that a fraction of the units does not exceed
+    about         radian, rms of the error about the boresight; over units as for `across`
     availability  1, fraction of trials with a correct attitude
     stars         mean number of matched stars
     margins       of the requirements, as fractions of the limits (stars: magnitude)
@@ -113,9 +113,9 @@ def by_trials(
 ) -> DesignFigures:
     """The figures of a design by the first trials of a seed, in all conditions of the campaign.
 
-    The same skies and noise for each design. Errors and availability are those of the design's own
-    condition; those of a design that is judged over units are, as by formula, what a fraction of
-    the units does not exceed.
+    Each design has the same skies and noise. Errors and availability are those of the design's own
+    condition. For a design that is judged over units, an error is, as by formula, the error that a
+    fraction of the units does not exceed.
 
     Raises  Refused if the design cannot be built or rendered.
     """

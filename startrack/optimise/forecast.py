@@ -34,26 +34,25 @@ def bounded(margins: Mapping[str, float]) -> dict[str, float]:
 
 
 def blind(needs: Requirements) -> dict[str, float]:
-    """The margins where no attitude is expected: all missed by the most."""
+    """The margins if no attitude is expected: all are missed by MOST_MISSED."""
     errors = {accuracy.name: -MOST_MISSED for accuracy in needs.accuracy}
     return errors | {"availability": -needs.min_availability}
 
 
 # The errors that tables show of each design, by their names.
 SHOWN = {"across": Objective("across"), "about": Objective("about")}
-# Of a worker: a condition, and some of the units that it is judged over.
+# Task of a worker: a condition, and some of the units over which it is judged.
 Task = tuple[Judged, range]
 
 
 class Forecast(NamedTuple):
     """Expectation of the analytic budget for a design in one condition.
 
-    error    radian, the objective; NaN where no attitude is expected
-    margins  of the requirements that need trials
-    over     of the objective and those that are limited: the level over all units over the error of
-             the first 1, 2, ... of them together; none where no attitude is expected
-    shown    radian, of the errors that tables show, over the units; none where no attitude is
-             expected
+    error    radian, the objective; NaN if no attitude is expected
+    margins  margins of the requirements that need trials
+    over     for the objective and each limited error: ratios of the level over all units to the
+             error of the first 1, 2, ... units together; none if no attitude is expected
+    shown    radian, errors that tables show, over the units; none if no attitude is expected
     """
 
     error: float
@@ -65,7 +64,7 @@ class Forecast(NamedTuple):
 def over_units(
     condition: Judged, outcomes: Rows, objective: Objective, foreseen: Forecast | None
 ) -> float:
-    """The level over units over the error of all those together that were tried, by the budgets."""
+    """Ratio, by the budgets, of the level over units to the error of all tried units together."""
     if not (foreseen and foreseen.over):
         return 1.0
     return foreseen.over[str(objective)][population_of(condition).tried(outcomes) - 1]
@@ -97,7 +96,7 @@ def _forecast(
         str(goal): goal
         for goal in (objective, *(limit.objective for limit in needs.accuracy), *SHOWN.values())
     }
-    # That a fraction of the units does not exceed, by their budgets.
+    # Levels that a fraction of the units does not exceed, by their budgets.
     levels = {
         sky: {name: level(goal, sky) for name, goal in goals.items()}
         for sky in {"whole", needs.sky}
@@ -107,7 +106,7 @@ def _forecast(
         limit.name: margin(limit.most, limited[str(limit.objective)]) for limit in needs.accuracy
     }
     margins = bounded(errors)
-    # Errors have margins of their own here: the availability must not count them again.
+    # Errors have separate margins: the availability must not count them again.
     margins["availability"] = float(units.availability.mean()) - needs.min_availability
     first = [units.first(count).all() for count in range(1, len(units) + 1)]
     over = {
@@ -157,10 +156,10 @@ def forecasts(
 class ExpectedDesign(NamedTuple):
     """Errors and margins of a design in its own condition, by formula.
 
-    budget   of the unit as designed
-    margins  of all requirements, in all conditions
-    shown    radian, rms errors across and about the boresight: over units where the design is
-             judged over units, else those of the budget
+    budget   budget of the unit as designed
+    margins  margins of all requirements, in all conditions
+    shown    radian, rms errors across and about the boresight: over units if the design is judged
+             over units, otherwise those of the budget
     """
 
     budget: Budget[ErrorLaw]

@@ -13,7 +13,7 @@ from scipy.spatial.distance import cdist
 
 from startrack.core import Flags, Floats
 
-# Of the logarithms of the lengths, normal: a cube of one or two bends along each axis.
+# Normal prior of the logarithms of the lengths: functions with one or two bends along each axis.
 TYPICAL_LENGTH, LENGTH_SPREAD = 1.0, 1.5
 LENGTHS = 0.05, 50.0  # between which a length lies
 NOISES = 1e-9, 1e-2  # between which the noise lies, of the variance of the process
@@ -34,8 +34,8 @@ class Emulator:
     points    (n, d) in the unit cube
     length    (d,) 1
     noise     1, variance of the function's jumps between near points, over s^2
-    doubt     (n,) the same of each value besides, because the process need not go through it
-    mean      of the process
+    doubt     (n,) additional variance of each value over s^2: the process need not fit it exactly
+    mean      mean of the process
     size      s, its standard deviation
     factor    (n, n) Cholesky factor of the covariance over s^2, by columns as LAPACK takes it
     weight    (n,) of the points in a mean

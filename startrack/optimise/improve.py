@@ -1,4 +1,4 @@
-"""Problem -> a better one: forecasts, trials that correct them, fresh trials that decide."""
+"""Problem -> a better problem: forecasts, trials that correct them, fresh trials that decide."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ TAIL = 0.05
 class Improved:
     """Result of the search of a problem.
 
-    Where no design is better than the start, the start stays: both are it, and the factor is 1.
+    If no design is better than the start, `best` is the start, and the factor is 1.
 
     start, best    values of the variables, SI
     problem        the best
@@ -80,10 +80,10 @@ def improve(
 ) -> Improved:
     """Search the best values of a problem's variables.
 
-    Forecasts over the space make emulators of the objective and of all margins, until no gain above
-    the precision is expected. Trials of the best designs correct the forecasts. The best is judged
-    on fresh trials; where these miss a limit, they correct the forecasts, too, and the search goes
-    on, in at most `steps.ROUNDS` rounds with fresh trials of their own.
+    Emulators of the objective and of all margins are fitted to forecasts over the space, until no
+    gain above the precision is expected. Trials of the best designs correct the forecasts. The best
+    design is judged on fresh trials. If these miss a limit, they also correct the forecasts, and
+    the search continues, in at most `steps.ROUNDS` rounds, each with its own fresh trials.
 
     executor  for forecasts and trials; None: this process
     ledger    keeps both, so that an interrupted search continues; None: it is in memory
@@ -223,7 +223,7 @@ def _rounds(
     watch: steps.Watch,
 ) -> tuple[_OnFresh, int, str]:
     shown, results, ending = list[steps.FreshMargins](), list[_OnFresh](), ""
-    # Beside designs that formulas flatter, the start says what they do not know.
+    # Trials of the start correct formulas that are too favourable for other designs.
     start = try_design(source.start, None, None)
     watch(start)
     tried = [start] if start.trials else []
@@ -268,7 +268,7 @@ def _failed(tried: Sequence[Evaluation]) -> float:
 
 
 def _rank(shown: _OnFresh) -> tuple[float, float]:
-    """The less, the better: limits that are not met first, then the objective."""
+    """Rank, least best: limits that are not met first, then the objective."""
     short = sum(max(0.0, -margins[0].relative) for margins in shown.judged.margins.values())
     short += missed(relative(shown.costs))
     value = shown.judged.value.value

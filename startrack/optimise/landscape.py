@@ -27,19 +27,18 @@ class Span(NamedTuple):
 
 
 def spans_of(model: Emulators, best: Floats, precision: float, halvings: int = 0) -> list[Span]:
-    """For each variable, the range in which the score stays within the precision of a design's
-    score.
+    """Range of each variable in which the score stays within the precision of a design's score.
 
-    The other variables follow: at each value they are where the score is least.
+    At each value of the variable, the other variables have the values of the least score.
 
-    halvings  of the step between two nodes where a span ends
+    halvings  number of halvings of the step between two nodes, at the ends of a span
     """
     spans = list[Span]()
     limit = float(model.score(best[None])[0]) + precision
     nodes = np.linspace(0, 1, model.settings.span_nodes)
 
     def best_at(axis: int, value: float, start: Floats) -> Floats | None:
-        """The best design with a variable at a value; None where it is beyond the limit."""
+        """The best design with a variable at a value; None if its score exceeds the limit."""
         fixed = np.arange(len(best)) == axis
         box = np.where(fixed, value, 0.0), np.where(fixed, value, 1.0)
         point, score = model.least(np.array([start, best]), box=box)
@@ -71,8 +70,8 @@ def spans_of(model: Emulators, best: Floats, precision: float, halvings: int = 0
 def prices_of(model: Emulators, best: Floats, precision: float) -> dict[str, float]:
     """Price of each limit of a design: decrease of ln(error) if the margin is relaxed.
 
-    By one per cent of its limit; of margins that are met by more, and of those whose price is
-    below a tenth of the precision, none.
+    The margin is relaxed by one per cent of its limit. Margins that are met by more than this, and
+    prices below a tenth of the precision, are left out.
     """
     least, prices = float(model.score(best[None])[0]), dict[str, float]()
     for name, margin in model.margins.items():
@@ -94,12 +93,12 @@ class Landscape(NamedTuple):
     """A design space around its best design, by the forecasts.
 
     forecasts  unit-cube coordinates of the designs
-    expected   of these ln(arcsec) of the objective, NaN where no attitude is expected
-    met        of these whether all requirements are met, as expected
-    left       possible further decrease of ln(error), with 98 % confidence
-    spans      of each variable, by its name
+    expected   for each design, ln(arcsec) of the objective; NaN if no attitude is expected
+    met        for each design, whether all requirements are met by its forecast
+    left       bound of a further decrease of ln(error), with 98 % confidence
+    spans      span of each variable, by its name
     prices     decrease of ln(error) if a limit is relaxed by 1 %, by the margin's name
-    ending     why there are no more
+    ending     why there are no more forecasts
     """
 
     forecasts: tuple[tuple[float, ...], ...]

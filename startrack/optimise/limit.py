@@ -13,20 +13,21 @@ import scipy
 from startrack.core import Floats
 from startrack.optimise.gaussian_process import matern
 
-# Largest amount by which an error misses its limit in a score; beyond, ln(error) alone drives the
+# Largest amount by which a missed limit counts in a score; beyond it only ln(error) determines the
 # search. Chosen by hand: an error of ten times the limit.
 MOST_MISSED = 9.0
-SCATTER = 0.5  # variance of ln(measured) from one trial; 1/4 for two axes and 1/2 for one, at least
-# Of ln(true load / forecast load) of a margin. All chosen by hand.
-COMMON = {False: 0.3, True: 0.5}  # of all designs together; of chances
-# Of each, and the part of the cube over which it changes. Of chances also over less: where
-# attitudes begin to be lost, their number grows tenfold within a twentieth of a range, and the
-# forecast has that place a little off.
+SCATTER = 0.5  # variance of ln(measured) from one trial: at least 1/4 for two axes, 1/2 for one
+# Standard deviations of ln(true load / forecast load) of a margin; True: for probabilities. All
+# chosen by hand.
+COMMON = {False: 0.3, True: 0.5}  # of all designs together
+# Of single designs, with the fraction of the cube over which it changes. For probabilities it also
+# changes over a shorter distance: where attitudes begin to be lost, their number grows tenfold
+# within a twentieth of a range, and the forecast of this place has a small error.
 OWN = {False: ((0.1, 0.3),), True: ((1.3, 0.3), (1.5, 0.05))}
 MODEL = {False: 0.02, True: 0.1}  # standard deviation that no number of trials removes
-BASE = 0.02  # of a chance that is allowed: this much more may be lost than any forecast says
-STEPS = 100  # of the fit at most
-POWER = 0.95  # probability with which a design that just reaches `Limit.shown` is shown to meet it
+BASE = 0.02  # fraction of the allowed loss that may occur in addition to any forecast
+STEPS = 100  # most steps of the fit
+POWER = 0.95  # probability that trials confirm a design that just reaches `Limit.shown`
 
 
 class Evidence(NamedTuple):
@@ -52,15 +53,15 @@ class Limit:
 
         load = room - margin,   true load = (forecast load + base) exp(g(x))
 
-    with g a Gaussian process over the cube, through the results of some designs' trials. A design
-    has to reach the load `shown`, which is less than `room` by a margin, so that the fresh trials
-    show with a probability of POWER that it meets the limit.
+    g is a Gaussian process over the cube, fitted to the results of some designs' trials. If the
+    load of a design is at most `shown`, which is below `room`, fresh trials confirm with a
+    probability of POWER that it meets the limit.
 
-    room    load that is allowed
-    shown   load that fresh trials can show to be allowed
-    chance  whether the load is a fraction of trials
+    room    allowed load
+    shown   largest load that fresh trials can confirm
+    chance  whether the load is a fraction of trials (a probability)
     points  (n, d) designs that were tried
-    weight  (n,) of these in g
+    weight  (n,) weights of these designs in g
     """
 
     room: float
@@ -78,7 +79,7 @@ class Limit:
         """
         room = 1 - least
         most_lost = int(scipy.stats.binom.ppf(tail, trials, room)) - 1
-        if most_lost < 0:  # no result of these trials would show it
+        if most_lost < 0:  # no result of these trials would confirm it
             return cls(room, room, chance=True)
         return cls(room, float(scipy.special.bdtri(most_lost, trials, POWER)), chance=True)
 
@@ -90,7 +91,7 @@ class Limit:
         Accuracy  model: the standard error is computed for normal errors along two axes.
         """
         scatter = SCATTER
-        if fraction is not None:  # of the order statistic of Rayleigh's law
+        if fraction is not None:  # standard error of the order statistic of a Rayleigh distribution
             scatter = fraction / ((1 - fraction) * 4 * math.log(1 - fraction) ** 2)
         sigmas = scipy.special.ndtri(1 - tail) + scipy.special.ndtri(POWER)
         return cls(1.0, math.exp(-sigmas * math.sqrt(scatter / trials)), chance=False)
@@ -101,11 +102,11 @@ class Limit:
         return self.room - min(load, self._most)
 
     def fitted(self, evidence: Sequence[Evidence]) -> Limit:
-        """Correction of the forecasts by trials; a probability by Poisson's law, an error by a
-        normal one.
+        """The limit with its correction of forecasts fitted to trials.
 
-        The mode of the posterior of g, by Newton's method (Rasmussen and Williams 2006, Gaussian
-        Processes for Machine Learning, 3.4).
+        Counts of lost trials have Poisson distributions, errors normal ones. The fit is the mode of
+        the posterior of g, by Newton's method (Rasmussen and Williams 2006, Gaussian Processes for
+        Machine Learning, 3.4).
         """
         some = [design for design in evidence if self.room - design.measured > 0 or self.chance]
         if not some:

@@ -1,4 +1,4 @@
-"""Campaign, TrialRunner -> the best design that was found, and how good it is."""
+"""Campaign, TrialRunner -> the best design that was found, judged by fresh trials."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ from startrack.verification import margins as margins_of
 @printed
 @dataclass(frozen=True)
 class Candidate:
-    """The best design of a search that is no better than the start, on fresh trials.
+    """The best design of a search, if it is not better than the start on fresh trials.
 
-    design   it
-    factor   error of the start over its error, or cost over cost
+    design   the design
+    factor   error of the start over the error of this design, or ratio of costs
     margins  of the requirements, as for `Optimum`
     """
 
@@ -48,27 +48,27 @@ class Candidate:
 class Optimum:
     """Result of an optimisation.
 
-    Where no design is better than the start, the start stays: it is `best`, the factor is 1, and
-    the design that the search found is `candidate`.
+    If no design is better than the start, `best` is the start, the factor is 1, and the design that
+    the search found is `candidate`.
 
-    space         design space of the best; of the winning branch where there were choices
+    space         design space of the best; with choices, that of the winning branch
     branch        label of the winning branch, or empty
     start, best   designs
     evaluations   all, in order
     fresh         summaries of start and best on frames that no tuning used
-    factor        error of the start over that of the best, on these trials; of a cost that the
-                  campaign makes small, its ratio
+    factor        error of the start over the error of the best, on these trials; if the campaign
+                  minimises a cost, the ratio of the costs
     tuning_error  radian, error of the best on the trials that tuned it
     optimism      error of the best on fresh frames over that on the tuning trials
     availability  of the best on fresh trials, with bounds at 95 % confidence
-    margins       of the best; those of errors and availability are of the bounds that must hold
+    margins       margins of the best; for errors and availability, of the bounds that must hold
     errors        radian, the objective of the best by fresh trials in each condition
     rounds        of fresh trials, until a design met all limits or the search ended
     ending        one sentence: why the search stopped
     trials        number of trials per fidelity, including trials before an interruption
     units         start and best over fresh units; None: they are judged as designed
-    landscape     ranges and prices by forecasts; None where no design is possible
-    candidate     None where the best is better than the start
+    landscape     ranges and prices by forecasts; None if no design is possible
+    candidate     the design that the search found; None if the best is better than the start
     """
 
     space: design.DesignSpace
@@ -107,7 +107,7 @@ def lacking(margins: Mapping[str, float]) -> dict[str, float]:
     return dict(sorted(short.items(), key=lambda pair: -pair[1]))
 
 
-# Fractions of the time after which forecasts, and trials of the search, end: on the nanosatellite.
+# Fractions of the time after which forecasts, and trials, of a search end; for `nanosatellite`.
 FORECAST_PART, TRIED_PART = 0.7, 0.75
 FRESH_SETS = 3  # of fresh trials: of the start, of the best, and of the best at rest
 
@@ -286,8 +286,9 @@ def _gain(
 def _better(found: Optimum, margins: dict[str, float], shown: _Shown) -> Optimum:
     """Result of a search, or the start where that is better on fresh trials.
 
-    A design that meets all requirements is better than one that does not; of two that do, the one
-    of the smaller error; of two that do not, the one of the smaller score of the search.
+    A design that meets all requirements is better than one that does not. Of two that meet them,
+    the one with the smaller error is better. Of two that do not, the one with the smaller score of
+    the search is better.
 
     margins, shown  of the start
     """
@@ -327,11 +328,11 @@ def _search(
     record: steps.Watch,
     progress: _Progress,
 ) -> tuple[str, Explorer | None]:
-    """Forecasts of all branches, then trials of the best of each of those that are close.
+    """Forecasts of all branches, then trials of the best designs of the close branches.
 
-    tried, record  the evaluations so far, and what adds one
-    Returns  the branch of the best designs, and its forecasts; None where no design meets the
-             requirements that need no trials: the nearest one was tried
+    tried, record  the evaluations so far, and the function that adds one
+    Returns  the branch of the best designs, and its forecasts; None if no design meets the
+             requirements that need no trials: then the nearest design was tried
     """
     nearest = {
         label: steps.feasible_start(space, campaign.requirements) for label, space in spaces.items()
@@ -368,12 +369,12 @@ def _rounds(
     """Search, and judge the best design on fresh trials, until one meets all limits there.
 
     The fresh trials of a round correct the forecasts of the next round, which has other fresh
-    trials. A round follows, too, where a design meets all limits, evaluations are left, and the
-    forecasts, corrected by its trials, expect that another is better by more than the precision.
+    trials. Another round may also follow a design that meets all limits: if evaluations are left,
+    and the corrected forecasts predict that another design is better by more than the precision.
 
-    count    of the evaluations so far
-    Returns  what was confirmed, of the best design that meets all limits, or else of the one that
-             misses least; why the last search ended; number of rounds
+    count    number of evaluations so far
+    Returns  results of the best design that meets all limits, or of the one that misses them least;
+             why the last search ended; number of rounds
     """
     tried, shown, results, ending = (
         list[Evaluation](),
@@ -416,7 +417,7 @@ def _may_be_better(
     met: Sequence[_Confirmed],
     point: tuple[float, ...],
 ) -> bool:
-    """Whether a design may meet all limits, with a smaller error than all that were shown to."""
+    """Whether a design may meet all limits with a smaller error than all confirmed designs."""
     score = steps.corrected_score(explorer, tried)
     least = min(score(result.design.coordinates) for result in met)
     return explorer.met(np.array(point)) and score(point) < least - explorer.source.precision
@@ -442,10 +443,10 @@ class _Shown:
 class _Confirmed:
     """A design that was judged on fresh trials.
 
-    frames   its outcomes on fresh frames in each condition that has a weight
-    margins  all; those that need trials of the bounds that must hold
+    frames   outcomes on fresh frames in each condition that has a weight
+    margins  all margins; those that need trials are margins of the bounds that must hold
     found    as for `_Shown`
-    fresh    which trials they were
+    fresh    numbers of the trials
     """
 
     design: Evaluation

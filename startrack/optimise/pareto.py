@@ -78,17 +78,17 @@ def front(
     epsilon:   least first goal while the second is at most e, for e between the two extremes
     weighted:  least w ln first + (1 - w) ln second, for w from 1 to 0
 
-    The first finds all points of the front, the second only those where it is convex.
-    Source: Miettinen (1999), Nonlinear Multiobjective Optimization, 3.1 and 3.2.
+    The method epsilon finds all points of the front, weighted only points where the front is
+    convex. Source: Miettinen (1999), Nonlinear Multiobjective Optimization, 3.1 and 3.2.
 
-    Emulators of both goals, through the forecasts of an `Explorer`, propose all points at once;
-    their forecasts improve the emulators, until none is new.
+    Emulators of both goals, fitted to the forecasts of an `Explorer`, propose all points at once.
+    The forecasts of these points improve the emulators, until no point is new.
 
     watch    called with the progress
-    Returns  the points that are not dominated by the budget, in order of the first
+    Returns  the points that are not dominated, by the budget, in the order of the first goal
     Raises    ValueError if no design in the design space meets the requirements.
-    Accuracy  model: that of the budget. `measured` shows it; over units, with as many fresh units
-              as the budget has.
+    Accuracy  model: that of the budget. `measured` shows its error; over units, with the same
+              number of fresh units as in the budget.
     """
     campaign = campaign.of_errors
     if campaign.units is not None:
@@ -243,7 +243,8 @@ class _Search:
         return proposed
 
     def _best(self, pairs: Floats, weight: float, limit: float = math.inf) -> Floats:
-        """The best design (1, d) so far by the weight of the first goal, under a limit."""
+        """The best design (1, d) so far, by a weight of the first goal and a limit of the
+        second."""
         score = pairs @ [weight, 1 - weight]
         allowed = self._met(pairs) & ((pairs[:, 1] <= limit) | (weight == 0))
         score = np.where(allowed, score, np.inf)

@@ -1,4 +1,4 @@
-"""Judged condition -> the units that it is judged over: the unit as designed, or drawn units.
+"""Judged condition -> the units over which it is judged: the unit as designed, or drawn units.
 
 The unit as designed is a population of one. Both have the same interface for engines: budgets,
 trials, and requirements by fresh trials.
@@ -23,8 +23,8 @@ from startrack.optimise.runner import FRESH, FRESH_UNIT, TrialRunner
 from startrack.optimise.units import fresh_units, measured_units
 from startrack.population import Units
 
-LOOKS = 4  # at 1, 2, 4 and 8 times the fresh trials; chosen by hand: trials against a decision
-UNIT_LOOKS = 2  # at 1 and 2 times the fresh units, each of which needs plans of its own
+LOOKS = 4  # looks at 1, 2, 4 and 8 times the fresh trials; by hand: trials against decisions
+UNIT_LOOKS = 2  # looks at 1 and 2 times the fresh units; each unit needs its own plans
 
 
 class FreshTrials(NamedTuple):
@@ -32,7 +32,7 @@ class FreshTrials(NamedTuple):
 
     first  number of the first trial
     unit   number of the first unit
-    part   of the probability of a wrong bound, that this round may use
+    part   fraction of the probability of a wrong bound that this round may use
     """
 
     first: int = FRESH
@@ -43,8 +43,8 @@ class FreshTrials(NamedTuple):
     def of_round(cls, number: int, campaign: Campaign) -> FreshTrials:
         """The fresh trials of a round, counted from 0.
 
-        Round k has 1 / 2^k of the probability of error, so that all rounds together have twice
-        that of the first.
+        Round k has 1 / 2^k of the probability of error, so that all rounds together have twice the
+        probability of the first round.
         """
         trials = campaign.fresh_trials * 2 ** (LOOKS - 1)
         units = campaign.fresh_units * 2 ** (UNIT_LOOKS - 1)
@@ -57,12 +57,11 @@ FIRST_ROUND = FreshTrials()
 class Confirmed(NamedTuple):
     """A requirement on the best design, by fresh trials.
 
-    bounds   of its value
-    margin   by the bound that must hold
+    bounds   bounds of its value
+    margin   margin by the bound that must hold
     decided  whether the trials decide it
-    found    the margin without regard to the bounds; for the error over units, the deciding unit's
-             margin
-    trials   number of them
+    found    margin of the measured value; for the error over units, the deciding unit's margin
+    trials   number of trials
     """
 
     bounds: Interval
@@ -81,9 +80,9 @@ def population_of(condition: Judged) -> UnitAsDesigned | DrawnUnits:
 
 @dataclass(frozen=True)
 class UnitAsDesigned:
-    """The unit as designed alone, whose trials go on one after the other.
+    """The unit as designed as a population of one, with consecutive trials.
 
-    fraction  of the units whose error must not be larger; of one unit, any
+    fraction  fraction of the units that must not exceed the error; arbitrary for one unit
     looks     number of doublings of fresh trials, plus one
     """
 
@@ -102,15 +101,15 @@ class UnitAsDesigned:
         return None if budget is None else UnitBudgets.of_one(budget)
 
     def tried(self, outcomes: Rows) -> int:
-        """Number of units whose trials these are."""
+        """Number of units in the outcomes of trials."""
         return 1
 
     def first_trials(self, trials: int, fidelity: Fidelity, runner: TrialRunner) -> Rows:
-        """The outcomes of about as many trials of the search, which all designs have in common."""
+        """The outcomes of about `trials` trials of the search, the same for all designs."""
         return runner.run(self.condition.case, trials, fidelity)
 
     def few_fresh(self, campaign: Campaign, runner: TrialRunner) -> Rows:
-        """The outcomes of trials that no tuning used, in the number of a search's design."""
+        """The outcomes of trials that no tuning used; their number is as for a tried design."""
         return runner.run(self.condition.case, campaign.most_trials, campaign.fidelity, FRESH)
 
     def fresh(
@@ -122,7 +121,7 @@ class UnitAsDesigned:
         done: int = 0,
         watch: Advance | None = None,
     ) -> Rows:
-        """The outcomes of trials that no tuning used: the campaign's first, or as many as done.
+        """Outcomes of trials that no tuning used: the campaign's number, or `done` further ones.
 
         done   number of trials before these
         watch  called with the number of trials that were just done
@@ -136,7 +135,7 @@ class UnitAsDesigned:
         return campaign.fresh_trials * 2 ** (LOOKS - 1)
 
     def limit(self, accuracy: Accuracy, trials: int, tail: float) -> Limit:
-        """Limit on an error that fresh trials can show to be kept."""
+        """The limit on an error, with the margin that fresh trials can confirm."""
         return Limit.of_error(accuracy.objective.fraction, trials, tail)
 
     def confirmed(
@@ -166,7 +165,7 @@ def _by_all_trials(
 
 @dataclass(frozen=True)
 class DrawnUnits:
-    """Units that are drawn, each of which has some trials; asked as `UnitAsDesigned`."""
+    """Drawn units, each with some trials; the interface is that of `UnitAsDesigned`."""
 
     looks: ClassVar[int] = UNIT_LOOKS
 
@@ -181,8 +180,8 @@ class DrawnUnits:
     def parts(self, workers: int) -> list[range]:
         """See `UnitAsDesigned`."""
         count = self.over.count
-        # Behind a lens table all units share the images and the response of one, which take
-        # longest.
+        # With a lens table all units share the images and the response of one unit, which take
+        # most of the time.
         shared = self.condition.case.instrument.optics.tabulated
         size = count if shared else math.ceil(count / workers)
         return [range(at, min(at + size, count)) for at in range(0, count, size)]
@@ -225,7 +224,8 @@ class DrawnUnits:
         return campaign.fresh_units * campaign.trials_per_unit * 2 ** (UNIT_LOOKS - 1)
 
     def limit(self, accuracy: Accuracy, trials: int, tail: float) -> Limit:
-        """See `UnitAsDesigned`; a yield decides, whose need is known once the units are tried."""
+        """See `UnitAsDesigned`; a yield decides, so the needed margin is known only after
+        trials."""
         return Limit(1.0, 1.0, chance=False)
 
     def confirmed(
@@ -236,7 +236,7 @@ class DrawnUnits:
         runner: TrialRunner,
         tails: tuple[float, float],
     ) -> Confirmed:
-        """As `UnitAsDesigned`; the fraction of units that keep a limit confirms an error."""
+        """As `UnitAsDesigned`; the fraction of units that meet a limit confirms an error."""
         if claim.accuracy is None:
             return _by_all_trials(claim, outcomes, runner.seed, tails)
         asked, objective = verification.YieldClaim(self.fraction), claim.accuracy.objective

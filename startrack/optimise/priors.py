@@ -10,7 +10,7 @@ import numpy as np
 from startrack.core import Floats, Refused
 from startrack.design import Campaign, Case, Design, Unknown, Variable, quantity, replaced
 
-SIGMAS = (3.0, 2.5, 2.0, 1.5, 1.0)  # ends of a law that are tried; chosen by hand
+SIGMAS = (3.0, 2.5, 2.0, 1.5, 1.0)  # ends of a law that are tried, in sigma; chosen by hand
 
 
 class LawPrior(NamedTuple):
@@ -49,9 +49,9 @@ class LawPrior(NamedTuple):
 def priors_of(design: Design, campaign: Campaign) -> list[LawPrior]:
     """The numbers that a design does not know, each with its law as a prior.
 
-    A number that the campaign varies keeps its bounds. Others have those of their law: of a uniform
-    one its ends, else up to three sigma on either side, as far as the design takes the value; none
-    where conditions of the campaign have draws of them.
+    A number that the campaign varies keeps its bounds. Other numbers have bounds from their law:
+    the ends of a uniform law; for other laws up to three sigma on either side, as far as the design
+    accepts the value. A number that conditions of the campaign draw is left out.
     """
     by_name = {variable.name: variable for variable in campaign.variables}
     others = () if campaign.unknown_draws else design.open_unknowns
@@ -79,7 +79,7 @@ def _variable(case: Case, unknown: Unknown) -> Variable:
 
 
 def _end(case: Case, unknown: Unknown, side: int) -> float | str:
-    """The farthest value of a law on one side that a design takes."""
+    """The farthest value on one side of a law that a design accepts."""
     median = unknown.numbers(np.array([0.5]))[0]
     refused: Refused | None = None
     for sigmas in SIGMAS:

@@ -31,10 +31,10 @@ from startrack.problem import Bounds, Margin, Problem, run_problem
 class ProblemSource:
     """The designs of a problem, by their forecasts and trials.
 
-    A study is deterministic: restarted with the ledger of an interrupted run, it does what is
-    missing only and has the same result.
+    A study is deterministic: restarted with the ledger of an interrupted run, it does only the
+    missing work and has the same result.
 
-    seed      of random proposals, and of trials
+    seed      seed of random proposals, and of trials
     executor  computes forecasts and trials; None: this process
     ledger    keeps both
     watch     called with the values of each design and its forecast, when it is computed
@@ -139,7 +139,7 @@ class ProblemSource:
         return {f"{name} ({margin.unit})": margin.value for name, margin in costs}
 
     def design(self, point: Floats) -> Problem:
-        """The problem at a point. Raises Refused if there is none."""
+        """The problem at a point. Raises Refused if the problem contradicts itself there."""
         return self.problem.replaced(self.values(point))
 
     @cached_property
@@ -205,7 +205,7 @@ class ProblemSource:
             return None
 
     def complete(self, point: Floats, known: Foresight) -> Foresight:
-        """Forecasts of designs, as they are known."""
+        """The forecast of a design, unchanged: it has all conditions."""
         return known
 
     def cost_missed(self, point: Floats) -> float:
@@ -231,9 +231,9 @@ class ProblemSource:
         """A design by its forecast and trials.
 
         known       its forecast
-        trials      None: the most of each of the best designs
-        correction  of the ln of its objective
-        Returns     an evaluation; its note is the reason where a design cannot be built or tried
+        trials      number of trials; None: the largest number for one of the best designs
+        correction  correction of ln(objective)
+        Returns     an evaluation; its note is the reason if a design cannot be built or tried
         """
         name, values = tuple(point.tolist()), self.values(point)
         try:
@@ -269,7 +269,7 @@ def relative(margins: Mapping[str, Margin]) -> dict[str, float]:
 
 
 def foreseen(problem: Problem, most_excess: float = MOST_EXCESS) -> Foresight:
-    """Forecast of a problem; None where the problem contradicts itself.
+    """Forecast of a problem; NOTHING if the problem contradicts itself.
 
     most_excess  largest excess of costs for which a forecast is computed
     """

@@ -16,7 +16,7 @@ from startrack.optimise.solve_for import KeyLine, Solution
 from startrack.optimise.sweep import MOST_DESIGNS, POINTS, SweptKey
 from startrack.problem import Margin, Problem, Words
 
-LARGEST = 1 - 1e-12  # margin, of a value that may be zero
+LARGEST = 1 - 1e-12  # largest margin, for a value that may be zero
 Load = Callable[[Sequence[str]], Problem]  # the problem of a file with changes KEY=VALUE
 
 
@@ -58,7 +58,7 @@ class ProblemSweep:
 
     rows   one for each pair of values, the last key changing fastest
     words  names and units of the objective
-    how    what the values are by
+    how    source of the values, in words
     """
 
     keys: tuple[SweptKey, ...]
@@ -139,8 +139,8 @@ def sweep_problem(
 ) -> ProblemSweep:
     """The objective and the margins of a problem at each value of one or two keys, as `sweep`.
 
-    source  whose seed, workers and ledger compute and keep them
-    trials  of each design, the same numbers at every value; 0: by formula
+    source  source with the seed, the workers and the ledger
+    trials  number of trials of each design, the same trials at every value; 0: by formula
     Raises  Refused for an invalid key, or if every value is refused.
     """
     if not 1 <= len(keys) <= len(POINTS):
@@ -208,7 +208,7 @@ def solve_problem_for(
 ) -> Solution:
     """The values of a key at which a margin of a problem is zero, as `solve_for`.
 
-    The formula is corrected by trials as a factor of the part of the limit that is used.
+    Trials correct the formula by a factor on the used fraction of the limit.
 
     key      "KEY=A..B"
     margin   name of a margin

@@ -16,19 +16,19 @@ Result = TypeVar("Result")
 FRESH = 10**6  # number of the first fresh trial, beyond all that tuning uses
 VERIFYING = 10**8  # number of the first trial of a verification, beyond all others
 FRESH_UNIT = 10**5  # number of the first fresh unit, beyond all that tuning uses
-RECALLED = 64  # results that `recall` keeps; chosen by hand: of the designs that end a study
+RECALLED = 64  # results that `recall` keeps; by hand: enough for the designs at the end of a study
 VERIFYING_UNIT = 10**7  # number of the first unit of a verification, beyond all others
 
 
 class TrialRunner:
     """Trials of any design with the same attitudes and random streams.
 
-    A study is deterministic: restarted with the ledger of an interrupted run, it does the missing
-    trials only and has the same result.
+    A study is deterministic: restarted with the ledger of an interrupted run, it does only the
+    missing trials and has the same result.
 
-    seed    of all random numbers
-    workers number of them
-    ledger  keeps the outcomes; None for one in memory
+    seed    seed of all random numbers
+    workers  number of workers
+    ledger  ledger of the outcomes; None: a ledger in memory
     watch   called with each design of a search and its `Foresight`, as soon as it is known
     """
 
@@ -47,9 +47,9 @@ class TrialRunner:
 
     @property
     def tried(self) -> dict[Fidelity, int]:
-        """Number of trials that were asked for, per fidelity, each once; also those of the ledger.
+        """Number of different trials that were requested, per fidelity, those of the ledger too.
 
-        So it is the same for an interrupted study.
+        Therefore it is the same for an interrupted study.
         """
         tried = dict[Fidelity, int]()
         for fidelity, trials in self._asked.values():
@@ -67,7 +67,7 @@ class TrialRunner:
     ) -> Rows:
         """The outcomes of trials first ... first + trials - 1 of a design.
 
-        units     how these go over its units; or all are of the unit as designed
+        units     assignment of trials to units; or all trials are of the unit as designed
         progress  called with the number of trials that were just done
         Raises    Refused if the design cannot be built or rendered, also on each later call;
                   any other exception is a fault and is not written to the ledger.
@@ -97,8 +97,7 @@ class TrialRunner:
     def map(
         self, call: Callable[[Item], Result], items: Iterable[Item], progress: Advance | None = None
     ) -> Iterator[Result]:
-        """A pure function of each item, in the workers; work lost by a worker's end is done in this
-        process.
+        """A pure function of each item, in the workers; this process does work of lost workers.
 
         progress  called with 1 for each result, after it was taken
         Raises    the exceptions of the calls.
@@ -122,7 +121,7 @@ class TrialRunner:
             return call(item)
 
     def recall(self, call: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
-        """Like `map`, of hashable items; the last results are cached."""
+        """As `map`, for hashable items; the last results are cached."""
         every, recalled = list(items), self._recalled
         new = [item for item in dict.fromkeys(every) if (call, item) not in recalled]
         recalled.update(zip([(call, item) for item in new], self.map(call, new), strict=True))
@@ -132,9 +131,9 @@ class TrialRunner:
         return results
 
     def forecast_key(self, case: Case, campaign: Campaign, limits: tuple[float, ...]) -> bytes:
-        """Key of a design's forecast, by all that it depends on.
+        """Key of a design's forecast, made from everything on which the forecast depends.
 
-        limits  of the forecast values
+        limits  limits of the forecast values
         """
         judged = case, campaign.requirements, campaign.conditions, campaign.over_units(case)
         inputs = inputs_of(case), inputs_of(campaign.requirements)

@@ -17,7 +17,7 @@ from startrack.core import POSITIVE, Floats, Parameters, Range, Refused, paramet
 
 CODE = "searches"  # group of user code
 REFUSED = 1e6  # score for nlopt of a point without a score; chosen by hand: above all others
-# Calls per evaluation, after which a search that repeats points ends; chosen by hand: a repeated
+# Calls per evaluation after which a search that repeats points ends. Chosen by hand: a repeated
 # call takes microseconds.
 REPEATS = 10
 
@@ -212,7 +212,7 @@ def minimise_smooth(
 ) -> Floats:
     """Minimise a smooth function under smooth limits, by nlopt's SLSQP (Kraft 1994).
 
-    score    of a point (d,); writes its gradient to its second argument, unless that is empty
+    score    score of a point (d,); writes the gradient to its second argument, unless it is empty
     limits   functions like `score`; met where the value is not positive
     bounds   lowest and highest coordinates, (d,) each
     Returns  the last point (d,); the start where nlopt fails
@@ -303,7 +303,7 @@ class _Watch:
 
 
 def _engine(search: Search, start: Floats) -> Any:
-    # nlopt has a generator for each thread, not for each search: two at once are in two threads.
+    # nlopt has one generator per thread, not per search: simultaneous searches need two threads.
     nlopt.srand(search.seed)
     engine = nlopt.opt(getattr(nlopt, search.algorithm), len(start))
     engine.set_lower_bounds(np.zeros(len(start)))

@@ -16,16 +16,16 @@ from startrack.optimise.steps import SearchStage
 
 
 class SearchLog:
-    """Lines of a search, each in the file as soon as its design is known.
+    """Lines of a search; each is written as soon as its design is known.
 
         {"by": "formula", "values": {...}, "value": 3.2, "margins": {...}, "met": true}
         {"by": "120 trials", ...}
         {"stage": "40 forecasts", "part": 0.3}
 
-    Values of variables are SI; the value is the minimised quantity: an error in arcsec, a cost or
-    an objective in its unit. A search that continues begins with the lines that it knows.
+    Values of variables are SI. The value is the minimised quantity: an error in arcsec, or a cost
+    or objective in its unit. A search that continues first writes the lines that it knows.
 
-    unit  of errors of designs that were tried, in radian for star trackers
+    unit  unit of the errors of tried designs, radian for star trackers
     """
 
     def __init__(self, path: Path, unit: float = arcsec) -> None:

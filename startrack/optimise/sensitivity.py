@@ -14,8 +14,8 @@ from startrack.optimise.evaluate import Foresight
 from startrack.optimise.gaussian_process import Emulator, emulator
 from startrack.optimise.source import StudiedSource
 
-STEP = 0.01  # of each range, for derivatives; chosen by hand: forecasts are smooth over it
-# Designs over the space. Chosen by hand: more narrow the intervals, which the result states.
+STEP = 0.01  # step of derivatives, fraction of a range; by hand: forecasts are smooth over it
+# Designs over the space. Chosen by hand: more designs narrow the intervals that the result states.
 DESIGNS = 128
 BASE = 2**12  # base designs of the indices, each emulated in d + 2 places: an error of 1 %
 GROUPS = 16  # groups of designs; each is left out once; chosen by hand
@@ -25,10 +25,10 @@ GROUPS = 16  # groups of designs; each is left out once; chosen by hand
 class Sensitivity:
     """Dependence of the objective on one variable.
 
-    name       of the variable
-    error      the objective at the design; arcsec of a star tracker
-    low, high  the same with this variable alone at its bound; NaN where there is no forecast
-    slope      d ln(objective) / d ln(variable) at the design; NaN where the variable is 0
+    name       name of the variable
+    error      the objective at the design; arcsec for a star tracker
+    low, high  the objective with only this variable at its bound; NaN if there is no forecast
+    slope      d ln(objective) / d ln(variable) at the design; NaN if the variable is 0
     first      first-order Sobol index with its 95 % interval: fraction of the variance of
                ln(objective) over the design space that is due to this variable alone
     total      total index: the fraction that would be left if all others were known
@@ -46,9 +46,9 @@ class Sensitivity:
 class Probes(NamedTuple):
     """Forecasts of a design and of others around it.
 
-    points      unit-cube coordinates of the design, of two a step beside it for each variable, of
-                two with the variable at its bounds for each, and of designs over the whole space
-    foresights  of each
+    points      unit-cube coordinates: the design; for each variable two designs a step away; for
+                each variable two designs at its bounds; and designs over the whole space
+    foresights  forecast of each
     dimensions  number of variables
     """
 
@@ -86,18 +86,18 @@ def sensitivities(
 ) -> list[Sensitivity]:
     """Derivatives at the design, excursions to the bounds, and Sobol indices over the space.
 
-    All by forecasts, which have no noise. The indices are of ln(objective), as an error over a
-    wide range spans decades, and of an emulator through the budgets of designs of a Sobol
-    sequence. Estimators: Saltelli et al. (2010), table 2 (b), for the first and Jansen (1999),
-    table 2 (f) there, for the total. Intervals: two standard errors by a jackknife over groups of
-    the designs that the emulator is made of (Efron and Tibshirani 1993, An Introduction to the
-    Bootstrap, 11.5).
+    All values are by forecasts, which have no noise. The indices are for ln(objective), because an
+    error over a wide range spans decades. They are computed from an emulator, fitted to the budgets
+    of the designs of a Sobol sequence. Estimators: Saltelli et al. (2010), table 2 (b), for the
+    first-order index, and Jansen (1999), table 2 (f) there, for the total index. Intervals: two
+    standard errors by a jackknife over groups of the designs to which the emulator is fitted (Efron
+    and Tibshirani 1993, An Introduction to the Bootstrap, 11.5).
 
-    designs  over the space, a power of two
-    progress  called with 1 for each of these, and of four for each variable
-    Returns  in order of the variables; of one alone both indices are 1
-    Raises    ValueError if the design has no forecast, or designs nearly nowhere have one.
-    Accuracy  model: the forecasts'; designs without one count with the largest objective.
+    designs  number of designs over the space, a power of two
+    progress  called with 1 for each of these designs, and for four more per variable
+    Returns  sensitivities in the order of the variables; for a single variable both indices are 1
+    Raises    ValueError if the design has no forecast, or if most of the space has none.
+    Accuracy  model: as the forecasts; a design without a forecast has the largest objective.
     """
     return sensitivities_of(source, probe(source, designs, progress))
 
@@ -105,8 +105,8 @@ def sensitivities(
 def probe(source: StudiedSource, designs: int, progress: Advance | None = None) -> Probes:
     """Forecast the designs that `sensitivities` needs; arguments and refusals as there.
 
-    The design and those a step beside it are forecast in all conditions, the others in those that
-    have a weight.
+    The design and the designs a step away are forecast in all conditions, the others only in
+    conditions that have a weight.
     """
     whole(2, 2**20, designs=designs)
     if designs & (designs - 1):
@@ -195,7 +195,7 @@ def _saltelli_jansen(f_a: Floats, f_b: Floats, f_ab: Floats) -> tuple[Floats, Fl
 
 
 def _beside(source: StudiedSource, centre: Floats, axis: int) -> tuple[Floats, Floats]:
-    """Designs below and above one along an axis, so far away that they differ: whole numbers."""
+    """Designs below and above a design along an axis, far enough for whole numbers to differ."""
     name = source.names[axis]
     step, low, high = STEP, centre, centre
     while source.value(low, name) == source.value(high, name):

@@ -1,4 +1,4 @@
-"""A key of a design file, a limit -> the values of the key at which the design just keeps it."""
+"""A key of a design file, a limit -> the values of the key at which the design just meets it."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from startrack.optimise.runner import TrialRunner
 from startrack.optimise.sweep import SweptKey, design_or_refusal, is_whole
 
 WIDEST = 10.0  # factor below and above the value of a design; chosen by hand
-POINTS = 25  # designs at which the formula is looked at; chosen by hand: roots nearer are not seen
+POINTS = 25  # designs at which the formula is computed; by hand: two closer roots are not found
 TOLERANCE = 1e-4  # relative tolerance of a root by formula
 STEPS = 6  # of the correction by trials, at most
 SETTLED = 0.05  # tolerance of a corrected root, in half widths of the margin's interval
@@ -51,11 +51,11 @@ ERRORS = "across", "about"
 class LimitCrossing(NamedTuple):
     """A value at which a margin is zero.
 
-    value    in the unit of the key, with the interval of 95 % by trials; where none decide, a
-             number. An end that lies beyond the values that were looked at is not finite
+    value    value in the unit of the key, with the interval of 95 % by trials; without trials, a
+             number. An end of the interval beyond the examined values is not finite
     formula  the value by formula alone
-    above    whether the limit is kept above it
-    tried    whether trials correct the formula; those of mass, power and the like never do
+    above    whether the limit is met above this value
+    tried    whether trials correct the formula; never for mass, power and other costs
     """
 
     value: Figure
@@ -67,13 +67,13 @@ class LimitCrossing(NamedTuple):
 @printed
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Values of a key at which a design just keeps a limit.
+    """Values of a key at which a design just meets a limit.
 
-    key        with the values at which the formula is looked at
+    key        key with the values at which the formula is computed
     margin     name of the margin
     until      the limit in the words of the user
-    margins    by formula at these values, except those that the design refuses, in order
-    refused    why the design refuses the others, or empty
+    margins    margins by formula at these values, in order, without values that are refused
+    refused    why the design refuses some values, or empty
     left_out   effects that the formula does not count, a phrase each; for a star tracker
                `budget` tells them
     crossings  in order of their values
@@ -165,7 +165,8 @@ def read_limit(until: str) -> tuple[str, list[str]]:
 
 
 def scaled(name: str, margin: float) -> float:
-    """A margin; of an error ln(limit / error), as trials and formula then differ by a factor."""
+    """A margin; for an error ln(limit / error), so that trials differ from the formula by a
+    shift."""
     error = name.partition(" (")[0] in ERRORS
     return -math.log1p(-margin) if error and margin < 1 else margin
 
@@ -174,12 +175,12 @@ def scaled(name: str, margin: float) -> float:
 class KeyLine:
     """A design along a key.
 
-    key       with the values that are looked at
+    key       key with the examined values
     whole     whether the values of the key are whole numbers
-    expected  the margin by formula at a number, on the scale on which trials differ from it by a
-              shift. Raises Refused if the design refuses the number
-    tried     the same by trials, with its interval; None where none decide
-    known     numbers that were looked at, and the margin there on this scale, in order
+    expected  function: number -> margin by formula, on the scale on which trials differ from it by
+              a shift. Raises Refused if the design refuses the number
+    tried     function: number -> margin by trials, with its interval; None without trials
+    known     examined numbers, and the margins there on this scale, in order
     """
 
     key: SweptKey
@@ -217,7 +218,7 @@ class KeyLine:
         return LimitCrossing(Interval(self._kept(number, above), *ends), formula, above, tried=True)
 
     def _kept(self, number: float, above: bool) -> float:
-        """The last whole number that keeps the limit, if the key has whole numbers."""
+        """The last whole number that meets the limit, if the key has whole numbers."""
         if not self.whole or not math.isfinite(number):
             return number
         return float(math.ceil(number) if above else math.floor(number))
@@ -257,16 +258,16 @@ def solve_for(
     runner: TrialRunner | None = None,
     progress: Advance | None = None,
 ) -> Solution:
-    """The values of a key at which a design just keeps a limit: where a margin is zero.
+    """The values of a key at which a design just meets a limit: where a margin is zero.
 
         startrack.solve_for("mine.toml", "instrument.motion.jitter=1..20 arcsec", "across=5 arcsec")
 
-    The margin is computed by formula at the points of the range; between two of unlike sign a root
-    is found by Brent's method. Trials at the root, which have the same skies and noise at every
-    value, then correct the formula: an error by a factor, the availability by a difference. The
-    corrected formula has a new root, until it moves by less than 5 % of half its interval. The ends
-    of the interval are the roots with the correction by the ends of the 95 % interval of these
-    trials.
+    The margin is computed by formula at the points of the range. Between two points with margins of
+    opposite sign, a root is found by Brent's method. Trials at the root, which have the same skies
+    and noise at every value, then correct the formula: an error by a factor, the availability by a
+    difference. The corrected formula has a new root. This is repeated until the root moves by less
+    than 5 % of half its interval. The ends of the interval are the roots if the correction is by
+    the ends of the 95 % interval of these trials.
 
     path      of a design file
     key       "KEY=A..B", or "KEY" for a tenth to ten times the value of the design, in equal ratios
@@ -278,9 +279,9 @@ def solve_for(
     fidelity  of the trials; None: that of the campaign, window without one
     runner    whose workers compute designs and trials and whose ledger keeps them
     progress  called with the number of designs that were just done
-    Raises    Refused if the key or the limit is none, or the design refuses every value.
+    Raises    Refused if the key or the limit is invalid, or the design refuses every value.
     Accuracy  numerical: 1e-4 of the value by formula. Two roots between two neighbouring points are
-              not seen. statistical: the interval, with the slope of the formula.
+              not found. statistical: the interval, with the slope of the formula.
     """
     path, runner = Path(path), runner or TrialRunner(1)
     margin, limits = read_limit(until)

@@ -51,13 +51,13 @@ class DesignSource(WholeNumbers, Protocol):
         """Largest allowed probability of failure, of margins that are probabilities."""
 
     def foresee(self, points: Sequence[Floats], enough: float) -> list[Foresight]:
-        """Forecasts of designs; those of a score above `enough` in conditions of weight alone."""
+        """Forecasts of designs; if the score exceeds `enough`, only in conditions with a weight."""
 
     def complete(self, point: Floats, known: Foresight) -> Foresight:
         """The forecast of a design in all conditions."""
 
     def cost_missed(self, point: Floats) -> float:
-        """Excess of a design's costs over their limits. Raises Refused if there is none."""
+        """Excess of a design's costs over their limits. Raises Refused if there is no design."""
 
 
 class StudiedSource(DesignSource, Protocol):
@@ -77,7 +77,7 @@ class StudiedSource(DesignSource, Protocol):
 
     @property
     def span(self) -> float | Floats:
-        """Half the width of that region's box, as a fraction of each variable's range."""
+        """Half the width of the box of this region, as a fraction of each variable's range."""
 
     @property
     def laws(self) -> Mapping[str, str]:
@@ -101,7 +101,7 @@ class StudiedSource(DesignSource, Protocol):
         """Value of a variable in the design at a point, SI."""
 
     def shown(self, point: Floats | None = None) -> Mapping[str, str]:
-        """Values and units as texts, by names; None: those of the design as it is."""
+        """Values and units as texts, by names; None: values of the unchanged design."""
 
     def labels(self) -> Mapping[str, str]:
         """The variables as they are called in tables, by names."""

@@ -106,17 +106,18 @@ def _search_by_nlopt(branch: Explorer, start: Floats, most: int) -> None:
         branch.ending = ended.ending
 
 
-# Evaluations of `feasible_start` over the whole space, and as many around the best design. Chosen
-# by hand: more of them find smaller feasible regions; each computes the margins of one design.
+# Evaluations of `feasible_start` over the whole space; the same number follows around the best
+# design. Chosen by hand: more evaluations find smaller feasible regions; each computes the margins
+# of one design.
 START_EVALUATIONS = 120
 
 
 class FeasibleStart(NamedTuple):
     """The design that is nearest to meeting the requirements.
 
-    coordinates  (d,) in the unit cube; those of the start where the start meets all requirements
-    short        1, sum of the negative margins, as a positive number; 0 where no margin is missed
-    margins      of the design, by name
+    coordinates  (d,) in the unit cube; those of the start if it meets all requirements
+    short        1, sum of the negative margins, as a positive number; 0 if no margin is missed
+    margins      margins of the design, by name
     """
 
     coordinates: Floats
@@ -135,7 +136,8 @@ def feasible_start(space: DesignSpace, requirements: Requirements) -> FeasibleSt
         try:
             case = space.design(coordinates)
             short = missed(cost_margins(requirements, case))
-            # A design whose costs exceed a limit ranks below all others without further margins.
+            # A design whose costs exceed a limit ranks below all others; further margins do not
+            # count.
             tried.append(short + 1 if short else missed(margins_of(requirements, case)))
         except Refused:
             return math.nan
@@ -191,7 +193,7 @@ def _largest_margin(space: DesignSpace, requirements: Requirements, name: str) -
 
 
 # All chosen by hand.
-TRIED = 0.02  # fraction of each range, within which trials of two designs say the same
+TRIED = 0.02  # distance, as a fraction of each range, within which trials of two designs agree
 POLISH = 4  # largest number of forecasts until a design at a limit meets it
 FINALISTS = 2  # designs that get the campaign's largest number of trials at the end
 EVERYWHERE = 1.0  # fraction of each range: trials of all designs fit the correction
@@ -213,17 +215,17 @@ def refine(
     """Run trials of the designs that may be the best, until these no longer change the best one.
 
     Trials correct the budget over the space. They also correct each margin that trials decide, in
-    the conditions that have a weight and in those where a limit is close. The next design is the
-    one with the best corrected budget, if its forecast is as good as the best one. Where that
-    design has been tried, the next one is that of the largest expected gain among designs whose
-    forecast is within the precision; the expected gain includes the noise of the trials.
+    conditions that have a weight and in conditions where a limit is close. The next design is the
+    one with the best corrected budget, if its forecast is as good as the best one. If this design
+    has been tried, the next one has the largest expected gain among designs whose forecast is
+    within the precision; the expected gain includes the noise of the trials.
 
     evaluations  largest number, `before` included
-    most_trials  of each of the best designs at the end
+    most_trials  number of trials of each of the best designs at the end
     before   evaluations of this branch so far
     shown    margins by fresh trials, of the designs that missed a limit in fresh trials
-    Returns  the evaluations, those with most trials first and the best of these before the others;
-             a sentence on why the search ended
+    Returns  the evaluations, sorted by number of trials (most first), then by score (best first); a
+             sentence on why the search ended
     """
     tried, ending = list(before), "all evaluations were used"
     for _ in range(max(1, evaluations - FINALISTS)):
@@ -358,7 +360,7 @@ def _next_for_trials(
             break
         explorer.forecast([here])
         value = explorer.values[-1]
-        # Where the objective is discontinuous, an emulator's best may be far worse than the best.
+        # If the objective is discontinuous, the best by an emulator may be far from the true best.
         near = value.score + correction(here) <= corrected(explorer.best) + precision
         if near and not missed(value.margins):
             return here
@@ -421,18 +423,18 @@ def confirm_requirements(
 ) -> dict[str, Confirmed]:
     """Errors that have a limit, and the availability, with bounds that confirm the requirements.
 
-    While a requirement is undecided, the trials are doubled, up to three times. They have the
-    campaign's fidelity, which has the distribution of frames in less time. The bounds are those of
-    `Claim` with a tail probability of 0.05 / 4: one minus the confidence of the requirements, over
-    four looks. So at most 5 % of the designs have a wrong bound at any look (Bonferroni). The tail
-    probability is halved in each further round of fresh trials, so that all rounds of a search
-    together have at most 10 %. Over units, the fraction of units that keep a limit shows the error,
-    in two looks.
+    While a requirement is undecided, the number of trials is doubled, up to three times. They have
+    the campaign's fidelity, which gives the same distribution as frames in less time. The bounds
+    are those of `Claim` with a tail probability of 0.05 / 4: one minus the confidence level of the
+    requirements, over four looks. Therefore at most 5 % of the designs have a wrong bound at any
+    look (Bonferroni). The tail probability is halved in each further round of fresh trials, so that
+    all rounds of a search together have at most 10 %. Over units, the fraction of units that meet a
+    limit confirms the error, in two looks.
 
-    outcomes  of the fresh frames so far
-    fresh     round of fresh trials that they belong to
+    outcomes  outcomes of the fresh frames so far
+    fresh     round of fresh trials of these outcomes
     Returns   by claim: the value over all trials, its bounds, and the margin by the bound that must
-              keep the limit
+              meet the limit
     """
     units, tails = population_of(condition), _tail_probabilities(condition, fresh.part)
     claims, confirmed = verification.claims_of(condition.needs), dict[str, Confirmed]()

@@ -30,7 +30,7 @@ from startrack.metrics import ARCSEC, PERCENT, Column, Interval, Table, four_dig
 from startrack.optimise.figures import DesignFigures, Figure, all_by_formula, by_trials, middle
 from startrack.optimise.runner import TrialRunner
 
-POINTS = {1: 9, 2: 5}  # of a range, by the number of keys; chosen by hand
+POINTS = {1: 9, 2: 5}  # points of a range, by the number of keys; chosen by hand
 MOST_KEYS, MOST_DESIGNS = 2, 10_000
 DIGITS = 10  # of a value between the ends of a range
 QUANTITY = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*((?:[^\W\d]|[°%]).*)?")
@@ -40,10 +40,10 @@ DATE = re.compile(r"\d{4}-\d\d-\d\d([T ]\d\d:\d\d(:\d\d(\.\d+)?)?)?Z?")
 class SweptKey(NamedTuple):
     """A key of a design file and its values.
 
-    name     such as "instrument.optics.f_number"
-    texts    its values in the form of a design file
-    unit     of all of them; "" for numbers without one and for words
-    numbers  the values in this unit, of dates hours after the first; None for words
+    name     name of the key, such as "instrument.optics.f_number"
+    texts    values in the form of a design file
+    unit     common unit of the values; "" for numbers without unit and for words
+    numbers  the values in this unit; for dates, hours after the first; None for words
     """
 
     name: str
@@ -63,10 +63,10 @@ class SweptKey(NamedTuple):
     ) -> SweptKey:
         """From KEY=A..B, or from KEY=A,B,C.
 
-        points  values of a range, its ends included
-        log     whether they are in equal ratios
-        design  that has the key; where its value is a whole number, a range has such alone
-        Raises  Refused if the text is neither.
+        points  number of values of a range, its ends included
+        log     whether the values are in equal ratios
+        design  design with the key; if its value is a whole number, a range has only whole numbers
+        Raises  Refused if the text has another form.
         """
         name, equals, values = (part.strip() for part in text.partition("="))
         if not (name and equals and values):
@@ -78,7 +78,7 @@ class SweptKey(NamedTuple):
             return cls._of_dates(name, ends, points)
         low, high, unit = _range(name, ends)
         if log and low <= 0:
-            raise Refused(f"{name} must begin above 0 where values are in equal ratios, got {low}")
+            raise Refused(f"{name} must begin above 0 if values are in equal ratios, got {low}")
         steps = np.geomspace(low, high, points) if log else np.linspace(low, high, points)
         numbers = [low, *(float(f"{step:.{DIGITS}g}") for step in steps[1:-1]), high]
         if design is not None and is_whole(design, name):
@@ -87,7 +87,7 @@ class SweptKey(NamedTuple):
 
     @classmethod
     def of(cls, name: str, texts: Iterable[str]) -> SweptKey:
-        """A key with some values, numbers where all are quantities of one kind."""
+        """A key with some values; they are numbers if all are quantities of one kind."""
         every = tuple(texts)
         if "" in every or len(set(every)) < len(every):
             raise Refused(f"{name} must have values, each once, got {', '.join(every)}")
@@ -116,7 +116,7 @@ class SweptKey(NamedTuple):
         return cls.of(name, dict.fromkeys((first, *middle, last)))
 
     def at(self, number: float) -> str:
-        """A number of its unit as a file writes it; hours as the date, to the second."""
+        """A number in the form of a design file; hours as a date, to the second."""
         if DATE.fullmatch(self.texts[0]):
             return utc_text(self.texts[0], number * DAY / 24)
         return _written(float(f"{number:.{DIGITS}g}"), self.unit)
@@ -137,8 +137,7 @@ def is_whole(design: Design, name: str) -> bool:
 
 
 def _range(name: str, ends: Sequence[str]) -> tuple[float, float, str]:
-    """Low end, high end and unit of a range; a low end without a unit has the unit of the high
-    end."""
+    """Low end, high end and unit of a range; the unit may be given at the high end alone."""
     first, last = (QUANTITY.fullmatch(ends[at].strip()) for at in (0, -1))
     if len(ends) != 2 or not (first and last):
         raise Refused(
@@ -166,8 +165,8 @@ class SweptDesign(NamedTuple):
     """The design with one value of each key.
 
     values   values in the form of a design file
-    figures  None where the design refuses a value
-    refused  why, or empty
+    figures  figures of the design; None if it refuses a value
+    refused  why it refuses a value, or empty
     """
 
     values: tuple[str, ...]
@@ -229,8 +228,7 @@ class Sweep:
 
     @property
     def answer(self) -> str:
-        """Value with the least error, values that meet all requirements, and the deciding
-        requirement."""
+        """A sentence: value with the least error, values that meet all, deciding requirement."""
         tried = [row for row in self.rows if row.figures and not row.figures.note]
         if not tried:
             note = next(row.figures.note for row in self.rows if row.figures)
@@ -398,8 +396,8 @@ def sweep(
 
         startrack.sweep("mine.toml", "instrument.optics.f_number=1.2..2.4", trials=1000)
 
-    Each value stands over that of the file, as for `load_design`. All designs have trials of the
-    same skies and noise. A value that the design refuses is a row that says why.
+    Each value overrides the value of the file, as for `load_design`. All designs have trials of the
+    same skies and noise. A value that the design refuses is a row with the reason.
 
     path      of a design file
     keys      "KEY=A..B" for a range, "KEY=A,B,C" for a list of numbers, names, files or products
@@ -411,7 +409,7 @@ def sweep(
     runner    whose workers compute designs and trials and whose ledger keeps them
     progress  called with the number of designs that were just done
     Raises    Refused for an invalid key, or if the design refuses every value.
-    Accuracy  by formula: that of the budget. By trials: intervals of 95 %, each for itself.
+    Accuracy  by formula: that of the budget. By trials: intervals of 95 %, each for a single value.
     """
     if not 1 <= len(keys) <= MOST_KEYS:
         raise Refused(f"keys must be one or two, got {len(keys)}")

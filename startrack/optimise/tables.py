@@ -78,8 +78,8 @@ def landscape_lines(optimum: Optimum, campaign: Campaign) -> list[str]:
         "",
         f"{len(landscape.forecasts)} designs were forecast by the analytic budget; "
         f"{landscape.ending}. By these forecasts no design is better by more than "
-        f"{100 * math.expm1(landscape.left):.1f} % (98 %). The last column says between which "
-        "values a variable may lie while the others follow.",
+        f"{100 * math.expm1(landscape.left):.1f} % (98 % confidence). The last column is the "
+        "range of a variable if the others are adapted to it.",
     ]
     if landscape.prices:
         prices = ", ".join(f"{name} {-100 * by:.1f} %" for name, by in landscape.prices.items())
@@ -244,7 +244,7 @@ def kept_start(optimum: Optimum, campaign: Campaign) -> str:
 
 
 def _units_rows(optimum: Optimum, campaign: Campaign) -> list[list[str]]:
-    """Rows of the level over fresh units, and of the yields; none where designs are judged."""
+    """Rows of the level over fresh units, and of the yields; none without units."""
     units = optimum.units
     if units is None:
         return []
@@ -323,13 +323,13 @@ def optimum_caveats(optimum: Optimum, campaign: Campaign) -> list[str]:
     ]
 
 
-SHARP = 3.0  # times the error in its own condition, above which a design is sharp; chosen by hand
+SHARP = 3.0  # error in a condition over the error in the own one, above which a design is sharp
 
 
 def sharp_conditions(optimum: Optimum, campaign: Campaign) -> list[str]:
     """The conditions without a weight in which the error of the best is far larger than in its own.
 
-    There the objective does not see it: a design may be the best for its own rate alone.
+    The objective does not contain these conditions: a design may be the best only for its own rate.
     """
     errors, objective = optimum.errors, campaign.goal
     own = errors.get(NOMINAL, math.nan) / arcsec

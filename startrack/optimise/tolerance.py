@@ -64,8 +64,8 @@ def _terms(coordinates: Floats) -> Floats:
 # Chosen by hand: more designs reduce the surface's error and cost trials in proportion.
 DESIGNS_PER_TERM = 2.5
 CHECKS = 12  # designs that check the surface; chosen by hand, as above
-START_WIDTH = 0.3  # of the region, half of it, in which walkers start; chosen by hand
-LEAST_ERROR = 1e-6  # of a surface, so that an exact fit has a finite density
+START_WIDTH = 0.3  # half width, over the region's, of the box where walkers start; chosen by hand
+LEAST_ERROR = 1e-6  # least error of a surface, so that an exact fit has a finite density
 
 
 @printed
@@ -80,12 +80,12 @@ class Tolerance:
     surface_error  ln(objective), leave-one-out error of the response surface
     check_error    ln(objective), rms difference to the forecast at designs of the region that are
                    not in the fit
-    expected       1, mean probability by the surface that these designs keep the limit and the
+    expected       1, mean probability by the surface that these designs meet the limit and the
                    requirements
-    kept           1, fraction of them that do by the forecast
+    kept           1, fraction of these designs that meet them by the forecast
     checks         number of these designs
-    centre         the design by trials, which correct the forecasts
-    designs        number of all that were forecast
+    centre         evaluation of the centre by trials, which correct the forecasts
+    designs        number of all forecast designs
     """
 
     source: StudiedSource
@@ -176,17 +176,16 @@ def sample(source: StudiedSource, watch: Advance | None = None) -> Tolerance:
 
 
 def _shift(centre: Evaluation, foresight: Foresight) -> Floats:
-    """Difference of the centre's trials from the forecast: of ln(objective), and of each margin
-    that both have.
+    """Trials of the centre minus its forecast: ln(objective), and each margin that both have.
 
-    The objective of the surface is in SI, as that of the trials.
+    The objective of the surface is in SI, like the objective of the trials.
     """
     apart = [centre.margins[name] - margin for name, margin in foresight.margins.items()]
     return np.array([math.log(centre.error) - foresight.expected, *apart])
 
 
 def designs_needed(dimensions: int) -> int:
-    """Number of designs that `sample` tries: those for the surface and those that check it."""
+    """Number of designs that `sample` forecasts, to fit the surface and to check it."""
     return 1 + math.ceil(DESIGNS_PER_TERM * terms_needed(dimensions)) + CHECKS
 
 

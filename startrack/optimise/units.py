@@ -19,8 +19,8 @@ from startrack.verification import units_expected, yield_of
 
 ENVIRONMENTS = 4  # of each fresh unit; chosen by hand: time against the error of the rms of a unit
 RESAMPLES = 1000
-# Standard errors of a variance of normal values, by which the noise variance of few trials may be
-# too large. Chosen by hand: intervals of levels, factors and yields then have their coverage.
+# Number of standard errors by which the estimated noise variance of few trials may be too large.
+# Chosen by hand: intervals of levels, factors and yields then have their coverage.
 NOISE_ERROR = 1.5
 BOOTSTRAP = 3  # number of the random stream of the resampling
 
@@ -110,7 +110,7 @@ class ComparedUnits:
     over       age and fraction of the units
     count      number of fresh units
     trials     of each unit
-    start, best  radian, level of the objective: that which the required fraction does not exceed
+    start, best  radian, level of the objective that the required fraction does not exceed
     predicted  radian, level of the best design as the search predicts it
     yields     for each limit in the design's own condition; without any limit, for the predicted
                level of the best design

@@ -16,7 +16,7 @@ from startrack.optimise.sensitivity import Probes, Sensitivity, probe, sensitivi
 from startrack.optimise.source import StudiedSource
 
 DESIGNS = 64  # over the space; chosen by hand: twice as many narrow the indices by a third
-# Forecasts at most that look for the best design, around which the ranges lie. Chosen by hand:
+# Most forecasts in the search of the best design, around which the ranges lie. Chosen by hand:
 # searches of the shipped designs end after fewer.
 REFINING = 64
 HALVINGS = 4  # of a step of 1/24 of a range, where the range within the precision ends
@@ -30,10 +30,10 @@ class Influence:
     """Effect of one variable on a design.
 
     sensitivity  of the objective
-    change       1, relative change of the objective if the variable is larger by one per cent, or
-                 by one per cent of its range where it is zero
-    margins      changes of the margins by the same
-    costs        changes of the costs by the same, by names with their units
+    change       1, relative change of the objective if the variable is larger by one per cent (if
+                 it is zero, by one per cent of its range)
+    margins      changes of the margins for the same change of the variable
+    costs        changes of the costs for the same change, by names with their units
     missed       margins that are missed with the variable at its low and at its high bound
     span         range within which the objective stays within the precision of the best
     """
@@ -53,9 +53,9 @@ class WhatMatters:
 
     here      the forecast of the design
     tightest  name of the tightest margin, relative to its limit; empty without any
-    best      the best forecast that was found in the ranges
-    met       whether it meets all limits, as expected
-    left      largest possible fall of ln(objective) there, with 98 % confidence
+    best      the best forecast in the ranges
+    met       whether the best forecast meets all limits
+    left      largest possible decrease of ln(objective) in the ranges, with 98 % confidence
     count     number of forecasts
     """
 
@@ -83,9 +83,9 @@ def what_matters(
 ) -> WhatMatters:
     """Sensitivities of a design, and the ranges of its variables, by the same forecasts.
 
-    `sensitivities` needs forecasts over the whole space; an explorer adds those that lead to the
-    best design there, as in a search, and its emulators say how far each variable may lie from it
-    while the others follow.
+    `sensitivities` needs forecasts over the whole space. An explorer adds the forecasts that lead
+    to the best design, as in a search. Its emulators give the range of each variable around this
+    design if the others are adapted.
 
     designs   over the space, a power of two
     progress  called with the number of designs that were just forecast
