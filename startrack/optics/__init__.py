@@ -1,10 +1,10 @@
-"""Blur of the image of a point: Optics become a Psf.
+"""Optics: the image of a star. Optics become a Psf.
 
 parameters    Optics: focal length, aperture, aberrations, blur, transmission, choice of the PSF.
 pupil         Shape of the aperture, and the Zernike polynomials of wavefront errors in it.
 diffraction   Diffraction of any pupil by fast transforms; closed forms of an ideal lens, a blur, a
               pixel.
-choose        Optics -> the complex pupil of each diffraction model; the cheapest within a
+choose        Optics -> the complex pupil of each diffraction model; the cheapest model within a
               tolerance.
 aperture_transfer  Optics -> MTF of an aperture of any shape and phase; the Wiener filter.
 pixel_psf     Optics -> Psf: the fraction of the light in each pixel, for any sub-pixel position.
@@ -18,15 +18,15 @@ lens_table    LensTable: wavefront, place, pupil and area of a lens over tempera
 field_images  Images at places and wavelengths -> the FieldPsf of a frame, and the camera of places.
 zemax_text    Text that Zemax saves -> a PsfFile of Huygens PSFs, a LensTable of wavefront maps.
 lens_psf      Optics with a lens table -> the camera that fits it, and the FieldPsf of a detector.
-surfaces      Surfaces: radii, spaces, glasses and clear apertures of a lens, beside its table.
+surfaces      Surfaces: radii, spaces, glasses and clear apertures of a lens, in the file of its
+              table.
 prescription  File of Zemax, CODE V or optiland -> the lens of optiland, in millimetre.
-ray_trace     That lens -> its LensTable, by rays of the program optiland (extra
-              `lens`).
+ray_trace     Lens of optiland -> its LensTable, by rays of the program optiland (extra `lens`).
 ghosts        Light -> Light: ghosts of bright sources by two reflections in the lens, as diffuse
               light.
 as_built      Surfaces of a lens -> displacements of stars by small alignment errors of its
-elements.
-residual      Residual: displacements of stars that no camera model describes, by causes.
+              elements.
+residual      Residual: displacements of stars that no camera model describes, by their causes.
 baffle        Light -> Light: stray light of Sun, Moon and Earth past the baffle, as diffuse light;
               geometry of a baffle with vanes -> its point-source transmittance, mass and size.
 """

@@ -9,7 +9,7 @@ from startrack.core import Floats, positive
 from startrack.optics.choose import wavefront
 from startrack.optics.parameters import Optics
 
-CELLS = 512  # across the aperture
+CELLS = 512  # number of cells across the aperture
 
 
 def aperture_transfer(optics: Optics, wavelength: float, frequency: Floats, along: str) -> Floats:
@@ -23,8 +23,8 @@ def aperture_transfer(optics: Optics, wavelength: float, frequency: Floats, alon
     frequency   (n,) cycle / metre on the detector
     along       "x" or "y"
     Returns     (n,) 1
-    Accuracy    model: Fraunhofer, at one wavelength. numerical: 1e-3; 0.003 at shifts with which
-                equal segments coincide, 0.005 below 1 % of the cutoff; between touching segments,
+    Accuracy    model: Fraunhofer, at one wavelength. numerical: 1e-3; 0.003 at shifts at which
+                equal segments coincide; 0.005 below 1 % of the cutoff. Between touching segments,
                 steps of the phase have the width of a cell.
     """
     wave = wavefront(optics, "fraunhofer", CELLS)
@@ -42,7 +42,7 @@ def aperture_transfer(optics: Optics, wavelength: float, frequency: Floats, alon
 def wiener_filter(
     transfer: NDArray[np.complexfloating], signal_to_noise: float
 ) -> NDArray[np.complexfloating]:
-    """A Wiener filter, which divides by the transfer function as far as noise allows.
+    """Wiener filter: it divides by the transfer function as far as noise allows.
 
         W = (1 + 1 / SNR^2) H* / (|H|^2 + 1 / SNR^2)
 

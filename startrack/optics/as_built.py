@@ -13,14 +13,14 @@ from startrack.optics.surfaces import AIR, Surfaces, meet, open_surfaces, refrac
 
 SHIFT, TURN = 1e-6, 1e-5  # metre and radian, steps of an element for its slopes
 RINGS = ((0.0, 1), (0.45, 6), (0.8, 12))  # radius in the stop and number of the rays of a star
-INWARD = 0.8  # factor on the field angle if a ray meets no surface
+INWARD = 0.8  # factor on the field angle if a ray misses a surface
 KINDS = ("decentre", "tilt", "wedge")
 
 
 class ElementSlopes(NamedTuple):
     """Displacements of stars by an alignment error of one metre or radian, along x or y.
 
-    kind   (k,) of KINDS, as its index
+    kind   (k,) index into KINDS
     slope  (2 n, k) pixel per metre (decentre) or per radian, at the nodes of a `Displacement`: all
            x before all y
     """
@@ -30,7 +30,7 @@ class ElementSlopes(NamedTuple):
 
 
 class BuiltLens(NamedTuple):
-    """A lens, and a camera rounded to three digits, so that all units of a design share slopes.
+    """A lens, and a camera with three digits, so that all units of a design share slopes.
 
     changed  nanosecond, time of the last change of the file
     """
@@ -46,8 +46,8 @@ class BuiltLens(NamedTuple):
 def built_lens(optics: Optics, family: str, camera: Camera) -> BuiltLens:
     """The lens of a camera.
 
-    family  whose lens gives the slopes, in this size, if `optics` has no lens table
-    camera  without a residual
+    family  lens family that gives the slopes, scaled to this size, if `optics` has no lens table
+    camera  camera without a residual
     """
     size, f_number = (float(f"{value:.3g}") for value in (optics.focal_length, optics.f_number))
     name = optics.lens_family or ("" if optics.lens_file else family)
@@ -67,7 +67,7 @@ def element_slopes(lens: BuiltLens) -> ElementSlopes:
 
     A cemented group is decentred and tilted as one piece, about its middle. A wedge is a tilt of
     the last surface of a piece of glass about its vertex. The place of a star is the mean of its
-    rays; other elements, the stop and the detector stay.
+    rays; other elements, the stop and the detector do not move.
 
     Raises  Refused if no surfaces of a lens are known.
     Accuracy  model: one wavelength; no vignetting; a lens faster than the traced one has the slopes
@@ -94,7 +94,7 @@ def _surfaces(lens: BuiltLens) -> Surfaces:
         stored = family_surfaces(lens.family, table.focal_length, table.f_number)
     else:
         raise Refused(
-            "residual.family must name a family of lenses where decentre, tilt or wedge is not 0 "
+            "residual.family must name a family of lenses if decentre, tilt or wedge is not 0 "
             "and optics have neither lens_file nor lens_family, got ''"
         )
     if stored is None:
@@ -106,8 +106,8 @@ def _surfaces(lens: BuiltLens) -> Surfaces:
 def _elements(surfaces: Surfaces) -> tuple[Ints, Floats]:
     """Kind (k,) of each alignment error, and its effect on each surface.
 
-    Returns  kinds, and (k + 1, s, 4): shift x and y (metre), turn of the normal towards x and y
-             (radian), for a step of each; the first for none
+    Returns  kinds, and (k + 1, s, 4): shift in x and y (metre), rotation of the normal towards x
+             and y (radian), for a step of each error; the first entry is without error
     """
     vertex = surfaces.vertex[:-1]
     groups: list[tuple[int, int]] = []
@@ -184,6 +184,6 @@ def _traced(surfaces: Surfaces, tangent: Floats, pupil: Floats, off: Floats) -> 
 
 
 def _turned(vector: Floats, p: Floats, q: Floats) -> Floats:
-    """Vectors in the axes of a surface whose normal leans by small angles towards x and y."""
+    """Vectors in the axes of a surface whose normal is tilted by small angles towards x and y."""
     x, y, z = vector
     return np.stack([x - p * z, y - q * z, z + p * x + q * y])

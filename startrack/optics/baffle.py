@@ -25,19 +25,19 @@ from startrack.core import (
 )
 from startrack.optics.parameters import Optics
 
-MAP_NODES = 17  # of the map of stray light along a side: 1 % error between them
+MAP_NODES = 17  # nodes along a side of the map of stray light: 1 % error between them
 ALUMINIUM = 2700.0  # kg / m^3
 WALL = 1e-3  # metre, of tube and vanes
-PATHS = 16384  # from the lens; chosen by hand: time against noise
-BOUNCES = 6  # of each path; after them black paint leaves 1e-8 of the light
-PLACES = 16  # of them, whose places on the lens are used for light off edges
-AZIMUTHS = 48  # of the edge of each vane
-NODES = 40  # angles of the curve
-GRAZING = math.radians(89.5)  # the last of them; beyond, no light enters
-DARK = 1e-16  # the transmittance there
+PATHS = 16384  # number of paths from the lens; chosen by hand: time against noise
+BOUNCES = 6  # bounces of each path; after them black paint leaves 1e-8 of the light
+PLACES = 16  # number of paths whose places on the lens are used for light off edges
+AZIMUTHS = 48  # points on the edge of each vane
+NODES = 40  # number of angles of the curve
+GRAZING = math.radians(89.5)  # last angle of the curve; beyond it no light enters
+DARK = 1e-16  # transmittance beyond the last angle
 # Of polished and clean lenses: the width of the core (radian) and the slope of a Harvey law.
 SHOULDER, SLOPE = 0.02, -1.5
-NOTHING, LENS = -1, -2  # codes of a ray's target besides the vanes, the wall and the floor
+NOTHING, LENS = -1, -2  # codes of a ray's target other than vanes, wall and floor
 
 
 class Baffle(Parameters):
@@ -79,12 +79,12 @@ def stray_light(
 
         radiance = irradiance PST(angle) focal_length^2 / area
 
-    since a background of radiance L has the irradiance L area / focal_length^2 on the detector.
+    because a background of radiance L has the irradiance L area / focal_length^2 on the detector.
 
     Accuracy  model: stray light at a point of the frame depends only on the angle between the
               source and the line of sight of that point; no ghosts. A source in the field has the
-              first value of the curve. numerical: 1 % between the 17 x 17 nodes of its map, where
-              the curve is no steeper than a decade in half a frame.
+              first value of the curve. numerical: 1 % between the 17 x 17 nodes of its map, if the
+              curve is not steeper than a decade in half a frame.
     """
     line = icrs_to_camera.inv().apply(camera.lattice(MAP_NODES))
     spread = optics.focal_length**2 / optics.area
@@ -106,13 +106,13 @@ class BaffleTube(Parameters):
 
     length: float = parameter("from the lens to the entrance", unit=Unit("m", "mm"), limit=POSITIVE)
     diameter: float | None = parameter(
-        "of the wall; None: a quarter more than the entrance",
+        "diameter of the wall; None: a quarter larger than the entrance",
         unit=Unit("m", "mm"),
         limit=POSITIVE,
         default=None,
     )
     reflectance: float = parameter(
-        "diffuse, of the black paint; of those for space 0.03 to 0.06",
+        "diffuse reflectance of the black paint; 0.03 to 0.06 for paints for space",
         limit=Range(0, 1),
         default=0.05,
     )
@@ -123,7 +123,7 @@ class BaffleTube(Parameters):
         default=50e-6,
     )
     scatter: float = parameter(
-        "fraction of light that the surfaces of the lens scatter, in all",
+        "total fraction of light that the surfaces of the lens scatter",
         limit=Range(0, 0.5),
         default=1e-3,
     )
@@ -143,7 +143,7 @@ class BaffleTube(Parameters):
                 "tube.diameter must be wider than the entrance that leaves the field free, "
                 f"{2e3 * entrance:.4g} mm, got {2e3 * wall:.4g} mm"
             )
-        height = [min(wall - radius, self.length)]  # the first cell is as deep as it is long
+        height = [min(wall - radius, self.length)]  # the length of the first cell equals its depth
         while height[-1] < self.length:
             edge = radius + height[-1] * slope
             height.append(height[-1] * (wall + radius) / (edge + radius))
@@ -152,13 +152,13 @@ class BaffleTube(Parameters):
         return Shape(radius, wall, at, radius + at * slope)
 
     def mass(self, lens: float, field: float) -> float:
-        """Kilogram, of walls and vanes of aluminium, 1 mm thick."""
+        """Mass, kilogram, of walls and vanes of aluminium, 1 mm thick."""
         shape = self.shape(lens, field)
         discs = math.pi * float((shape.wall**2 - shape.edge**2).sum())
         return ALUMINIUM * WALL * (2 * math.pi * shape.wall * self.length + discs)
 
     def volume(self, lens: float, field: float) -> float:
-        """Cubic metre, of the cylinder."""
+        """Volume of the cylinder, cubic metre."""
         return math.pi * self.shape(lens, field).wall ** 2 * self.length
 
     def cutoff(self, lens: float, field: float) -> float:
@@ -186,11 +186,11 @@ def transmittance_of(tube: BaffleTube, lens: float, field: float, f_number: floa
 
         PST = (T_direct B(angle) + integral of T_scattered B) pi / (4 N^2)
 
-    The first stage is the light on the lens, over the light at the entrance. Its parts are: direct
-    light; light that vanes, wall and floor scatter diffusely to the lens (by paths backwards from
-    the lens, connected to the Sun at each point); and light off the edges of the vanes, all of
-    which the lens sees. The second stage is scattering by the lens to the detector: its BSDF B by
-    Harvey's law, into the cone of the f-number N.
+    The first stage T is the light on the lens, over the light at the entrance. Its parts are:
+    direct light; light that vanes, wall and floor scatter diffusely to the lens (by paths backwards
+    from the lens, connected to the Sun at each point); and light off the edges of the vanes, all of
+    which are visible from the lens. The second stage is scattering by the lens to the detector: its
+    BSDF B by Harvey's law, into the cone of the f-number N.
 
     Source    E. Fest (2013), Stray Light Analysis and Control, SPIE, ch. 4 and 7: first-order
               estimates, Harvey's law for polished surfaces; placing of vanes ch. 9.
@@ -239,8 +239,11 @@ def _met(
     dy: float,
     dz: float,
 ) -> tuple[float, int]:
-    """Distance to the object that a ray meets, and the object: NOTHING, LENS, number of a vane, n +
-    1: the wall, n + 2: the floor around the lens."""
+    """Distance to the object that a ray meets, and the code of the object.
+
+    The code is NOTHING, LENS, the number of a vane, n + 1 for the wall, or n + 2 for the floor
+    around the lens.
+    """
     count, length = len(height), height[-1]
     nearest, what, least = math.inf, NOTHING, 1e-9 * height[-1]
     if dz != 0.0:
@@ -339,7 +342,7 @@ def _scattered_light(
         for bounce in range(bounces):
             # Cosine distribution about the normal, with any two directions across it.
             square, around = random[n, 2 + 2 * bounce], 2 * math.pi * random[n, 3 + 2 * bounce]
-            if bounce == 0:  # and by the BSDF, outside the field, where the lens sees the sky
+            if bounce == 0:  # weighted by the BSDF, outside the field, where the lens sees the sky
                 square = ((first + square * (last - first)) ** (1 / power) - 1) * SHOULDER**2
             sine = math.sqrt(min(square, 1.0))
             cosine = math.sqrt(1 - sine * sine)
@@ -377,8 +380,7 @@ def _light_off_edges(
     random: Floats,
     slope: float,
 ) -> Floats:
-    """Irradiance (a,) by light off the edges of vanes, for reflectance one and one metre of
-    thickness."""
+    """Irradiance (a,) by light off the edges of vanes, per reflectance and metre of thickness."""
     light = np.zeros(len(angle))
     for j in range(len(height)):
         for m in range(AZIMUTHS):

@@ -17,9 +17,9 @@ STEEPEST = 0.999  # largest sine of an angle at the focus; it clips the soft edg
 class Wavefront:
     """A sampled pupil.
 
-    coordinate  (n,) 1, of the samples in units of the rim
+    coordinate  (n,) 1, coordinates of the samples in units of the rim
     weight      (n, n) 1, open area times amplitude
-    path        (n, n) metre
+    path        (n, n) metre, wavefront error
     energy      1, the sum of open area times amplitude squared
     f_number    1, scale / (2 rim)
     """
@@ -83,7 +83,7 @@ def steepest_slope(optics: Optics, model: str) -> float:
     wave = wavefront(optics, model, 96)
     down, across = np.gradient(wave.path, wave.coordinate, wave.coordinate)
     inside = np.hypot(wave.coordinate, wave.coordinate[:, None]) <= 1
-    if not optics.pupil.phased:  # steps between segments are no slopes
+    if not optics.pupil.phased:  # steps between segments do not count as slopes
         x, y = wave.coordinate, wave.coordinate[:, None]
         step = np.gradient(nearest_segment(optics.pupil, x, y).astype(float))
         inside &= (step[0] == 0) & (step[1] == 0)
@@ -100,9 +100,9 @@ class PsfChoice:
     """A model, its error and the reason for it.
 
     model   one of MODELS
-    error   1, bound on the difference from the Kirchhoff integral, of the PSF's peak
-    reason  one sentence
-    errors  the bound of each model, cheapest first; infinity where a model does not apply
+    error   1, bound on the difference from the Kirchhoff integral, as a fraction of the PSF's peak
+    reason  reason for the model, one sentence
+    errors  the bound of each model, cheapest first; infinity if a model does not apply
     """
 
     model: str
@@ -112,7 +112,7 @@ class PsfChoice:
 
 
 def choose(optics: Optics, pitch: float, wavelength: float, side: float | None = None) -> PsfChoice:
-    """The cheapest model within `optics.psf_tolerance`, or the one that optics names.
+    """The cheapest model within `optics.psf_tolerance`, or the model that `optics` names.
 
     The error of a model is the sum of the differences between successive models up to Kirchhoff.
     For two pupils of unit energy at a distance e, the irradiance differs by at most (2 e + e^2) of
@@ -125,7 +125,7 @@ def choose(optics: Optics, pitch: float, wavelength: float, side: float | None =
     """
     if is_code(optics.psf):
         unknown = dict.fromkeys(MODELS, math.nan)
-        return PsfChoice(optics.psf, math.nan, "the design names code of its own", unknown)
+        return PsfChoice(optics.psf, math.nan, "the design names user code", unknown)
     kappa, gaussian = _integrals(optics, side or pitch, wavelength)
     steps = {
         "gaussian": gaussian if optics.plain else math.inf,
@@ -142,7 +142,7 @@ def choose(optics: Optics, pitch: float, wavelength: float, side: float | None =
     else:
         model = next(candidate for candidate in MODELS if errors[candidate] <= optics.psf_tolerance)
         before = MODELS[MODELS.index(model) - 1] if model != MODELS[0] else None
-        reason = f"it keeps {optics.psf_tolerance:.1g} of the peak and no model is cheaper"
+        reason = f"its error is within {optics.psf_tolerance:.1g} of the peak; no model is cheaper"
         if before and math.isinf(errors[before]):
             reason = f"{before} needs a clear pupil in focus without aberrations"
         elif before:
@@ -170,7 +170,8 @@ def _integrals(optics: Optics, side: float, wavelength: float) -> tuple[float, f
     open_peak = float(fraction * frequency @ airy)
     size = np.abs(pixel).mean(axis=1)
     kappa = min(float(ring @ size), open_peak) / peak
-    # Beyond the cutoff only the Gaussian is not zero: its integral from there, in the ring's units.
+    # Beyond the cutoff only the Gaussian is not zero: its integral from the cutoff, in the ring's
+    # unit.
     sigma = AIRY_SIGMA * wavelength * f_number
     tail = math.exp(-2 * (math.pi * sigma * last) ** 2) / (2 * math.pi * sigma * last) ** 2
     tail *= 2 * float(rest[-1])

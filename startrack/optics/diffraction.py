@@ -32,7 +32,7 @@ def intensity(pupil: Floats, phase: Floats, coordinate: Floats, field: Floats) -
     coordinate  (n,) 1, of the samples in radii of the aperture; symmetric about zero
     field       (m,) 1, of the points over wavelength * f-number; symmetric about zero, m odd
     Returns     (m, m), rows along y
-    Accuracy    numerical: 1e-13 of the peak, besides the sampling; see `pupil_samples`.
+    Accuracy    numerical: 1e-13 of the peak, without the error of sampling; see `pupil_samples`.
     """
     cosine, sine = _waves(coordinate.tobytes(), field.tobytes())
     parts = _fold(pupil, phase)
@@ -167,10 +167,10 @@ def pixel_transfer(frequency: Floats, pitch: float) -> Floats:
 def pixel_average(plane: Floats, spacing: float, side: float, blur: float, room: int) -> Floats:
     """The mean of a sampled irradiance over a square around each sample, after a Gaussian blur.
 
-    plane    (m, m), without frequencies above its Nyquist frequency
-    spacing  of its samples, in the unit of side and blur
-    room     samples beyond them, at least side / 2 + 6 blur
-    Returns  (m, m); too small within this number plus 24 samples of an edge
+    plane    (m, m) irradiance, without frequencies above its Nyquist frequency
+    spacing  spacing of the samples, in the unit of side and blur
+    room     number of samples added at the border, at least side / 2 + 6 blur
+    Returns  (m, m) mean; too small within `room` plus 24 samples of an edge
     Accuracy  numerical: 1e-6 of the peak.
     """
     size = fft.next_fast_len(len(plane) + room, real=True)

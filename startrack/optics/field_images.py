@@ -1,4 +1,4 @@
-"""Images at places and wavelengths -> the FieldPsf of a frame, and the camera of places."""
+"""Images at places and wavelengths -> the FieldPsf of a frame, and the camera that fits places."""
 
 import math
 from collections.abc import Callable
@@ -15,13 +15,13 @@ from startrack.optics.pixel_psf import gauss_band
 from startrack.optics.psf_file import FINE, PsfFile, averaged, open_psf_file
 from startrack.optics.pupil import noll_to_nm
 
-# Wavelengths of a band: errors of 0.2 % (double Gauss) and 0.7 % (Petzval) of the peak; with the
-# smaller number, for designs whose tolerance is COARSE, 2 % and 6 %.
+# Wavelengths of a band: errors of 0.2 % (double Gauss) and 0.7 % (Petzval) of the peak. With the
+# smaller number, for designs with the tolerance COARSE, errors are 2 % and 6 %.
 BAND_NODES, FEW_NODES, COARSE = 12, 6, 0.05
 NODES = 5  # places along the longer side of the frame, at least four along the shorter
-KEPT = 4e-3  # of the norm of an image: limit of the left-out terms
-FITTED = 48  # angles to which a camera is fitted
-SMALLEST_SIZE = 0.1  # of an image on the axis, below which the formula of its growth has no meaning
+KEPT = 4e-3  # limit of the left-out terms, as a fraction of the norm of an image
+FITTED = 48  # number of angles to which a camera is fitted
+SMALLEST_SIZE = 0.1  # size of an image over its size on the axis, below which growth is refused
 
 
 class FieldImagePlan(Protocol):
@@ -75,7 +75,7 @@ def node_count(optics: Optics) -> int:
 def refuse_band(key: str, of_file: Floats, wavelength: Floats, spectra: Floats) -> None:
     """Refuse detected light beyond the wavelengths (metre) that a file holds.
 
-    key  of the design that names the file
+    key  key of the design that names the file
     """
     detected = (spectra > 1e-4 * spectra.max(axis=1, keepdims=True)).any(axis=0)
     first, last = wavelength[detected][[0, -1]]
@@ -103,7 +103,7 @@ def camera_through(
 
     places     function of field angles (n,) radian that returns (n,) metre from the axis
     last       radian, largest angle
-    key        of the design that names the file
+    key        key of the design that names the file
     principal  pixel (x, y) from the centre of the array
     Raises     ValueError if the places do not reach the corner of the frame.
     """
@@ -133,11 +133,11 @@ def images_over_frame(
 ) -> FieldPsf:
     """The images of a plan at nodes over the frame, as sums of their principal components.
 
-    Enough components are kept for every image within 4e-3 of its norm. The error between the nodes
-    is measured if the tolerance of the design is below COARSE; otherwise it is NaN.
+    Enough components are kept to represent every image within 4e-3 of its norm. The error between
+    the nodes is measured if the tolerance of the design is below COARSE; otherwise it is NaN.
 
     colour  (c,) metre, mean wavelength of each spectrum of the plan
-    nodes   along the longer side of the frame
+    nodes   number of nodes along the longer side of the frame
     """
     x, y = frame_nodes(camera, nodes)
     symmetric = mirrored(optics, camera)
@@ -169,7 +169,7 @@ def images_over_frame(
 
 
 def mirrored(optics: Optics, camera: Camera) -> bool:
-    """Whether images over the field repeat eight times in a frame, by mirrors and a turn."""
+    """Whether each image occurs eight times in a frame, by reflection and rotation."""
     centred = camera.principal_x == camera.principal_y == 0
     if optics.psf_file:
         return centred and open_psf_file(optics.psf_file).even and not (camera.p1 or camera.p2)
@@ -196,8 +196,7 @@ def frame_nodes(camera: Camera, nodes: int = NODES) -> tuple[Floats, Floats]:
 
 
 def _reflected(table: Floats, centre: Floats, x: float, y: float) -> tuple[Floats, Floats]:
-    """The image at (x, y), by symmetry from the image at the larger and the smaller of |x| and
-    |y|."""
+    """The image at (x, y), by symmetry from the image at max and min of |x| and |y|."""
     centre = centre.copy()
     if abs(y) > abs(x):
         table, centre[:, :2] = table.transpose(0, 2, 1), centre[:, 1::-1]
@@ -212,7 +211,7 @@ def _components(tables: Floats) -> tuple[Floats, Floats]:
     """Principal components (k, s) of tables (n, s), and their coefficients (n, k)."""
     value, vector = np.linalg.eigh(tables @ tables.T)
     value, vector = np.maximum(value[::-1], 0), vector[:, ::-1]
-    # Part of an image in the components from each one on, as a fraction of the image's norm.
+    # Fraction of an image's norm in each component and all later ones.
     part = value * vector**2
     rest = np.cumsum(part[:, ::-1], axis=1)[:, ::-1] / part.sum(axis=1, keepdims=True)
     left = np.sqrt(rest.max(axis=0))
@@ -235,7 +234,7 @@ def _checked(psf: FieldPsf, plan: FieldImagePlan, camera: Camera) -> tuple[float
     return worst, far
 
 
-DEGREE = 3  # of the splines between the nodes of a file
+DEGREE = 3  # degree of the splines between the nodes of a file
 
 
 def cube_psf(
@@ -249,11 +248,11 @@ def cube_psf(
     diffusion: float,
     nodes: int = NODES,
 ) -> FieldPsf:
-    """Images of stars over the frame and over their colour, from those of a `psf_file`.
+    """Images of stars over the frame and over colour, from the images of a `psf_file`.
 
     Between its nodes, images are interpolated by cubic splines over the field angle, including
     mirror images of the nodes, and over the inverse of the wavelength. Images off the axis are
-    turned to the azimuth of the star. Arguments as for `field_psf`.
+    rotated to the azimuth of the star. Arguments as for `field_psf`.
 
     Raises    ValueError if the file does not hold the frame or the band.
     Accuracy  numerical: that of the splines; the error between the nodes of the frame is measured.
@@ -325,12 +324,12 @@ def grown_psf(psf: Psf, optics: Optics, camera: Camera, x: float, y: float) -> P
         size = 1 + growth (angle / field_edge)^2, along and across the field
 
     An image out of focus has the shape of the pupil, and a size that is proportional to the
-    distance from the focus; curvature of the field and astigmatism of the third order move the
-    focus of either direction by the square of the field angle.
+    distance from the focus. Third-order field curvature and astigmatism move the focus of each
+    direction in proportion to the square of the field angle.
 
-    psf       on the axis
+    psf       PSF on the axis
     Source    Born & Wolf, Principles of Optics, section 5.3.
-    Raises    Refused where an image would have no size in the frame.
+    Raises    Refused if an image would have no size in the frame.
     Accuracy  model: geometrical; pixels that a measured image contains are stretched with it.
     """
     growth = np.array([optics.growth_along, optics.growth_across])
@@ -381,7 +380,7 @@ class _FieldPlan:
         light = cube.image / cube.image.sum(axis=(2, 3), keepdims=True)
         if light.shape[-1] % 2 == 0:  # the middle sample is that of n // 2
             light = light[..., 1:, 1:]
-        # At negative angles an image is turned by half a turn: its even and odd parts.
+        # At negative angles an image is rotated by 180 degrees: its even and odd parts.
         self.even = (light + light[..., ::-1, ::-1]) / 2
         self.odd = (light - light[..., ::-1, ::-1]) / 2
         self.over_colour = _over_colour(cube, band)
@@ -420,7 +419,7 @@ class _FieldPlan:
         return np.array(tables), np.column_stack([shift, np.ones(len(spectra))])
 
     def _turned(self, image: Floats, along: float, azimuth: float) -> Floats:
-        """An image on the grid of the table, moved along its x axis (pixel), then turned."""
+        """An image on the grid of the table, shifted along its x axis (pixel), then rotated."""
         axis = np.arange(-self.half, self.half + 1) / self.oversampling
         x, y = axis[None], axis[:, None]
         size = self.pitch / self.found.spacing

@@ -24,13 +24,13 @@ from startrack.optics.parameters import Optics
 from startrack.optics.surfaces import AIR, Surfaces, meet, open_surfaces, refracted, replace_part
 
 PART = "GHOSTS"
-GRID = 33  # rays across the beam that are traced
-FAINTEST = 1e-3  # of the irradiance of a source's brightest ghost; fainter ones are left out
+GRID = 33  # number of traced rays across the beam
+FAINTEST = 1e-3  # irradiance over the brightest ghost of a source; fainter ghosts are left out
 FRONT = 1.1  # half side of the grid over the clear radius of the first surface
 WIDEST = math.radians(60)  # from the axis, limit for a source
-PARTS = 12  # of a cell of the grid along a side, between the traced rays
-NODES = 20  # of a map, across half a ghost
-COARSEST = 64  # pixel between nodes
+PARTS = 12  # parts of a cell between traced rays, along a side
+NODES = 20  # nodes of a map across half of a ghost
+COARSEST = 64  # pixel, largest distance between nodes
 
 
 class Ghosts(Parameters):
@@ -41,7 +41,7 @@ class Ghosts(Parameters):
     )
     detector: float = parameter("reflectance of the detector", limit=Range(0, 1), default=0.1)
     sources: int = parameter(
-        "how many of the brightest point sources make ghosts, beside Sun, Moon and Earth",
+        "number of the brightest point sources that make ghosts, beside Sun, Moon and Earth",
         limit=Range(1, 10_000),
         default=10,
     )
@@ -51,10 +51,10 @@ class Pair(NamedTuple):
     """A pair of reflections, and its ghost by paraxial optics.
 
     first, second  surfaces, in the order of the reflections; the number after the last surface is
-    the detector
-    width          1, radius of the disc on the detector over that of the beam before the lens
+                   the detector
+    width          1, radius of the disc on the detector over the radius of the beam before the lens
     place          metre, distance of its middle from the axis for a field angle whose tangent is 1
-    reflectance    1, of both together
+    reflectance    1, product of both reflectances
     """
 
     first: int
@@ -65,12 +65,12 @@ class Pair(NamedTuple):
 
     @property
     def irradiance(self) -> float:
-        """1, irradiance on the detector over that before the lens: reflectance / width^2."""
+        """Irradiance on the detector over irradiance before the lens: reflectance / width^2."""
         return self.reflectance / max(self.width**2, 1e-12)
 
 
 def full_surfaces(optics: Optics) -> Surfaces | None:
-    """The surfaces of a design's lens in its size, not stopped down; None if they are unknown.
+    """The surfaces of a design's lens in the design's size, full open; None if unknown.
 
     A lens of a family has the clear apertures that its beams need at the design's f-number.
     """
@@ -85,19 +85,19 @@ def full_surfaces(optics: Optics) -> Surfaces | None:
 
 
 def lens_surfaces(optics: Optics) -> Surfaces:
-    """The surfaces of a design's lens, in its size, stopped down and focused.
+    """The surfaces of a design's lens, in the design's size, stopped down and focused.
 
-    Raises  ValueError if they are not known.
+    Raises  ValueError if they are unknown.
     """
     made = full_surfaces(optics)
     if made is None:
-        raise Refused("ghosts must be left out where no lens table has SURFACES of the lens")
+        raise Refused("ghosts must be left out if no lens table has SURFACES of the lens")
     if not optics.lens_family:
         radius = made.radius.copy()
         radius[made.stop] *= min(open_lens(optics.lens_file).f_number / optics.f_number, 1.0)
         made = replace(made, radius=radius)
     if made.mirror.any():
-        raise Refused("ghosts must be left out where the lens has a mirror")
+        raise Refused("ghosts must be left out if the lens has a mirror")
     thickness = made.thickness.copy()
     thickness[-1] += optics.defocus
     return replace(made, thickness=thickness)
@@ -118,8 +118,8 @@ def reflectances(surfaces: Surfaces, ghosts: Ghosts) -> Floats:
 def pairs(surfaces: Surfaces, ghosts: Ghosts) -> tuple[Pair, ...]:
     """All pairs of reflections, the brightest on the axis first.
 
-    By products of the matrices of surfaces and spaces on the way of the light: forwards, backwards
-    after the first reflection, and forwards again.
+    They are computed by products of the matrices of surfaces and spaces along the path of the
+    light: forwards, backwards after the first reflection, and forwards again.
     """
     reflectance = reflectances(surfaces, ghosts)
     entry = float(surfaces.heights()[1][0])  # metre at the first vertex, of the ray of slope 1
@@ -170,8 +170,8 @@ class Beam(NamedTuple):
     """Rays of a source after two reflections.
 
     x, y  (n, n) metre on the detector; NaN for rays that miss a surface
-    open  (n, n) 1, largest distance from the axis over the clear radius, of all surfaces met
-    cell  square metre across the beam, of each ray
+    open  (n, n) 1, distance from the axis over the clear radius, largest over all surfaces met
+    cell  square metre, area across the beam of each ray
     """
 
     x: Floats
@@ -183,8 +183,8 @@ class Beam(NamedTuple):
 def trace_ghost(surfaces: Surfaces, pair: Pair, direction: Floats) -> Beam:
     """Rays on a square grid before the lens, traced exactly through the folded path.
 
-    direction  (3,) unit vector to the source in camera axes. Its rays run along this vector here: a
-               lens inverts the image, and a camera's axes are those of the image
+    direction  (3,) unit vector to the source in camera axes. In this function its rays run along
+               this vector, because a lens inverts the image, and camera axes are those of the image
     Accuracy   model: spheres, the index of one wavelength, no polarisation.
     """
     count = len(surfaces)
@@ -234,10 +234,10 @@ def add_ghosts(
 
     pitch     metre, side of a pixel
     Raises    ValueError if the surfaces of the lens are not known, or one is a mirror.
-    Accuracy  model: two reflections; one wavelength; the coating's reflectance at all angles;
-              pairs whose paraxial irradiance is below 1e-3 of a source's brightest, and sources
+    Accuracy  model: two reflections; one wavelength; the coating's reflectance at all angles; pairs
+              whose paraxial irradiance is below 1e-3 of a source's brightest pair, and sources
               beyond 60 deg, are left out; the absorption is that of the direct light. numerical:
-              rays between those traced are interpolated linearly, 1/32 of the beam apart.
+              linear interpolation between traced rays, which are 1/32 of the beam apart.
     """
     surfaces = lens_surfaces(optics)
     reflections = pairs(surfaces, ghosts)
@@ -296,7 +296,7 @@ def ghost_map(
 def _counted(
     beam: Beam, across: Floats, down: Floats, shape: tuple[int, int], camera: Camera
 ) -> Floats:
-    """Rays (rows, columns) near each node, from a grid PARTS times as fine as the traced."""
+    """Number of rays (rows, columns) near each node, from a grid PARTS times finer than traced."""
     columns, rows = shape
     along = (np.arange(PARTS) + 0.5) / PARTS
     weight = np.stack([1 - along, along])
@@ -318,7 +318,7 @@ def _counted(
         good = (ratio <= 1) & (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
     at = row[good].astype(np.int64) * columns + column[good].astype(np.int64)
     counted = np.bincount(at, minlength=rows * columns).reshape(rows, columns).astype(float)
-    # Nodes on the border are in the middle of cells of which half lies outside of the frame.
+    # Nodes on the border are the middles of cells of which half lies outside the frame.
     counted[[0, -1]] *= 2
     counted[:, [0, -1]] *= 2
     return counted

@@ -11,9 +11,9 @@ from startrack.optics.lens_table import LensTable, open_lens
 from startrack.optics.pupil import noll_to_nm, zernike
 from startrack.optics.surfaces import Surfaces, open_surfaces
 
-WIDER = 1.5  # largest field over that of the traced lens
+WIDER = 1.5  # largest field over the field of the traced lens
 NARROWER = 0.5
-COMPLEXITY = 0.5  # exponent of the number of elements
+COMPLEXITY = 0.5  # exponent of the growth of the number of elements
 
 
 class Family(NamedTuple):
@@ -39,9 +39,9 @@ FAMILIES = {
 def family_table(name: str, f_number: float, field: float | None = None) -> LensTable:
     """The lens of a family, in the size of the traced lens; the design scales it and stops it down.
 
-    A slower lens is the traced lens, stopped down. A faster or wider lens has other aberrations.
-    Each Zernike term (n, m) of the wavefront W (in length), at the same place of the pupil and of
-    the field, becomes
+    A slower lens is the traced lens, stopped down. A faster or wider lens has other aberrations. At
+    the same place of the pupil and of the field, each Zernike term (n, m) of the wavefront W (in
+    length) becomes
 
         W' = s^n [W(0) + q^k (W(h) - W(0))],   k = max(m, 4 - n, 2 if m = 0),  h = field / edge
 
@@ -53,15 +53,15 @@ def family_table(name: str, f_number: float, field: float | None = None) -> Lens
     wide, with the vignetting at the same h, and the area is s^2 times as large. All lengths,
     including the wavefront, scale with the focal length.
 
-    name      of FAMILIES
+    name      one of FAMILIES
     f_number  1; the table is for this f-number, or for the traced one if that is faster
-    field     radian, half field for which the lens is made; None: that of the traced lens
-    Raises    ValueError for another name, a faster lens than the family's fastest, or a field
-              outside of half to one and a half times the traced.
-    Accuracy  model: catalogs/lenses/README.md has the error of the wavefront's rms, scaled from
-              f-numbers 1.2 to 1.4 times as large, against rays through the prescription itself. A
-              lens designed for the speed is better; a lens of worse glass is worse. Thermal defocus
-              scales like a defocus.
+    field     radian, half field for which the lens is made; None: the field of the traced lens
+    Raises    ValueError for another name, for a lens faster than the family's fastest, or for a
+              field outside half to one and a half times the traced field.
+    Accuracy  model: catalogs/lenses/README.md states the error of the wavefront's rms: tables that
+              were scaled from f-numbers 1.2 to 1.4 times as large are compared with rays through
+              the prescription itself. A lens designed for the speed is better, a lens with worse
+              glass is worse. Thermal defocus scales like a defocus.
     """
     family = _family(name)
     table = open_lens(family.lens)
@@ -94,7 +94,7 @@ def family_surfaces(
 
 
 def element_count(name: str, f_number: float, field: float | None = None) -> float:
-    """Elements that a lens of a family needs; more if it is faster or wider than the traced lens.
+    """Number of elements of a lens of a family; a faster or wider lens than the traced needs more.
 
         elements = traced elements * max(1, s q)^(1 / 2)
 
@@ -159,7 +159,7 @@ def _distorted(table: LensTable, wider: float) -> Floats:
     """Metre, places at the scaled field angles."""
     ideal = table.focal_length * np.tan(table.field[1:])
     relative = table.place[..., 1:] / ideal - 1
-    # Towards the axis only lateral colour is left.
+    # Towards the axis only lateral colour remains.
     nearer = np.tan(table.field[1:3]) ** 2
     if len(nearer) > 1:
         bend = (relative[..., 1] - relative[..., 0]) / (nearer[1] - nearer[0])

@@ -20,35 +20,36 @@ from startrack.optics.pixel_psf import at_field
 from startrack.optics.pupil import MARGIN, noll_to_nm, soft_step, zernike
 
 ROOM = 293.15  # kelvin, default temperature of a lens
-RINGS, SPOKES = 16, 24  # rays for widths
-GAUSS, TURNS = 7, 16  # rays of half a pupil, for centroids
-STEP = 1e-5  # of the radius of the pupil, for slopes
-AIRY_BOX = 6.0  # wavelength * f-number, beyond the outermost ray
-PER_SIGMA = 4.0  # samples per sigma of the core: interpolation errs by 2e-5 of the peak
-LEAST_CORE = 1 / 8  # pixel; a finer image is blurred to that
+RINGS, SPOKES = 16, 24  # rings and spokes of rays for widths
+GAUSS, TURNS = 7, 16  # rings and azimuths of rays of half a pupil, for centroids
+STEP = 1e-5  # step for slopes, over the radius of the pupil
+AIRY_BOX = 6.0  # wavelength * f-number, margin beyond the outermost ray
+PER_SIGMA = 4.0  # samples per sigma of the core: interpolation has an error of 2e-5 of the peak
+LEAST_CORE = 1 / 8  # pixel; a finer image is blurred to this sigma
 FINEST, COARSEST = 32, 12  # samples per pixel
-ROUGH = 9, 10  # the same for the tolerance COARSE: the tolerance of the fewest points
-# There, pixel, beyond which light is left out; points along a side of the irradiance at most.
+ROUGH = 9, 10  # samples per pixel with the tolerance COARSE
+# With the tolerance COARSE: pixel beyond which light is left out; most points along a side of the
+# irradiance.
 ROUGH_REACH, ROUGH_POINTS = 20.0, 900
-SAMPLED = 1.025  # of the highest frequencies that are distinguished: just finer than needed
-PASSED = 1e-5  # of a blur's transfer, below which it hides aliases
-ALIAS = 1.3  # times the points of an image: least points of its transform, unless rough
-MORE_NODES = 10  # than the degree of a wavefront, to represent the sphere of a defocus
-GUARD, ROUGH_GUARD = (6.0, 24), (4.0, 4)  # of a blur, and points, that an image has at its edge
-LEAST_POINTS = 320  # of a transform
-FILLED = 0.6  # of a transform: largest part that the pupil may fill
-MOST_POINTS = 3072  # along a side of an irradiance
-MOST_NUMBERS = 60_000_000  # of all tables together
-CAMERA_NODES = 25  # field angles for the fit of a camera
-AROUND = np.linspace(0, math.pi, 49)  # radian, where the rim of a stopped pupil is found
-RIM_STEPS = 12  # each reduces the error to a third or less
-KEPT_RAYS = 2e-3  # of the light of a star that may fall outside the tables
+SAMPLED = 1.025  # sampling over the least sampling for the highest distinguished frequency
+PASSED = 1e-5  # transfer of a blur below which it hides aliases
+ALIAS = 1.3  # least points of a transform over the points of an image, unless rough
+MORE_NODES = 10  # nodes beyond the degree of a wavefront, for the sphere of a defocus
+GUARD, ROUGH_GUARD = (6.0, 24), (4.0, 4)  # margin of an image: sigma of the blur, and points
+LEAST_POINTS = 320  # least points of a transform
+FILLED = 0.6  # largest fraction of a transform that the pupil may fill
+MOST_POINTS = 3072  # most points along a side of an irradiance
+MOST_NUMBERS = 60_000_000  # most numbers in all tables together
+CAMERA_NODES = 25  # number of field angles for the fit of a camera
+AROUND = np.linspace(0, math.pi, 49)  # radian, azimuths at which the rim of a pupil is computed
+RIM_STEPS = 12  # iterations; each reduces the error to a third or less
+KEPT_RAYS = 2e-3  # fraction of the light of a star that may fall outside the tables
 
 
 class Lens(NamedTuple):
     """A lens table of a design: scaled to the focal length, stopped down, focused.
 
-    optics       the design's; the table is scaled to its focal length
+    optics       optics of the design; the table is scaled to its focal length
     temperature  kelvin
     """
 
@@ -65,11 +66,11 @@ class Lens(NamedTuple):
         """Points of the lens, in the design's size.
 
         A change of the stop's size scales its image in the pupil; vignetting by other apertures
-        stays. In `pupil`, the first ellipse belongs to the traced stop; the terms of the wavefront
-        are functions on it. Seen from a detector that a defocus d has moved, a pupil at the
-        distance 1 / c is smaller by the factor 1 + c d.
+        does not change. In `pupil`, the first ellipse belongs to the traced stop; the terms of the
+        wavefront are functions on it. Seen from a detector that a defocus d has moved, a pupil at
+        the distance 1 / c is smaller by the factor 1 + c d.
 
-        Raises  ValueError if the table does not hold them.
+        Raises  ValueError if the table does not contain these values.
         """
         traced = self.table.at(self.temperature, wavelength, field)
         size, opening = self.scale, self.table.f_number / self.optics.f_number
@@ -99,9 +100,9 @@ class Lens(NamedTuple):
     def defocus(self, curvature: Floats) -> Floats:
         """Metre: change of the wavefront by a detector moved by d, times sqrt(1 - p^2 - q^2).
 
-            d (1 + c d) = (p^2 + q^2) / 2 over the difference of the spheres' curvatures,
+            d (1 + c d) = (p^2 + q^2) / 2 over the difference of the spheres' curvatures
 
-        c and c / (1 + c d), at the same point of the pupil.
+        The curvatures are c and c / (1 + c d), at the same point of the pupil.
 
         curvature  (n, m) 1 / metre, c
         """
@@ -110,8 +111,11 @@ class Lens(NamedTuple):
 
 
 def _stopped(stop: Floats, clear: Floats, outline: Floats, used: Floats) -> Floats:
-    """The outline, about the ellipse `used`, of the area common to the ellipse `stop` and to the
-    outline about the ellipse `clear`; each ellipse (n, m, 3), each outline (n, m, h)."""
+    """The outline of the area common to the ellipse `stop` and the pupil with `outline`.
+
+    The result is relative to the ellipse `used`, `outline` to the ellipse `clear`. Each ellipse is
+    (n, m, 3), each outline (n, m, h).
+    """
     if not outline.shape[-1]:
         return outline
     distance = np.ones((*outline.shape[:-1], len(AROUND)))
@@ -129,7 +133,7 @@ def _stopped(stop: Floats, clear: Floats, outline: Floats, used: Floats) -> Floa
 
 
 def _rim_area(ellipse: Floats, outline: Floats) -> Floats:
-    """Area of a pupil, (n, m) of direction cosines."""
+    """Area (n, m) of a pupil, in direction cosines squared."""
     if not outline.shape[-1]:
         return np.asarray(math.pi * ellipse[..., 1] * ellipse[..., 2])
     # The mean of the square of 1 + sum_k outline_k cos(k a).
@@ -158,11 +162,11 @@ def open_optics(optics: Optics, temperature: float = ROOM) -> Lens:
 class _Star:
     """A star at one wavelength through a lens; p runs along the radius.
 
-    extra       the design, with the aberrations that it adds at this field angle
+    extra       optics of the design, with the aberrations that it adds at this field angle
     wavelength  metre
     azimuth     radian, of the star's image on the detector
     power       (i, j) metre, coefficients of u^i v^(2 j) of the table's wavefront
-    amplitude   (i, j) 1, likewise of the amplitude; empty where the amplitude is uniform
+    amplitude   (i, j) 1, coefficients of the amplitude; empty if the amplitude is uniform
     defocus     metre, `Lens.defocus`
     """
 
@@ -242,10 +246,9 @@ class _Star:
         return np.asarray(weight @ at_nodes @ weight.T)
 
     def open_pupil(self, coordinate: Singles, cell: float) -> tuple[Singles, Ints]:
-        """Transmission of the points of the pupil with any light, soft at the rim; and their
-        indices.
+        """Transmission of the points of the pupil with light, soft at the rim; and their indices.
 
-        coordinate, cell  of a square, as those of `path_over_square`; their spacing
+        coordinate, cell  coordinates of a square as in `path_over_square`, and their spacing
         """
         cosine, sine = np.float32(math.cos(self.azimuth)), np.float32(math.sin(self.azimuth))
         half_p, half_q = (np.float32(half) for half in self.pupil[4:])
@@ -268,10 +271,9 @@ class _Star:
 
     @cached_property
     def rays(self) -> tuple[Floats, Floats, Floats]:
-        """Points at which rays from the whole pupil meet the detector, metre from `place`; and
-        their weights.
+        """Points (metre from `place`) where rays of the whole pupil meet the detector; weights.
 
-        The weights are their light, with the sum one.
+        The weights are the light of the rays; their sum is one.
         """
         return self._rays(*EVEN)
 
@@ -292,7 +294,7 @@ class _Star:
 
     @cached_property
     def centroid(self) -> tuple[float, float]:
-        """Centroid of its light: along the radius from the axis and across it, metre."""
+        """Centroid of the star's light: along the radius from the axis and across it, metre."""
         x, y, weight = self._rays(*GAUSSIAN)
         return self.place + float(x @ weight), float(y @ weight)
 
@@ -303,7 +305,8 @@ class _Star:
 
     @cached_property
     def around(self) -> Floats:
-        """Distance of the ellipse over distance of the rim, in the directions AROUND."""
+        """Distance of the ellipse from the centre over that of the rim, in the directions
+        AROUND."""
         return np.asarray(lens_table.rim_distance(self.outline, COSINES, SINES), float)
 
 
@@ -498,9 +501,9 @@ def field_psf(
                  need more than 3072 points across the image.
     Accuracy     model: the integral of LensTable. numerical: the error between the nodes is
                  measured at the places farthest from them, and returned. If the tolerance is
-                 COARSE, this error is NaN, 0.3 % of the light (the outermost rings) may be spread
-                 evenly over the image instead of beyond it, and light beyond 20 pixels is left out;
-                 this changes the budget of a tracker by less than 0.2 %.
+                 COARSE, this error is NaN. Then 0.3 % of the light (the outermost rings) may be
+                 spread evenly over the image instead of lying beyond it, and light beyond 20 pixels
+                 is left out. This changes the budget of a tracker by less than 0.2 %.
     """
     field_images.refuse_band("lens_file", lens.table.wavelength, wavelength, spectra)
     band = band_of(wavelength, spectra, node_count(lens.optics))
@@ -512,12 +515,14 @@ class LensImages:
     """Values that all images share.
 
     rough          whether the tolerance of the design is COARSE
-    side_of_pixel  metre, of its active square
+    side_of_pixel  metre, side of the active square of a pixel
     blur           metre, sigma of the Gaussian blur of all images
-    oversampling   samples per pixel of a table;  side  samples along a side of it
-    fine           points of an irradiance per sample;  spacing  metre between two points
-    margin         points between the edge of an irradiance and the first sample
-    count          points along a side of an irradiance
+    oversampling   samples per pixel of a table
+    side           samples along a side of a table
+    fine           points of an irradiance per sample
+    spacing        metre between two points
+    margin         number of points between the edge of an irradiance and the first sample
+    count          number of points along a side of an irradiance
     """
 
     def __init__(
@@ -578,8 +583,10 @@ class LensImages:
         return blur, core
 
     def _points_per_pixel(self, fastest: float) -> float:
-        """Points in a pixel of an irradiance. Of two aliased frequencies, the higher one is then
-        beyond the cutoff of the lens, or the lower one is hidden by the blur.
+        """Number of points of an irradiance per pixel.
+
+        With it, of two aliased frequencies either the higher one is beyond the cutoff of the lens,
+        or the lower one is hidden by the blur.
         """
         highest = 1 / (float(self.band.wavelength.min()) * fastest)
         passed = math.sqrt(-math.log(PASSED) / 2) / math.pi / max(self.blur, 1e-12)
@@ -659,8 +666,8 @@ class LensImages:
     def _irradiance(self, star: _Star, u: float, v: float) -> Singles:
         """Irradiance of one wavelength about a place (metre, along the radius and across it).
 
-        Its integral is one. A fast transform of the pupil, whose samples are so far apart that the
-        points of the image are `spacing` apart at any wavelength.
+        Its integral is one. It is a fast transform of the pupil. The samples of the pupil depend on
+        the wavelength, so that the points of the image are always `spacing` apart.
         """
         x, y, _ = star.rays
         far = float(np.hypot(star.place + x - u, y - v).max()) / self.spacing

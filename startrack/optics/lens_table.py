@@ -18,8 +18,8 @@ T = TypeVar("T")
 Reals = NDArray[np.floating[Any]]
 FORMAT = 1
 WIDEST = 1.4  # radian, field angle
-MOST_NUMBERS = 10_000_000  # of a table
-DEGREE = 5  # of the splines between nodes
+MOST_NUMBERS = 10_000_000  # most numbers in a table
+DEGREE = 5  # degree of the splines between nodes
 PUPIL_PARITY = (-1, 1, 1, -1, 1, 1)  # of the columns of `pupil`, where the field angle changes sign
 
 
@@ -50,26 +50,27 @@ class LensPoints(NamedTuple):
 class LensTable:
     """A lens of revolution for stars, at nodes of temperature, wavelength and field angle.
 
-    The star's image lies on the positive x axis. Its light is known on a sphere through the
-    exit pupil, about the place where the chief ray meets the detector. From a point of that sphere,
-    (p, q) are the direction cosines towards its centre, and W is the optical path up to it:
+    The star's image lies on the positive x axis. The table describes its light on a sphere through
+    the exit pupil, whose centre is the place where the chief ray meets the detector. For a point of
+    this sphere, (p, q) are the direction cosines towards its centre, and W is the optical path up
+    to the point:
 
         U(X, Y) = Int A(p, q) exp(2 pi i / lambda [W(p, q) + p (X - place) + q Y]) dp dq
 
-    with |A|^2 dp dq the light of that point, so that |U|^2 is the irradiance and all light arrives.
-    To the first order of the sphere's curvature c, a ray of direction cosines (l, m) that meets the
+    |A|^2 dp dq is the light of the point, so that |U|^2 is the irradiance, and no light is lost. To
+    first order in the sphere's curvature c, a ray with direction cosines (l, m) that meets the
     detector at (x, y) has, with e = (x - place, y),
 
         (p, q) = (l, m) - c e,   W = path - l e_x - m e_y + c |e|^2 / 2,   grad W = -e
 
-    (tables have exact values). Where c is zero, waves are plane, as if the pupil were at infinity
-    (the Debye integral): the rays are the same, but light that the rim of the pupil diffracts from
+    (tables have exact values). If c is zero, waves are plane, as if the pupil were at infinity (the
+    Debye integral). The rays are then the same. But light that the rim of the pupil diffracts from
     the ray's place e to (X, Y) lacks the path c |(X - place, Y) - e|^2 / 2, a tenth of a wave for
     100 um and a pupil 50 mm away.
 
     W and A are sums of Noll's Zernike polynomials of u = -(p - centre) / half_p and v = -q / half_q
-    (A: and of one), the coordinates in the lens: a ray from the upper part of the lens runs
-    downwards.
+    (for A, plus one). u and v are coordinates in the lens: a ray from the upper part of the lens
+    runs downwards.
 
     name, source  the lens, and the source of its numbers
     focal_length  metre, nominal
@@ -88,7 +89,7 @@ class LensTable:
     area          (t, w, f) square metre, cross-section of the beam of these rays before the lens,
                   times the transmission
     amplitude     (t, w, f, g) 1, rms of the first g terms of `noll` in A; none: A is even
-    curvature     (t, w, f) 1 / metre, one over the distance of the exit pupil before the detector
+    curvature     (t, w, f) 1 / metre, inverse distance of the exit pupil before the detector
     Source        Wolf, Li (1981), Opt. Commun. 39, 205: where the Debye integral holds.
     Accuracy      model: scalar. The integral leaves out two parts of the path to a point: a phase
                   of that point alone, and c (p X + q Y)^2 / 2. The second is 0.05 % of the peak for
@@ -223,7 +224,7 @@ class LensTable:
                 )
 
 
-# Least and largest value of each, and their unit.
+# Least and largest value of each axis, and its unit.
 AXES = {
     "temperature": (1, 1000, "K"),
     "wavelength": (1e-8, 1e-4, "m"),
@@ -267,8 +268,8 @@ def rim_harmonics(u: Floats, v: Floats, count: int) -> Floats:
     """The outline of a rim: coefficients of cos(k a) of its distance from the unit circle.
 
     u, v   (..., n) 1, points of the rim, which is even in v; n at least `count`
-    count  of the harmonics, k from 0
-    Accuracy  least squares, every point of the same weight
+    count  number of harmonics, k from 0
+    Accuracy  least squares, with equal weights of all points
     """
     azimuth = np.arctan2(v, u)[..., None] * np.arange(count)
     shapes, beyond = np.cos(azimuth), np.hypot(u, v) - 1
@@ -276,10 +277,10 @@ def rim_harmonics(u: Floats, v: Floats, count: int) -> Floats:
 
 
 def rim_distance(outline: Floats, u: Reals, v: Reals) -> Reals:
-    """Distance from the centre of the ellipse over that of the rim in the same direction.
+    """Distance of a point from the ellipse's centre over that of the rim in the same direction.
 
     outline  (..., h) 1
-    u, v     (..., n) 1, in half axes of the ellipse; the result is of their type
+    u, v     (..., n) 1, in half axes of the ellipse; the result has their type
     """
     distance = np.hypot(u, v)
     if not outline.shape[-1]:
@@ -290,7 +291,7 @@ def rim_distance(outline: Floats, u: Reals, v: Reals) -> Reals:
 
 
 def spline(nodes: Floats, values: Floats, at: Floats, axis: int, degree: int = DEGREE) -> Floats:
-    """Values at other places of an axis, by a spline of at most that degree."""
+    """Values at other places along an axis, by a spline of at most `degree`."""
     if len(nodes) == 1:
         return np.repeat(values, len(at), axis=axis)
     degree = min(degree, len(nodes) - 1)
@@ -301,7 +302,7 @@ def spline(nodes: Floats, values: Floats, at: Floats, axis: int, degree: int = D
 
 @lru_cache(maxsize=16)
 def _unit_splines(nodes: tuple[float, ...], degree: int) -> Any:
-    """Splines that are one at one of the nodes and zero at the others, for each of them."""
+    """For each node, the spline that is one at this node and zero at the others."""
     ones = np.eye(len(nodes))
     if degree % 2:
         return scipy.interpolate.make_interp_spline(nodes, ones, degree)
@@ -366,8 +367,7 @@ def lens_path(name: str) -> Path:
 
 
 def catalogued(name: str, key: str, folder: str, what: str) -> Path:
-    """Path of a FITS file that a key of a design names: by its path, or by its name in a folder of
-    the shipped data.
+    """Path of a FITS file that a key names, by its path or its name in a folder of shipped data.
 
     Raises  ValueError if there is none.
     """
@@ -384,7 +384,7 @@ def catalogued(name: str, key: str, folder: str, what: str) -> Path:
 
 
 def kept_files(load: Callable[[Path], T]) -> Callable[[Path], T]:
-    """`load`; kept for the 8 last files and their times."""
+    """`load`, cached for the last 8 files with their times."""
 
     @kept(8)
     def loaded(path: Path, time: int) -> T:
@@ -397,15 +397,15 @@ _open = kept_files(load_lens)
 
 
 def open_lens(name: str) -> LensTable:
-    """The table of a `lens_file`; kept for the 8 last files and their times."""
+    """The table of a `lens_file`; cached for the last 8 files with their times."""
     return _open(lens_path(name))
 
 
 def interpolation_error(table: LensTable, dense: LensTable) -> dict[str, float]:
     """Largest error of a table at the nodes of another one.
 
-    Of the wavefront the rms over the open pupil, in waves, without its mean and tilt; of the chief
-    ray's place, metre; of the area relative.
+    For the wavefront it is the rms over the open pupil, in waves, without mean and tilt; for the
+    chief ray's place, metre; for the area, the relative error.
     """
     radius, turn = np.meshgrid(np.sqrt((np.arange(8) + 0.5) / 8), np.arange(24) * (np.pi / 12))
     disc_x, disc_y = (radius * np.cos(turn)).ravel(), (radius * np.sin(turn)).ravel()
@@ -426,7 +426,7 @@ def interpolation_error(table: LensTable, dense: LensTable) -> dict[str, float]:
                     table.noll.tolist(), dense.wavefront[t][at], between.wavefront[at], strict=True
                 )
             )
-            # The chief ray's place belongs to the tilt, which is left out.
+            # The tilt is left out, because the chief ray's place contains it.
             off = off - plane @ np.linalg.lstsq(plane, off, rcond=None)[0]
             waves.append(float(np.sqrt(np.mean(off**2))) / float(dense.wavelength[at[0]]))
     return {

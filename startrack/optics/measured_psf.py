@@ -12,22 +12,22 @@ from scipy import sparse
 from startrack.core import Floats, Psf, Refused, Spots, whole
 from startrack.optics.psf_file import PsfFile
 
-ROUNDS = 8  # of PSF, places and fluxes in turn
+ROUNDS = 8  # most rounds that fit PSF, then places and fluxes
 STILL = 1e-4  # pixel, largest change of places in the last round
-OUTLIER = 5.0  # sigma, of pixels that are left out
-SMOOTH = 1e-2  # weight of the curvature of the table against the pixels
-LEAST_SNR = 12.0  # of a star that a PSF is measured with
-NEIGHBOUR = 0.02  # of the flux of a star: fainter neighbours have no effect
-FLOOR = 0.01  # of a pixel's light, that the model may err by
-REJECT = 0.05  # the same where pixels are left out
+OUTLIER = 5.0  # sigma beyond which pixels are left out
+SMOOTH = 1e-2  # weight of the curvature of the table relative to the pixels
+LEAST_SNR = 12.0  # least SNR of a star for the measurement of a PSF
+NEIGHBOUR = 0.02  # flux over the star's flux below which neighbours have no effect
+FLOOR = 0.01  # error of the model, as a fraction of a pixel's light
+REJECT = 0.05  # error of the model for the rejection of pixels, as a fraction of their light
 
 
 @dataclass(frozen=True)
 class PsfStars:
-    """Cut-outs of stars that stand alone.
+    """Cut-outs of isolated stars.
 
     image  (n, s, s) digital number, s odd
-    x, y   (n,) pixel, of the star from the middle of the cut-out
+    x, y   (n,) pixel, place of the star from the middle of the cut-out
     flux   (n,) digital number
     """
 
@@ -74,7 +74,7 @@ def brightest(measured: Sequence[PsfStars], count: int) -> PsfStars:
 class MeasuredPsf(NamedTuple):
     """A reconstructed PSF.
 
-    psf       pixels of a point, whose energy inside the box counts as one
+    psf       PSF integrated over pixels; its energy inside the box is one
     residual  1, rms over the pixels of the stars of image minus model, over the peak
     x, y      (n,) pixel, places of the stars in their cut-outs
     flux      (n,) digital number
@@ -88,16 +88,19 @@ class MeasuredPsf(NamedTuple):
 
 
 def reconstruct(stars: PsfStars, oversampling: int = 4) -> MeasuredPsf:
-    """The PSF of pixels that the images of many stars share.
+    """The common PSF, integrated over pixels, of the images of many stars.
 
-    The table is a cubic spline. It is fitted to all pixels by least squares, then places, fluxes
-    and backgrounds to it, in turns; the centroid of the table stays at its centre. Source: the
-    effective PSF of Anderson & King (2000), PASP 112, 1360, with a spline for their smoothing.
+    The table is a cubic spline. The table is fitted to all pixels by least squares, then places,
+    fluxes and backgrounds are fitted with this table, and both steps are repeated. The centroid of
+    the table stays at its centre.
+
+    Source: the effective PSF of Anderson & King (2000), PASP 112, 1360, with a spline in place of
+    their smoothing.
 
     oversampling  samples per pixel
     Raises        ValueError if fewer than two stars per sample of a pixel are given.
     Accuracy      model: one PSF for all stars; pixels of one response. numerical: the stars' noise,
-                  and a curvature that is smoothed by a hundredth of its weight.
+                  and smoothing by the curvature with the weight SMOOTH.
     """
     whole(2, 16, oversampling=oversampling)
     count = len(stars.image)
@@ -182,7 +185,7 @@ class _PsfFit:
         self.flux *= total
 
     def centre(self) -> None:
-        """The stars moved against the table, whose centroid the next fit has at its centre."""
+        """Shift the stars, so that the centroid of the next table is at its centre."""
         table = self.table()
         axis = (np.arange(len(table)) - self.half) / self.step
         self.x = self.x + float(table.sum(axis=0) @ axis / table.sum())

@@ -25,7 +25,7 @@ from startrack.optics.pupil import Aberration, Pupil
 # From the cheapest to the most exact.
 MODELS = ("gaussian", "airy", "fraunhofer", "fresnel", "kirchhoff")
 STEEPEST_F = 0.6  # the limit of an aplanatic lens is f/0.5, a whole hemisphere
-MEAN_SLOPE = 30.0  # squared slope per axis, for equal parts of three aberrations of rms 1
+MEAN_SLOPE = 30.0  # mean squared slope per axis of three equal aberrations with a total rms of 1
 
 LENSES = ("aplanatic", "perfect", "parabolic")
 COEFFICIENT = "OpenCV's distortion coefficients"
@@ -37,22 +37,21 @@ GROWTH = Range(-0.9, 10)
 class Optics(Parameters):
     """A lens."""
 
-    # Numbers that are no fields but may be replaced: their unit, and the fields that depend on
-    # them.
+    # Numbers that are not fields but may be replaced: their unit, and the fields that they set.
     DERIVED: ClassVar[Mapping[str, tuple[Unit, Callable[[Any, float], Mapping[str, float]]]]] = {
         "aperture": (DIAMETER, lambda optics, size: {"f_number": optics.focal_length / size})
     }
 
     focal_length: float = parameter(
-        "effective, for an object at infinity", unit=Unit("m", "mm"), limit=POSITIVE
+        "effective focal length, for an object at infinity", unit=Unit("m", "mm"), limit=POSITIVE
     )
     f_number: float = parameter(
         "focal length over the diameter of the clear aperture", limit=Range(0.3, 200)
     )
     blur: float = parameter(
         "sigma of the Gaussian that manufacture adds to diffraction, on the detector. Pixels and "
-        "angles become a length by the pitch and the image distance of the file, which stays "
-        "where a campaign changes them. Its bounds and variations are lengths",
+        "angles are converted to a length by the pitch and the image distance of the file; the "
+        "length stays if a campaign changes these. Its bounds and variations are lengths",
         unit=Unit("m", "um", others=("pixel", "arcsec")),
         limit=NON_NEGATIVE,
         default=0.0,
@@ -87,10 +86,7 @@ class Optics(Parameters):
         default=None,
     )
     defocus: float = parameter(
-        "by which the detector lies behind the image",
-        unit=Unit("m", "um"),
-        limit=FINITE,
-        default=0.0,
+        "distance of the detector behind the image", unit=Unit("m", "um"), limit=FINITE, default=0.0
     )
     pupil: Pupil = parameter("the shape of the aperture", default_factory=Pupil)
     aberrations: tuple[Aberration, ...] = parameter("wavefront errors", default=())
@@ -118,11 +114,11 @@ class Optics(Parameters):
     )
     lens_family: str = parameter(
         '"double-gauss", "petzval", "cooke-triplet" or "catadioptric": the lens table of that '
-        'family\'s lens of `focal_length` and `f_number`; "": none',
+        'family\'s lens with `focal_length` and `f_number`; "": none',
         default="",
     )
     family_field: float | None = parameter(
-        "half field that a lens of a family is made for; None: that of the published lens",
+        "half field for which a lens of a family is made; None: field of the published lens",
         unit=Unit("rad", "deg"),
         limit=Range(0.001, WIDEST),
         default=None,
@@ -130,19 +126,21 @@ class Optics(Parameters):
     psf_file: str = parameter(
         "images of a point, measured or exported: the path of a FITS file (`startrack lens "
         'measure` and `import` write them), or a shipped one by its name; "": none. `blur`, '
-        "`seeing` and `as_built` add to it; f-number and pupil say how much light there is",
+        "`seeing` and `as_built` add to it; f-number and pupil determine the amount of light",
         limit=core.FILE,
         default="",
     )
     growth_along: float = parameter(
-        "by which the one image of a `psf_file` is larger along the field at `field_edge` than on "
-        "the axis, over its size there; it grows with the square of the field angle, as images out "
-        "of focus do by curvature of the field and astigmatism. `compare-flight` takes it at the "
-        "place of each star; elsewhere all stars have the image of the axis",
+        "relative growth along the field of the single image of a `psf_file`, from the axis to "
+        "`field_edge`. It is proportional to the square of the field angle, as for images out of "
+        "focus by field curvature and astigmatism. Only `compare-flight` uses it, at the place of "
+        "each star; elsewhere all stars have the image on the axis",
         limit=GROWTH,
         default=0.0,
     )
-    growth_across: float = parameter("the same across the field", limit=GROWTH, default=0.0)
+    growth_across: float = parameter(
+        "relative growth across the field, likewise", limit=GROWTH, default=0.0
+    )
     as_built: float = parameter(
         "rms wavefront error of manufacture and alignment, which blurs by its mean slope: see "
         "`total_blur`",
@@ -151,12 +149,13 @@ class Optics(Parameters):
         default=0.0,
     )
     lens_field: bool = parameter(
-        "whether the image changes over the field; false: all stars have the mean image of the "
-        "lens table, at the places of its distortion for sunlike stars",
+        "whether the image varies over the field; false: all stars have the mean image of the "
+        "lens table, and the distortion for sunlike stars",
         default=True,
     )
     lens_colour: bool = parameter(
-        "whether the image changes with the star's colour; false: all are as sunlike", default=True
+        "whether the image varies with the star's colour; false: all stars are sunlike",
+        default=True,
     )
     principal_x: float = parameter(PRINCIPAL_POINT, default=0.0)
     principal_y: float = parameter(PRINCIPAL_POINT, default=0.0)
@@ -166,7 +165,7 @@ class Optics(Parameters):
     p2: float = parameter(COEFFICIENT, default=0.0)
     k3: float = parameter(COEFFICIENT, default=0.0)
     polynomial: core.FieldPolynomial | None = parameter(
-        "distortion over the field besides, as `calibrate` fits it to a table of stars",
+        "additional distortion over the field, as `calibrate` fits it to a table of stars",
         default=None,
     )
 
@@ -231,7 +230,7 @@ class Optics(Parameters):
     def _refuse_models(self) -> None:
         if self.psf in ("gaussian", "airy") and not self.plain:
             raise Refused(
-                f"psf must be auto, fraunhofer, fresnel or kirchhoff where the pupil is not clear "
+                f"psf must be auto, fraunhofer, fresnel or kirchhoff if the pupil is not clear "
                 f"or the wavefront not plane, got {self.psf!r}"
             )
         exact = self.psf in ("auto", "kirchhoff")
@@ -243,7 +242,7 @@ class Optics(Parameters):
             )
         if exact and self.lens != "aplanatic" and not self.pupil.clear:
             raise Refused(
-                f"lens must be aplanatic where the pupil is not a clear circle, got {self.lens!r}"
+                f"lens must be aplanatic if the pupil is not a clear circle, got {self.lens!r}"
             )
 
     @property
@@ -253,7 +252,7 @@ class Optics(Parameters):
 
     @property
     def tabulated(self) -> bool:
-        """Whether images change over the field or with the colour."""
+        """Whether images vary over the field or with colour."""
         return self.traced or bool(self.psf_file and open_psf_file(self.psf_file).varies)
 
     @property
@@ -310,9 +309,9 @@ def _refuse_first(there: dict[str, bool], beside: str) -> None:
 def with_plain_optics(table: Mapping[str, Any], kind: type, place: str) -> Mapping[str, Any]:
     """A table with `optics` and `detector` whose optics have an f-number and a blur in metre.
 
-    kind    that the table is read as, with `optics` and `detector`
-    Raises  Refused, with its place, for an aperture beside an f-number, for an aperture that is no
-            length, and for a blur that is neither a length, pixels nor an angle.
+    kind    class of the table, with `optics` and `detector`
+    Raises  Refused, with its place, for an aperture beside an f-number, for an aperture that is not
+            a length, and for a blur that is neither a length, pixels nor an angle.
     """
     return _with_blur_as_length(_with_f_number(table, f"{place}.optics"), kind, place)
 
@@ -338,7 +337,7 @@ def _with_f_number(table: Mapping[str, Any], place: str) -> Mapping[str, Any]:
 
 
 def _length(value: object, name: str) -> float:
-    """Metre; Raises Refused if it is no length above zero."""
+    """A length, metre. Raises Refused if it is not a length above zero."""
     example = f"{name} must be a length, such as '25 mm'"
     if not isinstance(value, str):
         raise Refused(f"{example}, got {core.shown(value)}")
@@ -355,8 +354,8 @@ def _with_blur_as_length(table: Mapping[str, Any], kind: type, place: str) -> Ma
 
         blur = pixels pitch,  blur = angle image_distance
 
-    with the pitch and the image distance of this table. A campaign that changes these leaves the
-    length as it is.
+    pitch and image distance are those of this table. A campaign that changes them does not change
+    the length.
     """
     match table:
         case {"optics": {"blur": str(blur)} as optics}:

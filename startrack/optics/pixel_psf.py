@@ -33,10 +33,10 @@ class PsfInput:
     x, y        (m, m) metre on the detector, along columns and rows, from the star's place
     wavelength  (k,) metre, of the detected light
     weight      (k,) 1, of its photons; the sum is 1
-    optics      of the design: focal length, f-number, defocus, ...
+    optics      optics of the design: focal length, f-number, defocus, ...
 
-    The function returns (m, m) irradiance on any scale, without the design's blur, diffusion and
-    pixels
+    The function returns the irradiance (m, m) on any scale, without the design's blur, diffusion
+    and pixels.
     """
 
     x: Floats
@@ -49,7 +49,7 @@ class PsfInput:
 def irradiance_by_code(
     optics: Optics, wavelength: Floats, weight: Floats, spacing: float, count: int
 ) -> Floats:
-    """The irradiance (count, count) of a function that a design names, whose integral is one.
+    """The irradiance (count, count) by user code that a design names; its integral is one.
 
     Raises  ValueError if the function raises an error, or returns an invalid result.
     """
@@ -90,7 +90,8 @@ def gauss_band(wavelength: Floats, weight: Floats, count: int) -> tuple[Floats, 
     for _ in range(count):
         new = x * basis[-1]
         diagonal.append(float(new @ basis[-1]))
-        # Against all before, twice: three-term recurrences alone lose orthogonality.
+        # Orthogonalise against all earlier vectors, twice: three-term recurrences lose
+        # orthogonality.
         for _ in range(2):
             for old in basis:
                 new = new - (new @ old) * old
@@ -106,7 +107,7 @@ BAND_NODES = 12  # wavelengths of a band; chosen by hand: each costs one diffrac
 FINEST, COARSEST = 64, 12  # samples per pixel; chosen by hand: memory against the finest PSF
 PER_SIGMA = 8.0  # samples per sigma of the core: six-point interpolation errs by 1e-6 of the peak
 MOST_SAMPLES = 1024  # across a pupil; chosen by hand: seconds of computing time
-BYTES = 72  # of a sample of a transfer function; measured
+BYTES = 72  # memory of a sample of a transfer function; measured
 EXTENSION_BOX = 8.0  # pixel, least half width of the table of a user's PSF; by hand
 OWN_SAMPLES = 12  # least samples per pixel of a user's PSF; chosen by hand
 MOST_POINTS = 3072  # across the field of an irradiance; chosen by hand: 75 MB
@@ -124,7 +125,7 @@ def pixel_psf(
 
         Psf = sum_k weight_k diffraction(wavelength_k) * blur * seeing * diffusion * pixel
 
-    where * is a convolution. Models with a closed form multiply transfer functions; the others
+    * is a convolution. Models with a closed form multiply transfer functions. The other models
     average an irradiance that is computed point by point.
 
     Source: Krutz et al. (2011), eqs. (17)-(20).
@@ -132,23 +133,23 @@ def pixel_psf(
     pitch        metre, side of a pixel
     wavelength   (k,) metre
     weight       (k,) 1, in proportion to the detected photons
-    fill_factor  1, area of the active square in the middle of a pixel over that of the pixel. The
+    fill_factor  1, area of the active square in the middle of a pixel over the pixel's area. The
                  table is divided by it, because the number of detected photons contains it
     diffusion    metre, sigma of the Gaussian that charge diffusion adds per axis
     Raises       ValueError if the wavefront needs more than 1024 samples across the pupil or
                  its image more than 3072 points.
     Accuracy     model: see `choose`; the fraction outside the table is 1 - Psf.energy. numerical:
-                 1e-5 of the peak; see `pixel_response`, `pixel_average`, `stamp`. A core of less
-                 than 1/64 pixel sigma is blurred to that, so that interpolation does not make
-                 fractions negative. If a pixel is wider than 10 wavelength * f-number, this makes
-                 the fractions of a star within 1/32 pixel of an edge wrong: by 7e-4 at a width of
-                 20 wavelength * f-number, 0.01 at 30, 0.08 at 40, 0.26 at 122.
+                 1e-5 of the peak; see `pixel_response`, `pixel_average`, `stamp`. A core with a
+                 sigma below 1/64 pixel is blurred to this sigma, so that interpolation does not
+                 make fractions negative. If a pixel is wider than 10 wavelength * f-number, this
+                 makes the fractions of a star within 1/32 pixel of an edge wrong: by 7e-4 at a
+                 width of 20 wavelength * f-number, 0.01 at 30, 0.08 at 40, 0.26 at 122.
     """
     core.positive(pitch=pitch, fill_factor=fill_factor)
     core.within(0, 1, fill_factor=fill_factor)
     core.non_negative(diffusion=diffusion)
     if optics.tabulated:
-        raise Refused("lens_file must be left out where one image stands for the whole field")
+        raise Refused("lens_file must be left out if one image represents the whole field")
     if optics.psf_file:
         return psf_of_file(
             open_psf_file(optics.psf_file), pitch, optics.total_blur, fill_factor, diffusion
@@ -186,10 +187,9 @@ def _sampled(
     oversampling: int,
     fine: int,
 ) -> Psf:
-    """Pixel response of an irradiance, given by a function of spacing (metre) and points along a
-    side.
+    """Pixel response of an irradiance; light beyond the table is left out.
 
-    Light beyond the table is left out.
+    The irradiance is a function of spacing (metre) and number of points along a side.
     """
     half = _half_samples(extent / pitch, oversampling)
     spacing = pitch / oversampling / fine
@@ -242,15 +242,15 @@ def pixel_response(
 ) -> Psf:
     """Table of pixel responses from a transfer function that depends on |f| alone.
 
-    The wings of diffraction fall with r^-3, and a discrete transform would alias them. They come
-    from the cusp 1 - cusp |f| of the transfer function. The function (cusp / a) exp(-a |f|) has the
-    same cusp and wings, and its integral over a pixel has a closed form; only the difference from
-    it is transformed. The length a follows the width of the core, so that the exponential is
-    sampled well.
+    The wings of diffraction decrease with r^-3, and a discrete transform would alias them. They
+    come from the cusp 1 - cusp |f| of the transfer function. The function (cusp / a) exp(-a |f|)
+    has the same cusp and wings, and its integral over a pixel has a closed form. Only the
+    difference from this function is transformed. The length a is proportional to the width of the
+    core, so that the exponential is well sampled.
 
     transfer    function of (...) cycle / metre that returns (...) 1
     pitch       metre
-    half_width  pixel, of the table, at least
+    half_width  pixel, least half width of the table
     finest      pixel, sigma of the core of the image; sets the sampling
     cusp        metre, minus the slope of the transfer function at zero
     side        metre, of the active square of a pixel; the pitch if None
@@ -336,15 +336,15 @@ def irradiance(
     spacing, count      metre; points along a side, odd, the axis in the middle
     slope               metre per radius, steepest of the wavefront; None: computed here
     Returns             (count, count) 1 / metre^2; over the whole plane its integral is one
-    Raises              ValueError for more than 3072 points, or where the wavefront needs more than
+    Raises              ValueError for more than 3072 points, or if the wavefront needs more than
                         1024 samples.
     Accuracy            numerical: 1e-5 of the peak.
     """
     if count > MOST_POINTS:
         raise Refused(
             f"the diffraction pattern must fit {MOST_POINTS} points a side, got {count}: the "
-            "defocus, the aberrations or the blur are too many wavelengths * f-number; let `blur` "
-            "stand for them"
+            "defocus, the aberrations or the blur are too many wavelengths * f-number; use `blur` "
+            "instead"
         )
     slope = steepest_slope(optics, model) if slope is None else slope
     shortest = float(wavelength.min())
@@ -354,8 +354,8 @@ def irradiance(
         raise Refused(
             f"the pupil must need at most {MOST_SAMPLES} samples, got {samples} for a field of "
             f"{2 * half_width:.0f} wavelength * f-number and a wavefront as steep as "
-            f"{slope / shortest:.0f} waves per radius: let `blur` stand for it or, where the pupil "
-            "is clear, take the model airy"
+            f"{slope / shortest:.0f} waves per radius: use `blur` instead or, if the pupil is "
+            "clear, the model airy"
         )
     wave = wavefront(optics, model, samples)
     cell = wave.coordinate[1] - wave.coordinate[0]
@@ -381,13 +381,13 @@ def _as_psf(table: Floats, oversampling: int) -> Psf:
 
 
 def _oversampling(finest: float) -> int:
-    """Samples per pixel for which six-point interpolation errs by 1e-6 of the peak."""
+    """Samples per pixel for which six-point interpolation has an error of 1e-6 of the peak."""
     return int(np.clip(math.ceil(PER_SIGMA / max(finest, 1e-3)), COARSEST, FINEST))
 
 
 def _half_samples(width: float, oversampling: int) -> int:
     """Samples from centre to edge of the table: its width, half a pixel, the interpolation."""
-    # Whole pixels, so that a star has as many pixels on its left as on its right.
+    # Whole pixels, so that a star has the same number of pixels on both sides.
     return math.ceil((math.ceil(max(width, 1.0)) + 0.5) * oversampling) + 3
 
 

@@ -61,12 +61,12 @@ SHAPES = {"SQAP", "SQOB", "ELAP", "ELOB", "SPID", "UDAD", "UDAO", "UDOB", "COBS"
 # Letters of CODE V, of the terms in r^4, r^6, ... r^20 of an asphere.
 ASPHERE = "ABCDEFGHJ"
 SHORTEST, LONGEST = 0.1, 30.0  # micrometre, of wavelengths that a prescription may have
-WARM = 20.0  # degC, at which the tracer takes lengths as they are
-THIN = 0.01  # atmosphere, below which a lens counts as in vacuum
+WARM = 20.0  # degC, temperature for which the tracer assumes that lengths are given
+THIN = 0.01  # atmosphere, pressure below which a lens counts as in vacuum
 TORR = 760.0  # of an atmosphere
 VIGNETTING = "its vignetting factors do not count: apertures of surfaces do"
-# Commands of CODE V for the lens and for a surface that have no effect on light, or that the tracer
-# reads.
+# Commands of CODE V, for the lens and for a surface, that have no effect on light or that the
+# tracer reads.
 LENS_WORDS = {
     "RDM",
     "LEN",
@@ -136,8 +136,8 @@ ZERO_ONLY = {"XDE", "YDE", "ZDE", "ADE", "BDE", "CDE"}  # zero for a lens of rev
 class Glass(NamedTuple):
     """Medium behind a surface: a glass of a catalogue, or a model by two numbers.
 
-    name, maker    as in the tracer's catalogue; maker is "" of a model
-    n_d, abbe      1, at 587.6 nm; of a model
+    name, maker    as in the tracer's catalogue; maker is "" for a model
+    n_d, abbe      1, index and Abbe number at 587.6 nm of a model
     """
 
     name: str
@@ -147,15 +147,15 @@ class Glass(NamedTuple):
 
 
 class Prescription(NamedTuple):
-    """The contents of a file as they were understood.
+    """The contents of a file after it was read.
 
-    text      for the tracer, with numbers of `unit` and a stand-in for each glass
-    suffix    of the kind of file
-    unit      of length: "mm", "cm", "in" or "m"
-    glasses   by the number of the surface before them
-    aspheres  by the number of the surface: terms in r^4, r^6, ..., in `unit`
+    text      text for the tracer, with numbers in `unit` and a placeholder for each glass
+    suffix    suffix of the kind of file
+    unit      unit of length: "mm", "cm", "in" or "m"
+    glasses   glasses by the number of the surface before them
+    aspheres  terms in r^4, r^6, ..., in `unit`, by the number of the surface
     focused   whether the image is at the paraxial focus, independent of the last distance
-    defocus   `unit`, from there to the image
+    defocus   `unit`, distance from the paraxial focus to the image
     notes     contents of the file that the trace ignores
     """
 

@@ -16,11 +16,11 @@ from startrack.optics.lens_table import WIDEST, catalogued, kept_files
 
 FORMAT = 1
 SMALLEST, LARGEST = 5, 2048  # samples along a side of an image
-MOST_NUMBERS = 20_000_000  # of all images together
+MOST_NUMBERS = 20_000_000  # most numbers in all images together
 FINE = 12  # samples per pixel at least: six-point interpolation errs by less than a cubic spline
 PARTS = {"wavelength": "WAVELENGTH", "angle": "FIELD", "place": "PLACE"}
-EVEN = 1e-3  # of the peak, by which an image may differ from its mirror image
-SAME = 1e-3  # of a pixel's side, by which the pixels of a file and of a design may differ
+EVEN = 1e-3  # allowed difference of an image from its mirror image, over the peak
+SAME = 1e-3  # allowed relative difference of the pixel sides of a file and a design
 
 
 @printed
@@ -28,14 +28,14 @@ SAME = 1e-3  # of a pixel's side, by which the pixels of a file and of a design 
 class PsfFile:
     """Images of a point at nodes of wavelength and field angle, and the meaning of a sample.
 
-    The x axis of an image away from the axis runs along the field: the image of a star beside the
-    axis is turned. The middle sample, number n // 2, is at `place`.
+    For an image off the optical axis, its x axis runs along the field: the image of a star is
+    rotated to the star's azimuth. The middle sample, number n // 2, is at `place`.
 
-    source      where they come from
+    source      source of the images
     image       (w, f, n, n) on any scale
     spacing     metre between two samples; pixel where `pitch` is unknown
-    pixel       whether a sample is the light in a pixel around it; else the irradiance at its place
-    pitch       metre, side of that pixel; None: a pixel of any size
+    pixel       whether a sample is the light in a pixel around it, or the irradiance at its place
+    pitch       metre, side of this pixel; None: a pixel of any size
     energy      1, fraction of the light within an image
     wavelength  (w,) metre, rising; a single one represents all
     angle       (f,) radian from the axis, rising from zero; a single one represents all
@@ -115,8 +115,8 @@ def psf_of_file(
 ) -> Psf:
     """The Psf of the one image of a file.
 
-    An image that contains the pixel is refined by a cubic spline through its samples, to twelve a
-    pixel at least; an irradiance is averaged over the active square of a pixel too.
+    An image that contains the pixel is refined by a cubic spline through its samples, to at least
+    twelve per pixel. An irradiance is also averaged over the active square of a pixel.
 
     pitch        metre, of the design
     blur         metre, sigma of a Gaussian that is added
@@ -151,7 +151,8 @@ def psf_of_file(
 
 
 def _resampled(image: Floats, size: float) -> Floats:
-    """An image on another grid, whose samples are 1 / `size` of the old ones apart; odd."""
+    """An image on another grid, with an odd number of samples, 1 / `size` of the old spacing
+    apart."""
     middle = len(image) // 2
     if size == 1 and len(image) % 2:
         return image
@@ -180,10 +181,10 @@ def _padded(table: Floats, step: int) -> Floats:
 def save_psf_file(path: Path, psf: PsfFile) -> None:
     """Write a file of images as FITS with checksums.
 
-    The first image is (n, n) of one image, (w, f, n, n) of more. Its header holds PSF (the
-    format), SOURCE, PIXEL (T or F), ENERGY, and OVERSAMP (samples per pixel) where PIXEL is T,
-    SPACING (metre) otherwise; PITCH (metre) where it is known. More images have WAVELENGTH (metre),
-    FIELD (radian) and PLACE (metre).
+    The first FITS image is (n, n) for one PSF, and (w, f, n, n) for several. Its header has PSF
+    (the format), SOURCE, PIXEL (T or F) and ENERGY. It has OVERSAMP (samples per pixel) if PIXEL is
+    T, otherwise SPACING (metre), and PITCH (metre) if it is known. If there are several PSFs,
+    further images are WAVELENGTH (metre), FIELD (radian) and PLACE (metre).
     """
     from astropy.io import fits
 
@@ -251,5 +252,5 @@ _open = kept_files(load_psf_file)
 
 
 def open_psf_file(name: str) -> PsfFile:
-    """The images of a `psf_file`; kept for the 8 last files and their times."""
+    """The images of a `psf_file`; cached for the last 8 files with their times."""
     return _open(catalogued(name, "psf_file", "psfs", "a file of PSFs"))

@@ -30,8 +30,8 @@ AREA_CELLS = 512  # across the aperture, for its open area: 1e-5 for shapes with
 class Segment(Parameters):
     """One piece of a segmented or sparse aperture."""
 
-    x: float = parameter("its centre, in radii of the whole aperture", limit=FINITE)
-    y: float = parameter("its centre, in radii of the whole aperture", limit=FINITE)
+    x: float = parameter("x of its centre, in radii of the whole aperture", limit=FINITE)
+    y: float = parameter("y of its centre, in radii of the whole aperture", limit=FINITE)
     size: float = parameter(
         "radius of a circle, or half the distance between two opposite sides of a hexagon",
         limit=POSITIVE,
@@ -42,13 +42,13 @@ class Segment(Parameters):
         default="hexagon",
     )
     piston: float = parameter(
-        "path of its wavefront beyond that of the others; a mirror moves by half of it",
+        "additional path of its wavefront; a mirror moves by half of it",
         unit=Unit("m", "nm"),
         limit=FINITE,
         default=0.0,
     )
     tilt_x: float = parameter(
-        "slope of its wavefront along x about its centre; a mirror turns by half of it",
+        "slope of its wavefront along x about its centre; a mirror rotates by half of it",
         unit=Unit("rad", "arcsec"),
         limit=Range(-0.1, 0.1),
         default=0.0,
@@ -84,18 +84,21 @@ class Pupil(Parameters):
     """Shape of the aperture; the default is a clear circle."""
 
     obscuration: float = parameter(
-        "radius of the central obscuration over that of the aperture",
+        "radius of the central obscuration over the radius of the aperture",
         limit=Range(0, 0.95),
         default=0.0,
     )
     vanes: int = parameter(
-        "number of evenly spaced arms that hold it", limit=Range(0, 32), default=0
+        "number of evenly spaced arms that hold the obscuration", limit=Range(0, 32), default=0
     )
     vane_width: float = parameter(
-        "over the radius of the aperture", limit=Range(0, 0.5), default=0.0
+        "width of an arm over the radius of the aperture", limit=Range(0, 0.5), default=0.0
     )
     vane_angle: float = parameter(
-        "of the first arm, from +x towards +y", unit=Unit("rad", "deg"), limit=FINITE, default=0.0
+        "angle of the first arm, from +x towards +y",
+        unit=Unit("rad", "deg"),
+        limit=FINITE,
+        default=0.0,
     )
     segments: tuple[Segment, ...] = parameter(
         "the pieces of a segmented or sparse aperture; none: the whole circle", default=()
@@ -105,7 +108,7 @@ class Pupil(Parameters):
         super().__post_init__()
         if (self.vanes > 0) != (self.vane_width > 0):
             raise Refused(
-                "vanes and vane_width must both be zero or both not, got "
+                "vanes and vane_width must both be zero or both be positive, got "
                 f"{self.vanes} and {self.vane_width}"
             )
         for segment, other in combinations(self.segments, 2):
@@ -119,7 +122,7 @@ class Pupil(Parameters):
 
     @property
     def fraction(self) -> float:
-        """Open area over that of the circle.
+        """Open area over the area of the circle.
 
         Accuracy  numerical: 1e-5 for shapes with corners.
         """
@@ -197,10 +200,10 @@ def area_weights(pupil: Pupil, x: Floats, cell: float) -> Floats:
 
 
 def soft_step(distance: Floats) -> Floats:
-    """One far inside (negative distance, in cells), zero far outside.
+    """Soft edge: one far inside (negative distance, in cells), zero far outside.
 
-    The integral of a Gaussian of sigma EDGE times 1 - (D/2) + (D/2)^2/2 with D its second
-    derivative in sigmas: the transform exp(-t) (1 + t + t^2 / 2) is one up to t^3.
+    It is the integral of a Gaussian of sigma EDGE times 1 - (D/2) + (D/2)^2/2, with D its second
+    derivative in sigmas. Its transform exp(-t) (1 + t + t^2 / 2) is one up to t^3.
     """
     z = distance / EDGE
     bell = np.exp(-z * z / 2) / math.sqrt(2 * math.pi)
@@ -232,7 +235,7 @@ class Aberration(Parameters):
         limit=Range(1, MOST),
     )
     rms: float = parameter(
-        "over the clear circular aperture (at the edge of the field if it grows)",
+        "rms over the clear circular aperture (at the edge of the field if the term grows)",
         unit=Unit("m", "nm"),
         limit=FINITE,
     )

@@ -6,7 +6,7 @@ import numpy as np
 
 from startrack.core import Floats, Psf
 
-RADII = (0.25, 0.5, 1.0, 1.5, 2.0, 3.0)  # pixel
+RADII = (0.25, 0.5, 1.0, 1.5, 2.0, 3.0)  # pixel, of circles for encircled energies
 BLOCKS = (1, 3, 5, 7)  # pixels along a side
 POINT = 1e-4  # fill factor of tiny pixels, whose table is the image itself
 
@@ -34,7 +34,7 @@ class Quality:
 def quality(response: Psf, image: Psf) -> Quality:
     """Figures of merit from two tables of the same optics.
 
-    response  table of the pixels
+    response  table integrated over pixels
     image     table with `fill_factor=POINT`
     Accuracy  numerical: 2e-3 in modulation, 1e-3 in energy; energies beyond the table are NaN.
     """

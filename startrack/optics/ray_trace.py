@@ -20,11 +20,11 @@ MICROMETRE = 1e6  # per metre; its wavelengths are in micrometre
 AZIMUTHS = 96  # directions from the chief ray to the rim of a pupil
 HARMONICS = 24  # of the rim beyond its ellipse
 UNEVEN = 15  # largest Noll index of the amplitude
-RINGS = 16  # rays of a wavefront on each
-COVERED = 400  # rays on each, to count rays that an obstruction stops
+RINGS = 16  # rings of rays of a wavefront
+COVERED = 400  # rays on each azimuth, to count rays that an obstruction stops
 ROUNDS, CLOSE = 30, 1e-7  # most steps to the rim, and the relative error that ends them
 DEGREE = 9  # of the polynomials from the pupil to the beam before the lens
-BEYOND, OUTSIDE = 1.1, 0.02  # of rays just outside an aperture, for a smooth fit: distance, weight
+BEYOND, OUTSIDE = 1.1, 0.02  # distance and weight of rays outside an aperture, for a smooth fit
 SMALLEST = 1e-6  # relative singular value, below which rays do not determine a term
 ROUNDED = 0.01  # relative accuracy of the catalogue's wavelength limits
 BARREL = 23.6e-6  # 1 / kelvin, expansion of aluminium
@@ -62,12 +62,12 @@ def trace_lens(
 
     lens      as `read_prescription` gives it
     progress  called with 1 for each node that is done
-    Raises    ValueError if the chief ray does not pass, or if the lens is no lens of revolution
+    Raises    ValueError if the chief ray does not pass, or if the lens is not a lens of revolution
               that images stars.
-    Returns   the table, and the rms in metre of the wavefront that its terms leave, (t, w, f)
-    Accuracy  the open pupil is an ellipse of the true area and the true width along p, and its
-              outline errs by 0.3 % of its radius where apertures make corners. Transmission is one:
-              no absorption, no reflection.
+    Returns   the table, and the residual rms (metre) of the wavefront after its terms, (t, w, f)
+    Accuracy  the open pupil is an ellipse of the true area and the true width along p; its outline
+              has an error of 0.3 % of its radius at corners of apertures. Transmission is one: no
+              absorption, no reflection.
     """
     refuse_lens(lens)
     _refuse_wavelengths(lens, tracing.wavelength)
@@ -122,7 +122,7 @@ def trace_lens(
 def surfaces_of(lens: Any) -> Surfaces:
     """The surfaces of a tracer's lens, without surfaces that have no effect.
 
-    Raises  ValueError if they are no spheres.
+    Raises  ValueError if they are not spheres.
     Accuracy  a surface without an aperture gets the paraxial aperture of the beams up to the
               largest field angle.
     """
@@ -250,9 +250,9 @@ def _stop_radius(lens: Any) -> float:
 
 
 def _without_apertures(lens: Any) -> tuple[Any, list[tuple[float, float]]]:
-    """A copy without apertures; and, for each surface, two radii (millimetre) of its aperture:
+    """A copy without apertures; and the radii of the aperture of each surface.
 
-    of the obstruction in its middle, and of its rim.
+    There are two radii (millimetre): of the obstruction in the middle, and of the rim.
     """
     plain, radii = copy.deepcopy(lens), []
     for surface in plain.surfaces:
@@ -297,7 +297,8 @@ def _at_state(
 
 
 def _expansion(material: Any) -> float:
-    """1 / kelvin, of a glass of the tracer's catalogue from -30 to 70 degC; 0 where not known."""
+    """Expansion, 1 / kelvin, of a glass of the tracer's catalogue from -30 to 70 degC; 0:
+    unknown."""
     path = getattr(material, "filename", None)
     if not path or not Path(path).is_file():
         return 0.0
@@ -317,10 +318,9 @@ class _Sphere(NamedTuple):
     curvature: float
 
     def crossed_by(self, rays: Any) -> tuple[Floats, Floats, Floats]:
-        """Direction cosines from the points where rays cross it to its centre; paths (millimetre)
-        to it.
+        """Where rays cross the sphere: direction cosines to its centre, and paths (millimetre).
 
-        The paths after the sphere, and the path of the chief ray, are subtracted.
+        The paths end at the sphere, and the path of the chief ray is subtracted.
         """
         p, q, x, y, path = (
             np.asarray(array) for array in (rays.L, rays.M, rays.x, rays.y, rays.opd)
@@ -422,9 +422,8 @@ class _Node:
     def measure(
         self, noll: Sequence[int]
     ) -> tuple[Floats, float, list[float], Floats, float, Floats, float, float]:
-        """Wavefront (k,), place, pupil, outline, area, amplitude, curvature, and rms that the terms
-        of the wavefront leave, in metre.
-        """
+        """Wavefront (k,), place, pupil, outline, area, amplitude, curvature; residual rms,
+        metre."""
         azimuth = (np.arange(float(AZIMUTHS)) + 0.5) * (2 * math.pi / AZIMUTHS)
         sphere = self._sphere()
         rims, pupil = [self.boundary(which, azimuth) for which in (0, 1)], []
@@ -475,7 +474,7 @@ class _Node:
     def _fit(
         self, noll: Sequence[int], pupil: list[float], azimuth: Floats, rim: Floats, sphere: _Sphere
     ) -> tuple[Floats, Floats, float]:
-        """Wavefront, metre; amplitude; metre rms that the terms of the wavefront leave."""
+        """Wavefront, metre; amplitude; residual rms of the wavefront after its terms, metre."""
         node, weight = np.polynomial.legendre.leggauss(RINGS)
         distance = np.multiply.outer((node + 1) / 2, rim)
         across, y = (distance * np.cos(azimuth)).ravel(), (distance * np.sin(azimuth)).ravel()
@@ -499,8 +498,9 @@ class _Node:
 def _amplitude(
     noll: Sequence[int], u: Floats, v: Floats, across: Floats, y: Floats, weight: Floats
 ) -> Floats:
-    """Terms of the amplitude of an even beam of rays, which meet (across, y) before the lens and
-    (u, v) of the pupil: the root of the beam's area by the pupil's.
+    """Terms of the amplitude of a uniform beam: root of the beam's area over the pupil's area.
+
+    Its rays pass (across, y) before the lens and (u, v) of the pupil.
     """
     powers = [(i, j) for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)]
     shapes = np.stack([u**i * v**j for i, j in powers], axis=-1)

@@ -1,4 +1,4 @@
-"""Residual: displacements of a unit's stars that no camera model describes, by causes."""
+"""Residual: displacements of a unit's stars that no camera model describes, by their causes."""
 
 import numpy as np
 from scipy.linalg import lstsq
@@ -31,11 +31,12 @@ class Residual(Parameters):
         s^2 = rms^2 + (angle focal length)^2 + (grid / pitch)^2
 
     f, g and h are normal random fields with the correlation exp(-(d / scale)^2 / 2) over a distance
-    d. From f and g, the part that a camera model or an attitude could absorb is removed (a turn,
-    focal length, principal point, k1, k2, p1 and p2); then they have an rms of 1 per axis over the
-    frame. The displacements by the elements of a lens as built are computed with rays through its
-    surfaces (`element_slopes`). Only a turn is removed from them, because the camera is aligned
-    after its assembly. The calibration of the unit absorbs the displacements of its order.
+    d. From f and g, the part that a camera model or an attitude could absorb is removed (a
+    rotation, focal length, principal point, k1, k2, p1 and p2). Then they have an rms of 1 per axis
+    over the frame. The displacements by the elements of a lens as built are computed with rays
+    through its surfaces (`element_slopes`). Only a rotation is removed from them, because the
+    camera is aligned after its assembly. The calibration of the unit absorbs the displacements of
+    its order.
 
     Accuracy  model: light meets the detector at the field angle, as for an exit pupil at a distance
               of one focal length.
@@ -43,19 +44,19 @@ class Residual(Parameters):
 
     rms: float = parameter("pixel, per axis, over the frame", limit=NON_NEGATIVE, default=0.0)
     angle: float = parameter(
-        "the same as an angle on the sky",
+        "rms per axis over the frame, as an angle on the sky",
         unit=Unit("rad", "arcsec"),
         limit=NON_NEGATIVE,
         default=0.0,
     )
     grid: float = parameter(
-        "the same on the detector: errors of the grid of its pixels",
+        "rms per axis on the detector: errors of the grid of its pixels",
         unit=Unit("m", "um"),
         limit=NON_NEGATIVE,
         default=0.0,
     )
     flatness: float = parameter(
-        "rms by which the surface of the detector is not flat; oblique light is displaced",
+        "rms deviation of the detector's surface from a plane; it displaces oblique light",
         unit=Unit("m", "um"),
         limit=NON_NEGATIVE,
         default=0.0,
@@ -67,13 +68,13 @@ class Residual(Parameters):
         "pixel per kelvin: rms of the change with temperature", limit=NON_NEGATIVE, default=0.0
     )
     temperature: float = parameter(
-        "above that at which there is no drift", unit=Unit("K"), limit=FINITE, default=0.0
+        "temperature above the one without drift", unit=Unit("K"), limit=FINITE, default=0.0
     )
     decentre: float = parameter(PER_AXIS, unit=Unit("m", "um"), limit=NON_NEGATIVE, default=0.0)
     tilt: float = parameter(PER_AXIS, unit=Unit("rad", "arcmin"), limit=NON_NEGATIVE, default=0.0)
     wedge: float = parameter(PER_AXIS, unit=Unit("rad", "arcmin"), limit=NON_NEGATIVE, default=0.0)
     family: str = parameter(
-        "lens_family whose elements are off, where the optics have no lens table", default=""
+        "lens_family that stands for the lens, if the optics have no lens table", default=""
     )
     seed: int = parameter(
         "seed of the random residual of one unit; 0: no residual, as in the unit as designed",
@@ -82,13 +83,13 @@ class Residual(Parameters):
     )
 
     def smooth(self, camera: core.Camera, pitch: float) -> float:
-        """Pixel, s of the equation."""
+        """Pixel, s in the equation of the class."""
         parts = self.rms, self.angle * camera.focal_length_px, self.grid / pitch
         return float(np.linalg.norm(parts))
 
     @property
     def of_elements(self) -> Floats:
-        """Metre or radian (3,), by KINDS."""
+        """Rms of decentre, tilt and wedge (3,), metre or radian, in the order of KINDS."""
         return np.array([getattr(self, kind) for kind in KINDS])
 
     def field(self, camera: core.Camera, optics: Optics, pitch: float) -> core.Displacement | None:
@@ -134,11 +135,12 @@ class Residual(Parameters):
     ) -> Floats:
         """Root of the covariance of the field after a calibration, before it is drawn.
 
-        From flatness and elements, a turn and the parameters that the calibration fits are removed;
-        from all parts, the field that its map absorbs. Drift is unknown and left out.
+        From flatness and elements, a rotation and the parameters that the calibration fits are
+        removed. From all parts, the field that the calibration's map absorbs is removed. Drift is
+        unknown and left out.
 
         order, tangential, nodes  as `order`, `tangential` and `map` of `tracker.calibration`; order
-                                  0: no calibration, only a turn is removed
+                                  0: no calibration, only a rotation is removed
         Returns   (33, 33, 2, k) pixel, x and y at places that span the frame, row by row; the
                   covariance of two places is the product of theirs over the k modes
         Accuracy  numerical: a thousandth of the variance is left out.
@@ -167,7 +169,7 @@ class Residual(Parameters):
 
 @kept(8)
 def _turned_back(lens: BuiltLens) -> tuple[Ints, Floats]:
-    """`ElementSlopes` without the part that a turn could absorb."""
+    """`ElementSlopes` without the part that a rotation could absorb."""
     kind, slope = element_slopes(lens)
     camera = lens.camera
     turns = taken_up(camera, core.node_places(camera.columns, camera.rows))[:, :3]
@@ -175,7 +177,7 @@ def _turned_back(lens: BuiltLens) -> tuple[Ints, Floats]:
 
 
 LATTICE = 33  # places along each side of the law's table
-LEFT_OUT = 1e-3  # of the variance, in the modes that the table lacks; chosen by hand
+LEFT_OUT = 1e-3  # fraction of the variance in modes that the table lacks; chosen by hand
 
 
 def _on_lattice(camera: core.Camera, root: Floats) -> Floats:
@@ -196,10 +198,10 @@ def _on_lattice(camera: core.Camera, root: Floats) -> Floats:
 def _root(camera: core.Camera, scale: float) -> Floats:
     """Matrix (2 n, 2 n) from normal numbers to the field at its n nodes, all x before all y.
 
-    Of the field, the part that a camera model could take up is removed before it is scaled to an
-    expected rms of one.
+    The part of the field that a camera model could absorb is removed; then the field is scaled to
+    an expected rms of one.
     """
-    # So that most units share a root.
+    # Rounded, so that most units share a root.
     return _root_of(camera.columns, camera.rows, float(f"{camera.focal_length_px:.1e}"), scale)
 
 
@@ -233,7 +235,7 @@ def _smooth(columns: int, rows: int, scale: float) -> Floats:
 
 
 def _weight() -> Floats:
-    """Weights (2 n,) of the nodes: those at the edges have half of the area of others."""
+    """Weights (2 n,) of the nodes: nodes at the edges have half of the area of others."""
     line = np.ones(NODES)
     line[[0, -1]] = 0.5
     return np.tile(np.outer(line, line).ravel(), 2)
@@ -251,10 +253,10 @@ def _without(model: Floats, root: Floats) -> Floats:
 
 
 def taken_up(camera: core.Camera, place: Floats) -> Floats:
-    """Displacements (2 n, 10) of places (n, 2) by a turn and by the parameters of a camera.
+    """Displacements (2 n, 10) of places (n, 2) by a rotation and by the parameters of a camera.
 
-    All x before all y; each column on any scale: three turns, focal length, principal point (for a
-    narrow field nearly two of the turns), k1, k2, p1, p2.
+    All x come before all y. The columns, on any scale, are three rotations, focal length, principal
+    point (for a narrow field nearly equal to two of the rotations), k1, k2, p1, p2.
     """
     half = np.hypot(camera.columns, camera.rows) / 2
     x, y = (place - camera.centre).T / half

@@ -1,4 +1,4 @@
-"""Surfaces: radii, spaces, glasses and clear apertures of a lens, beside its table in one file."""
+"""Surfaces: radii, spaces, glasses and clear apertures of a lens, in the file of its table."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MIRROR_DENSITY = 2230.0  # kg / m^3
 class Surfaces:
     """Spherical surfaces of a lens, from the front to the last before the detector.
 
-    curvature  (s,) 1 / metre, positive where the centre lies behind the surface
+    curvature  (s,) 1 / metre, positive if the centre lies behind the surface
     thickness  (s,) metre along the axis to the next surface, from the last to the detector;
                negative after a mirror
     index      (s,) 1, after the surface; before the first is 1
@@ -58,7 +58,7 @@ class Surfaces:
 
     @property
     def vertex(self) -> Floats:
-        """Metre along the axis (s + 1,), of each surface and of the detector."""
+        """Position along the axis (s + 1,), metre, of each surface and of the detector."""
         return np.concatenate([[0.0], np.cumsum(self.thickness)])
 
     @property
@@ -85,7 +85,7 @@ class Surfaces:
         return height[:, 0], height[:, 0] * entry + height[:, 1]
 
     def signed_index(self) -> tuple[Floats, Floats]:
-        """Indices (s,) before and after each surface, negative where light runs backwards."""
+        """Indices (s,) before and after each surface; negative if light runs backwards."""
         after = (-1.0) ** np.cumsum(self.mirror > 0)
         before = np.where(self.mirror > 0, -after, after)
         return self.index_before * before, self.index * after
@@ -97,13 +97,13 @@ class Surfaces:
         return (*glass, *((at, at) for at in range(len(self)) if self.mirror[at]))
 
     def glass_mass(self) -> float:
-        """Kilogram, of all elements, from their shapes.
+        """Mass of all elements, kilogram, from their shapes.
 
         A mirror is of borosilicate glass, with a thickness of a sixth of its diameter.
 
-        Accuracy  model: edges are the larger of both clear apertures; 2510 kg / m^3 at the index of
-                  BK7 and 8500 more for each unit of the index, which fits 12 common glasses to 20 %
-                  (lead-free flints are lighter).
+        Accuracy  model: the edge of an element is the larger of its two clear apertures. The
+                  density is 2510 kg / m^3 at the index of BK7, and 8500 more per unit of the index;
+                  it fits 12 common glasses to 20 % (lead-free flints are lighter).
         """
         total = 0.0
         for first, last in self.elements:
@@ -118,14 +118,14 @@ class Surfaces:
         return total
 
     def length(self) -> float:
-        """Metre, from the foremost vertex to the rearmost or the detector."""
+        """Length, metre, from the foremost vertex to the rearmost vertex or the detector."""
         return float(np.ptp(self.vertex))
 
     def scaled(self, size: float, faster: float = 1.0, wider: float = 1.0) -> Surfaces:
         """The same shape in another size, with clear apertures for other beams.
 
-        A clear aperture is the sum of the height of the outermost axial ray, times `faster`, and of
-        the rest for oblique beams, times `wider`.
+        A clear aperture is a sum of two terms: the height of the outermost axial ray, times
+        `faster`, and the remainder for oblique beams, times `wider`.
 
         faster, wider  aperture and tangent of the field over those of this lens, at one focal
                        length
@@ -151,7 +151,7 @@ def _cap(curvature: float, radius: float) -> float:
     sphere = 1 / bend
     sag = sphere - np.sqrt(sphere**2 - radius**2)
     volume = np.pi * sag**2 * (sphere - sag / 3)
-    # What lies between the plane and the cap, in the cylinder.
+    # The volume between the plane and the cap, in the cylinder.
     return float(np.copysign(np.pi * radius**2 * sag - volume, curvature))
 
 
@@ -168,7 +168,7 @@ def meet(point: Floats, ray: Floats, curvature: float) -> tuple[Floats, Floats]:
 
 
 def refracted(ray: Floats, normal: Floats, ratio: float) -> Floats:
-    """Directions after a surface, by Snell's law; NaN where light is reflected totally."""
+    """Directions after a surface, by Snell's law; NaN for total reflection."""
     cosine = (ray * normal).sum(axis=0)
     root = np.sqrt(1 - ratio**2 * (1 - cosine**2))
     return ratio * ray + (np.copysign(root, cosine) - ratio * cosine) * normal
@@ -187,9 +187,9 @@ def save_surfaces(path: Path, surfaces: Surfaces) -> None:
 
 
 def replace_part(path: Path, name: str, table: Floats, units: str) -> None:
-    """Add an image of that name to the FITS file of a lens table, or replace it.
+    """Add an image with a name to the FITS file of a lens table, or replace it.
 
-    units  of the columns
+    units  units of the columns
     """
     from astropy.io import fits
 
@@ -204,7 +204,7 @@ def replace_part(path: Path, name: str, table: Floats, units: str) -> None:
 def load_surfaces(path: Path) -> Surfaces | None:
     """The surfaces of a lens table's file; None without surfaces.
 
-    Raises  FileNotFoundError; ValueError if the file is no lens table, or damaged.
+    Raises  FileNotFoundError; ValueError if the file is not a lens table, or is damaged.
     """
     with open_checked(path, "LENS", FORMAT, "a lens table") as parts:
         if PART not in [part.name for part in parts]:

@@ -17,7 +17,7 @@ from startrack.optics.pupil import even_terms, zernike
 TERMS = 37  # largest Noll index of a wavefront
 MOST_BYTES = 100_000_000
 ROOM = 293.15  # kelvin
-BAND = (300e-9, 1100e-9)  # metre, that one wavelength represents
+BAND = (300e-9, 1100e-9)  # metre, range that one wavelength represents
 WIDE = 0.1  # radian, largest difference of fields for one field angle
 NUMBER = r"[-+]?[0-9]*[.,]?[0-9]+(?:[eE][-+]?[0-9]+)?"
 MICRO = r"(?:u|[^\sA-Za-z]{1,2})m|[Mm]icrons?|[Mm]icrometers?"  # in any encoding
@@ -38,10 +38,10 @@ class _Page(NamedTuple):
     """One saved page: wavelength (metre) and field angle (radian); x runs off the axis.
 
     path     of its file
-    data     (n, n), the middle at n // 2
-    spacing  metre, of a PSF; 0: a wavefront in waves, NaN outside of the pupil
-    place    metre from the axis of the middle; None where the page does not say it
-    band     metre, first and last wavelength; of which `wavelength` is the middle
+    data     (n, n) numbers, the middle at n // 2
+    spacing  metre, spacing of a PSF; 0: a wavefront in waves, NaN outside the pupil
+    place    metre, distance of the middle from the axis; None if the page does not state it
+    band     metre, first and last wavelength; `wavelength` is their middle
     """
 
     path: Path
@@ -54,14 +54,14 @@ class _Page(NamedTuple):
 
 
 def holds_wavefronts(paths: Sequence[Path]) -> bool:
-    """Whether pages are wavefront maps and not PSFs. Raises as `psfs_of_pages`."""
+    """Whether pages are wavefront maps, not PSFs. Exceptions are those of `psfs_of_pages`."""
     return _pages(paths)[0].spacing == 0
 
 
 def psfs_of_pages(paths: Sequence[Path], source: str) -> PsfFile:
     """Images from pages of Huygens PSFs, one for each wavelength and field (0, y).
 
-    The first row of numbers is that of the largest y.
+    The first row of numbers has the largest y.
 
     Raises  OSError; ValueError if a page is invalid, or the set is not complete.
     """
@@ -99,13 +99,14 @@ def table_of_pages(
     """The lens table of pages of wavefront maps, one for each wavelength and field (0, y).
 
     Its terms to Noll 37, even across the field, are fitted by least squares over the open pupil. A
-    map is positive where the path is longer than that of the chief ray. A single wavelength
-    represents all from 300 to 1100 nm, with the same path; a single field angle all to 0.1 radian.
+    map is positive if the path is longer than the path of the chief ray. A single wavelength
+    represents all wavelengths from 300 to 1100 nm, with the same path. A single field angle
+    represents all angles to 0.1 radian.
 
     focal_length, f_number  metre, 1, of the lens
-    flipped                 maps are positive where the path is shorter
+    flipped                 whether maps are positive if the path is shorter
     Raises    OSError; ValueError if a page is invalid, or the set is not complete.
-    Returns   the table, and the rms (w, f) in waves that the terms leave of its wavefronts
+    Returns   the table, and the residual rms (w, f) in waves of its wavefronts after the terms
     Accuracy  model: a round pupil without vignetting, distortion and lateral colour, because the
               maps do not contain them.
     """
@@ -146,7 +147,7 @@ def table_of_pages(
 
 
 def _terms(waves: Floats, noll: Sequence[int]) -> tuple[Floats, float]:
-    """Terms of a map of waves, and the rms that they leave."""
+    """Terms of a map of waves, and the residual rms after these terms."""
     inside, axis = np.isfinite(waves), np.arange(len(waves)) - len(waves) // 2
     across, down = np.meshgrid(axis, axis)
     radius = max(float(np.hypot(across, down)[inside].max()), 1.0)
@@ -197,7 +198,7 @@ def _page(path: Path) -> _Page:
     if wave[5] != "deg":
         raise Refused(f"{path} must have its field in degree (deg), got {wave[5]}")
     first, last = _number(wave[1]), _number(wave[2] or wave[1])
-    # A field of one angle is that along y, as a lens of revolution has it.
+    # A field of one angle is along y, as usual for a lens of revolution.
     across, along = (_number(wave[3]), _number(wave[4])) if wave[4] else (0.0, _number(wave[3]))
     if across or along < 0:
         raise Refused(
@@ -244,7 +245,7 @@ def _number(text: str) -> float:
 
 
 def _about(data: Floats, row: int, column: int) -> Floats:
-    """The largest odd square about a sample."""
+    """The largest square with an odd side around a sample."""
     side = len(data)
     half = min(row, column, side - 1 - row, side - 1 - column)
     if half < SMALLEST // 2:

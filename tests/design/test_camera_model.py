@@ -55,5 +55,5 @@ def test_what_it_refuses():
     case = behind()
     with pytest.raises(ValueError, match="camera_model must be one of"):
         believing(case, "cubic")
-    with pytest.raises(ValueError, match="must be left out beside"):
+    with pytest.raises(ValueError, match="camera_model must be left out if"):
         replace(case.tracker, camera=Camera(8, 8, 100.0), camera_model="polynomial")

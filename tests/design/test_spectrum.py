@@ -44,8 +44,8 @@ def test_a_table_beside_the_design_is_a_spectrum(tmp_path, monkeypatch, text, de
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("1, 4\n", "two lines"),
-        ("", "two lines"),
+        ("1, 4\n", "two or more lines"),
+        ("", "two or more lines"),
         ("1, 4\n2\n", "line 2: must have a frequency and a density"),
         ("1, 4\nx, 3\n", "line 2"),
         ("f (kg), psd\n1, 4\n2, 3\n", "line 1: units"),

@@ -131,7 +131,7 @@ def test_what_is_no_law_is_refused_with_its_place(written, law, says):
 
 @pytest.mark.parametrize("entry", ["3", "{ among = [1, 2] }", '{ low = "a", high = "b" }'])
 def test_an_include_that_names_no_file_is_refused(written, entry):
-    with pytest.raises(Refused, match="include must be a list of names of files"):
+    with pytest.raises(Refused, match="include must be a list of file names"):
         load_design(written(f"include = [{entry}]\n"))
 
 

@@ -49,6 +49,6 @@ def _fast() -> str:
     return refused(lambda: Optics(0.02, 0.5))
 
 
-@hard("optics", "hundreds of waves of defocus", "let `blur` stand for")
+@hard("optics", "hundreds of waves of defocus", "use `blur` instead")
 def _blurred() -> str:
     return refused(lambda: pixel_psf(Optics(0.5, 4.0, defocus=0.02), 10e-6, GREEN, ONE))

@@ -141,11 +141,9 @@ def test_the_file_of_a_lens_holds_its_pairs():
 def test_ghosts_are_refused_where_they_cannot_be_made():
     case = load_design(shipped("designs/noise_only.toml")).case
     instrument = case.instrument
-    with pytest.raises(
-        ValueError, match="ghosts must be left out where no lens table has SURFACES"
-    ):
+    with pytest.raises(ValueError, match="ghosts must be left out if no lens table has SURFACES"):
         dataclasses.replace(instrument, ghosts=Ghosts())
-    with pytest.raises(ValueError, match="ghosts must be left out where the lens has a mirror"):
+    with pytest.raises(ValueError, match="ghosts must be left out if the lens has a mirror"):
         lens_surfaces(Optics(0.4, 4.0, lens_family="catadioptric"))
     with pytest.raises(ValueError, match="coating must lie in"):
         Ghosts(coating=1.5)

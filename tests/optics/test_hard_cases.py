@@ -89,11 +89,11 @@ def test_many_waves_of_defocus_fill_the_geometric_disk():
 
 
 def test_too_many_waves_are_refused():
-    with pytest.raises(ValueError, match="let `blur` stand for"):
+    with pytest.raises(ValueError, match="use `blur` instead"):
         pixel_psf(Optics(0.5, 4.0, defocus=0.02), 10e-6, GREEN, ONE)
     with pytest.raises(ValueError, match="defocus must be at most a tenth"):
         Optics(0.05, 4.0, defocus=0.01)
-    with pytest.raises(ValueError, match="let `blur` stand for"):
+    with pytest.raises(ValueError, match="use `blur` instead"):
         pixel_psf(Optics(0.5, 4.0, aberrations=(Aberration(100, 1e-4),)), 10e-6, GREEN, ONE)
 
 
@@ -101,7 +101,7 @@ def test_too_many_waves_are_refused():
     ("build", "words"),
     [
         (lambda: Pupil(obscuration=1.0), r"obscuration must lie in \[0, 0.95\], got 1.0"),
-        (lambda: Pupil(vanes=3), "vanes and vane_width must both be zero or both not"),
+        (lambda: Pupil(vanes=3), "vanes and vane_width must both be zero or both be positive"),
         (lambda: Segment(0.9, 0, 0.3), "segment must lie inside the aperture"),
         (lambda: Pupil(segments=(Segment(0, 0, 0.3), Segment(0.2, 0.4, 0.3))), "must not overlap"),
         (
