@@ -4,11 +4,11 @@
     python docs/run_tutorial.py --write    writes output and pictures into the pages
     python docs/run_tutorial.py tutorial-earth.md    of one page alone
 
-A block `toml NAME` is a file, `sh` are commands, each of exit status 0 unless its comment says
-otherwise, `python` is run, all in one folder. A block `text` quotes what the block before it
-printed: the words to the letter, the numbers within the fraction that it names (`text 30%`; without
-one, a unit of the last digit). Three dots are lines that are left out. A picture
-`tutorial/NAME` is the file NAME of that folder.
+All blocks of a page use one folder. A block `toml NAME` becomes a file. A block `sh` has commands,
+which must end with exit status 0 unless a comment names another. A block `python` is run. A block
+`text` quotes the output of the block before it. Its words must be equal. Its numbers must agree
+within the fraction that the block names (`text 30%`), or within one unit of the last digit. Three
+dots stand for omitted lines. A picture `tutorial/NAME` is the file NAME of that folder.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ LEFT_OUT = "..."
 class Told(NamedTuple):
     """A block that quotes output, and the lines of the output.
 
-    span   of the quoted text in the page
-    fraction  by which its numbers may be off
+    span      first and last character of the quoted text in the page
+    fraction  largest relative difference of its numbers
     """
 
     span: tuple[int, int]

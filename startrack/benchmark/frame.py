@@ -76,7 +76,7 @@ def frame() -> BenchmarkStage:
         {"startrack": ours},
         judge,
         1 / math.sqrt(2 * lit.sum()),
-        "as many pixels with starlight",
+        "standard error for these pixels",
     )
 
 
@@ -105,7 +105,7 @@ def noise() -> BenchmarkStage:
         {"startrack": lambda: [read_out(even, EVEN_CAMERA, Streams(1, n)) for n in range(FRAMES)]},
         judge,
         0.83 / math.sqrt(FRAMES * even.size),
-        "that many pixels (median of Kolmogorov's law)",
+        "median of Kolmogorov's law for these pixels",
         FRAMES,
     )
 

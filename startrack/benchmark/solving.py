@@ -140,7 +140,7 @@ def identification() -> BenchmarkStage:
         {"startrack": lambda: [run(seen) for seen in every]},
         judge,
         1 / SKIES,
-        "that many skies",
+        "one of these skies",
         SKIES,
     )
 

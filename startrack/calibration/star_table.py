@@ -299,7 +299,8 @@ def _unit(column: _Column, name: str) -> str:
 def _angle(path: Path, columns: Mapping[str, _Column], name: str, kind: str, first: bool) -> Floats:
     """A column of angles in radian, or a component of a vector as it is.
 
-    first  whether it is the first of the two; only a right ascension, there, may be in hours
+    first  whether it is the first of two angles; a right ascension is the first, and only it may be
+           in hours
     """
     column = columns[_alone(name)]
     if kind == "vectors":

@@ -410,7 +410,7 @@ def _picture_values(
 
 
 def _other_air(survey: imager.Survey, channel: imager.Channel) -> dict[str, Any]:
-    """The aerosol of a scene, if an infrared band uses another."""
+    """The aerosol of a scene, if the band is infrared: its air has the default aerosol instead."""
     air = survey.air
     if air is None or air.table or imager.mean_wavelength(channel) <= imager.INFRARED:
         return {}

@@ -102,7 +102,8 @@ declare = Options(
     ),
     Option(
         "--frame SECOND",
-        "render the view of each head at this time after the begin instead: HEAD.fits, HEAD.png",
+        "instead of flying, render the view of each head this time after the begin: HEAD.fits, "
+        "HEAD.png",
         shared.decimal(0, 1e12),
     ),
     Option(

@@ -14,7 +14,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-PATIENCE = 1.0  # CPU second that a kernel may take if no process compiles it; by hand
+# CPU second that a kernel may run as Python code if no process compiles it; chosen by hand.
+PATIENCE = 1.0
 LOOK = 0.2  # second between two checks whether the other process has compiled it
 
 _COMPILING: Callable[[], bool] | None = None  # whether another process compiles; None: compile here

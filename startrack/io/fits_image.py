@@ -24,11 +24,11 @@ EXPOSURES = "EXPTIME", "EXPOSURE"
 MILLISECOND = re.compile(r"\[ms\]|\bms\b|milli-?sec", re.IGNORECASE)
 MICROSECOND = re.compile(r"\[us\]|\bus\b|micro-?sec|\u00b5s", re.IGNORECASE)
 MINUTE = re.compile(r"\[min\]|\bminutes?\b", re.IGNORECASE)
-# What the comment of a gain says where it is electrons for a number, and not the camera's setting.
+# Comment of a gain that is in electrons per digital number, and not a setting of the camera.
 ELECTRONS = re.compile(
     r"(e-?|elec\w*|photo-?e\w*)\s*(/|per)\s*(adu|dn|count|unit|lsb)", re.IGNORECASE
 )
-# And where it is the inverse.
+# Comment of a gain in digital numbers per electron.
 NUMBERS = re.compile(r"(adu|dn|counts?|units?|lsb)\s*(/|per)\s*(e\b|elec|photo-?e)", re.IGNORECASE)
 EXCESS = "EXCESSN"  # variance of the light over its mean, of a register that multiplies electrons
 # Programs and cameras that write their setting as GAIN, and electrons for a number as EGAIN.
@@ -241,8 +241,8 @@ def _gain(
     warnings.warn(
         f"{path}: {key}, {gain:g} electrons for a number, would give the background, "
         f"{signal:.4g} above an offset of {offset:g}, a noise from {math.sqrt(least):.3g} to "
-        f"{math.sqrt(most):.3g}, but it has {noise:.3g}: the gain is taken for unknown (GAIN may "
-        "be a setting of the camera, PEDESTAL be missing, or the image be a mean of others)",
+        f"{math.sqrt(most):.3g}, but it has {noise:.3g}: the gain is treated as unknown (GAIN may "
+        "be a setting of the camera, PEDESTAL may be missing, or the image may be a mean)",
         stacklevel=4,
     )
     return math.nan

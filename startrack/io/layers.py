@@ -200,8 +200,8 @@ def read_layers(
              of a list of tables "variation.0.scale=0.5". A value that is no TOML is a text:
              "instrument.optics.blur=3 um". Without a value, the key is removed from the files, so
              that its default holds: "instrument.detector.age=".
-    Raises   ValueError, one sentence with the file: where a file is missing or no TOML, names
-             itself by way of others, or a change is none.
+    Raises   ValueError if a file is missing, is no TOML or includes itself through other files, or
+             if a change is invalid. The message is one sentence with the file.
     """
     layers = _read_layers(path, what, rules or LayerRules(), (), [])
     for change in changes:
@@ -230,7 +230,7 @@ def _read_layers(
     """The layers of a file and of those that it names.
 
     above  files that lead to it
-    done   files that were read until now; each is counted as often as it is named
+    done   files that were read until now, each as often as it was named
     """
     real = Path(os.path.realpath(path))  # `resolve` has no OSError for a loop
     if real in above:

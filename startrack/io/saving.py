@@ -232,7 +232,7 @@ def _note(path: Path) -> Path:
 
 
 def _here(name: str, flags: int) -> int:
-    """Open a file that anybody may have made: without following links or waiting for a FIFO."""
+    """Open a file in a folder of all users: it follows no link and does not wait for a FIFO."""
     return os.open(name, flags | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0), 0o666)
 
 

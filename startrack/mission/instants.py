@@ -327,9 +327,9 @@ def motion_of(mission: Mission) -> SpacecraftMotion:
 
 
 def path_of(orbit: MissionOrbit, begin: str) -> space.Carrier:
-    """Object that moves along an orbit, by which positions are computed.
+    """The carrier that moves along an orbit.
 
-    begin   of the mission, UTC
+    begin   begin of the mission, UTC
     Raises  ValueError if the elements contradict each other or a file cannot be used;
             ImportError without sgp4.
     """

@@ -152,21 +152,22 @@ def fly_units(plan: MissionPlan, count: int, seed: int, advance: Advance = lambd
 
         e_h = b_h + A_h l(t) + N(0, V_h + U_h),   x = P sum_h V_h^-1 e_h,   P = (sum_h V_h^-1)^-1
 
-    and the motion of the platform within an exposure, which is common to all heads;
-    with the bias b of a unit after its calibration, the responses A of its structure to loads l(t)
-    (mean temperature, gradients, fluxes), the variance V of the surrogate and the variance U by
-    which the unit's is larger: residual, calibration, noise. All units have the weights V^-1, with
-    the mean of U, and the detection of the surrogate. The mean square of x over time is a quadratic
-    form in b, so that additional spacecraft take no time. Unit h + s heads of a seed is head h of
+    and the motion of the platform within an exposure, which is common to all heads; with the bias b
+    of a unit after its calibration, the responses A of its structure to loads l(t) (mean
+    temperature, gradients, fluxes), the variance V of the surrogate, and the additional variance U
+    of the unit by residual, calibration and noise. All units have the same weights, with the mean
+    of U, and the detection of the surrogate. The mean square of x over time is a quadratic form in
+    b, so that additional spacecraft take no time. Unit h + s heads of a seed is head h of
     spacecraft s.
 
     count     of spacecraft
     advance   called with the number of steps after each part
     Raises    ValueError if a design has no [[variation]], structure or residual, so that its
               units do not differ; as `unit_budgets`
-    Accuracy  model: U does not depend on place or time; gradients of the panel follow the orbit;
-              mean over the mission of a head's temperature is that of its calibration; units at
-              the age in the middle of the mission, or of the design where heads have none.
+    Accuracy  model: U does not depend on place or time. Gradients of the panel follow the orbit.
+              The mean temperature of a head over the mission is its temperature in the calibration.
+              Units have their age in the middle of the mission, or the age of the design if the
+              mission gives heads no age.
     """
     whole(1, 10**6, count=count)
     mission, heads = plan.loaded.mission, len(plan.heads)

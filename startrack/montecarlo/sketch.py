@@ -84,7 +84,7 @@ class Sketch:
     ranges  first trial and end (exclusive) of each unbroken run of trials, in order
     counts  by the names of COUNTS; "judged": solved and not false; "stars": sum of their stars
     sums    by the names of SUMS, exact, in units of 2^-1074; errors in radian
-    bins    by the names of BINNED; "-x": the sizes of negative x
+    bins    by the names of BINNED; "-x": magnitudes of the negative values of x
     worst   largest error across of a judged attitude, radian, and minus its trial; the first of
             several
     """

@@ -28,8 +28,8 @@ PER_SIGMA = 4.0  # samples per sigma of the core: interpolation has an error of 
 LEAST_CORE = 1 / 8  # pixel; a finer image is blurred to this sigma
 FINEST, COARSEST = 32, 12  # samples per pixel
 ROUGH = 9, 10  # samples per pixel with the tolerance COARSE
-# With the tolerance COARSE: pixel beyond which light is left out; most points along a side of the
-# irradiance.
+# With the tolerance COARSE: the distance in pixels beyond which light is left out, and the largest
+# number of points along a side of the irradiance.
 ROUGH_REACH, ROUGH_POINTS = 20.0, 900
 SAMPLED = 1.025  # sampling over the least sampling for the highest distinguished frequency
 PASSED = 1e-5  # transfer of a blur below which it hides aliases

@@ -241,7 +241,10 @@ class _PsfFit:
 
 
 def _cubic(at: Floats, slope: bool) -> Floats:
-    """(4, n) cubic B-spline of four knots at a place between the middle two, or its slope."""
+    """Weights (4, n) of four knots by a cubic B-spline, or the slopes of these weights.
+
+    at  (n,) place between the two middle knots, 0 to 1
+    """
     t = at
     if slope:
         return np.stack(

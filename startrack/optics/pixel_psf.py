@@ -386,7 +386,10 @@ def _oversampling(finest: float) -> int:
 
 
 def _half_samples(width: float, oversampling: int) -> int:
-    """Samples from centre to edge of the table: its width, half a pixel, the interpolation."""
+    """Samples from the centre to the edge of a table of `width` pixels on each side.
+
+    Half a pixel and the reach of the interpolation are added.
+    """
     # Whole pixels, so that a star has the same number of pixels on both sides.
     return math.ceil((math.ceil(max(width, 1.0)) + 0.5) * oversampling) + 3
 

@@ -16,12 +16,12 @@ from startrack.optimise.sensitivity import Probes, Sensitivity, probe, sensitivi
 from startrack.optimise.source import StudiedSource
 
 DESIGNS = 64  # over the space; chosen by hand: twice as many narrow the indices by a third
-# Most forecasts in the search of the best design, around which the ranges lie. Chosen by hand:
-# searches of the shipped designs end after fewer.
+# Largest number of forecasts in the search of the best design, around which the ranges lie. Chosen
+# by hand: searches of the shipped designs need fewer.
 REFINING = 64
-HALVINGS = 4  # of a step of 1/24 of a range, where the range within the precision ends
+HALVINGS = 4  # of a step of 1/24 of a range, to find the ends of the range within the precision
 PER_CENT = 0.01
-# Ranges need no best design to less than the roughness of forecasts.
+# Ranges do not need a best design that is more exact than the roughness of forecasts.
 SETTINGS = replace(DEFAULTS, polish_per_variable=0)
 
 

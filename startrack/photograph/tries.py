@@ -99,7 +99,7 @@ def _shared(tries: list[Try]) -> list[Try]:
 
 
 def _middle(columns: int, rows: int, field: float, tolerance: float) -> list[Try]:
-    """The middle of a fisheye whose columns span a field, where it is in the image."""
+    """The middle of a fisheye whose columns span a field; nothing if the image does not hold it."""
     side = round(MIDDLE * columns / field)
     if not LEAST_SIDE <= side <= min(columns, rows):
         return []
@@ -108,7 +108,7 @@ def _middle(columns: int, rows: int, field: float, tolerance: float) -> list[Try
 
 
 def _square(columns: int, rows: int, part: float) -> list[Try]:
-    """A square in the middle, with all wide fields, where there are any.
+    """A square in the middle, with all wide fields if there are any.
 
     part  its side over the shorter side of the image
     """

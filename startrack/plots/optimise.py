@@ -25,7 +25,7 @@ from startrack.plots import style
 
 SAME = 0.02  # relative change of an error; a smaller one is not drawn as a bar
 COLUMNS, PANEL = 2, 1.05  # of the panels of variables; inch, height of each
-LETTERS_BESIDE = 36  # of a title of one of them
+LETTERS_BESIDE = 36  # letters in the title of one of several panels
 HOW_TO_READ = (
     "below, each variable from its low to its high bound: dots are designs that were forecast or "
     "tried, the line is the best so far, the band the range that keeps the objective while the "

@@ -179,9 +179,10 @@ def taken_by_platform(heat: Heat, sunlight: Floats, earth: Floats) -> tuple[Floa
 def taken_by_head(
     heat: Heat, sunlight: Floats, earth: Floats
 ) -> tuple[Floats, Floats, Floats, float]:
-    """W (n,) that a head takes up from outside; `side_x`, `side_y` of `Warmth`; its black surface.
+    """Heat (n,) in watt that a head absorbs from outside, `side_x`, `side_y`, black surface.
 
-    A tube takes up as four flat sides of its diameter do: exactly so from one direction.
+    `side_x` and `side_y` are those of `Warmth`. A tube absorbs as much as a square prism of its
+    diameter: exactly for light from one direction.
 
     sunlight, earth  W / m2 (5, n) on its sides +x, -x, +y, -y and on its end
     """

@@ -69,7 +69,7 @@ OUTLIER_LIMITS = (4.0, 2.0, 1.2, 0.6)
 # Times in units of the time of a pixel in a whole frame, measured on frames of 512 and 1024 pixels
 # a side.
 WINDOW_PIXEL = 3.0  # time of a pixel that is rendered in a window
-PROPOSAL = 300.0  # time of a proposal of a crossing, windows of accepted proposals included
+PROPOSAL = 300.0  # time of a proposed crossing; its windows, if it is accepted, are included
 
 
 def spots_in_windows(

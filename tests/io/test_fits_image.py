@@ -70,7 +70,7 @@ def test_a_setting_is_no_gain(tmp_path, cards):
 )
 def test_a_gain_that_the_noise_contradicts_is_said_and_not_taken(tmp_path, cards):
     path = with_cards(tmp_path / "a.fits", cards)
-    with pytest.warns(UserWarning, match="the gain is taken for unknown"):
+    with pytest.warns(UserWarning, match="the gain is treated as unknown"):
         assert math.isnan(read_image(path).electrons_per_dn)
 
 

@@ -112,8 +112,9 @@ def load_radiance_table(path: Path) -> RadianceTable:
     A row is one wavelength in one geometry; every geometry must have every wavelength. If a column
     of the geometry is left out, nothing depends on it.
 
-    Raises  FileNotFoundError; ValueError with the file and the column, where one is missing or
-            unknown, has another unit, or is out of range; with the geometry of missing rows.
+    Raises  FileNotFoundError; ValueError if a column is missing or unknown, has another unit or has
+            values out of range, or if rows are missing. The message names the file and the column,
+            or the geometry of the missing rows.
     """
     columns = _columns(path)
     _refuse_unknown(path, columns)

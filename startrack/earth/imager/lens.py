@@ -228,8 +228,8 @@ def blur_strips(strips: Iterator[Singles], weights: Floats) -> Iterator[Singles]
     """The blurred image of an unblurred one that arrives in strips.
 
     strips  (lines, columns, rays of a pixel) each
-    Yields  (lines, columns); in all as many lines as arrive. The scene continues beyond its edges
-            with the last line and column.
+    Yields  (lines, columns). The total number of lines is that of the strips. The scene continues
+            beyond its edges with the last line and column.
     """
     half = weights.shape[1] // 2
     buffer: Singles | None = None

@@ -155,7 +155,8 @@ def setting_below(
     height        metre, height of the ground above the sea
     surroundings  1, reflectance of the surrounding ground
     Returns       the setting, and metre from the ground to the camera
-    Raises        ValueError as `band_of`; where the channel's lens is a table over its field.
+    Raises        ValueError in the cases of `band_of`, and if the channel's lens is a table over
+                  its field.
     """
     if channel.optics.tabulated:
         raise core.Refused(

@@ -342,9 +342,9 @@ def _weights(own: Stereo, side: Side, gradients: _Spectrum) -> tuple[float, floa
     """Moments over a window: variances of squared gradients and of heights; noise factor of
     stripes.
 
-    The first variance is relative. The second is of heights weighted by squared gradients. The
-    factor is the variance of the result by noise that is equal along a column, over its variance by
-    independent noise of the same rms.
+    The first variance is relative. The second is the variance of the heights, weighted by squared
+    gradients. The factor is the variance of the result by noise that is equal along a column, over
+    its variance by independent noise of the same rms.
     """
     count = own.window
     at = np.arange(count**2)

@@ -199,7 +199,7 @@ class WaveImage(NamedTuple):
 
     radiance   (size, size) measured
     height     metre, significant, of the waves in the image
-    direction  radian, mean direction without sense
+    direction  radian, mean direction modulo pi
     """
 
     radiance: Floats
@@ -249,7 +249,7 @@ def _plane(size: int, step: tuple[float, float]) -> tuple[Floats, Floats]:
 
 
 def _moments(sea: Sea, wave: Floats, model: Floats, turn: Floats) -> tuple[float, float]:
-    """Significant height (metre) and mean direction (radian, without sense) of waves.
+    """Significant height (metre) and mean direction (radian, modulo pi) of waves.
 
     sea    the sea of the waves that are not among `wave`
     wave   metre^2, mean square of each
