@@ -285,7 +285,7 @@ def _of_the_detector() -> Iterator[Check]:
     cold = (250 / 293.15) ** 1.5 * math.exp(-energy / K * (1 / 250 - 1 / 293.15))
     yield law(
         room,
-        "dark current of an activation energy, at 250 K",
+        "dark current at 250 K, with an activation energy",
         lambda: replace(warm, thermal=Thermal(250.0, activation=energy)).dark_rate,
         80 * cold,
         1e-9,

@@ -134,7 +134,7 @@ def _phase_angles(moments: Floats) -> Floats:
 
 
 def _turned(course: Floats, cosine: Floats, azimuth: Floats) -> Floats:
-    """Unit vectors (n, 3) turned by angles of (n,) cosines, to (n,) sides."""
+    """Unit vectors (n, 3) turned by angles with these cosines (n,), towards azimuths (n,)."""
     sine = np.sqrt(np.maximum(1 - cosine**2, 0.0))
     # An orthonormal basis without a singular direction: Duff et al. (2017), JCGT 6, 1.
     x, y, z = course.T

@@ -471,6 +471,6 @@ def orders_of(table: StarTable, model: str = "auto", warm: bool | None = None) -
     models = MODELS if model == "auto" else (model,)
     has = table.temperature is not None and float(np.ptp(table.temperature)) > 0
     if warm and not has:
-        raise Refused("the table must have temperatures that differ for terms of temperature")
+        raise Refused("the table must have stars at different temperatures for temperature terms")
     warms = ((False, True) if has else (False,)) if warm is None else (warm,)
     return tuple(Order(name, hot) for hot in warms for name in models)

@@ -98,6 +98,6 @@ def _keep_start(options: argparse.Namespace, opened: ReadCampaign, unmet: str) -
         "margins": cost_margins(opened.campaign.requirements, opened.design.case),
         "ending": unmet,
     }
-    text = f"The start stays, without a forecast: {unmet}."
+    text = f"No forecast was computed, and the result is the start: {unmet}."
     write_study(options, "comparison", text, result)
     return Exit.UNSOLVED

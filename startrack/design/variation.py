@@ -108,7 +108,7 @@ class Variation(Parameters):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.price and not self.scale:
-            raise Refused("scale must be positive where it has a price, got 0")
+            raise Refused("scale must be positive if a price is given, got 0")
         if not self.name.startswith(TRUTH):
             raise Refused(
                 "name must begin with instrument., scene. or catalog.: only true values vary, "

@@ -138,7 +138,7 @@ class MotionRealisation:
         return -angle
 
     def over(self, start: Floats, step: Floats) -> Floats:
-        """As `at`, at all sums of a start and a step, with only p + j sines for each line.
+        """As `at`, at the times start + step of all pairs; it computes p + j sines for each line.
 
         start    (p,) second
         step     (j,) second

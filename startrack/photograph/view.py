@@ -17,7 +17,7 @@ class PhotographView(NamedTuple):
 
     mirrored  whether left and right are exchanged
     aspect    width of a pixel over its height; the longer side of the pixel keeps its number
-    middle    pixel, side of a square in the middle that alone is taken; None: all
+    middle    pixel, side of the square in the middle to which the image is cropped; None: no crop
     """
 
     mirrored: bool = False

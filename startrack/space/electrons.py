@@ -104,8 +104,8 @@ class Electrons(NamedTuple):
     def behind(self, shielding: float) -> Behind:
         """Particles and dose at the centre of a sphere of aluminium (metre), by `electron_table`.
 
-        Their number falls exponentially with energy between two of the spectrum; those of less than
-        0.1 MeV and more than 8 MeV are left out.
+        The flux is interpolated exponentially between two energies of the spectrum. Electrons below
+        0.1 MeV and above 8 MeV are left out.
 
         Accuracy  model: beside SHIELDOSE-2 (Seltzer 1994) for spectra of the belts, the dose of
                   electrons is 0.95 to 1.06 behind 1 to 5 mm and 0.5 to 0.8 behind 10 mm, that of
