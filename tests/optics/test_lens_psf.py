@@ -239,7 +239,7 @@ def test_what_a_table_cannot_say_is_refused(tmp_path):
         open_optics(replace(lens.optics, f_number=2.0))
     with pytest.raises(ValueError, match="psf must be left out beside lens_file"):
         replace(lens.optics, psf="airy")
-    with pytest.raises(ValueError, match="one image stands for the whole field"):
+    with pytest.raises(ValueError, match="one image represents the whole field"):
         pixel_psf(lens.optics, PITCH, GREEN, ONE)
 
 
