@@ -237,19 +237,12 @@ class Explorer:
     def step(self, most: int) -> None:
         """Forecast the next designs, or say in `ending` why there are none.
 
-<<<<<<< HEAD
-        Where the emulators propose no design, the ends of the spans are forecast. The emulators
-        expect these to be as good as the best: the forecasts test that. After them, designs next to
-        the best are forecast, because emulators cannot resolve gains below the roughness of the
-        forecasts. After several batches of proposals without a gain, no more are made, because that
-        roughness alone causes them; after the designs next to the best, one more batch.
-=======
         If the emulators propose no design, the ends of the spans are forecast. The emulators
         predict that these are as good as the best design, and the forecasts test this prediction.
         After these, designs next to the best are forecast, because emulators cannot resolve gains
         below the roughness of the forecasts. After several batches of proposals without a gain, no
-        more proposals are made, because only this roughness causes them.
->>>>>>> e752f014 (Plainer English in the room optimise and in comments of the catalogues)
+        more proposals are made, because only this roughness causes them. One more batch follows
+        the designs next to the best.
 
         most  largest number of forecasts
         """
