@@ -199,10 +199,9 @@ class _Field(NamedTuple):
         box, streams = case.tracker.box, Streams(seed, 0)
         half_side = box_reach(box, focal)
         tile = within_frame(2 * math.ceil(half_side + MARGIN) + 7, case.instrument.detector)
-        detector = replace(
-            case.instrument.detector, columns=SIDE * tile, rows=SIDE * tile, region=None
-        )
-        case = replace(case, instrument=replace(case.instrument, detector=detector))
+        case = _with_array(case, SIDE * tile)
+        if case.design:  # dark maps are taken on the same array
+            case = replace(case, design=_with_array(case.design, SIDE * tile))
         count = SIDE * SIDE
         within = streams("places of stars").uniform(-0.5, 0.5, (count, 2))
         images = star_images(case.instrument, within, tile)
@@ -211,6 +210,12 @@ class _Field(NamedTuple):
         place = np.column_stack([column, row]) * tile + tile // 2 + within
         error = box.prior * focal * streams("expected attitude").standard_normal((count, 2))
         return cls(case, place, place + error, point.reshape(SIDE * tile, SIDE * tile), half_side)
+
+
+def _with_array(case: Case, side: int) -> Case:
+    """The case with a square detector of `side` pixels, all of which are read."""
+    detector = replace(case.instrument.detector, columns=side, rows=side, region=None)
+    return replace(case, instrument=replace(case.instrument, detector=detector))
 
 
 def _at_magnitude(field: _Field, magnitude: float, seed: int) -> list[float]:

@@ -7,9 +7,12 @@ import pytest
 
 from startrack.core import arcsec
 from startrack.design import Fidelity
+from startrack.detection import DarkMap
+from startrack.detector import Defects
 from startrack.metrics import Outcome
 from startrack.sequence import Leg, Sequence
 from startrack.sequence.run import Mode, run
+from startrack.trial.boxes import boxed_stars
 from startrack.trial.chain import run_random_trial, run_trials
 from startrack.trial.spot_plan import require_fidelity
 
@@ -57,3 +60,18 @@ def test_a_sequence_acquires_by_the_frame_and_tracks_by_boxes(case):
 def test_cheaper_fidelities_refuse_boxes(case):
     with pytest.raises(ValueError, match="boxes"):
         require_fidelity(case, Fidelity.COVARIANCE)
+
+
+def test_stars_of_a_unit_with_a_dark_map_are_those_of_its_equal_design(case):
+    detection = replace(case.tracker.detection, dark_map=DarkMap(frames=2))
+    box = replace(case.tracker.box, half_width=case.tracker.box.half_width / 3)
+    defects = Defects(hot=1e-3, hot_current=500.0)
+    detector = replace(case.instrument.detector, defects=defects)
+    design = replace(
+        case,
+        tracker=replace(case.tracker, detection=detection, box=box),
+        instrument=replace(case.instrument, detector=detector),
+    )
+    as_designed, unit = boxed_stars(design), boxed_stars(replace(design, design=design))
+    for name in as_designed._fields:
+        np.testing.assert_array_equal(getattr(unit, name), getattr(as_designed, name))
