@@ -124,6 +124,7 @@ def join(first: Catalog, second: Catalog) -> Catalog:
 MAS = arcsec / 1000
 FASTEST = 1e5  # mas / yr, or mas: 10 times the fastest star, 100 times the nearest one
 FAINTEST = 100.0  # magnitude, so that 99.99 may stand for an unknown one
+BRIGHTEST = -5.0  # magnitude; Sirius has -1.5, and -9.99 or -99.9 mark an unknown one
 
 
 def assemble(
@@ -167,19 +168,20 @@ def assemble(
             f"{where(i)}: the position must lie in [0, 360] x [-90, 90] deg, "
             f"got {ra_deg[i]}, {dec_deg[i]}"
         )
-    for name, values, most in (
-        ("proper motion in right ascension", pm_ra_mas, FASTEST),
-        ("proper motion in declination", pm_dec_mas, FASTEST),
-        ("parallax", parallax_mas, FASTEST),
-        ("magnitude", magnitude_g, FAINTEST),
-        ("colour", colour, FAINTEST),
+    for name, values, least, most in (
+        ("proper motion in right ascension", pm_ra_mas, -FASTEST, FASTEST),
+        ("proper motion in declination", pm_dec_mas, -FASTEST, FASTEST),
+        ("parallax", parallax_mas, -FASTEST, FASTEST),
+        ("magnitude", magnitude_g, BRIGHTEST, FAINTEST),
+        ("colour", colour, -FAINTEST, FAINTEST),
     ):
+        number = np.asarray(values, float)
         with np.errstate(invalid="ignore"):
-            odd = np.abs(np.asarray(values, float)) > most
+            odd = (number < least) | (number > most)
         if odd.any():
             i = int(np.argmax(odd))
             raise Refused(
-                f"{where(i)}: {name} must lie in [-{most:g}, {most:g}], got {values[i]:g}"
+                f"{where(i)}: {name} must lie in [{least:g}, {most:g}], got {number[i]:g}"
             )
     moving = np.isfinite(pm_ra_mas) & np.isfinite(pm_dec_mas)
     pm_ra, pm_dec = (np.where(moving, motion, 0.0) * MAS for motion in (pm_ra_mas, pm_dec_mas))

@@ -137,6 +137,7 @@ def _stars(records: tables.Records) -> tables.Records:
     return tables.Records(records.path, columns, list(np.array(records.line)[keep]))
 
 
+REDDEST = 9.0  # magnitude, of a colour: carbon stars have 7
 # Quantities of a user's table: the name in `columns`, and the default unit.
 MAPPED = {
     "identifier": "",
@@ -180,7 +181,8 @@ def read_columns(path: Path, columns: tuple[str, ...]) -> Catalog:
 
     The units of the file are used (ECSV, VOTable). Without units, and in FITS, degree, mas / yr,
     mas and magnitude are assumed. Proper motions in right ascension include the factor
-    cos(declination). The default identifier is the number of the row, from 1.
+    cos(declination). The default identifier is the number of the row, from 1. A colour beyond 9,
+    such as 99.99, is taken for unknown.
 
     columns  as for `column_names`; "epoch" is a column, or a Julian year, such as "epoch=2000.0"
     Raises   ValueError for a file that is not a table, for a missing column, or for a unit that
@@ -189,6 +191,8 @@ def read_columns(path: Path, columns: tuple[str, ...]) -> Catalog:
     table, mapped = tables.any_table(path), column_names(columns)
     values = {what: _mapped(path, table, what, name) for what, name in mapped.items()}
     nothing = np.full(len(table), np.nan)
+    for colour in {"colour", "b_v"} & values.keys():
+        values[colour] = np.where(np.abs(values[colour]) > REDDEST, np.nan, values[colour])
     if "magnitude_v" in values:
         light = g_from_johnson(values["magnitude_v"], values.get("b_v", nothing))
     else:

@@ -172,7 +172,7 @@ def whole_numbers(path: Path, table: Any, name: str) -> Ints:
     """
     column = table[name]
     if column.dtype.kind not in "iu" or column.shape != (len(table),):
-        raise Refused(f"{path}: {name} must be whole numbers, got {shown(column[0])}")
+        raise Refused(f"{path}: {name} must be whole numbers, got {column[0]}")
     masked = np.ma.getmaskarray(np.ma.asarray(column))
     if masked.any():
         raise Refused(f"{path}: {name} must be in each row, got none in row {masked.argmax() + 1}")

@@ -162,6 +162,15 @@ class Campaign(Parameters):
         Objective.read(self.objective)
         whole(self.trials, 10**6, most_trials=self.most_trials)
         self._check_units()
+        chosen = [choice.name for choice in self.choices]
+        changed = chosen + [variable.name for variable in self.variables]
+        changed += [link.name for link in self.links]
+        for name in chosen:
+            if changed.count(name) > 1:
+                raise Refused(
+                    f"campaign.choices must name a parameter once, and none of the variables and links, got "
+                    f"{name} {changed.count(name)} times"
+                )
 
     def error(self, text: str) -> Objective:
         """A statistic of the error, with the campaign's mean over conditions."""

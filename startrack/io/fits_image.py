@@ -30,6 +30,7 @@ ELECTRONS = re.compile(
 )
 # Comment of a gain in digital numbers per electron.
 NUMBERS = re.compile(r"(adu|dn|counts?|units?|lsb)\s*(/|per)\s*(e\b|elec|photo-?e)", re.IGNORECASE)
+SCIENCE = "SCI"  # name of the image itself beside maps of its errors
 EXCESS = "EXCESSN"  # variance of the light over its mean, of a register that multiplies electrons
 # Programs and cameras that write their setting as GAIN, and electrons for a number as EGAIN.
 SETTINGS = re.compile(
@@ -40,6 +41,7 @@ SETTINGS = re.compile(
 PROGRAMS = "INSTRUME", "SWCREATE", "CREATOR", "PROGRAM", "SOFTWARE", "CAMERA", "ORIGIN"
 READ_NOISE, UNEVEN = 20.0, 0.005  # electron and 1: of many cameras
 CONTRADICTS = 2.0  # times the noise: no gain is known worse
+COLOURS = 3, 4  # columns of a cube whose first axis is that of its colours
 LEAST_SIDE = 16  # pixels, of an image in which noise can be measured
 
 
@@ -65,8 +67,8 @@ class FitsImage(NamedTuple):
 def read_fits(path: Path, data: bytes, require: Callable[[Path, int, int, int], None]) -> FitsImage:
     """An image of a FITS file, compressed or not, with BSCALE, BZERO and BLANK applied.
 
-    Of several images, the first of the largest is read: a thumbnail may stand before it, and maps
-    of its errors behind it.
+    Of several images, the first of the largest is read, or the largest named SCI: a thumbnail may
+    stand before it, and maps of its errors beside it. Colours of three or four columns are planes.
 
     If all pixels are present, a file is read in spite of astropy's warnings on letters beyond
     ASCII, missing padding of header or data, and cards that violate the standard.
@@ -78,6 +80,8 @@ def read_fits(path: Path, data: bytes, require: Callable[[Path, int, int, int], 
     require_fits(path, data)
     image, header = _largest_image(path, data, require)
     image = np.squeeze(image) if image.ndim > 2 else image
+    if image.ndim == 3 and image.shape[2] in COLOURS and min(image.shape[:2]) > max(COLOURS):
+        image = np.moveaxis(image, 2, 0)
     offset = _number(header, "PEDESTAL", 0.0)
     # MaxIm DL writes the value to be added, which is negative.
     offset = -offset if offset < 0 else offset
@@ -115,7 +119,12 @@ def _largest_image(
                 if not images:
                     raise Refused(f"{path} must hold an image of two axes, but it has none")
                 sizes = [_pixels(part.header) for part in images]
-                unit = images[sizes.index(max(sizes))]
+                largest = [
+                    part for part, size in zip(images, sizes, strict=True) if size == max(sizes)
+                ]
+                unit = next((part for part in largest if part.name == SCIENCE), largest[0])
+                names = [part.name or f"HDU {units.index(part)}" for part in images]
+                read = names[images.index(unit)]
                 header = unit.header.copy()
                 _require_memory(path, header, require)
                 if not isinstance(unit, fits.CompImageHDU):
@@ -127,11 +136,9 @@ def _largest_image(
         missing = f"it has no {error}" if isinstance(error, KeyError) else first_line(error)
         raise Refused(f"{path} must be a whole FITS file: {missing}") from None
     if len(images) > 1:
-        names = ", ".join(part.name or "the first" for part in images[:9])
-        read = unit.name or "the first"
         warnings.warn(
-            f"{path} holds {len(images)} images ({names}); {read} is read, the first of the "
-            "largest",
+            f"{path} holds {len(images)} images ({', '.join(names[:9])}); {read} is read, "
+            f"{SCIENCE} or the first of the largest",
             stacklevel=4,
         )
     return image, header

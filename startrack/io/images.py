@@ -35,7 +35,8 @@ def read_image(path: Path, layout: Layout | None = None) -> Frame:
     For a colour image the largest of the three channels is used, because a star is bright in at
     least one. A mosaic of colours, named by the layout or the header (BAYERPAT of FITS, ColorID of
     SER), becomes an image of half the size. A photograph is rotated by its orientation tag.
-    Detector values that the file lacks, or that its noise contradicts, are NaN.
+    Detector values that the file lacks, or that its noise contradicts, are NaN, and so are infinite
+    pixels.
 
     layout  properties that the file may lack
     Raises  Refused, with the path, where the file is missing, empty, incomplete, not an image, or
@@ -59,6 +60,8 @@ def read_image(path: Path, layout: Layout | None = None) -> Frame:
         frame = _read_picture(path, data, layout)
     if frame.image.size == 0 or not np.isfinite(frame.image).any():
         raise Refused(f"{path} must hold finite pixel values, but it has none")
+    if np.isinf(frame.image).any():  # as a division by an empty flat field makes
+        frame = replace(frame, image=np.where(np.isinf(frame.image), np.nan, frame.image))
     return frame
 
 

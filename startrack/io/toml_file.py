@@ -27,7 +27,7 @@ def read_table(path: Path, what: str) -> dict[str, Any]:
         # byte-order mark of Windows editors
         text = read_bytes(path, what, LARGEST).decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise Refused(f"{path} must be a TOML file: {error}") from None
+        raise Refused(f"{path} must be a TOML file in UTF-8: {error}") from None
     except OSError as error:
         raise Refused(str(error) if error.errno is None else f"{path}: {error}") from None
     if key := _long_key(text):

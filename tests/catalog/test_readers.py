@@ -262,3 +262,15 @@ def test_units_of_a_fits_table_count_and_hours_without_one_are_refused(tmp_path)
     Table({"A": texts, "D": dec, "G": np.full(60, 5.0)}).write(tmp_path / "t.csv", format="csv")
     found = read(tmp_path / "t.csv", columns=columns)
     np.testing.assert_allclose(found.right_ascension, np.radians(ra), atol=1e-11)
+
+
+def test_marks_of_unknown_values_are_neither_magnitudes_nor_colours(tmp_path):
+    columns = ("ra=A", "dec=D", "magnitude_v=V", "b_v=BV", "epoch=2000.0")
+    path = tmp_path / "marks.csv"
+    path.write_text("A,D,V,BV\n1,2,5.0,99.99\n2,3,5.0,-9.99\n3,4,5.0,\n")
+    found = read(path, columns=columns)
+    assert np.isnan(found.colour).all()
+    assert found.magnitude_g.tolist() == [found.magnitude_g[2]] * 3
+    path.write_text("A,D,V,BV\n1,2,5.0,0.6\n2,3,-99.9,0.6\n")
+    with pytest.raises(Refused, match=r"row 2: magnitude must lie in \[-5, 100\]"):
+        read(path, columns=columns)

@@ -1,8 +1,10 @@
 import pytest
 
+from startrack.core import Refused
+from startrack.design.campaign import Campaign
 from startrack.design.files import load_design
 from startrack.design.parameter import replaced
-from startrack.design.variables import Choice, branches
+from startrack.design.variables import Choice, Variable, branches
 from startrack.detector import Age
 from startrack.io import shipped
 
@@ -17,6 +19,14 @@ def test_every_combination_is_a_branch():
     assert found[4].label == "window 5, blur 3 um"
     assert found[4].case.tracker.detection.window == 5
     assert found[4].case.instrument.optics.blur == pytest.approx(3e-6)
+
+
+@pytest.mark.parametrize("other", ["choices", "variables"])
+def test_a_parameter_that_something_else_changes_is_no_choice(other):
+    focus = Choice("instrument.optics.f_number", (2.0, 2.8))
+    parts = {"choices": (focus, focus), "variables": (Variable(focus.name, 1.4, 4.0),)}
+    with pytest.raises(Refused, match=r"name a parameter once, .* got instrument.optics.f_number"):
+        Campaign(**{"choices": (focus,), other: parts[other]})
 
 
 def test_without_choices_there_is_the_case_itself():

@@ -168,3 +168,29 @@ def test_of_several_images_the_first_is_read_and_said(tmp_path):
     fits.HDUList([fits.PrimaryHDU(), *parts]).writeto(path)
     with pytest.warns(UserWarning, match=r"holds 3 images \(SCI, ERR, DQ\); SCI is read"):
         np.testing.assert_array_equal(read_image(path).image, NOISY)
+
+
+def test_of_equal_images_the_one_named_sci_is_read(tmp_path):
+    path = tmp_path / "sci_behind.fits"
+    parts = [fits.ImageHDU(NOISY + 9, name="ERR"), fits.ImageHDU(NOISY + 8), fits.ImageHDU(NOISY)]
+    parts[2].name = "SCI"
+    fits.HDUList([fits.PrimaryHDU(), *parts]).writeto(path)
+    with pytest.warns(UserWarning, match=r"holds 3 images \(ERR, HDU 2, SCI\); SCI is read"):
+        np.testing.assert_array_equal(read_image(path).image, NOISY)
+
+
+def test_colours_may_be_the_columns_of_a_cube(tmp_path):
+    path = tmp_path / "colours_last.fits"
+    fits.PrimaryHDU(np.stack([NOISY, NOISY + 5, NOISY - 5], axis=-1)).writeto(path)
+    with pytest.warns(UserWarning, match="cube of 3 planes"):
+        np.testing.assert_array_equal(read_image(path).image, NOISY + 5)
+
+
+def test_infinite_pixels_have_no_value(tmp_path):
+    path = tmp_path / "infinite.fits"
+    image = NOISY.astype(np.float32)
+    image[3, 4], image[5, 6] = np.inf, -np.inf
+    fits.PrimaryHDU(image).writeto(path)
+    got = read_image(path).image
+    assert np.argwhere(np.isnan(got)).tolist() == [[3, 4], [5, 6]]
+    assert np.isfinite(got).sum() == image.size - 2
