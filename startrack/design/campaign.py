@@ -168,8 +168,8 @@ class Campaign(Parameters):
         for name in chosen:
             if changed.count(name) > 1:
                 raise Refused(
-                    f"campaign.choices must name a parameter once, and none of the variables and links, got "
-                    f"{name} {changed.count(name)} times"
+                    "campaign.choices must name a parameter once, and none of the variables and "
+                    f"links, got {name} {changed.count(name)} times"
                 )
 
     def error(self, text: str) -> Objective:
