@@ -172,7 +172,8 @@ def whole_numbers(path: Path, table: Any, name: str) -> Ints:
     """
     column = table[name]
     if column.dtype.kind not in "iu" or column.shape != (len(table),):
-        raise Refused(f"{path}: {name} must be whole numbers, got {column[0]}")
+        first = np.asarray(column[0]).tolist()
+        raise Refused(f"{path}: {name} must be whole numbers, got {shown(first)}")
     masked = np.ma.getmaskarray(np.ma.asarray(column))
     if masked.any():
         raise Refused(f"{path}: {name} must be in each row, got none in row {masked.argmax() + 1}")

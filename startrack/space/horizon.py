@@ -12,6 +12,7 @@ from startrack.space.earth import EARTH_RADIUS
 
 # U.S. Standard Atmosphere 1976: metre of geopotential, and kelvin a metre from there on.
 LAYERS = ((0.0, -6.5e-3), (11e3, 0.0), (20e3, 1e-3), (32e3, 2.8e-3), (47e3, 0.0), (51e3, -2.8e-3))
+ENDS = (*(start for start, _ in LAYERS[1:]), math.inf)
 GROUND = 288.15  # kelvin
 GRAVITY_OVER_GAS = 9.80665 * 28.9644e-3 / 8.31432  # kelvin a metre
 REFRACTIVITY = 2.778e-4  # of that air at the ground: Ciddor (1996), dry, 550 nm
@@ -61,8 +62,8 @@ def standard_temperature(height: float) -> float:
 
     height   metre of geopotential; below the sea and above 51 km as in the next layer
     """
-    temperature, ends = GROUND, [*(start for start, _ in LAYERS[1:]), math.inf]
-    for (start, lapse), end in zip(LAYERS, ends, strict=True):
+    temperature = GROUND
+    for (start, lapse), end in zip(LAYERS, ENDS, strict=True):
         temperature += lapse * (min(height, end) - start)
         if height <= end:
             break
@@ -73,8 +74,7 @@ def _density(height: Floats) -> Floats:
     """Density of the standard atmosphere over that at sea level; heights are geopotential."""
     temperature, pressure = GROUND, 1.0
     density = np.empty_like(height)
-    ends = [*(start for start, _ in LAYERS[1:]), math.inf]
-    for (start, lapse), end in zip(LAYERS, ends, strict=True):
+    for (start, lapse), end in zip(LAYERS, ENDS, strict=True):
         here = (height < end) & ((height >= start) | (start == 0))
         rise = height[here] - start
         warmer = (temperature + lapse * rise) / GROUND
