@@ -116,7 +116,7 @@ from matplotlib.figure import Figure
 from startrack import Fidelity, load_design, run_trials, shipped
 from startrack.core import installed_tables
 
-sizes = {"plots.style": ("DPI", 30), "trial.window": ("SAMPLES", 4),
+sizes = {"plots.style": ("DPI", 30), "trial.window_plan": ("SAMPLES", 4),
          "verification.accuracy": ("FIELDS", 32)}
 for module, (name, size) in sizes.items():
     held = sys.modules["startrack." + module]

@@ -162,14 +162,14 @@ def solve(
         if hot is not None:
             stated = stated + independent(gain, hot[used])
     return Estimate(
-        core.Status.SOLVED,
-        matches.reason,
-        best.icrs_to_camera,
-        stated,
-        float(np.sqrt(np.mean(best.residual**2))),
-        len(used),
-        matches.false_probability,
-        used,
+        status=core.Status.SOLVED,
+        reason=matches.reason,
+        icrs_to_camera=best.icrs_to_camera,
+        covariance=stated,
+        residual_rms=float(np.sqrt(np.mean(best.residual**2))),
+        stars=len(used),
+        false_probability=matches.false_probability,
+        used=used,
     )
 
 
@@ -228,5 +228,11 @@ def _agreeing(pixel: Floats, covariance: Floats, matches: core.Matches, gate: fl
 
 def _unsolved(matches: core.Matches, status: core.Status, reason: str) -> Estimate:
     return Estimate(
-        status, reason, None, NO_COVARIANCE, float("nan"), len(matches), matches.false_probability
+        status=status,
+        reason=reason,
+        icrs_to_camera=None,
+        covariance=NO_COVARIANCE,
+        residual_rms=float("nan"),
+        stars=len(matches),
+        false_probability=matches.false_probability,
     )

@@ -160,13 +160,13 @@ def detection() -> BenchmarkStage:
     """The fraction of faint stars that are not found, at an allowed number of false spots."""
     frame, x, y, flux = sown(FAINT)
     return BenchmarkStage(
-        "detection",
-        f"a megapixel with {len(x)} stars of SNR {FAINT:g}, background {BACKGROUND:g} e-",
-        f"fraction of stars not found (ours at {FALSE} false spots a frame)",
-        {name: partial(find, frame) for name, find in finders(SIGMA).items()},
-        lambda spots: 1 - float(paired(spots, x, y)[0].mean()),
-        1 - limit(flux, SIGMA),
-        "the best test that knows each place",
+        name="detection",
+        work=f"a megapixel with {len(x)} stars of SNR {FAINT:g}, background {BACKGROUND:g} e-",
+        error=f"fraction of stars not found (ours at {FALSE} false spots a frame)",
+        ways={name: partial(find, frame) for name, find in finders(SIGMA).items()},
+        judge=lambda spots: 1 - float(paired(spots, x, y)[0].mean()),
+        limit=1 - limit(flux, SIGMA),
+        limit_of="the best test that knows each place",
     )
 
 
@@ -192,11 +192,11 @@ def centroid() -> BenchmarkStage:
     """The scatter of the centroids of bright stars."""
     frame, x, y, flux = sown(BRIGHT)
     return BenchmarkStage(
-        "centroid",
-        f"the same frame with {len(x)} stars of SNR {BRIGHT:g}",
-        "rms of the centroid per axis, pixel",
-        {name: partial(find, frame) for name, find in finders(SIGMA).items()},
-        lambda spots: float(np.sqrt(np.mean(paired(spots, x, y)[1] ** 2))),
-        centroid_bound(Star(flux, SIGMA, BACKGROUND, READ_NOISE))[0],
-        "Cramer-Rao",
+        name="centroid",
+        work=f"the same frame with {len(x)} stars of SNR {BRIGHT:g}",
+        error="rms of the centroid per axis, pixel",
+        ways={name: partial(find, frame) for name, find in finders(SIGMA).items()},
+        judge=lambda spots: float(np.sqrt(np.mean(paired(spots, x, y)[1] ** 2))),
+        limit=centroid_bound(Star(flux, SIGMA, BACKGROUND, READ_NOISE))[0],
+        limit_of="Cramer-Rao",
     )

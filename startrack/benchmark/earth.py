@@ -85,18 +85,18 @@ def terrain() -> BenchmarkStage:
         return float(np.nanmedian(np.abs(distance[JUDGED] - reference.distance)))
 
     return BenchmarkStage(
-        "terrain",
-        f"a ray from {HEIGHT / 1e3:g} km at {ELEVATION} deg to {CELLS} x {CELLS} cells of "
+        name="terrain",
+        work=f"a ray from {HEIGHT / 1e3:g} km at {ELEVATION} deg to {CELLS} x {CELLS} cells of "
         f"{STEP * 6.4e6:.0f} m",
-        "median of the distance, metre",
-        {
+        error="median of the distance, metre",
+        ways={
             "startrack": lambda: trace(surface, rays).distance,
             "startrack level": lambda: level.meet(rays)[0].distance,
         },
-        judge,
-        float(np.finfo(float).eps * 6.4e6),
-        "rounding of coordinates",
-        len(rays),
+        judge=judge,
+        limit=float(np.finfo(float).eps * 6.4e6),
+        limit_of="rounding of coordinates",
+        pieces=len(rays),
     )
 
 

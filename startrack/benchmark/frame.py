@@ -56,7 +56,15 @@ def frame() -> BenchmarkStage:
     rest = LineOfSight(np.zeros(1), np.ones(1), np.zeros((1, 3)))
 
     def ours() -> NDArray[Any]:
-        exposure = Exposure(light, psf, rest, Rotation.identity(), camera, CAMERA, np.ones(1))
+        exposure = Exposure(
+            light=light,
+            psf=psf,
+            line_of_sight=rest,
+            icrs_to_camera=Rotation.identity(),
+            camera=camera,
+            detector=CAMERA,
+            throughput=np.ones(1),
+        )
         return expose(exposure, Streams(1, 0)).image
 
     starlight = np.zeros((SIZE, SIZE))
@@ -70,13 +78,13 @@ def frame() -> BenchmarkStage:
         return float(abs(np.sqrt(np.mean((electrons - mean) ** 2 / variance)) - 1))
 
     return BenchmarkStage(
-        "frame",
-        f"{SIZE} x {SIZE} pixels, 100 stars, sky, dark current and noise to 16-bit numbers",
-        "rms of (image - exact) over the noise there is, less one",
-        {"startrack": ours},
-        judge,
-        1 / math.sqrt(2 * lit.sum()),
-        "standard error for these pixels",
+        name="frame",
+        work=f"{SIZE} x {SIZE} pixels, 100 stars, sky, dark current and noise to 16-bit numbers",
+        error="rms of (image - exact) over the noise there is, less one",
+        ways={"startrack": ours},
+        judge=judge,
+        limit=1 / math.sqrt(2 * lit.sum()),
+        limit_of="standard error for these pixels",
     )
 
 
@@ -98,15 +106,17 @@ def noise() -> BenchmarkStage:
         return min(float(np.abs(fraction - distribution).max()) for distribution in distributions)
 
     return BenchmarkStage(
-        "noise",
-        f"a megapixel of {BACKGROUND:g} expected electrons, read noise {READ_NOISE:g}, "
+        name="noise",
+        work=f"a megapixel of {BACKGROUND:g} expected electrons, read noise {READ_NOISE:g}, "
         "to 12-bit numbers",
-        f"distance of the distribution of {FRAMES} Mpx from the exact law",
-        {"startrack": lambda: [read_out(even, EVEN_CAMERA, Streams(1, n)) for n in range(FRAMES)]},
-        judge,
-        0.83 / math.sqrt(FRAMES * even.size),
-        "median of Kolmogorov's law for these pixels",
-        FRAMES,
+        error=f"distance of the distribution of {FRAMES} Mpx from the exact law",
+        ways={
+            "startrack": lambda: [read_out(even, EVEN_CAMERA, Streams(1, n)) for n in range(FRAMES)]
+        },
+        judge=judge,
+        limit=0.83 / math.sqrt(FRAMES * even.size),
+        limit_of="median of Kolmogorov's law for these pixels",
+        pieces=FRAMES,
     )
 
 

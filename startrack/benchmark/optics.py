@@ -27,13 +27,13 @@ def psf() -> BenchmarkStage:
         return float(np.abs(image[PICK[:, 1], PICK[:, 0]] / peak - wanted).max())
 
     return BenchmarkStage(
-        "psf",
-        "155 x 155 points of an f/1.4 lens at 550 nm with 34 Zernike modes",
-        "largest error, fraction of the clear peak",
-        {"startrack": lambda: own.aberrated(COEFFICIENTS)},
-        judge,
-        np.finfo(float).eps,
-        "rounding",
+        name="psf",
+        work="155 x 155 points of an f/1.4 lens at 550 nm with 34 Zernike modes",
+        error="largest error, fraction of the clear peak",
+        ways={"startrack": lambda: own.aberrated(COEFFICIENTS)},
+        judge=judge,
+        limit=np.finfo(float).eps,
+        limit_of="rounding",
     )
 
 
@@ -101,14 +101,14 @@ def stamping() -> BenchmarkStage:
         return float(np.sqrt(np.mean((centres - wanted) ** 2)))
 
     return BenchmarkStage(
-        "stamping",
-        f"a Gaussian star of sigma {SIGMA} pixel on {BOX} x {BOX} pixels, any place",
-        "rms of the centroid, pixel",
-        {"startrack": ours},
-        judge,
-        np.finfo(float).eps * BOX,
-        "rounding",
-        STARS,
+        name="stamping",
+        work=f"a Gaussian star of sigma {SIGMA} pixel on {BOX} x {BOX} pixels, any place",
+        error="rms of the centroid, pixel",
+        ways={"startrack": ours},
+        judge=judge,
+        limit=np.finfo(float).eps * BOX,
+        limit_of="rounding",
+        pieces=STARS,
     )
 
 

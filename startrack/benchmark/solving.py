@@ -133,15 +133,15 @@ def identification() -> BenchmarkStage:
         return 1 - sum(right) / SKIES
 
     return BenchmarkStage(
-        "identification",
-        f"a sky of {REGIME.field} deg, {REGIME.noise} px of noise, {REGIME.false} false spots, "
-        f"{100 * REGIME.missing:g} % missing",
-        f"fraction of {SKIES} skies not solved, or wrongly",
-        {"startrack": lambda: [run(seen) for seen in every]},
-        judge,
-        1 / SKIES,
-        "one of these skies",
-        SKIES,
+        name="identification",
+        work=f"a sky of {REGIME.field} deg, {REGIME.noise} px of noise, {REGIME.false} false "
+        f"spots, {100 * REGIME.missing:g} % missing",
+        error=f"fraction of {SKIES} skies not solved, or wrongly",
+        ways={"startrack": lambda: [run(seen) for seen in every]},
+        judge=judge,
+        limit=1 / SKIES,
+        limit_of="one of these skies",
+        pieces=SKIES,
     )
 
 
@@ -186,12 +186,12 @@ def attitude() -> BenchmarkStage:
     truth, b, r = fields(MANY, STARS, 10 * deg, 0.0, 1)
     w = np.ones(b.shape[:2])
     return BenchmarkStage(
-        "attitude",
-        f"an attitude from {STARS} exact directions in 20 deg",
-        "rms angle, radian",
-        {name: partial(solve, b, r, w) for name, solve in SOLVERS.items()},
-        lambda attitudes: float(np.sqrt(np.mean((attitudes * truth.inv()).magnitude() ** 2))),
-        np.finfo(float).eps,
-        "rounding",
-        MANY,
+        name="attitude",
+        work=f"an attitude from {STARS} exact directions in 20 deg",
+        error="rms angle, radian",
+        ways={name: partial(solve, b, r, w) for name, solve in SOLVERS.items()},
+        judge=lambda attitudes: float(np.sqrt(np.mean((attitudes * truth.inv()).magnitude() ** 2))),
+        limit=np.finfo(float).eps,
+        limit_of="rounding",
+        pieces=MANY,
     )

@@ -33,7 +33,7 @@ from startrack.budget.fields import (
 from startrack.budget.fixed import OF_STARS, displaced, moved, of_the_camera, through_lens, visible
 from startrack.budget.hot_pixels import hot_stars
 from startrack.budget.left_out import of_false_spots, of_the_case, of_the_catalog, of_the_sky
-from startrack.budget.tracked import Tracked, tracked, within_stated
+from startrack.budget.tracked import tracked, within_stated
 from startrack.core import Floats, Ints, Refused
 from startrack.design import Case
 
@@ -251,13 +251,6 @@ def of_fields(case: Case, view: Fields, like: Case | None = None) -> FieldBudget
     like  a case that differs only in the places of its stars, whose response to single stars is
           used; None: the response of this case is measured
     """
-    return _of_fields(case, view, like, None)
-
-
-def _of_fields(
-    case: Case, view: Fields, like: Case | None, decided: Tracked | None
-) -> FieldBudget | None:
-    """`of_fields`, with the stars that drawn spots decided; None: by probabilities."""
     refuse_scans(case)
     _refuse_few_boxes(case)
     same = like or case
@@ -265,36 +258,37 @@ def _of_fields(
     if not measured.table.fraction.any():
         return None
     counting = _counting_stars(case, view, same, measured)
-    stars = counting.stars
-    if decided:
-        stars = stars._replace(kept=np.where(decided.dropped, 0.0, stars.kept))
-    errors = propagate(stars, measured.table, _solver(case, measured.lost))
-    if decided:
-        errors = errors._replace(solved=errors.solved * decided.solved)
-    total = float(errors.solved.sum())
-    if not total > 0:
+    stars, solver = counting.stars, _solver(case, measured.lost)
+    errors = propagate(stars, measured.table, solver)
+    if not errors.solved.sum() > 0:
         return None
-    lines = tuple(_lines(case, errors, errors.solved / total, measured.random, counting.fixed))
-    law = _sum_of(lines)
-    covered = decided.covered.astype(float) if decided else None
-    if not decided and HOT not in measured.random:  # it states hot pixels, too
+    lines = tuple(_lines(case, errors, measured.random, counting.fixed))
+    law, covered = _sum_of(lines), None
+    if HOT not in measured.random:  # it states hot pixels, too
         covered = _covered(case, law, errors, stars)
     unsure = covered is not None and law.weight @ covered.prod(axis=1) < 1 - UNCOVERED
-    if not (decided or trial.boxed(case)) and _astray(case, counting, bool(unsure)):
-        return _of_fields(case, view, like, tracked(case, view, counting.inside))
-    solved = total / len(law.weight)
+    if not trial.boxed(case) and _astray(case, counting, bool(unsure)):
+        decided = tracked(case, view, counting.inside)
+        stars = stars._replace(kept=np.where(decided.dropped, 0.0, stars.kept))
+        errors = propagate(stars, measured.table, solver)
+        errors = errors._replace(solved=errors.solved * decided.solved)
+        if not errors.solved.sum() > 0:
+            return None
+        lines = tuple(_lines(case, errors, measured.random, counting.fixed))
+        law, covered = _sum_of(lines), decided.covered.astype(float)
+    solved = float(errors.solved.sum()) / len(law.weight)
     available = solved
     if covered is not None:
         available *= float(law.weight @ covered.prod(axis=1))
     budget = Budget(
-        lines,
-        BudgetLine("end to end", None, law),
-        available,
-        float(law.weight @ errors.stars),
-        _left_out(case, measured, counting, errors.stars, solved),
-        _refused(measured, stars.magnitude),
-        covered,
-        solved,
+        lines=lines,
+        whole=BudgetLine("end to end", None, law),
+        availability=available,
+        stars=float(law.weight @ errors.stars),
+        left_out=_left_out(case, measured, counting, errors.stars, solved),
+        refused=_refused(measured, stars.magnitude),
+        covered=covered,
+        solved=solved,
     )
     return FieldBudget(budget, errors, stars)
 
@@ -353,14 +347,14 @@ def _counting_stars(case: Case, view: Fields, same: Case, measured: Measured) ->
     if fixed:
         apart = _apart(np.stack(displacement[2:]).sum(axis=0), first)
     stars = FieldStars(
-        first,
-        view.x[inside],
-        view.y[inside],
-        magnitude,
-        lens.zone[kept],
-        chance[kept],
-        systematic[kept],
-        np.stack(displacement),
+        first=first,
+        x=view.x[inside],
+        y=view.y[inside],
+        magnitude=magnitude,
+        zone=lens.zone[kept],
+        kept=chance[kept],
+        systematic=systematic[kept],
+        displacement=np.stack(displacement),
     )
     return _CountingStars(stars, inside, sigma[kept], fixed, apart)
 
@@ -467,9 +461,10 @@ def _refused(measured: Measured, magnitude: Floats) -> float:
 
 
 def _lines(
-    case: Case, errors: Attitudes, weight: Floats, random: list[str], fixed: list[Cause]
+    case: Case, errors: Attitudes, random: list[str], fixed: list[Cause]
 ) -> Iterator[BudgetLine[ErrorLaw]]:
     """A line for each cause: random errors and fixed shifts of stars, errors of the camera."""
+    weight = errors.solved / errors.solved.sum()
     none = np.zeros_like(errors.shift[:, 0])
     for k, name in enumerate(random):
         if name == response.LENS_FIELD:

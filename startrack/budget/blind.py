@@ -45,7 +45,7 @@ def _cause(case: Case, view: Fields) -> str:
             f"to G = {case.catalog.limit_g:g} (catalog.limit_g); {needed}"
         )
     even = response.with_uniform_dark(case) if response.dark_pattern(case) else case
-    if hidden := _light(even, magnitude, field, needed):
+    if hidden := _faintness(even, magnitude, field, needed):
         return hidden
     passing = magnitude < _faintest(even)
     listed = passing & (believed_index(case.catalog, case.believed_catalog)[view.name[star]] >= 0)
@@ -88,16 +88,18 @@ def _faintest(case: Case) -> float:
     return float(passing.max(initial=-math.inf))
 
 
-def _light(case: Case, magnitude: Floats, field: Ints, needed: str) -> str:
+def _faintness(case: Case, magnitude: Floats, field: Ints, needed: str) -> str:
     """Why stars are too faint, and which noise hides them; "" if enough pass the threshold."""
     size, fewest = response.scale(case), case.tracker.identification.min_matches
     dark = response.dark_electrons(case.instrument.detector)[0]
     sky = max(size.background - dark, 0.0)
     of_sky = "scene.sky" if case.scene.sky else "scene.background_g"
+    sources = (
+        ("dark current", dark, sky, "instrument.detector.dark_current"),
+        ("the light of the sky", sky, dark, of_sky),
+    )
     if size.background >= size.largest:
-        filled, keys = "the light of the sky", of_sky
-        if dark > sky:
-            filled, keys = "dark current", "instrument.detector.dark_current"
+        filled, *_, keys = sources[0 if dark > sky else 1]
         return (
             f"{filled} saturates the pixels, which hold {size.largest:.5g} electrons: dark current "
             f"makes {dark:.5g} in an exposure, the sky {sky:.5g} ({keys}, "
@@ -111,10 +113,7 @@ def _light(case: Case, magnitude: Floats, field: Ints, needed: str) -> str:
         f"stars fainter than G = {limit:.1f} do not pass tracker.detection.threshold, at most "
         f"{found} of a field do; {needed}"
     )
-    for name, rest, keys in (
-        ("dark current", sky, "instrument.detector.dark_current"),
-        ("the light of the sky", dark, of_sky),
-    ):
+    for name, _, rest, keys in sources:
         noise = math.sqrt(size.noise**2 + size.excess * rest)
         deeper = limit + 2.5 * math.log10(size.pixel / noise)
         if _most(field[magnitude < deeper]) >= fewest:
@@ -123,15 +122,20 @@ def _light(case: Case, magnitude: Floats, field: Ints, needed: str) -> str:
                 f"and raises the noise to {size.pixel:.3g} from {noise:.3g} ({keys}); {seen}; "
                 f"without it, stars to G = {deeper:.1f} would"
             )
-    order = np.lexsort((magnitude, field))
-    first = np.searchsorted(field[order], np.unique(field))
-    last = first + fewest - 1
-    last = last[last < len(order)]
-    last = last[field[order][last] == field[order][last - fewest + 1]]
     return (
         f"they have too little light: a star of G = 0 gives {size.star:.3g} electrons in an "
         f"exposure, and a pixel has a noise of {size.pixel:.3g} electrons (instrument.optics, "
         "instrument.detector.exposure); "
         f"{seen}; the best field has {fewest} stars to "
-        f"G = {magnitude[order][last].min():.1f}"
+        f"G = {_magnitude_of_last(fewest, magnitude, field):.1f}"
     )
+
+
+def _magnitude_of_last(count: int, magnitude: Floats, field: Ints) -> float:
+    """Magnitude to which the best field has `count` stars."""
+    order = np.lexsort((magnitude, field))
+    first = np.searchsorted(field[order], np.unique(field))
+    last = first + count - 1
+    last = last[last < len(order)]
+    last = last[field[order][last] == field[order][last - count + 1]]
+    return float(magnitude[order][last].min())

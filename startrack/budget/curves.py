@@ -184,7 +184,15 @@ def error_curves(
         advance(1)
     seen = residuals(case, seed, trials, lambda frames: advance(frames / trials))
     in_boxes = boxed_stars(case) if boxed(case) else None
-    return ErrorCurves(curve, BETWEEN + 1, tuple(tried), errors(case), in_boxes, seen, trials)
+    return ErrorCurves(
+        curve=curve,
+        steps=BETWEEN + 1,
+        tried=tuple(tried),
+        stars=errors(case),
+        boxed=in_boxes,
+        seen=seen,
+        trials=trials,
+    )
 
 
 def curve_steps(case: Case) -> int:

@@ -97,7 +97,15 @@ def _fields(
         for turn, star in zip(attitude, members, strict=True)
     ]
     x, y, z = np.concatenate(seen).T
-    return Fields(stars.sky, stars.name, attitude, field, x / z, y / z, np.concatenate(members))
+    return Fields(
+        sky=stars.sky,
+        name=stars.name,
+        attitude=attitude,
+        field=field,
+        x=x / z,
+        y=y / z,
+        star=np.concatenate(members),
+    )
 
 
 def attitudes(count: int) -> Rotation:

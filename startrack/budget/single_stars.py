@@ -42,7 +42,15 @@ def single_stars(case: Case, seed: int = 0) -> trial.SingleStars:
     magnitude: Floats = table.start + table.step * STEP * np.arange(len(measured), dtype=float)
     stated = np.sqrt(np.trace(table.stated[:, rows], axis1=2, axis2=3).mean(axis=0) / 2)
     noise, method = rms(only=(response.SHOT, response.READ)), rms(only=(response.METHOD,))
-    return trial.SingleStars(magnitude, measured, stated, noise, method, rms(), rms(HOT))
+    return trial.SingleStars(
+        magnitude=magnitude,
+        measured=measured,
+        stated=stated,
+        temporal=noise,
+        method=method,
+        total=rms(),
+        usual=rms(HOT),
+    )
 
 
 class Residuals(NamedTuple):

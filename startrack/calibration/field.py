@@ -268,13 +268,13 @@ class _State(NamedTuple):
 def _fit(state: _State, table: StarTable, order: Order) -> FieldFit:
     state, weight, covariance = _solve(state, table, order)
     return FieldFit(
-        order,
-        state.camera,
-        state.attitude,
-        _names(order),
-        covariance,
-        _residual(state, table),
-        weight,
+        order=order,
+        camera=state.camera,
+        attitude=state.attitude,
+        names=_names(order),
+        covariance=covariance,
+        residual=_residual(state, table),
+        weight=weight,
     )
 
 

@@ -121,7 +121,13 @@ def _statistics(level: Level) -> _LevelStatistics:
     means = frames.mean(axis=0)
     temporal, spatial = float(frames.var(axis=0, ddof=1).mean()), float(means.var(ddof=1))
     return _LevelStatistics(
-        level.lit, level.exposure, len(frames), means.size, float(means.mean()), temporal, spatial
+        lit=level.lit,
+        exposure=level.exposure,
+        frames=len(frames),
+        pixels=means.size,
+        mean=float(means.mean()),
+        temporal=temporal,
+        spatial=spatial,
     )
 
 

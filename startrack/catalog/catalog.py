@@ -188,16 +188,16 @@ def assemble(
     parallax = np.where(np.isfinite(parallax_mas), parallax_mas, 0.0) * MAS
     ra, dec = (np.asarray(angle, float) * deg for angle in (ra_deg, dec_deg))
     return Catalog(
-        np.asarray(identifier, np.int64),
-        ra,
-        dec,
-        epoch,
-        pm_ra,
-        pm_dec,
-        moving,
-        parallax,
-        np.asarray(magnitude_g, float),
-        np.asarray(colour, float),
+        identifier=np.asarray(identifier, np.int64),
+        right_ascension=ra,
+        declination=dec,
+        epoch=epoch,
+        pm_ra=pm_ra,
+        pm_dec=pm_dec,
+        proper_motion_known=moving,
+        parallax=parallax,
+        magnitude_g=np.asarray(magnitude_g, float),
+        colour=np.asarray(colour, float),
     )
 
 
@@ -244,16 +244,16 @@ def random_stars(catalog: Catalog, brightest: float, faintest: float) -> Catalog
     ra, dec = np.arctan2(y, x) % (2 * np.pi), np.arcsin(np.clip(z, -1, 1))
     colour, unknown = random.choice(catalog.colour, len(belt)), np.zeros(len(belt))
     return Catalog(
-        np.arange(1, len(belt) + 1),
-        ra,
-        dec,
-        catalog.epoch,
-        unknown,
-        unknown,
-        np.zeros(len(belt), bool),
-        unknown,
-        magnitude,
-        colour,
+        identifier=np.arange(1, len(belt) + 1),
+        right_ascension=ra,
+        declination=dec,
+        epoch=catalog.epoch,
+        pm_ra=unknown,
+        pm_dec=unknown,
+        proper_motion_known=np.zeros(len(belt), bool),
+        parallax=unknown,
+        magnitude_g=magnitude,
+        colour=colour,
     )
 
 

@@ -337,15 +337,15 @@ def _row(source: Any, found: WhatMatters, influence: Influence) -> MatterRow:
     low, high = (source.shown(end)[name] for end in (span.at_low, span.at_high))
     ends = low if low == high else f"{low} to {high}"
     return MatterRow(
-        source.labels()[name],
-        source.shown()[name],
-        "+1 %",
-        influence.change,
-        influence.margins.get(found.tightest, ""),
-        _costs_text(influence.costs),
-        f"{_text(sensitivity.low)} to {_text(sensitivity.high)}",
-        optimise.share(sensitivity.total),
-        f"{ends} (any)" if span.everywhere else ends,
+        name=source.labels()[name],
+        value=source.shown()[name],
+        step="+1 %",
+        objective=influence.change,
+        margin=influence.margins.get(found.tightest, ""),
+        costs=_costs_text(influence.costs),
+        over=f"{_text(sensitivity.low)} to {_text(sensitivity.high)}",
+        total=optimise.share(sensitivity.total),
+        span=f"{ends} (any)" if span.everywhere else ends,
     )
 
 

@@ -85,7 +85,18 @@ def bounds_of(case: Any, variables: Sequence[Variable]) -> list[Bounds]:
         unit = unit_at(case, name)
         shown, size = (unit.shown, 1 / unit.of(1.0)) if unit else ("", 1.0)
         whole = type(find(case, name)) is int
-        found.append(Bounds(name, low, high, start, variable.scale == "log", shown, size, whole))
+        found.append(
+            Bounds(
+                name=name,
+                low=low,
+                high=high,
+                start=start,
+                log=variable.scale == "log",
+                unit=shown,
+                size=size,
+                whole=whole,
+            )
+        )
     return found
 
 

@@ -223,7 +223,15 @@ def law_of(case: Any, variation: Variation) -> Law:
         raise Refused(
             f"{variation.name}: low must be below high, got {variation.low} and {variation.high}"
         )
-    return Law(variation, sigma, low, high, mean, amplitude, values)
+    return Law(
+        variation=variation,
+        sigma=sigma,
+        low=low,
+        high=high,
+        mean=mean,
+        amplitude=amplitude,
+        values=values,
+    )
 
 
 def check_variations(case: Any, variations: tuple[Variation, ...]) -> None:

@@ -88,7 +88,16 @@ def expect(
     table = measured(seen._replace(floor=dark, offset=level, read_noise=0.0), plan)
     covariance = table[:, [XX, XY, XY, YY]].reshape(-1, 2, 2)
     x, y, flux, sigma = (table[:, column] for column in (X, Y, FLUX, FLUX_SIGMA))
-    return SpotExpectation(x, y, flux, sigma, covariance, height - far, spread, kept)
+    return SpotExpectation(
+        x=x,
+        y=y,
+        flux=flux,
+        sigma=sigma,
+        covariance=covariance,
+        above=height - far,
+        spread=spread,
+        kept=kept,
+    )
 
 
 def chance_kept(frame: Frame, place: Floats, level: float, plan: DetectionPlan) -> Floats:

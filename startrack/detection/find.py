@@ -203,16 +203,16 @@ def _rules(pixels: Pixels, plan: DetectionPlan) -> _SpotRules:
     settings, kernel = plan.settings, plan.kernel
     half, sharpest = settings.window // 2, settings.sharpest_sigma
     return _SpotRules(
-        settings.min_area,
-        settings.max_area,
-        half,
-        half + settings.edge,
-        ring_half(settings, kernel),
-        kernel.noise,
-        1 / pixels.gain.light,
-        rounding(pixels, kernel),
-        largest_fraction(sharpest) if sharpest > 0 else 0.0,
-        0 if plan.method.skips_dead else 1,
+        min_area=settings.min_area,
+        max_area=settings.max_area,
+        half=half,
+        border=half + settings.edge,
+        ring=ring_half(settings, kernel),
+        noise=kernel.noise,
+        shot=1 / pixels.gain.light,
+        floor=rounding(pixels, kernel),
+        fraction=largest_fraction(sharpest) if sharpest > 0 else 0.0,
+        beside=0 if plan.method.skips_dead else 1,
     )
 
 

@@ -43,16 +43,16 @@ def sample(frame: Frame, pixels: Pixels, candidates: Peaks, settings: Detection)
     # Kernels are compiled again for arrays of another layout.
     x, y = (np.ascontiguousarray(place) for place in (candidates.x, candidates.y))
     return Sample(
-        pixels.value,
-        pixels.marks,
-        x,
-        y,
-        settings.window // 2,
-        pixels.step / math.sqrt(12),
-        frame.noise_gain,
-        frame.offset - pixels.pivot,
-        frame.read_noise / frame.electrons_per_dn,
-        saturation - pixels.pivot,
+        image=pixels.value,
+        dead=pixels.marks,
+        x=x,
+        y=y,
+        half=settings.window // 2,
+        floor=pixels.step / math.sqrt(12),
+        light=frame.noise_gain,
+        offset=frame.offset - pixels.pivot,
+        read_noise=frame.read_noise / frame.electrons_per_dn,
+        saturation=saturation - pixels.pivot,
     )
 
 

@@ -46,20 +46,28 @@ class SignalLaw(NamedTuple):
     largest: float
 
 
-COUNT = SignalLaw(0.0, math.inf, 0.0, 1.0, 0.0, 0.0, math.inf)  # numbers equal electrons
+COUNT = SignalLaw(
+    noise=0.0,
+    full_well=math.inf,
+    nonlinearity=0.0,
+    gain=1.0,
+    offset=0.0,
+    adc_inl=0.0,
+    largest=math.inf,
+)  # numbers equal electrons
 
 
 def law_of(detector: Detector) -> SignalLaw:
     """The law of a detector's pixels."""
     largest = 2**detector.bits - 1
     return SignalLaw(
-        math.hypot(detector.read_noise, detector.reset_noise),
-        detector.full_well,
-        detector.nonlinearity,
-        detector.gain * largest / detector.full_well,
-        float(detector.offset),
-        detector.adc_inl,
-        float(largest),
+        noise=math.hypot(detector.read_noise, detector.reset_noise),
+        full_well=detector.full_well,
+        nonlinearity=detector.nonlinearity,
+        gain=detector.gain * largest / detector.full_well,
+        offset=float(detector.offset),
+        adc_inl=detector.adc_inl,
+        largest=float(largest),
     )
 
 
@@ -214,7 +222,15 @@ class Tables(NamedTuple):
     spacing: float
 
 
-EMPTY = Tables(np.full(1, UNSETTLED, np.uint32), 1, np.zeros((1, 1), np.uint64), 0, 0, 0, 1.0)
+EMPTY = Tables(
+    entry=np.full(1, UNSETTLED, np.uint32),
+    cells=1,
+    limit=np.zeros((1, 1), np.uint64),
+    lowest=0,
+    first=0,
+    levels=0,
+    spacing=1.0,
+)
 
 
 def level_spacing(lowest: float, noise: float) -> float:
@@ -293,7 +309,15 @@ def build(law: SignalLaw, first: int, count: int, spacing: float) -> Tables:
     cells = math.ceil(math.log2(32 * max(deviation, 0.1)))
     cells = min(max(cells, LEAST_CELLS), MOST_CELLS)
     entry = np.append(_entries(limit, cells), np.uint32(UNSETTLED))
-    return Tables(entry, cells, limit, least, first, count, spacing)
+    return Tables(
+        entry=entry,
+        cells=cells,
+        limit=limit,
+        lowest=least,
+        first=first,
+        levels=count,
+        spacing=spacing,
+    )
 
 
 @kernel

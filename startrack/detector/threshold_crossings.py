@@ -131,7 +131,16 @@ def tilted_law(
     most = np.maximum(tiles.max(axis=1), LEAST_CUMULANT)
     tiles -= most[:, None]
     np.cumsum(np.exp(tiles, out=tiles), axis=1, out=tiles)
-    return TiltedLaw(theta, most, tiles.astype(np.float32), weight, kind, sums, complete, shift)
+    return TiltedLaw(
+        theta=theta,
+        most=most,
+        among=tiles.astype(np.float32),
+        weight=weight,
+        kind=kind,
+        sums=sums,
+        complete=complete,
+        shift=shift,
+    )
 
 
 def _whole(place: Singles, weight: Floats) -> Flags:

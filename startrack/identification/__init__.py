@@ -12,21 +12,17 @@ verify      Hypothesis -> its matches, and a bound on the probability of such a 
 regrow      A sparse match that one false match may distort -> an attitude grown from its patches.
 search      The first accepted hypothesis from triangles of spots, brightest first.
 identify    Matches from spots, the believed camera and the catalogue.
-blind       Spots of an unknown camera -> matches and field of view, then the distortion of its
-            lens.
+blind       Spots of an unknown camera -> matches and field of view, by trying cameras.
+lens_fit    Matches of one image -> its attitude with the distortion of the lens.
 track       Matches from spots and a predicted attitude.
 """
 
 from startrack.identification.agree import NARROWEST, REACH, Agreed, refit
 from startrack.identification.blind import (
     WIDEST_PINHOLE,
-    LensFit,
     cameras,
     cameras_of,
     fisheye,
-    fit_again,
-    fit_frame,
-    fit_lens,
     identify_blind,
 )
 from startrack.identification.cache import PatternIndexes, cached_index
@@ -40,6 +36,7 @@ from startrack.identification.index import (
     local_rank,
     merged,
 )
+from startrack.identification.lens_fit import LensFit, fit_again, fit_frame, fit_lens
 from startrack.identification.parameters import Identification, IdentificationInput
 from startrack.identification.seen import LEAST_SIGMA, keep_brightest, see, usable
 from startrack.identification.track import track

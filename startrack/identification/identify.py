@@ -144,14 +144,14 @@ def refined(
 
 def _solved(gathered: Gathered, finite: Ints, camera: Camera, log_p: float) -> Matches:
     return Matches(
-        Status.SOLVED,
-        f"{len(gathered.spot)} of {len(finite)} spots are stars of the catalogue",
-        finite[gathered.spot],
-        gathered.star,
-        gathered.direction,
-        camera,
-        Rotation.from_quat(gathered.quaternion),
-        math.exp(log_p),
+        status=Status.SOLVED,
+        reason=f"{len(gathered.spot)} of {len(finite)} spots are stars of the catalogue",
+        spot=finite[gathered.spot],
+        star=gathered.star,
+        direction=gathered.direction,
+        camera=camera,
+        icrs_to_camera=Rotation.from_quat(gathered.quaternion),
+        false_probability=math.exp(log_p),
     )
 
 
@@ -194,4 +194,13 @@ def _held_by_one(log_p: float, matches: int, spots: int, camera: Camera) -> Matc
 
 def _unsolved(status: Status, reason: str, camera: Camera, chance: float = 1.0) -> Matches:
     none: Ints = np.empty(0, np.int64)
-    return Matches(status, reason, none, none, np.empty((0, 3)), camera, None, chance)
+    return Matches(
+        status=status,
+        reason=reason,
+        spot=none,
+        star=none,
+        direction=np.empty((0, 3)),
+        camera=camera,
+        icrs_to_camera=None,
+        false_probability=chance,
+    )

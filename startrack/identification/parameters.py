@@ -131,14 +131,14 @@ def matches_by_code(
     seen = camera.unproject(np.column_stack([spots.x, spots.y])[usable])
     spread = np.trace(spots.covariance[usable], axis1=1, axis2=2) / 2
     given = IdentificationInput(
-        seen,
-        np.sqrt(spread) / camera.focal_length_px,
-        spots.flux[usable],
-        stars,
-        camera.half_diagonal,
-        settings,
-        None if predicted is None else predicted.as_matrix(),
-        covariance,
+        seen=seen,
+        sigma=np.sqrt(spread) / camera.focal_length_px,
+        flux=spots.flux[usable],
+        stars=stars,
+        radius=camera.half_diagonal,
+        settings=settings,
+        predicted=None if predicted is None else predicted.as_matrix(),
+        covariance=covariance,
     )
     answer = core.call_code(GROUP, name, given)
     pairs = core.returned(GROUP, name, answer, (-1, 2)) if np.size(answer) else np.empty((0, 2))

@@ -89,14 +89,14 @@ def read_fits(path: Path, data: bytes, require: Callable[[Path, int, int, int], 
     excess = max(_number(header, EXCESS, 1.0), 1.0)
     gain = _gain(path, header, image, offset, noise, excess)
     return FitsImage(
-        image.astype(image.dtype.newbyteorder("=")),
-        _exposure(path, header),
-        gain,
-        offset,
-        noise,
-        _pattern(header),
-        _time(header),
-        excess,
+        image=image.astype(image.dtype.newbyteorder("=")),
+        exposure=_exposure(path, header),
+        gain=gain,
+        offset=offset,
+        read_noise=noise,
+        pattern=_pattern(header),
+        time=_time(header),
+        excess_noise=excess,
     )
 
 

@@ -255,7 +255,15 @@ def _read_cube(path: Path, data: bytes, layout: Layout) -> Frame:
     # A mean of n pixels has an n-th of the variance, as if n times as many electrons were counted.
     averaged = AVERAGED[layout.colour] if made is not image else 1
     gain, noise = averaged * found.gain, math.sqrt(averaged) * found.read_noise
-    return Frame(made, found.exposure, gain, found.offset, noise, found.time, found.excess_noise)
+    return Frame(
+        image=made,
+        exposure=found.exposure,
+        electrons_per_dn=gain,
+        offset=found.offset,
+        read_noise=noise,
+        time=found.time,
+        excess_noise=found.excess_noise,
+    )
 
 
 def _read_picture(path: Path, data: bytes, layout: Layout) -> Frame:

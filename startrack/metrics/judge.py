@@ -97,14 +97,36 @@ def judge(estimate: Estimate, truth: Rotation, spots: int) -> Outcome:
     """
     if estimate.status is not Status.SOLVED or estimate.icrs_to_camera is None:
         n = float("nan")
-        return Outcome(n, n, n, n, n, n, n, estimate.stars, spots, solved=False, false=False)
+        return Outcome(
+            error_x=n,
+            error_y=n,
+            error_z=n,
+            sigma_x=n,
+            sigma_y=n,
+            sigma_z=n,
+            nees=n,
+            stars=estimate.stars,
+            spots=spots,
+            solved=False,
+            false=False,
+        )
     error = (estimate.icrs_to_camera * truth.inv()).as_rotvec()
     x, y, z = error.tolist()
     sigma_x, sigma_y, sigma_z = np.sqrt(np.diag(estimate.covariance)).tolist()
     nees = float(error @ np.linalg.solve(estimate.covariance, error))
     false = bool(np.linalg.norm(error) > FALSE_ANGLE)
     return Outcome(
-        x, y, z, sigma_x, sigma_y, sigma_z, nees, estimate.stars, spots, solved=True, false=false
+        error_x=x,
+        error_y=y,
+        error_z=z,
+        sigma_x=sigma_x,
+        sigma_y=sigma_y,
+        sigma_z=sigma_z,
+        nees=nees,
+        stars=estimate.stars,
+        spots=spots,
+        solved=True,
+        false=false,
     )
 
 

@@ -135,15 +135,15 @@ def summarise(outcomes: Rows, limits: ErrorLimits = STATED_ALONE) -> Summary:
         float(solved[name].mean()) if len(solved) else float("nan") for name in ("nees", "stars")
     )
     return Summary(
-        rms_interval(across),
-        rms_interval(solved["error_z"] ** 2),
-        fraction_interval(hits, n),
-        fraction_interval(false, n),
-        nees,
-        stars,
-        n,
-        beyond_ten_sigma(outcomes[outcomes["solved"]]),
-        fraction_interval(len(solved) - hits, n),
+        across=rms_interval(across),
+        about=rms_interval(solved["error_z"] ** 2),
+        availability=fraction_interval(hits, n),
+        false=fraction_interval(false, n),
+        nees=nees,
+        stars=stars,
+        trials=n,
+        beyond=beyond_ten_sigma(outcomes[outcomes["solved"]]),
+        inaccurate=fraction_interval(len(solved) - hits, n),
     )
 
 

@@ -304,21 +304,21 @@ def fly_part(plan: MissionPlan, first: int, count: int) -> Flown:
     require_memory(time.steps * (2 * heads + 16), f"a mission of {time.steps} steps")
     shape = (SEASONS, PHASES)
     flown = Flown(
-        time.step,
-        np.empty((heads, count), np.uint8),
-        np.empty(count, bool),
-        np.full((heads, 3), np.inf),
-        np.zeros((heads, len(PLANETS))),
-        np.zeros((heads, 2)),
-        np.zeros(shape),
-        np.zeros(shape),
-        np.zeros(shape),
-        np.zeros((3, *shape)),
-        np.zeros((heads, 4)),
-        np.zeros(heads + 1),
-        [],
-        np.zeros((7, BETAS, PHASES)),
-        tuple([] for _ in range(heads)),
+        step=time.step,
+        blind=np.empty((heads, count), np.uint8),
+        eclipse=np.empty(count, bool),
+        closest=np.full((heads, 3), np.inf),
+        planets=np.zeros((heads, len(PLANETS))),
+        rate=np.zeros((heads, 2)),
+        count=np.zeros(shape),
+        valid_sum=np.zeros(shape),
+        known=np.zeros(shape),
+        square_sum=np.zeros((3, *shape)),
+        head_sum=np.zeros((heads, 4)),
+        exactly=np.zeros(heads + 1),
+        worst=[],
+        by_beta=np.zeros((7, BETAS, PHASES)),
+        chances=tuple([] for _ in range(heads)),
     )
     before = np.zeros(heads, np.uint8)
     if first:

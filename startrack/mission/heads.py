@@ -218,15 +218,15 @@ def mount(head: Head, case: Case) -> Mounted:
     age = head.age if drifts or case.instrument.detector.age is not None else None
     warms = any(found_at(case, part) is not None for part in TEMPERATURES)
     return Mounted(
-        head.name,
-        head.mounting.as_matrix(),
-        limits,
-        _drift(head.alignment),
-        half,
-        np.array(head.position),
-        age,
-        head.temperature if warms else DESIGN_TEMPERATURE,
-        platform_jitter(case),
+        name=head.name,
+        axes=head.mounting.as_matrix(),
+        limits=limits,
+        drift=_drift(head.alignment),
+        field=half,
+        position=np.array(head.position),
+        age=age,
+        temperature=head.temperature if warms else DESIGN_TEMPERATURE,
+        moved=platform_jitter(case),
     )
 
 

@@ -270,18 +270,18 @@ class SpacecraftMotion:
         latitude = np.arctan2(z, flat**2 * np.sqrt(np.maximum(1 - z * z, 0)))
         east = np.arctan2(place.fixed[1], place.fixed[0]) - place.greenwich
         return Instants(
-            place.second,
-            place.place,
-            place.speed,
-            place.axes[:, 2],
-            sun,
-            moon,
-            body,
-            rate,
-            latitude,
-            (east + math.pi) % math.tau - math.pi,
-            _phase(place),
-            aberration,
+            second=place.second,
+            place=place.place,
+            speed=place.speed,
+            pole=place.axes[:, 2],
+            sun=sun,
+            moon=moon,
+            body=body,
+            rate=rate,
+            latitude=latitude,
+            longitude=(east + math.pi) % math.tau - math.pi,
+            phase=_phase(place),
+            aberration=aberration,
         )
 
     def _place(self, first: float, step: float, count: int) -> Place:
@@ -302,15 +302,15 @@ class SpacecraftMotion:
             fixed = state[:3]
             place, speed = times(axes, fixed), times(axes, state[3:])
         return Place(
-            second,
-            place,
-            speed,
-            fixed,
-            axes,
-            bodies.greenwich,
-            bodies.sun,
-            bodies.moon,
-            bodies.earth_velocity,
+            second=second,
+            place=place,
+            speed=speed,
+            fixed=fixed,
+            axes=axes,
+            greenwich=bodies.greenwich,
+            sun_place=bodies.sun,
+            moon_place=bodies.moon,
+            earth_speed=bodies.earth_velocity,
         )
 
 
@@ -350,7 +350,15 @@ def path_of(orbit: MissionOrbit, begin: str) -> space.Carrier:
         tilt = space.sun_synchronous(axis, orbit.eccentricity)
         node = space.node_at(orbit.epoch or begin, orbit.local_time)
     assert tilt is not None
-    return space.Kepler(axis, orbit.eccentricity, tilt, node, orbit.perigee, orbit.anomaly, start)
+    return space.Kepler(
+        axis=axis,
+        eccentricity=orbit.eccentricity,
+        inclination=tilt,
+        node=node,
+        perigee=orbit.perigee,
+        anomaly=orbit.anomaly,
+        start=start,
+    )
 
 
 def _tabulated(segments: Sequence[OrbitSegment], begin: str) -> space.Tabulated:

@@ -1,7 +1,7 @@
 """Plan of a mission -> mountings of its heads that meet its requirements best."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache, partial
 from typing import Any
@@ -192,20 +192,11 @@ def place(
     def score(lines: Sequence[Floats], blind: Sequence[Flags]) -> float:
         return worth(lines, blind).score(needs, samples.step)
 
-    blind = around.blind(lines)
-    before = worth(lines, blind)
+    before = worth(lines, around.blind(lines))
     grid = sphere(grid_step or GRID)
-    masks = _masks(samples, plan.heads, grid)
-    best = score(lines, blind)
-    for _ in range(ROUNDS):
-        start = best
-        for h in range(len(lines)):
-            for line, mask in zip(grid, masks[h], strict=True):
-                value = score(_with(lines, h, line), _with(blind, h, mask))
-                if value < best - 1e-9:
-                    best, lines, blind = value, _with(lines, h, line), _with(blind, h, mask)
-        if best > start - 1e-9:
-            break
+    lines = _best_on_grid(
+        score, lines, around.blind(lines), grid, _masks(samples, plan.heads, grid)
+    )
     around = replace(around, lines=lines)
 
     def of(coordinates: Floats) -> float:
@@ -219,6 +210,31 @@ def place(
         lines, ending = around.moved(least_score.coordinates), least_score.ending
     after = worth(lines, around.blind(lines))
     return Placement(_mounted_at(mission, lines), before, after, tried, ending)
+
+
+def _best_on_grid(
+    score: Callable[[Sequence[Floats], Sequence[Flags]], float],
+    lines: list[Floats],
+    blind: list[Flags],
+    grid: Floats,
+    masks: Sequence[Flags],
+) -> list[Floats]:
+    """Boresights of least score; each head in turn takes its best one until none moves.
+
+    blind  whether each head is blind at each instant
+    masks  the same, of each head at each direction of the grid
+    """
+    best = score(lines, blind)
+    for _ in range(ROUNDS):
+        start = best
+        for h in range(len(lines)):
+            for line, mask in zip(grid, masks[h], strict=True):
+                value = score(_with(lines, h, line), _with(blind, h, mask))
+                if value < best - 1e-9:
+                    best, lines, blind = value, _with(lines, h, line), _with(blind, h, mask)
+        if best > start - 1e-9:
+            break
+    return lines
 
 
 def moved_plan(plan: MissionPlan, mission: Mission) -> MissionPlan:

@@ -114,17 +114,17 @@ def camera_of(design: MovingDesign) -> MovingCamera:
     gravity = _gravity(psf, smear)
     steep = float(np.mean((np.diff(PLACES) / np.diff(gravity)) ** 2))
     return MovingCamera(
-        psf,
-        float(rates[0]),
-        sky,
-        dark,
-        variance,
-        detector.excess_noise,
-        smear,
-        guide,
-        math.sqrt(places * steep / own.guides),
-        gravity,
-        _rest(ImageMotion.of(design)),
+        psf=psf,
+        rate=float(rates[0]),
+        sky=sky,
+        dark=dark,
+        variance=variance,
+        excess=detector.excess_noise,
+        smear=smear,
+        guide=guide,
+        registered=math.sqrt(places * steep / own.guides),
+        gravity=gravity,
+        rest=_rest(ImageMotion.of(design)),
     )
 
 

@@ -90,7 +90,16 @@ def field_of(design: MovingDesign, seed: int, number: int) -> SearchedField:
         light *= gain
     charge = _read(design, light, streams)
     return SearchedField(
-        size, place, angle, speed, sight, shifts, seen - shifts, light, charge, lit
+        size=size,
+        place=place,
+        angle=angle,
+        speed=speed,
+        sight=sight,
+        shifts=shifts,
+        rest=seen - shifts,
+        light=light,
+        charge=charge,
+        streams=lit,
     )
 
 

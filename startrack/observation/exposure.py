@@ -26,15 +26,15 @@ def sweep(case: Case, light: Light, icrs_to_camera: Rotation, streams: Streams) 
     detector, lines = _lines(instrument.detector)
     motion = realise_motion(instrument.motion, duration(instrument.detector), streams)
     exposure = LineExposure(
-        light,
-        psf_of(instrument),
-        icrs_to_camera,
-        motion.at,
-        replace(instrument.camera, rows=len(lines)),
-        lines,
-        instrument.detector.rows,
-        detector,
-        throughput(instrument),
+        light=light,
+        psf=psf_of(instrument),
+        icrs_to_camera=icrs_to_camera,
+        turn=motion.at,
+        camera=replace(instrument.camera, rows=len(lines)),
+        lines=lines,
+        count=instrument.detector.rows,
+        detector=detector,
+        throughput=throughput(instrument),
     )
     return scan(exposure, streams)
 
@@ -154,14 +154,14 @@ def exposure_of(
     path   as `line_of_sight` gives it, for the same `turn`
     """
     exposure = Exposure(
-        light,
-        images_of(instrument),
-        path,
-        icrs_to_camera,
-        instrument.camera,
-        instrument.detector,
-        throughput(instrument),
-        motion_function(instrument, streams, turn),
+        light=light,
+        psf=images_of(instrument),
+        line_of_sight=path,
+        icrs_to_camera=icrs_to_camera,
+        camera=instrument.camera,
+        detector=instrument.detector,
+        throughput=throughput(instrument),
+        motion_function=motion_function(instrument, streams, turn),
         of_colours=throughput_of_colours(instrument),
     )
     if not instrument.detector.lag:

@@ -161,7 +161,16 @@ def images_over_frame(
     value = np.concatenate([centre, coefficient], axis=-1).reshape(len(y), len(x), len(colour), -1)
     value = np.ascontiguousarray(value.transpose(2, 0, 1, 3))
     basis = basis.reshape(-1, plan.side, plan.side)
-    made_of = FieldPsf(basis, plan.oversampling, x, y, colour, value, math.nan, math.nan)
+    made_of = FieldPsf(
+        table=basis,
+        oversampling=plan.oversampling,
+        x=x,
+        y=y,
+        colour=colour,
+        value=value,
+        error=math.nan,
+        place_error=math.nan,
+    )
     if optics.psf_tolerance >= COARSE:
         return made_of
     error, place_error = _checked(made_of, plan, camera)

@@ -124,21 +124,21 @@ def scaled_table(table: LensTable, faster: float, wider: float) -> LensTable:
     pupil[..., 3] = stop[..., 0] * wider + (clear[..., 0] - stop[..., 0]) * faster
     pupil[..., (1, 2, 4, 5)] *= faster
     return LensTable(
-        f"{table.name}, {faster:.4g} times as fast and {wider:.4g} times as wide",
-        table.source,
-        table.focal_length,
-        table.f_number / faster,
-        table.temperature,
-        table.wavelength,
-        angle,
-        table.noll,
-        wavefront,
-        place,
-        pupil,
-        table.outline,
-        table.area * faster**2,
-        amplitude,
-        table.curvature,
+        name=f"{table.name}, {faster:.4g} times as fast and {wider:.4g} times as wide",
+        source=table.source,
+        focal_length=table.focal_length,
+        f_number=table.f_number / faster,
+        temperature=table.temperature,
+        wavelength=table.wavelength,
+        field=angle,
+        noll=table.noll,
+        wavefront=wavefront,
+        place=place,
+        pupil=pupil,
+        outline=table.outline,
+        area=table.area * faster**2,
+        amplitude=amplitude,
+        curvature=table.curvature,
     )
 
 

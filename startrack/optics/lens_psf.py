@@ -88,13 +88,13 @@ class Lens(NamedTuple):
         curvature = traced.curvature / size
         nearer = 1 + curvature[..., None] * self.optics.defocus
         return lens_table.LensPoints(
-            traced.wavefront * size,
-            traced.place * size,
-            np.concatenate([stop, used], axis=-1) / nearer,
-            outline,
-            area * size**2,
-            traced.amplitude,
-            curvature,
+            wavefront=traced.wavefront * size,
+            place=traced.place * size,
+            pupil=np.concatenate([stop, used], axis=-1) / nearer,
+            outline=outline,
+            area=area * size**2,
+            amplitude=traced.amplitude,
+            curvature=curvature,
         )
 
     def defocus(self, curvature: Floats) -> Floats:
@@ -403,17 +403,17 @@ def lens_stars(lens: Lens, wavelength: Floats, field: float, azimuth: float) -> 
         extra = at_field(extra, field * math.cos(azimuth), field * math.sin(azimuth))
     return [
         _Star(
-            lens,
-            extra,
-            float(length),
-            azimuth,
-            power[j, 0],
-            float(points.place[j, 0]),
-            points.pupil[j, 0],
-            points.outline[j, 0],
-            float(points.area[j, 0]),
-            amplitude[j, 0],
-            float(defocus[j, 0]),
+            lens=lens,
+            extra=extra,
+            wavelength=float(length),
+            azimuth=azimuth,
+            power=power[j, 0],
+            place=float(points.place[j, 0]),
+            pupil=points.pupil[j, 0],
+            outline=points.outline[j, 0],
+            area=float(points.area[j, 0]),
+            amplitude=amplitude[j, 0],
+            defocus=float(defocus[j, 0]),
         )
         for j, length in enumerate(wavelength)
     ]

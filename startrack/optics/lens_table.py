@@ -210,7 +210,13 @@ class LensTable:
         ends = np.cumsum([len(self.noll), self.outline.shape[-1], self.amplitude.shape[-1]])
         wavefront, outline, amplitude, rest = np.split(values, ends, axis=-1)
         return LensPoints(
-            wavefront, rest[..., 0], rest[..., 1:7], outline, rest[..., 7], amplitude, rest[..., 8]
+            wavefront=wavefront,
+            place=rest[..., 0],
+            pupil=rest[..., 1:7],
+            outline=outline,
+            area=rest[..., 7],
+            amplitude=amplitude,
+            curvature=rest[..., 8],
         )
 
     def _refuse_outside(self, name: str, asked: Floats, nodes: Floats, unit: str) -> None:

@@ -354,7 +354,16 @@ def _parse_code_v(path: Path, text: str) -> Prescription:
         raise Refused(f"{path} must be a CODE V prescription with surfaces (SO, S, SI), got none")
     text = "\n".join(made) + "\n"
     said = tuple(dict.fromkeys(filter(None, notes)))
-    return Prescription(text, ".seq", unit, glasses, aspheres, focused, defocus, said)
+    return Prescription(
+        text=text,
+        suffix=".seq",
+        unit=unit,
+        glasses=glasses,
+        aspheres=aspheres,
+        focused=focused,
+        defocus=defocus,
+        notes=said,
+    )
 
 
 def _number(path: Path, words: Sequence[str], place: int) -> float:

@@ -41,13 +41,13 @@ def quality(response: Psf, image: Psf) -> Quality:
     middle = image.table.shape[0] // 2
     nyquist = np.array([0.5])
     return Quality(
-        float(modulation(response, nyquist, 0)[0]),
-        float(modulation(response, nyquist, np.pi / 2)[0]),
-        full_width(image.table[middle], image.oversampling),
-        full_width(image.table[:, middle], image.oversampling),
-        tuple(encircled(image, radius) for radius in RADII),
-        tuple(ensquared(response, block) for block in BLOCKS),
-        response.energy,
+        mtf_x=float(modulation(response, nyquist, 0)[0]),
+        mtf_y=float(modulation(response, nyquist, np.pi / 2)[0]),
+        fwhm_x=full_width(image.table[middle], image.oversampling),
+        fwhm_y=full_width(image.table[:, middle], image.oversampling),
+        encircled=tuple(encircled(image, radius) for radius in RADII),
+        ensquared=tuple(ensquared(response, block) for block in BLOCKS),
+        energy=response.energy,
     )
 
 

@@ -100,21 +100,21 @@ def trace_lens(
     f_number = float(np.squeeze(paraxial.FNO()))
     nodes = [np.array(axis) for axis in (tracing.temperature, tracing.wavelength, tracing.field)]
     table = LensTable(
-        name,
-        source,
-        abs(focal_length),
-        abs(f_number),
-        nodes[0],
-        nodes[1],
-        nodes[2],
-        np.array(names),
-        wavefront,
-        place,
-        pupil,
-        outline,
-        area,
-        amplitude,
-        curvature,
+        name=name,
+        source=source,
+        focal_length=abs(focal_length),
+        f_number=abs(f_number),
+        temperature=nodes[0],
+        wavelength=nodes[1],
+        field=nodes[2],
+        noll=np.array(names),
+        wavefront=wavefront,
+        place=place,
+        pupil=pupil,
+        outline=outline,
+        area=area,
+        amplitude=amplitude,
+        curvature=curvature,
     )
     return table, left
 

@@ -127,21 +127,21 @@ def table_of_pages(
     half, zero = np.full(shape, 0.5 / f_number), np.zeros(shape)
     area = np.full(shape, math.pi / 4 * (focal_length / f_number) ** 2)
     table = LensTable(
-        name,
-        source,
-        focal_length,
-        f_number,
-        np.array([ROOM]),
-        wavelength,
-        field,
-        np.array(noll),
-        (-terms if flipped else terms)[None],
-        place[None],
-        np.stack([zero, half, half] * 2, axis=-1)[None],
-        np.zeros((1, *shape, 0)),
-        area[None],
-        np.zeros((1, *shape, 0)),
-        zero[None],
+        name=name,
+        source=source,
+        focal_length=focal_length,
+        f_number=f_number,
+        temperature=np.array([ROOM]),
+        wavelength=wavelength,
+        field=field,
+        noll=np.array(noll),
+        wavefront=(-terms if flipped else terms)[None],
+        place=place[None],
+        pupil=np.stack([zero, half, half] * 2, axis=-1)[None],
+        outline=np.zeros((1, *shape, 0)),
+        area=area[None],
+        amplitude=np.zeros((1, *shape, 0)),
+        curvature=zero[None],
     )
     return table, left
 
@@ -222,7 +222,15 @@ def _page(path: Path) -> _Page:
     if is_map:
         if first != last:
             raise Refused(f"{path} must be a wavefront map of one wavelength, got a range")
-        return _Page(path, wavelength, angle, np.where(data == 0, np.nan, data), 0.0, None, band)
+        return _Page(
+            path=path,
+            wavelength=wavelength,
+            angle=angle,
+            data=np.where(data == 0, np.nan, data),
+            spacing=0.0,
+            place=None,
+            band=band,
+        )
     spacing, centre = SPACING.search(text), CENTRE.search(text)
     if not spacing:
         raise Refused(f"{path} must say its data spacing")
@@ -237,7 +245,15 @@ def _page(path: Path) -> _Page:
         if centre[3].lower() not in MILLIMETRES:
             raise Refused(f"{path} must have its centre in millimetre, got {centre[3]}")
         place = _number(centre[2]) * MILLIMETRES[centre[3].lower()]
-    return _Page(path, wavelength, angle, data, _number(spacing[1]) * 1e-6, place, band)
+    return _Page(
+        path=path,
+        wavelength=wavelength,
+        angle=angle,
+        data=data,
+        spacing=_number(spacing[1]) * 1e-6,
+        place=place,
+        band=band,
+    )
 
 
 def _number(text: str) -> float:

@@ -163,6 +163,32 @@ def levers(case: design.Case) -> Iterator[LeverChange]:
     structure, colour, lens and exposure. Values that the design does not have, or that are at their
     bound, are left out.
     """
+    for name, value in _wanted(case).items():
+        now = design.found_at(case, name)
+        if now == value or value is None:
+            continue
+        if isinstance(value, str):
+            thin = {FEET: THIN} if design.found_at(case, FEET) > THIN else {}
+            changed = design.replaced_all(case, {name: value, **thin})
+            yield LeverChange(name, changed, f"to {value} from {now}" + ", thin feet" * bool(thin))
+            continue
+        new, old = (design.value_text(case, name, number) for number in (value, now))
+        text = "on" if value is True else f"to {new} from {old}"
+        yield LeverChange(name, design.replaced_all(case, {name: value}), text)
+    for change in halved(case):
+        if ".residual." in change.name:
+            yield change._replace(text="halved")
+    for key, ends in HALVED.items() if case.instrument.structure is not None else ():
+        name = f"instrument.structure.{key}"
+        less = {f"{name}{end}": _value(case, f"{name}{end}") / 2 for end in ends}
+        if any(less.values()):
+            yield LeverChange(
+                f"{name}{' and '.join(ends)}", design.replaced_all(case, less), "halved"
+            )
+
+
+def _wanted(case: design.Case) -> dict[str, Any]:
+    """Better values of keys, each a step from the design's; some may be equal to it."""
     wanted = dict[str, Any]()
     for name, factor in STEPS.items():
         now = _value(case, name)
@@ -185,28 +211,7 @@ def levers(case: design.Case) -> Iterator[LeverChange]:
         wanted["instrument.structure.heater"] = structure.heater + WATT
     if case.instrument.optics.tabulated:
         wanted["tracker.focal_length_by_colour"] = True
-    for name, value in wanted.items():
-        now = design.found_at(case, name)
-        if now == value or value is None:
-            continue
-        if isinstance(value, str):
-            thin = {FEET: THIN} if design.found_at(case, FEET) > THIN else {}
-            changed = design.replaced_all(case, {name: value, **thin})
-            yield LeverChange(name, changed, f"to {value} from {now}" + ", thin feet" * bool(thin))
-            continue
-        new, old = (design.value_text(case, name, number) for number in (value, now))
-        text = "on" if value is True else f"to {new} from {old}"
-        yield LeverChange(name, design.replaced_all(case, {name: value}), text)
-    for change in halved(case):
-        if ".residual." in change.name:
-            yield change._replace(text="halved")
-    for key, ends in HALVED.items() if structure is not None else ():
-        name = f"instrument.structure.{key}"
-        less = {f"{name}{end}": _value(case, f"{name}{end}") / 2 for end in ends}
-        if any(less.values()):
-            yield LeverChange(
-                f"{name}{' and '.join(ends)}", design.replaced_all(case, less), "halved"
-            )
+    return wanted
 
 
 def _value(case: design.Case, name: str) -> Any:

@@ -116,25 +116,15 @@ def evaluate(
         margins = margins_of(campaign.requirements, judged[0].case)
         given = known.conditions if known else {}
         expected, foreseen = forecasts(judged, objective, runner, known=given)
-        score = _log_arcsec(expected) + (correction(coordinates) if correction else 0.0)
-        score = score if cost is None else math.log(cost)
-        count, tried = trials or campaign.trials, {}
+        tried = {}
         if not (spare and missed(margins)):
-            tried = {
-                condition.name: population_of(condition).first_trials(
-                    count, campaign.fidelity, runner
-                )
-                for condition in judged
-                if condition.weight or condition.name in close
-            }
-    except Refused as reason:  # such a design has the worst score; the search goes on
-        nothing = math.nan, math.nan, LOST + PENALTY, dict[str, float](), None
-        return Evaluation(tuple(coordinates), values, *nothing, str(reason))
+            tried = _first_trials(judged, campaign, runner, trials or campaign.trials, close)
+    except Refused as reason:
+        return _worst(coordinates, values, reason)
     except Exception as fault:
         named_values = ", ".join(f"{name} = {value:g}" for name, value in values.items())
         fault.add_note(f"of the design with {named_values}")
         raise
-    summary = summarise(tried[NOMINAL], campaign.requirements.limits) if tried else None
     by_budget = dict[str, float]()
     for condition in judged if tried else ():
         there = foreseen[condition.name]
@@ -144,12 +134,52 @@ def evaluate(
             own = measured_margins(condition, tried[condition.name], runner.seed, there)
         margins |= name_by_condition(condition.name, own)
     error = combined(judged, tried, objective, foreseen)
-    if not expected > 0 and cost is None:
-        score = _log_arcsec(error) + (correction(coordinates) if correction else 0.0)
-    score += PENALTY * missed(margins)
-    found = error, expected, score, margins, summary, "", by_budget
-    paid = math.nan if cost is None else cost
-    return Evaluation(tuple(coordinates), values, *found, cost=paid)
+    if cost is None:
+        minimised = _log_arcsec(expected if expected > 0 else error)
+        minimised += correction(coordinates) if correction else 0.0
+    else:
+        minimised = math.log(cost)
+    return Evaluation(
+        coordinates=tuple(coordinates),
+        values=values,
+        error=error,
+        expected=expected,
+        score=minimised + PENALTY * missed(margins),
+        margins=margins,
+        summary=summarise(tried[NOMINAL], campaign.requirements.limits) if tried else None,
+        note="",
+        forecast=by_budget,
+        cost=math.nan if cost is None else cost,
+    )
+
+
+def _worst(coordinates: Floats, values: dict[str, float], reason: Refused) -> Evaluation:
+    """The evaluation of a design that is refused: it has the worst score, the search goes on."""
+    return Evaluation(
+        coordinates=tuple(coordinates),
+        values=values,
+        error=math.nan,
+        expected=math.nan,
+        score=LOST + PENALTY,
+        margins={},
+        summary=None,
+        note=str(reason),
+    )
+
+
+def _first_trials(
+    judged: Sequence[Judged],
+    campaign: Campaign,
+    runner: TrialRunner,
+    count: int,
+    close: Collection[str],
+) -> dict[str, Rows]:
+    """Outcomes of trials in the conditions with a weight, and in those named in `close`."""
+    return {
+        condition.name: population_of(condition).first_trials(count, campaign.fidelity, runner)
+        for condition in judged
+        if condition.weight or condition.name in close
+    }
 
 
 def combined(
@@ -259,6 +289,20 @@ def foresee_all(
         return [compute(case) for case in cases]
     limits = enough, most_excess
     keys = [runner.forecast_key(case, campaign, limits) if case else b"" for case in cases]
+    return _kept_in_ledger(runner, keys, cases, compute, progress)
+
+
+def _kept_in_ledger(
+    runner: TrialRunner,
+    keys: Sequence[bytes],
+    cases: Sequence[Case | None],
+    compute: Callable[[Case], Foresight],
+    progress: Advance | None,
+) -> list[Foresight]:
+    """Forecasts from the ledger of a runner; missing ones are computed and kept in it.
+
+    keys  of the cases in the ledger; empty for a design that cannot be built
+    """
     notes = {key: runner.ledger.note(FORECAST, key) for key in keys}
     built = {key: case for key, case in zip(keys, cases, strict=True) if case}
     new = {key: case for key, case in built.items() if not notes[key]}

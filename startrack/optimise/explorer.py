@@ -251,12 +251,7 @@ class Explorer:
         points = [] if stalled else self._proposals()
         if not points and self.complete():
             return
-        if not points and self.score < self._spanned and np.isfinite(self.score):
-            self._spanned = self.score - self.source.precision
-            ends = [end for span in self.spans(self.best) for end in (span.at_low, span.at_high)]
-            for end in map(self.source.snapped, ends):
-                if self.is_new(end, points):
-                    points.append(end)
+        points = points or self._new_ends_of_spans()
         before = self.score
         if points:
             self._add(points[:most])
@@ -273,6 +268,19 @@ class Explorer:
         else:
             gain = 100 * self.source.precision
             self.ending = f"a further gain is expected to be below {gain:g} %"
+
+    def _new_ends_of_spans(self) -> list[Floats]:
+        """Ends of the spans without a forecast; none until the score has improved since the last
+        ones."""
+        if not (self.score < self._spanned and np.isfinite(self.score)):
+            return []
+        self._spanned = self.score - self.source.precision
+        points = list[Floats]()
+        for span in self.spans(self.best):
+            for end in map(self.source.snapped, (span.at_low, span.at_high)):
+                if self.is_new(end, points):
+                    points.append(end)
+        return points
 
     def _forecast_near_best(self, most: int) -> None:
         """Forecast designs next to the best, chosen by COBYLA with the margins as limits."""
@@ -366,13 +374,13 @@ class Explorer:
         every = zip(self.points, self.values, strict=True)
         tried = [(point, value) for point, value in every if not value.left_out]
         return Landscape(
-            tuple(tuple(point.tolist()) for point, _ in tried),
-            tuple(value.expected for _, value in tried),
-            tuple(
+            forecasts=tuple(tuple(point.tolist()) for point, _ in tried),
+            expected=tuple(value.expected for _, value in tried),
+            met=tuple(
                 math.isfinite(value.expected) and not missed(value.margins) for _, value in tried
             ),
-            max(0.0, self.score - self.lowest()),
-            dict(zip(self.source.names, self.spans(best), strict=True)),
-            prices_of(self.emulators, best, self.source.precision),
-            self.ending,
+            left=max(0.0, self.score - self.lowest()),
+            spans=dict(zip(self.source.names, self.spans(best), strict=True)),
+            prices=prices_of(self.emulators, best, self.source.precision),
+            ending=self.ending,
         )

@@ -137,13 +137,13 @@ def by_trials(
         own = _measured(condition, rows, counted, runner, foreseen)
         margins |= name_by_condition(condition.name, own)
     return DesignFigures(
-        across,
-        about,
-        summary.availability,
-        summary.stars,
-        margins,
-        _costs(case, campaign),
-        "" if math.isfinite(summary.across.value) else "no trial has a correct attitude",
+        across=across,
+        about=about,
+        availability=summary.availability,
+        stars=summary.stars,
+        margins=margins,
+        costs=_costs(case, campaign),
+        note="" if math.isfinite(summary.across.value) else "no trial has a correct attitude",
     )
 
 

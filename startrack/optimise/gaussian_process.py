@@ -139,7 +139,16 @@ def _of(points: Floats, values: Floats, length: Floats, noise: float, doubt: Flo
     mean = float(inverse[:, 0].sum() / inverse[:, 1].sum())
     weight = inverse[:, 0] - mean * inverse[:, 1]
     size = math.sqrt(max(float((values - mean) @ weight) / len(values), 0.0))
-    return Emulator(points, length, noise, doubt, mean, size, factor, weight)
+    return Emulator(
+        points=points,
+        length=length,
+        noise=noise,
+        doubt=doubt,
+        mean=mean,
+        size=size,
+        factor=factor,
+        weight=weight,
+    )
 
 
 def matern(r: Floats) -> Floats:

@@ -110,19 +110,19 @@ def improve(
         last, factor, best = first, Interval(1.0, 1.0, 1.0), source.start
         ending = f"{ending}; no design is better than the start, on fresh trials"
     return Improved(
-        values,
-        source.values(best),
-        last.problem,
-        (first.judged, last.judged),
-        last.costs,
-        factor,
-        last.verdicts,
-        last.problem.expect(),
-        tuple(tried.every),
-        rounds,
-        ending,
-        _failed(tried.every),
-        explorer.landscape(best),
+        start=values,
+        best=source.values(best),
+        problem=last.problem,
+        judged=(first.judged, last.judged),
+        costs=last.costs,
+        factor=factor,
+        verdicts=last.verdicts,
+        expected=last.problem.expect(),
+        evaluations=tuple(tried.every),
+        rounds=rounds,
+        ending=ending,
+        apart=_failed(tried.every),
+        landscape=explorer.landscape(best),
     )
 
 
@@ -200,7 +200,15 @@ class _Fresh:
         begin = FRESH + number * count
         problem = source.design(np.array(point))
         judged, costs = problem.judge(source.rows(problem, count, begin)), dict(problem.costs())
-        return _OnFresh(point, number, problem, costs, judged, verdicts(costs, judged), count)
+        return _OnFresh(
+            point=point,
+            number=number,
+            problem=problem,
+            costs=costs,
+            judged=judged,
+            verdicts=verdicts(costs, judged),
+            trials=count,
+        )
 
 
 def verdicts(costs: Mapping[str, Margin], judged: Judgement) -> dict[str, str]:

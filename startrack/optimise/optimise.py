@@ -481,7 +481,13 @@ class _Judge:
         shown = _shown(judged, self.campaign, self.runner, frames, fresh, self.watch)
         margins = best.margins | shown.margins
         return _Confirmed(
-            best, frames, margins, shown.found, shown.errors, shown.availability, fresh
+            design=best,
+            frames=frames,
+            margins=margins,
+            found=shown.found,
+            errors=shown.errors,
+            availability=shown.availability,
+            fresh=fresh,
         )
 
 

@@ -246,15 +246,15 @@ class ProblemSource:
         measured = relative({name: margins[0] for name, margins in judged.margins.items()})
         margins = costs | measured
         return Evaluation(
-            name,
-            values,
-            judged.value.value,
-            math.exp(known.expected),
-            known.expected + correction + PENALTY * missed(margins),
-            margins,
-            None,
-            "",
-            {name: known.margins[name] for name in measured.keys() & known.margins},
+            coordinates=name,
+            values=values,
+            error=judged.value.value,
+            expected=math.exp(known.expected),
+            score=known.expected + correction + PENALTY * missed(margins),
+            margins=margins,
+            summary=None,
+            note="",
+            forecast={name: known.margins[name] for name in measured.keys() & known.margins},
             tried=len(rows),
         )
 

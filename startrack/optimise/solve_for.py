@@ -294,7 +294,16 @@ def solve_for(
     if values.numbers is None:
         raise Refused(f"{values.name} must have numbers, got {', '.join(values.texts)}")
     whole = designed is not None and is_whole(designed, values.name)
-    along = _MarginAlongKey(path, every, values, whole, margin, runner, trials, fidelity)
+    along = _MarginAlongKey(
+        path=path,
+        changes=every,
+        key=values,
+        whole=whole,
+        margin=margin,
+        runner=runner,
+        trials=trials,
+        fidelity=fidelity,
+    )
     margins, refused = along.margins(progress)
     decided = trials and _decided_by_trials(margin)
     line = KeyLine(
@@ -308,7 +317,15 @@ def solve_for(
     if decided:
         kind = fidelity or along.design(next(iter(margins)))[1].fidelity
         how += f", corrected by {trials} trials of fidelity {kind}, seed {runner.seed}"
-    return Solution(values, margin, until, margins, line.crossings(), how, refused)
+    return Solution(
+        key=values,
+        margin=margin,
+        until=until,
+        margins=margins,
+        crossings=line.crossings(),
+        how=how,
+        refused=refused,
+    )
 
 
 @dataclass(frozen=True, eq=False)

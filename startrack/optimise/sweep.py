@@ -381,6 +381,20 @@ def _ends(figures: Sequence[Figure]) -> Floats:
     )
 
 
+def _swept_keys(
+    keys: Sequence[str], points: int | None, log: bool, start: Design | None
+) -> tuple[SweptKey, ...]:
+    """The keys with their values; refused if they are the same or make too many designs."""
+    count = points or POINTS[len(keys)]
+    swept = tuple(SweptKey.read(key, count, log, start) for key in keys)
+    if len({key.name for key in swept}) < len(swept):
+        raise Refused(f"keys must differ, got {swept[0].name} twice")
+    number = math.prod(len(key.texts) for key in swept)
+    if number > MOST_DESIGNS:
+        raise Refused(f"keys must make at most {MOST_DESIGNS} designs, got {number}")
+    return swept
+
+
 def sweep(
     path: Path | str,
     *keys: str,
@@ -415,21 +429,15 @@ def sweep(
         raise Refused(f"keys must be one or two, got {len(keys)}")
     path, runner = Path(path), runner or TrialRunner(1)
     start = design_or_refusal(path, changes)
-    count = points or POINTS[len(keys)]
-    swept = tuple(
-        SweptKey.read(key, count, log, start if isinstance(start, Design) else None) for key in keys
-    )
-    if len({key.name for key in swept}) < len(swept):
-        raise Refused(f"keys must differ, got {swept[0].name} twice")
-    number = math.prod(len(key.texts) for key in swept)
-    if number > MOST_DESIGNS:
-        raise Refused(f"keys must make at most {MOST_DESIGNS} designs, got {number}")
-    every = list(itertools.product(*(key.texts for key in swept)))
-    own = (
-        [f"{key.name}={value}" for key, value in zip(swept, values, strict=True)]
-        for values in every
-    )
-    designs = [design_or_refusal(path, [*changes, *values]) for values in own]
+    swept = _swept_keys(keys, points, log, start if isinstance(start, Design) else None)
+    combinations = list(itertools.product(*(key.texts for key in swept)))
+    designs = [
+        design_or_refusal(
+            path,
+            [*changes, *(f"{key.name}={value}" for key, value in zip(swept, values, strict=True))],
+        )
+        for values in combinations
+    ]
     loaded = [design for design in designs if isinstance(design, Design)]
     if not loaded:
         raise next(design for design in designs if isinstance(design, Refused))
@@ -440,7 +448,7 @@ def sweep(
         SweptDesign(values, None, str(found))
         if isinstance(found, Refused)
         else SweptDesign(values, found)
-        for values, found in zip(every, figures, strict=True)
+        for values, found in zip(combinations, figures, strict=True)
     )
     if all(row.refused for row in rows):
         raise Refused(rows[0].refused)

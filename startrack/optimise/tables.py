@@ -300,18 +300,7 @@ def optimum_caveats(optimum: Optimum, campaign: Campaign) -> list[str]:
             "that has enough of them; the effects named next are possible causes"
         )
     sentences += sharp_conditions(optimum, campaign)
-    if optimum.units and math.isinf(optimum.units.factor.high):
-        fraction, count = optimum.units.over.fraction, optimum.units.count
-        sentences.append(
-            f"{count} fresh units bound no level of {100 * fraction:g} % of them; "
-            f"campaign.fresh_units = {least_units_for_interval(fraction)} would"
-        )
-    if optimum.rounds > 1:
-        sentences.append(
-            f"{optimum.rounds} designs were judged, each on fresh trials of its own, as one missed "
-            "a limit or another was expected to be better; that a bound of any of them is wrong "
-            "has at most twice the probability of one"
-        )
+    sentences += _limits_of_fresh_trials(optimum)
     sentences += refusal(optimum.best, budget.refused)
     sentences += caveats(optimum.best, budget.left_out)
     if not best.differs:
@@ -321,6 +310,24 @@ def optimum_caveats(optimum: Optimum, campaign: Campaign) -> list[str]:
         "noise only: the units of the designs are taken for perfect ones on their "
         "first day (campaign.units)",
     ]
+
+
+def _limits_of_fresh_trials(optimum: Optimum) -> list[str]:
+    """What the fresh trials do not show: a level over too few units; bounds of several designs."""
+    sentences = []
+    if optimum.units and math.isinf(optimum.units.factor.high):
+        fraction, count = optimum.units.over.fraction, optimum.units.count
+        sentences.append(
+            f"{count} fresh units bound no level of {100 * fraction:g} % of them; "
+            f"campaign.fresh_units = {least_units_for_interval(fraction)} would"
+        )
+    if optimum.rounds > 1:
+        sentences.append(
+            f"{optimum.rounds} designs were judged, each on its own fresh trials, because one "
+            "missed a limit or another was expected to be better; the probability that any of "
+            "their bounds is wrong is at most twice that of a single bound"
+        )
+    return sentences
 
 
 SHARP = 3.0  # error in a condition over the error in the own one, above which a design is sharp

@@ -162,16 +162,16 @@ def sample(source: StudiedSource, watch: Advance | None = None) -> Tolerance:
     difference = surface(at)[:, 0] - truth[:, 0] if len(at) else np.array([np.nan])
     kept = (truth[:, 0] <= limit) & (truth[:, 1:] >= 0).all(axis=1)
     return Tolerance(
-        source,
-        replace(chains, samples=to_cube(chains.samples)),
-        math.exp(limit),
-        float(surface.error[0]),
-        float(np.sqrt(np.mean(difference**2))),
-        float(np.exp(region(picks)).mean()),
-        float(kept.sum() / len(picks)),
-        len(at),
-        centre,
-        designs_needed(d),
+        source=source,
+        chains=replace(chains, samples=to_cube(chains.samples)),
+        limit=math.exp(limit),
+        surface_error=float(surface.error[0]),
+        check_error=float(np.sqrt(np.mean(difference**2))),
+        expected=float(np.exp(region(picks)).mean()),
+        kept=float(kept.sum() / len(picks)),
+        checks=len(at),
+        centre=centre,
+        designs=designs_needed(d),
     )
 
 

@@ -175,15 +175,15 @@ def compare_units(
         )
         yields.append(UnitYield(limit, *shares))
     return ComparedUnits(
-        over,
-        n,
-        campaign.trials_per_unit,
-        found.start,
-        found.best,
-        predicted,
-        tuple(yields),
-        found.factor,
-        Interval(*(bound / predicted for bound in vars(found.best).values())),
+        over=over,
+        count=n,
+        trials=campaign.trials_per_unit,
+        start=found.start,
+        best=found.best,
+        predicted=predicted,
+        yields=tuple(yields),
+        factor=found.factor,
+        optimism=Interval(*(bound / predicted for bound in vars(found.best).values())),
     )
 
 

@@ -104,13 +104,13 @@ def what_matters(
     margins = probes.here.margins
     left = {name: margin / source.rooms.get(name, 1.0) for name, margin in margins.items()}
     return WhatMatters(
-        tuple(influences),
-        probes.here,
-        min(left, key=lambda name: left[name]) if left else "",
-        explorer.forecast_of(best),
-        explorer.met(best),
-        max(0.0, explorer.score - explorer.lowest()),
-        len(explorer.points),
+        influences=tuple(influences),
+        here=probes.here,
+        tightest=min(left, key=lambda name: left[name]) if left else "",
+        best=explorer.forecast_of(best),
+        met=explorer.met(best),
+        left=max(0.0, explorer.score - explorer.lowest()),
+        count=len(explorer.points),
     )
 
 

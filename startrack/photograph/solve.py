@@ -6,6 +6,7 @@ Each try takes spots of the frame, in a view, to the cameras of `identify_blind`
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -145,19 +146,7 @@ def solve_photograph(
         if photo.axis is not None:
             return _as_hinted(replace(photo, streak=smear), hint, settings)
         unsolved.append(photo)
-    middles = [guess for guess in rest if guess.view.middle]
-    # Of one camera each with all hypotheses; squares of any lens last, as the whole shows more.
-    of_one = [guess for guess in middles if len(guess.cameras) == 1]
-    squares = [guess for guess in middles if len(guess.cameras) > 1]
-    others = [guess for guess in rest if guess not in squares]
-    rounds = (
-        (FULL, near),
-        *((effort, others) for effort in ROUNDS),
-        (FULL, others[:1]),
-        (FULL, of_one),
-        (ROUNDS[-1], squares),
-    )
-    for effort, tries in rounds:
+    for effort, tries in _rounds(near, rest):
         for guess in tries:
             photo = sought.attempt(guess, effort)
             if photo.axis is not None:
@@ -167,6 +156,25 @@ def solve_photograph(
     tried, seen = tried_text(near + rest), seen_text(frame, sought.spots)
     reason = f"{best.estimate.reason}; {tried}. {seen}"
     return replace(best, estimate=replace(best.estimate, reason=reason))
+
+
+def _rounds(near: Sequence[Try], rest: Sequence[Try]) -> list[tuple[float, Sequence[Try]]]:
+    """Effort and tries of each round: those by the hint, then all others with growing effort.
+
+    The middles of fisheyes, of one camera each, have all hypotheses. Squares of any wide lens are
+    last, because the whole image shows more.
+    """
+    middles = [guess for guess in rest if guess.view.middle]
+    of_one = [guess for guess in middles if len(guess.cameras) == 1]
+    squares = [guess for guess in middles if len(guess.cameras) > 1]
+    others = [guess for guess in rest if guess not in squares]
+    return [
+        (FULL, near),
+        *((effort, others) for effort in ROUNDS),
+        (FULL, others[:1]),
+        (FULL, of_one),
+        (ROUNDS[-1], squares),
+    ]
 
 
 class _Sought(NamedTuple):
@@ -202,7 +210,13 @@ class _Sought(NamedTuple):
             attitude, count = matches.icrs_to_camera, len(matches)
             reason = f"{count} of {len(spots)} spots are stars of the catalogue"
         estimate = Estimate(
-            matches.status, reason, attitude, covariance, rms, count, matches.false_probability
+            status=matches.status,
+            reason=reason,
+            icrs_to_camera=attitude,
+            covariance=covariance,
+            residual_rms=rms,
+            stars=count,
+            false_probability=matches.false_probability,
         )
         return Photograph(spots, matches, estimate, axis, guess.view)
 

@@ -451,7 +451,16 @@ def stretch(image: NDArray[np.number], saturation: float | None = None) -> Stret
         reduced = np.maximum(
             reduced, cv2.dilate(wide, np.ones((3, 3)), borderType=cv2.BORDER_REPLICATE)
         )
-    return Stretch(reduced, block, wider, black, noise, white, limit, saturated)
+    return Stretch(
+        image=reduced,
+        block=block,
+        wider=wider,
+        black=black,
+        noise=noise,
+        white=white,
+        saturation=limit,
+        saturated=saturated,
+    )
 
 
 def _ground(values: Floats) -> tuple[float, float]:

@@ -166,7 +166,16 @@ def _as_spots(pixel: Floats, settings: CameraCalibration) -> core.Spots:
 
 def _as_matches(direction: Floats, camera: Camera, attitude: Rotation) -> core.Matches:
     every = np.arange(len(direction))
-    return core.Matches(core.Status.SOLVED, "", every, every, direction, camera, attitude, 0.0)
+    return core.Matches(
+        status=core.Status.SOLVED,
+        reason="",
+        spot=every,
+        star=every,
+        direction=direction,
+        camera=camera,
+        icrs_to_camera=attitude,
+        false_probability=0.0,
+    )
 
 
 def _priors(settings: CameraCalibration) -> Calibration:

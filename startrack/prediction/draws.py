@@ -146,7 +146,15 @@ def _draw(plan: _DrawPlan, number: int, fields: int = FIELDS) -> Draw:
             frames[RESIDUAL] = _residual(design.case, seed, max(number, 0) * units, units)
     except Refused as error:
         return Draw(number, design.unknowns, quantiles, {}, 0.0, str(error))
-    return Draw(number, design.unknowns, quantiles, terms, available, "", frames)
+    return Draw(
+        number=number,
+        unknowns=design.unknowns,
+        quantile=quantiles,
+        terms=terms,
+        availability=available,
+        refused="",
+        frames=frames,
+    )
 
 
 def drawn_design(

@@ -166,16 +166,16 @@ def prediction_of(
     available = [draw.availability for draw in drawn if not draw.refused]
     least, most = min(available), max(available)
     return Prediction(
-        tuple(figures),
-        surface.unknowns,
-        age,
-        len(drawn),
-        units,
-        len(lost) / len(drawn),
-        tuple(Counter(lost).most_common()),
-        (least, float(np.median(available)), most),
-        surface,
-        learned,
+        figures=tuple(figures),
+        unknowns=surface.unknowns,
+        age=age,
+        draws=len(drawn),
+        units=units,
+        lost=len(lost) / len(drawn),
+        reasons=tuple(Counter(lost).most_common()),
+        availability=(least, float(np.median(available)), most),
+        surface=surface,
+        learned=learned,
     )
 
 
@@ -195,7 +195,15 @@ def _figure(
     median, low_68, high_68, low_95, high_95 = np.quantile(value, QUANTILES).tolist()
     causes = _causes(surface, scores, np.log(value))
     return PredictedFigure(
-        name, AXES[axis], as_designed, median, low_68, high_68, low_95, high_95, causes
+        figure=name,
+        axis=AXES[axis],
+        middle=as_designed,
+        median=median,
+        low_68=low_68,
+        high_68=high_68,
+        low_95=low_95,
+        high_95=high_95,
+        causes=causes,
     )
 
 

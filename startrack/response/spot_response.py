@@ -106,13 +106,13 @@ def response_of(grid: ResponseGrid, faintest: float, brightest: float) -> SpotRe
         gain = np.column_stack([seen.flux / light, seen.sigma / seen.flux])
     root *= light[:, None]
     return SpotResponse(
-        math.log(faintest),
-        np.where(good[:, None], bias, 0.0).reshape(1, *shape, 2),
-        np.where(good[:, None], root, 0.0).reshape(1, *shape, 3),
-        np.where(good[:, None], gain, 0.0).reshape(1, *shape, 2),
-        np.where(good, seen.above / seen.spread, -np.inf).reshape(1, *shape),
-        np.where(good, seen.kept, 0.0).reshape(1, *shape),
-        _at_threshold(seen, good.reshape(count, -1)),
+        first=math.log(faintest),
+        bias=np.where(good[:, None], bias, 0.0).reshape(1, *shape, 2),
+        covariance_root=np.where(good[:, None], root, 0.0).reshape(1, *shape, 3),
+        light=np.where(good[:, None], gain, 0.0).reshape(1, *shape, 2),
+        threshold_margin=np.where(good, seen.above / seen.spread, -np.inf).reshape(1, *shape),
+        pass_probability=np.where(good, seen.kept, 0.0).reshape(1, *shape),
+        star_at_threshold=_at_threshold(seen, good.reshape(count, -1)),
     )
 
 
@@ -162,7 +162,15 @@ def _mirrored(response: SpotResponse, mirror: Floats) -> SpotResponse:
     yx = covariance[..., 0, 1] / np.where(xx > 0, xx, 1.0)
     yy = np.sqrt(np.maximum(covariance[..., 1, 1] - yx**2, 0))
     bias, root = bias @ mirror.T, np.stack([xx, yx, yy], axis=-1)
-    return SpotResponse(response.first, bias, root, light, above, kept, response.star_at_threshold)
+    return SpotResponse(
+        first=response.first,
+        bias=bias,
+        covariance_root=root,
+        light=light,
+        threshold_margin=above,
+        pass_probability=kept,
+        star_at_threshold=response.star_at_threshold,
+    )
 
 
 def _at_threshold(seen: SpotExpectation, good: Flags) -> Floats:

@@ -109,16 +109,16 @@ def _frames(
         path = trace(turn, detector.exposure, 1 / camera.focal_length_px, camera.half_diagonal)
         light = observation.light_of(case, stars, true.attitude[k], _sky(seed, number))
         exposure = Exposure(
-            light,
-            observation.images_of(instrument),
-            path,
-            true.attitude[k],
-            camera,
-            detector,
-            observation.throughput(instrument),
-            turn.over,
-            before,
-            observation.throughput_of_colours(instrument),
+            light=light,
+            psf=observation.images_of(instrument),
+            line_of_sight=path,
+            icrs_to_camera=true.attitude[k],
+            camera=camera,
+            detector=detector,
+            throughput=observation.throughput(instrument),
+            motion_function=turn.over,
+            residual_charge=before,
+            of_colours=observation.throughput_of_colours(instrument),
         )
         electrons = expected(exposure)
         before = electrons if detector.lag else None

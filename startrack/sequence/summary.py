@@ -92,17 +92,17 @@ def summarise_sequences(table: Rows) -> Tracking:
     lost = [_losses(sequence) for sequence in apart]
     waits = np.array([wait for sequence in lost for wait in sequence])
     return Tracking(
-        rms_interval(_means(apart, _measured, "filtered_x", "filtered_y")),
-        rms_interval(_means(apart, _measured, "filtered_z")),
-        rms_interval(_means(apart, _measured, "error_x", "error_y")),
-        rms_interval(_means(apart, _coasted, "filtered_x", "filtered_y")),
-        _mean(np.array([float((_error(rows) > FALSE_ANGLE).mean()) for rows in apart])),
-        float(np.nanmax(_error(table), initial=0.0)),
-        _known_fraction(apart),
-        _rate(len(waits), hours),
-        _mean(waits[np.isfinite(waits)]),
-        len(apart),
-        rms_interval(_means(last, None, *(f"alignment_{axis}" for axis in "xyz"))),
+        across=rms_interval(_means(apart, _measured, "filtered_x", "filtered_y")),
+        about=rms_interval(_means(apart, _measured, "filtered_z")),
+        single=rms_interval(_means(apart, _measured, "error_x", "error_y")),
+        coasted=rms_interval(_means(apart, _coasted, "filtered_x", "filtered_y")),
+        beyond=_mean(np.array([float((_error(rows) > FALSE_ANGLE).mean()) for rows in apart])),
+        worst=float(np.nanmax(_error(table), initial=0.0)),
+        known=_known_fraction(apart),
+        losses_per_hour=_rate(len(waits), hours),
+        reacquisition=_mean(waits[np.isfinite(waits)]),
+        sequences=len(apart),
+        alignment=rms_interval(_means(last, None, *(f"alignment_{axis}" for axis in "xyz"))),
     )
 
 

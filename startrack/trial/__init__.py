@@ -1,13 +1,14 @@
 """One trial in any of the fidelities: frame, window, spots, covariance.
 
-window      Case and attitude -> the spots of a frame of which only windows are rendered.
-spot_plan   Case -> plan of its statistical trials: detectable stars, their response, refusals.
-spots       Case and attitude -> the spots of one trial, drawn without an image.
-covariance  Case -> outcomes of trials from drawn spots, with identification assumed to be perfect.
-effects     Table of the effects of designs: which parts of startrack count, refuse or omit each.
-boxes       Stars that a tracker measures in its search boxes: in a frame, or as single stars by
-            magnitude.
-chain       One trial from stars to outcome: one line for each stage, in the order of the light.
+window_plan  Case -> plan of its trials in windows: law of the noise, sampled frames, images.
+window       Case and attitude -> the spots of a frame of which only windows are rendered.
+spot_plan    Case -> plan of its statistical trials: detectable stars, their response, refusals.
+spots        Case and attitude -> the spots of one trial, drawn without an image.
+covariance   Case -> outcomes of trials from drawn spots, with identification assumed to be perfect.
+effects      Table of the effects of designs: which parts of startrack count, refuse or omit each.
+boxes        Stars that a tracker measures in its search boxes: in a frame, or as single stars by
+             magnitude.
+chain        One trial from stars to outcome: one line for each stage, in the order of the light.
 """
 
 from startrack.trial.boxes import Images, SingleStars, agreeing, boxed, boxed_stars, follow_boxes
@@ -51,7 +52,8 @@ from startrack.trial.spot_plan import (
     through_of,
     view_of,
 )
-from startrack.trial.window import plan_windows, spots_in_windows
+from startrack.trial.window import spots_in_windows
+from startrack.trial.window_plan import plan_windows
 
 # Public; the other imports serve other rooms.
 __all__ = ["OUTCOMES"]

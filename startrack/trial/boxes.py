@@ -103,11 +103,25 @@ def matched(case: Case, taken: Taken, star: Ints, camera: Camera, expected: Rota
     if len(star) < 2:
         reason = f"{len(star)} of the search boxes had a star, 2 are needed"
         return Matches(
-            core.Status.TOO_FEW, reason, spot[:0], star[:0], direction[:0], camera, None, 1.0
+            status=core.Status.TOO_FEW,
+            reason=reason,
+            spot=spot[:0],
+            star=star[:0],
+            direction=direction[:0],
+            camera=camera,
+            icrs_to_camera=None,
+            false_probability=1.0,
         )
     reason = f"{len(star)} of {len(taken.x)} search boxes had a star"
     return Matches(
-        core.Status.SOLVED, reason, spot, star, direction, camera, expected, float("nan")
+        status=core.Status.SOLVED,
+        reason=reason,
+        spot=spot,
+        star=star,
+        direction=direction,
+        camera=camera,
+        icrs_to_camera=expected,
+        false_probability=float("nan"),
     )
 
 

@@ -156,7 +156,16 @@ def observe(case: Case, icrs_to_camera: Rotation, streams: Streams) -> Record:
         spots = _detected(case, frame)
         matches = _identified(case, spots)
     estimate, outcome = _judged(case, icrs_to_camera, streams, spots, matches)
-    return Record(icrs_to_camera, stars, frame, spots, matches, estimate, outcome, path)
+    return Record(
+        icrs_to_camera=icrs_to_camera,
+        stars=stars,
+        frame=frame,
+        spots=spots,
+        matches=matches,
+        estimate=estimate,
+        outcome=outcome,
+        path=path,
+    )
 
 
 def frame_at(

@@ -134,7 +134,16 @@ class SpotView(NamedTuple):
     cosine: float
 
 
-NO_LENS = Through(np.zeros((0, 1, 1, 3)), 1.0, 1.0, 1.0, 1.0, 1, 1, 0.0)
+NO_LENS = Through(
+    table=np.zeros((0, 1, 1, 3)),
+    step_x=1.0,
+    step_y=1.0,
+    wide=1.0,
+    high=1.0,
+    across=1,
+    down=1,
+    slack=0.0,
+)
 
 
 class SpotPlan(NamedTuple):
@@ -307,7 +316,16 @@ def through_of(case: Case) -> Through:
         table[..., :2] += moved.reshape(STEPS + 1, STEPS + 1, 2)
         slack = float((moved**2).mean())
     wide, high = camera.columns / across, camera.rows / down
-    return Through(table, step_x, step_y, wide, high, across, down, slack)
+    return Through(
+        table=table,
+        step_x=step_x,
+        step_y=step_y,
+        wide=wide,
+        high=high,
+        across=across,
+        down=down,
+        slack=slack,
+    )
 
 
 def _colours(case: Case, true: Floats, believed: Floats) -> tuple[Ints, Ints, Floats]:

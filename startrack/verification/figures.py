@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -141,34 +140,47 @@ def measure(
     """
     seen = [centroids(star, box) for star in stars]
     measured = []
-    owns = about_common(seen)
-    for number, (track, (off, calm, scale)) in enumerate(zip(seen, owns, strict=True)):
-        off, windows = off * scale, track.windows
-        gain = read = offset = math.nan
-        with suppress(Refused):  # the image moves too often
-            rest, slope = _transfer_line(windows)
-            gain, read = 1 / slope, _read_noise(rest)
-            offset = (read_noise**2 + ROUNDING - rest) / slope
-        third = third_differences(off)[calm]
-        known = np.isfinite(off[:, 0])
-        together = len(seen) > 1 and known.any()
+    for number, (track, motion) in enumerate(zip(seen, about_common(seen), strict=True)):
+        windows = track.windows
+        errors, curve = _centroid_errors(track, motion, alone=len(seen) == 1)
         scalar = {
             "background": float(level_of(windows, box).mean()),
             "brightness": float(np.median(track.total)),
-            "gain": gain,
-            "read_noise": read,
-            "offset": offset,
+            **_photon_transfer(windows, read_noise),
             "image": image_difference(track, box, psfs[number]) if psfs else math.nan,
-            "temporal": math.sqrt(float((third**2).mean())) if len(third) else math.nan,
-            "total": math.sqrt(float((off[known] ** 2).mean())) if together else math.nan,
-            "moves": float(np.abs(np.diff(windows.corner, axis=0)).sum() / 2 / len(off)),
+            **errors,
+            "moves": float(np.abs(np.diff(windows.corner, axis=0)).sum() / 2 / len(windows.corner)),
             "acquired": math.nan if windows.acquired is None else float(windows.acquired.mean()),
         }
-        curve = np.full((2, PHASES), math.nan)
-        if together:
-            curve = _curve(track.place[known], off[known])
         measured.append(MeasuredWindows(scalar, curve))
     return measured
+
+
+def _photon_transfer(windows: Windows, read_noise: float) -> dict[str, float]:
+    """Gain, read noise and offset from `_transfer_line`; NaN if the image moves too often."""
+    try:
+        rest, slope = _transfer_line(windows)
+    except Refused:
+        return dict.fromkeys(("gain", "read_noise", "offset"), math.nan)
+    offset = (read_noise**2 + ROUNDING - rest) / slope
+    return {"gain": 1 / slope, "read_noise": _read_noise(rest), "offset": offset}
+
+
+def _centroid_errors(
+    track: Centroids, motion: OwnMotion, alone: bool
+) -> tuple[dict[str, float], Floats]:
+    """Temporal and total scatter of a centroid, and its curve.
+
+    alone  whether no other star was seen, so that the motion of the camera is not known
+    """
+    off = motion.off * motion.scale
+    third = third_differences(off)[motion.calm]
+    known = np.isfinite(off[:, 0])
+    temporal = math.sqrt(float((third**2).mean())) if len(third) else math.nan
+    if alone or not known.any():
+        return {"temporal": temporal, "total": math.nan}, np.full((2, PHASES), math.nan)
+    total = math.sqrt(float((off[known] ** 2).mean()))
+    return {"temporal": temporal, "total": total}, _curve(track.place[known], off[known])
 
 
 class OwnMotion(NamedTuple):

@@ -127,25 +127,29 @@ def compare_flown(
     measured = measure(stars, box, psfs, noise)
     parts = [measure(block, box, read_noise=noise) for block in blocks_of(stars)]
     others = [images_of_stars(one, stars) if unknown else psfs for one in cases]
-    by_design = _by_design(case, cases)
     differences, curves = [], {}
     for n, star in enumerate(stars):
+        predicted = {
+            name: np.array([unit[n].scalar[name] for unit in drawn]) for name in measured[n].scalar
+        }
+        predicted["image"] = np.array([image_of_other(one[n], psfs[n], box) for one in others])
+        scaled = not math.isfinite(star.magnitude_g)
+        if not scaled:
+            predicted["brightness"] *= [_light_by_magnitude(one, star) for one in cases]
+        predicted |= _by_design(case, cases)
         for name, value in measured[n].scalar.items():
             seen = _jackknifed(value, [part[n].scalar[name] for part in parts])
             if name == "image":
                 seen = Interval(value, value, value)
-            made_of = np.array([unit[n].scalar[name] for unit in drawn])
-            if name == "image":
-                made_of = np.array([image_of_other(one[n], psfs[n], box) for one in others])
-            untested = ""
-            if name == "brightness":
-                if math.isfinite(star.magnitude_g):
-                    made_of *= [_light_by_magnitude(one, star) for one in cases]
-                else:
-                    untested = SCALED
-            predicted = _of_devices(by_design.get(name, made_of))
             if math.isfinite(seen.value):
-                row = FlightDifference(star.name, name, seen, predicted, KEYS[name], untested)
+                row = FlightDifference(
+                    star=star.name,
+                    name=name,
+                    seen=seen,
+                    predicted=_of_devices(predicted[name]),
+                    key=KEYS[name],
+                    untested=SCALED if scaled and name == "brightness" else "",
+                )
                 differences.append(row)
         curves[star.name] = (
             measured[n].curve,

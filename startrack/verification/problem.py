@@ -68,7 +68,18 @@ def _by_formula(name: str, margin: Margin) -> Verdict:
     part = margin.relative
     answer = Answer.PASS if part >= 0 else Answer.FAIL
     value, unit = margin.value, margin.unit
-    return Verdict("", name, FORMULA, margin.limit, value, None, 0, part, answer, unit=unit)
+    return Verdict(
+        condition="",
+        name=name,
+        statistic=FORMULA,
+        limit=margin.limit,
+        analysis=value,
+        trials=None,
+        number=0,
+        margin=part,
+        answer=answer,
+        unit=unit,
+    )
 
 
 def _by_trials(
@@ -97,18 +108,18 @@ def _by_trials(
         found, number = decided[claim.name]
         answer = claim.answer(found)
         yield Verdict(
-            "",
-            claim.name,
-            TRIALS,
-            claim.margin.limit,
-            expected[claim.name].value if claim.name in expected else math.nan,
-            found,
-            number,
-            claim.margin._replace(value=found.value).relative,
-            answer,
-            claim.needed(found, number) if answer is Answer.NOT_SHOWN else None,
-            note,
-            claim.margin.unit,
+            condition="",
+            name=claim.name,
+            statistic=TRIALS,
+            limit=claim.margin.limit,
+            analysis=expected[claim.name].value if claim.name in expected else math.nan,
+            trials=found,
+            number=number,
+            margin=claim.margin._replace(value=found.value).relative,
+            answer=answer,
+            needed=claim.needed(found, number) if answer is Answer.NOT_SHOWN else None,
+            note=note,
+            unit=claim.margin.unit,
         )
 
 

@@ -145,17 +145,17 @@ def _by_trials(
         answer = claim.answer(bounds)
         open_ = answer is Answer.NOT_SHOWN
         yield Verdict(
-            condition.name,
-            claim.name,
-            _statistic(claim),
-            claim.limit,
-            analysis.get(claim.name, math.nan),
-            bounds,
-            size,
-            claim.margin(bounds.value),
-            answer,
-            claim.needed(outcomes, boresight, *tails) if open_ else None,
-            note,
+            condition=condition.name,
+            name=claim.name,
+            statistic=_statistic(claim),
+            limit=claim.limit,
+            analysis=analysis.get(claim.name, math.nan),
+            trials=bounds,
+            number=size,
+            margin=claim.margin(bounds.value),
+            answer=answer,
+            needed=claim.needed(outcomes, boresight, *tails) if open_ else None,
+            note=note,
         )
 
 

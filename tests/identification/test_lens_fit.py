@@ -11,8 +11,9 @@ from startrack.core.camera import Camera
 from startrack.core.units import deg
 from startrack.core.values import Matches, Status
 from startrack.identification import Identification, build_index, fit_lens, identify_blind
-from startrack.identification.blind import AXIS, FISHEYE, cameras, fields, fisheye, tolerance_of
+from startrack.identification.blind import FISHEYE, cameras, fields, fisheye, tolerance_of
 from startrack.identification.index import indexed_field
+from startrack.identification.lens_fit import AXIS
 from tests.identification.conftest import make_spots
 
 SIZE = 1024

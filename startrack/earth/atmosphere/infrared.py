@@ -114,18 +114,18 @@ def infrared_bands(
         shone = weights * sunlight * (table.spectrum < SUNLIT)
         light = _scattered(table.particles, shone, table.spectrum, seen, altitude)
     return BandTable(
-        HEIGHT,
-        angles,
-        angles,
-        light.azimuth,
-        light.path,
-        direct,
-        light.sky,
-        light.around,
-        light.backscatter,
-        through,
-        rise,
-        fall,
+        height=HEIGHT,
+        sensor=angles,
+        sun=angles,
+        azimuth=light.azimuth,
+        path=light.path,
+        direct=direct,
+        sky=light.sky,
+        around=light.around,
+        backscatter=light.backscatter,
+        through=through,
+        rise=rise,
+        fall=fall,
     )
 
 

@@ -163,13 +163,13 @@ def sight_of(ground: Ground) -> SlantPath:
     turned = np.einsum("ij,ij->i", level, shone) / np.maximum(apart * about, TINY)
     lit = (~ground.shadow[seen]).astype(np.float64)
     return SlantPath(
-        ground.height[seen],
-        np.arctan2(apart, high),
-        np.arctan2(about, low),
-        np.arccos(np.clip(turned, -1, 1)),
-        np.cos(ground.sun_incidence[seen]),
-        lit,
-        ground.sky_view[seen],
+        height=ground.height[seen],
+        sensor=np.arctan2(apart, high),
+        sun=np.arctan2(about, low),
+        azimuth=np.arccos(np.clip(turned, -1, 1)),
+        incidence=np.cos(ground.sun_incidence[seen]),
+        lit=lit,
+        sky_view=ground.sky_view[seen],
     )
 
 

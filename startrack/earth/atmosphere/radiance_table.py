@@ -191,18 +191,18 @@ def radiance_bands(
     mirrored, through = (banded(name)[:, :, 0, 0] / sums for name in RATIOS)
     rise, fall = (None if table.rise is None else banded(name)[:, :, 0, 0] for name in HEAT)
     return BandTable(
-        table.height,
-        table.sensor,
-        table.sun,
-        table.azimuth,
-        path,
-        direct[:, :, :, 0],
-        sky[:, :, :, 0],
-        around[:, :, :, 0],
-        mirrored[:, 0],
-        through,
-        rise,
-        fall,
+        height=table.height,
+        sensor=table.sensor,
+        sun=table.sun,
+        azimuth=table.azimuth,
+        path=path,
+        direct=direct[:, :, :, 0],
+        sky=sky[:, :, :, 0],
+        around=around[:, :, :, 0],
+        backscatter=mirrored[:, 0],
+        through=through,
+        rise=rise,
+        fall=fall,
     )
 
 

@@ -370,16 +370,16 @@ def in_bands(
         transmittance[h, v] = flat @ (seen[h, v] * _transmitted(table, gas, masses)) / flat.sum(-1)
     spreads = _spread(table, weights, across, here, (around[:, 0], mirrored))
     return BandTable(
-        table.height,
-        table.sensor,
-        table.sun,
-        table.azimuth,
-        path,
-        direct,
-        sky,
-        spread,
-        mirrored @ weights.T / weights.sum(-1),
-        transmittance,
+        height=table.height,
+        sensor=table.sensor,
+        sun=table.sun,
+        azimuth=table.azimuth,
+        path=path,
+        direct=direct,
+        sky=sky,
+        around=spread,
+        backscatter=mirrored @ weights.T / weights.sum(-1),
+        through=transmittance,
         spread=spreads,
     )
 

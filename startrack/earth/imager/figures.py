@@ -1,8 +1,11 @@
 """Resolution, swath, MTF, SNR and data rate of a channel in flight; first parameters from goals."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import brentq
@@ -22,7 +25,7 @@ from startrack.earth.imager.parameters import (
     smear,
     stage_drift,
 )
-from startrack.earth.imager.restore import restoration_of
+from startrack.earth.imager.restore import Restoration, restoration_of
 from startrack.earth.terrain import geodetic
 from startrack.optics import (
     aperture_transfer,
@@ -130,50 +133,82 @@ def figures(
     dark = detector.dark_rate * exposure
     noise = _noise(detector, electrons, dark)
     mean_noise = noise / math.sqrt(channel.average)
-    if optics.tabulated:
-        across, along, illumination = _lens_over_field(channel, band, rate, drift)
-    else:
-        across = sharpness(channel, wavelength, "x", merged=channel.average)
-        along, illumination = sharpness(channel, wavelength, "y", drift), None
-    across *= _read_out(channel)
     ahead = stage_drift(channel, period, rate)
-    along *= _mean_of_phases(math.pi / channel.average * ahead, channel.stages)
-    amplified = 1.0
+    mtf = _lowest_modulation(channel, band, rate, drift, ahead)
     if channel.restore is not None:
         lens = field_lens(channel, channel.sensor(1, rate), optics, band.wavelength, band.weight)
         restoration = restoration_of(
             channel, lens.images, drift / detector.pitch, lines / footprint, channel.restore
         )
-        across *= restoration.gain(0.5, 0.0)
-        along *= restoration.gain(0.0, 0.5)
-        amplified = restoration.noise
-        mean_noise *= amplified
+        mtf = mtf.restored(restoration)
+    mean_noise *= mtf.amplified
+    rows = 1 if detector.scan else detector.rows  # that are read in a period
     numbers = 2**detector.bits - 1
     full = detector.full_well * min(1.0, (1 - detector.offset / numbers) / detector.gain)
     return Figures(
-        footprint,
-        columns,
-        lines,
-        2 * height * math.tan(half),
-        2 * half,
-        1.22 * wavelength * height / optics.aperture,
-        across,
-        along,
-        illumination,
-        light,
-        electrons,
-        noise,
-        amplified,
-        electrons / mean_noise,
-        mean_noise / per_radiance,
-        _temperature_step(channel, band, mean_noise / per_radiance),
-        full / per_radiance,
-        detector.full_well / _noise(detector, 0.0, dark),
-        period,
-        channel.columns / period * (1 if detector.scan else detector.rows),
-        channel.columns * detector.bits / period * (1 if detector.scan else detector.rows),
-        ahead * (channel.stages - 1),
+        gsd=footprint,
+        sampling_across=columns,
+        sampling_along=lines,
+        swath=2 * height * math.tan(half),
+        field=2 * half,
+        rayleigh=1.22 * wavelength * height / optics.aperture,
+        mtf_across=mtf.across,
+        mtf_along=mtf.along,
+        illumination=mtf.illumination,
+        radiance=light,
+        electrons=electrons,
+        noise=noise,
+        amplified=mtf.amplified,
+        snr=electrons / mean_noise,
+        noise_radiance=mean_noise / per_radiance,
+        nedt=_temperature_step(channel, band, mean_noise / per_radiance),
+        saturation=full / per_radiance,
+        dynamics=detector.full_well / _noise(detector, 0.0, dark),
+        period=period,
+        clock=channel.columns / period * rows,
+        data_rate=channel.columns * detector.bits / period * rows,
+        ahead=ahead * (channel.stages - 1),
     )
+
+
+class _Modulation(NamedTuple):
+    """Lowest MTF across and along at half a cycle per pixel, and what the lens does over the field.
+
+    illumination  lowest over that in the middle; None without a lens table
+    amplified     factor on the noise by the filter of `restore`
+    """
+
+    across: float
+    along: float
+    illumination: float | None
+    amplified: float = 1.0
+
+    def restored(self, restoration: Restoration) -> _Modulation:
+        """The same after a restoring filter."""
+        return self._replace(
+            across=self.across * restoration.gain(0.5, 0.0),
+            along=self.along * restoration.gain(0.0, 0.5),
+            amplified=restoration.noise,
+        )
+
+
+def _lowest_modulation(
+    channel: Channel, band: Band, rate: float, drift: float, ahead: float
+) -> _Modulation:
+    """MTF of lens, pixel, motion and read-out, before a restoring filter.
+
+    drift  metre on the detector, motion of the image in an exposure
+    ahead  pixel, lead of the ground over the charge after one stage of a TDI detector
+    """
+    if channel.optics.tabulated:
+        across, along, illumination = _lens_over_field(channel, band, rate, drift)
+    else:
+        wavelength = float(band.weight @ band.wavelength)
+        across = sharpness(channel, wavelength, "x", merged=channel.average)
+        along, illumination = sharpness(channel, wavelength, "y", drift), None
+    across *= _read_out(channel)
+    along *= _mean_of_phases(math.pi / channel.average * ahead, channel.stages)
+    return _Modulation(across, along, illumination)
 
 
 def figures_of(survey: Survey) -> Iterator[tuple[Channel, float, Figures]]:

@@ -131,15 +131,15 @@ def prepare(survey: Survey, channel: Channel, folder: Path) -> Setting:
     electrons = channel.etendue() * exposure * band.electrons
     drift = smear(channel, period, geometry.ground_rate(flight))
     setting = Setting(
-        period,
-        exposure,
-        drift,
-        field.images,
-        band,
-        around,
-        electrons,
-        field.camera,
-        field.light,
+        period=period,
+        exposure=exposure,
+        smear=drift,
+        psf=field.images,
+        band=band,
+        surroundings=around,
+        electrons=electrons,
+        camera=field.camera,
+        light=field.light,
         clouds=decks_of(survey.clouds, band, folder),
         environment=environment,
         terrain=terrain,
@@ -176,7 +176,14 @@ def setting_below(
     require_pace(channel, period, rate)
     drift = smear(channel, period, rate)
     setting = Setting(
-        period, exposure, drift, field.images, band, surroundings, electrons, field.camera
+        period=period,
+        exposure=exposure,
+        smear=drift,
+        psf=field.images,
+        band=band,
+        surroundings=surroundings,
+        electrons=electrons,
+        camera=field.camera,
     )
     return setting, above
 

@@ -163,7 +163,16 @@ def make_product(
         advance(0.7 * (part.rows.stop - part.rows.start) / grid.rows)
     mapped, doubt = ({name: layers[name] for name in own} for own in (image, doubts))
     around = math.nan if retrieval.is_thermal(setting.band) else here.surroundings
-    return Product(image, saturated, grid, mapped, quality, around, causes, doubt)
+    return Product(
+        image=image,
+        saturated=saturated,
+        grid=grid,
+        layers=mapped,
+        quality=quality,
+        surroundings=around,
+        uncertainty=causes,
+        doubt=doubt,
+    )
 
 
 def _layers(

@@ -114,7 +114,13 @@ def read_calibration(path: Path, channel: Channel) -> RadiometricCalibration:
             for name in ("DARK", "FLAT", "RADIANCE", "GAIN", "SATURATION")
         )
         return RadiometricCalibration(
-            dark, flat, light, gain, float(head["EPERDN"]), saturation, int(head["FRAMES"])
+            dark=dark,
+            flat=flat,
+            radiance=light,
+            gain=gain,
+            electrons=float(head["EPERDN"]),
+            saturation=saturation,
+            exposures=int(head["FRAMES"]),
         )
 
 

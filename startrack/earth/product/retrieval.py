@@ -88,13 +88,13 @@ def calibrate(
     radiance = light[1:-1] * um
     saturation = np.round(mean[-1] - SIGMA * np.sqrt(variance[-1]))
     return RadiometricCalibration(
-        mean[0],
-        np.stack(mean[1:-1]),
-        radiance,
-        signal / radiance[TRANSFER],
-        float(signal.mean()) / noise if noise > 0 else 0.0,
-        saturation,
-        count,
+        dark=mean[0],
+        flat=np.stack(mean[1:-1]),
+        radiance=radiance,
+        gain=signal / radiance[TRANSFER],
+        electrons=float(signal.mean()) / noise if noise > 0 else 0.0,
+        saturation=saturation,
+        exposures=count,
     )
 
 

@@ -220,18 +220,18 @@ def side_of(survey: Survey, channel: Channel, spots: LevelGround) -> Side:
     once = channel.exposure_of_line(period)
     along = drift / once * period if period and drift else 1.0
     return Side(
-        channel,
-        band,
-        radiation,
-        reflectance,
-        cover.temperature - survey.land.lapse * spots.height,
-        side,
-        side * channel.detector.columns / channel.columns,
-        side * along,
-        drift,
-        math.hypot(image_blur(survey.motion, channel, period), channel.detector.diffusion),
-        channel.etendue() * exposure * band.electrons,
-        exposure,
+        channel=channel,
+        band=band,
+        radiation=radiation,
+        reflectance=reflectance,
+        temperature=cover.temperature - survey.land.lapse * spots.height,
+        side=side,
+        across=side * channel.detector.columns / channel.columns,
+        along=side * along,
+        smear=drift,
+        blur=math.hypot(image_blur(survey.motion, channel, period), channel.detector.diffusion),
+        electrons=channel.etendue() * exposure * band.electrons,
+        exposure=exposure,
     )
 
 
@@ -514,7 +514,16 @@ def _ground(survey: Survey, spots: HotSpots, mid: Side, thermal: Side) -> _Groun
     summed = sum((slopes[0][kind] * spread) ** 2 for kind, spread in enumerate(rms)) * shared
     waves = _waves(spots, sides, slopes, rms, land)
     bends = np.array([side.ground_bends() for side in sides])
-    return _Ground(result[0], result[1], summed, waves, bends, spreads, slopes[0], kinds)
+    return _Ground(
+        around=result[0],
+        here=result[1],
+        summed=summed,
+        waves=waves,
+        bends=bends,
+        spreads=spreads,
+        slopes=slopes[0],
+        kinds=kinds,
+    )
 
 
 def _waves(

@@ -232,13 +232,13 @@ def _spectrometer(channel: Channel, own: Minerals, exposure: float) -> MineralSp
     ]
     scan = replace(channel.detector, scan=None, rows=own.pixels, columns=len(wavelength))
     return MineralSpectrometer(
-        scan,
-        exposure,
-        wavelength,
-        channel.etendue() * exposure * total,
-        temperature,
-        (light * share).sum(-1),
-        np.array(spectra),
+        detector=scan,
+        exposure=exposure,
+        wavelength=wavelength,
+        electrons=channel.etendue() * exposure * total,
+        temperature=temperature,
+        blackbody=(light * share).sum(-1),
+        emissivity=np.array(spectra),
     )
 
 

@@ -122,21 +122,21 @@ def level_ground(count: int, height: float, sun_zenith: float) -> Ground:
     vertical, sun = np.tile([1.0, 0.0, 0.0], (count, 1)), np.array([math.cos(sun_zenith), 0.0, 0.0])
     sun[1] = math.sin(sun_zenith)
     return Ground(
-        np.ones(count, bool),
-        one,
-        cartesian(zero, zero, height * one),
-        zero,
-        zero,
-        height * one,
-        vertical,
-        zero,
-        sun_zenith * one,
-        np.full(count, sun_zenith >= math.pi / 2),
-        one,
-        np.full(count, math.nan),
-        np.zeros(count, np.int8),
-        sun,
-        -vertical,
+        hit=np.ones(count, bool),
+        distance=one,
+        point=cartesian(zero, zero, height * one),
+        longitude=zero,
+        latitude=zero,
+        height=height * one,
+        normal=vertical,
+        incidence=zero,
+        sun_incidence=sun_zenith * one,
+        shadow=np.full(count, sun_zenith >= math.pi / 2),
+        sky_view=one,
+        tangent_height=np.full(count, math.nan),
+        level=np.zeros(count, np.int8),
+        sun=sun,
+        direction=-vertical,
     )
 
 
@@ -184,17 +184,17 @@ def view_below(survey: Survey, channel: Channel, size: int, height: float, sun: 
     images = point_images(psf, offsets, across, along)[:, ::-1, ::-1]
     weights = images / images.sum((-2, -1), keepdims=True) / len(offsets)
     return View(
-        own,
-        setting,
-        radiation_over(band, around, height, sun),
-        reflectance,
-        cover.temperature - survey.land.lapse * height,
-        side,
-        side * across,
-        side * along,
-        psf,
-        weights,
-        as_matrix(own, size),
+        channel=own,
+        setting=setting,
+        radiation=radiation_over(band, around, height, sun),
+        reflectance=reflectance,
+        temperature=cover.temperature - survey.land.lapse * height,
+        side=side,
+        across=side * across,
+        along=side * along,
+        psf=psf,
+        weights=weights,
+        device=as_matrix(own, size),
     )
 
 

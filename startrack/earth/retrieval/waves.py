@@ -549,31 +549,12 @@ def forecast_waves(survey: Survey, own: Waves) -> WaveForecast:
     mirror, side, modes = _plan(survey, own)
     sea = own.sea
     transfer = _transfer(own, side, mirror, modes, sea)
-    step = side.channel.detector.electrons_per_dn / side.electrons
-    before = math.sqrt(transfer.rms**2 + max(transfer.noise - step**2 / 12, 0.0))
-    if before < COARSE * step:
-        raise Refused(
-            f"bits of channel {side.channel.name} must make steps of {before / COARSE:.3g} "
-            f"W / (m2 sr m) or finer for a forecast of waves, got {step:.3g}"
-        )
+    _refuse_coarse_steps(side, transfer)
     fit = _fit(modes, transfer, sea)
-    follows = float((transfer.gain * fit.wave).sum()) * (transfer.mean / transfer.rms) ** 2
-    if follows < FOLLOWS:
-        raise Refused(
-            f"brightness must follow the slopes of waves for a forecast, {FOLLOWS:.0%} of its "
-            f"variance, got {follows:.0%}: use a lower Sun or waves along it"
-        )
-    # Derivatives of image and results with the sea that the retrieval assumes.
-    growth, results = [], []
-    for unit in np.eye(3):
-        other = _moved(sea, unit * STEP)
-        changed = _transfer(own, side, mirror, modes, other)
-        image = changed.gain * modes.power(other) + changed.rest
-        growth.append((image / fit.image - 1) / STEP)
-        results.append(_estimated(modes, changed, other, fit.image))
+    _refuse_if_unlike_waves(transfer, fit)
+    growth, response = _sensitivity(own, side, mirror, modes, fit)
     relative = transfer.gain * fit.slopes / fit.image
-    towards = np.linalg.inv(relative @ np.array(growth).T)
-    response = (np.array(results) - (sea.height, sea.direction)) / STEP
+    towards = np.linalg.inv(relative @ growth.T)
     kept = transfer.gain * fit.wave / fit.image
 
     def squared(weight: Floats, response: Floats) -> float:
@@ -608,3 +589,42 @@ def forecast_waves(survey: Survey, own: Waves) -> WaveForecast:
     return WaveForecast(
         math.sqrt(height), math.sqrt(direction), 2 * float(np.hypot(*mirror.towards)) / mirror.rough
     )
+
+
+def _refuse_coarse_steps(side: Side, transfer: _Transfer) -> None:
+    """Refuse a converter whose steps are large compared with the brightness before it."""
+    step = side.channel.detector.electrons_per_dn / side.electrons
+    before = math.sqrt(transfer.rms**2 + max(transfer.noise - step**2 / 12, 0.0))
+    if before < COARSE * step:
+        raise Refused(
+            f"bits of channel {side.channel.name} must make steps of {before / COARSE:.3g} "
+            f"W / (m2 sr m) or finer for a forecast of waves, got {step:.3g}"
+        )
+
+
+def _refuse_if_unlike_waves(transfer: _Transfer, fit: _Fit) -> None:
+    """Refuse an image in which little of the brightness follows the slopes of waves."""
+    follows = float((transfer.gain * fit.wave).sum()) * (transfer.mean / transfer.rms) ** 2
+    if follows < FOLLOWS:
+        raise Refused(
+            f"brightness must follow the slopes of waves for a forecast, {FOLLOWS:.0%} of its "
+            f"variance, got {follows:.0%}: use a lower Sun or waves along it"
+        )
+
+
+def _sensitivity(
+    own: Waves, side: Side, mirror: Mirror, modes: _Modes, fit: _Fit
+) -> tuple[Floats, Floats]:
+    """Derivatives with the sea that the retrieval assumes: ln(height), ln(wavelength), direction.
+
+    Returns  of the image (3, n), relative; of the height and the direction (3, 2) that are
+             estimated from it
+    """
+    sea, growth, results = own.sea, [], []
+    for unit in np.eye(3):
+        other = _moved(sea, unit * STEP)
+        changed = _transfer(own, side, mirror, modes, other)
+        image = changed.gain * modes.power(other) + changed.rest
+        growth.append((image / fit.image - 1) / STEP)
+        results.append(_estimated(modes, changed, other, fit.image))
+    return np.array(growth), (np.array(results) - (sea.height, sea.direction)) / STEP

@@ -76,7 +76,15 @@ def with_horizon(surface: Surface, rays: Rays) -> Surface:
         bound[column] = np.maximum(highest, enter) + ROUNDING
         enter = np.maximum(highest, enter - rise * side)
     offset = 0.0 if sign > 0 else float(many * side)
-    horizon = Horizon(bound, int(by_rows), sign, offset, shear, begin, 1 / side)
+    horizon = Horizon(
+        bound=bound,
+        by_rows=int(by_rows),
+        sign=sign,
+        offset=offset,
+        shear=shear,
+        begin=begin,
+        per_side=1 / side,
+    )
     return surface._replace(horizon=horizon)
 
 

@@ -210,20 +210,20 @@ class Pyramid:
             grid, cells = self.terrain.grid, self.terrain.shape(level)
             tiles = tuple(-(-count // CELLS) for count in cells)
             self._surfaces[level] = Surface(
-                grid.west,
-                grid.north,
-                grid.step_x * (1 << level),
-                grid.step_y * (1 << level),
+                west=grid.west,
+                north=grid.north,
+                step_x=grid.step_x * (1 << level),
+                step_y=grid.step_y * (1 << level),
                 # Integer bounds would compile the kernels again.
-                cells[1],
-                cells[0],
-                float(self.lowest),
-                float(self.highest),
-                self.cache.heights,
-                self.cache.maxima,
-                self.cache.steepness,
-                np.full(tiles, -1, np.int32),
-                np.full(tiles, float(self.highest)),
-                self.cache.used,
+                columns=cells[1],
+                rows=cells[0],
+                lowest=float(self.lowest),
+                highest=float(self.highest),
+                heights=self.cache.heights,
+                maxima=self.cache.maxima,
+                steepness=self.cache.steepness,
+                slot=np.full(tiles, -1, np.int32),
+                top=np.full(tiles, float(self.highest)),
+                used=self.cache.used,
             )
         return self._surfaces[level]

@@ -93,7 +93,15 @@ class Horizon(NamedTuple):
     per_side: float
 
 
-NO_HORIZON = Horizon(np.zeros((0, 0), np.float32), 0, 1.0, 0.0, 0.0, 0.0, 1.0)
+NO_HORIZON = Horizon(
+    bound=np.zeros((0, 0), np.float32),
+    by_rows=0,
+    sign=1.0,
+    offset=0.0,
+    shear=0.0,
+    begin=0.0,
+    per_side=1.0,
+)
 
 
 class Surface(NamedTuple):
@@ -168,20 +176,20 @@ def index(grid: Grid, heights: NDArray[np.floating]) -> Surface:
             f"heights must be finite or NaN, and not all NaN, got {lowest} to {highest}"
         )
     return Surface(
-        grid.west,
-        north,
-        grid.step_x,
-        grid.step_y,
-        columns,
-        rows,
-        lowest,
-        highest,
-        tiles,
-        maxima,
-        steepness,
-        slot,
-        top,
-        np.zeros(slot.size, np.uint8),
+        west=grid.west,
+        north=north,
+        step_x=grid.step_x,
+        step_y=grid.step_y,
+        columns=columns,
+        rows=rows,
+        lowest=lowest,
+        highest=highest,
+        heights=tiles,
+        maxima=maxima,
+        steepness=steepness,
+        slot=slot,
+        top=top,
+        used=np.zeros(slot.size, np.uint8),
     )
 
 

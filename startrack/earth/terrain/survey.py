@@ -130,21 +130,21 @@ def survey(ground: Intersector, rays: Rays, sun: Floats, sky_rays: int = 0) -> G
     tangent[~hit] = tangent_height(rays.origin[~hit], rays.direction[~hit])
     longitude, latitude, height = hits.place.T
     return Ground(
-        hit,
-        distance,
-        point,
-        longitude,
-        latitude,
-        height,
-        hits.normal,
-        between(hits.normal, -rays.direction),
-        sun_incidence,
-        shadow,
-        sky_view,
-        tangent,
-        np.where(hit, level, -1).astype(np.int8),
-        sun,
-        rays.direction,
+        hit=hit,
+        distance=distance,
+        point=point,
+        longitude=longitude,
+        latitude=latitude,
+        height=height,
+        normal=hits.normal,
+        incidence=between(hits.normal, -rays.direction),
+        sun_incidence=sun_incidence,
+        shadow=shadow,
+        sky_view=sky_view,
+        tangent_height=tangent,
+        level=np.where(hit, level, -1).astype(np.int8),
+        sun=sun,
+        direction=rays.direction,
     )
 
 
