@@ -1,4 +1,4 @@
-"""What the tests share: outside data, and a small design that runs in milliseconds."""
+"""Shared by the tests: outside data, and a small design that takes milliseconds."""
 
 import dataclasses
 import gc
@@ -36,7 +36,7 @@ COMPILING = pytest.StashKey[subprocess.Popen | None]()  # the process that compi
 
 
 def pytest_configure(config):
-    """Keep what is built in a folder for this run, and compile while workers collect the tests."""
+    """Keep built files in a folder for this run, and compile while workers collect the tests."""
     gc.disable()  # it takes a fifth of the time in which the tests are imported, and finds nothing
     if hasattr(config, "workerinput"):
         return
@@ -58,7 +58,7 @@ def pytest_configure(config):
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_node_collection_finished(node):
-    """Wait for what is compiled, or several workers would begin with the same kernels."""
+    """Wait until kernels are compiled; otherwise several workers would begin with the same ones."""
     process = node.config.stash[COMPILING]
     if process and process.wait():
         pytest.exit(f"startrack warm must end without an error, got {process.stderr.read()}", 1)
@@ -72,7 +72,7 @@ def pytest_collection_finish(session):
 
 @pytest.fixture(scope="session", autouse=True)
 def _quick_example():
-    """Commands without a design take that of noise alone, whose frames and budgets are quick.
+    """Commands without a design take the one with noise only, whose frames and budgets are quick.
 
     Their pictures have a tenth of the pixels; those of tests/plots have all.
     """
@@ -86,9 +86,10 @@ def _quick_example():
 
 @pytest.fixture
 def in_python():
-    """Kernels that are not on disk run as Python code: a few small arrays need no compiler.
+    """Run kernels that are not on disk as Python code: a few small arrays need no compiler.
 
-    For tests of kernels that only other kernels call; those that call them run compiled elsewhere.
+    For tests of kernels that only other kernels call; the calling kernels are compiled and tested
+    elsewhere.
     """
     with interpreted(lambda: True):
         yield
@@ -96,7 +97,7 @@ def in_python():
 
 @pytest.fixture(scope="session")
 def outside() -> Path:
-    """The folder of data from outside, which is not part of the project."""
+    """The folder of external data, which is not part of the project."""
     folder = os.environ.get("STARTRACK_DATA")
     if not folder:
         pytest.skip("STARTRACK_DATA does not name the folder of outside data")
@@ -105,13 +106,13 @@ def outside() -> Path:
 
 @pytest.fixture(scope="session")
 def oracle():
-    """Reads a file of answers from outside."""
+    """Read a file of independent results."""
     return lambda name: json.loads((ORACLE / name).read_text())
 
 
 @pytest.fixture(scope="session")
 def small() -> Design:
-    """The design of noise alone with a quarter of the pixels, twice as wide, and few trials."""
+    """The design with noise only, with a quarter of the pixels, twice as wide, and few trials."""
     design = load_design(shipped("designs/noise_only.toml"))
     assert design.campaign is not None
     instrument = design.case.instrument
@@ -136,7 +137,7 @@ def small() -> Design:
 
 @pytest.fixture(scope="session")
 def blind(small) -> Case:
-    """A lens that passes no light that Gaia's band has: it cannot be rendered."""
+    """A case that cannot be rendered: its lens passes no light of Gaia's band."""
     infrared = Curve((2e-6, 3e-6), (1.0, 1.0))
     optics = dataclasses.replace(small.case.instrument.optics, transmission=infrared)
     return dataclasses.replace(

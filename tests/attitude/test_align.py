@@ -29,7 +29,7 @@ def vectors(case):
 
 
 def one(solver, case):
-    """An attitude of a solver of one set."""
+    """The attitude by one solver for one set of vectors."""
     return solver(*vectors(case))
 
 
@@ -46,7 +46,8 @@ def test_98_solvable_cases_to_the_last_digits(cases):
 
 
 def test_rotated_copies_of_each_case(cases):
-    """Turning both sides turns the attitude; rounding the turned vectors costs a few eps more."""
+    """Rotating both sides rotates the attitude; the rounding of the rotated vectors adds a few
+    eps."""
     for case in (case for case in cases if case["observable"]):
         b, r, weight = vectors(case)
         truth = Rotation.from_matrix(case["A"])
@@ -57,7 +58,8 @@ def test_rotated_copies_of_each_case(cases):
 
 
 def test_the_condition_is_that_of_the_information(cases):
-    """Against the 60-digit one, where there is no noise: with noise its definition differs."""
+    """The condition equals the 60-digit one if there is no noise; with noise its definition
+    differs."""
     for case in cases:
         b, r, weight = vectors(case)
         if case["observable"] and case["loss"] < 1e-24 * weight.sum():
@@ -79,7 +81,7 @@ def test_unobservable_sets_are_reported(cases):
 
 
 def test_a_tie_between_two_attitudes_is_reported():
-    """Three mirrored axes: rotations by 180 deg about each fit equally well."""
+    """With three mirrored axes, rotations by 180 deg about each axis fit equally well."""
     got = align(-np.eye(3)[None], np.eye(3)[None], np.ones((1, 3)))
     assert got.observability[0] == Observability.CONTRADICTORY
 
@@ -94,7 +96,8 @@ def test_textbook_solvers_on_well_conditioned_cases(cases, solver):
 
 @pytest.mark.parametrize("solver", [svd, davenport, quest, foam, "align"])
 def test_stars_that_disagree_by_half_a_radian_are_fitted_as_scipy_fits_them(solver):
-    """Kabsch's rotation there; the largest eigenvalue is far from where Newton's steps begin."""
+    """The result is Kabsch's rotation, although Newton's steps begin far from the largest
+    eigenvalue."""
     rng = np.random.default_rng(6)
     b, r = rng.standard_normal((2, 20, 4, 3))
     turn = Rotation.from_quat(rng.standard_normal((20, 4))).as_matrix()
@@ -110,7 +113,8 @@ def test_stars_that_disagree_by_half_a_radian_are_fitted_as_scipy_fits_them(solv
 
 @pytest.mark.parametrize("solver", [svd, davenport, quest, foam])
 def test_textbook_solvers_never_warn_nor_fail(cases, solver):
-    """They lose digits on the hard cases, but give a rotation; a warning fails this test."""
+    """Textbook solvers lose digits on the hard cases but return a rotation; a warning fails this
+    test."""
     for case in cases:
         assert np.isfinite(one(solver, case).as_matrix()).all()
 
@@ -142,7 +146,7 @@ def test_a_rotation_by_90_deg_about_z_takes_x_to_y(solver):
 
 
 def test_rows_taken_for_columns_show_in_the_loss():
-    """A mirrored field is no rotation of the sky; no attitude fits, and the loss is large."""
+    """A mirrored field is not a rotation of the sky: no attitude fits, and the loss is large."""
     b, r, weight = random_set(np.random.default_rng(8), 6)
     right = align(b[None], r[None], weight[None])
     swapped = align(b[None][..., [1, 0, 2]], r[None], weight[None])
@@ -216,7 +220,8 @@ def scenario(name, trials, seed):
 
 
 def test_markley_mortari_scenario_1():
-    """About the boresight (x) and across it, and a mean loss of 5 - 3/2."""
+    """The published covariance about the boresight (x) and across it, and a mean loss of 5 -
+    3/2."""
     error, got = scenario("MM1", 5000, 1)
     rms = np.sqrt((error**2).mean(axis=0)) / arcsec
     np.testing.assert_allclose(rms, [39.557, 2.6864, 2.6864], rtol=0.03)
@@ -226,7 +231,8 @@ def test_markley_mortari_scenario_1():
 
 
 def test_markley_mortari_scenario_2():
-    """One accurate vector, two poor ones: only the rotation about the accurate one is poor."""
+    """With one accurate vector and two poor ones, only the rotation about the accurate one is
+    poor."""
     error, got = scenario("MM2", 5000, 2)
     np.testing.assert_allclose(
         np.sqrt((error[:, 1:] ** 2).mean(axis=0)) / arcsec, [1.0, 1.0], rtol=0.04
@@ -236,7 +242,7 @@ def test_markley_mortari_scenario_2():
 
 
 def test_markley_mortari_scenario_3_is_flagged_by_its_loss():
-    """Wrong weights: the errors are six times what the covariance states, and the loss is large."""
+    """With wrong weights the errors are six times the stated ones, and the loss is large."""
     error, got = scenario("MM3", 5000, 3)
     rms = np.sqrt((error**2).mean(axis=0)) / arcsec
     np.testing.assert_allclose(rms, [3359, 1222, 1210], rtol=0.04)

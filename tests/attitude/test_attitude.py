@@ -130,9 +130,10 @@ def test_an_unsolved_match_stays_unsolved():
 
 
 def test_the_covariance_is_enlarged_by_significant_residuals_alone():
-    """By chi-square over its degrees of freedom where the noise explains it one time in 1000.
+    """The covariance is enlarged if noise explains the chi-square one time in 1000 or less.
 
-    Seeds whose chance, by scipy, lies on both sides of that; a fitted scale takes one more degree.
+    Seeds whose probability, by scipy, lies on both sides of that; a fitted scale takes one more
+    degree of freedom.
     """
     sides = set()
     for seed in range(40):
@@ -172,7 +173,7 @@ def test_of_four_stars_none_is_left_out():
 
 
 def test_half_of_the_stars_stay_however_wrong_they_are():
-    """Each error is four times the one before, so that the worst is always an outlier."""
+    """Each error is four times the previous one, so that the largest is always an outlier."""
     for count, left in ((12, 6), (13, 6)):
         _, pixel, direction = sky(count, 7)
         pixel[:, 0] += 1e-5 * 4.0 ** np.arange(count)
@@ -193,9 +194,9 @@ def test_a_star_on_the_gate_stays():
 
 
 def test_the_gate_widens_with_the_noise():
-    """Noise three times as large as stated: the gate of five sigma becomes fifteen.
+    """Noise three times as large as stated widens the gate from five sigma to fifteen.
 
-    It is known from the median over 2000 stars, to 2.2 % of a deviation.
+    The noise is estimated from the median over 2000 stars, to 2.2 % of a standard deviation.
     """
     _, true, direction = sky(2000, 5)
     pixel = true + np.random.default_rng(3).normal(0, 0.3, true.shape)
@@ -205,7 +206,8 @@ def test_the_gate_widens_with_the_noise():
 
 
 def test_systematic_errors_add_to_the_noise_in_squares():
-    """One floor for all, one for each star, or noise that contains it; 0.015 pixel if unknown."""
+    """One systematic error for all stars, one for each star, or noise that contains it; 0.015
+    pixel if unknown."""
     _, pixel, direction = sky(6, 8)
     matches = matches_of(direction)
 
@@ -255,7 +257,7 @@ def test_a_fitted_scale_enlarges_the_covariance_by_the_joint_information():
 
 @pytest.mark.parametrize("tolerance", [0.0, 1e-3])
 def test_many_sets_of_stars_are_refined_as_each_alone(tolerance):
-    """Errors that are long along one axis, and sets of 5 of 9 stars among them."""
+    """Many sets of 5 of 9 stars, with errors that are larger along one axis."""
     rng, sets = np.random.default_rng(3), [sky(9, seed) for seed in range(6)]
     root = np.array([[0.3, 0.0], [0.1, 0.05]]) * rng.uniform(0.5, 2.0, (9, 1, 1))
     covariance = root @ root.swapaxes(1, 2)

@@ -1,4 +1,4 @@
-"""A camera calibrated frame by frame, beside the bound of Cramer and Rao of all frames at once."""
+"""A camera calibrated frame by frame, compared with the Cramér-Rao bound of all frames at once."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ SMALL = 1e-4  # of finite differences
 
 
 def frame(rng, camera: Camera, stars: int = STARS):
-    """Stars on a camera, and what a tracker matches of them, with an error of its attitude."""
+    """Stars on a camera, and their matches by a tracker with an attitude error."""
     pixel = rng.uniform(20, 1004, (stars, 2))
     direction = camera.unproject(pixel)
     attitude = Rotation.from_rotvec(rng.normal(0, 1, 3))
@@ -35,7 +35,8 @@ def frame(rng, camera: Camera, stars: int = STARS):
 
 
 def information(directions) -> np.ndarray:
-    """Of the camera's unknowns, (4, 4), by finite differences and all attitudes at once."""
+    """Information (4, 4) of the camera's unknowns, by finite differences and all attitudes at
+    once."""
     total = np.diag(PRIOR.sigma(DESIGN)[FREE] ** -2.0)
     for direction in directions:
         columns = []
@@ -65,7 +66,7 @@ def error(camera: Camera) -> np.ndarray:
 
 @pytest.mark.parametrize("frames", [50, pytest.param(1000, marks=pytest.mark.slow)])
 def test_the_error_is_that_of_the_bound(frames):
-    """Error squared over the bound of 4 cameras with 4 unknowns: 1 within 0.35 (1 sigma)."""
+    """Squared error over the bound, for 4 cameras with 4 unknowns: 1 within 0.35 (1 sigma)."""
     rng, settings, squares = np.random.default_rng(frames), CameraFilter(PRIOR), []
     for unit in range(4):
         known, directions = first_camera(DESIGN, settings), []
@@ -84,9 +85,10 @@ def test_the_error_is_that_of_the_bound(frames):
 
 
 def test_a_map_takes_up_what_the_distortion_leaves():
-    """A smooth field of 0.1 pixel rms that no polynomial holds, with a map of 6 x 6 nodes.
+    """A smooth distortion of 0.1 pixel rms that no polynomial fits, with a map of 6 x 6 nodes.
 
-    Beside the same filter without a map, by the turn-free residuals of fresh stars.
+    It is compared with the same filter without a map, by the residuals of fresh stars without their
+    rotation.
     """
     rng, wave = np.random.default_rng(8), 2 * np.pi / 700
 
@@ -114,7 +116,8 @@ def test_a_map_takes_up_what_the_distortion_leaves():
 
 @pytest.mark.parametrize("nodes", [pytest.param(0, marks=pytest.mark.slow), 3])
 def test_the_attitude_states_what_is_not_known_of_the_camera(nodes):
-    """Attitudes of 180 cameras as drawn from the prior, 20 stars each: 3 within 0.3 (1 sigma)."""
+    """Normalised squared errors of 180 cameras drawn from the prior, 20 stars each: 3 within 0.3
+    (1 sigma)."""
     rng, settings = np.random.default_rng(9), CameraFilter(PRIOR, map=nodes, map_sigma=0.3)
     known, squares = first_camera(DESIGN, settings), []
     for _ in range(180):
@@ -160,7 +163,7 @@ def test_slopes_with_temperature_are_found():
 
 
 def test_a_launch_shift_is_followed():
-    """A step of a pixel, by a filter that lets the principal point walk."""
+    """A filter whose principal point is a random walk follows a step of a pixel."""
     rng = np.random.default_rng(6)
     settings = CameraFilter(PRIOR, principal_walk=0.1)
     known, shifted = first_camera(DESIGN, settings), replace(TRUTH, principal_x=5.0)

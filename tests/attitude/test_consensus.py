@@ -27,7 +27,7 @@ def field(count: int, wrong: int, seed: int):
 
 @pytest.mark.parametrize("wrong", [0, 5, 12])
 def test_it_finds_the_correct_matches_among_false_ones(wrong):
-    """At five sigma correct matches are hardly ever lost; false ones agree by chance alone."""
+    """At five sigma correct matches are hardly ever lost; false matches agree only by chance."""
     lost = 0
     for seed in range(30):
         _, seen, known = field(20, wrong, seed)

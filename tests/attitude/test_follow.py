@@ -79,7 +79,7 @@ def test_filtering_beats_single_attitudes():
 
 
 def test_stars_rotate_against_the_rotation_of_the_camera():
-    """The camera rotates by 90 degrees about its x axis: what was along +y is then along +z."""
+    """The camera rotates by 90 degrees about its x axis: a direction along +y is then along +z."""
     state = predict(
         start(Rotation.identity(), SEEN, 0.0), np.array([90 * deg, 0, 0]), 1.0, GYROSCOPE
     )
@@ -88,7 +88,7 @@ def test_stars_rotate_against_the_rotation_of_the_camera():
 
 @pytest.mark.parametrize("known", [True, False])
 def test_errors_that_last_are_followed_where_they_are_known(known):
-    """Two thirds of the variance last for some 20 frames: 20 runs, false alarm 1e-4."""
+    """Two thirds of the variance stay correlated over some 20 frames: 20 runs, false alarm 1e-4."""
     keep, total = 0.95, 0.0
     part, new = SEEN * 2 / 3, SEEN / 3
     errors = LastingErrors(part[None], np.full(1, keep)) if known else None
@@ -117,9 +117,10 @@ def test_errors_that_last_are_followed_where_they_are_known(known):
 
 @pytest.mark.parametrize("sigma", [600 * arcsec, 0.0])
 def test_the_axes_of_a_gyroscope_are_found_by_turning(sigma):
-    """Two turns of 40 degrees about different axes; 12 gyroscopes, false alarm 1e-4.
+    """Two rotations of 40 degrees about different axes; 12 gyroscopes, false alarm 1e-4.
 
-    Without the state, a turn of 40 degrees with axes 600 arcsec off ends 400 arcsec away.
+    If the filter does not estimate the misalignment, a rotation of 40 degrees with axes 600 arcsec
+    off ends with an error of 400 arcsec.
     """
     total, left = 0.0, []
     for seed in range(12):
@@ -151,10 +152,11 @@ TO_HEAD = Rotation.from_rotvec([70 * deg, 0, 0]) * Rotation.from_rotvec([0, 0, 3
 
 
 def heads_of(seed, sigma, keep=0.9):
-    """A camera and a head 40 arcsec off, of which each fails in a third of 40 frames, at 1 deg/s.
+    """A camera and a second head, misaligned by 40 arcsec, at 1 deg/s; each fails in a third of 40
+    frames.
 
-    Half of each variance lasts for some ten frames. Error (15 + 6,) and covariance at the end: of
-    attitude, bias, lasting errors of both heads, and alignment.
+    Half of each variance stays correlated over some ten frames. Returns the errors (15 + 6,) and
+    the covariance at the end: of attitude, bias, correlated errors of both heads, and alignment.
     """
     rng = np.random.default_rng(seed)
     to_head = Rotation.from_rotvec(40 * arcsec * rng.standard_normal(3)) * TO_HEAD
@@ -198,7 +200,8 @@ def test_a_head_is_aligned_by_attitudes_of_both(sigma):
 
 
 def test_heads_of_one_time_are_fused_by_their_variances():
-    """Beside the fused variance of missions, which has another formula: 70 and 20 degrees apart."""
+    """Heads 70 and 20 degrees apart: the filter's variance equals that of missions, which has
+    another formula."""
     for angle in (70 * deg, 20 * deg):
         to_head = Rotation.from_rotvec([angle, 0, 0])
         state = start(Rotation.identity(), SEEN, 0.0, heads=[(to_head, 0.0)])
@@ -211,7 +214,7 @@ def test_heads_of_one_time_are_fused_by_their_variances():
 
 @pytest.mark.slow
 def test_heads_that_share_an_error_are_no_better_than_it():
-    """Of a state of which little was known: the fused covariance, and what is shared once more."""
+    """From a prior with little information: the fused covariance, plus the shared variance once."""
     generator = np.random.default_rng(5)
     shared = 4 * arcsec**2 * np.diag([1.0, 2.0, 0.5])
     own = np.diag([1.0, 1.0, 30.0]) * arcsec**2

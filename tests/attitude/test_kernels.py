@@ -49,7 +49,7 @@ def products():
 
 
 def test_the_best_rotation_has_the_trace_of_numpys_decomposition():
-    """trace(R^T B) is the sum of the singular values, the smallest subtracted where B mirrors."""
+    """trace(R^T B) is the sum of the singular values, with the smallest subtracted if B mirrors."""
     for b in products():
         rotation = np.full((3, 3), np.nan)
         first = best_rotation(b.copy(), rotation)
@@ -62,7 +62,8 @@ def test_the_best_rotation_has_the_trace_of_numpys_decomposition():
 
 
 def test_of_rank_one_the_second_axis_is_any_at_right_angles():
-    """Two frames of one direction, whichever it is, to the last digits."""
+    """The first axis follows the single direction to the last digits; the second is at right
+    angles."""
     rng = np.random.default_rng(4)
     for one, other in rng.standard_normal((200, 2, 3)):
         rotation = np.full((3, 3), np.nan)
@@ -74,9 +75,10 @@ def test_of_rank_one_the_second_axis_is_any_at_right_angles():
 
 
 def test_the_loss_curves_as_its_second_derivative_does():
-    """Markley's loss - trace(M), M = sum w b (R r)^T: the derivative is trace(M) I - (M + M^T) / 2.
+    """Markley's loss is -trace(M) + const, M = sum w b (R r)^T, with the second derivative trace(M)
+    I - (M + M^T) / 2.
 
-    At attitudes anywhere, so that none to all three of its eigenvalues are negative.
+    The attitudes are random, so that none to all three of its eigenvalues are negative.
     """
     rng = np.random.default_rng(5)
     negative = []

@@ -15,7 +15,7 @@ def case() -> Case:
 
 @pytest.fixture(scope="session")
 def troubled(case) -> Case:
-    """The same with something wrong of every kind that no frame shows."""
+    """The same case with one difference of each kind that no frame shows."""
     from startrack.attitude import Mounting
     from startrack.core.units import arcsec, deg
 

@@ -1,4 +1,4 @@
-"""The analytic budget beside trials, closed forms and itself."""
+"""The analytic budget compared with trials, closed forms and itself."""
 
 from dataclasses import replace
 
@@ -29,7 +29,8 @@ def line(case: Case, name: str) -> NDArray[np.float64]:
 
 
 def test_it_is_near_to_trials(small):
-    """100 trials know an rms to 6 % across and 8 % about; 15 % and 18 % are 2.4 sigma."""
+    """100 trials measure an rms to 6 % across and 8 % about; the limits of 15 % and 18 % are 2.4
+    sigma."""
     case = small.case
     outcomes = [run_random_trial(case, 11, number) for number in range(100)]
     across = np.sqrt(np.mean([(o.error_x**2 + o.error_y**2) / 2 for o in outcomes]))
@@ -50,7 +51,7 @@ def test_its_sum_is_its_whole(case):
 
 
 def test_levels_grow_as_those_of_a_mixture(case):
-    """A mixture of normal laws lies above the normal law of its rms in the tail."""
+    """In its tail, a mixture of normal laws lies above the normal law with the same rms."""
     whole = analytic(case).whole.spread
     one, two, three = (
         whole.level((0, 1), fraction, Interpretation.MIXED) for fraction in (0.6827, 0.9545, 0.9973)
@@ -89,7 +90,7 @@ def test_mounting_and_time_stamp_are_closed_forms(troubled):
 
 @pytest.mark.slow
 def test_proper_motion_and_parallax_are_small_and_there(troubled):
-    """Bright stars move some 0.1 arcsec a year and stand at some 0.02 arcsec of parallax."""
+    """Bright stars move by some 0.1 arcsec a year and have parallaxes of some 0.02 arcsec."""
     assert 0.1 < line(troubled, "proper motion")[0] < 2.0
     assert 1e-4 < line(troubled, "parallax")[0] < 0.1
 
@@ -103,7 +104,8 @@ def test_a_wrong_principal_point_turns_the_camera(case):
 
 
 def test_jitter_moves_the_mean_of_an_exposure(case):
-    """`wander` beside 400 drawn paths: 3.5 % of each rms, 10 % are nearly three sigma."""
+    """`jitter_rms` compared with 400 drawn paths: 3.5 % (1 sigma) of each rms, so 10 % is nearly
+    three sigma."""
     motion = Motion(
         tones=(Tone(9.0, rms_x=3 * arcsec),),
         broadband=(Broadband("y", (0.5, 100.0), (2 * arcsec**2, 0.01 * arcsec**2)),),
@@ -118,7 +120,8 @@ def test_jitter_moves_the_mean_of_an_exposure(case):
 
 
 def test_more_light_lowers_noise_and_leaves_the_pixels(case):
-    """Four times the light halves the error of photons, or more, and not that of PRNU."""
+    """Four times the light at least halves the error by photon noise, and leaves the error by
+    PRNU."""
     optics = replace(case.instrument.optics, f_number=case.instrument.optics.f_number / 2)
     bright = replace(case, instrument=replace(case.instrument, optics=optics))
     assert line(bright, "shot noise")[0] < 0.6 * line(case, "shot noise")[0]
@@ -127,8 +130,11 @@ def test_more_light_lowers_noise_and_leaves_the_pixels(case):
 
 
 def test_half_of_the_stars_at_the_limit_are_detected(case):
-    """The limiting magnitude of the matched filter, derived another way; its kernel is the PSF's
-    own, that of this design a Gaussian: within a quarter of a magnitude."""
+    """The limiting magnitude of the matched filter, derived in another way.
+
+    The derivation takes the PSF as kernel, the design a Gaussian: both agree within a quarter of a
+    magnitude.
+    """
     grid = np.arange(6, 11, 0.01)
     half = np.interp(-0.5, -detection_probability(case, grid), grid)
     assert half == pytest.approx(limiting_magnitude(case), abs=0.25)
@@ -152,7 +158,7 @@ def test_a_dark_design_is_refused(case):
 
 @pytest.mark.parametrize("floor", [None, 0.0])
 def test_a_sky_that_fills_the_wells_leaves_no_star(case, floor):
-    """At G 11 and 10 a square arcsecond all pixels are full, and trials find no spot."""
+    """A sky of G 11 or 10 per square arcsecond saturates all pixels, and trials find no spot."""
     tracker = replace(case.tracker, attitude=replace(case.tracker.attitude, centroid_floor=floor))
     for sky in (11.0, 10.0):
         scene = replace(case.scene, background_g=sky)
@@ -164,9 +170,10 @@ def test_a_sky_that_fills_the_wells_leaves_no_star(case, floor):
 
 @pytest.mark.slow
 def test_stars_that_the_tracker_drops_are_not_taken_for_exact(case):
-    """Sharp stars in a bright sky: of the faintest magnitude the fit keeps none of its places.
+    """Sharp stars in a bright sky: the fit rejects all places of the faintest magnitude.
 
-    What is read between that magnitude and the next must not be better than the next.
+    An error that is interpolated between this magnitude and the next must not be smaller than that
+    of the next.
     """
     optics = replace(case.instrument.optics, blur=1e-6)
     detection = replace(case.tracker.detection, centroid="likelihood")
@@ -188,9 +195,11 @@ def windows(case: Case, count: int):
 
 @pytest.mark.slow
 def test_a_rolling_shutter_is_counted(case):
-    """60 windows know the rms to 8 %; without it the error is half, and that about a fifth.
+    """The tracker that corrects its rows has the error of a global shutter; one that does not has
+    more.
 
-    A tracker that knows row delay and rate takes it off: what is left is that of a global shutter.
+    60 windows measure the rms to 8 %; without the correction the shutter makes half of the error,
+    measured to about a fifth.
     """
     motion = replace(case.instrument.motion, rate_x=0.0, rate_y=0.2 * deg)
     detector = replace(case.instrument.detector, row_delay=40e-6)
@@ -209,7 +218,7 @@ def test_a_rolling_shutter_is_counted(case):
 
 
 def test_stars_that_are_refused_as_hot_pixels_do_not_count(case):
-    """A blur of 2 um leaves a quarter of the stars; trials know their number to 5 %."""
+    """A blur of 2 um keeps a quarter of the stars; trials measure their number to 5 %."""
     lens = replace(case.instrument.optics, blur=2e-6)
     sharp = replace(case, instrument=replace(case.instrument, optics=lens))
     detection = replace(case.tracker.detection, sharpest_sigma=0.0)
@@ -227,7 +236,10 @@ def hot(name: str, *changes: str) -> Case:
 
 
 def test_hot_pixels_move_stars_as_in_windows():
-    """25 windows; the interval holds the rms with 99 %. Without hot pixels it is 0.54 arcsec."""
+    """25 windows; their 99 % interval contains the rms.
+
+    Without hot pixels the rms is 0.54 arcsec.
+    """
     case = hot(
         "noise_only.toml",
         "instrument.detector.defects.hot=0.01",
@@ -243,7 +255,7 @@ def test_hot_pixels_move_stars_as_in_windows():
 
 
 def test_a_damaged_detector_loses_stars_as_in_windows():
-    """60 windows; without hot pixels all have an attitude."""
+    """60 windows of the aged detector; without hot pixels all would have an attitude."""
     case = hot(
         "noise_only.toml",
         "instrument.detector.age.time=6 yr",
@@ -262,7 +274,8 @@ def test_a_damaged_detector_loses_stars_as_in_windows():
 
 
 def test_dark_signal_that_fills_the_converter_leaves_no_star():
-    """20000 electron of the full well in 80 ms; a frame finds nothing either."""
+    """A dark signal of 20000 electrons saturates the pixels in 80 ms; a frame has no spot
+    either."""
     case = hot(
         "noise_only.toml",
         "instrument.detector.defects.hot=0.01",
@@ -290,9 +303,9 @@ def test_a_hot_pixel_that_a_map_subtracts_moves_no_star():
     ("years", "depleted"), [(1, "0.4 um"), (3, "0.4 um"), (8, "0.4 um"), (2, "2 um")]
 )
 def test_errors_of_damaged_detectors_are_those_of_windows(years, depleted):
-    """400 windows, which know an rms to 5 %: of these 40 % is made by one in twenty of them.
+    """400 windows measure an rms to 5 %; one window in twenty makes 40 % of it.
 
-    At the worst of these levels four of five skies are solved, by 8 stars of 41.
+    At the worst of these levels four of five skies are solved, by 8 of 41 stars.
     """
     case = hot(
         "noise_only.toml",
@@ -310,14 +323,14 @@ def test_errors_of_damaged_detectors_are_those_of_windows(years, depleted):
 @pytest.mark.slow
 @pytest.mark.parametrize("age", ["5 yr", "8 yr"])
 def test_a_tracker_late_in_its_life_is_available_as_in_windows(age):
-    """120 windows; at 8 years every fourth sees too few stars."""
+    """120 windows; at 8 years one in four sees too few stars."""
     case = hot("high_accuracy.toml", f"instrument.detector.age.time={age}")
     shown = summarise(run_trials(case, 1, range(120), Fidelity.WINDOW))
     assert not list(differences(analytic(case), shown))
 
 
 def uncalibrated(k1: float, focal: float) -> Case:
-    """A lens with distortion and another focal length, of which the tracker knows nothing."""
+    """A lens with distortion and another focal length, which the tracker does not know."""
     case = load_design(shipped("designs/noise_only.toml")).case
     lens = case.instrument.optics
     optics = replace(lens, k1=k1, focal_length=focal * lens.focal_length)
@@ -326,21 +339,22 @@ def uncalibrated(k1: float, focal: float) -> Case:
 
 
 def test_a_focal_length_beyond_what_the_tracker_tolerates_is_refused():
-    """1 % off: none of 200 windows has an attitude."""
+    """With a focal length 1 % off, none of 200 windows has an attitude."""
     with pytest.raises(Refused, match="identifies none of 32 drawn fields"):
         analytic(uncalibrated(0.0, 1.01))
 
 
 def test_a_focal_length_that_the_tracker_fits_costs_nothing():
-    """0.3 % off: all of 200 windows are correct."""
+    """With a focal length 0.3 % off, all of 200 windows are correct."""
     assert analytic(uncalibrated(0.0, 1.003), 128).availability > 0.98
 
 
 def test_distortion_that_the_tracker_does_not_know_leaves_what_windows_leave():
-    """k1 = 1: 70 % [63, 76] of 200 windows are correct, of 36.9 stars and 6.4 arcsec across.
+    """With k1 = 1, 70 % [63, 76] of 200 windows are correct, with 36.9 stars and 6.4 arcsec across.
 
-    All are identified; the others are farther off than five standard deviations that the tracker
-    states. 64 fields know a share to 6 %, so that 0.2 are 3 sigma with those of the windows.
+    All are identified; the errors of the others exceed five of the standard deviations that the
+    tracker states. 64 fields measure a fraction to 6 %; with the error of the windows, 0.2 is 3
+    sigma.
     """
     budget = analytic(uncalibrated(1.0, 1.0), 64)
     assert budget.solved > 0.98
@@ -352,7 +366,8 @@ def test_distortion_that_the_tracker_does_not_know_leaves_what_windows_leave():
 @pytest.mark.slow
 @pytest.mark.parametrize("k1", [0.2, 0.5, 2.0])
 def test_all_distortion_leaves_what_windows_leave(k1):
-    """120 windows, whose interval of 99 % holds the formula; at 2 half of them are correct."""
+    """120 windows, whose 99 % interval contains the formula's value; with k1 = 2 half of them
+    are correct."""
     case = uncalibrated(k1, 1.0)
     budget, shown = analytic(case), summarise(run_trials(case, 7, range(120), Fidelity.WINDOW))
     interval = fraction_interval(round(120 * shown.availability.value), 120, 0.99)
@@ -361,7 +376,8 @@ def test_all_distortion_leaves_what_windows_leave(k1):
 
 
 def test_an_error_that_the_tracker_does_not_state_is_not_available(case):
-    """A mounting wrong by 60 arcsec, a hundred sigma: all are identified, and none is correct."""
+    """A mounting that is wrong by 60 arcsec, a hundred sigma: all are identified, none is
+    correct."""
     budget = analytic(case, 64)
     assert budget.covered is None
     turned = replace(case.believed_mounting, x=60 * arcsec)
@@ -371,7 +387,8 @@ def test_an_error_that_the_tracker_does_not_state_is_not_available(case):
 
 
 def test_two_stars_in_boxes_are_refused():
-    """Trials: 87.5 % [82, 92] of 200 correct, as a false star of two is never seen."""
+    """In trials 87.5 % [82, 92] of 200 are correct, because a false star among two is never
+    detected."""
     case = load_design(shipped("trackers/chandra-aca.toml"), ["tracker.box.stars=2"]).case
     with pytest.raises(Refused, match=r"tracker\.box\.stars must be at least 4 for a budget"):
         analytic(case, 64)

@@ -59,7 +59,8 @@ def test_a_catalogue_of_the_tracker_that_leaves_out_its_stars_is_said():
 
 
 def test_figures_of_too_little_light_are_those_of_the_sky():
-    """As many magnitudes as the exposure is shorter; the stars of the best field by a count."""
+    """An exposure shorter by a factor lowers the limit by its magnitudes; the stars of the best
+    field are counted."""
 
     def limit(exposure):
         with pytest.raises(Refused) as refusal:

@@ -24,7 +24,7 @@ def found():
 
 
 def test_the_suns_stray_light_by_hand(found):
-    """G -26.90 times 1e-6 f^2 / A on a square arcsecond of 2.35e-11 sr, at 30 degrees."""
+    """By hand: G -26.90 times 1e-6 f^2 / A, per square arcsecond of 2.35e-11 sr, at 30 degrees."""
     case, curves = found
     optics = case.instrument.optics
     spread = 1e-6 * optics.focal_length**2 / optics.area * 2.3504e-11

@@ -34,7 +34,7 @@ def test_sobol_points_are_those_of_scipy(count):
 
 
 def scattered(count: int, stars: int, fov: float, seed: int = 1) -> Fields:
-    """Fields of stars that lie evenly on the sphere."""
+    """Fields of stars that are distributed evenly over the sphere."""
     rng = np.random.default_rng(seed)
     plane = np.empty((0, 2))
     while len(plane) < count * stars:
@@ -50,7 +50,7 @@ def scattered(count: int, stars: int, fov: float, seed: int = 1) -> Fields:
 
 
 def response(sigma: float, fraction: float = 1.0) -> FieldResponse:
-    """The same for all magnitudes."""
+    """The same response for all magnitudes."""
     covariance = np.tile(np.eye(2) * sigma**2, (3, 1, 1))
     none = np.zeros(3)
     return FieldResponse(
@@ -85,7 +85,7 @@ def test_even_stars_meet_the_closed_form():
 
 @pytest.mark.parametrize("tolerance", [0.0, 1.0])
 def test_trials_of_the_gain(tolerance):
-    """The variance is that of errors that are drawn and moved through as displacements."""
+    """The variance equals that of random displacements multiplied by the gain."""
     view = scattered(3, 7, 20 * deg)
     drawn = SIGMA * np.random.default_rng(2).standard_normal((4000, len(view.x), 2))
     found = spread(view, drawn, response(SIGMA), tolerance=tolerance)
@@ -121,7 +121,7 @@ def test_a_fitted_focal_length_takes_the_scale_up():
 
 
 def test_the_chance_of_enough_stars_is_binomial():
-    """8 stars of which each shows up with 0.6: at least 4 with 0.8263 (binomial table)."""
+    """8 stars, each detected with a probability of 0.6: at least 4 with 0.8263 (binomial table)."""
     found = spread(scattered(2, 8, 16 * deg), NONE, response(SIGMA, 0.6))
     np.testing.assert_allclose(found.solved, 0.8263, atol=1e-4)
     np.testing.assert_allclose(found.stars, 4.8)
@@ -132,14 +132,15 @@ def test_a_field_of_too_few_stars_is_not_solved():
 
 
 def test_attitudes_are_even():
-    """Means of boresights and of rolls vanish; 1 / 512 of a circle each."""
+    """The means of boresights and of rolls vanish, within 1 / 512 of a circle."""
     matrix = attitudes(512).as_matrix()
     assert np.abs(matrix.mean(axis=0)).max() < 0.02
     np.testing.assert_allclose((matrix**2).mean(axis=0), 1 / 3, atol=0.01)
 
 
 def test_a_camera_that_merges_other_stars_moves_the_rest_alike():
-    """Of a wider camera, whose index merges more stars, the others keep their neighbours' pull."""
+    """The index of a wider camera merges more stars; the shifts of all other stars by neighbours
+    stay."""
     case = load_design(shipped("designs/noise_only.toml")).case
     camera = case.instrument.camera
     views = [fields(case.catalog, seen, attitudes, 64) for seen in (camera, camera.scaled(0.5))]

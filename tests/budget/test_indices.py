@@ -14,7 +14,7 @@ CALM = Sequence((Leg(6.0, rate_x=0.06 * deg),), period=0.5)
 
 
 def test_relative_and_mean_errors_make_the_whole(case):
-    """Over whole windows the squares of RKE and MKE add up to that of AKE: an identity."""
+    """Over whole windows the squares of RKE and MKE add up to the square of AKE: an identity."""
     found = indices_of(case, CALM, 2, 1, 2.0, Serial())
     assert set(found) == set(INDICES)
     square = {name: line.spread.rms() ** 2 for name, line in found.items()}
@@ -25,7 +25,7 @@ def test_relative_and_mean_errors_make_the_whole(case):
 
 
 def test_a_constant_error_is_mean_and_not_relative(case):
-    """A wrong principal point: one pixel in all frames."""
+    """A principal point that is wrong by one pixel in all frames."""
     wrong = replace(case.instrument.camera, principal_x=1.0)
     misled = replace(case, tracker=replace(case.tracker, camera=wrong))
     found = indices_of(misled, CALM, 1, 1, 2.0, Serial())

@@ -1,4 +1,4 @@
-"""What a budget says that it leaves out, and what some trials say of it."""
+"""Effects that a budget says it leaves out, and their size in trials."""
 
 import re
 from dataclasses import replace
@@ -56,7 +56,7 @@ def test_an_effect_that_is_not_counted_is_named(case, changes, said):
     ("change", "lost"), [({"principal_x": 20.0}, False), ({"focal_length_px": 1.02}, True)]
 )
 def test_stars_that_a_turn_of_the_attitude_does_not_bring_back_are_named(case, change, lost):
-    """As trials say: a wrong principal point keeps all matches, a wrong scale loses most."""
+    """As in trials, a wrong principal point keeps all matches and a wrong scale loses most."""
     [(name, value)] = change.items()
     camera = case.believed_camera
     other = getattr(camera, name) * value if name == "focal_length_px" else value
@@ -78,7 +78,7 @@ def test_lights_are_named(case):
 
 
 def test_a_smear_that_the_tracker_does_not_know_is_named_and_found_by_trials(case):
-    """At 2 deg / s the centre of gravity follows noise along the streak."""
+    """At 2 deg / s the centre of gravity is sensitive to noise along the streak."""
     for name, value in (
         ("instrument.motion.rate_x", 2 * deg),
         ("tracker.detection.smear_x", 0.0),
@@ -113,8 +113,8 @@ def test_what_the_covariance_cannot_hold_is_named(case):
 
 
 def test_noise_that_the_converter_cuts_off_is_named(case):
-    """200 windows: 0.41 arcsec [0.37, 0.45] across where the formula has 0.54; with an offset,
-    0.55 [0.50, 0.60]."""
+    """200 windows have 0.41 arcsec [0.37, 0.45] across, the formula 0.54; with an offset, 0.55
+    [0.50, 0.60]."""
     dark = {"instrument.detector.offset": 0, "instrument.detector.dark_current": 1.0}
     for name, value in dark.items():
         case = replaced(case, name, value)
@@ -125,7 +125,7 @@ def test_noise_that_the_converter_cuts_off_is_named(case):
 
 
 def test_little_noise_is_cut_off_two_sigma_above_zero(case):
-    """Beside 60 windows: an empty pixel 2.5 sigma above zero is as one far above it."""
+    """By 60 windows, an empty pixel 2.5 sigma above zero has the noise of one far above it."""
     near = replaced(case, "instrument.detector.offset", 3)
     budget = analytic(near)
     assert budget.left_out == ()
@@ -133,7 +133,7 @@ def test_little_noise_is_cut_off_two_sigma_above_zero(case):
 
 
 def test_a_long_streak_on_a_large_detector_is_compared_by_windows(case, monkeypatch):
-    """Drawn spots leave out what the formula does, and would agree with it."""
+    """Drawn spots leave out the same as the formula, and would agree with it."""
     chosen = []
 
     def few(_, seed, numbers, fidelity):
@@ -157,7 +157,7 @@ def test_trials_without_an_attitude_have_no_error(case):
 
 
 def test_the_end_of_the_catalogue_is_named_where_the_sky_is_not_covered(case):
-    """A field of 5 degrees with the same lens, which sees stars beyond the catalogue's."""
+    """A field of 5 degrees with the same lens, which detects stars beyond the catalogue's limit."""
     narrow = replaced_all(
         case, {"instrument.optics.focal_length": 0.15, "instrument.optics.f_number": 2.0}
     )

@@ -26,7 +26,7 @@ from startrack.trial.chain import observe
 
 
 def parts(case, number: int = 0) -> dict[str, np.ndarray]:
-    """Arcsec, of one trial; the whole is called so."""
+    """The errors of one trial by cause, arcsec; the total is named `whole`."""
     streams = Streams(5, number)
     rows, _ = contributions(case, random_attitude(streams), streams)
     return dict(zip(["whole", *(name for name, _ in terms(case))], rows / arcsec, strict=True))
@@ -49,7 +49,7 @@ def test_what_no_frame_shows_is_exact(troubled):
 
 
 def test_parts_make_the_whole(small):
-    """All causes but shot and read noise are vectors that add up; these two do as variances."""
+    """All causes except shot and read noise add up as vectors; these two add up as variances."""
     case = small.case
     spoilt = replace(
         case.instrument.detector, defects=Defects(dsnu=400.0), prnu=0.03, settling=0.02
@@ -68,7 +68,7 @@ def test_parts_make_the_whole(small):
 
 
 def test_age_is_in_the_dark_signal_alone(small):
-    """Hot pixels move stars beyond the dark map, and count neither as neighbours nor as method."""
+    """Hot pixels that the dark map lacks displace stars, but not as neighbours or as method."""
     plain = small.case
     settings = replace(
         plain.tracker.detection, dark_map=DarkMap(frames=16, hot=200.0), dark_map_age=4 * YEAR
@@ -94,7 +94,7 @@ def test_each_cause_of_each_shipped_design_can_be_left_out():
 
 
 def test_settling_shifts_all_stars_alike(case):
-    """Each pixel leaves 5 % in the next: a shift of 0.05 / 0.95 pixel along the rows."""
+    """Each pixel leaves 5 % in the next one: a shift of 0.05 / 0.95 pixel along the rows."""
     slow = replace(case.instrument.detector, settling=0.05)
     part = parts(replace(case, instrument=replace(case.instrument, detector=slow)))
     pixel = 1 / case.instrument.camera.focal_length_px / arcsec
@@ -118,7 +118,8 @@ def test_any_number_of_workers_makes_the_same_budget(case):
 
 
 def test_interpretations_are_ordered(case):
-    """The worst member's time, and the worst time's member, exceed both together."""
+    """The error of the worst member over time, and of the worst time over members, exceed that
+    of both together."""
     spread = measured(case, 4, 3, Serial(), times=3).whole.spread
     temporal, ensemble, mixed = (
         spread.level((0, 1), 0.6827, one)
@@ -130,7 +131,7 @@ def test_interpretations_are_ordered(case):
 
 
 def test_a_still_cause_stays_over_time(case):
-    """A camera at rest sees the same PRNU in each frame, and other noise."""
+    """A camera at rest has the same PRNU in each frame, and other noise."""
     still = replace(
         case, instrument=replace(case.instrument, motion=type(case.instrument.motion)())
     )
@@ -142,7 +143,7 @@ def test_a_still_cause_stays_over_time(case):
 
 
 def test_the_chessboard_moves_no_centroid(case):
-    """A frame without noise has stars of the same places with a ripple and without."""
+    """In a frame without noise, a star has the same place with a small and a large ripple."""
     electrons = np.full((64, 64), 40.0)
     y, x = np.mgrid[:64, :64]
     electrons += 900 * np.exp(-((x - 30.3) ** 2 + (y - 33.8) ** 2) / 2 / 0.9**2)
@@ -178,7 +179,7 @@ def test_a_scanning_detector_is_refused(case):
     ],
 )
 def test_the_analytic_budget_is_that_of_trials(name):
-    """Each line that matters; 400 members know an rms to 2.5 % across and 3.5 % about."""
+    """Each line that matters; 400 members measure an rms to 2.5 % across and 3.5 % about."""
     design = load_design(shipped(f"{name}.toml")).case
     beside = {line.name: line for line in analytic(design).lines}
     budget = measured(design, 400, 1, Serial())

@@ -1,4 +1,4 @@
-"""Single stars over magnitude, beside stars of trials and beside those of a flown tracker."""
+"""Single stars over magnitude, compared with stars of trials and of a flown tracker."""
 
 from dataclasses import replace
 
@@ -51,7 +51,7 @@ def test_stars_in_boxes_scatter_as_those_of_a_flown_tracker():
 @pytest.mark.slow
 @pytest.mark.parametrize(("year", "celsius"), [(2005.0, -19.0), (2025.0, -6.0)])
 def test_stars_in_boxes_scatter_as_those_of_windows(year, celsius):
-    """Median size over what is predicted for each magnitude; 5 % (1 sigma) by their number."""
+    """Median error over the prediction for each magnitude; 5 % (1 sigma) by the number of stars."""
     case, parts = flown(year, celsius), []
     found, stars = single_stars(case), open_sky(case.catalog).stars
     faint = colour_correction(case, stars.colour)
@@ -72,7 +72,7 @@ def test_stars_in_boxes_scatter_as_those_of_windows(year, celsius):
 
 
 def test_stars_of_a_searched_frame_scatter_as_those_of_trials():
-    """Mean square over what is predicted; some 300 stars know it to 8 % (1 sigma)."""
+    """Mean square over the prediction; some 300 stars measure it to 8 % (1 sigma)."""
     case = load_design(shipped("designs/noise_only.toml")).case
     found, seen = single_stars(case), residuals(case, 3, 16)
     good = (np.abs(seen.error) < 1).all(axis=1) & (seen.magnitude > 2)
@@ -84,7 +84,7 @@ def test_stars_of_a_searched_frame_scatter_as_those_of_trials():
 
 @pytest.mark.slow
 def test_the_budget_of_boxes_is_that_of_their_trials():
-    """Across and about the boresight, of a camera as launched, by 100 trials of windows."""
+    """Errors across and about the boresight of a camera at launch, by 100 windows."""
     case = flown(2005.4, -14.8)
     budget, trials = analytic(case), summarise(run_trials(case, 2, range(100), Fidelity.WINDOW))
     for name in ("across", "about"):

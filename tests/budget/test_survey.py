@@ -13,7 +13,8 @@ from startrack.trial.chain import observe
 
 
 def test_places_are_even():
-    """Each octant has its eighth; the nearest neighbours are about as far as a lattice's."""
+    """Each octant has an eighth of the places; nearest neighbours are about as far apart as in a
+    lattice."""
     place = boresights(2000).inv().apply([0.0, 0.0, 1.0])
     octant = (place > 0) @ [1, 2, 4]
     np.testing.assert_allclose(np.bincount(octant), 250, atol=8)
@@ -42,7 +43,7 @@ def test_the_milky_way_has_more_stars_and_less_error(case):
 
 
 def test_the_survey_averages_to_the_budget(case):
-    """768 boresights and 512 attitudes: two samples of one sky."""
+    """The survey has 768 boresights and the budget 512 attitudes: two samples of one sky."""
     found, budget = survey(case, 768), analytic(case)
     rms = np.sqrt(np.mean(found.across**2))
     assert rms == pytest.approx(budget.across, rel=0.06)
@@ -50,7 +51,8 @@ def test_the_survey_averages_to_the_budget(case):
 
 
 def test_counted_stars_are_seen(case):
-    """Frames at six places: as many spots match as the survey expects, within 3 sqrt."""
+    """In frames at six places, the number of matched spots is the survey's, within 3 times its
+    square root."""
     found, attitude = survey(case, 96), boresights(96)
     for k in range(5, 96, 16):
         seen = observe(case, attitude[k], Streams(6, k)).outcome.stars

@@ -30,7 +30,7 @@ def of(mean, sigma):
 
 @pytest.mark.parametrize("fraction", [0.683, 0.954, 0.997])
 def test_levels_of_normal_errors_are_their_quantiles(fraction):
-    """Units of sigma 1 and 2: temporal is the worse, mixed the quantile of the mixture."""
+    """Units of sigma 1 and 2: temporal gives the worse unit, mixed the quantile of the mixture."""
     found = of(np.zeros((2, 4)), np.array([[1.0] * 4, [2.0] * 4]))
     quantile = stats.norm.ppf((1 + fraction) / 2)
     assert found.level([2], fraction, Interpretation.TEMPORAL) == pytest.approx(2 * quantile)
@@ -43,7 +43,7 @@ def test_levels_of_normal_errors_are_their_quantiles(fraction):
 
 @pytest.mark.parametrize("fraction", [0.683, 0.954, 0.997])
 def test_levels_of_a_swing_are_those_of_the_arcsine_law(fraction):
-    """|A sin| is below A sin(pi fraction / 2) in a fraction of the time; here at 2000 times."""
+    """|A sin| is below A sin(pi fraction / 2) for a fraction of the time; here at 2000 times."""
     phase = (np.arange(2000) + 0.5) / 2000 * 2 * np.pi
     swing = np.sin(phase)[None]
     asked = np.sin(np.pi * fraction / 2)
@@ -53,9 +53,9 @@ def test_levels_of_a_swing_are_those_of_the_arcsine_law(fraction):
 
 
 def test_the_interval_of_a_yield_holds_it_as_often_as_it_says():
-    """200 samples of 30 of a law with a yield of 0.8: exact intervals hold it in 95 % at least.
+    """200 samples of 30 units with a yield of 0.8: exact intervals contain it in at least 95 %.
 
-    184 of 200 or fewer by chance: 4 %, with a fixed seed.
+    184 of 200 or fewer have a probability of 4 %, with a fixed seed.
     """
     random = np.random.default_rng(5)
     held = [
@@ -74,7 +74,8 @@ def test_units_without_variation_have_the_budget_of_the_design():
 
 
 def test_a_detector_is_as_old_as_its_unit():
-    """At the begin as one without a law of age, at the end as one of that age."""
+    """At the begin the budget equals one without ageing, at the end one of a detector of that
+    age."""
     age = Age(time=2 * YEAR, fluence=3e4, sensitivity_loss=0.1 / YEAR)
 
     def aged(age):
@@ -91,7 +92,7 @@ def test_a_detector_is_as_old_as_its_unit():
 
 
 def test_the_dark_map_of_a_unit_is_of_its_own_pixels():
-    """Hot pixels move its stars no more than those of the unit alone, whose map knows them."""
+    """The map of a unit knows its hot pixels, so that its budget is that of the unit alone."""
     instrument, detection = CASE.instrument, DarkMap(frames=8, hot=200)
     detector = replace(instrument.detector, age=Age(time=5 * YEAR, fluence=3e4))
     case = replace(
@@ -108,7 +109,8 @@ def test_the_dark_map_of_a_unit_is_of_its_own_pixels():
 
 @pytest.mark.slow
 def test_what_turns_the_camera_is_bias_or_thermo_elastic():
-    """A misalignment as built is bias; one over orbits is thermo-elastic, A / sqrt(2) of A sin."""
+    """A fixed misalignment is bias; one that varies over orbits is thermo-elastic, with the rms
+    A / sqrt(2) of A sin."""
     name = "instrument.mounting.x"
     case = replace(
         CASE,
@@ -124,7 +126,7 @@ def test_what_turns_the_camera_is_bias_or_thermo_elastic():
 
 
 def test_calibration_and_alignment_are_one_cause():
-    """Parts of the two that cancel are in no class."""
+    """Parts of calibration and alignment that cancel are in no class."""
     case = replace(
         CASE,
         variation=(Variation("instrument.optics.principal_x", sigma=10.0),),

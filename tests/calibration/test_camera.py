@@ -1,4 +1,4 @@
-"""A camera made up, seen through frames of stars, and found again."""
+"""A simulated camera is calibrated from frames of stars, and its parameters are recovered."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ NOISE = 0.1
 
 
 def frames(camera, rng, spots_at, count, stars=60, wrong=0):
-    """Spots and matches of random frames, the attitudes a little off."""
+    """Spots and matches of random frames, with small errors of the attitudes."""
     spots, matches = [], []
     for _ in range(count):
         pixel = rng.random((stars, 2)) * [camera.columns, camera.rows] - 0.5
@@ -85,7 +85,7 @@ def test_a_calibration_of_nothing_is_refused(spots_at):
 
 
 def test_a_distorted_camera_is_calibrated_from_skies(design):
-    """From the spots alone; the focal length is 2 % off, the distortion unknown."""
+    """From the spots alone, with a focal length 2 % off and unknown distortion."""
     sky = design(12, 6.0)
     truth = replace(sky.camera, k1=-0.3)
     bent = replace(sky, camera=truth)

@@ -49,8 +49,10 @@ def chandra(oracle):
 
 
 def test_the_published_camera_is_found_again(chandra):
-    """It goes from pixels to angles and has more terms of temperature: 0.03 arcsec, a sixth of what
-    is left over of stars in flight."""
+    """The fit goes from pixels to angles and has more terms of temperature.
+
+    The difference is 0.03 arcsec, a sixth of the residual of stars in flight.
+    """
     fit = fit_field(chandra, Order("3", True), *ARRAY)
     angle, pixel = residuals(fit, chandra, ARRAY[2])
     assert (np.sqrt(np.mean(angle**2, axis=0)) < 0.035 * arcsec).all()
@@ -59,7 +61,7 @@ def test_the_published_camera_is_found_again(chandra):
 
 
 def test_noise_and_outliers_move_the_fit_as_its_covariance_states(chandra):
-    """The chi-square of the difference to the camera without noise; false alarm 1e-4."""
+    """The chi-square of the difference from the camera without noise; false alarm 1e-4."""
     rng = np.random.default_rng(11)
     noise = rng.normal(0, 0.04, chandra.pixel.shape)
     noise[:25] += rng.uniform(-50, 50, (25, 2))
@@ -78,7 +80,8 @@ def test_noise_and_outliers_move_the_fit_as_its_covariance_states(chandra):
 
 
 def test_the_order_that_made_the_stars_is_borne():
-    """k1 alone, without temperature: neither fewer unknowns nor many more are chosen."""
+    """Stars made with k1 alone, without temperature: neither fewer unknowns nor many more are
+    chosen."""
     camera = Camera(512, 512, 1500.0, k1=-0.2)
     rng = np.random.default_rng(2)
     pixel = rng.uniform(0, 511, (300, 2))
@@ -98,7 +101,8 @@ def test_the_order_that_made_the_stars_is_borne():
 
 
 def test_a_camera_applied_to_other_stars_leaves_their_noise(tmp_path, capsys):
-    """Another table at another attitude: only three unknowns take part of the noise."""
+    """With another table at another attitude, only three fitted unknowns absorb part of the
+    noise."""
     camera = Camera(512, 512, 1500.0, k1=-0.2)
     rng = np.random.default_rng(5)
     pixel = rng.uniform(0, 511, (200, 2))
@@ -125,7 +129,8 @@ def test_a_camera_applied_to_other_stars_leaves_their_noise(tmp_path, capsys):
 
 
 def test_stars_in_flight(outside):
-    """The targets of Chandra's calibration: 0.19 and 0.20 arcsec, 0.24 and 0.28 without warmth."""
+    """The published residuals of Chandra's calibration: 0.19 and 0.20 arcsec, 0.24 and 0.28
+    without temperature."""
     table = read_star_table(outside / "references" / "chandra" / "stars_2020.csv")
     assert len(table) == 564
     warm = cross_validate(table, Order("3", True), *assumed_array(table))

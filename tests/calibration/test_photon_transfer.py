@@ -55,7 +55,10 @@ def posterior(given):
 
 
 def test_the_constants_of_the_detector_are_found(posterior):
-    """Each within its 99.9 % interval; false alarm 5e-3. Too few steps for these to be exact."""
+    """Each constant is within its 99.9 % interval; false alarm 5e-3.
+
+    Too few samples for exact intervals.
+    """
     truth = {
         "electrons_per_dn": DETECTOR.electrons_per_dn,
         "read_noise": DETECTOR.read_noise,
@@ -82,7 +85,7 @@ def test_the_gain_is_that_of_the_straight_line(given, posterior):
 
 @pytest.mark.slow
 def test_the_chains_converge(given, posterior):
-    """To the intervals that the short ones have, within a tenth of their width."""
+    """Longer chains have the intervals of the short ones, within a tenth of their width."""
     long = sample_detector(given, 1, LONG)
     assert long.chains.converged, long.chains.reason_unconverged
     for name in NAMES:
@@ -92,7 +95,7 @@ def test_the_chains_converge(given, posterior):
 
 @pytest.mark.slow
 def test_the_ranks_of_the_truth_are_uniform():
-    """40 detectors with normal pixels; chi-square in 5 bins of five unknowns, alarm 1e-3."""
+    """40 detectors with normal pixels: chi-square in 5 bins for five unknowns, false alarm 1e-3."""
     rng = np.random.default_rng(7)
     ranks = []
     for number in range(40):
@@ -122,7 +125,7 @@ def test_what_is_missing_is_said():
 
 
 def test_light_that_is_none_is_told(given):
-    """A lit level as dark as the darkness: no gain, and no division by zero."""
+    """If a lit level is as dark as the dark one, there is no gain, and no division by zero."""
     dark = [one for one in given if not one.lit]
     with pytest.raises(ValueError, match="must be brighter than the dark ones, got means of"):
         sample_detector([*dark, dataclasses.replace(dark[0], lit=True)], 1)

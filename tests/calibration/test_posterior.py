@@ -18,7 +18,7 @@ SHORT = Ensembles(count=2, stretch=1500, most_steps=6000)
 
 
 def frame(camera, believed, rng, stars=40, sigma=0.05):
-    """Spots of stars spread over a frame, and matches that know them."""
+    """Spots of stars spread over a frame, and their matches."""
     pixel = rng.uniform([0, 0], [camera.columns - 1, camera.rows - 1], (stars, 2))
     icrs_to_camera = Rotation.random(rng=rng)
     direction = icrs_to_camera.inv().apply(camera.unproject(pixel))

@@ -10,7 +10,7 @@ GRID = np.linspace(np.log(LOW), np.log(HIGH), 2001)
 
 
 def image(sigma, rng, flux=20_000.0, stars=12, gain=2.0, read=8.0, known=True):
-    """A frame of Gaussian stars, far apart, and the spots that a detection would have told.
+    """A frame of Gaussian stars, far apart, and the spots that a detection would give.
 
     Drawn on a grid of a hundredth of a pixel; the model under test integrates by a formula.
     """
@@ -45,9 +45,9 @@ def posterior(likelihood):
 
 @pytest.mark.parametrize("known", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_the_rank_of_the_true_width_is_uniform(known):
-    """40 widths of the prior: Kolmogorov and Smirnov at 1e-3.
+    """40 widths of the prior, by a test of Kolmogorov and Smirnov at 1e-3.
 
-    Without the gain the pixels weigh the same, which is right where read noise rules.
+    Without the gain all pixels have the same weight, which is right if read noise dominates.
     """
     rng = np.random.default_rng(4)
     ranks = []

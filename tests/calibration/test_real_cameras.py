@@ -1,4 +1,4 @@
-"""Cameras behind real images, against what is known of them from elsewhere."""
+"""Cameras calibrated from real images, compared with independent values."""
 
 import json
 
@@ -15,7 +15,8 @@ from startrack.io.images import read_image
 
 
 def test_the_camera_of_four_images(outside, tmp_path, capsys):
-    """The README beside the images: field 11.433 deg, radial distortion +0.1 % at the edge."""
+    """The README of the images has a field of 11.433 deg and a radial distortion of +0.1 % at
+    the edge."""
     images = sorted(str(path) for path in (outside / "images").glob("esa*.tiff"))
     out = tmp_path / "camera.json"
     assert main(["calibrate", *images, "--fov", "11", "--out", str(out)]) == 0

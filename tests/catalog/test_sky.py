@@ -1,4 +1,4 @@
-"""Cones against a scan of all stars; the sky's counts; the selection."""
+"""Cones against a scan of all stars; the numbers of stars; the selection."""
 
 from dataclasses import replace
 
@@ -18,7 +18,7 @@ def sky() -> Sky:
 
 
 def angles(sky: Sky, direction: np.ndarray) -> np.ndarray:
-    """By Kahan's formula, which is exact from 0 to pi; not by chords."""
+    """Angles by Kahan's formula, which is exact from 0 to pi, not by chords."""
     stars, one = sky.stars.direction, direction / np.linalg.norm(direction)
     return 2 * np.arctan2(np.linalg.norm(stars - one, axis=1), np.linalg.norm(stars + one, axis=1))
 

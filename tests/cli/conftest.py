@@ -1,4 +1,4 @@
-"""The painted sky of the tests of detection."""
+"""The simulated sky of the tests of detection."""
 
 from tests.detection.conftest import sky
 

@@ -84,11 +84,11 @@ DATED_COMMANDS = "simulate dated.toml", "montecarlo dated.toml", "earth geometry
 
 
 class NetworkUse(BaseException):
-    """Not an Exception, so that no library catches it as a server that does not answer."""
+    """Not an Exception, so that no library catches it as an unreachable server."""
 
 
 def cut_the_network(attempts: list[str]) -> None:
-    """Record and refuse, from here on, each use of another machine."""
+    """From here on, record and refuse each connection to another machine."""
 
     def refuse(event: str, arguments: tuple[Any, ...]) -> None:
         if event not in EVENTS:
@@ -198,7 +198,7 @@ def write_scenes(folder: Path) -> None:
 
 
 def succeeds(line: str) -> bool:
-    """Whether the exit status is 0 or 3; so few trials may have something unsolved."""
+    """Whether the exit status is 0 or 3; with few trials some requirements may stay unsolved."""
     try:
         return main(line.split()) in (0, 3)
     except (Exception, SystemExit, NetworkUse):

@@ -1,4 +1,4 @@
-"""What another process compiles while a command runs."""
+"""Kernels that another process compiles while a command runs."""
 
 import subprocess
 

@@ -13,7 +13,7 @@ from startrack.io import cache, shipped
 
 @pytest.fixture(autouse=True)
 def _few_windows(monkeypatch):
-    """Of the trials beside a budget nothing is asserted."""
+    """Few windows, because the test asserts nothing about the trials beside a budget."""
     monkeypatch.setattr(import_module("startrack.budget.left_out"), "WINDOWS", 12)
 
 
@@ -66,7 +66,7 @@ def test_a_second_call_on_the_same_design_says_the_same_and_computes_nothing(cap
 
 
 class Stopped(Exception):
-    """Of a step that must not be reached."""
+    """Raised by a step that must not be reached."""
 
 
 def _stops(*_args, **_named):

@@ -1,4 +1,4 @@
-"""What `calibrate` writes is a camera that `solve` and a design take."""
+"""The camera that `calibrate` writes is accepted by `solve` and in a design."""
 
 import json
 import math
@@ -33,7 +33,8 @@ def test_solve_takes_the_camera(calibrated, capsys):
 def test_the_direction_is_that_of_the_middle_and_the_optical_axis_is_said(
     calibrated, tmp_path, capsys
 ):
-    """The camera's axis is moved by 50 columns: the stars turn with it, the middle stays."""
+    """The camera's axis is moved by 50 columns: the stars rotate with it, the image centre
+    stays."""
     frame, camera = calibrated
     moved = tmp_path / "moved.toml"
     lines = camera.read_text().splitlines()

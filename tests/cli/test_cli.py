@@ -46,7 +46,7 @@ def call(capsys):
 
 @pytest.fixture
 def short(tmp_path):
-    """The example with a campaign of seconds."""
+    """The example with a campaign that takes seconds."""
     text = EXAMPLE.read_text()
     for old, new in (
         ("columns = 512", "columns = 256"),
@@ -240,7 +240,8 @@ def test_a_file_that_cannot_be_made_is_named(call, tmp_path):
 
 @pytest.mark.parametrize("command", [*(name for name in COMMANDS if name != "earth"), *PARTS])
 def test_every_command_documents_itself_and_its_options(capsys, command):
-    """A sentence in the list of commands, more in its own help, and a text for each option."""
+    """Each command has a sentence in the list, a longer one in its own help, and a text for each
+    option."""
     with pytest.raises(SystemExit):
         main([*command.split(), "--help"])
     text = capsys.readouterr().out
@@ -326,7 +327,7 @@ MISSPELLED = "trackers/chandra-aca.tml", "chandra", "trackers/Chandra_ACA.toml"
 
 @pytest.mark.parametrize("command", [*ON_DESIGNS, "export aocs", "compare-flight", "predict"])
 def test_every_command_suggests_a_shipped_design(call, command, tmp_path, monkeypatch):
-    """From any folder; the value that is refused shows that a shipped one is read by its name."""
+    """From any folder. The refused value shows that a shipped design is read by its name."""
     monkeypatch.chdir(tmp_path)
     second = {"detect --design": ["none.png"], "compare": [EXAMPLE], "compare-flight": ["a.npz"]}
     for name in MISSPELLED:
@@ -342,7 +343,7 @@ def test_every_command_suggests_a_shipped_design(call, command, tmp_path, monkey
 
 @pytest.mark.slow
 def test_a_shipped_profile_is_read_by_its_name(call, tmp_path, monkeypatch):
-    """From any folder: its heads come with it, and show in what is printed."""
+    """From any folder. The profile's heads are loaded and appear in the output."""
     monkeypatch.chdir(tmp_path)
     status, _, err = call("sequence", EXAMPLE, "--profile", "two_head")
     assert status == 2
@@ -378,7 +379,8 @@ def test_a_value_changes_the_design_and_stands_in_the_result(call):
 
 
 def test_stars_of_the_sky_have_a_value_and_a_limit(capsys):
-    """The catalogue's limit is the value where the camera sees fainter stars."""
+    """If the camera detects fainter stars than the catalogue has, the catalogue's limit is the
+    value."""
     assert main(["requirements", str(EXAMPLE), "--set", "catalog.limit_g=4.5"]) == 3
     row = next(one for one in capsys.readouterr().out.splitlines() if one.startswith("stars"))
     value, limit, margin = map(float, re.findall(r"[+-]?\d+\.\d+", row))
@@ -542,7 +544,8 @@ def test_optimize_writes_a_design_that_other_commands_accept(call, short, tmp_pa
 def test_a_power_that_no_design_meets_is_said_before_any_forecast(
     call, short, tmp_path, monkeypatch, command, expected
 ):
-    """The example needs 1.3 W or more wherever its variables are; nothing is forecast or tried."""
+    """The example needs 1.3 W or more for all values of its variables; no design is forecast or
+    tried."""
     monkeypatch.setattr("startrack.cli.campaign.open_workers", None)
     words = (command, short, "--set", 'campaign.requirements.max_power="1 mW"', "--workers", 1)
     status, results, err = call(*words, "--out", tmp_path / "out", "--json")
@@ -575,7 +578,8 @@ def test_sample_writes_tolerances(call, short, tmp_path):
 
 
 def test_help_imports_nothing_that_computes():
-    """Of `startrack` and of each command: loading numpy takes longer than all the rest of it."""
+    """The help of `startrack` and of each command: loading numpy would take longer than all the
+    rest."""
     code = (
         "import sys\nfrom startrack.cli.main import COMMANDS, main\n"
         "for name in ('', *COMMANDS):\n"
@@ -592,7 +596,7 @@ def test_help_imports_nothing_that_computes():
 
 
 def test_choices_in_the_help_are_those_of_the_rooms(capsys):
-    """The parser names them without an import of the room."""
+    """The parser names the choices without an import of the room."""
     for command, names in (
         ("montecarlo --help", STATISTICS),
         ("montecarlo --help", tuple(fidelity.value for fidelity in Fidelity)),
@@ -606,7 +610,7 @@ def test_choices_in_the_help_are_those_of_the_rooms(capsys):
 
 @pytest.mark.slow  # the process of test_stopping shows it for another command
 def test_what_a_command_imports_late_is_there_when_it_runs(tmp_path):
-    """As a process that the shell starts, which postpones the imports."""
+    """In a process that a shell starts, which postpones the imports."""
     code = "import sys\nfrom startrack.cli.main import main\nsys.exit(main())"
     done = subprocess.run(
         [sys.executable, "-c", code, "combine", "one"], capture_output=True, text=True, cwd=tmp_path
@@ -616,7 +620,7 @@ def test_what_a_command_imports_late_is_there_when_it_runs(tmp_path):
 
 
 def test_long_work_says_so_without_a_terminal(capsys, monkeypatch):
-    """A line now and then while a step runs, whether or not it says how far it is."""
+    """A step that runs long prints a line now and then, whether or not it reports its progress."""
     now = [0.0]
     monkeypatch.setattr("startrack.cli.terminal.time.monotonic", lambda: now[0])
     monkeypatch.setattr("startrack.cli.terminal.SILENT", 0.01)

@@ -35,7 +35,7 @@ def test_table_json_and_overlay(image, tmp_path, capsys, monkeypatch):
 
 
 def test_an_image_that_is_saturated_says_so(tmp_path, capsys):
-    """All of it, a tenth of it, and none of it."""
+    """Images of which all, a tenth, or none of the pixels are saturated."""
     noise = np.random.default_rng(1).integers(90, 110, (100, 100)).astype(np.uint8)
     for rows, words in (
         (100, "all pixels have the number 255"),
@@ -52,7 +52,7 @@ def test_an_image_that_is_saturated_says_so(tmp_path, capsys):
 
 
 def test_an_image_that_is_saturated_says_so_beside_pixels_without_a_number(tmp_path, capsys):
-    """Of four rows one has no number; of the other three, one has the largest."""
+    """One of four rows has no number; one of the other three has the largest number."""
     picture = np.random.default_rng(1).normal(100, 5, (100, 100)).astype(np.float32)
     picture[:25], picture[25:50] = np.nan, 4095
     path = tmp_path / "sky.fits"
@@ -64,7 +64,7 @@ def test_an_image_that_is_saturated_says_so_beside_pixels_without_a_number(tmp_p
 
 
 def test_what_all_images_have_is_said_once(sky, tmp_path, capsys):
-    """Pictures set filters of warnings, after which Python warns of the same again."""
+    """Pictures set filters of warnings, after which Python would repeat a warning."""
     light = sky((40, 40), np.array([20.2]), np.array([19.4]), 9000.0, 2.0) + 40
     paths = [str(tmp_path / f"{number}.fits") for number in range(3)]
     for path in paths:

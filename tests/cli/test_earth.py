@@ -53,7 +53,7 @@ def test_the_maps_of_a_scene(tmp_path, capsys):
 
 @pytest.fixture
 def undrawn(monkeypatch):
-    """Without the picture of the maps, which takes most of the time."""
+    """Without the picture of the maps, which would take most of the time."""
     monkeypatch.setattr("startrack.plots.draw_geometry", lambda *_: None)
 
 
@@ -68,7 +68,8 @@ def test_other_detectors_see_the_same_mountains(undrawn, tmp_path, capsys, detec
 
 
 def test_a_camera_that_drifts_sees_other_ground(undrawn, tmp_path, capsys):
-    """A roll of 1e-3 rad/s moves the ground by the angle times the range, and not at the epoch."""
+    """A roll of 1e-3 rad/s moves the ground by the angle times the distance, but not at the
+    epoch."""
     places = []
     for motion in ("", '\n[motion]\nrate_y = "1e-3 rad/s"\n'):
         path = scene(tmp_path, ('"3000 m"', '"1 m"'), ('roll = "5 deg"', 'roll = "0 deg"'))
@@ -85,7 +86,7 @@ def test_a_camera_that_drifts_sees_other_ground(undrawn, tmp_path, capsys):
 
 
 def test_a_matrix_is_the_same_in_one_piece_and_row_by_row(tmp_path, monkeypatch):
-    """Three rays a side: rows, columns and rays keep their order."""
+    """With three rays along each side, the order of rows, columns and rays is the same."""
     path = scene(tmp_path, ('"line"', '"matrix"'), ("columns = 40", "columns = 40\nrays = 3"))
     whole = list(observe_earth(read_scene(path)[0], tmp_path))
     monkeypatch.setattr(scene_of_files, "BATCH", 1)
@@ -125,7 +126,7 @@ def test_files_that_are_not_there(tmp_path, capsys):
 
 
 def test_terrain_files_are_listed_and_can_be_flown_over(undrawn, tmp_path, capsys):
-    """A scene file accepts what `terrain` prints."""
+    """A scene file accepts the output of `terrain`."""
     pytest.importorskip("rasterio")
     from startrack.core.streams import Streams
     from startrack.earth.terrain import Grid, fractal
@@ -165,14 +166,14 @@ def test_the_geometry_of_a_scene_with_channels_is_that_of_the_first(undrawn, tmp
 
 
 def test_a_scene_that_misses_its_terrain_says_so(undrawn, tmp_path, capsys):
-    """The terrain is 25 degrees east of where the camera looks."""
+    """The terrain lies 25 degrees east of the place at which the camera looks."""
     path = scene(tmp_path, ('longitude = "10 deg"', 'longitude = "35 deg"'))
     assert main(["earth", "geometry", str(path), "--out", str(tmp_path)]) == 0
     assert "100 % of the visible ground has no heights" in capsys.readouterr().out
 
 
 def test_output_of_modtran_becomes_a_table_that_a_scene_names(tmp_path, capsys):
-    """Two runs of a bare layout; what is wrong is said in a sentence, with status 2."""
+    """Two runs of a minimal layout; each error is one sentence, with exit status 2."""
     for name, albedo in (("a.csv", 0.1), ("b.csv", 0.5)):
         lines = ["FREQ,TOT_TRANS,THRML_EM,SOL_SCAT,GRND_RFLT,DRCT_RFLT,TOTAL_RAD"]
         lines += [

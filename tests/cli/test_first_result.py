@@ -1,4 +1,4 @@
-"""A fresh process loads what a first trial needs, and nothing that it can do without."""
+"""A fresh process loads only what a first trial needs."""
 
 import hashlib
 import json
@@ -29,7 +29,8 @@ def test_the_package_alone_loads_no_other():
 
 
 def test_a_command_limits_the_threads_of_its_matrices_before_these_are_loaded():
-    """Else each worker has as many as there are cores, and they wait for each other."""
+    """Otherwise each worker would have as many threads as there are cores, and they would wait
+    for each other."""
     code = (
         "import os, sys; from startrack.cli.main import main; sys.argv[1:] = ['keys', '-x']\n"
         "try: main()\n"
@@ -58,20 +59,21 @@ def test_the_chain_loads_no_package_and_its_picture_no_room_that_draws_others():
 
 
 def test_processes_of_the_tests_import_these_sources(tmp_path):
-    """Another copy, as pip installed it, would compile all kernels once more."""
+    """Another copy, such as one that pip installed, would compile all kernels again."""
     code = "import startrack; print(startrack.__path__[0])"
     found = subprocess.check_output([sys.executable, "-c", code], text=True, cwd=tmp_path)
     assert Path(found.strip()) == Path(__file__).parents[2] / "startrack"
 
 
 def compute_less(put):
-    """Errors of stars from fewer places in the pixel and samples of noise: Python is slow."""
+    """Measure stars at fewer places in the pixel and with fewer samples of noise, because Python
+    is slow."""
     put(star_response, "PHASES", 2)
     put(examine, "PATTERNS", 20)
 
 
 def first_trial():
-    """The example in a quarter of its pixels: hash of the frame, spots, matches, attitude."""
+    """The example with a quarter of its pixels: hash of the frame, spots, matches, attitude."""
     text = shipped("designs/noise_only.toml").read_text(encoding="utf-8")
     # No other test has this case or this blur: what is kept of theirs is not of `compute_less`.
     for old, new in (
@@ -105,7 +107,8 @@ def compiled(tmp_path_factory):
 
 
 def in_a_fresh_process(folder, *lines):
-    """The first trial, and the modules of its process, whose kernels are kept in a new folder."""
+    """Run the first trial in a fresh process with a new folder for kernels; the modules that it
+    loads."""
     code = [
         "import json, sys",
         "from contextlib import nullcontext",
@@ -130,9 +133,9 @@ def in_a_fresh_process(folder, *lines):
 
 
 def test_a_first_trial_compiles_nothing_and_finds_the_same(tmp_path, compiled):
-    """Python runs the kernels; sums that the compiler orders anew differ in their last digits.
+    """Python runs the kernels; sums in another order differ in their last digits.
 
-    It loads no tables, no ephemeris and no pictures.
+    The process loads no tables, no ephemeris and no pictures.
     """
     *found, attitude, modules, _ = in_a_fresh_process(
         tmp_path, "from startrack.core import interpreted", "mode = interpreted(lambda: True)"
@@ -149,7 +152,7 @@ def test_a_first_trial_compiles_nothing_and_finds_the_same(tmp_path, compiled):
 
 @pytest.mark.slow
 def test_a_first_trial_on_plain_numba_finds_the_same(tmp_path, compiled):
-    """As where numba has no more what it does not publish; one line says so."""
+    """As with a numba that lacks the unpublished names; one line reports it."""
     *found, _, errors = in_a_fresh_process(
         tmp_path, "sys.modules['startrack.core.compiler'] = None"
     )

@@ -36,7 +36,7 @@ def test_it_loads_and_has_the_detector(product, tmp_path, capsys):
 
 
 def test_all_keys_are_defaults(tmp_path):
-    """But for those that the class of its units gives: without it, nothing changes."""
+    """Except for keys that the class of units sets: without it, nothing changes."""
     path, bare = tmp_path / "all.toml", tmp_path / "bare.toml"
     main(["init", str(path), "--all"])
     # Without the marks of comments before keys, the values stand there as a file has them.
@@ -67,7 +67,7 @@ def test_an_unknown_detector_is_named_with_those_there_are(tmp_path, capsys):
 
 
 def test_what_is_written_takes_a_level(tmp_path):
-    """Over its units each has as many trials as the level needs."""
+    """With units, each unit has the number of trials that the level needs."""
     path = tmp_path / "mine.toml"
     path.write_text(template("imx250"))
     campaign = load_design(path, ["campaign.requirements.level=99.73 %"]).campaign

@@ -41,7 +41,8 @@ def test_import_without_the_ray_tracer_says_how_to_install_it(tmp_path, capsys):
     importlib.util.find_spec("optiland") is None, reason="needs the ray tracer optiland"
 )
 def test_what_the_ray_tracer_prints_is_no_part_of_the_json(tmp_path, capsys):
-    """Of fused silica it has no extinction, and says so on standard output."""
+    """The fused silica of the lens has no extinction, which the tracer prints on standard
+    output."""
     from tests.optics.test_prescription import zemax  # which needs the ray tracer
 
     lens = tmp_path / "lens.zmx"
@@ -57,7 +58,7 @@ def test_what_the_ray_tracer_prints_is_no_part_of_the_json(tmp_path, capsys):
 
 @pytest.mark.skipif(not os.environ.get("STARTRACK_DATA"), reason="needs real images")
 def test_measure_makes_a_psf_of_real_stars(tmp_path, capsys):
-    """99 stars of four images of the sky, and the same from two of them."""
+    """99 stars of four images of the sky, compared with the stars of two of the images."""
     folder = Path(os.environ["STARTRACK_DATA"]) / "images"
     images = sorted(str(path) for path in folder.glob("esa_*.tiff"))
     found = []

@@ -26,7 +26,7 @@ DAY = ["--set", "time.duration=1 d"]
 
 
 def survey_less(patch):
-    """The errors of a head from fewer directions and rates."""
+    """Survey the errors of a head at fewer directions and rates."""
     patch.setattr(surrogate, "PLACES", 192)
     patch.setattr(surrogate, "RATES", 2)
 
@@ -40,7 +40,7 @@ def row_last(rows, head):
 
 
 def test_a_timeline_is_netcdf(tmp_path):
-    """The same numbers by scipy's reader, with units."""
+    """scipy's reader gives the same numbers, with units."""
     table = np.zeros(3, [("second", float), ("a b_sun_deg", float), ("a b_blind", np.uint8)])
     table["second"], table["a b_sun_deg"], table["a b_blind"] = [0, 10, 20], [1.5, 2, np.inf], 3
     save_timeline(tmp_path / "t.nc", table)
@@ -73,7 +73,7 @@ def test_the_age_of_two_line_elements_is_said(begin, duration, days):
 
 
 def test_a_head_without_the_motion_of_its_platform_is_said():
-    """Two heads of one motion, one of which does not state it, and none that does."""
+    """Two heads with one motion, of which one does not state it, and heads without motion."""
     moved = (np.array([9.0, 25.0, 4.0]) * arcsec**2, np.zeros(3))
     a, b, still = (
         SimpleNamespace(name=name, moved=moved[k]) for name, k in (("A", 0), ("B", 0), ("C", 1))
@@ -198,7 +198,7 @@ def test_wrong_missions_are_one_sentence(capsys, tmp_path, change, words):
 
 
 def test_the_frame_of_an_instant_is_rendered(flown, capsys, tmp_path, monkeypatch):
-    """Its attitude is that of the timeline, its error of the size that the mission expects."""
+    """The frame has the timeline's attitude, and an error of the size that the mission expects."""
     survey_less(monkeypatch)
     monkeypatch.setattr("startrack.cli.mission.draw_record", draw_nothing)
     status = main(["mission", *DAY, "--frame", "3000", "--out", str(tmp_path / "f"), "--json"])
@@ -231,7 +231,7 @@ def test_a_design_is_exported(capsys, tmp_path, monkeypatch):
 
 @pytest.mark.slow
 def test_several_missions_over_workers(capsys, tmp_path):
-    """The same results by two workers as by one."""
+    """Two workers give the same results as one."""
     text = shipped("missions/sun-synchronous.toml").read_text()
     files = []
     for name, step in (("a", "60 s"), ("b", "120 s")):
@@ -253,7 +253,8 @@ def test_several_missions_over_workers(capsys, tmp_path):
 
 
 def test_the_dose_of_the_orbit_is_printed_where_detectors_age_in_it(tmp_path, monkeypatch):
-    """Geostationary behind 5 mm, beside SHIELDOSE-2; nearly all of it by electrons."""
+    """A geostationary orbit behind 5 mm, compared with SHIELDOSE-2; electrons make nearly all of
+    the dose."""
     pytest.importorskip("radbelt")
     monkeypatch.setattr(radiation, "PLACES", 200)  # a circle about the equator is much the same
     text = shipped("missions/sun-synchronous.toml").read_text()

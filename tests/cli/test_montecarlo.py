@@ -1,4 +1,4 @@
-"""What `startrack montecarlo` says of requirements."""
+"""The messages of `startrack montecarlo` about requirements."""
 
 import dataclasses
 import json
@@ -29,7 +29,7 @@ def test_conditions_that_are_not_run_are_named_beside_the_requirement(small, tmp
 
 
 def test_an_rms_that_is_limited_has_one_interval(small, tmp_path, capsys):
-    """That of the verdict."""
+    """The interval is the verdict's."""
     needs = dataclasses.replace(small.campaign.requirements, max_across=60 * arcsec)
     path, command = tmp_path / "design.toml", ["montecarlo", "--fidelity", "covariance"]
     save_design(path, Design(small.case, dataclasses.replace(small.campaign, requirements=needs)))
@@ -52,7 +52,8 @@ def test_an_rms_that_is_limited_has_one_interval(small, tmp_path, capsys):
 
 
 def test_regions_are_those_of_the_trials_that_count(small, tmp_path, capsys):
-    """Where blinded trials are left out; their boresights drawn again, for these trials alone."""
+    """If blinded trials are left out, regions are counted by the boresights of the other trials
+    alone."""
     needs = dataclasses.replace(
         small.campaign.requirements,
         max_across=60 * arcsec,
@@ -91,7 +92,7 @@ def _verdict(needs, x, solved):
 
 
 def test_an_rms_beside_trials_without_attitude_has_the_interval_of_the_verdict():
-    """Sums with and without the failed trials differ in their last digit for many numbers."""
+    """Sums with and without the failed trials differ in the last digit for many numbers."""
     rng = np.random.default_rng(1)
     needs = Requirements(max_across=60 * arcsec, max_about=60 * arcsec)
     for kind in ("per axis", "radial"):
@@ -124,7 +125,7 @@ def test_an_rms_in_the_worst_region_is_not_that_of_the_summary():
 
 
 def test_a_region_without_trials_bounds_no_error():
-    """Of twelve regions, five trials leave some empty, and nothing is shown of those."""
+    """With five trials some of twelve regions stay empty, and these show no figure."""
     for level in ("rms", "99.73 %"):
         needs = Requirements(max_across=60 * arcsec, sky="worst", level=level)
         _, _, lines = _verdict(needs, np.full(5, 1e-5), np.ones(5, bool))

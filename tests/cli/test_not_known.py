@@ -1,4 +1,4 @@
-"""Commands on designs with values that are not known: intervals beside figures for the middle."""
+"""Commands on designs with unknown values: intervals beside the figures for middle values."""
 
 import json
 
@@ -20,7 +20,7 @@ SHORT = ("--fidelity", "covariance", "--workers", "1", "--trials", "300", "--jso
 
 @pytest.fixture
 def run(capsys, tmp_path):
-    """Runs a command on the design, some of whose values are replaced; its JSON."""
+    """Run a command on the design with some of its values replaced; its JSON."""
     path = tmp_path / "design.toml"
     path.write_text(DESIGN)
 
@@ -50,7 +50,7 @@ def test_errors_of_trials_have_an_interval_over_what_is_not_known(run):
 
 
 def test_two_designs_with_the_same_unknowns_are_compared_draw_by_draw(run, tmp_path):
-    """The ratio of their errors is known better than either."""
+    """The interval of the ratio of two errors is narrower than those of the errors."""
     longer = tmp_path / "longer.toml"
     longer.write_text(f'{DESIGN}[instrument.detector]\nexposure = "150 ms"\n')
     ratio = run("compare", str(longer))["not_known"]

@@ -1,4 +1,4 @@
-"""Commands on campaigns take an Earth camera where they can, and say where they cannot."""
+"""Commands on campaigns accept an Earth camera where possible, and otherwise say why not."""
 
 import json
 
@@ -101,7 +101,7 @@ def test_a_scene_has_sensitivities_a_tolerance_a_front_and_a_page(tmp_path, caps
 
 
 def test_a_key_of_a_scene_is_swept_and_solved_for(tmp_path, capsys):
-    """The swath of a scene grows with its height, and is kept above one height."""
+    """The swath of a scene grows with its height, so that its limit is met above one height."""
     swept = "channels.mir.detector.exposure=1..4 ms"
     out = ["--out", str(tmp_path), "--workers", "1", "--json"]
     assert main(["sweep", "hsrs", swept, "--points", "2", *out]) == 0

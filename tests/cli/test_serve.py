@@ -28,7 +28,7 @@ def connected(port):
 
 @pytest.fixture(scope="module")
 def asking():
-    """A function that sends a line and returns the reply and the pixels behind it."""
+    """A function that sends a line and returns the reply and its pixels."""
     port = free_port()
     arguments = ["serve", "designs/noise_only.toml", "--port", str(port), "--seed", "7", "--once"]
     server = threading.Thread(target=main, args=(arguments,), daemon=True)

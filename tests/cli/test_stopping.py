@@ -1,4 +1,4 @@
-"""Whatever a command raises is one sentence and a status; what escapes says so."""
+"""Every exception of a command becomes one sentence and an exit status."""
 
 import signal
 import subprocess
@@ -58,7 +58,8 @@ def test_a_design_without_its_extra_leaves_no_folder(words, tmp_path, monkeypatc
 
 
 def test_an_error_that_a_signal_became_is_that_signal(capsys, monkeypatch):
-    """As a drawing's C++ says "Invalid bounding box" of what was raised while it took an array."""
+    """Drawing code in C++ reports "Invalid bounding box" if a signal is raised while it reads an
+    array."""
     import startrack.cli.requirements as command
 
     def interrupted(_):

@@ -35,7 +35,7 @@ max_across = "8 arcsec"
 
 @pytest.fixture(autouse=True)
 def _few_windows(monkeypatch):
-    """Of the trials beside a budget, which are of the unit as designed, nothing is asserted."""
+    """Few windows, because the test asserts nothing about the trials of the unit as designed."""
     monkeypatch.setattr(import_module("startrack.budget.left_out"), "WINDOWS", 4)
 
 
@@ -47,7 +47,7 @@ def design(tmp_path):
 
 
 def test_the_largest_part_is_of_the_median_unit_as_the_error_beside_it_is():
-    """Three units of 1, 2 and 30 arcsec, of which nearly all is one class."""
+    """Three units of 1, 2 and 30 arcsec, nearly all of it in one class."""
     error = np.array([1.0, 2.0, 30.0])[:, None] * np.ones(3) * arcsec
     terms = {Term.FIELD: 0.9 * error, Term.NOISE: 0.19**0.5 * error}
     mean = np.zeros((3, 1, 3))
@@ -172,7 +172,7 @@ def test_classes_of_units_say_what_they_are_and_which_keys_change_them(design, c
 
 
 def test_requirements_are_verified_by_the_yield_at_both_ends_of_life(design, tmp_path, capsys):
-    """Of three units nothing is shown; the status says so."""
+    """Three units are too few to show anything; the exit status says so."""
     command = ["verify", str(design), "--units", "3", "--fidelity", "covariance", "--workers", "1"]
     command += ["--set", "campaign.unit_trials=4", "--out", str(tmp_path / "out"), "--json"]
     assert main(command) == 3
@@ -203,7 +203,7 @@ def test_more_environments_than_trials_of_a_unit_are_refused(design, capsys):
 
 @pytest.mark.parametrize(("asked", "met"), [(["--environments", "4"], 4), ([], 4)])
 def test_units_of_few_trials_have_an_environment_for_each(asked, met, design, tmp_path):
-    """By default, too, where there are fewer trials than the usual ten environments."""
+    """Also by default, if there are fewer trials than the usual ten environments."""
     command = ["montecarlo", str(design), "--units", "2", "--trials", "4", "--workers", "1"]
     main([*command, "--fidelity", "covariance", "--out", str(tmp_path / "out"), *asked])
     with Store(tmp_path / "out" / "campaign.sqlite") as store:

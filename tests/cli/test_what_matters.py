@@ -82,7 +82,7 @@ def test_the_list_of_commands_has_the_present_name_alone():
 
 
 def test_how_long_it_takes_is_said_where_that_is_long(monkeypatch, capsys):
-    """300 forecasts of 6 s take 30 min; of 0.01 s nothing is said."""
+    """300 forecasts of 6 s take 30 min, which is printed; for 0.01 s nothing is printed."""
     for seconds, words in ((6.0, "300 forecasts take about 30 min; fewer --designs"), (0.01, "")):
         clock, counted = iter(seconds * np.arange(10)), []
         monkeypatch.setattr(what_matters.time, "monotonic", lambda clock=clock: next(clock))

@@ -12,7 +12,8 @@ LENS = Camera(1024, 768, 1000.0, 12.3, -4.0, k1=-0.1, k2=0.02, p1=1e-3, p2=-2e-3
 
 
 def test_boresight_falls_on_the_centre_of_an_even_array():
-    """The centre of 4 x 2 pixels lies between pixels: (1.5, 0.5), as the first centre is (0, 0)."""
+    """The centre of 4 x 2 pixels is (1.5, 0.5), between pixels, because the first centre is (0,
+    0)."""
     assert Camera(4, 2, 10.0).project(np.array([[0, 0, 1.0]])).tolist() == [[1.5, 0.5]]
 
 
@@ -84,7 +85,7 @@ def test_impossible_field_of_view_is_refused():
 
 
 def test_the_narrowest_field_is_not_zero():
-    """atan of half the diagonal over the focal length, where the cosine is 1 to all digits."""
+    """atan of half the diagonal over the focal length, for an angle whose cosine rounds to 1."""
     for focal_length_px in (1e3, 1e6, 1e9, 1e12):  # pixel
         camera = Camera(301, 401, focal_length_px)
         expected = math.atan(math.hypot(301, 401) / 2 / focal_length_px)

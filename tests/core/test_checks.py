@@ -1,4 +1,4 @@
-"""A refusal says what, which rule and which value, wherever it goes; a fault is none."""
+"""A refusal names the thing, the rule and the value in every process; a fault is not a refusal."""
 
 import math
 from concurrent.futures import ProcessPoolExecutor

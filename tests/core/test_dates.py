@@ -33,7 +33,8 @@ def icrs_to_itrs(date: str) -> Rotation:
     scope="module", params=[pytest.param(part, marks=pytest.mark.slow) for part in ("quick", "all")]
 )
 def folders(request, tmp_path_factory):
-    """What the commands write in each of the years; a quick run is of those with dates."""
+    """The files that the commands write in each year; a quick run has only the commands with
+    dates."""
     folder, years = tmp_path_factory.mktemp("years"), [str(year) for year in YEARS]
     quick = request.param == "quick" and hasattr(os, "fork")
     for some in [years] if quick else [[year] for year in years]:
@@ -54,7 +55,7 @@ def test_the_example_has_every_command():
 
 
 def test_no_command_depends_on_the_date_or_the_network(folders):
-    """All files but the recorded times are equal, to the bit."""
+    """All files except the recorded times are equal to the bit."""
     names = [
         sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
         for folder in folders
@@ -77,7 +78,7 @@ def assert_equal(one: Path, other: Path) -> None:
 
 
 def earth_rotation(date: str) -> Rotation:
-    """ICRS to ITRS with UT1 = UTC and no polar motion, to 0.5 arcsec.
+    """The rotation from ICRS to ITRS with UT1 = UTC and no polar motion, to 0.5 arcsec.
 
     IERS Conventions (2010), eq. (5.10), (5.15), (5.16), largest terms of tables 5.2a and 5.2b.
     """
@@ -113,7 +114,8 @@ def earth_rotation(date: str) -> Rotation:
     "date", ["2010-03-01T06:00:00", "2045-06-21T10:00:00", "2060-10-05T21:00:00"]
 )
 def test_the_earth_turns_as_the_iau_says_also_beyond_the_table(date):
-    """UT1 - UTC is less than 0.9 s, in the table and as its last value; the pole, 0.5 arcsec."""
+    """The limits are 0.9 s for UT1 - UTC, in the table and beyond it, and 0.5 arcsec for the
+    pole."""
     difference = (icrs_to_itrs(date) * earth_rotation(date).inv()).as_rotvec()
     assert abs(difference[2]) / SPIN < 0.9
     assert np.hypot(*difference[:2]) < 1.0 * arcsec
@@ -132,7 +134,7 @@ def test_the_earth_turns_as_the_iau_says_also_beyond_the_table(date):
     ],
 )
 def test_beyond_the_table_its_last_value_is_kept_within_the_stated_error(monkeypatch, end, date):
-    """Against observed Earth orientation, by a table that is cut off before the date."""
+    """The table is cut off before the date of an observed Earth orientation."""
     full = iers.IERS_Auto.open()
     known = icrs_to_itrs(date)
     short = full[full["MJD"].value < Time(end).mjd]
@@ -146,7 +148,7 @@ def test_beyond_the_table_its_last_value_is_kept_within_the_stated_error(monkeyp
 
 
 def test_a_leap_second_is_nothing_to_stars_and_little_to_bodies():
-    """One second of time: the stated angles, by the observer's own motion."""
+    """One second of time: the stated angles, from the observer's own motion."""
     from startrack.catalog.apparent import earth_observer
     from startrack.scene.ephemeris import observer_of
     from startrack.scene.parameters import Scene

@@ -1,4 +1,4 @@
-"""A parameter that is declared once is checked, and may name code where its declaration says so."""
+"""A parameter declared once is checked, and may name user code where its declaration allows it."""
 
 import os
 from dataclasses import field, is_dataclass
@@ -21,7 +21,7 @@ from startrack.core import (
 
 
 class Lens(Parameters):
-    """Of all kinds of declarations."""
+    """A class with all kinds of declarations."""
 
     focal_length: float = parameter("of the lens", unit=Unit("m", "mm"), limit=POSITIVE)
     blur: float | None = parameter(limit=NON_NEGATIVE, default=None)
@@ -77,7 +77,7 @@ class Scanned(Parameters):
 
 
 def test_objects_whose_file_has_changed_are_not_equal(tmp_path):
-    """In length, in time, or as there is none any more; nothing else of them differs."""
+    """Files that changed in length or time, or that no longer exist; all else is equal."""
     file = tmp_path / "a.csv"
     assert Scanned(str(file)) == Scanned(str(file))
     seen = [Scanned(str(file))]

@@ -1,4 +1,4 @@
-"""What Python makes of a kernel is what the compiled kernel makes of it."""
+"""A kernel gives the same result as Python code and compiled."""
 
 import math
 import signal
@@ -16,7 +16,7 @@ class Pair(NamedTuple):
 
 
 def in_both_ways(found, *arguments):
-    """The result of Python, which compiles nothing, then that of the compiled kernel."""
+    """The result as Python code, which compiles nothing, then the result of the compiled kernel."""
     with interpreted(lambda: True):
         first = found(*arguments)
     assert not found.overloads
@@ -24,7 +24,7 @@ def in_both_ways(found, *arguments):
 
 
 def test_single_precision_is_summed_in_double():
-    """NumPy would sum in single precision, where numba takes the literal for a double."""
+    """NumPy would sum in single precision, while numba takes the literal as double precision."""
 
     @kernel
     def mean(pair):
@@ -70,7 +70,7 @@ def test_a_kernel_that_others_include_is_run_by_python_too():
 
 
 def test_what_python_cannot_do_is_compiled():
-    """Python has no root of -1; what it had written before is put back."""
+    """Python raises an error for the root of -1; arrays that it had changed are restored."""
 
     @kernel
     def root(values, out):
@@ -87,7 +87,7 @@ def test_what_python_cannot_do_is_compiled():
 
 
 def counter():
-    """A kernel that Python needs seconds for, and looks in at each step."""
+    """A kernel that takes Python seconds and reports each step."""
 
     @kernel
     def add(out, n):
@@ -102,7 +102,8 @@ def counter():
 
 
 def test_what_takes_python_long_is_compiled(monkeypatch):
-    """At once where no other process does it; arguments that were written to are put back."""
+    """It is compiled at once if no other process does it; arrays that were written to are
+    restored."""
     monkeypatch.setattr(interpret, "PATIENCE", 0.01)
     monkeypatch.setattr(interpret, "LOOK", 0.01)
     count, out = counter(), np.zeros(1, np.int64)
@@ -122,7 +123,7 @@ def test_compiled_code_is_taken_as_soon_as_it_is_there(monkeypatch):
 
 
 def test_an_alarm_of_the_caller_stays():
-    """Also while Python runs a kernel."""
+    """The caller's alarm also stays while Python runs a kernel."""
     handler = signal.getsignal(signal.SIGALRM)
 
     @kernel
@@ -147,7 +148,7 @@ def test_elsewhere_kernels_are_compiled():
 
 
 def test_the_images_of_a_field_are_summed_in_the_same_order():
-    """To the bit, also beyond the nodes."""
+    """Equal to the bit, also beyond the nodes."""
     rng = np.random.default_rng(1)
     nodes = np.linspace(0, 511, 6), np.linspace(0, 511, 5), np.array([4e-7, 5e-7, 7e-7])
     places = *rng.uniform(-20, 540, (2, 50)), rng.uniform(3e-7, 9e-7, 50)

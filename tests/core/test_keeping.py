@@ -1,4 +1,4 @@
-"""What is kept to save time counts bytes, and gives way to what a step needs."""
+"""Cached values are counted in bytes, and are dropped if a step needs the memory."""
 
 import gc
 from typing import NamedTuple
@@ -63,7 +63,8 @@ def test_it_gives_way_to_a_step(limited):
 
 
 def test_indexes_of_many_catalogues_stay_within_it(limited, monkeypatch, tmp_path):
-    """16 catalogues with an index of 10 MB for each of 28 fields: 4.5 GB without a limit."""
+    """16 catalogues with an index of 10 MB for each of 28 fields would take 4.5 GB without a
+    limit."""
     monkeypatch.setattr(cache, "indexed_field", lambda field: field)
     monkeypatch.setattr(cache, "cached_index", lambda *_: np.zeros(10 * MIB // 8))
     catalogues = [PatternIndexes(None, tmp_path) for _ in range(16)]

@@ -1,4 +1,4 @@
-"""Compiled code is kept on disk, and never used after what it is made of has changed."""
+"""Compiled code is kept on disk, and never used after one of its sources has changed."""
 
 import ast
 import importlib.util
@@ -71,7 +71,8 @@ MODULE = sys.modules["startrack.core.kernel"]  # whose name in the package is th
 
 
 def result(folder: Path, **environment: str) -> tuple[float, int]:
-    """What the outermost kernel of modules imported anew gives, and whether it came from disk."""
+    """The result of the outermost kernel of freshly imported modules, and whether it came from
+    disk."""
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(StringIO()) as printed:
         patch.setattr(config, "CACHE_DIR", "")
         patch.setattr(MODULE, "PACKAGE", folder)
@@ -103,7 +104,7 @@ def compiled(tmp_path_factory):
 
 @pytest.fixture
 def folder(compiled):
-    """The same; its sources are put back after a test."""
+    """The same folder; its sources are restored after a test."""
     yield compiled
     (compiled / "inner.py").write_text(INNER)
     (compiled / "outer.py").write_text(OUTER)
@@ -111,7 +112,7 @@ def folder(compiled):
 
 @pytest.mark.slow
 def test_processes_that_compile_at_once_find_the_same(tmp_path):
-    """And the next one finds it on disk."""
+    """The next process finds the kernel on disk."""
     (tmp_path / "inner.py").write_text(INNER)
     (tmp_path / "outer.py").write_text(OUTER)
     code = (
@@ -145,13 +146,13 @@ def edit(folder, old, new):
     ids=["nothing", "code", "number", "array", "order of fields", "name of a class"],
 )
 def test_an_edit_below_reaches_the_kernels_above(folder, old, new, expected):
-    """The outermost kernel's own file only imports what is edited."""
+    """The file of the outermost kernel only imports the edited one."""
     edit(folder, old, new)
     assert result(folder) == expected
 
 
 def test_where_nothing_can_be_written_kernels_work_all_the_same(compiled, tmp_path):
-    """Neither beside the code nor in the user's folder."""
+    """Neither the folder of the code nor the user's folder can be written to."""
     for name in ("inner.py", "outer.py"):
         shutil.copy(compiled / name, tmp_path)
     for blocked in ("__pycache__", "home"):  # files where folders would be
@@ -206,7 +207,7 @@ def test_code_is_closed_to_others_whatever_the_umask_is(folder):
 
 @pytest.mark.parametrize("kind", ["*.nbi", "*.nbc"])
 def test_code_whose_place_cannot_be_replaced_is_not_kept(folder, kind):
-    """Where a folder stands, numba itself ends with an error."""
+    """If a folder has the name of the file, numba itself would end with an error."""
     assert result(folder)[0] == 705.0
     for file in (folder / "__pycache__").glob(f"kernels-*/**/{kind}"):
         file.unlink()
@@ -215,7 +216,7 @@ def test_code_whose_place_cannot_be_replaced_is_not_kept(folder, kind):
 
 
 def test_the_code_of_another_kernel_is_damage(tmp_path):
-    """Files that change their names with each other are whole, and must not be run."""
+    """Files whose names were exchanged are intact, but must not be run."""
     compiler = pytest.importorskip("startrack.core.compiler")
     one, other = (compiler._File(str(tmp_path), name, "stamp") for name in ("one", "other"))
     for number, file in enumerate((one, other)):
@@ -239,7 +240,7 @@ def test_folders_of_old_sources_are_removed(folder):
 
 
 def test_no_room_without_kernels_is_imported_by_one_with_kernels():
-    """Else an edit there could be compiled in and go unnoticed."""
+    """Otherwise an edit there could be compiled into a kernel without notice."""
     package = Path(startrack.__file__).parent
     for path in package.rglob("*.py"):
         room = path.relative_to(package).parts[0]
@@ -293,7 +294,7 @@ def test_without_a_name_that_numba_does_not_publish_kernels_are_compiled(monkeyp
 def test_where_a_name_fails_later_kernels_are_compiled_as_numba_does(
     folder, monkeypatch, owner, name
 ):
-    """In the middle of compiling, of loading or of keeping."""
+    """A name of numba that is missing while a kernel is compiled, loaded or saved."""
 
     def missing(*_):
         raise AttributeError(name)
@@ -319,7 +320,7 @@ def test_an_error_of_a_kernel_itself_is_raised_and_changes_nothing():
 
 
 def total_of(kernel, **options):
-    """A number that a kernel takes from an array, by an inner one with these options."""
+    """A number that a kernel computes from an array with an inner kernel that has these options."""
 
     @kernel(**options)
     def inner(values, i):
@@ -333,7 +334,7 @@ def total_of(kernel, **options):
 
 
 def test_a_kernel_that_borrows_cannot_make_an_array():
-    """As nothing would count the references to it."""
+    """Nothing would count the references to such an array."""
 
     def new(n):
         return np.zeros(n)
@@ -366,7 +367,7 @@ def test_an_error_that_an_inner_kernel_raises_arrives():
 
 
 def six_of(kernel):
-    """A number that an outer kernel and an inner one compute."""
+    """A number that an outer kernel computes with an inner one."""
 
     @kernel
     def double(x):
@@ -380,7 +381,7 @@ def six_of(kernel):
 
 
 def test_without_a_compiler_a_kernel_is_its_python_code(monkeypatch):
-    """As under NUMBA_DISABLE_JIT; some functions of arrays call the code of a kernel itself."""
+    """As with NUMBA_DISABLE_JIT; some functions of arrays call the Python code of a kernel."""
     monkeypatch.setattr(config, "DISABLE_JIT", True)
 
     @core.kernel

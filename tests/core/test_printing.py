@@ -1,4 +1,4 @@
-"""What a result prints: each value with its unit, on one screen."""
+"""Printed results: each value with its unit, on one screen."""
 
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple

@@ -7,7 +7,8 @@ from startrack.core.rotations import rotation_of
 
 
 def turns():
-    """Halves of turns about all axes, where one component is largest and others vanish, and any."""
+    """Half turns about all axes, where one component is largest and others vanish, and random
+    turns."""
     halves = Rotation.from_rotvec(np.pi * np.eye(3))
     whole = Rotation.identity(1)
     return Rotation.concatenate([halves, whole, Rotation.random(40, rng=np.random.default_rng(14))])

@@ -87,7 +87,7 @@ def test_a_wrong_unit_is_refused(text):
     ],
 )
 def test_a_slip_of_capitals_is_asked_about(text, unit, meant, plain):
-    """10^9 off: a sentence with what was meant, and a spelling that is read as it stands."""
+    """A value 10^9 times too large: the message guesses the unit and gives a valid spelling."""
     with pytest.raises(Refused, match="must not look like a slip of capitals") as refusal:
         parse(text, unit)
     assert f"did you mean '{meant}'" in str(refusal.value)
@@ -142,6 +142,6 @@ def test_what_is_written_is_short(value, text):
 
 
 def test_a_moment_of_a_mission_is_a_time_of_utc_with_its_leap_seconds():
-    """That at the end of 2016 was one: a day of 86,400 SI seconds ends a second earlier."""
+    """With the leap second at the end of 2016, 86,400 SI seconds end a second before a UTC day."""
     assert utc_text("2026-03-20T12:00:00", 86400 + 61.4) == "2026-03-21T12:01:01"
     assert utc_text("2016-12-31T12:00:00", 86400) == "2017-01-01T11:59:59"

@@ -10,7 +10,7 @@ MEANS = [1e-3, 0.3, 3.0, 5.9, 6.0, 6.1, 9.0, 20.0, 55.5, 300.0, 1e4]
 
 @pytest.mark.parametrize("mean", MEANS)
 def test_quantiles_are_scipys(mean):
-    """Number by number, out to 6.5 sigma in both tails."""
+    """Number by number, to 6.5 sigma in both tails."""
     rng = np.random.default_rng(1)
     normal = np.concatenate([rng.standard_normal(5000), rng.uniform(-6.5, 6.5, 5000)])
     lower = stats.poisson.ppf(special.ndtr(normal), mean)
@@ -22,7 +22,7 @@ def test_quantiles_are_scipys(mean):
 
 @pytest.mark.parametrize("mean", [7.0, 40.0, 300.0, 5e3, 1e5])
 def test_a_number_gives_way_to_the_next_where_the_sum_says(mean):
-    """Three billionths of a deviation before the step and after it, out to six sigma."""
+    """Quantiles 3e-9 sigma before and after each step, to six sigma."""
     k = np.unique(np.round(mean + np.sqrt(mean) * np.linspace(-6, 6.5, 800)))
     k = k[k >= 0]
     lower = special.ndtri(special.pdtr(k, mean))
@@ -47,14 +47,14 @@ def test_the_law_is_poissons(mean):
 
 
 def test_mean_and_variance_of_huge_means():
-    """Where the number is large, four standard errors of mean and variance (1e-4)."""
+    """Mean and variance of large numbers within four standard errors (1e-4)."""
     draw = poisson_quantile(1e9, np.random.default_rng(3).standard_normal(10**5)) - 1e9
     assert abs(draw.mean()) < 4 * np.sqrt(1e9 / 1e5)
     assert draw.var() == pytest.approx(1e9, rel=4 * np.sqrt(2 / 1e5))
 
 
 def test_more_light_never_gives_fewer_electrons():
-    """Which keeps the noise of two designs correlated."""
+    """This keeps the noise of two designs correlated."""
     mean = np.geomspace(1e-3, 1e4, 2000)
     for normal in (-6.0, -2.0, 0.0, 0.1, 2.0, 6.0):
         assert (np.diff(poisson_quantile(mean, normal)) >= 0).all()

@@ -1,4 +1,4 @@
-"""An aperture in a design file instead of an f-number: read, laid over others, varied, unknown."""
+"""An aperture instead of an f-number in a design file: read, overridden, varied, unknown."""
 
 import jsonschema
 import pytest

@@ -30,7 +30,7 @@ def test_pixel_and_angle_become_a_length():
 
 
 def test_a_tracker_of_the_catalogue_has_the_blur_that_its_comment_states():
-    """Its file has 3.08 um, "0.7 pixel", worked out by hand."""
+    """The comment of its file has 3.08 um for "0.7 pixel", calculated by hand."""
     path = shipped("trackers/st400.toml")
     assert blur_of(f"{BLUR}=0.7 pixel", path=path) == pytest.approx(blur_of(path=path), rel=1e-12)
 
@@ -51,13 +51,13 @@ def test_the_image_widens_by_so_many_pixels():
 
 
 def test_an_angle_is_at_the_image_of_a_near_object():
-    """At an object distance of twice the focal length the image is as far behind the lens."""
+    """For an object at twice the focal length, the image distance is twice the focal length."""
     near = "instrument.optics.object_distance=70 mm"
     assert blur_of(f"{BLUR}=20 arcsec", near) == pytest.approx(2 * 3.393697e-6, rel=1e-6)
 
 
 def test_the_final_values_of_all_layers_count(tmp_path):
-    """The product's pixels have 5.5 um; `include` and `--set` come after the file below."""
+    """The product has pixels of 5.5 um; `include` and `--set` come after the file below."""
     (tmp_path / "below.toml").write_text(
         f'base = "{EXAMPLE}"\n[instrument.optics]\nblur = "1.2 pixel"\n'
     )
@@ -99,7 +99,8 @@ def test_wrong_values_are_refused_with_their_key(changes, words):
 
 
 def test_bounds_and_variations_are_lengths(tmp_path):
-    """What is written of them is read with each design, whose pitch and focal length may differ."""
+    """Bounds and variations are converted with each design, whose pitch and focal length may
+    differ."""
     path = tmp_path / "varied.toml"
     path.write_text(f'base = "{EXAMPLE}"\n[[variation]]\nname = "{BLUR}"\nsigma = "0.1 pixel"\n')
     with pytest.raises(ValueError, match=r"blur: sigma must have a unit that converts to m"):
@@ -121,7 +122,7 @@ def test_keys_and_schema_name_the_units_that_a_file_may_have():
 
 
 def test_the_channels_of_an_earth_camera_may_have_it_in_pixel_and_as_an_angle(tmp_path):
-    """Pixels of HSRS have 30 um; 20 arcsec of its 46.39 mm are 4.49810 um."""
+    """The pixels of HSRS have 30 um; 20 arcsec at its focal length of 46.39 mm are 4.49810 um."""
     camera = tomllib.loads(shipped("cameras/hsrs.toml").read_text(encoding="utf-8"))
     for channel, blur in zip(camera["channels"], ("0.2 pixel", "20 arcsec"), strict=True):
         channel["optics"]["blur"] = blur

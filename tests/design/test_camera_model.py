@@ -31,7 +31,7 @@ def apart(one: Camera, other: Camera) -> float:
 
 
 def test_a_polynomial_is_exact_for_cubic_distortion_and_inverts():
-    """k1, and a tilt of the detector, are cubic in x and y; k2 is not."""
+    """k1 and a tilt of the detector are cubic in x and y; k2 is not."""
     case = behind(k1=0.08, p1=0.002, principal_x=3.0)
     camera = believing(case, "polynomial").believed_camera
     assert camera.polynomial is not None

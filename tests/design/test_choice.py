@@ -42,7 +42,7 @@ def test_a_detector_is_chosen_by_product():
 
 
 def test_a_chosen_product_is_operated_as_the_one_in_its_place():
-    """What it costs does not change by leaving out how often and how it is read."""
+    """A choice of the product leaves the exposure and read-out of the design."""
     operated = replaced(CASE, "instrument.detector.row_delay", 20e-6)
     operated = replaced(operated, "instrument.detector.frame_rate", 5.0)
     (one,) = branches(operated, (Choice("instrument.detector", ("cmv4000",)),))
@@ -60,7 +60,7 @@ def test_a_chosen_product_is_operated_as_the_one_in_its_place():
 
 
 def test_a_chosen_product_is_as_old_as_the_one_in_its_place():
-    """In silicon of its own depth."""
+    """Each product ages in silicon of its own depth."""
     aged = replaced(CASE, "instrument.detector.age", Age(time=1e8, fluence=1e8, depleted=3e-6))
     one, other = branches(aged, (Choice("instrument.detector", ("cmv4000", "star1000")),))
     for case, depleted in ((one.case, 0.5e-6), (other.case, 2e-6)):

@@ -1,4 +1,4 @@
-"""The scene's date and orbit, and the catalogue's epoch and orbital velocity, are one."""
+"""The scene's date and orbit agree with the catalogue's epoch and orbital velocity."""
 
 import dataclasses
 

@@ -71,7 +71,7 @@ def test_type_unit_and_default(name, kind, unit, default):
 
 
 def test_a_default_may_be_written_into_a_file():
-    """Each default that is no list or table, written out, changes nothing."""
+    """Each default that is not a list or table, written into a file, changes nothing."""
     plain = load_design(shipped("designs/noise_only.toml"))
     held = keys_of(tomllib.loads(shipped("designs/noise_only.toml").read_text()))
     tables = {"instrument.optics", "instrument.detector", "scene", "catalog", "campaign"}
@@ -96,7 +96,7 @@ def test_a_default_may_be_written_into_a_file():
     ],
 )
 def test_without_docstrings_and_sources_all_stays(command, tmp_path, monkeypatch, capsys):
-    """As `python -OO` compiles it, where nothing can read a source."""
+    """As `python -OO` compiles it, without docstrings and sources."""
     here, there = tmp_path / "here", tmp_path / "there"
     here.mkdir()
     there.mkdir()

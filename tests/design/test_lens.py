@@ -28,7 +28,7 @@ def behind_the_petzval(case=CASE, **tracker):
 
 
 def test_a_lens_file_that_is_replaced_is_another_lens(tmp_path):
-    """In one process, under the same name: nothing that is kept is of the lens before."""
+    """In one process and under the same name, no cached value belongs to the previous lens."""
     file = tmp_path / "lens.fits"
     optics = dataclasses.replace(
         CASE.instrument.optics, psf="auto", focal_length=0.05, f_number=4.0, lens_file=""
@@ -43,7 +43,7 @@ def test_a_lens_file_that_is_replaced_is_another_lens(tmp_path):
 
 
 def test_temperature_moves_the_image_as_the_traced_chief_rays(tmp_path):
-    """The focal length of the fitted camera follows the places of the table's own nodes."""
+    """The focal length of the fitted camera follows the places at the nodes of the table."""
     warm = behind_the_petzval()
     assert warm.instrument.lens_temperature == pytest.approx(308.15)
     cold = dataclasses.replace(
@@ -97,7 +97,7 @@ def test_a_difference_of_temperatures_is_not_in_celsius():
 
 
 def test_a_family_makes_the_images_and_the_camera_of_its_table(monkeypatch):
-    """Where it is no faster than the traced lens: those of the shipped table."""
+    """If it is no faster than the traced lens, its images are those of the shipped table."""
     plain = dataclasses.replace(CASE.instrument.optics, psf="auto", focal_length=0.035)
     family = dataclasses.replace(
         CASE.instrument, optics=dataclasses.replace(plain, lens_family="double-gauss")

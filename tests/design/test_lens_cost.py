@@ -1,4 +1,4 @@
-"""Mass, volume and price: lenses that are sold, trackers that were built, and in a design."""
+"""Mass, volume and price: lenses on the market, built trackers, and designs."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def study():
 
 
 def test_real_lenses_are_near_the_model(study):
-    """Nine that are sold; metal barrels weigh more than plastic ones."""
+    """Nine lenses on the market; metal barrels weigh more than plastic ones."""
     rows = study["rows"]()
     assert len(rows) == 9
     for row in rows:
@@ -49,7 +49,7 @@ def test_real_lenses_are_near_the_model(study):
 
 
 def source_of(page):
-    """The command and the commit that a page says it is from."""
+    """The command and the commit that a page states."""
     return re.search(r"`python experiments/[^`]*` at \*[0-9a-f]+\*", page)[0]
 
 
@@ -126,7 +126,7 @@ def test_built_trackers_have_the_spread_that_the_page_says():
 
 
 def test_a_baffle_is_a_cone_that_keeps_the_sun_from_the_lens():
-    """By rays: the lowest that passes the front's edge reaches the lens's far edge."""
+    """The lowest ray that passes the front edge reaches the far edge of the lens."""
     case = load_design(shipped("designs/noise_only.toml")).case
     bare, angle = Requirements(), np.radians(40.0)
     baffled = dataclasses.replace(bare, baffle_angle=angle)

@@ -24,7 +24,7 @@ def outcomes(squares):
 @pytest.mark.parametrize("trials", [20, 50, 200])
 @pytest.mark.parametrize("paired", [True, False])
 def test_the_interval_of_the_factor_covers(trials, paired):
-    """A true factor of 2, 1,000 repetitions; the coverage may lie from 0.93 to 0.97, 1e-4."""
+    """The true factor is 2; in 1,000 repetitions the coverage may lie from 0.93 to 0.97 (1e-4)."""
     rng, misses = np.random.default_rng(trials), 0
     for _ in range(1000):
         best = rng.chisquare(2, trials)
@@ -40,7 +40,8 @@ def test_a_design_that_solves_nothing_has_no_factor():
 
 
 def test_statistics_of_known_errors():
-    """Normal errors of 1 about x and y, 3 about z: Rayleigh's and the normal law's levels."""
+    """Normal errors of 1 about x and y and 3 about z have the levels of Rayleigh's and the
+    normal law."""
     table = np.zeros(200_000, OUTCOMES)
     rng = np.random.default_rng(1)
     for axis, sigma in (("x", 1), ("y", 1), ("z", 3)):

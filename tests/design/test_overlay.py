@@ -1,4 +1,4 @@
-"""Files over another one, with only what differs."""
+"""Design files over another file, with the differences alone."""
 
 import tomllib
 from dataclasses import replace
@@ -74,7 +74,7 @@ def test_the_changes_of_a_command_are_in_it_and_the_start_alone_is_short(tmp_pat
 
 
 def test_what_was_taken_out_leaves_a_whole_design(tmp_path, base):
-    """No file can take a key out of the one below it."""
+    """No file can remove a key of the file below it, so that the whole design is written."""
     base.write_text(base.read_text() + '[campaign.requirements]\nmax_rate = "0.1 deg/s"\n')
     assert load_design(base).campaign.requirements.max_rate
     table, _ = overlay(tmp_path, load_design(base, ["campaign.requirements.max_rate="]), base)
@@ -83,7 +83,7 @@ def test_what_was_taken_out_leaves_a_whole_design(tmp_path, base):
 
 
 def test_a_shipped_design_below_is_named_as_everywhere(tmp_path):
-    """No path of this machine: the file may be moved to another one."""
+    """The shipped design is written by its name, not its path, because the file may be moved."""
     base = shipped("designs/noise_only.toml")
     design = load_design(base, ["instrument.optics.f_number=2.0"])
     table, _ = overlay(tmp_path, design, base)

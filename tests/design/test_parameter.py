@@ -27,7 +27,7 @@ REGION = replaced(CASE, f"{DETECTOR}.region", RegionOfInterest(256, 256, 1024, 1
     ],
 )
 def test_what_is_valid_together_can_be_given_together(case, values):
-    """In either order, while the first value alone is refused."""
+    """In either order, although the first value alone would be refused."""
     named = {f"{DETECTOR}.{name}": value for name, value in values.items()}
     first = next(iter(named))
     with pytest.raises(ValueError):
@@ -54,7 +54,7 @@ def test_one_value_at_a_time_is_the_same_where_each_is_valid():
 
 
 def test_the_case_is_computed_anew():
-    """Also what a part has computed from its old values and kept."""
+    """Values that a part had computed and cached from its old values are computed again."""
     assert CASE.instrument.camera.columns == 512
     assert replaced(CASE, f"{DETECTOR}.columns", 300).instrument.camera.columns == 300
 
@@ -93,7 +93,8 @@ def test_a_part_and_what_is_in_it_are_not_changed_together():
 
 
 def test_a_box_reaches_designs_whose_variables_are_valid_only_together():
-    """The side of a region grows from its corner: the columns alone would leave the array."""
+    """The side of a region grows from its corner: a change of the columns alone would be
+    refused."""
     columns = Variable(f"{DETECTOR}.columns", 256, 1024)
     left = Link(f"{DETECTOR}.region.left", f"{DETECTOR}.columns", -1.0)
     case = replaced_all(
@@ -106,7 +107,7 @@ def test_a_box_reaches_designs_whose_variables_are_valid_only_together():
 
 
 def test_a_link_follows_what_is_computed_from_a_variable():
-    """The aperture is no field of the lens, but its focal length over its f-number."""
+    """The aperture is not a field of the lens, but its focal length over its f-number."""
     f_number = Variable("instrument.optics.f_number", 1.2, 4.8)
     link = Link("instrument.detector.exposure", "instrument.optics.aperture", -2.0)
     found = DesignSpace(CASE, (f_number,), (link,)).design(np.ones(1)).instrument
@@ -121,7 +122,7 @@ def test_choices_are_made_together():
 
 
 def test_a_product_is_chosen_with_its_exposure():
-    """A rolling shutter refuses the exposure of a case that is shorter than its rows' delay."""
+    """A rolling shutter refuses an exposure that is shorter than the delay of its rows."""
     choices = (Choice(DETECTOR, ("cmv4000",)), Choice(f"{DETECTOR}.exposure", ("30 ms",)))
     for order in (choices, choices[::-1]):
         (one,) = branches(CASE, order)

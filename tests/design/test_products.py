@@ -42,7 +42,7 @@ def test_there_are_detectors_of_each_kind():
 
 @pytest.mark.parametrize("product", products())
 def test_each_detector_is_whole(case, product):
-    """It has light and noise, and every value of its file says where it is from."""
+    """Each has light and noise, and the file states a source for every value."""
     detector = case(product).instrument.detector
     peak = max(detector.quantum_efficiency.value)
     assert 0.2 < peak <= 0.95
@@ -55,7 +55,7 @@ def test_each_detector_is_whole(case, product):
 
 
 def test_values_agree_with_what_was_published(oracle):
-    """Against datasheets and measurements; dynamic range and signal to noise are derived here."""
+    """Compared with datasheets and measurements; dynamic range and SNR are computed here."""
     for product, known in oracle("detectors.json").items():
         detector = _detector(product)
         if "pixels" in known:
@@ -118,7 +118,7 @@ def test_an_unknown_key_beside_a_product_is_named(case):
 
 
 def test_a_product_stands_for_the_detector_of_the_files_below(tmp_path):
-    """Not for how the mission operates it, nor for what is said beside it, in any order."""
+    """The product keeps the mission's exposure and the keys beside it, in any order."""
     shipped_one = shipped("designs/nanosatellite.toml")
     product = 'instrument.detector.product="cmv4000"'
     noise = "instrument.detector.read_noise=3 electron"
@@ -144,7 +144,7 @@ MINE = 'columns = 640\nrows = 480\npixel_pitch = "5 um"\nread_noise = "3 electro
 
 @pytest.mark.parametrize("head", ["", "[instrument.detector]\n"])
 def test_a_file_beside_the_design_is_a_product(tmp_path, monkeypatch, head):
-    """Alone or in a table of a design; from any folder, in a base, by --set and as a choice."""
+    """Alone or as a table of a design; from any folder, in a base, by --set and as a choice."""
     folder = tmp_path / "design"
     folder.mkdir()
     (folder / "mine.toml").write_text(head + MINE)

@@ -37,7 +37,7 @@ def test_mass_and_power_follow_their_models():
 
 
 def test_twice_the_photons_are_three_quarters_of_a_magnitude():
-    """Against read noise alone, with the blur so large that the f-number does not matter to it."""
+    """With read noise alone, and a blur so large that the f-number does not affect it."""
     limit = {}
     for f_number in (2.4, 2.4 / 2**0.5):
         case = changed(
@@ -57,7 +57,7 @@ def test_slewing_costs_magnitudes():
 
 
 def test_needed_magnitude_against_a_count():
-    """The fraction of random fields that hold five stars to this magnitude is the one asked for."""
+    """The fraction of random fields with five stars to this magnitude is the required one."""
     needed = needed_magnitude(CASE, 5, 0.9)
     camera, hits = CASE.instrument.camera, 0
     for n in range(600):
@@ -76,7 +76,7 @@ def test_more_stars_need_fainter_ones():
 
 @pytest.mark.parametrize("focal", [0.055, 0.075])
 def test_stars_that_no_catalogue_of_the_tracker_has_do_not_count(focal):
-    """This camera detects to G 8 and more; its tracker knows stars to G 7."""
+    """The camera detects stars to G 8 and fainter; its tracker knows stars to G 7."""
     case = changed(optics={"focal_length": focal})
     assert limiting_magnitude(case) > 8
     sky, camera = open_sky(case.believed_catalog), case.instrument.camera
@@ -118,7 +118,8 @@ def test_limits_that_are_not_asked_for_are_not_there():
 
 
 def test_volume_data_rate_and_cost():
-    """A tube of 2 x 35 mm behind 35 / 2.4 mm; 512 x 512 pixels of 12 bit; 1.7 decades a decade."""
+    """A tube of 2 x 35 mm before a lens of 35 / 2.4 mm; 512 x 512 pixels of 12 bit; ten times the
+    focal length costs 10^1.7 times as much."""
     needs = Requirements(max_volume=200e-6, max_data_rate=30e6, max_cost=20e3, volume_fixed=1e-4)
     margins = margins_of(needs, CASE)
     tube = math.pi / 4 * (0.035 / 2.4) ** 2 * 0.07

@@ -47,7 +47,7 @@ KINDS = ("unknown", "kind", "huge", "below", "missing", "choice", "no unit")
 
 
 def mistakes(about):
-    """What may take the place of a value, by the kind of the mistake; None: nothing."""
+    """Invalid values for a field, by the kind of mistake; None: there is none."""
     found = {"unknown": 0, "kind": [{}], "huge": 10**40}
     if about.range and not about.range.startswith("at most"):
         found["below"] = f"-1 {about.unit}" if about.unit else -(10**6)
@@ -61,7 +61,7 @@ def mistakes(about):
 
 
 def mutated(rng, kind):
-    """The example with one mistake of a kind."""
+    """The example with one mistake of each kind."""
     table, keys = copy.deepcopy(BASE), {key.name: key for key in design_keys()}
     able = [place for place, _ in leaves(table) if kind in mistakes(keys[".".join(place)])]
     *tables, name = rng.choice(able)

@@ -1,4 +1,4 @@
-"""Structure of a head: against finite elements, as drawn, counted once, and what it costs."""
+"""Structure of a head: against finite elements, as drawn, counted once, and its costs."""
 
 import json
 import math
@@ -55,7 +55,7 @@ def standing(structure: Structure | None, **changes) -> Case:
 
 @pytest.mark.parametrize("of", ORACLE, ids=lambda of: f"{of['mean']:g} {of['gradient']:g}")
 def test_the_boresight_turns_as_in_finite_elements(of):
-    """Within 18 %, and with the sign: the camera's axis z towards the body's +x."""
+    """Within 18 %, and with the sign: the camera's axis z turns towards the body's +x."""
     head = of["head"]
     structure = Structure(
         expansion=of["expansion"],
@@ -76,7 +76,7 @@ def test_the_boresight_turns_as_in_finite_elements(of):
 
 
 def test_a_head_turns_alike_about_both_axes():
-    """The boresight goes away from the warm side, whichever it is."""
+    """The boresight turns away from the warm side for both axes."""
     for axis, name in enumerate((TURN_Y, TURN_Y[:-1] + "x")):
         turn = Structure().responses(OPTICS, 5e-6)[name]
         kelvin = np.eye(5)[1 + axis]
@@ -87,7 +87,7 @@ def test_a_head_turns_alike_about_both_axes():
 
 
 def test_drawn_units_have_the_sum_of_the_variances():
-    """Rms of 4000 orbits and launches within 4 sigma; parts of one name add."""
+    """The rms of 4000 orbits and launches is within 4 sigma; parts with the same name add up."""
     case = standing(WARM)
     want = dict.fromkeys((one.name for one in case.varying), 0.0)
     response = WARM.responses(OPTICS, case.instrument.detector.pitch)
@@ -110,7 +110,7 @@ def test_drawn_units_have_the_sum_of_the_variances():
 
 
 def test_focal_length_defocus_and_residual_move_together():
-    """In one orbit all follow the mean temperature, and a unit's truth has them."""
+    """In one orbit all three follow the mean temperature, and the truth of a unit has them."""
     case = standing(replace(WARM, calibration_offset=0.0, focus=True))
     instrument = replace(
         case.instrument, residual=Residual(rms=0.1, drift=0.01), optics=replace(OPTICS, psf="auto")
@@ -150,7 +150,8 @@ def test_a_profile_stands_for_its_sinusoid():
 
 
 def test_a_variable_of_the_structure_changes_the_budget():
-    """The same orbits in other materials: thermo-elastic errors in proportion to expansion."""
+    """For other materials in the same orbits, thermo-elastic errors are proportional to
+    expansion."""
     case = standing(replace(WARM, offset=0.0, detector_offset=0.0, flux=0.0, gradient_offset=0.0))
     sizes = {}
     choice = Choice("instrument.structure.material", ("titanium", "aluminium"))
@@ -162,7 +163,7 @@ def test_a_variable_of_the_structure_changes_the_budget():
 
 
 def test_a_design_file_holds_it(tmp_path):
-    """All parts of designs load together, and what is written is read back the same."""
+    """All parts of designs load together; a written file is read back the same."""
     lines = {
         "structure": ("aluminium", "titanium", "invar", "carbon"),
         "platform": ("cubesat", "small", "controlled", "observatory"),
@@ -181,7 +182,7 @@ def test_a_design_file_holds_it(tmp_path):
 
 
 def test_kelvin_against_watt_and_kilogram():
-    """4 W at 0.5 W / K take 8 K off; a mass is that of the volume of tube and base."""
+    """A heater of 4 W at 0.5 W / K removes 8 K; the mass is that of the volume of tube and base."""
     needs, case = Requirements(), standing(replace(WARM, gradient_x=0.0, gradient_y=0.0))
     swing = {4.0: 0.0, 3.0: 2.0}
     for power, left in swing.items():
@@ -199,9 +200,9 @@ def test_kelvin_against_watt_and_kilogram():
 
 
 def test_nodes_of_a_program_give_what_elasticity_does(tmp_path):
-    """T = g x in a free body: u = a g (x^2 - y^2 - z^2, 2 x y, 2 x z) / 2, of nodes of a head.
+    """T = g x in a free body: u = a g (x^2 - y^2 - z^2, 2 x y, 2 x z) / 2, at the nodes of a head.
 
-    Seen from feet on the panel at z = 0; exact but for the size of the parts.
+    Relative to feet on the panel at z = 0; exact except for the size of the parts.
     """
     structure, expansion, focal = Structure(length=60e-3), 23.6e-6, OPTICS.focal_length
     low = structure.height + structure.base / 2 + structure.length - focal
@@ -233,7 +234,7 @@ def test_the_scale_of_a_lens_changes_as_a_traced_one():
 
 
 def test_heat_gives_what_another_program_does():
-    """A platform of 8 l at 500 km, as missiontools 0.2.3 has it with the Sun alone.
+    """A platform of 8 l at 500 km, by missiontools 0.2.3 with the Sun alone.
 
     Its minimum, maximum and mean over an orbit in kelvin, local time 10:30 with 5 W.
     """
@@ -262,7 +263,8 @@ def test_heat_gives_what_another_program_does():
 
 
 def test_heat_keeps_energy_and_sees_the_whole_earth():
-    """View factors over all directions are the Earth's solid angle; what comes in goes out."""
+    """View factors over all directions add up to the Earth's solid angle; absorbed heat is
+    emitted."""
     cosine, distance = np.linspace(-1, 1, 20001), 1.1
     solid = (1 - math.sqrt(1 - 1 / distance**2)) / 2
     assert np.trapezoid(view_of_earth(cosine, distance), cosine) / 2 == pytest.approx(solid, 1e-6)
@@ -278,7 +280,7 @@ def test_heat_keeps_energy_and_sees_the_whole_earth():
 
 
 def test_heat_drives_the_head():
-    """Its temperatures stand for swing and flux; a head held at its mean needs no watt below it."""
+    """The temperatures of the heat balance replace swing and flux."""
     heat = Heat(head_absorptance=0.05)
     case = standing(Structure(heat=heat, telecentric=0.0))
     found = warmth(heat)

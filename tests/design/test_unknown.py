@@ -1,4 +1,4 @@
-"""Laws of values that are not known, in a design file."""
+"""Laws of unknown values in a design file."""
 
 import dataclasses
 import math
@@ -136,7 +136,7 @@ def test_an_include_that_names_no_file_is_refused(written, entry):
 
 
 def test_a_search_keeps_the_laws_of_what_it_does_not_choose(written):
-    """The example of noise alone varies its f-number, and not its background."""
+    """The example with noise only varies its f-number, not its background."""
     path = written(
         "[instrument.optics]\nf_number = { low = 1.8, high = 2.2 }\n"
         "[scene]\nbackground_g = { low = 21, high = 22 }\n"
@@ -150,7 +150,7 @@ BACKGROUND = "[scene]\nbackground_g = { low = 19, high = 22 }\n"
 
 
 def test_draws_of_what_is_not_known_are_conditions_of_a_campaign(written):
-    """Each draw lies in its third of the law; the expected error is the mean over all of them."""
+    """Each draw lies in its third of the law; the error is the geometric mean with the design's."""
     design = load_design(written(BACKGROUND), ["campaign.unknown_draws=3"])
     campaign = design.asked
     drawn = [condition for condition in campaign.conditions if condition.name.startswith("draw")]

@@ -97,7 +97,8 @@ def test_a_number_in_a_list_may_vary():
 
 
 def test_what_is_linked_follows():
-    """Blur in proportion to the focal length; exposure with the inverse square of the blur."""
+    """The blur is proportional to the focal length, the exposure to the inverse square of the
+    blur."""
     links = (
         Link("instrument.optics.blur", "instrument.optics.focal_length"),
         Link("instrument.detector.exposure", "instrument.optics.blur", -2.0),

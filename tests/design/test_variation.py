@@ -1,4 +1,4 @@
-"""Draws of units: their laws, their streams, and what they leave alone."""
+"""Draws of units: their laws, their streams, and the values that they leave unchanged."""
 
 import copy
 import math
@@ -153,7 +153,7 @@ def test_variations_are_read_from_a_design_file(tmp_path):
 
 
 def test_variations_of_a_design_and_of_its_class_count_together(tmp_path):
-    """One of the same name and scope replaces that of the class."""
+    """A variation of a design replaces that of its class with the same name and scope."""
     path, name = tmp_path / "varied.toml", "instrument.optics.focal_length"
     path.write_text(
         'base = "designs/noise_only.toml"\ninclude = ["variations/space-lens.toml"]\n'
@@ -167,7 +167,7 @@ def test_variations_of_a_design_and_of_its_class_count_together(tmp_path):
 
 
 def test_a_design_lies_over_its_class_and_its_orbit(tmp_path):
-    """Both parts count: what differs between units, and what the tracker does not know."""
+    """Both parts count: differences between units, and stars that the tracker does not know."""
     path = tmp_path / "flown.toml"
     path.write_text(
         'base = "designs/noise_only.toml"\n'
@@ -182,7 +182,7 @@ def test_a_design_lies_over_its_class_and_its_orbit(tmp_path):
 
 
 def test_a_hash_does_not_travel_with_a_case():
-    """That of its texts is another one in another process."""
+    """The hash of a text differs between processes."""
     case = replace(CASE)
     kept = {case: "kept"}
     vars(case)["_hash"] += 1  # as of another process

@@ -1,4 +1,4 @@
-"""A sky that the tests paint themselves, with scipy's normal law."""
+"""A sky that the tests simulate themselves, with scipy's normal law."""
 
 from collections.abc import Callable
 

@@ -1,4 +1,4 @@
-"""Search boxes: what is taken in them, against images that are written out here."""
+"""Search boxes: the spots in them, compared with images written out here."""
 
 import math
 
@@ -15,7 +15,8 @@ PLAN = plan_detection(Detection(), gaussian_psf(SIGMA), None)
 
 
 def image(stars, noise=3.0, seed=0, side=120):
-    """A frame of stars (x, y, flux) on 100, integrated over pixels by the error function."""
+    """A frame of stars (x, y, flux) on a background of 100, integrated over pixels by the error
+    function."""
     value = np.full((side, side), 100.0)
     edge = np.arange(side + 1) - 0.5
     for x, y, flux in stars:
@@ -29,7 +30,7 @@ def image(stars, noise=3.0, seed=0, side=120):
 
 @pytest.mark.parametrize("size", [4, 6, 8])
 def test_a_star_is_taken_wherever_it_is_in_its_box(size):
-    """Place within 5 sigma of its own noise and 0.1 pixel for the edges of small images."""
+    """Its place is within 5 sigma of its own noise plus 0.1 pixel for the edges of small images."""
     stars = [(40.3, 50.8, 5000.0), (80.0, 30.5, 3000.0)]
     box = Box(size=size)
     expected = np.array([[44.0, 45.0], [74.5, 37.0]])
@@ -43,7 +44,7 @@ def test_a_star_is_taken_wherever_it_is_in_its_box(size):
 
 
 def test_the_scatter_is_as_stated():
-    """Of 400 stars with their noise; the mean square over the stated one, false alarm 1e-4."""
+    """The mean square error of 400 noisy stars over the stated one, false alarm 1e-4."""
     rng = np.random.default_rng(4)
     places = np.array([(x, y) for x in range(20, 420, 20) for y in range(20, 420, 20)], float)
     places += rng.uniform(-0.5, 0.5, places.shape)
@@ -64,7 +65,8 @@ def test_the_scatter_is_as_stated():
 
 
 def test_the_brightest_within_the_limits_is_taken():
-    """A hot pixel as bright as the star; a brighter star beyond the limit of brightness."""
+    """Beside a hot pixel as bright as the star, and a brighter star above the limit of
+    brightness."""
     true, flux = (40.3, 50.8), np.array([1000.0])
     place = np.array([[42.0, 50.0]])
     frame = image([(*true, 1000.0)])
@@ -101,7 +103,7 @@ def test_a_dynamic_background_takes_off_a_slope_and_a_hot_corner():
     ],
 )
 def test_the_clipped_background_is_that_of_the_published_rule(pixels, level):
-    """By hand: the farthest is left out while it is off by 1.5 times the mean, and by 10."""
+    """By hand: the farthest value is left out while it deviates by 1.5 times the mean and by 10."""
     value = np.full((2, 8, 8), 1e6)
     for n, (row, column) in enumerate((r, c) for r in (0, 7) for c in (0, 1, 6, 7)):
         value[:, row, column] = pixels[n]
@@ -109,7 +111,7 @@ def test_the_clipped_background_is_that_of_the_published_rule(pixels, level):
 
 
 def test_more_hits_than_are_kept_drop_the_star():
-    """A box of 12 x 12 blocks, some 25 of them as bright as a hit."""
+    """A box of 12 x 12 blocks, of which some 25 are as bright as a hit."""
     true = np.array([[40.3, 50.8]])
     frame = image([(*true[0], 3000.0)])
     for x in range(30, 52, 4):
@@ -136,7 +138,8 @@ def test_boxes_beyond_the_frame_find_nothing():
 
 
 def test_what_an_image_holds():
-    """An 8 x 8 image of a star of 1.2 pixel holds nearly all of it, without background."""
+    """An 8 x 8 image of a star of 1.2 pixel contains nearly all of its light, without
+    background."""
     held = star_image(gaussian_psf(SIGMA), Box(size=8, background="none"))
     assert held.fraction == pytest.approx(0.998, abs=0.002)
     assert held.moment == pytest.approx((0, 0), abs=0.003)

@@ -20,7 +20,7 @@ SLOW = pytest.mark.slow
 
 @lru_cache(maxsize=2)  # the frames of one case, which several methods measure
 def exposed(sky, flux, sigma, background, read_noise, steps, seed, trial):
-    """A frame of about 2000 stars and where they are, (n,) x and y."""
+    """A frame of about 2000 stars, and their places (n,) x and y."""
     streams = Streams(seed, trial)
     grid = np.arange(20.0, SIDE - 14, 22 if len(steps) == 1 else 34)
     x, y = (a.ravel() for a in np.meshgrid(grid, grid))
@@ -36,7 +36,8 @@ def exposed(sky, flux, sigma, background, read_noise, steps, seed, trial):
 
 
 def errors(sky, case, seed, frames=2, steps=((0.0, 1.0),), psf=None, **settings):
-    """Errors (n, 2) and covariances of about 2000 stars a frame; `steps` are a smear's."""
+    """Errors (n, 2) and covariances of about 2000 stars of a frame; `steps` are those of a
+    smear."""
     error, covariance = [], []
     for trial in range(frames):
         light = case["flux_e"], case["sigma_px"], case["bkg_e"], case["read_e"]
@@ -55,7 +56,7 @@ def rms(error):
 
 
 def chi_square(error, covariance):
-    """Its mean over the stars, 1 where the covariance is right."""
+    """Its mean over the stars, which is 1 if the covariance is right."""
     return np.einsum("ni,nij,nj->n", error, np.linalg.inv(covariance), error).mean() / 2
 
 
@@ -201,9 +202,9 @@ def test_flux_is_all_of_the_light_where_the_psf_is_known(sky):
 
 
 def test_gravity_states_the_variance_of_its_errors(sky):
-    """8100 faint stars anywhere in their pixels: 1 +- 0.011; 0.033 is a false alarm in 400.
+    """8100 faint stars at random places in their pixels: 1 +- 0.011; 0.033 is a false alarm in 400.
 
-    A variance that left out what the star's own width does to its place would be 4 % too large.
+    A variance without the effect of the star's own width on its place would be 4 % too large.
     """
     star = {"flux_e": 4000, "sigma_px": 0.8, "bkg_e": 5, "read_e": 15}
     error, covariance = errors(sky, star, 21, frames=4)

@@ -1,4 +1,4 @@
-"""Dark maps: what they take off a frame, and what they leave."""
+"""Dark maps: the signal that they subtract from a frame, and the rest."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,8 @@ def frame(image):
 
 
 def test_what_remains_is_the_rounding_of_the_map_and_of_the_frame():
-    """Both are even over one step: rms of the difference in the closed form, 2 % by chance."""
+    """Both roundings are uniform over one step: the closed form of the rms difference, 2 % by
+    chance."""
     for step in (0.5, 4.0):
         left = calibrated(frame(SIGNAL), plan(step=step)).value
         usual = np.ones(left.shape, bool)

@@ -1,4 +1,4 @@
-"""Scatter, covariance, completeness and false alarms, on skies painted here."""
+"""Scatter, covariance, completeness and false alarms, on skies simulated here."""
 
 import json
 from functools import cache, lru_cache
@@ -40,7 +40,7 @@ def paired(spots, x, y):
 
 
 def measured(sky, case, window):
-    """Errors (n, 2) and covariances (n, 2, 2) of all the stars of two frames."""
+    """Errors (n, 2) and covariances (n, 2, 2) of all stars of two frames."""
     return in_frames(
         sky, window, *(case[name] for name in ("flux_e", "sigma_px", "bkg_e", "read_e"))
     )

@@ -1,4 +1,4 @@
-"""Frames that break a careless detection."""
+"""Frames that a careless detection fails on."""
 
 import numpy as np
 import pytest
@@ -222,7 +222,7 @@ def test_hot_pixels_rows_and_columns_are_no_stars(sky):
 
 
 def test_a_high_threshold_finds_stars_among_warm_pixels_and_faint_stars(sky):
-    """The law of a few brighter pixels says nothing of noise that nobody has ever seen."""
+    """The noise of a few brighter pixels cannot be extrapolated to probabilities never observed."""
     draw = Streams(6, 0)("a warm sky")
     x, y = draw.uniform(10, SIDE - 10, (2, 320))
     flux = np.full(320, 60.0)

@@ -1,4 +1,4 @@
-"""Peaks that pass for hot pixels, against what noise makes of stars."""
+"""Peaks that look like hot pixels, against noisy stars."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ FRACTION = largest_fraction(0.35)
 
 
 def star(flux, sigma=0.6):
-    """Expected numbers of a star between two pixels."""
+    """Expected numbers of a star centred between two pixels."""
     at = np.arange(-HALF, HALF + 1)
     x, y = np.meshgrid(at - 0.2, at + 0.1)
     return LEVEL + flux * np.exp(-(x**2 + y**2) / (2 * sigma**2)) / (2 * np.pi * sigma**2)
@@ -19,7 +19,7 @@ def star(flux, sigma=0.6):
 @pytest.mark.usefixtures("in_python")
 @pytest.mark.parametrize("flux", [25.0, 40.0, 80.0])
 def test_the_chance_to_pass_is_the_share_of_noisy_stars_that_do(flux):
-    """1000 stars; 4 standard deviations of their share and of that of 400 patterns of noise."""
+    """1000 stars; 4 standard deviations of their fraction and of that of 400 patterns of noise."""
     mean, rng = star(flux), np.random.default_rng(3)
     spread = np.sqrt(NOISE**2 + SHOT * (mean - LEVEL))
     frames = (mean + spread * rng.standard_normal((1000, *mean.shape))).astype(np.float32)

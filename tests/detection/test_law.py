@@ -1,4 +1,5 @@
-"""How far filtered photon noise reaches, against its exact law; false spots, against a wish."""
+"""Tails of filtered photon noise against the exact law; numbers of false spots against the
+setting."""
 
 import numpy as np
 import pytest
@@ -15,7 +16,8 @@ LINE = np.array([1, 2, 1])
 
 
 def exact_tail(mean, level):
-    """P(sum of weights 1, 2, 4 of 4, 4 and 1 counts exceeds the level), half of equality."""
+    """P(weights 1, 2, 4 times Poisson numbers of means 4, 4 and 1 exceed the level), plus half
+    of the probability of equality."""
     whole = np.ones(1)
     for weight, cells in ((1, 4), (2, 4), (4, 1)):
         count = np.arange(int(mean * cells + 12 * np.sqrt(mean * cells) + 40))

@@ -1,4 +1,4 @@
-"""The quick search: the stars of the filter's search but those that it says, and nothing else."""
+"""The quick search finds the stars of the filter's search, except those that it documents."""
 
 from dataclasses import replace
 
@@ -24,7 +24,7 @@ def found_by(search, frame, sigma=1.0, **settings):
 
 
 def frame_of(snr, seed, sigma=1.0, background=50.0):
-    """A frame with stars on a grid of 57 pixels, their x and y."""
+    """A frame with stars on a grid of 57 pixels, and their x and y."""
     streams = Streams(seed, 0)
     x, y = field(streams, 57)
     light = np.full((SIDE, SIDE), background)
@@ -75,7 +75,7 @@ def test_images_of_real_numbers_are_searched_by_the_filter():
 
 
 def test_noise_alone_makes_no_more_false_spots():
-    """5 are expected in 10 frames, with a sigma of 2.2; the narrow filter must see them, too."""
+    """5 are expected in 10 frames, with a sigma of 2.2; the narrow filter must find them, too."""
     light = np.full((SIDE, SIDE), 50.0)
     frames = [expose(light, Streams(seed, 0)) for seed in range(10)]
     counts = [len(found_by("quick", frame, false_per_frame=0.5)) for frame in frames]
@@ -84,12 +84,12 @@ def test_noise_alone_makes_no_more_false_spots():
 
 @pytest.fixture
 def quick(small):
-    """A small camera that measures all stars that it finds."""
+    """A small camera that measures all stars it finds."""
     return replaced_all(small.case, {"tracker.detection.max_spots": 1000, KEY: "quick"})
 
 
 def test_the_budget_counts_the_stars_that_trials_find(quick):
-    """Beside 60 frames, to 3 % of the stars."""
+    """The number of stars is that of 60 frames, to 3 %."""
     outcomes = run(quick, 60, 1, Serial())
     assert analytic(quick).stars == pytest.approx(outcomes["stars"].mean(), rel=0.03)
 

@@ -1,4 +1,4 @@
-"""Background about a spot: what Python does with arrays at the first run, against the loops."""
+"""Background around a spot: Python's arrays of the first run against the compiled loops."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ EVERYWHERE = np.arange(70).repeat(60), np.tile(np.arange(60), 70)
     ids=["alone", "beside others", "in a crowd"],
 )
 def test_arrays_in_python_see_the_same_background(place, others):
-    """With a slope and a star; sums of single precision may be taken in another order."""
+    """With a slope and a star; sums in single precision may have another order."""
     image = np.random.default_rng(2).normal(100, 5, (60, 70)) + 3 * np.arange(70)
     image[24:28, 26:30] += 400
     image = image.astype(np.float32)

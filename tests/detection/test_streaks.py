@@ -16,7 +16,7 @@ CASE = load_design(shipped("designs/noise_only.toml")).case
 
 
 def turning(rate, angle, **detector):
-    """The example at a rate (deg/s), by a tracker that is told none."""
+    """The example at a rate (deg/s), with a tracker that knows no rate."""
     x, y = rate * deg * np.cos(angle), rate * deg * np.sin(angle)
     instrument = dataclasses.replace(
         CASE.instrument,
@@ -46,7 +46,7 @@ def test_the_smear_is_that_of_the_motion(rate):
 
 @pytest.mark.parametrize("frames", [12, pytest.param(40, marks=pytest.mark.slow)])
 def test_noise_and_uneven_rows_make_no_streak(frames):
-    """Without a star, with levels of rows and columns and hot pixels."""
+    """Without a star, but with levels of rows and columns and with hot pixels."""
     rng = np.random.default_rng(4)
     plan = plan_detection(CASE.tracker.detection, None)
     for _ in range(frames):
@@ -58,9 +58,10 @@ def test_noise_and_uneven_rows_make_no_streak(frames):
 
 @pytest.mark.parametrize("angle", [2.0, pytest.param(2.0 - np.pi, marks=pytest.mark.slow)])
 def test_a_tracker_that_is_told_no_rate_finds_its_attitude_while_it_turns(angle):
-    """At 2 deg/s, behind a shutter that skews the frame by 1.1 pixel: as one that knows the rate.
+    """At 2 deg/s, with a shutter that skews the frame by 1.1 pixel, it equals a tracker that knows
+    the rate.
 
-    Without the rate it is 5 times as far off.
+    A tracker that ignores the streaks has 5 times the error.
     """
     case = turning(2.0, angle, row_delay=20e-6)
     known = dataclasses.replace(case, tracker=dataclasses.replace(case.tracker, rate="known"))

@@ -15,7 +15,8 @@ SIDE, BACKGROUND, READ_NOISE = 1024, 20.0, 4.0
 
 
 def bound(sky, sigma, places, fluxes):
-    """Covariance (2 m, 2 m) of the places of some stars, from differences of their images."""
+    """Covariance (2 m, 2 m) of the places of some stars, from finite differences of their
+    images."""
     start = np.array([*np.ravel(places), *fluxes, BACKGROUND])
     count = len(fluxes)
 
@@ -32,7 +33,7 @@ def bound(sky, sigma, places, fluxes):
 
 
 def field(sky, sigma, places, fluxes, seed):
-    """About 700 copies of a few stars, all at the same place in their pixels: (n, m, 2), frame."""
+    """About 700 copies of a few stars, each with the same place in its pixel: (n, m, 2), frame."""
     grid = np.arange(40.0, SIDE - 30, 37)
     corner = np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 1, 2)
     stars = corner + np.array(places)

@@ -1,4 +1,5 @@
-"""Detectors at an age, against Chandra's aspect camera in flight and laws of other authors."""
+"""Detectors at an age, compared with Chandra's aspect camera in flight and laws of other
+authors."""
 
 import math
 from dataclasses import replace
@@ -28,7 +29,7 @@ CELSIUS = 273.15
 
 
 def aspect_camera(year, celsius, **changes):
-    """A CCD whose dark currents are given at -14 degC, where few pixels are below 2 e-/s."""
+    """A CCD whose dark currents are given at -14 degC, where few pixels have less than 2 e-/s."""
     thermal = Thermal(celsius + CELSIUS, CELSIUS - 14, DOUBLING)
     age = Age(year=year, launch=1999.56, family="chandra-aca", **changes)
     return Detector(1024, 1024, 24e-6, 1.7, dark_current=1.0, thermal=thermal, age=age)
@@ -79,7 +80,7 @@ def chance_below(law, current, step):
 
 
 def test_flickering_pixels_follow_the_laws_in_flight(oracle):
-    """Nine cumulative laws within 0.03, four of them not used for the numbers of the law."""
+    """Nine cumulative laws within 0.03; four of them were not used to fit the law."""
     flown = oracle("chandra_dark.json")["flicker"]
     step, law = np.array(flown["log10_step"]), Flicker()
     rng = np.random.default_rng(0)
@@ -116,7 +117,7 @@ def test_a_frame_has_flicker_but_its_map_does_not():
 
 
 def test_interactions_have_the_mean_of_srour_and_the_shape_of_robbins():
-    """2e9 protons / cm^2 of 10 MeV on 5 um of 10 um pixels at 300 K."""
+    """2e9 protons / cm^2 of 10 MeV through 5 um of silicon, in pixels of 10 um at 300 K."""
     age = Age(time=5 * YEAR, fluence=4e8 * 1e4 / YEAR, depleted=5e-6)
     thermal = Thermal(300.0, 300.0)
     detector = Detector(512, 512, 10e-6, 1.0, dark_current=10.0, thermal=thermal, age=age)
@@ -133,14 +134,15 @@ def test_interactions_have_the_mean_of_srour_and_the_shape_of_robbins():
 
 
 def test_the_dose_behind_a_shield_is_that_of_spenvis_between_its_nodes(oracle):
-    """Inclinations and thicknesses that the table leaves out."""
+    """Inclinations and thicknesses between those of the table."""
     for inclination, millimetre, rad in oracle("dose_depth.json")["proton_rad_per_year"]:
         found = proton_dose(math.radians(inclination), millimetre * 1e-3)
         assert found == pytest.approx(rad, rel=0.08)
 
 
 def test_a_thicker_shield_lets_a_detector_age_less():
-    """As a fluence of so many protons would; 139 rad a year are 4.3e8 protons / cm^2 of 10 MeV."""
+    """The shielded dose ages a detector as a fluence does; 139 rad a year are 4.3e8 protons /
+    cm^2 of 10 MeV."""
     polar = math.radians(100)
     thin, thick = (Age(time=YEAR, inclination=polar, shielding=mm * 1e-3) for mm in (2, 10))
     ratio = thin.protons / thick.protons
@@ -184,6 +186,6 @@ def test_ages_that_make_no_sense_are_refused(values, rule):
 
 
 def test_damage_that_no_float_can_hold_is_the_mean():
-    """Near 1 K, where the growth of an interaction underflows."""
+    """Near 1 K the growth of an interaction underflows."""
     found = damage((2, 3), Age(time=1e8, fluence=10.0), 1e-10, 1.0, Streams(0, 0))
     np.testing.assert_array_equal(found, mean_damage(Age(time=1e8, fluence=10.0), 1e-10, 1.0))

@@ -1,4 +1,4 @@
-"""Light that varies over the frame, and EMVA 1288's measurements where it does."""
+"""Light that varies over the frame, and EMVA 1288's measurements in such light."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ def image_of(light: Light, one: Detector):
 
 
 def test_a_slope_is_a_slope():
-    """Four corners make a plane: radiance times solid angle times time, at every pixel."""
+    """Four corners define a plane: radiance times solid angle times time, at every pixel."""
     one = Detector(31, 21, 5e-6, 0.5)
     corners = np.array([[1.0, 3.0], [2.0, 4.0]])
     image = image_of(light_of(DiffuseLight(np.array([2e6, 3e6]), corners)), one)
@@ -54,7 +54,7 @@ def test_diffuse_lights_of_any_maps_add_up():
 
 
 def test_a_map_of_many_places_is_scipys_interpolation():
-    """More places than pixels along one side, fewer along the other."""
+    """Along one side there are more places than pixels, along the other fewer."""
     fraction = np.random.default_rng(2).random((11, 4))
     one = Detector(23, 7, 5e-6, 0.2, fill_factor=0.5)
     got = diffuse_electrons(
@@ -97,8 +97,8 @@ def test_pixels_respond_to_it_and_leak_it():
 def test_one_pair_of_frames_with_a_slope_is_a_photon_transfer_curve(bits, full_well):
     """EMVA 1288's line from one pair: each column has its own level, from 50 to 9000 electrons.
 
-    Half the variance of the difference over the mean, gain and read noise within 2 %; the
-    standard errors are 0.2 % and 0.7 %. The image of an even light would need a pair a level.
+    Half of the variance of the difference over the mean gives gain and read noise within 2 %; the
+    standard errors are 0.2 % and 0.7 %. Uniform light would need a pair for each level.
     """
     one = Detector(
         900, 1200, 5e-6, 0.1, full_well=full_well, bits=bits, offset=100, read_noise=12.0, prnu=0.02

@@ -1,4 +1,4 @@
-"""Each effect against a closed form, or against what it must keep."""
+"""Each effect against a closed form or an invariant."""
 
 import math
 import tomllib
@@ -44,7 +44,7 @@ def test_temperatures_far_off(activation):
 
 
 def test_reset_noise_of_a_known_capacitor():
-    """10 fF at 300 K: 40 electrons, as every textbook has it."""
+    """10 fF at 300 K have 40 electrons, as in textbooks."""
     assert Thermal(300.0, capacitance=10e-15).reset_noise == pytest.approx(40.2, abs=0.1)
     flat = np.full((100, 200), 1000.0)
     both = drawn(flat, read_noise=5.0, thermal=Thermal(300.0, capacitance=10e-15))
@@ -120,9 +120,9 @@ def test_a_region_is_cut_from_the_array():
 
 @pytest.mark.slow
 def test_noise_of_the_read_out_is_that_of_dark_frames_without_light():
-    """Beside the numbers of frames of zero electrons, rounded: by 1 / sqrt(12) number at most.
+    """The noise is that of frames without electrons, within the rounding of 1 / sqrt(12) number.
 
-    Hits and settling are no noise: the first needs an exposure, the second filters the rest.
+    Hits and settling are not noise: hits need an exposure, and settling filters the rest.
     """
     pattern = Pattern(row=3.0, column=2.0)
     noisy = replace(PLAIN, read_noise=8.0, pattern=pattern, hits=Hits(rate=2e8, depth=10e-6))
@@ -211,7 +211,7 @@ def test_hits_are_as_many_and_as_bright_as_they_should():
 
 
 def test_a_track_through_a_thick_layer_has_no_gaps():
-    """Tens of pixels long, and in one piece each."""
+    """Tracks that are tens of pixels long have no gaps."""
     thick, rows, columns = Hits(rate=1e7, charge=80e6, depth=200e-6), 300, 400
     longest = 0
     for trial in range(60):
@@ -227,7 +227,8 @@ def test_a_track_through_a_thick_layer_has_no_gaps():
 
 
 def test_every_pixel_is_hit_as_often_as_the_next():
-    """Chi-square over a dozen pixels and 400 frames, a layer so thin that one hit is one pixel."""
+    """Chi-square over a dozen pixels and 400 frames; the layer is so thin that a hit is one
+    pixel."""
     thin, frames = Hits(rate=1.4e11, depth=1e-9), 400
     counts = np.zeros(12)
     for trial in range(frames):
@@ -239,7 +240,7 @@ def test_every_pixel_is_hit_as_often_as_the_next():
 
 
 def test_hits_show_in_both_ways_of_reading():
-    """At once and in steps: the same tracks on the same sky."""
+    """A frame in one step and in single steps has the same tracks on the same sky."""
     flat = np.full((100, 200), 20.0)
     quiet = drawn(flat)
     for more in ({}, {"blooming": True}):
@@ -251,7 +252,7 @@ def test_hits_show_in_both_ways_of_reading():
 
 
 def test_steps_and_shortcut_draw_the_same_frame():
-    """Where an effect is too weak to matter, its frame is that without it."""
+    """With each effect too weak to matter, the frame in steps equals the frame without it."""
     mean = np.random.default_rng(0).uniform(5, 4000, (100, 200))
     for weak in ({"settling": 1e-12}, {"blooming": True}, {"read_noise_spread": 1e-9}):
         np.testing.assert_array_equal(

@@ -85,7 +85,7 @@ CAMERAS = {
 
 
 def pair(detector, photo_electrons, seed):
-    """Two frames in even light, above the offset."""
+    """Two frames in uniform light; the offset is subtracted."""
     gain = response(detector)
     mean = photo_electrons * (1.0 if gain is None else gain) + dark(detector) * detector.exposure
     mean = np.broadcast_to(mean, (SIZE, SIZE)).copy()
@@ -124,7 +124,7 @@ def test_photon_transfer(name):
 
 @pytest.mark.parametrize("name", CAMERAS)
 def test_linearity(name):
-    """Residuals of the line through the means, against the range: under 0.1 %."""
+    """Residuals of the line through the means, over the range: under 0.1 %."""
     one = CAMERAS[name]
     mean = measure(name)[0]
     below = mean < 0.7 * (2**one.bits - 1 - one.offset)
@@ -135,7 +135,7 @@ def test_linearity(name):
 
 
 def test_a_bend_is_measured_back():
-    """Of a response n (1 - bend n / full_well), the quadratic term is the bend."""
+    """The quadratic term of a response n (1 - bend n / full_well) is `bend`."""
     one = Detector(SIZE, SIZE, 5e-6, 0.1, full_well=20_000.0, bits=16, nonlinearity=0.04)
     level = np.linspace(500, 15_000, 8)
     mean = [np.mean(pair(one, each, 50 + n)) for n, each in enumerate(level)]
@@ -145,7 +145,8 @@ def test_a_bend_is_measured_back():
 
 @pytest.mark.parametrize("temperature", [273.15, 293.15, 313.15])
 def test_dark_signal_line(temperature):
-    """Dark signal over exposure: its slope is the dark current at that temperature; DSNU too."""
+    """The slope of the dark signal over the exposure is the dark current at that temperature;
+    also for DSNU."""
     from dataclasses import replace
 
     one = Detector(

@@ -67,7 +67,7 @@ def test_no_photons():
 
 @pytest.mark.parametrize("bits", [16, 24])
 def test_a_thousand_million_photons_in_a_pixel(bits):
-    """Flux kept to 1e-6: here the shot noise of a mean over 3072 pixels is 6e-7."""
+    """The flux is kept to 1e-6; the shot noise of a mean over 3072 pixels is 6e-7."""
     one = replace(DETECTOR, full_well=2e9, bits=bits)
     image = frame(one, sky=1e9).astype(float)
     flux = (image - 100) * one.electrons_per_dn
@@ -86,7 +86,7 @@ def test_flux_is_kept_until_something_clips(electrons):
 
 @pytest.mark.parametrize("corner", [(0, 0), (63, 0), (0, 47), (63, 47)])
 def test_a_star_on_a_corner_leaves_a_quarter_outside(corner):
-    """On the outer corner of the corner pixel, a quarter of the light is inside."""
+    """For a star on the outer corner of the corner pixel, a quarter of the light is inside."""
     outer = [c + math.copysign(0.5, c - 1) for c in corner]
     image = expected(view(DETECTOR, pixel=outer, electrons=1e5))
     assert image.sum() == pytest.approx(25_000, rel=1e-5)
@@ -95,7 +95,7 @@ def test_a_star_on_a_corner_leaves_a_quarter_outside(corner):
 
 @pytest.mark.parametrize("row", [0.0, 24.0, 47.0])
 def test_a_saturated_star_blooms(row):
-    """All charge stays on the array, except what runs over its edge."""
+    """All charge stays on the array, except the charge that overflows its edge."""
     # A gain below one leaves room above the full well, so that the converter hides nothing.
     one = replace(DETECTOR, blooming=True, bits=16, gain=0.98)
     image = frame(one, pixel=(30.0, row), electrons=4e5)
@@ -197,7 +197,7 @@ def test_everything_at_once_repeats():
 
 
 def test_a_mean_map_with_everything_in_it():
-    """From no electrons to far beyond the full well in one frame, by tables and one by one."""
+    """One frame from no electrons to far beyond the full well, by tables and pixel by pixel."""
     mean = np.geomspace(1e-6, 1e7, 512 * 512).reshape(512, 512)
     one = Detector(512, 512, 5e-6, 0.1, full_well=50_000.0, bits=16, read_noise=3.0, offset=50)
     image = read_out(mean, one, Streams(1, 0)).astype(float)
@@ -208,7 +208,7 @@ def test_a_mean_map_with_everything_in_it():
 
 
 def test_kernels_serve_arrays_of_any_layout_without_compiling_anew():
-    """Whether they can be written to, and whichever order their elements have."""
+    """Arrays that are writable or not, with elements in either order."""
     streams, psf, device = Streams(1, 0), gaussian(), Detector(40, 40, 5e-6, 0.1)
     path = np.array([[10.0, 20.0, 30.0], [10.5, 20.5, 30.5]])
     known, images, numbers = [], [], []

@@ -29,7 +29,7 @@ def detector(**changes) -> Detector:
 
 
 def light(pixels, electrons, camera: Camera, sky: float = 0.0) -> Light:
-    """Stars at pixels that deliver so many electrons in 0.1 s, sky so many per pixel."""
+    """Stars at pixels with given electrons in 0.1 s, and a sky with given electrons per pixel."""
     direction = camera.unproject(np.atleast_2d(pixels))
     rate = np.atleast_1d(electrons)[:, None] / 0.1 / THROUGHPUT.sum() * np.ones(2)
     background = sky / 0.1 / THROUGHPUT.sum() * camera.focal_length_px**2 * np.ones(2)
@@ -69,7 +69,8 @@ def test_a_star_is_the_integral_of_its_psf_over_pixels(sigma):
 
 @pytest.mark.parametrize("length", [0.5, 4.0, 20.0])
 def test_smear_is_the_mean_over_the_path(length):
-    """Along the smear, a Gaussian convolved with a box: the second integral of the Gaussian."""
+    """Along the smear the image is a Gaussian convolved with a box: second integral of the
+    Gaussian."""
     from startrack.motion import Motion, slew
 
     angle = length / 1000 / 0.1

@@ -1,4 +1,4 @@
-"""The numbers of a frame against the law summed up with scipy, and its tails."""
+"""The numbers of a frame against the law summed with scipy, and its tails."""
 
 import math
 from dataclasses import replace
@@ -28,7 +28,7 @@ from startrack.response import noise_free_frame
 
 
 def summed(mean: float, law: SignalLaw) -> np.ndarray:
-    """Probability of each digital number, straight from the equation."""
+    """Probability of each digital number, directly from the equation."""
     electrons = np.arange(0, math.ceil(mean + 12 * math.sqrt(mean) + 40))
     weight = stats.poisson.pmf(electrons, mean)
     held = np.minimum(electrons, law.full_well)
@@ -64,7 +64,7 @@ LAWS = {
 @pytest.mark.parametrize("name", LAWS)
 @pytest.mark.parametrize("tabled", [True, False])
 def test_the_law_is_exact(name, tabled):
-    """Chi-square of the histogram of 4 Mpx (0.5 Mpx one by one); false alarm 1e-4 each."""
+    """Chi-square of the histogram of 4 Mpx (0.5 Mpx pixel by pixel); false alarm 1e-4 each."""
     mean, law = LAWS[name]
     shape = (512, 512) if tabled else (60, 100)
     assert (tables_for(np.full(shape, mean), law) is not EMPTY) is tabled
@@ -86,7 +86,7 @@ def test_the_law_is_exact(name, tabled):
 @pytest.mark.parametrize("mean", [0.3, 4.0, 77.7])
 @pytest.mark.parametrize("noise", [0.0, 0.4, 3.0])
 def test_between_levels_the_law_is_as_near_as_stated(mean, noise):
-    """From the tables themselves: total variation 2e-5, the mean exact, the tail within 2 %."""
+    """From the tables alone: total variation 2e-5, exact mean, tail within 2 %."""
     law = SignalLaw(noise, 2e4, 0.0, 1.0, 64.0, 0.0, 1023.0)
     tables = tables_for(np.full((256, 256), mean), law)
     level = math.floor(mean / tables.spacing)
@@ -103,7 +103,7 @@ def test_between_levels_the_law_is_as_near_as_stated(mean, noise):
 
 
 def test_the_tail_is_the_laws():
-    """32 Mpx beyond 4.5 sigma: some 90 pixels, so within four of their standard errors."""
+    """Some 90 of 32 Mpx lie beyond 4.5 sigma, within four of their standard errors."""
     mean, law = LAWS["sky"]
     fraction = summed(mean, law)
     number = np.arange(len(fraction))
@@ -119,7 +119,7 @@ def test_the_tail_is_the_laws():
 
 
 def test_a_frame_follows_from_its_streams_alone():
-    """Whatever was drawn before, and whichever window of rows is looked at."""
+    """Whatever was drawn before, and whichever rows are read."""
     law = LAWS["sky"][1]
     mean = np.random.default_rng(0).uniform(15, 25, (256, 256))
     mean[100:104, 50:54] = 3000.0
@@ -148,7 +148,7 @@ def test_neighbours_and_trials_are_independent():
 
 
 def test_counted_electrons_are_the_poisson_quantile():
-    """On a level of the tables, they are the quantile of the same uniform number."""
+    """At a level of the tables, the electrons are the quantile of the same uniform number."""
     mean = np.full((256, 256), 5.5)
     wide = shot(mean, Streams(2, 0))
     narrow = shot(mean[:40], Streams(2, 0))  # too small for tables
@@ -175,7 +175,7 @@ def test_poisson_from_a_share_is_scipys():
 
 
 def test_arrays_in_python_make_the_same_numbers():
-    """Of pixels with tables, of dark ones and of those in a star."""
+    """For pixels with tables, dark pixels, and pixels in a star."""
     electrons = np.random.default_rng(4).uniform(15.0, 90.0, (400, 512))
     electrons[:, 20:40], electrons[10, 50:60] = 0.0, 1e4
     law = LAWS["sky"][1]
@@ -188,9 +188,9 @@ def test_arrays_in_python_make_the_same_numbers():
 
 
 def test_single_stars_and_frames_have_one_converter():
-    """Below zero, above the top, and with an INL: the numbers are those of `unrounded_numbers`.
+    """Below zero, above the largest number, and with an INL, the numbers equal `unrounded_numbers`.
 
-    The closed form at half of the largest number is x + inl; beyond the range the ends.
+    The closed form at half of the largest number is x + inl; beyond the range the ends are kept.
     """
     detector = replace(
         load_design(shipped("designs/noise_only.toml")).case.instrument.detector,

@@ -1,4 +1,4 @@
-"""Frames behind a mosaic of colour filters, beside levels by hand and designs with one filter."""
+"""Frames behind a mosaic of colour filters, against levels by hand and designs with one filter."""
 
 from dataclasses import replace
 
@@ -43,7 +43,7 @@ def exposed(light, psf, mosaic=None, **changes):
 
 
 def sky(brightness):
-    """Uniform light of one number of photons in each bin; a pixel is 1e-6 steradian."""
+    """Uniform light with the same number of photons in each bin; a pixel is 1e-6 steradian."""
     return Light(np.zeros((0, 3)), WAVELENGTH, np.zeros((0, 3)), np.full(3, brightness * 1e6))
 
 
@@ -76,7 +76,8 @@ def test_a_red_star_leaves_no_light_in_pixels_that_pass_none():
 
 
 def test_the_light_of_a_star_is_the_mean_of_the_filters_over_its_places():
-    """Sharp stars at all places in a cell of 2 x 2 pixels; one alone may have much more or less."""
+    """Sharp stars at all places in a cell of 2 x 2 pixels; a single star may have much more or
+    less."""
     places = np.arange(8) / 4 + 10
     spectrum = np.array([1e7, 2e7, 3e7])
     total = [exposed(star([x, y], spectrum), gaussian(0.4)).sum() for x in places for y in places]
@@ -118,7 +119,7 @@ def test_formulas_have_the_mean_of_designs_with_one_filter_each(case):
 
 
 def test_a_frame_has_the_numbers_of_frames_behind_each_filter(case):
-    """Pixel by pixel, of expected electrons: the same as a camera whose lens has the filter."""
+    """Pixel by pixel, the expected electrons equal those of a camera whose lens has the filter."""
     attitude = random_attitude(Streams(1, 0))
     image = observe(behind(case, ColourMosaic(**FILTERS)), attitude, Streams(1, 0)).frame.image
     colour = np.tile(CELL, (image.shape[0] // 2, image.shape[1] // 2))

@@ -1,4 +1,4 @@
-"""The register of an EMCCD against a register that is simulated stage by stage."""
+"""The register of an EMCCD against one that is simulated stage by stage."""
 
 import dataclasses
 import math
@@ -21,7 +21,7 @@ EMCCD = Detector(
 
 
 def by_stages(electrons, gain, stages, rng):
-    """Each stage doubles an electron with the probability that makes the gain."""
+    """Each stage doubles an electron with the probability that gives the gain."""
     chance = gain ** (1 / stages) - 1
     for _ in range(stages):
         electrons = electrons + rng.binomial(electrons, chance)
@@ -76,7 +76,7 @@ def unsaturated(case):
 
 
 def test_quantiles_of_few_electrons_are_those_of_the_gamma_law():
-    """Interpolated, beside scipy's inverse of the incomplete gamma function."""
+    """The interpolated quantiles, against scipy's inverse of the incomplete gamma function."""
     fraction = np.random.default_rng(1).random(20_000)
     for shape, count in (0.5, 1), (1.2, 1), (1.2, 17), (3.0, 255):
         found = _gamma_quantile(shape, np.full(len(fraction), count), special.ndtri(fraction))

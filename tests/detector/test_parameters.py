@@ -1,4 +1,4 @@
-"""Where the range of each parameter ends, and what follows from them."""
+"""Limits of each parameter, and values derived from the parameters."""
 
 import math
 from dataclasses import replace
@@ -83,7 +83,8 @@ def test_a_region_ends_with_its_array():
 
 
 def test_a_second_pitch_is_that_of_square_pixels_or_refused_with_those_that_come_closest():
-    """Pixels of 5 um x 3.2 um have the area of 4 um x 4 um: 375 x 160 have the same field."""
+    """Pixels of 5 um x 3.2 um have the area of 4 um x 4 um; 375 x 160 of these have the same
+    field."""
     assert replace(DETECTOR, pixel_pitch_y=5e-6).pitch == 5e-6
     with pytest.raises(
         ValueError,
@@ -134,7 +135,8 @@ def test_lines_are_without_what_a_matrix_has(name, value):
 
 
 def test_noise_adds_in_squares_and_is_seen_before_the_register():
-    """20 fF at 300 K leave 56.8 electrons; the rms of a log-normal spread is exp of its square."""
+    """20 fF at 300 K have 56.8 electrons; the rms of a log-normal spread is the exponential of
+    its squared sigma."""
     one = replace(
         DETECTOR,
         read_noise=30.0,

@@ -13,7 +13,7 @@ RINGING = (0.2, 1.0, 0.4, -0.15, 0.05)
 
 
 def test_it_is_numpys_convolution():
-    """Behind the beginning of a row, whose first pixel stands before it."""
+    """Beyond the beginning of a row, before which the channel has its first pixel's value."""
     detector = Detector(**PIXEL, impulse_response=RINGING)
     weights = np.array(RINGING) / sum(RINGING)
     found = read_channel(LEVEL, detector)
@@ -25,7 +25,7 @@ def test_it_is_numpys_convolution():
 
 
 def test_an_exponential_at_fine_steps_is_the_settling_channel():
-    """Time constant 0.6 pixel, 0.05 pixel apart: exp(-1 / 0.6) stays for the next pixel."""
+    """Time constant 0.6 pixel, in steps of 0.05 pixel: exp(-1 / 0.6) remains in the next pixel."""
     time = np.arange(0, 12, 0.05)
     detector = Detector(**PIXEL, impulse_response=tuple(np.exp(-time / 0.6)), impulse_step=0.05e-6)
     rest = np.exp(-1 / 0.6)

@@ -31,7 +31,7 @@ def gaussian(sigma: float = SIGMA) -> Psf:
 
 
 def walking(pixels_per_line: float):
-    """A camera that turns so that stars walk to larger rows (about +x, against the sky)."""
+    """A camera that rotates about +x, so that stars move to larger rows."""
 
     def turn(time):
         return np.multiply.outer(time, [-pixels_per_line / PERIOD / FOCAL, 0.0, 0.0])
@@ -68,7 +68,7 @@ def lines_image(lines, pace=1.0, rate=1e6, x=20.3, y=None, **changes):
 
 
 def exposure(light, pace, camera, lines, detector, count=COUNT, psf=None):
-    """Lines of a camera that walks by so many pixels per line."""
+    """Lines of a camera whose stars move by a number of pixels per line."""
     psf = psf or gaussian()
     attitude, turn = Rotation.identity(), walking(pace)
     return LineExposure(light, psf, attitude, turn, camera, lines, count, detector, THROUGHPUT)
@@ -81,9 +81,9 @@ def test_walking_goes_to_larger_rows():
 
 
 def test_a_line_sees_a_star_walk_over_it():
-    """Along time, the Gaussian seen through the pixel and the exposure; across, through the pixel.
+    """Along time, the Gaussian through the pixel and the exposure; across, through the pixel.
 
-    The star is at row 0 at time zero, between the image's rows 39 and 40.
+    The star is at row 0 at time zero, between rows 39 and 40 of the image.
     """
     image = lines_image((Line(0.0),), y=0.0)
     across = box(np.arange(40) - 20.3, 1e-9)
@@ -93,10 +93,10 @@ def test_a_line_sees_a_star_walk_over_it():
 
 @pytest.mark.parametrize("pace", [12.5, -12.5])
 def test_a_star_that_passes_a_line_within_one_exposure_is_seen(pace):
-    """At both ends of the exposure its image, cut at 2.25 sigma, lies off the line.
+    """At both ends of the exposure the image, cut off at 2.25 sigma, lies outside of the line.
 
-    It is before the line 1 / 12.5 of the exposure for each pixel, 2 Phi(2.25) - 1 = 0.976 of its
-    light inside the cut, which smoothness alone does not hold for: 3 %.
+    It is on the line for 1 / 12.5 of the exposure for each pixel; 2 Phi(2.25) - 1 = 0.976 of its
+    light is inside the cut, where the image is not smooth, therefore 3 %.
     """
     x = np.arange(-80, 81) / 16
     line = special.ndtr((x + 0.5) / 2) - special.ndtr((x - 0.5) / 2)
@@ -111,7 +111,7 @@ def test_a_star_that_passes_a_line_within_one_exposure_is_seen(pace):
 
 @pytest.mark.parametrize("stages", [4, 32])
 def test_tdi_in_step_adds_up(stages):
-    """As many times the light as stages, and no more smear than one line has."""
+    """The light of all stages, and no more smear than a single line."""
     image = lines_image(tdi(stages))
     assert image.sum() == pytest.approx(stages * 1e6 * PERIOD, rel=1e-5)
     profile = image.sum(axis=1) / image.sum()
@@ -123,7 +123,7 @@ def test_tdi_in_step_adds_up(stages):
 
 @pytest.mark.parametrize("mismatch", [0.02, -0.05])
 def test_a_tdi_out_of_step_smears(mismatch):
-    """Stage by stage, the star is a little farther from the charge: a sum of shifted profiles."""
+    """At each stage the star is a little farther from the charge: a sum of shifted profiles."""
     stages = 32
     image = lines_image(tdi(stages), pace=1 + mismatch)
     profile = image.sum(axis=1) / (1e6 * PERIOD)
@@ -152,7 +152,7 @@ def test_a_tdi_against_its_charge_sees_nothing_sharp():
 
 
 def test_staggered_lines_sample_twice_as_finely():
-    """The interleaved image has the star at twice its column, as a Gaussian twice as wide."""
+    """In the interleaved image, the star is at twice its column and a Gaussian twice as wide."""
     lines = staggered(4.0)
     image = lines_image(lines, y=2.0)
     assert image.shape == (COUNT, 80)
@@ -171,7 +171,8 @@ def test_a_stages_gain_and_the_dark_current_count():
 
 
 def test_each_line_sees_its_own_part_of_the_sky():
-    """Radiance by solid angle by time, diffuse light of its row, dark current, times its gain."""
+    """Radiance times solid angle times time of the row's diffuse light, plus dark current, times
+    the gain."""
     lines = (Line(0.0, gain=0.5), Line(3.0, gain=2.0), Line(1.0, phase=1))
     camera = Camera(7, 3, 2000.0)
     one = Detector(7, 3, 5e-6, 2e-3, dark_current=30.0)
@@ -188,7 +189,8 @@ def test_each_line_sees_its_own_part_of_the_sky():
 
 
 def test_the_pixels_of_a_line_keep_their_response():
-    """Unequal by 5 %, the same in every row of the image; that of a TDI is averaged over stages."""
+    """The response varies by 5 % and is equal in all rows of the image; a TDI averages it over
+    stages."""
     sky = Light(np.zeros((0, 3)), WAVELENGTH, np.zeros((0, 1)), np.array([1e12]))
     spread = {}
     for stages in (1, 16):
@@ -202,7 +204,8 @@ def test_the_pixels_of_a_line_keep_their_response():
 
 
 def test_a_tdi_star_is_detected_where_it_is():
-    """Nineteen stars along one scan, each where the geometry says, to the noise of its centroid."""
+    """Nineteen stars along one scan, each at its geometric place within the noise of its
+    centroid."""
     stages = 16
     camera = Camera(600, stages, FOCAL)
     columns = np.arange(20, 590, 30) + np.linspace(0, 0.9, 19)
@@ -228,7 +231,7 @@ def test_a_scan_of_the_wrong_size_is_refused():
 
 
 def test_a_rolling_shutter_shears_the_frame():
-    """Stars that walk along the rows come later in lower rows: by rate times delay times rows."""
+    """Stars that move along the rows are displaced in lower rows by rate times delay times rows."""
     camera = Camera(200, 100, FOCAL)
     pixel = np.array([[50.0, 10.0], [50.0, 49.5], [50.0, 90.0]])
     light = Light(camera.unproject(pixel), WAVELENGTH, np.full((3, 1), 1e5), np.zeros(1))

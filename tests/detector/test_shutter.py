@@ -1,4 +1,4 @@
-"""Where stars are while rows are exposed, against motions that are solved on paper."""
+"""Places of stars while rows are exposed, against motions with closed-form solutions."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ PATH = LineOfSight(np.array([-2e-3, 0.0, 2e-3]), np.array([0.2, 0.5, 0.3]), np.z
 
 
 def walking(columns: float, rows: float):
-    """The motion function by which stars move so many pixels a second to the right and down."""
+    """The motion function for stars that move right and down by some pixels a second."""
 
     def course(start, step):
         return np.multiply.outer(np.add.outer(start, step), np.array([-rows, columns, 0]) / FOCAL)
@@ -59,7 +59,8 @@ def test_a_star_behind_the_camera_is_nowhere():
 
 @pytest.mark.parametrize("rolling", [False, True])
 def test_a_long_path_comes_in_parts(monkeypatch, rolling):
-    """Ten points of two stars, at most seven places at a time: three points, and a last one."""
+    """Ten points of two stars with at most seven places at a time: parts of three points and one
+    point."""
     time = np.linspace(-1e-3, 1e-3, 10)
     course = walking(3000.0, 1000.0)
     path = LineOfSight(time, np.arange(1, 11) / 55, course(np.zeros(1), time)[0])
@@ -81,7 +82,7 @@ def test_a_long_path_comes_in_parts(monkeypatch, rolling):
 
 
 def test_at_once_turns_the_sky_before_the_attitude_is_left():
-    """Rotated by scipy star by star: the path's turn after the attitude."""
+    """scipy rotates star by star: the rotation of the path after the attitude."""
     rng = np.random.default_rng(4)
     path = LineOfSight(np.zeros(3), np.ones(3) / 3, rng.normal(0, 1e-4, (3, 3)))
     attitude = Rotation.from_rotvec([0.3, -1.0, 0.7])

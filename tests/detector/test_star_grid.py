@@ -21,7 +21,7 @@ def gaussian() -> Psf:
 
 
 def electrons(place, flux, companions=None, smear=STILL, sky=40.0, dark=None, **changes):
-    """Electrons (cells, SIDE, SIDE) above nothing, and the stars' places in their cells."""
+    """Electrons (cells, SIDE, SIDE) above the background, and the stars' places in their cells."""
     one = Detector(**{**DETECTOR.__dict__, **changes})
     place, flux = np.array(place, float), np.array(flux, float)
     frame, at = star_grid(place, flux, SIDE, smear, gaussian(), one, sky, companions, dark)
@@ -33,7 +33,7 @@ def electrons(place, flux, companions=None, smear=STILL, sky=40.0, dark=None, **
 
 
 def centre(cell):
-    """Place (x, y) of the light above the cell's corner."""
+    """Place (x, y) of the centroid of the light, from the cell's corner."""
     light = cell - cell[0, 0]
     row, column = np.indices(cell.shape)
     return np.array([(light * column).sum(), (light * row).sum()]) / light.sum()
@@ -55,7 +55,8 @@ def test_each_star_lies_in_its_own_cell_where_it_should():
 
 
 def test_a_companion_stands_beside_its_star():
-    """A third of the light two pixels to the right and one below pulls the centre by as much."""
+    """A third of the light two pixels to the right and one below displaces the centroid by its
+    fraction."""
     beside = np.tile([2.0, 1.0], (3, 1)), np.array([1e4, 0.0])
     cells, place = electrons([[0.2, 0.1]] * 3, [2e4, 2e4], beside)
     np.testing.assert_allclose(centre(cells[1]) - place[1], [2 / 3, 1 / 3], atol=3e-3)
@@ -63,7 +64,7 @@ def test_a_companion_stands_beside_its_star():
 
 
 def test_windows_of_dark_signal_take_the_places_again_and_again():
-    """Six windows behind three places: each holds its own above the star of its place."""
+    """Six windows for three places: each has its own dark signal below the star of its place."""
     place, dark = [[0.3, -0.2], [0, 0.5], [-0.4, 0.1]], np.zeros((6, SIDE, SIDE))
     dark[np.arange(6), 3, np.arange(6)] = 500.0 * np.arange(6)
     plain, _ = electrons(place, [1e4, 5e4])
@@ -75,7 +76,8 @@ def test_windows_of_dark_signal_take_the_places_again_and_again():
 
 
 def test_a_path_spreads_a_star_over_its_points():
-    """Second moments add: half of the time a pixel to the right, half a pixel to the left."""
+    """Second moments add up: half of the time a pixel to the right, half of it half a pixel to
+    the left."""
     path = np.array([[0.5, 1.0, 0.0], [0.5, -1.0, 0.0]])
     (cell, *_), _ = electrons(MIDDLE, [2e4], smear=path)
     light = cell - cell[0, 0]
@@ -85,7 +87,7 @@ def test_a_path_spreads_a_star_over_its_points():
 
 
 def test_crosstalk_spreads_and_keeps():
-    """To the left and the right goes twice the fraction, one pixel far."""
+    """Crosstalk spreads twice its fraction along the row, by one pixel."""
     (sharp, *_), _ = electrons(MIDDLE, [2e4])
     (wide, *_), _ = electrons(MIDDLE, [2e4], crosstalk=0.1)
     assert wide.sum() == pytest.approx(sharp.sum(), rel=1e-6)

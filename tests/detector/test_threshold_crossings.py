@@ -1,4 +1,4 @@
-"""Excesses drawn by a tilted law against those of whole frames."""
+"""Threshold crossings drawn by a tilted law, against those of whole frames."""
 
 import dataclasses
 
@@ -67,7 +67,7 @@ def filtered(frames):
 
 
 def drawn(level, regions=NONE, trials=FRAMES, detector=DETECTOR):
-    """All excesses of many trials: row, column, numbers about it."""
+    """All crossings of many trials: row, column, and the numbers around them."""
     numbers = number_distributions(detector, SKY, outlier_pixels(detector, SKY, 4.0))
     tilt = tilted_law(numbers, WEIGHT, level, MESH, BORDER)
     rates = proposal_rates(numbers, tilt, np.full(len(tilt.most), level))
@@ -81,9 +81,9 @@ def drawn(level, regions=NONE, trials=FRAMES, detector=DETECTOR):
 
 @pytest.mark.parametrize("sigmas", [3.5, 4.5])
 def test_excesses_come_as_often_and_as_high_as_in_frames(filtered, sigmas):
-    """Counts within 4 standard deviations, heights by Kolmogorov and Smirnov beyond 1e-4.
+    """Counts within 4 standard deviations, heights by a test of Kolmogorov and Smirnov at 1e-4.
 
-    Excesses come in clumps of about three, which widens the counts of the frames.
+    Crossings come in groups of about three, which widens the distribution of the counts.
     """
     level = filtered.mean() + sigmas * filtered.std()
     inner = filtered[:, BORDER:-BORDER, BORDER:-BORDER]
@@ -110,7 +110,7 @@ def test_the_mirrored_border_has_its_own_rate(filtered):
 
 
 def test_numbers_about_an_excess_have_its_shape(frames, filtered):
-    """The mean number of each pixel under the filter, given that the filter passes the level."""
+    """The mean number of each pixel of the filter, given that the filter exceeds the level."""
     level = filtered.mean() + 3.5 * filtered.std()
     seen = [
         frames[n][y - 3 : y + 4, x - 3 : x + 4]
@@ -128,8 +128,10 @@ def test_numbers_about_an_excess_have_its_shape(frames, filtered):
 
 
 def test_an_uneven_device_makes_them_where_its_pixels_are_high():
-    """As often as in frames, 4 standard deviations, and in the same places, whose counts are told
-    from each other: the correlation of two halves of the frames is reached."""
+    """As often as in frames, within 4 standard deviations, and at the same places.
+
+    The places are compared by their counts: the correlation is that of two halves of the frames.
+    """
     filtered = passed_through(images(UNEVEN))[:, BORDER:-BORDER, BORDER:-BORDER]
     level = filtered.mean() + 3.5 * filtered.std()
     over = filtered > level
@@ -154,7 +156,8 @@ def test_regions_are_left_out():
 
 
 def test_a_region_takes_the_excesses_in_it_and_no_other():
-    """Of one excess in three its own pixel is a region, of the rest the one left of or above it."""
+    """For one crossing in three its own pixel is a region, for the others the pixel left or
+    above."""
     row, column, _ = drawn(22.0 + 1.6, trials=60)
     own = np.stack([column, row, column + 1, row + 1], axis=1)
     beside = np.concatenate([own[1::3] - [1, 0, 1, 0], own[2::3] - [0, 1, 0, 1]])
@@ -175,7 +178,7 @@ UNLIKE[0, 0] = UNLIKE[2, 3]  # but these
 
 
 def uneven_laws():
-    """Five laws of twelve numbers, and pixels anywhere between them."""
+    """Five laws of twelve numbers, and pixels between them."""
     rng = np.random.default_rng(5)
     law = rng.uniform(0.1, 1.0, (5, 12)) * np.exp(-np.arange(12) / np.arange(1, 6)[:, None])
     place = rng.uniform(0, 4, (9, 11)).astype(np.float32)
@@ -184,7 +187,7 @@ def uneven_laws():
 
 
 def cumulant(numbers, weight, theta, x, y):
-    """log E exp(theta filtered), pixel by pixel, of a frame that is mirrored by numpy."""
+    """log E exp(theta filtered), pixel by pixel, of a frame that numpy mirrors at its border."""
     law, place = numbers.probability, numbers.place.astype(float)
     down, across = (n // 2 for n in weight.shape)
     which = np.pad(
@@ -219,7 +222,7 @@ def test_rates_are_those_of_the_exponential_moments(mesh, border):
 
 
 def test_rates_of_a_large_frame_take_a_few_filters(monkeypatch):
-    """Some passes over the frame in place of each weight at each pixel."""
+    """Some passes over the whole frame instead of a sum over weights at each pixel."""
     filters = []
     own = cv2.filter2D
     monkeypatch.setattr(cv2, "filter2D", lambda *a, **k: filters.append(a) or own(*a, **k))
@@ -230,7 +233,7 @@ def test_rates_of_a_large_frame_take_a_few_filters(monkeypatch):
 
 @pytest.mark.parametrize("number", [3.0, 5.0, 8.0])
 def test_theta_makes_the_level_typical(number):
-    """The slope of K of a filter over a middling pixel, by scipy's root."""
+    """The slope of K is the level: theta for the filter over an average pixel, by scipy's root."""
     numbers = uneven_laws()
     level = (LOWEST + number) * UNLIKE.sum()
     law, place = numbers.probability, float(np.median(numbers.place))
@@ -246,7 +249,7 @@ def test_theta_makes_the_level_typical(number):
 
 
 def test_excesses_of_pixels_without_noise_are_where_the_filter_passes():
-    """Each pixel has a number of its own: the pixels are scipy's, the numbers those about them."""
+    """Each pixel has a known number: scipy gives the crossings, with the numbers around them."""
     place = np.random.default_rng(8).integers(0, 12, (9, 11))
     numbers = NumberDistributions(np.eye(12), place.astype(np.float32), LOWEST)
     filtered = ndimage.correlate(place + float(LOWEST), UNLIKE, mode="reflect")

@@ -1,4 +1,4 @@
-"""Windows against the whole frame, and which pixels they look at wherever they are."""
+"""Windows against the whole frame, and which pixels need a window."""
 
 from dataclasses import replace
 
@@ -25,13 +25,15 @@ DETECTOR = Detector(200, 150, 5e-6, 0.1, dark_current=10.0, read_noise=5.0, prnu
 
 
 def test_pixels_of_nearly_even_response_are_none_of_them():
-    """Ten thousand electrons, unequal by 1 %: a third of the shot noise is far from five of it."""
+    """Ten thousand electrons with a response of 1 % rms: a third of the shot noise, far from
+    five times it."""
     assert len(outlier_pixels(DETECTOR, 1000.0, 5.0)) == 0
     assert len(outlier_pixels(replace(DETECTOR, prnu=0.3), 1000.0, 5.0)) > 1000
 
 
 def test_hot_and_dead_pixels_are():
-    """Sky 100, read noise 5: beyond 100 + 5 sqrt(125 + 1) = 156 electrons, or below 44."""
+    """Sky 100, read noise 5: outliers are above 100 + 5 sqrt(125 + 1) = 156 electrons, or below
+    44."""
     one = replace(DETECTOR, prnu=0.0, defects=Defects(hot=0.02, hot_current=3000.0, dead=0.01))
     outliers = outlier_pixels(one, 100.0, 5.0)
     level = dark(one).ravel() * 0.1 + 100
@@ -52,7 +54,7 @@ OTHERS = {"hits": Hits(5e9), "prnu": 0.05, "defects": Defects(dsnu=5.0)}
     ids=["plain", "crosstalk", "uneven", "all"],
 )
 def test_windows_hold_the_numbers_of_the_frame(changes, tabled):
-    """Number by number, of images that end abruptly, in windows that overlap and touch borders."""
+    """Number by number, for images with sharp edges, in windows that overlap and touch borders."""
     rng = np.random.default_rng(6)
     table = np.ones((27, 27)) if tabled == "flat" else rng.uniform(0.5, 1, (27, 27))
     psf = Psf(table / 20, 3, 1.0)
@@ -79,7 +81,8 @@ def test_windows_hold_the_numbers_of_the_frame(changes, tabled):
 
 
 def test_numbers_are_put_as_into_a_wider_frame_that_is_cut():
-    """Three by five numbers about pixels in corners, at borders and within; the last wins."""
+    """3 x 5 numbers around pixels in corners, at borders and inside; the last one written
+    counts."""
     image = np.zeros((7, 9), np.float32)
     pixel = np.array([0, 8, 54, 62, 3, 40, 41, 27, 35])
     numbers = np.arange(1, 136).reshape(9, 3, 5)

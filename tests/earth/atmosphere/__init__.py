@@ -1,4 +1,4 @@
-"""Where the tables of the air are built is no package."""
+"""The folder that builds the tables of the air is not a package."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""A cloud layer against random walks of photons, and in its limits."""
+"""A cloud layer against random walks of photons, and in limiting cases."""
 
 import warnings
 
@@ -13,10 +13,10 @@ VIEWS = np.array([[1.0, 0.0], [0.75, 0.3], [0.75, 2.8]])  # cosine, azimuth from
 
 
 def walk(depth, sun, albedo, g):
-    """Reflected and transmitted fraction of photons, and the reflectance factor of VIEWS.
+    """Reflected and transmitted fractions of photons, and the reflectance factors of VIEWS.
 
-    Every scattering sends its expected light to each sensor. The flight is towards azimuth 0, so
-    that the Sun's side is at pi.
+    At each scattering, the expected light is added for each sensor. The flight is towards azimuth
+    0, so that the Sun's side is at pi.
     """
     rng = Streams(3, 1)("photons")
     place, weight = np.zeros(PHOTONS), np.ones(PHOTONS)
@@ -52,7 +52,7 @@ def walk(depth, sun, albedo, g):
     ids=["cirrus", "cloud", "absorbing"],
 )
 def test_a_layer_is_what_random_walks_find(depth, sun, albedo, g):
-    """Fluxes within five standard errors of so many photons; radiance within 8 %."""
+    """Fluxes within five standard errors of the photons; radiance within 8 %."""
     up, down, seen = walk(depth, sun, albedo, g)
     layer = layer_optics(albedo, g)
     depths = np.full(len(VIEWS), depth)

@@ -1,4 +1,4 @@
-"""Columns of water and ozone of another climate in a shipped table."""
+"""Columns of water and ozone of another climate with a shipped table."""
 
 import numpy as np
 import pytest
@@ -33,7 +33,7 @@ def test_columns_of_water_are_those_of_6s(climate):
 
 @pytest.mark.parametrize("climate", ["tropical", "subarctic winter"])
 def test_a_table_is_as_one_that_was_built_so(table, climate):
-    """Against the coefficients from which tables are built, by pvlib."""
+    """Against the coefficients from which the tables are built, by pvlib."""
     pytest.importorskip("pvlib")
     from air_gases import transmittance
 
@@ -66,7 +66,7 @@ def test_winter_is_brighter_where_water_absorbs(table):
 
 
 def test_water_is_a_variable_and_climate_a_condition_of_a_design():
-    """The blue band sees less light through more ozone; the forecast follows."""
+    """The blue band has less light with more ozone, and the forecast follows."""
     errors = [
         EarthProblem(load_earth_design("fields", [f"air.ozone={ozone} mm"])).expect()
         for ozone in (1, 6)

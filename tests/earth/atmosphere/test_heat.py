@@ -1,4 +1,4 @@
-"""Heat of ground and air."""
+"""Thermal radiance of ground and air."""
 
 import numpy as np
 import pytest

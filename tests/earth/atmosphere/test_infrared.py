@@ -1,4 +1,4 @@
-"""Heat of the air: MODTRAN's own sums, isothermal air over high ground, no air at all."""
+"""Thermal radiance of the air: MODTRAN's sums, isothermal air over high ground, no air."""
 
 from dataclasses import replace
 

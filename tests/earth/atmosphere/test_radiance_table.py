@@ -1,4 +1,4 @@
-"""A user's table of the air: its form, what scenes make of it, and output of MODTRAN."""
+"""A user's table of the air: its format, its use in scenes, and output of MODTRAN."""
 
 import csv
 import math
@@ -37,7 +37,7 @@ HEADS = [
 
 
 def rows():
-    """Light that falls with wavelength and with the cosine of the Sun's zenith angle."""
+    """Light that decreases with wavelength and with the cosine of the Sun's zenith angle."""
     for sun in SUNS:
         high = math.cos(math.radians(sun))
         for wave in WAVES:
@@ -51,7 +51,7 @@ def written(path, heads=HEADS, lines=None):
 
 
 def white_light(name, sun, low, high):
-    """Mean of a column over even response between two wavelengths, by hand: c ln(b/a) / (b-a)."""
+    """Mean of a column over a flat response between two wavelengths, by hand: c ln(b/a) / (b-a)."""
     mean = math.log(high / low) / (high - low)
     return 1e6 * WHITE[name] * math.cos(sun) * mean
 
@@ -161,7 +161,7 @@ def test_what_is_no_table_is_refused(tmp_path):
 
 
 def scene(tmp_path, extra="", table='table = "air.csv"'):
-    """The shipped fields with a camera of one channel, under a user's air."""
+    """The shipped scene `fields` with a camera of one channel and a user's table of the air."""
     text = f"""
 lines = 8
 columns = 8
@@ -271,7 +271,8 @@ def test_beyond_three_micrometre_heat_is_needed(tmp_path):
 
 
 def test_a_design_with_it_is_forecast(tmp_path):
-    """Fires at night, with MODTRAN-like heat: a table without air finds smaller ones."""
+    """Fires at night with thermal radiance as from MODTRAN: a table without air detects smaller
+    ones."""
     heads = [head for head in HEADS if "sun" not in head]
     heads += [f"rise [{RADIANCE}]", f"fall [{RADIANCE}]"]
     lines = [(3.0 + 0.05 * n, 0, 0, 0, 0, 0, 0.8, 0.05, 0.2) for n in range(150)]
@@ -333,7 +334,7 @@ def test_two_runs_of_modtran_give_back_the_terms(tmp_path, titles):
 
 
 def test_blank_columns_and_heat_of_a_run_without_the_sun(tmp_path):
-    """IEMSCT = 1 leaves the columns of sunlight blank; 100 W / m2 / sr / um at 10 um."""
+    """With IEMSCT = 1 the columns of sunlight are blank; 100 W / m2 / sr / um at 10 um."""
     for albedo, name in ((0.1, "a.tp7"), (0.4, "b.tp7")):
         lines = [OLD]
         for wavenumber in (990.0, 1000.0, 1010.0):

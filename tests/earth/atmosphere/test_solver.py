@@ -1,4 +1,4 @@
-"""The radiative transfer behind the tables, against other solvers and published numbers."""
+"""The radiative transfer of the tables, against other solvers and published values."""
 
 import csv
 import math
@@ -35,7 +35,7 @@ def test_optical_depth_of_molecules():
 @pytest.mark.slow
 @pytest.mark.parametrize("aerosol", ["rural", "urban", "maritime"])
 def test_particles_are_those_of_shettle_and_fenn(aerosol):
-    """As LOWTRAN 7 has them: dry ones, over the sea at a humidity of 80 %."""
+    """Values of LOWTRAN 7: dry particles, over the sea at a humidity of 80 %."""
     with (ORACLE / "lowtran_aerosol.csv").open(encoding="utf-8") as file:
         table = csv.DictReader(line for line in file if not line.startswith("#"))
         rows = [
@@ -64,7 +64,7 @@ def test_extinction_at_the_ground_is_koschmieders():
 
 
 def unit_cells(found, albedos):
-    """Added light per albedo, and the spherical albedo that three albedos give."""
+    """Added light per albedo, and the spherical albedo, from three albedos."""
     first, second = ((lit - found[0]) / a for lit, a in zip(found[1:3], albedos[1:3], strict=True))
     spherical = (second - first) / (albedos[2] * second - albedos[1] * first)
     return first * (1 - albedos[1] * spherical), spherical
@@ -93,7 +93,7 @@ def test_the_spherical_albedo_does_not_know_sun_or_sensor():
 
 
 def test_clear_air_loses_no_light():
-    """What one side of white air does not send back, it lets through: S + 2 int mu T = 1."""
+    """Air without absorption transmits the light that it does not reflect: S + 2 int mu T = 1."""
     nodes, weights = np.polynomial.legendre.leggauss(4)
     cosines, weights = (nodes + 1) / 2, weights / 2  # the solver's own ordinates of 8 streams
     sun = 0.5371
@@ -148,9 +148,9 @@ def test_the_limb_is_as_bright_as_others_found():
 
 
 def line_of_sight(haze, tangent, sun, azimuth, wavelength):
-    """Light that is scattered once by molecules and haze: sums along the line and to the Sun.
+    """Singly scattered light of molecules and haze: integrals along the line and towards the Sun.
 
-    Air is linear between the borders of the solver's layers, which have 1 km.
+    Air is linear between the borders of the solver's layers, which are 1 km thick.
     """
     heights = np.arange(0.0, TOP + 1, 1e3)
     air = depth_profile(heights, wavelength)
@@ -186,7 +186,7 @@ DEPOLARISATION = 0.0277  # of air, Bates (1984)
 
 
 def depth_profile(heights, wavelength):
-    """Extinction of molecules at heights, from the solver's own plane layers."""
+    """Extinction of molecules over height, from the solver's plane layers."""
     _, at, extinction = solve_radiance(
         Air("none"), np.array([wavelength]), 0.0, 0.5371, [(1.0, 0.0, TOP)], (0.0,), 4
     )

@@ -1,4 +1,4 @@
-"""Tables of the air: their file, what bands make of them, and what a pixel sees."""
+"""Tables of the air: their files, weighting with bands, and light at a pixel."""
 
 import hashlib
 
@@ -118,7 +118,8 @@ def test_straight_lines_are_close_to_the_splines(bands, fine):
 
 
 def test_terms_add_up_to_the_closed_form_of_a_flat_ground(table):
-    """Over flat ground of one albedo, L = L0 + rho g / (1 - rho S) with g = white's own light."""
+    """Over flat ground of one albedo, L = L0 + rho g / (1 - rho S), where g is the light of
+    white ground."""
     fine = refine(in_bands(table, response(table, [550]), 600e3), EVERYWHERE)
     sight = sights(50, np.random.default_rng(2))
     black, third, half = (
@@ -161,7 +162,7 @@ def test_pixels_beyond_the_reach_are_refused(bands):
 
 
 def test_a_low_sensor_sees_less_air(table):
-    """Against the solver itself at 500 m, a quarter of the lowest altitude; none at 1 m."""
+    """Against the solver at 500 m, a quarter of the lowest altitude; there is no air below 1 m."""
     pytest.importorskip("sasktran2")
     from air_solver import solve_radiance as solved
 
@@ -207,7 +208,8 @@ MODTRAN = {
 def test_weak_bands_are_those_of_modtran(table):
     """Water at 570, 590 and 650 nm, pairs of oxygen at 577 and 630 nm.
 
-    What is left, up to 1.5 %, is smooth, of ozone and haze; a band left out shows 0.5 % rms.
+    The remaining difference, up to 1.5 %, is smooth, from ozone and haze; a missing band would show
+    0.5 % rms.
     """
     at = np.array(list(MODTRAN), float)
     shape = np.clip(1 - np.abs(table.spectrum / nm - at[:, None]) / 20, 0, None)
@@ -231,7 +233,7 @@ def test_strong_bands_of_water_are_those_of_modtran(table):
 
 
 def test_scattered_and_reflected_light_are_those_of_modtran(table, oracle):
-    """Each by itself, under the Sun of its runs, which differs from the shipped one by 1.6 %."""
+    """Each alone, under the Sun of MODTRAN's runs, which differs from the shipped one by 1.6 %."""
     theirs, sun = oracle("modtran_radiance.json"), oracle("modtran_sun.json")
     at = np.array(theirs["wavelength_nm"])
     shape = np.clip(1 - np.abs(table.spectrum / nm - at[:, None]) / 20, 0, None) / (20 * nm)
@@ -260,7 +262,7 @@ OTHERS = ["urban", "maritime"]
 
 
 def absorbed(table, green, sun):
-    """Fraction of the sunlight that neither the ground nor space receives, black ground below."""
+    """Fraction of the sunlight that is absorbed in the air, over black ground."""
     cosine = np.cos(table.sun[sun])
     ring = 2 * np.trapezoid(table.path[green, 0, -1, :, sun], table.azimuth, axis=1)
     zenith = np.linspace(0, np.pi / 2, 181)
@@ -273,9 +275,10 @@ def absorbed(table, green, sun):
     ("aerosol", "lost"), [("rural", 0.0593), ("urban", 0.3618), ("maritime", 0.0065)]
 )
 def test_aerosols_dim_alike_and_absorb_as_they_do(aerosol, lost):
-    """Visibility sets the extinction at 550 nm; of light that particles take, `lost` is absorbed.
+    """Aerosols with the same visibility have the same extinction at 550 nm; `lost` is the absorbed
+    fraction of it.
 
-    By LOWTRAN 7; light that is scattered more than once adds up to a half.
+    By LOWTRAN 7; multiple scattering adds up to a half.
     """
     clear, rural, table = (
         load_table(shipped(f"atmosphere/{name}.fits"))
@@ -328,7 +331,7 @@ def test_no_more_light_comes_from_the_ground_than_there_is(visibility):
 
 @pytest.mark.parametrize("visibility", [12e3, pytest.param(40e3, marks=pytest.mark.slow)])
 def test_other_visibility_is_between_the_tables(visibility):
-    """Light of the air and through it, against the solver; from how far, against photon paths."""
+    """Light of the air and transmitted light against the solver; distances against photon paths."""
     pytest.importorskip("sasktran2")
     from air_photons import spread
     from air_solver import columns_of

@@ -1,4 +1,4 @@
-"""Images of made terrain through the air."""
+"""Images of simulated terrain through the air."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""An orbit is moved until its camera looks at a place."""
+"""An orbit is shifted until its camera looks at a place."""
 
 import math
 from dataclasses import replace
@@ -49,7 +49,7 @@ def seen(carrier: Orbit | Aircraft, pointing: Pointing) -> tuple[float, float]:
     ],
 )
 def test_the_middle_of_the_image_is_at_the_place(carrier, pointing, ascending):
-    """A tenth of a metre on the ground, which rises by a millimetre."""
+    """Within a tenth of a metre on the ground, whose height is within a millimetre."""
     found = aimed(carrier, pointing, *PLACE, ascending=ascending)
     longitude, latitude = seen(found, pointing)
     assert longitude == pytest.approx(PLACE[0], abs=1.6e-8)

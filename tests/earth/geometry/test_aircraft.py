@@ -1,4 +1,4 @@
-"""An aircraft: height, speed, heading, and what its camera sees below."""
+"""An aircraft: height, speed, heading, and the ground that its camera sees."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def test_it_keeps_height_and_speed():
 
 @pytest.mark.parametrize("latitude", [-60.0, -20.0, 0.0, 47.0, 80.0])
 def test_its_height_after_a_hundred_kilometres(latitude):
-    """Within the 5 m that a circle leaves of the ellipsoid, whatever the heading."""
+    """Within the 5 m by which a circle differs from the ellipsoid, for all headings."""
     worst = 0.0
     for heading in range(0, 360, 30):
         plane = Aircraft(EPOCH, 10 * deg, latitude * deg, 3e3, heading * deg, 100.0)
@@ -36,7 +36,7 @@ def test_its_height_after_a_hundred_kilometres(latitude):
 
 
 def test_its_ground_moves_to_smaller_rows():
-    """What lies ahead, at larger rows, is what it flies over later."""
+    """Ground ahead, at larger rows, is overflown later."""
     camera = Camera(11, 11, 1000.0)
     pixel = np.array([[5.0, 5.0], [5.0, 10.0]])
     rays = sight(camera, pixel, np.zeros(2), NORTHEAST, Pointing(), spread=0.0)

@@ -1,4 +1,4 @@
-"""Orbits and the Sun against what other sources say of them."""
+"""Orbits and the Sun against independent sources."""
 
 import numpy as np
 import pytest
@@ -48,7 +48,7 @@ def test_velocities_are_the_slopes_of_positions():
 
 
 def test_an_orbit_keeps_its_height_and_inclination():
-    """To the short periods of J2: about 10 km in height."""
+    """Except for the short-period terms of J2: about 10 km in height."""
     orbit = Orbit("2026-06-21T10:00:00", altitude=600e3, inclination=1.0)
     second = np.linspace(0, 5800, 60)
     flight = fly(orbit, second)
@@ -102,7 +102,7 @@ def with_checksum(line):
 
 
 def test_the_epoch_keeps_its_microseconds():
-    """A millisecond is 7.7 m of orbit; two-line elements have 0.9 ms a digit."""
+    """A millisecond is 7.7 m of orbit; the last digit of two-line elements is 0.9 ms."""
     orbit = TwoLines(FIRST, SECOND)
     record = orbit.satellite()
     seconds = 86400 * 0.69339541
@@ -130,7 +130,7 @@ def test_local_time_and_day_give_the_elements():
     ("latitude", "ascending", "day"), [(47, False, 172), (-30, True, 10), (0, False, 300)]
 )
 def test_the_sun_below_is_that_of_the_flight(latitude, ascending, day):
-    """Against the pass itself, flown by SGP4, and the Sun at its instant."""
+    """Against the pass itself, propagated by SGP4, and the Sun at that instant."""
     orbit = Orbit("2026-06-21T12:00:00", 600e3, local_time=22.0 * 3600, day=day).resolved()
     second = np.arange(0.0, 5900.0, 5.0)
     flight = fly(orbit, second)

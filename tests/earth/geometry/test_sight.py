@@ -1,4 +1,4 @@
-"""Each element looks along its own line of sight at its own time."""
+"""Each element has its own line of sight at its own time."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -31,7 +31,7 @@ DOWN = Pointing()
 
 @cache
 def pixel_period():
-    """Second, in which the image moves by a pixel."""
+    """Time in seconds in which the image moves by a pixel."""
     return 1 / (ground_rate(ORBIT) * CAMERA.focal_length_px)
 
 
@@ -45,7 +45,7 @@ def metres(a, b):
 
 
 def test_the_boresight_looks_down_but_for_aberration():
-    """v / c = 25 microradian shift what is seen by 15 m at 600 km, against the flight."""
+    """v / c = 25 microradian displaces the seen ground by 15 m at 600 km, against the flight."""
     rays = sight(CAMERA, np.array([[50.0, 50.0]]), np.zeros(1), ORBIT, DOWN)
     flight = fly(ORBIT, np.zeros(1))
     down = -flight.position[0] / np.linalg.norm(flight.position[0])
@@ -91,7 +91,7 @@ def test_the_stages_of_tdi_see_one_place():
 
 
 def test_staggered_rows_mesh():
-    """Columns that alternate between two rows lie on one line, half a pixel apart."""
+    """Columns that alternate between two rows see one line of ground, half a pixel apart."""
     elements = staggered_elements(40, 46.0, 8.0)
     rays = scan_lines(CAMERA, elements, np.zeros(1), Dating(0.0, pixel_period() / 2), ORBIT, DOWN)
     at = ground(rays)
@@ -104,7 +104,8 @@ def test_staggered_rows_mesh():
 
 @pytest.mark.parametrize("period", [None, 0.3e-3, 2e-3])
 def test_staggered_rows_of_a_scene_mesh_at_any_pace(period):
-    """Whatever the period, all pixels of a line see one line of the ground, to a tenth of them."""
+    """For any period, all pixels of a line see one line of the ground, within a tenth of a
+    pixel."""
     sensor = Sensor("staggered", 40, 5, 1.0, 10e-6, period, 8)
     elements = sensor.elements(ORBIT)
     line = np.array([2.0])  # the middle one
@@ -115,7 +116,7 @@ def test_staggered_rows_of_a_scene_mesh_at_any_pace(period):
 
 
 def test_the_sun_is_that_of_the_middle_line():
-    """What is taken an hour after the epoch has the Sun 15 degrees further west."""
+    """In an image taken an hour after the epoch, the Sun is 15 degrees further west."""
     terrain = Terrain(fractal=Fractal(0.1, 0.1, cells=16))
     suns = [
         next(
@@ -136,7 +137,7 @@ def test_a_matrix_sees_all_at_once():
 
 
 def test_jitter_enters_each_line():
-    """A turn about x by a microradian a line moves what is seen along the flight."""
+    """A rotation about x of a microradian a line shifts the image along the flight."""
     lines, angle = np.arange(4.0), 1e-5
     dating = Dating(0.0, pixel_period())
 
@@ -152,7 +153,7 @@ def test_jitter_enters_each_line():
 
 @dataclass(frozen=True, eq=False)
 class Fixed:
-    """A camera that keeps its attitude among the stars."""
+    """A camera with a constant attitude in ICRS."""
 
     icrs_to_camera: Rotation
 

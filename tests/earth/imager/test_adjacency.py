@@ -1,4 +1,5 @@
-"""Light of the ground around: against photons in three dimensions, 6S, and taken off again."""
+"""Light of the surrounding ground: against photons in three dimensions and 6S, and removed
+again."""
 
 import json
 import sys
@@ -20,7 +21,8 @@ ORACLE = json.loads((Path(__file__).parents[2] / "oracle" / "adjacency.json").re
     "spacing", [15.0, *(pytest.param(cell, marks=pytest.mark.slow) for cell in (12.0, 20.0))]
 )
 def test_a_coast_and_a_patch_shine_as_photons_say(column, case, spacing):
-    """Radiance at the satellite within 1 %, wherever cells lie; by the mean alone it is not."""
+    """Radiance at the satellite within 1 % for any places of cells; with the mean alone it is
+    not."""
     from earth_images import shining
 
     seen = shining(column, case, spacing)

@@ -54,7 +54,7 @@ def test_kernels_and_snow_are_those_of_sasktran2():
 
 
 def test_kernels_and_glint_are_their_integrals():
-    """Over leaves, shadows and facets of waves; see the experiment."""
+    """Integrals over leaves, shadows and facets of waves; see `experiments/earth_surfaces.py`."""
     from earth_surfaces import glint_error, rossli_error
 
     assert rossli_error() < 0.005
@@ -78,7 +78,8 @@ def test_sun_and_camera_may_be_exchanged(law):
     ids=lambda each: type(each).__name__,
 )
 def test_the_sky_reflects_the_mean_over_all_suns(law, within):
-    """Errors: kernels are cut at 0 near the horizon, waves mirror below it, snow is a theory."""
+    """Errors: kernels are cut off at 0 near the horizon, waves reflect below it, snow is a
+    model."""
     node, weight = np.polynomial.legendre.leggauss(80)
     sun = (node[:, None] + 1) / 2
     turn = (np.arange(360) + 0.5) / 2
@@ -91,7 +92,7 @@ def test_the_sky_reflects_the_mean_over_all_suns(law, within):
 
 
 def test_the_albedo_of_land_is_that_of_the_polynomials_of_modis():
-    """Under an even sky: 1, 0.189184, -1.377622 times the weights (Lucht et al. 2000)."""
+    """Under a uniform sky: 1, 0.189184, -1.377622 times the weights (Lucht et al. 2000)."""
     node, weight = np.polynomial.legendre.leggauss(40)
     camera = (node + 1) / 2
     sky = sky_factor(RossLi(), np.full(camera.shape, MEADOW[0]), MEADOW, camera)

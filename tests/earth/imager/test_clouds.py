@@ -1,4 +1,4 @@
-"""Clouds over an image: closed forms of light and heat, places of cloud and shadow, the command."""
+"""Clouds over an image: closed forms of reflected and thermal light, places, the command."""
 
 import math
 from dataclasses import replace
@@ -67,7 +67,8 @@ def test_the_heat_of_a_cloud_that_absorbs(tmp_path):
 
 
 def test_a_path_crosses_a_layer_at_its_height():
-    """The crossing lies on the path, at the height; seen from far, h tan(zenith) aside."""
+    """The crossing lies on the path at the height of the layer; for a far camera, h tan(zenith)
+    aside."""
     sheet = open_sheets((CloudLayer(8e3, 1.0),), None)[0]
     place = np.full(3, 0.3), np.full(3, 0.8)
     point, zenith = cartesian(*place, np.zeros(3)), up(*place)
@@ -85,7 +86,8 @@ def test_a_path_crosses_a_layer_at_its_height():
 
 
 def test_cloud_and_shadow_lie_where_they_must(tmp_path):
-    """One small thick cloud of a GeoTIFF: at its parallax, and its shadow away from the Sun."""
+    """One small thick cloud of a GeoTIFF: displaced by its parallax, with a shadow away from the
+    Sun."""
     rasterio = pytest.importorskip("rasterio")
     detector = replace(SCAN, columns=160, rows=160, pixel_pitch=120e-6)
     seen = above_flat_land(channel(GREEN, detector), height=2e3)

@@ -86,7 +86,7 @@ def goals(**changed) -> Goals:
     ids=["snr", "rayleigh", "mtf", "tdi"],
 )
 def test_the_first_design_meets_its_goals(changed):
-    """Its figures, by the other way, are the goals: one is met just so, the others at least."""
+    """The forward figures of the design meet the goals: one exactly, the others at least."""
     asked = goals(**changed)
     first = first_parameters(asked)
     kind = Scan("tdi", stages=asked.stages) if asked.stages > 1 else Scan()
@@ -202,7 +202,7 @@ def predicted(name):
 
 @pytest.mark.parametrize("name", ORBIT)
 def test_instruments_in_orbit_lie_between_required_and_measured(name):
-    """Not a fit of each band: docs/figures/earth-cameras.md says which parameters were moved."""
+    """Not a fit of each band: docs/figures/earth-cameras.md lists the adjusted parameters."""
     bands = ORBIT[name]["bands"]
     assert [channel.name for channel in predicted(name)] == list(bands)
     for channel, found in predicted(name).items():
@@ -234,7 +234,8 @@ def test_the_catalogue_has_what_is_published(name):
 
 
 def test_the_sun_in_the_bands_of_sentinel_2_is_the_published_one():
-    """Shipped responses and Sun; the products' values rest on the same measurement of the Sun."""
+    """Shipped responses and Sun; the products' values are based on the same measurement of the
+    Sun."""
     for channel in load_imager("sentinel2-msi").channels:
         nodes = np.array(channel.response.wavelength)
         fine = np.linspace(nodes[0], nodes[-1], 1001)
@@ -264,14 +265,14 @@ def flat(**changed) -> Channel:
 
 
 def test_a_measured_response_counts_electrons_of_energy():
-    """A response to energy has equal electrons per joule at all wavelengths, those of 550 nm."""
+    """A response to energy has equal electrons per joule at all wavelengths, that of 550 nm."""
     energy = 6.62607015e-34 * 299792458.0 / (550 * nm)
     found = flat().photoelectrons(np.array([510.0, 550.0, 590.0]) * nm)
     assert found == pytest.approx(np.full(3, 0.5 / energy), rel=1e-6)
 
 
 def test_the_mean_of_columns():
-    """Four columns: half of the noise, four times the step, and the modulation of their mean.
+    """The mean of four columns: half of the noise, four times the step, and its modulation.
 
     At half a cycle per four pixels, the mean of four pixels is a pixel of four times the side.
     """
@@ -286,7 +287,8 @@ def test_the_mean_of_columns():
 
 
 def test_lines_of_a_tdi_detector_that_do_not_keep_pace_are_blurred():
-    """Half a pixel a stage shifts half a cycle per pixel by 90 degrees: four stages cancel."""
+    """A lag of half a pixel a stage shifts half a cycle per pixel by 90 degrees: four stages
+    cancel."""
     channel = flat()
     square = 10e-6 / channel.optics.focal_length / 0.01
     found = []
@@ -372,7 +374,8 @@ def test_a_filter_narrower_than_the_table_passes_its_integral(ends):
 
 
 def test_the_read_out_channel_lowers_the_mtf_across():
-    """Half of the charge a pixel late: |1 + exp(-i pi)| / 2 = 0 at Nyquist; a quarter late 0.5."""
+    """If half of the charge is a pixel late: |1 + exp(-i pi)| / 2 = 0 at Nyquist; a quarter late
+    0.5."""
     channel = load_survey(shipped("scenes/waoss.toml")).camera.channels[1]
     band = band_of(channel, None, 300e3, 1.0)
     found = [

@@ -1,4 +1,4 @@
-"""What covers the ground, how warm it is and what burns, on ground of known height."""
+"""Cover, temperature and fires of ground of known height."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ BAND = np.array([0.5 * um]), np.ones(1)
 
 
 def below(height: float, sun: float = 0.0, aside: float = 0.0) -> Ground:
-    """What one ray sees straight down, `aside` metre to the north, the Sun off the zenith."""
+    """The view of one vertical ray, `aside` metre to the north, with an oblique Sun."""
     rise = up(*PLACE)
     east = np.array([-np.sin(PLACE[0]), np.cos(PLACE[0]), 0.0])
     origin = cartesian(*PLACE, np.array(9e3)) + aside * np.cross(rise, east)
@@ -30,7 +30,7 @@ def below(height: float, sun: float = 0.0, aside: float = 0.0) -> Ground:
 
 @pytest.mark.parametrize("height", [0.0, 1500.0, 5000.0])
 def test_a_fire_burns_on_the_ground_whatever_its_height(height):
-    """A square metre straight below fills the ray, and is gone five metres away."""
+    """A fire of a square metre straight below fills the ray, and none is seen five metres away."""
     fire = HotSpot(float(PLACE[0]), float(PLACE[1]), 1.0)
     assert burning_fraction(fire, below(height), 1e-6)[0] == pytest.approx(1.0, abs=1e-6)
     assert burning_fraction(fire, below(height, aside=5.0), 1e-6)[0] < 1e-6

@@ -81,9 +81,9 @@ def lens_of(one: Channel) -> FieldLens:
     "detector", [LINE, pytest.param(MATRIX, marks=pytest.mark.slow)], ids=["line", "matrix"]
 )
 def test_an_extended_scene_is_the_sum_of_its_points(detector):
-    """Random radiance in [0, 1] for each ray, against each ray as a star of the lens table.
+    """Random radiance in [0, 1] for each ray, against a sum of all rays as stars of the lens table.
 
-    Light beyond the table of a star is in the rest of its image.
+    Light outside of the table of a star is in the rest of its image.
     """
     one = channel(detector)
     lens, sensor = lens_of(one), survey(one).scene(one).sensor
@@ -116,9 +116,10 @@ def test_an_extended_scene_is_the_sum_of_its_points(detector):
 
 
 def test_illumination_is_that_of_the_solid_angle_of_the_pupil():
-    """Etendue before and behind the lens: flux times solid angle, beside the exit pupil's size.
+    """Etendue before and behind the lens: flux times solid angle, against the size of the exit
+    pupil.
 
-    Irradiance is radiance times the area of the pupil in direction cosines (p, q), here to the 1 %
+    Irradiance is radiance times the area of the pupil in direction cosines (p, q), within the 1 %
     to which areas and pupils of the table agree at 9 degrees.
     """
     one = channel()
@@ -169,7 +170,7 @@ def test_channels_are_apart_by_the_lateral_colour_of_their_rays():
     "forwards", [0.0, pytest.param(6 * deg, marks=pytest.mark.slow)], ids=["below", "ahead"]
 )
 def test_a_point_is_found_in_the_pixel_that_sees_it_through_a_lens(forwards, tmp_path):
-    """A line ahead of the axis sees its ground at its angle, and bends by the distortion."""
+    """A line ahead of the axis sees its ground at its angle, and the distortion bends it."""
     one = replace(channel(replace(LINE, columns=400) if forwards else LINE), forwards=forwards)
     columns = one.columns
     seen = survey(one)
@@ -185,7 +186,7 @@ def test_a_point_is_found_in_the_pixel_that_sees_it_through_a_lens(forwards, tmp
 
 
 def test_a_spectral_line_bends_by_smile(tmp_path):
-    """Ground that is bright above 550 nm, in bands of 10 nm that smile moves by 2 nm."""
+    """Ground that is bright above 550 nm, in bands of 10 nm that smile shifts by 2 nm."""
     edge = Cover(Curve((549.9 * nm, 550.1 * nm), (0.0, 0.6)), 288.0)
     step = Curve((549.9 * nm, 550.1 * nm, 900 * nm), (0.0, 0.6, 0.6))
     plain = {"lens_family": "", "psf": "airy", "psf_tolerance": 0.01}
@@ -239,7 +240,8 @@ def test_what_no_lens_can_show_is_refused(make, words):
 
 @pytest.mark.slow
 def test_figures_are_the_lowest_over_the_field():
-    """The traced lens at f/2.8, whose images grow to the edge, beside one of diffraction alone."""
+    """The traced lens at f/2.8, whose images grow towards the edge, against one with diffraction
+    alone."""
     one = channel(f_number=2.8)
     band = band_of(one, None, 3e3, 1.0)
     found = figures(one, band, 3e3, 0.03)

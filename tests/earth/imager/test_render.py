@@ -1,4 +1,4 @@
-"""An Earth camera's picture: equations (4) and (5) by hand, blur, noise, fires, the command."""
+"""An Earth camera's image: equations (4) and (5) by hand, blur, noise, fires, the command."""
 
 import json
 import math
@@ -87,7 +87,7 @@ def middle(picture: Picture) -> tuple[float, float]:
 
 
 def test_electrons_and_numbers_by_hand(tmp_path):
-    """A blackbody of 300 K in 10.0 to 10.2 um, without air: all of (4) and (5) with units."""
+    """A blackbody of 300 K in 10.0 to 10.2 um, without air: (4) and (5) with all units."""
     one = channel(flat_band(10.0 * um, 10.2 * um), psf="gaussian")
     land = Land((Cover(Curve((), (0.0,)), 300.0),), lapse=0.0)
     picture = rendered(survey(one, land), tmp_path)
@@ -141,7 +141,7 @@ def test_an_edge_is_as_sharp_as_the_transfer_function_says(tmp_path):
 
 
 def test_the_tail_of_coma_lies_where_the_optics_put_it():
-    """The middle ray of one pixel alone, against the star that the detector's stamp would place."""
+    """The middle ray of one pixel, against the star that the detector's stamp would place."""
     optics = Optics(0.1, 4.0, psf="fraunhofer", aberrations=(Aberration(8, 80 * nm),))
     psf = pixel_psf(optics, 2.2e-6, np.array([550 * nm]), np.ones(1))
     rays = np.zeros((41, 41, 9), np.float32)
@@ -164,7 +164,7 @@ def test_strips_do_not_show():
 
 
 def test_channels_have_noise_of_their_own(tmp_path):
-    """Two like channels over even ground, 1,600 pixels: correlated by 0.025 or so, not by 1."""
+    """Two equal channels over uniform ground, 1,600 pixels: a correlation of about 0.025, not 1."""
     one = channel(flat_band(500 * nm, 600 * nm), replace(SCAN, read_noise=2000.0))
     pair = replace(survey(one), camera=Imager((one, replace(one, name="two"))))
     noise = []
@@ -177,7 +177,7 @@ def test_channels_have_noise_of_their_own(tmp_path):
 
 @pytest.mark.parametrize("rays", [1, 2, 3])
 def test_the_place_of_a_pixel_is_its_middle(tmp_path, rays):
-    """However many rays it has: to a hundredth of a pixel of 0.3 m."""
+    """For any number of rays, within a hundredth of a pixel of 0.3 m."""
     one = channel(flat_band(500 * nm, 600 * nm))
     single, several = (rendered(survey(one, rays=n), tmp_path) for n in (1, rays))
     north = (several.latitude - single.latitude) * deg * 6.37e6
@@ -190,7 +190,7 @@ def test_the_place_of_a_pixel_is_its_middle(tmp_path, rays):
     ("columns", "lines"), [pytest.param(40, 240, marks=pytest.mark.slow), (240, 40)]
 )
 def test_the_surroundings_are_what_the_image_shows(tmp_path, kind, columns, lines):
-    """A few rays over hills of two covers give the mean over all pixels."""
+    """A few rays over hills of two covers have the mean of all pixels."""
     hills = Terrain(fractal=Fractal(10 * deg, 47 * deg, 5.0, 128, 100.0), highest=150, lowest=-10)
     land = Land((Cover(), Cover(Curve((), (0.9,)), above=50.0)))
     detector = replace(
@@ -209,7 +209,8 @@ def test_the_surroundings_are_what_the_image_shows(tmp_path, kind, columns, line
 
 
 def test_the_air_of_an_aircraft_is_that_between_it_and_the_ground(tmp_path):
-    """At 3 km above the sea, 1 to 2 km above hills, it is seen through that much air only."""
+    """At 3 km above the sea and 1 to 2 km above hills, only the air between camera and hills
+    counts."""
     hills = Terrain(fractal=Fractal(10 * deg, 47 * deg, 5.0, 128, 2500.0), highest=2500.0)
     one = channel(flat_band(500 * nm, 600 * nm))
     seen = replace(survey(one, air=Air(), rays=1), terrain=hills)
@@ -222,7 +223,7 @@ def test_the_air_of_an_aircraft_is_that_between_it_and_the_ground(tmp_path):
 
 
 def test_lines_that_look_ahead_see_the_same_ground(tmp_path):
-    """A camera pitched by 15 degrees, with one channel ahead by 20 more: within 10 of 1,100 m."""
+    """A camera pitched by 15 degrees with a channel 20 degrees ahead: within 10 of 1,100 m."""
     one = channel(flat_band(500 * nm, 600 * nm))
     pair = Imager((one, replace(one, name="ahead", forwards=20 * deg)))
     seen = replace(survey(one), camera=pair, pointing=Pointing(pitch=15 * deg))
@@ -234,7 +235,8 @@ def test_lines_that_look_ahead_see_the_same_ground(tmp_path):
 
 
 def test_a_fire_on_ground_without_heat_burns(tmp_path):
-    """Ground of 60 K, as on the Moon's night side, gives no light at 1.6 um: all is the fire's."""
+    """Ground of 60 K, as on the Moon's night side, emits no light at 1.6 um: all light is the
+    fire's."""
     one = channel(flat_band(1.55 * um, 1.65 * um))
     place = middle(rendered(survey(one), tmp_path))
     night = Cover(Curve((), (0.0,)), 60.0)
@@ -272,7 +274,7 @@ def test_what_no_picture_would_show_is_refused():
 
 @pytest.mark.parametrize(("area", "fraction"), [(1.0, None), (400.0, 1.0)])
 def test_a_fire_keeps_its_power_however_small(tmp_path, area, fraction):
-    """Pixels are 0.3 m: what burns adds up to its area, or fills the pixel."""
+    """Pixels are 0.3 m: the burning parts add up to the fire's area, or fill the pixel."""
     one = channel(flat_band(3.6 * um, 4.0 * um))
     cold = rendered(survey(one, Land(lapse=0.0)), tmp_path)
     spot = HotSpot(*middle(cold), area, 900.0)
@@ -346,8 +348,8 @@ def test_air_that_no_table_has_is_refused():
 def test_channels_that_look_ahead_do_not_register_in_jitter(tmp_path):
     """A tone of sqrt(2) rms a seen twice, tau apart, differs by 2 a |sin(pi f tau)| rms.
 
-    It moves the ground of each line by the height times its angle, across the track for the axis
-    along the columns.
+    The ground of each line is displaced by the height times its angle, across the track for the
+    axis along the columns.
     """
     tone, height = Tone(3.0, rms_y=2e-4, phase=0.3), 3e3
     one = channel(flat_band(500 * nm, 600 * nm), replace(SCAN, rows=300))
@@ -375,7 +377,7 @@ def test_channels_that_look_ahead_do_not_register_in_jitter(tmp_path):
 
 
 def test_fast_jitter_blurs(tmp_path):
-    """Far above a line's rate it is the Gaussian of its rms, on the focal length."""
+    """Far above the line rate the blur is a Gaussian of the jitter's rms times the focal length."""
     one = channel(flat_band(500 * nm, 600 * nm))
     fast = tuple(Broadband(axis, (2e4, 4e4), (2e-14, 2e-14)) for axis in "xy")
     shaken = survey(one, motion=Motion(broadband=fast))  # 2e-5 rad rms about each
@@ -388,7 +390,8 @@ def test_fast_jitter_blurs(tmp_path):
 
 @pytest.fixture(scope="module")
 def commanded(tmp_path_factory) -> Path:
-    """What the command leaves of a small scene; with a GeoTIFF where rasterio is installed."""
+    """The files that the command writes for a small scene; with a GeoTIFF if rasterio is
+    installed."""
     folder = tmp_path_factory.mktemp("rendered")
     (folder / "scene.toml").write_text(SCENE)
     (folder / "small.toml").write_text(CAMERA)

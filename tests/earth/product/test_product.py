@@ -99,7 +99,7 @@ def made(one: Survey):
 
 
 def test_the_mean_radiance_and_the_place_of_fires_come_back():
-    """The experiment's figures on a smaller image; 0.003 % and 0.06 pixel on its own."""
+    """The experiment's figures on a smaller image; the experiment has 0.003 % and 0.06 pixel."""
     from earth_loop import loop_place_px, loop_radiance_error
 
     error, noise = loop_radiance_error(48)
@@ -109,9 +109,10 @@ def test_the_mean_radiance_and_the_place_of_fires_come_back():
 
 
 def test_ground_has_the_reflectance_that_it_was_given():
-    """Hills in sun and shade, through air, with a non-linear detector: to the noise of 1,600.
+    """Hills in sun and shade, through air, with a nonlinear detector: within the noise of 1,600
+    pixels.
 
-    What lies beyond the image is brighter than its hills, and not known: 0.7 %.
+    The ground outside of the image is brighter than its hills, and not known: 0.7 %.
     """
     product, _, setting = made(flown(land=Land((Cover(Curve((), (0.3,))),))))
     surface = product.image["surface reflectance"]
@@ -139,7 +140,7 @@ def test_a_blackbody_has_its_own_brightness_temperature():
 
 @pytest.mark.parametrize("kind", ["line", "tdi", "matrix"])
 def test_a_point_is_found_in_the_pixel_that_sees_it(kind):
-    """Two ways through the same optics: rays to terrain, and terrain to pixels."""
+    """Two ways through the same optics: rays to the terrain, and terrain to pixels."""
     sensor = Sensor(kind, 30, 30, 0.05, 40e-6, stages=5)
     scene = EarthScene(HILLS, sensor, aircraft=PLANE, pointing=Pointing(0.2, 0.1, 0.3))
     (strip,) = observe_earth(scene, Path())
@@ -304,7 +305,7 @@ def test_a_matrix_has_frames_of_its_own_size():
 
 
 def test_each_pixel_has_an_uncertainty_by_contributors():
-    """Noise against the scatter of even ground; causes add up; the lamp is two per cent of it."""
+    """Noise against the scatter of uniform ground; causes add up; the lamp has an error of 2 %."""
     one = flown(replace(SCAN, prnu=0.0), land=Land((Cover(Curve((), (0.3,))),)))
     one = replace(one, terrain=replace(HILLS, fractal=replace(HILLS.fractal, relief=1e-3)))
     channel = one.channels[0]
@@ -333,7 +334,8 @@ def test_each_pixel_has_an_uncertainty_by_contributors():
 
 @pytest.mark.parametrize("measured", [0.0, 3.0, 30.0])
 def test_read_noise_far_above_that_of_photons_is_as_designed(measured):
-    """Photon transfer then measures no gain: 400 electrons of read noise are 4.0 numbers of 100."""
+    """Photon transfer cannot measure the gain: 400 electrons of read noise are 4.0 numbers of
+    100."""
     curve = Curve((), (0.6,))
     detector = Detector(
         8, 8, 40 * um, 1e-3, curve, full_well=100 * 4095.0, bits=12, offset=20, read_noise=400.0

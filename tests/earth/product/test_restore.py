@@ -1,4 +1,4 @@
-"""Restored images: against waves by hand, the scene's truth, and the forecast of MTF and SNR."""
+"""Restored images against closed forms, the scene's truth, and the forecast of MTF and SNR."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -41,14 +41,14 @@ def scene():
 
 
 def _boxed():
-    """A pixel that sees a square of three pixels."""
+    """An image whose pixels are means over three by three pixels."""
     table = np.zeros((63, 63))
     table[18:45, 18:45] = 1 / 9
     return Restoration(Psf(table, 9, 1.0), 1.0, 1.0, SNR)
 
 
 def test_a_wave_has_the_modulation_of_the_filter_and_noise_that_of_its_formula():
-    """By hand: a box of three pixels leaves sin(3 pi f) / (3 pi f) of a wave."""
+    """By hand: a box of three pixels multiplies a wave by sin(3 pi f) / (3 pi f)."""
     restoration, place, frequency = _boxed(), np.arange(128), 1 / 8
     left = np.sinc(3 * frequency)
     wave = 10 + left * np.cos(2 * np.pi * frequency * (place + 0.5)) * np.ones((128, 1))
@@ -62,7 +62,7 @@ def test_a_wave_has_the_modulation_of_the_filter_and_noise_that_of_its_formula()
 
 
 def test_waves_of_a_sparse_aperture_come_back():
-    """Blurred by the overlap of its circles; the filter knows its image of a point alone."""
+    """The blur is the overlap of the circles; the filter knows only the image of a point."""
     pitch, wave_at = 8e-6, np.array([600 * nm])
     optics = flown().channels[0].optics
     optics = replace(optics, f_number=16.0, pupil=GOLAY, psf="fraunhofer", blur=0.0)
@@ -101,7 +101,7 @@ def _blurred(channel):
 
 
 def test_noise_of_a_restored_product_is_that_of_the_figures(scene):
-    """By the difference of two images of one scene, restored as the channel says."""
+    """From the difference of two images of one scene, restored as the channel states."""
     survey, _, _ = scene
     own = _blurred(survey.camera.channels[0])
     soft = replace(survey, camera=replace(survey.camera, channels=(own,)))

@@ -101,7 +101,7 @@ def test_power_is_that_of_stefan_and_boltzmann_within_the_law():
 
 
 def test_contrast_is_a_prediction_by_a_straight_line():
-    """Beside a regression of scipy over the pixels around."""
+    """Compared with a regression by scipy over the surrounding pixels."""
     stream = np.random.default_rng(3)
     thermal = stream.normal(5.0, 1.0, (31, 31))
     mid = 0.7 * thermal + stream.normal(0.0, 0.3, (31, 31))
@@ -118,7 +118,7 @@ def test_contrast_is_a_prediction_by_a_straight_line():
 
 
 def test_false_alarms_are_as_many_as_stated():
-    """Of independent noise. The bounds hold in 99.99 % of all seeds."""
+    """For independent noise. The bounds hold in 99.99 % of all seeds."""
     stream, rate, hot, tested = np.random.default_rng(1), 1e-3, 0, 0
     for _ in range(30):
         mid, thermal = stream.normal(0, 1, (2, 128, 128))
@@ -142,7 +142,8 @@ def test_rendered_ground_is_found_hot_no_more_often_than_stated():
 
 
 def test_texture_has_the_variance_of_the_land():
-    """The land's fractal, averaged over its cells, beside realisations over such cells."""
+    """The fractal of the land, averaged over its cells, compared with realisations over such
+    cells."""
     fractal = patch_texels()
     for side in (1, 4, 16):
         cells = fractal.reshape(1024 // side, side, 1024 // side, side).mean((1, 3))
@@ -164,7 +165,7 @@ def patch_texels() -> np.ndarray:
 
 
 def test_texture_has_the_rms_of_the_land():
-    """Over many realisations, waves longer than the image included; within 4 sigma."""
+    """Over many realisations, including waves longer than the image; within 4 sigma."""
     squares = [
         (texture.draw(Streams(2, n)("texture"), 64, 64, (90.0, 90.0), 90.0) ** 2).mean()
         for n in range(200)
@@ -261,7 +262,8 @@ def test_fires_that_cannot_be_seen_are_refused_or_infinite():
 
 @pytest.mark.slow
 def test_formula_and_trials_agree_that_warm_ground_saturates():
-    """At 0.56 ms and f/1.6 the warmest ground fills the thermal channel; at 0.54 ms it does not."""
+    """At 0.56 ms and f/1.6 the warmest ground saturates the thermal channel; at 0.54 ms it does
+    not."""
     problem = EarthProblem(load_earth_design("hsrs"))
     values = {
         "channels.*.optics.f_number": 1.6032807,

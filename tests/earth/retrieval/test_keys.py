@@ -1,4 +1,4 @@
-"""The keys of a scene file, beside the shipped files and jsonschema's idea of a schema."""
+"""The keys of a scene file against the shipped files, and its JSON Schema against jsonschema."""
 
 import copy
 import json

@@ -32,7 +32,7 @@ QUIET = {
 
 
 def test_land_without_borders_and_noise_is_measured_as_it_is():
-    """One cover everywhere, in daylight: photon noise and quantisation remain, below 1 %."""
+    """One cover everywhere in daylight: photon noise and quantisation remain, below 1 %."""
     land = replace(DESIGN.land, texture=0.0, covers=DESIGN.land.covers[1:2])
     image = observe_land(replace(DESIGN, land=land), OWN, 1, 0)
     assert image.measured.mean(1) == pytest.approx(image.truth.mean(1), rel=2e-3)
@@ -40,7 +40,7 @@ def test_land_without_borders_and_noise_is_measured_as_it_is():
 
 
 def test_noise_alone_is_that_of_photons_and_read_out():
-    """Over one cover without texture the error is the camera's noise; 1 % of 36,864 pixels."""
+    """Over one cover without texture the error is the camera's noise; 1 % with 36,864 pixels."""
     land = replace(DESIGN.land, texture=0.0, covers=DESIGN.land.covers[1:2])
     one = replace(DESIGN, land=land)
     image = observe_land(one, OWN, 1, 0)
@@ -50,7 +50,7 @@ def test_noise_alone_is_that_of_photons_and_read_out():
 
 @pytest.mark.slow
 def test_the_air_takes_contrast_from_large_fields():
-    """Dark fields have darker surroundings than the mean that is assumed, bright ones brighter."""
+    """Dark fields have darker surroundings than the assumed mean, bright fields brighter ones."""
     fields = replace(OWN, field=400.0)
     quiet = PROBLEM.replaced(QUIET).design
     _, infrared = fields.pair
@@ -87,9 +87,9 @@ def test_the_air_takes_contrast_from_large_fields():
     ],
 )
 def test_formulas_beside_trials(values: dict[str, float]):
-    """12 %, beside 1.5 half widths of 95 %: exceeded in less than 1 % of seeds.
+    """12 %, plus 1.5 half widths of 95 %: exceeded in less than 1 % of seeds.
 
-    12 images; 48 of rough fields, where a few dark pixels decide the error of the index.
+    12 images; 48 for rough fields, where a few dark pixels determine the error of the index.
     """
     problem, images = ALONE.replaced(values), 48 if "land.texture" in values else 12
     expected, judged = problem.expect(), problem.judge(problem.trials(1, range(images)))
@@ -111,7 +111,7 @@ def test_classes_of_pure_pixels_are_right():
 
 
 def test_the_index_is_that_of_two_channels():
-    """NDVI of 0.05 and 0.4 is 0.35 / 0.45; negative reflectances count as none."""
+    """The NDVI of 0.05 and 0.4 is 0.35 / 0.45; negative reflectances count as zero."""
     light = np.array([[0.1, 0.1], [0.1, 0.1], [0.05, -0.1], [0.4, -0.1]])
     assert index_of(OWN, light) == pytest.approx([0.35 / 0.45, 0.0])
 

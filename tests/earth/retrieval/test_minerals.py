@@ -35,7 +35,7 @@ def blackbody(wavelength: np.ndarray, kelvin: float) -> np.ndarray:
 
 
 def test_blackbodies_are_those_of_astropy():
-    """In the middle of channels of 90 nm, whose mean differs from it by 1e-4."""
+    """At the middle of channels of 90 nm, whose mean differs from it by 1e-4."""
     device = spectrometer_of(DESIGN, OWN)
     for kelvin in (300.0, 450.0, 680.0):
         expected = blackbody(device.wavelength, kelvin)
@@ -54,7 +54,7 @@ def test_features_lie_where_published_spectra_have_them():
 
 
 def test_spectra_without_noise_give_temperature_and_emissivity_back():
-    """Of light of astropy, with the emissivity that the retrieval assumes."""
+    """Light computed by astropy, with the emissivity that the retrieval assumes."""
     exact = replace(OWN, assumed=OWN.peak)
     device = spectrometer_of(DESIGN, exact)
     for number, emissivity in enumerate(device.emissivity):
@@ -70,7 +70,7 @@ def test_spectra_without_noise_give_temperature_and_emissivity_back():
 
 
 def test_energies_are_those_of_equation_4():
-    """Electrons of a channel, beside those of the same lens and detector with a filter."""
+    """Electrons of a channel, compared with those of the same lens and detector with a filter."""
     device = spectrometer_of(DESIGN, OWN)
     channel = DESIGN.camera.channels[0]
     band = band_of(channel, None, 4e5, 1.0)
@@ -100,7 +100,7 @@ def test_formulas_beside_trials(values: dict[str, float]):
 
 
 def test_the_published_spectrometer_has_its_snr():
-    """100 at least, at 90 nm: Saeuberlich et al., of the breadboard."""
+    """At least 100 at 90 nm: Saeuberlich et al., for the breadboard."""
     assert forecast_minerals(DESIGN, OWN).snr > 100
 
 

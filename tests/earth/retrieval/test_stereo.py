@@ -36,7 +36,8 @@ def test_height_over_parallax_is_base_over_height():
 
 
 def test_heights_follow_the_terrain():
-    """Slope of measured over true heights, 1 less what windows smooth; wrong signs give -1."""
+    """The slope of measured over true heights is 1 minus the smoothing of windows; a wrong sign
+    gives -1."""
     own = replace(OWN, relief=40.0)
     images = observe_terrain(DESIGN, own, 1, 0)
     found = match_heights(DESIGN, own, images)
@@ -46,7 +47,7 @@ def test_heights_follow_the_terrain():
 
 
 def test_noise_falls_with_the_side_of_windows():
-    """Over level ground the error is that of N pixels of a window: 1 / side, roughly."""
+    """Over level ground the error falls with the N pixels of a window, roughly as 1 / side."""
     level = replace(OWN, relief=0.0)
     small, large = (forecast_heights(DESIGN, replace(level, window=side)) for side in (11, 31))
     assert 0.5 * 11 / 31 < large.height_error / small.height_error < 1.1 * 11 / 31
@@ -70,7 +71,7 @@ def test_noise_falls_with_the_side_of_windows():
     ],
 )
 def test_formulas_beside_trials(values: dict[str, float]):
-    """15 %, beside 1.5 half widths of 95 % of 12 images: exceeded in less than 1 % of seeds."""
+    """15 %, plus 1.5 half widths of 95 % for 12 images: exceeded in less than 1 % of seeds."""
     problem = ALONE.replaced(values)
     expected, judged = problem.expect(), problem.judge(problem.trials(1, range(12)))
     value, interval = expected.value, judged.value
@@ -93,7 +94,7 @@ def test_what_cannot_be_is_refused():
 
 
 def test_wide_images_leave_windows_too_few_details():
-    """There the formula would be 17 % smaller than trials of 16 images."""
+    """For such images the formula would be 17 % smaller than trials of 16 images."""
     blurred = {"channels.*.optics.f_number": 8.0, "channels.*.optics.blur": 6e-6}
     with pytest.raises(Refused, match="too few details"):
         forecast_heights(PROBLEM.replaced(blurred).design, OWN)

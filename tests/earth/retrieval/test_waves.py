@@ -1,4 +1,4 @@
-"""Waves in the glint: the sea beside published laws, images beside Cox and Munk, errors."""
+"""Waves in the glint: the sea against published laws, images against Cox and Munk, errors."""
 
 import math
 from dataclasses import replace
@@ -66,9 +66,9 @@ def test_a_drawn_sea_has_its_height_its_slopes_and_its_direction(peakedness, spr
 
 
 def test_the_mean_light_does_not_depend_on_what_waves_are_drawn():
-    """All waves together have the mean square slope of Cox and Munk (1954), by the wind.
+    """All waves together have the mean square slope of Cox and Munk (1954) for the wind.
 
-    Waves at 45 degrees to the Sun have as much of it towards the Sun as across.
+    Waves at 45 degrees to the Sun have equal slopes towards the Sun and across.
     """
     own = replace(OWN, direction=OWN.sun_azimuth + math.pi / 4)
     calm = replace(own, significant_height=1e-3)
@@ -90,7 +90,8 @@ def test_height_and_direction_are_found_in_an_image():
 
 
 def test_a_wind_that_is_taken_for_another_changes_the_height():
-    """Contrast is slope over mean square slope: 12 % more of that are 12 % more height."""
+    """Contrast is slope over mean square slope: with 12 % more mean square slope, the height is
+    12 % larger."""
     image = observe_waves(DESIGN, OWN, 1, 2)
     believed = retrieve_waves(DESIGN, replace(OWN, wind=OWN.wind + 1), image.radiance)
     ratio = (0.003 + 0.00512 * (OWN.wind + 1)) / (0.003 + 0.00512 * OWN.wind)
@@ -147,7 +148,7 @@ def test_what_is_no_sea_is_refused():
 
 @pytest.fixture(scope="module")
 def drawn():
-    """Random slopes (draws, 2, n, n) of a steep sea, and its statistics with a Sun beside it."""
+    """Random slopes (draws, 2, n, n) of a steep sea, and its statistics for an oblique Sun."""
     sea, size, step = Sea(2.0, 60.0, 0.4, 1.0, 2.0), 16, (10.0, 10.0)
     towards, rough = (0.15, -0.06), 0.02
     random = Streams(1, 1)("sea")
@@ -158,10 +159,10 @@ def drawn():
 
 
 def test_brightness_varies_with_the_waves_as_drawn_seas_have_it(drawn):
-    """Covariance of sums of squares of brightness and of elevation, beside 4000 drawn seas.
+    """Covariance of sums of squares of brightness and of elevation, against 4000 drawn seas.
 
-    Of 4000 seas that along the Sun scatters by 3 %, that across by 13 %. A brightness that follows
-    the slopes alone would have 1.16 and 0.54 of them.
+    For 4000 seas the covariance along the Sun scatters by 3 %, across by 13 %. A brightness that
+    depends on the slopes alone would have 1.16 and 0.54 times the values.
     """
     sea, step, towards, rough, state, level, slopes = drawn
     size = level.shape[1]
@@ -184,7 +185,7 @@ def test_brightness_varies_with_the_waves_as_drawn_seas_have_it(drawn):
 
 
 def test_pairs_of_waves_are_not_independent_of_the_third(drawn):
-    """Variance of sums of g z (z H z) of drawn seas, beside that with z H z of another sea.
+    """Variance of sums of g z (z H z) of drawn seas, against g z of one sea with z H z of another.
 
     Sums of 4000 seas scatter by 3 %.
     """

@@ -1,4 +1,4 @@
-"""Small terrain and rays at it, and files of a small scene and its camera, for tests of `earth`."""
+"""Small terrain, rays that meet it, and files of a small scene and its camera."""
 
 from dataclasses import dataclass
 
@@ -25,14 +25,14 @@ class Relief:
     sea: float | None = None
 
     def meet(self, rays: Rays) -> tuple[RayHits, Levels]:
-        """As `trace`, or the sea where that is nearer and beside the surface."""
+        """As `trace`, or the sea if it is nearer and outside of the surface."""
         hits = trace(self.surface, rays)
         if self.sea is not None:
             hits = beside(self.surface, ConstantHeight(self.sea).meet(rays)[0], hits)
         return hits, np.zeros(len(rays), np.int8)
 
     def stops(self, rays: Rays, level: Levels, start: float) -> Flags:
-        """As `blocked`; the sea stops rays, too, and so does the Earth below all heights."""
+        """As `blocked`; rays also end at the sea, and at the Earth below all heights."""
         return blocked(self.surface, rays, start) | under(self.surface, self.sea, rays, start)
 
 
@@ -66,7 +66,7 @@ def ray(longitude, latitude, height, elevation, azimuth=0.0, distance=3e5) -> Ra
 def random_rays(
     grid: Grid, count: int, elevation: float, highest: float, lowest: float = 0.0
 ) -> Rays:
-    """From all sides, at random points over the inner three quarters of a grid."""
+    """From all directions, through random points over the inner three quarters of a grid."""
     random = np.random.default_rng(1)
     u, v, height, azimuth = random.random((4, count))
     return ray(
@@ -79,7 +79,7 @@ def random_rays(
 
 
 def hills() -> tuple[Grid, NDArray[np.float32]]:
-    """Hills by a formula, 0 to 1000 m, that another program can be given, too."""
+    """Hills by a formula, 0 to 1000 m, which another program can also evaluate."""
     step = np.radians(1 / 3600)
     grid = Grid(np.radians(10.0), np.radians(47.0), step, step, 257, 257)
     at = np.arange(257)

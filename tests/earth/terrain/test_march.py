@@ -1,4 +1,4 @@
-"""The march against the search of every cell, and against surfaces that have a closed form."""
+"""The march against a search of every cell, and against surfaces with a closed form."""
 
 import json
 from functools import cache
@@ -46,7 +46,7 @@ def test_hits_are_those_of_the_search(elevation):
 
 
 def test_a_hit_lies_on_the_ray_and_on_the_surface():
-    """Heights that are linear in longitude and latitude, read off with the formula."""
+    """Heights that are linear in longitude and latitude, compared with the formula."""
     grid, heights = flat()
     heights += (np.arange(41) * 8 + np.arange(41)[:, None] * 4).astype(np.float32)
     rays = random_rays(grid, 200, 70, 260, 220)
@@ -60,7 +60,7 @@ def test_a_hit_lies_on_the_ray_and_on_the_surface():
 
 
 def test_normals_are_those_of_the_slope():
-    """8 m to the east and 4 m to the south a cell, over its sides on the ellipsoid."""
+    """A cell rises by 8 m to the east and 4 m to the south, over its sides on the ellipsoid."""
     grid, heights = flat()
     heights += (np.arange(41) * 8 + np.arange(41)[:, None] * 4).astype(np.float32)
     found = trace(index(grid, heights), random_rays(grid, 50, 80, 400))
@@ -97,7 +97,7 @@ def test_rays_that_look_straight_down_or_up():
 
 
 def test_a_camera_within_the_shell_of_the_terrain():
-    """On a slope among mountains, looking level and upwards, above ground and under it."""
+    """On a slope among mountains, looking level and upwards, above the ground and below it."""
     lon, lat = GRID.west + 100 * STEP, GRID.north - 100 * STEP
     east, north, rise = axes(lon, lat)
     around = np.radians(np.arange(0, 360, 5))
@@ -117,7 +117,7 @@ def test_a_camera_within_the_shell_of_the_terrain():
 
 @pytest.mark.parametrize("slope", [3, 12, 30, 60])
 def test_rays_that_rise_are_stopped_where_the_search_stops_them(slope):
-    """From above, on and under the surface, out of holes and in through the sides of the grid."""
+    """Rays start above, on and below the surface, in holes, and at the sides of the grid."""
     grid, heights = mountains(96)
     heights = heights * np.float32(0.3)
     random = np.random.default_rng(slope)
@@ -215,7 +215,8 @@ def test_tiles_join_without_a_seam(cells):
 
 
 def test_the_date_line_is_a_place_like_others():
-    """The same terrain, cut at 180 degrees and 40 degrees east of it, seen along the equator."""
+    """The same terrain, with its edge at 180 degrees and 40 degrees east of it, seen along the
+    equator."""
     grid, heights = globe()
     turned = Grid(grid.west + np.radians(40), grid.north, grid.step_x, grid.step_y, 360, 180)
     rays = ray(np.pi + np.linspace(-0.3, 0.3, 500), 0.05, 3000.0, 12, np.radians(85), 4e5)
@@ -227,7 +228,7 @@ def test_the_date_line_is_a_place_like_others():
 
 @pytest.mark.parametrize("sign", [1, -1])
 def test_a_pole_is_a_place_like_others(sign):
-    """Rays down at points within 200 km of it, and at the pole itself: the search agrees."""
+    """Rays down to points within 200 km of the pole, and to the pole itself: the search agrees."""
     grid, heights = globe()
     random = np.random.default_rng(3)
     lat = sign * (np.pi / 2 - np.append(0.03 * random.random(100), 0.0))
@@ -258,7 +259,7 @@ def test_a_wrong_shape_or_value_is_refused():
 
 @pytest.mark.parametrize("case", json.loads(RUGGED.read_text()), ids=lambda c: c["elevation_deg"])
 def test_hits_are_those_of_rugged(case):
-    """Orekit's Rugged 4.0.1, which takes the same bilinear surface on the same ellipsoid."""
+    """Orekit's Rugged 4.0.1, which uses the same bilinear surface on the same ellipsoid."""
     grid, heights = hills()
     rays = Rays(np.array(case["origin"]), np.array(case["direction"]), np.zeros(40))
     found, expected = trace(index(grid, heights), rays).place, np.array(case["place"])

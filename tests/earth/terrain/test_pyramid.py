@@ -1,4 +1,4 @@
-"""Terrain by tiles and levels: the same hits as in memory, and as few reads as there are tiles."""
+"""Terrain in tiles and levels: the same hits as in memory, and each tile is read once."""
 
 import numpy as np
 import pytest
@@ -43,7 +43,8 @@ def test_hits_do_not_depend_on_the_cache(elevation):
 
 
 def test_a_pushbroom_reads_each_tile_once():
-    """Lines from north to south; two rows of tiles fit into memory, five by five are there."""
+    """Lines from north to south; two rows of tiles fit into memory, the terrain has five by
+    five."""
     cells = 5 * 128
     grid = Grid(0.1, 0.5, 4 * STEP, 4 * STEP, 4 * cells + 1, 4 * cells + 1)
     heights = np.kron(
@@ -83,7 +84,8 @@ def test_a_level_is_the_mean_of_the_terrain_and_keeps_planes():
 
 
 def test_the_best_source_counts_where_it_is():
-    """A coarse country at 100 m, a fine area at 300 m, a hole in it, and the sea around."""
+    """A coarse map at a height of 100 m, a fine one at 300 m, a hole in the fine one, and the
+    sea around."""
     country = Array(Grid(0.1, 0.5, 8 * STEP, 8 * STEP, 33, 33), np.full((33, 33), 100, np.float32))
     fine = np.full((65, 65), 300, np.float32)
     fine[30:35, 30:35] = np.nan
@@ -131,7 +133,8 @@ def test_heights_beyond_their_bounds_are_refused():
 
 
 def test_maps_lie_on_the_same_footing():
-    """An albedo that is linear is read exactly; land cover keeps its classes; beyond, `absent`."""
+    """A linear albedo is read exactly; land cover keeps its classes; outside, the value is
+    `absent`."""
     grid, heights = flat(0.0)
     ramp = np.broadcast_to(np.linspace(0, 1, 41, dtype=np.float32), (41, 41)).copy()
     cover = np.broadcast_to(np.arange(41, dtype=np.float32) // 20, (41, 41)).copy()

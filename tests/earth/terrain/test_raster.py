@@ -1,4 +1,4 @@
-"""Terrain files: the same ground as from memory, and what is wrong with a file in a sentence."""
+"""Terrain files: the same ground as from memory, and errors of a file in one sentence."""
 
 import socket
 from contextlib import closing
@@ -90,7 +90,7 @@ def test_no_data_is_a_hole_that_the_sea_fills(tmp_path):
 
 
 def test_scale_offset_and_unit_of_heights_are_applied(tmp_path):
-    """300 m in numbers of other units; metre in a foot and a US survey foot by NIST SP 811, B.6."""
+    """300 m in numbers of other units; the foot and the US survey foot by NIST SP 811, B.6."""
     files = [
         flat(tmp_path / "plain.tif", 300),
         flat(tmp_path / "named.tif", 300, unit="metre"),
@@ -135,7 +135,7 @@ def test_heights_that_can_be_read_two_ways_are_refused(tmp_path):
 
 
 def test_numbers_that_stand_for_no_height_are_not_taken_for_heights(tmp_path):
-    """Of files that do not name them."""
+    """In files that do not name their fill value."""
     heights = np.full(HEIGHTS.shape, 700, np.int16)
     heights[80:120, 80:120] = -32768
     void = Raster(write(tmp_path / "void.tif", heights), heights=True)
@@ -162,7 +162,7 @@ def test_numbers_that_stand_for_no_height_are_not_taken_for_heights(tmp_path):
 
 
 def test_a_hole_is_no_sea(tmp_path):
-    """Refused, or of the height that is given; what is beside the file is the sea."""
+    """A hole is refused, or has the given height; the sea is outside of the file."""
     heights = np.full(HEIGHTS.shape, 700, np.int16)
     heights[80:120, 80:120] = -32768
     source = Raster(write(tmp_path / "dem.tif", heights, nodata=-32768))
@@ -179,7 +179,7 @@ def test_a_hole_is_no_sea(tmp_path):
 
 
 def test_nothing_beside_the_file_is_read(tmp_path):
-    """Side-car files with other numbers, overviews and a mask of their own change nothing."""
+    """Side-car files with other numbers, overviews or masks change nothing."""
     path = flat(tmp_path / "dem.tif", 300)
     alone = Raster(path, heights=True)
     expected, grid = alone.read(alone.grid), alone.grid
@@ -228,7 +228,7 @@ def test_files_that_name_others_are_refused(tmp_path, text):
 
 
 def test_overviews_that_stand_in_another_file_are_refused(tmp_path):
-    """GDAL opens whatever the metadata of a TIFF name as its overviews."""
+    """GDAL opens any file that the metadata of a TIFF name as its overviews."""
     path = flat(tmp_path / "dem.tif", 300)
     with rasterio.open(path, "r+") as file:
         file.update_tags(ns="OVERVIEWS", OVERVIEW_FILE="/vsicurl/http://127.0.0.1:9/x.tif")

@@ -1,4 +1,4 @@
-"""What is told of the ground: shadow, angles, sky, and the height at which rays miss."""
+"""Properties of the ground: shadow, angles, sky, and the height at which rays miss."""
 
 import numpy as np
 import pytest
@@ -46,7 +46,7 @@ def test_no_light_comes_from_under_the_horizon():
 
 
 def test_a_summit_sees_the_sun_beyond_the_level_horizon():
-    """From a peak of 3 km the horizon lies acos(R / (R + h)) = 1.76 degree lower."""
+    """From a peak of 3 km the horizon is lower by acos(R / (R + h)) = 1.76 degree."""
     grid, heights = flat(cells=20)
     heights[10, 10] = 3000.0
     rays = ray(grid.west + 10 * STEP, grid.north - 10 * STEP, 3000.0, 90)
@@ -70,7 +70,8 @@ def test_angles_on_the_ellipsoid():
 
 
 def test_the_tangent_height_of_rays_that_miss():
-    """Level rays at a known height: their least height is that, in the meridian and across it."""
+    """Horizontal rays at a known height: it is their least height, in the meridian and across
+    it."""
     for height, azimuth in ((2e4, 0.3), (1.2e5, 1.4)):
         point = cartesian(np.array(0.3), np.array(0.7), np.array(height))
         east, north, rise = axes(0.3, 0.7)
@@ -87,9 +88,9 @@ def test_the_tangent_height_of_rays_that_miss():
 
 
 def test_the_sky_seen_from_a_spherical_bowl():
-    """In a sphere's cap every point sees 1 - cap / whole sphere, whatever its place.
+    """In a spherical bowl every point sees 1 - cap / whole sphere, at any place.
 
-    Closed form of the integrating sphere: each surface element of a sphere sends the same share
+    Closed form of the integrating sphere: each surface element of a sphere sends the same fraction
     of its light to each other one.
     """
     cells, radius, depth = 160, 2500.0, 1000.0

@@ -1,7 +1,7 @@
 """Tiles of SRTM and the Copernicus DEM, by their names and layouts, of a real piece of terrain.
 
 The terrain is Jacksboro Fault in Tennessee, three arc seconds of SRTM that matplotlib ships; it is
-moved by whole degrees and posts, so that corners of tiles lie in it.
+shifted by whole degrees and posts, so that corners of tiles lie in it.
 """
 
 import re
@@ -95,7 +95,7 @@ def side(degree: int, letters: str, digits: int) -> str:
 
 
 def heights_below(terrain, longitude, latitude) -> np.ndarray:
-    """What rays straight down meet, metre above the ellipsoid; degree."""
+    """Heights (metre above the ellipsoid) of the ground below places in degree."""
     longitude, latitude = longitude * deg, latitude * deg
     rise = up(longitude, latitude)
     rays = Rays(cartesian(longitude, latitude, np.full(len(rise), 9e3)), -rise, np.zeros(len(rise)))
@@ -130,7 +130,7 @@ def bilinear(west, north, heights, longitude, latitude, wide: int = 1) -> np.nda
     ],
 )
 def test_tiles_are_the_terrain_that_they_were_cut_from(tmp_path, write, corner):
-    """At posts, between them and along seams, to a centimetre."""
+    """At posts, between them and along seams, within a centimetre."""
     west, north, heights = jacksboro(corner)
     write(tmp_path, west, north, heights)
     assert len(list(tmp_path.iterdir())) == (4 if corner else 1)
@@ -142,7 +142,7 @@ def test_tiles_are_the_terrain_that_they_were_cut_from(tmp_path, write, corner):
 
 
 def test_tiles_of_two_widths_meet_at_50_degrees(tmp_path):
-    """North of 50 degrees columns of the Copernicus DEM are wider; the south keeps its own."""
+    """North of 50 degrees columns of the Copernicus DEM are wider; southern tiles keep theirs."""
     west, _, heights = jacksboro(corner=True)
     north = 50 * POSTS + 170
     copernicus(tmp_path, west, north - 170, heights[170:])
