@@ -1,4 +1,4 @@
-"""What is public is listed once, has types and a docstring, and the page of it is that list."""
+"""Public names are listed once and have types and a docstring; the page is that list."""
 
 import ast
 import inspect
@@ -61,7 +61,7 @@ def test_the_package_shows_its_list_alone():
 
 
 def test_the_top_of_the_package_is_what_a_script_needs():
-    """Names of one case are of their rooms, which are attributes, too, and not in the list."""
+    """Names of one case are in their rooms, which are attributes, too, and are not in the list."""
     assert len(dir(startrack)) <= 45
     assert startrack.mission.load_mission
     with pytest.raises(AttributeError, match="nothing"):
@@ -81,7 +81,7 @@ def test_a_public_name_has_all_its_types():
 
 
 def untyped(thing: Any) -> Iterator[str]:
-    """What has no annotation: arguments and result of a function, or of the methods of a class."""
+    """Arguments and results without annotation, of a function or of the methods of a class."""
     thing = function_of(thing)
     if inspect.isfunction(thing):
         parts = inspect.signature(thing)
@@ -98,7 +98,8 @@ def untyped(thing: Any) -> Iterator[str]:
 
 
 def test_what_a_public_name_takes_can_be_had():
-    """Its class is public, or a public name gives it; and the page has the fields of all given."""
+    """Its class is public, or a public name returns it; the page has the fields of all returned
+    classes."""
     returned = set(given(NAMES)) | {
         part  # what user code is given
         for one in NAMES
@@ -117,7 +118,7 @@ def test_what_a_public_name_takes_can_be_had():
 
 
 def test_a_result_that_is_large_prints_itself_on_one_screen():
-    """Where it has arrays or a design, which by themselves print for pages."""
+    """If it contains arrays or a design, whose plain output would be pages long."""
     results = [one for one in given(NAMES) if is_dataclass(one) or hasattr(one, "_fields")]
     none(
         f"{kind.__module__}.{kind.__name__} must be @printed"
@@ -156,7 +157,7 @@ def test_an_experiment_takes_a_public_name_from_where_it_is_public():
 
 
 def none(faults: Iterable[str]) -> None:
-    """Fail with all faults, a line each."""
+    """Fail with all faults, one a line."""
     found = sorted(faults)
     assert not found, "\n" + "\n".join(found)
 
@@ -172,7 +173,7 @@ run_trials(case, "one", [1])
 
 @pytest.mark.slow
 def test_a_type_checker_knows_what_a_script_takes(tmp_path):
-    """The stub stands for the package: a type that it did not give would be Any, and no fault."""
+    """The stub represents the package: a type that it lacks would be Any, without an error."""
     script = tmp_path / "script.py"
     script.write_text(SCRIPT)
     checker = [sys.executable, "-m", "mypy", "--cache-dir", str(tmp_path), str(script)]

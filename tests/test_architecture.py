@@ -1,4 +1,4 @@
-"""Imports point up the page, a room is entered by its door, each heavy package has one place."""
+"""Imports point upwards, a room is entered by its `__init__`, each heavy package has one place."""
 
 import ast
 import re
@@ -55,13 +55,13 @@ def tree(path: Path) -> ast.Module:
 
 @cache
 def imported(path: Path) -> list[ast.Import | ast.ImportFrom]:
-    """The imports of a file, those inside functions too."""
+    """The imports of a file, including those inside functions."""
     kinds = ast.Import, ast.ImportFrom
     return [one for one in statements(tree(path).body) if isinstance(one, kinds)]
 
 
 def statements(body: list[ast.stmt]) -> Iterator[ast.stmt]:
-    """All statements of a body, and of the bodies in it: a tenth of the nodes of the code."""
+    """All statements of a body and of its inner bodies: a tenth of the nodes of the code."""
     for one in body:
         yield one
         for part in ("body", "orelse", "finalbody"):
@@ -71,7 +71,7 @@ def statements(body: list[ast.stmt]) -> Iterator[ast.stmt]:
 
 
 def nodes_where(path: Path, words: str) -> list[ast.AST]:
-    """All of the code of a file that has such words."""
+    """All nodes of a file's code that contain such words."""
     return list(ast.walk(tree(path))) if re.search(words, text(path)) else []
 
 
@@ -80,13 +80,13 @@ def name(path: Path) -> str:
 
 
 def room(path: Path) -> str:
-    """The room that a file stands in, "" for the package itself."""
+    """The room of a file, "" for the package itself."""
     return ".".join(path.relative_to(ROOT).parent.parts)
 
 
 @cache
 def imports(path: Path) -> frozenset[str]:
-    """All modules that a file imports, those inside functions too."""
+    """All modules that a file imports, including those inside functions."""
     found = set()
     for node in imported(path):
         if isinstance(node, ast.Import):
@@ -115,7 +115,7 @@ def imported_rooms(path: Path) -> dict[str, str]:
 
 @cache
 def names_bound(path: Path) -> set[str]:
-    """What a door makes of its modules: a function may bear the name of its file."""
+    """Names that an `__init__` takes from its modules: a function may have the name of its file."""
     return {
         alias.asname or alias.name
         for node in tree(path).body
@@ -153,7 +153,7 @@ def test_stations_are_strangers():
 
 
 def test_nothing_else_needs_the_rooms_of_earth_cameras():
-    """They could be taken out: only what shows them, and the command, knows them."""
+    """They could be removed: only their display and their command import them."""
     allowed = ("plots", "report", "page", "benchmark", "cli")
     wrong = [
         f"{name(path)} imports {module}"
@@ -187,7 +187,7 @@ def test_a_room_is_entered_by_its_door():
 
 
 def test_no_circles_inside_rooms():
-    """Modules of one room can be put in an order, too."""
+    """The modules of one room can also be put in an order."""
     needs = {
         module: {
             found
@@ -207,7 +207,7 @@ def test_no_circles_inside_rooms():
 
 
 def test_maps_are_of_today():
-    """The package names its rooms in their order, and each room all of its files."""
+    """The package lists its rooms in their order, and each room all of its files."""
     wrong = []
     lines = (ast.get_docstring(tree(ROOT / "__init__.py")) or "").splitlines()
     named = [found[1] for line in lines if (found := re.match(r"(\w+)  +\w", line))]
@@ -239,7 +239,8 @@ def test_heavy_packages_have_one_place():
 
 
 def test_functions_are_compiled_in_one_way():
-    """Else an edit of a called kernel would go unnoticed; unpublished names stand in one file."""
+    """Otherwise an edit of a called kernel would go unnoticed; unpublished names are in one
+    file."""
     users = {
         name(path)
         for path in FILES

@@ -1,4 +1,4 @@
-"""The pages of the API are built without a warning, and docstrings come out as they are meant."""
+"""The pages of the API are built without a warning, and docstrings are rendered as intended."""
 
 import re
 from html import unescape

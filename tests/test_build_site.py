@@ -1,4 +1,4 @@
-"""The site is built without a warning, its front page runs, and the menu holds every page."""
+"""The site is built without a warning, its front page runs, and the menu has every page."""
 
 import re
 from html import unescape
@@ -14,9 +14,9 @@ from sphinx.builders.html import StandaloneHTMLBuilder
 
 @pytest.fixture(scope="session")  # Sphinx warns where it builds twice in a process
 def site(tmp_path_factory):
-    """A warning of Sphinx, such as a link to what is not there, is an error.
+    """A warning of Sphinx, such as a broken link, is an error.
 
-    One page stands for the docstrings, which `test_build_api` makes.
+    One page replaces the docstrings, which `test_build_api` builds.
     """
     folder = tmp_path_factory.mktemp("site")
 

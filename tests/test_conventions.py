@@ -1,7 +1,7 @@
-"""Each convention that is easily turned round, pinned where light, pixels and files meet.
+"""Each convention that is easily inverted, tested where light, pixels and files meet.
 
-Oracles are facts of the sky (Orion's belt, as a map with north up and east left shows it), FITS as
-astropy reads it, and Hamilton's product written out.
+References are facts of the sky (Orion's belt on a map with north up and east left), FITS as astropy
+reads it, and Hamilton's product written out.
 """
 
 from dataclasses import replace
@@ -38,7 +38,7 @@ MINUTE = deg / 60
 
 @pytest.fixture(scope="module")
 def case() -> Case:
-    """A camera that stands still, with more columns than rows."""
+    """A camera at rest with more columns than rows."""
     case = load_design(shipped("designs/noise_only.toml")).case
     detector = replace(case.instrument.detector, columns=512, rows=384)
     return replace(case, instrument=replace(case.instrument, detector=detector, motion=Motion()))
@@ -54,7 +54,7 @@ def seen(case: Case, attitude: Rotation) -> NDArray[np.float64]:
 
 
 def on(place: tuple[float, float], case: Case, roll: float = 0.0) -> Rotation:
-    """The camera whose boresight is on the catalogue's star nearest to a place."""
+    """The camera whose boresight is on the catalogue star nearest to a place."""
     stars = open_sky(case.catalog).stars
     near = SkyCoord(*place, unit="deg").cartesian.xyz.value
     x, y, z = stars.direction[np.argmax(stars.direction @ near)]
@@ -72,7 +72,7 @@ def brightest_near(image: NDArray[np.float64], place: tuple[float, float]) -> tu
 def test_half_pixel_origin(case):
     """512 columns and 384 rows counted from 0 have their centre at (255.5, 191.5).
 
-    A star on the boresight lights the four pixels about it alike, and is found there.
+    A star on the boresight lights the four pixels around it equally, and is found there.
     """
     image = seen(case, on(ALNILAM, case))
     four = image[191:193, 255:257]
@@ -84,9 +84,9 @@ def test_half_pixel_origin(case):
 
 
 def test_handedness(case):
-    """North up and east left: Alnitak stands left below Alnilam, Mintaka right above.
+    """North up and east left: Alnitak is lower left of Alnilam, Mintaka upper right.
 
-    The sky seen from inside; a mirrored camera would have a belt that leans the other way.
+    The sky seen from inside; in a mirrored camera the belt would slope the other way.
     """
     image = seen(case, on(ALNILAM, case))
     pixel = 1 / case.instrument.camera.focal_length_px / deg
@@ -111,8 +111,11 @@ def test_rows_and_columns(case):
 
 
 def test_roll_sign(case):
-    """Roll grows as north goes from up to the left; about +z, from +x (right) to +y (down), the
-    sky then turns by as much the other way, and so does the error of a roll taken for larger."""
+    """Roll grows as north turns from up to the left: about +z, from +x (right) to +y (down).
+
+    The sky then rotates by the same angle the other way, as does the error of a roll assumed too
+    large.
+    """
     camera = case.instrument.camera
     boresight = SkyCoord(*ALNILAM, unit="deg")
     north = boresight.directional_offset_by(0 * units.deg, 2 * units.deg).cartesian.xyz.value
@@ -144,7 +147,7 @@ def test_fits_counts_from_one(case, tmp_path):
 
 
 def test_quaternion_order(case, tmp_path):
-    """Scalar last, by name: v' = v + 2 u x (u x v + w v) takes the sky into the camera."""
+    """Scalar last, by name: v' = v + 2 u x (u x v + w v) rotates the sky into the camera."""
     attitude, file = on(ALNITAK, case, 70.0), tmp_path / "frame.fits"
     write_fits(file, Frame(np.zeros((384, 512))), case.instrument.camera, attitude)
     header = fits.getheader(file)

@@ -1,4 +1,4 @@
-"""The documents tell the truth: commands, files and the way CI runs them."""
+"""The documents are true: commands, files, and the way CI runs them."""
 
 import re
 from pathlib import Path
@@ -24,7 +24,7 @@ def test_the_two_commands():
 
 
 def test_ci_runs_the_readmes_test_command():
-    """It takes the line from there, and its last step is to run it."""
+    """CI takes the line from the README, and runs it as its last step."""
     script = (ROOT / ".ci" / "run").read_text().splitlines()
     assert "tests=$(grep -m 1 'python -m pytest' README.md)" in script
     assert script[-1] == 'eval "$tests"'

@@ -1,4 +1,4 @@
-"""The page on Earth cameras in orbit: it is of its figures, and these are of the code."""
+"""The page on Earth cameras in orbit agrees with its figures, and these with the code."""
 
 import json
 import sys

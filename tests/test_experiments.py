@@ -1,4 +1,4 @@
-"""Every experiment runs in its quick mode, so that none breaks unseen."""
+"""Every experiment runs in its quick mode."""
 
 import argparse
 import importlib.util
@@ -189,7 +189,7 @@ def test_an_experiment_runs_in_its_quick_mode(script, parent, tmp_path):
 
 
 def test_what_experiments_use_of_tests_is_found_beside_an_installed_package():
-    """`command` adds the checkout to the path, behind the package that is installed."""
+    """`command` adds the checkout to the path, after the installed package."""
     for path in SCRIPTS:
         text = path.read_text()
         if (place := text.find("from tests.")) >= 0:

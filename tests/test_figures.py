@@ -1,4 +1,4 @@
-"""Figures of pages that whole commands measure: their words stand there, and are written."""
+"""Figures of pages that whole commands measure: their words are on the pages, and are written."""
 
 import re
 

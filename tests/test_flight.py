@@ -1,4 +1,4 @@
-"""The page on Chandra's aspect camera: it is of its figures, and these are of the code."""
+"""The page on Chandra's aspect camera agrees with its figures, and these with the code."""
 
 import json
 import sys
@@ -34,7 +34,7 @@ def test_the_page_is_of_its_figures(page):
 
 
 def test_the_figures_meet_what_the_page_wants():
-    """What falls short is told there: acquisition in a tenth of its places."""
+    """The page states what is missed: acquisition in a tenth of its cells."""
     assert FIGURES["camera_y_arcsec"] <= 0.19
     assert FIGURES["camera_z_arcsec"] <= 0.20
     assert FIGURES["dark_bins_worst"] < 0.1
@@ -46,7 +46,7 @@ def test_the_figures_meet_what_the_page_wants():
 
 
 def test_the_design_at_a_year_and_temperature_has_the_share_of_warm_pixels(oracle):
-    """Of a drawn map, beside the flight at another date than that of the file; 4 sigma."""
+    """For a drawn map, against the flight at another date than the file's; 4 sigma."""
     case = load_design(
         shipped("trackers/chandra-aca.toml"),
         [
@@ -68,7 +68,7 @@ def test_the_design_at_a_year_and_temperature_has_the_share_of_warm_pixels(oracl
 
 
 def test_the_boresight_drifts_as_in_flight(tmp_path):
-    """After ten years without jump and warmth: -11.1 and -1.6 arcsec."""
+    """After ten years without jumps and temperature terms: -11.1 and -1.6 arcsec."""
     path = tmp_path / "chandra.toml"
     path.write_text(
         f'base = "{shipped("trackers/chandra-aca.toml")}"\n'

@@ -1,4 +1,4 @@
-"""The page on cameras that flew: it is of its figures, and these are of the committed files."""
+"""The page on flown cameras agrees with its figures, and these with the committed files."""
 
 import json
 
@@ -48,7 +48,7 @@ def test_each_value_of_a_design_has_its_source():
 
 
 def test_the_model_gives_the_frozen_figures_again(flown):
-    """A few draws lie as the frozen intervals say."""
+    """A few draws agree with the frozen intervals."""
     made = flown.tim(flown.draws("tim", 1, flown.SEED)[0])
     assert all(
         FROZEN[name]["low_95"] * 0.3 < made[name] < FROZEN[name]["high_95"] * 3 + 0.1

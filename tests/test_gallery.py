@@ -1,4 +1,4 @@
-"""The scripts of the gallery run, and print and write what they say."""
+"""The scripts of the gallery run, and print and write what they state."""
 
 import runpy
 from pathlib import Path

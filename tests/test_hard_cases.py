@@ -1,4 +1,4 @@
-"""Every hard case of `tests/hard` comes out as it is expected to."""
+"""Every hard case of `tests/hard` has the expected result."""
 
 import pytest
 

@@ -1,7 +1,7 @@
-"""What CONTRIBUTING says that an addition takes is enough: each is made from here, and undone.
+"""The places named in CONTRIBUTING suffice for an addition: each is made from here, and removed.
 
-The files that an addition would be are functions and classes of this one; each further place is a
-line here, with the name of its table.
+The files of an addition are functions and classes of this module; each further place is a line
+here, with the name of its table.
 """
 
 import dataclasses
@@ -33,7 +33,7 @@ CASE = load_design(shipped("designs/noise_only.toml")).case
 
 # A noise source: its key in the class of the detector, and its row in PIXEL_EFFECTS.
 class NoisyDetector(Detector):
-    """A detector whose amplifier has one more noise."""
+    """A detector whose amplifier has an additional noise."""
 
     popcorn_noise: float = parameter(
         "rms of the popcorn noise", unit=Unit("electron"), limit=NON_NEGATIVE, default=0.0
@@ -151,7 +151,7 @@ def test_a_centroid_method_is_two_places(monkeypatch):
 
 # An optimiser: its file alone, which a campaign names as module:function.
 def halve_the_steps(given):
-    """Coordinate search: steps along each axis, halved where none is better."""
+    """Coordinate search: steps along each axis, halved if none improves the score."""
     point, step = given.start.copy(), 0.25
     best = given.score(point)
     while step > 1e-3:
@@ -182,7 +182,7 @@ def test_an_optimiser_is_one_place(monkeypatch):
 
 # A command: its file, and its row in COMMANDS.
 class Greet:
-    """Stands for the file startrack/cli/greet.py."""
+    """Takes the place of the file startrack/cli/greet.py."""
 
     declare = Options("Greets somebody.", Option("whom WHOM", "who is greeted"))
 

@@ -1,4 +1,4 @@
-"""Where time goes: what a file calls outside is its own."""
+"""Shares of time: calls of a file to outside code belong to that file."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What a reader of the package meets stays as it is, or gets better."""
+"""Measures of how the package reads stay as they are, or improve."""
 
 import ast
 from collections import Counter
@@ -23,7 +23,7 @@ def test_the_formatter_writes_all_but_tables_of_numbers():
 
 
 def test_the_walk_of_the_light_does_not_grow():
-    """Measured over the syntax trees: it may not rise above that of its last improvement."""
+    """Measured over the syntax trees: it may not exceed the value after its last improvement."""
     assert house_reader.returns_of_the_walk() <= 81
 
 

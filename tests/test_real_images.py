@@ -1,4 +1,4 @@
-"""Real night skies: attitudes that independent solvers agree on, from images and a rough field."""
+"""Real night skies: attitudes on which independent solvers agree, from images and a rough field."""
 
 import contextlib
 import io
@@ -49,7 +49,7 @@ ROUGH = [
 
 @pytest.mark.parametrize(("name", "factor"), ROUGH)
 def test_attitude_with_a_rough_field_of_view(solve, name, factor):
-    """Within 60 arcsec across the boresight, the images' own aberration among them."""
+    """Within 60 arcsec across the boresight, including the aberration of the images."""
     status, found, error = solve(name, factor)
     assert (status, found["status"]) == (0, "solved")
     assert np.hypot(*error[:2]) < 60
@@ -65,7 +65,7 @@ def test_attitude_with_a_rough_field_of_view(solve, name, factor):
     ],
 )
 def test_hot_pixels_with_a_dark_frame(solve, outside, name):
-    """Six to fifteen faint stars among hot pixels; some need the second look."""
+    """Six to fifteen faint stars among hot pixels; some need a second search."""
     dark = str(outside / "images" / "ost_dark.png")
     status, _, error = solve(name, 1.0, "--dark", dark)
     assert status == 0
@@ -74,7 +74,7 @@ def test_hot_pixels_with_a_dark_frame(solve, outside, name):
 
 @pytest.mark.parametrize("colour", ["superpixel", "green"])
 def test_a_mosaic_of_colours(solve, colour):
-    """A colour camera's raw pixels: those of the two greens are 1.3 % brighter than the others."""
+    """Raw pixels of a colour camera: those of the two greens are 1.3 % brighter than the others."""
     status, found, error = solve(CEDAR[2], 1.0, "--bayer", "RGGB", "--colour", colour)
     assert status == 0
     assert found["matches"] >= 30
@@ -83,7 +83,7 @@ def test_a_mosaic_of_colours(solve, colour):
 
 @pytest.mark.slow
 def test_the_posterior_of_a_camera_is_near_an_independent_fit(outside, tmp_path, capsys):
-    """Within a part in 2000 of a fit of the same image, whose distortion has another law."""
+    """Within a part in 2000 of a fit of the same image, which uses another law of distortion."""
     truth = json.loads((outside / "images" / "truth.json").read_text())["images"][ESA[0]]
     path = str(outside / "images" / ESA[0])
     options = ("--fov", "11.4", "--epoch", "2016", "--posterior", str(tmp_path), "--json")
@@ -115,7 +115,8 @@ def blind_wide(request, outside):
 
 @pytest.mark.slow
 def test_wide_images_of_a_distorted_lens_are_solved_without_a_field(blind_wide):
-    """The reference is good to about 5 arcmin, as it says; ours agree far better."""
+    """The reference states an error of about 5 arcmin; our results agree much better with each
+    other."""
     status, found, truth = blind_wide
     assert status == 0
     apart = []
@@ -131,7 +132,7 @@ def test_wide_images_of_a_distorted_lens_are_solved_without_a_field(blind_wide):
 
 @pytest.mark.slow
 def test_each_wide_image_shows_the_same_lens(blind_wide):
-    """Made by one camera: focal length, axis and distortion agree from image to image."""
+    """With one camera, focal length, axis and distortion agree from image to image."""
     cameras = [one["lens"]["camera"] for one in blind_wide[1]]
     focal, x, y, k1 = (
         np.array([camera[name] for camera in cameras])
@@ -177,8 +178,10 @@ HARD = {
 @pytest.mark.slow
 @pytest.mark.parametrize("name", HARD)
 def test_hard_photographs_with_a_field_and_without(outside, capsys, name):
-    """Saturated and large stars, a mirrored and a squeezed image, a lens that bends: a person
-    would solve them. Their truth is good to a few arcmin."""
+    """Saturated and large stars, a mirrored and a squeezed image, a strongly distorting lens.
+
+    A person would solve them. The references have errors of a few arcmin.
+    """
     truth = json.loads((outside / "images-hard" / "truth.json").read_text())["images"][name]
     for more in ((), ("--fov", str(truth["fov_x_deg"]))):
         assert main(["solve", str(outside / "images-hard" / name), "--json", *more]) == 0
@@ -192,8 +195,11 @@ def test_hard_photographs_with_a_field_and_without(outside, capsys, name):
 
 @pytest.mark.slow
 def test_a_camera_of_the_same_series_states_its_error(outside, capsys, tmp_path):
-    """Calibrated on four images; of the two others one is 20 degrees above the horizon. Their truth
-    is the direction of the middle by an independent fit, good to 8 and 12 arcsec."""
+    """Calibrated on four images; of the two others one is 20 degrees above the horizon.
+
+    The reference is the direction of the middle by an independent fit, with errors of 8 and 12
+    arcsec.
+    """
     folder, camera = outside / "images-more", tmp_path / "camera.toml"
     truth = json.loads((folder / "truth.json").read_text())["images"]
     names = [f"gr_{name}.jpg" for name in ("andromeda", "casiopea", "cisne", "sagitario")]
@@ -216,7 +222,7 @@ def test_a_camera_of_the_same_series_states_its_error(outside, capsys, tmp_path)
 
 @pytest.mark.slow
 def test_an_image_that_few_hypotheses_do_not_solve_is_solved_without_a_field(outside, capsys):
-    """Its pixels are oblong and sheared, so that few triangles agree; as with its field given."""
+    """Its pixels are oblong and sheared, so that few triangles agree; also with its field given."""
     path = str(outside / "images-more" / "tc16u_southern_maybe.png")
     found = []
     for more in ((), ("--fov", "14.3")):
@@ -229,7 +235,8 @@ def test_an_image_that_few_hypotheses_do_not_solve_is_solved_without_a_field(out
 
 
 def test_a_real_frame_of_streaks_says_how_fast_the_camera_turned(outside, capsys):
-    """Beside second moments of single stars, which are of a line of that length and a round image.
+    """Against second moments of single stars, which contain a streak of that length and a round
+    image.
 
     The field is that of a sharp image of the same camera.
     """

@@ -1,4 +1,4 @@
-"""What a release holds: the package with its data, the same from the wheel as from the checkout."""
+"""The content of a release: the package with its data, equal from the wheel and the checkout."""
 
 import json
 import subprocess
@@ -32,7 +32,7 @@ def test_the_wheel_has_all_sources_and_data_and_nothing_else(wheel):
 
 @pytest.mark.slow
 def test_a_trial_from_the_wheel_is_that_of_the_checkout(wheel, tmp_path):
-    """With the packages of this environment, in a folder where there is no checkout."""
+    """With the packages of this environment, in a folder without a checkout."""
     site = tmp_path / "site"
     install = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--target", str(site)]
     subprocess.run([*install, str(wheel)], cwd=tmp_path, check=True)

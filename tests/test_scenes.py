@@ -1,4 +1,4 @@
-"""What a scene needs: effects left out one after the other, and the chain that is left."""
+"""Effects that a scene needs: left out one after the other, and the remaining chain."""
 
 import itertools
 import sys
@@ -19,7 +19,8 @@ SIZES = {"tiny": 0.05, "small": 0.2, "large": 2.0}
 
 
 def view(sizes=SIZES, **changes) -> View:
-    """A model whose error is noise of rms one, and effects of known sizes, each of its own sign."""
+    """A model whose error is noise of rms one plus effects of known sizes, each with its own
+    sign."""
 
     def observe(model, number):
         random = np.random.default_rng(number)

@@ -1,4 +1,4 @@
-"""The catalogue of published trackers: the designs agree with what is published, and they work."""
+"""The catalogue of published trackers: the designs agree with the publications, and run."""
 
 import math
 
@@ -67,9 +67,10 @@ def test_chandras_numbers_count_its_electrons(oracle):
     [pytest.param(name, marks=[pytest.mark.slow] if name in LARGE else []) for name in NAMES],
 )
 def test_each_tracker_solves_the_sky(oracle, name):
-    """At least two of three attitudes, none false, and no worse than was published.
+    """At least two of three attitudes are found, none false, with errors no worse than published.
 
-    Noise alone makes these errors, so that a published figure, which holds bias too, bounds them.
+    The errors are of noise alone, so that a published figure, which includes bias, is an upper
+    bound.
     """
     case, known = case_of(name), oracle("trackers.json")[name]
     outcomes = [run_random_trial(case, 11, number) for number in range(3)]

@@ -1,4 +1,4 @@
-"""The tutorials work as they stand: files, commands, Python and all that they quote."""
+"""The tutorials are right as printed: files, commands, Python and all quoted output."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ REPORTS = {"tutorial": "trials/campaign.html", "tutorial-earth": "product/earth.
 
 @pytest.fixture(scope="module", params=PAGES, ids=lambda path: path.stem)
 def walked(request, tmp_path_factory) -> tuple[Path, Path, list[Told]]:
-    """The page, the folder in which it was run, and what it quotes."""
+    """The page, the folder in which it was run, and its quotations."""
     if request.param.stem == "tutorial-earth":
         pytest.importorskip("rasterio")
     folder = tmp_path_factory.mktemp("tutorial")

@@ -1,4 +1,4 @@
-"""Phrases that are never right do not come back, in code, messages and pages."""
+"""Phrases that were replaced stay out of code, messages and pages."""
 
 import re
 from pathlib import Path

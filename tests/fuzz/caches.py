@@ -1,4 +1,5 @@
-"""Caches on disk that are damaged or of somebody else -> whether a command's result is another."""
+"""Caches on disk that are damaged or belong to another user -> whether a command's result
+changes."""
 
 from __future__ import annotations
 
@@ -27,9 +28,9 @@ COMMANDS = (
 def run_caches(
     folder: Path, cases: int, seed: int, report: Callable[[str, str], object] = print
 ) -> int:
-    """Damage caches so often, run a command with each, and count the ends that differ.
+    """Damage caches repeatedly, run a command with each, and count the ends that differ.
 
-    report  called with the damage and the words of the command where its end differs
+    report   called with the damage and the words of the command where its end differs
     """
     rng = random.Random(seed)
     if is_unprivileged():

@@ -1,4 +1,4 @@
-"""Seed and number -> so many cases, each with its verdict."""
+"""Seed and number -> as many cases, each with its verdict."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Dask workers that lack the code of a design, or have other code -> whether a command says so."""
+"""Dask workers with missing or different code of a design -> whether a command reports it."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 
 def peak() -> int:
-    """Bytes that this process held at most since the last case."""
+    """Largest number of bytes that this process held since the last case."""
     lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
     return 1024 * int(next(line for line in lines if line.startswith("VmHWM")).split()[1])
 
@@ -133,7 +133,7 @@ def put_in(fault: str) -> None:
 
 
 def growth(designs: int, begun: int = 20) -> float:
-    """MiB by which this process grows over so many designs, after as many as `begun`."""
+    """MiB by which this process grows over a number of designs, after as many as `begun`."""
     from startrack.cli.main import main
 
     held = 0

@@ -1,4 +1,4 @@
-"""Hard cases of every room, one list for the tests and for `experiments/hard_cases.py`."""
+"""Hard cases for every room, one list for the tests and for `experiments/hard_cases.py`."""
 
 from tests.hard import (
     attitude,

@@ -1,4 +1,4 @@
-"""Vectors that solvers lose digits on."""
+"""Vectors for which solvers lose digits."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ class Hard:
 
     @property
     def told(self) -> str:
-        """What is expected, for people."""
+        """The expectation as text."""
         if isinstance(self.expected, str):
             return f"“{self.expected}”"
         low, high = self.expected
@@ -44,7 +44,7 @@ CASES: list[Hard] = []
 def hard(
     room: str, name: str, expected: tuple[float, float] | str, fault: str = ""
 ) -> Callable[[Callable[[], Came]], Callable[[], Came]]:
-    """Add a function that returns what came to the list."""
+    """Add a function that returns the result to the list."""
 
     def add(try_: Callable[[], Came]) -> Callable[[], Came]:
         CASES.append(Hard(room, name, expected, try_, fault))

@@ -1,4 +1,4 @@
-"""Places and numbers at which catalogues break."""
+"""Places and numbers for which catalogues fail."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Frames that fool detectors: limbs, leaves, hot pixels, dead ones, stars that touch."""
+"""Frames that mislead detection: limbs, leaves, hot pixels, dead pixels, touching stars."""
 
 from __future__ import annotations
 
@@ -25,7 +25,8 @@ def noisy(image):
 
 
 def worst(image, x, y, **settings) -> float:
-    """Pixel, from the worst star to its spot; infinite where there are more or fewer spots."""
+    """Pixel, largest distance of a star from its spot; infinite if there are more or fewer
+    spots."""
     spots = detect(Frame(image), Detection(**settings))
     if len(spots) != len(x):
         return np.inf

@@ -1,4 +1,4 @@
-"""Rays against terrain at its corners, against surfaces that have a closed form."""
+"""Rays that meet terrain at its corners, against surfaces with a closed form."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Skies that fool matchers."""
+"""Skies that mislead the identification."""
 
 from __future__ import annotations
 

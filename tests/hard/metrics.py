@@ -1,4 +1,4 @@
-"""Statistics of few trials, and of trials that all went one way."""
+"""Statistics of few trials, and of trials that all succeed or all fail."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from tests.hard.case import hard, refused
 
 @hard("metrics", "centroid of a bright wide star over sigma / sqrt(flux)", (0.999, 1.001))
 def _bright() -> float:
-    """Without noise but its own, pixels small beside it: the continuum's bound."""
+    """With photon noise of the star alone and small pixels: the bound of the continuum."""
     return centroid_bound(Star(1e8, 3.0))[0] / (np.sqrt(3.0**2 + 1 / 12) / 1e4)
 
 
 @hard("metrics", "centroid in deep noise over sigma^2 sqrt(8 pi) noise / flux", (0.99, 1.01))
 def _faint() -> float:
-    """Winick's limit where the background's noise is all."""
+    """Winick's limit if the noise of the background dominates."""
     noise, flux, sigma = 1000.0, 10.0, 2.0
     wanted = np.sqrt(8 * np.pi) * (sigma**2 + 1 / 12) * noise / flux
     return centroid_bound(Star(flux, sigma, 0.0, noise))[0] / wanted

@@ -1,4 +1,4 @@
-"""Light that is absent, behind something, or beside the field."""
+"""Light that is absent, hidden, or outside of the field."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Simulated fields: spots as a perfect detector and detection would give them."""
+"""Simulated fields: the spots of a perfect detector and detection."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def make_spots(pixel: Floats, sigma: float) -> Spots:
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """Spots and the index of the true star of each, -1 for none."""
+    """Spots, and the index of the true star of each; -1 for none."""
 
     spots: Spots
     star: NDArray[np.int64]
@@ -41,7 +41,7 @@ class Seen:
     camera: Camera
 
     def error(self, matches: Matches) -> float:
-        """Pixel, between the boresight found and the true one; infinite where none was found."""
+        """Pixel, distance of the found boresight from the true one; infinite if none was found."""
         if matches.icrs_to_camera is None:
             return np.inf
         found = matches.icrs_to_camera.apply(self.icrs_to_camera.inv().apply([0.0, 0.0, 1.0]))
@@ -51,7 +51,7 @@ class Seen:
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """A camera, the catalogue of its tracker and the faintest star it detects."""
+    """A camera, the catalogue of its tracker, and the magnitude of the faintest detected star."""
 
     camera: Camera
     stars: Stars
@@ -71,7 +71,8 @@ class Design:
         magnitude_noise: float = 0.3,
         attitude: Rotation | None = None,
     ) -> Seen:
-        """A sky: true stars displaced by noise (pixel), some missing, and false ones among them."""
+        """A sky: true stars displaced by noise (pixel), some missing, and false spots among
+        them."""
         camera, stars = self.camera, self.stars
         icrs_to_camera = attitude or Rotation.from_quat(rng.standard_normal(4))
         direction = icrs_to_camera.apply(stars.direction)

@@ -1,4 +1,4 @@
-"""Matching and fitting in turns."""
+"""Alternate matching and fitting."""
 
 import numpy as np
 import pytest
@@ -54,8 +54,8 @@ def test_an_attitude_wrong_by_some_pixels_is_corrected(spots_at):
 def test_given_matches_are_weighted_by_their_noise_plus_the_commonexcess_variance(spots_at):
     """Two noise levels: errors of 60 fits are as small as those of scipy with the best weights.
 
-    These are of the stated noise where that is all; equal where it is all unstated; and of both
-    where each star is as far off again, of which the fits know nothing but their residuals.
+    The weights are of the stated noise if that is all, equal if all noise is unstated, and of both
+    if each star has additional noise, of which the fits know only the residuals.
     """
     rng = np.random.default_rng(3)
     two, every = np.where(np.arange(24) % 2, 0.1, 0.6), np.arange(24)
@@ -81,7 +81,7 @@ def test_given_matches_are_weighted_by_their_noise_plus_the_commonexcess_varianc
 
 
 def fits(monkeypatch, spots_at, spot, sigma, start=TURN, **settings):
-    """The weights (rounds, n) of all fits of the rounds, and those of the last fits."""
+    """The weights (rounds, n) of all fits in the rounds, and those of the last fits."""
     weights = []
 
     def noted(plane, weight, *others):
@@ -111,16 +111,16 @@ def fits(monkeypatch, spots_at, spot, sigma, start=TURN, **settings):
 
 @IN_PYTHON
 def test_rounds_end_when_nothing_changes(monkeypatch, spots_at):
-    """Three of five from the truth itself: two at least, and one to see that they agree."""
+    """Three of five starts are the truth: at least two rounds, and one to see that they agree."""
     assert len(fits(monkeypatch, spots_at, np.zeros((5, 2)), 0.1)) == 3
 
 
 @IN_PYTHON
 def test_residuals_have_the_weights_of_cauchy(monkeypatch, spots_at):
-    """Those of scipy's least squares, with two sigma where they begin to pull less.
+    """Those of scipy's least squares, which reduce the weight beyond two sigma.
 
-    Four spots have so little noise that they hold the fit; the fifth, of a noise of one pixel, is
-    three off. The excess that all show is none.
+    Four spots with little noise determine the fit; the fifth, with a noise of one pixel, is three
+    pixels off. The excess noise of all spots is zero.
     """
     off = np.zeros((5, 2))
     off[4] = [1.8, -2.4]
@@ -145,7 +145,8 @@ def test_residuals_have_the_weights_of_cauchy(monkeypatch, spots_at):
 @pytest.mark.parametrize(("focal", "unknowns"), [(0.0, 3), (0.01, 4)])
 @pytest.mark.parametrize("extra", [0.0, 0.4])
 def test_the_variance_of_residuals_beyond_their_noise(spots_at, focal, unknowns, extra):
-    """The variance that was put in, of 20 000 spots; of six, what the fit took up is put back."""
+    """The given variance, for 20 000 spots; for six, the part that the fit absorbed is added
+    again."""
     rng = np.random.default_rng(6)
     count = 20_000
     place = rng.uniform(-0.1, 0.1, (count, 2))

@@ -28,7 +28,7 @@ def ratio(spot, star, magnitude=SPOTS, expected=STARS, spot_blur=0.4, star_blur=
 
 
 def integral(spot, star, magnitude=SPOTS, expected=STARS, blur=0.5):
-    """The same by scipy: any zero point within 2.25 magnitudes of that of the medians."""
+    """The same by scipy: all zero points within 2.25 magnitudes of the one by medians."""
     low, high = magnitude.min() - 0.5, magnitude.max() + 0.5
     flat = stats.uniform(low, high - low)
     bell = stats.norm(magnitude.mean(), max(magnitude.std(), 0.5))
@@ -50,7 +50,8 @@ def integral(spot, star, magnitude=SPOTS, expected=STARS, blur=0.5):
     [([0], [0]), ([5], [5]), ([3], [3]), ([3, 5], [3, 5]), ([0, 1, 2], [0, 1, 2]), ([1], [4])],
 )
 def test_the_ratio_is_the_mean_over_zero_points(spot, star):
-    """The true pairs lie well inside the zero points, so that their sum is exact to 1e-4."""
+    """The true pairs lie well within the range of zero points, so that their sum is exact to
+    1e-4."""
     assert ratio(spot, star) == pytest.approx(integral(spot, star), rel=1e-3)
 
 
@@ -69,7 +70,8 @@ def test_the_noise_of_spot_and_star_add_in_squares():
 
 
 def test_each_match_has_its_own_noise():
-    """Exchanged with the matches it changes nothing; given to the others it does."""
+    """Exchanging the noise together with the matches changes nothing; given to the others it
+    does."""
     spot, star = np.array([0, 1]), np.array([0, 4])
     own = ratio(spot, star, spot_blur=[0.1, 0.6], star_blur=[0.1, 0.6])
     assert ratio(spot[::-1], star[::-1], spot_blur=[0.6, 0.1], star_blur=[0.6, 0.1]) == (
@@ -80,7 +82,7 @@ def test_each_match_has_its_own_noise():
 
 @pytest.mark.parametrize("matches", [1, 2, 3])
 def test_stars_of_very_different_brightness_are_outliers(matches):
-    """Each has the factor 0.1, however large the difference."""
+    """Each outlier has the factor 0.1, however large the difference."""
     expected = np.append(STARS, [60.0, 70.0, 80.0])
     far = 7 + np.arange(matches)
     assert ratio(far - 7, far, expected=expected) == pytest.approx(OUTLIER_FRACTION**matches)
@@ -98,7 +100,7 @@ def test_units_of_flux_and_zero_points_do_not_matter():
 
 @pytest.mark.parametrize("outlier", [-25.0, 15.0])
 def test_one_extremely_bright_spot_does_not_move_the_zero_point(outlier):
-    """The Moon among nine stars: these agree as before, in the scale of the medians."""
+    """The Moon among nine stars: the stars agree as before, by the scale of the medians."""
     expected = np.linspace(2.0, 6.0, 9)
     magnitude = np.append(expected - 12.0, outlier)
     every = np.arange(9)
@@ -106,7 +108,7 @@ def test_one_extremely_bright_spot_does_not_move_the_zero_point(outlier):
 
 
 def test_zero_points_come_from_medians_of_as_many_stars_as_there_are_spots():
-    """Eight magnitudes lie between the stars, so that any other zero point is far off."""
+    """The stars differ by eight magnitudes, so that any other zero point is far off."""
     magnitude = np.linspace(-10.0, -2.0, 9) ** 3 / 100
     expected = magnitude + 12.0
     every = np.arange(9)

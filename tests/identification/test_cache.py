@@ -1,4 +1,4 @@
-"""The file of a pattern index: read for the same catalogue and field, otherwise made."""
+"""The file of a pattern index: read for the same catalogue and field, otherwise made again."""
 
 from dataclasses import replace
 

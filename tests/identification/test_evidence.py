@@ -1,4 +1,4 @@
-"""The evidence of a match against sums and integrals over all that it averages."""
+"""The evidence of a match, against sums and integrals over all averaged quantities."""
 
 from itertools import combinations, product
 
@@ -30,7 +30,7 @@ def of(residual, variance, radius=0.0, area=4.0, spots=5, prior=FLAT, rows=SHIFT
 
 
 def integral(residual, variance, radius, prior=FLAT):
-    """Mean over the excesses of the likelihood's integral over all shifts, on a grid."""
+    """Mean over the excess noise of the likelihood's integral over all shifts, on a grid."""
     at = np.linspace(-0.6, 0.6, 121)  # six steps in a sigma: the sum is exact
     x, y = np.meshgrid(at, at)
     total = 0.0
@@ -47,9 +47,9 @@ def integral(residual, variance, radius, prior=FLAT):
 
 @pytest.mark.parametrize("radius", [0.0, 0.3])
 def test_unknowns_are_integrated_out(radius):
-    """A Gaussian likelihood, of which Laplace's method is exact: a shift of all places.
+    """A Gaussian likelihood, for which Laplace's method is exact: a shift of all places.
 
-    What says which stars are seen is the same in all, and falls out of the difference.
+    The factors for detected stars are the same for all, and cancel in the difference.
     """
     rng = np.random.default_rng(1)
     one = rng.normal(0, 0.05, (3, 2))
@@ -75,7 +75,7 @@ def test_a_spot_by_chance_lies_anywhere_in_the_image():
 
 
 def test_without_stars_the_evidence_of_any_attitude_is_the_same():
-    """A prior density, by scipy, times the volume that it leaves to the unknowns is one."""
+    """The prior density, by scipy, times the volume of the unknowns' posterior is one."""
     none = np.empty((0, 2, 2))
     empty = np.empty(0)
     prior = np.array([[90.0, 20.0], [20.0, 60.0]])
@@ -94,7 +94,8 @@ def test_without_stars_the_evidence_of_any_attitude_is_the_same():
 
 @pytest.mark.parametrize(("spots", "stars"), [(4, 3), (9, 12), (30, 60)])
 def test_bright_stars_are_stronger_evidence_than_faint_ones(spots, stars):
-    """A missing bright star is evidence against a match; so is a star fainter than all detected."""
+    """A missing bright star is evidence against a match, as is a star fainter than all detected
+    ones."""
 
     def seen(ranks):
         many = len(ranks)
@@ -111,11 +112,12 @@ def test_bright_stars_are_stronger_evidence_than_faint_ones(spots, stars):
 
 
 def test_evidence_by_chance_is_one_in_the_mean():
-    """Every way in which two spots may be two of three stars, summed: at most one, and not little.
+    """The sum over all ways in which two spots may be two of three stars: at most one, and not
+    small.
 
-    Two spots anywhere in the unit square, no unknowns. The mean over chance of the sum over all
-    matches is that of the likelihood ratio of a model, thus one but for spots outside the image
-    and for the number of spots, which the model would often have otherwise; 0.1 % alarms.
+    Two spots at random in the unit square, no unknowns. The mean over chance of the sum over all
+    matches is that of a model's likelihood ratio, thus one except for spots outside the image and
+    for the number of spots, which the model would often have otherwise; 0.1 % alarms.
     """
     rng = np.random.default_rng(3)
     star = np.array([[0.3, 0.3], [0.7, 0.4], [0.5, 0.8]])
@@ -145,7 +147,8 @@ def test_evidence_by_chance_is_one_in_the_mean():
 
 
 def test_random_attitudes_have_the_stated_density():
-    """Closer than an angle a to a given one are (a - sin a) / pi of them: a ball of radius a."""
+    """A fraction (a - sin a) / pi of them is closer than an angle a to a given one: a ball of
+    radius a."""
     angle = 1e-2
     fraction = (angle - np.sin(angle)) / np.pi
     assert np.exp(-LOG_ATTITUDES) * 4 / 3 * np.pi * angle**3 == pytest.approx(fraction, rel=1e-5)
@@ -171,8 +174,8 @@ def test_the_mean_of_large_numbers_is_scipys():
 @IN_PYTHON
 @pytest.mark.parametrize("ranks", [[], [0], [3], [4], [7], [8], [17, 18], [0, 2, 5, 9, 20]])
 def test_detected_stars_are_binomial_and_clutter_is_poisson(ranks):
-    """The factors of L by scipy: the number of spots that are no star, if it is this hypothesis
-    and if all are clutter, and each star seen or missed; and how well the first is known."""
+    """The factors of L by scipy: the number of false spots for this hypothesis and for clutter
+    alone, each star detected or missed, and the accuracy of the first."""
     for depth, stars in product((4, 9), (3, 4, 7, 8, 9, 18, 40)):
         seen = np.array([rank for rank in ranks if rank < stars], int)
         place = np.arange(stars)

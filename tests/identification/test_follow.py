@@ -36,7 +36,7 @@ def expected_at(pixel):
 
 
 def voters():
-    """The stars, each fainter than the one before."""
+    """The stars in the order of their brightness."""
     sky = sky_grid(TURN.inv().apply(CAMERA.unproject(STAR)), 0.1)
     return VerificationStars(sky, 3.0 + 0.3 * sky.member, np.full(len(STAR), 0.3))
 
@@ -44,8 +44,8 @@ def voters():
 def test_each_match_makes_the_windows_of_the_next_smaller(design, spots_at):
     """Eight stars and twenty false spots, the attitude known to 0.3 degrees.
 
-    A window holds a false spot as often as not, so that chains are right only where each match
-    moves and sharpens the attitude as it should. They were in some 75 % of such skies; half of 30
+    A window holds a false spot as often as not, so that chains are right only if each match shifts
+    and sharpens the attitude as it should. They were right in some 75 % of such skies; half of 30
     is 4 standard deviations less.
     """
     camera = design(12, 6.0)
@@ -70,7 +70,7 @@ def test_each_match_makes_the_windows_of_the_next_smaller(design, spots_at):
 
 @IN_PYTHON
 def test_a_match_adds_its_information(spots_at):
-    """The state after three matches is that of one weighted least squares, by another algebra."""
+    """The state after three matches equals one weighted least-squares fit, by another algebra."""
     rng = np.random.default_rng(4)
     root = 2e-3 * rng.standard_normal((3, 3))
     spread = covariance = root @ root.T
@@ -115,7 +115,8 @@ def chain(spots_at, spot, star, first=(0, 0)):
 
 @IN_PYTHON
 def test_a_spot_is_matched_to_one_star_only(spots_at):
-    """Stars at one position: the brightest is matched, the others are not, in every rank."""
+    """If stars have one position, the brightest is matched and the others are not, in every
+    rank."""
     twice = [STAR[0], STAR[1], STAR[1], STAR[0], STAR[2]]
     assert chain(spots_at, STAR[:3], twice) == [(0, 0), (1, 1), (2, 4)]
     assert chain(spots_at, STAR[:3], twice, (0, 3)) == [(0, 3), (1, 1), (2, 4)]
@@ -200,7 +201,7 @@ def test_the_attitude_of_a_chain_is_that_of_least_squares(spots_at):
 
 @IN_PYTHON
 def test_the_prior_of_the_attitude_is_a_gaussian(spots_at):
-    """Its density by scipy at the solution; ten times the sigma about each of three axes."""
+    """Its density by scipy at the solution, with ten times the sigma about each of three axes."""
     noise = np.random.default_rng(5).normal(0, 0.5, STAR.shape)
     seen = seen_at(spots_at, STAR + noise)
     root = np.array([[0.01, 0.0, 0.0], [0.004, 0.008, 0.0], [0.01, -0.01, 0.02]])
@@ -220,7 +221,7 @@ def test_the_prior_of_the_attitude_is_a_gaussian(spots_at):
 @pytest.mark.parametrize("axis", range(3))
 @pytest.mark.parametrize("sigmas", [1.0, 2.0])
 def test_a_wrong_prediction_reduces_the_evidence_as_a_gaussian(spots_at, axis, sigmas):
-    """The spots are far more accurate: half the square of the error in sigmas."""
+    """The spots are far more accurate, so that the loss is half of the squared error in sigmas."""
     sigma = np.array([0.004, 0.003, 0.01])
     covariance = np.diag(sigma**2)
     seen = seen_at(spots_at, STAR, 0.1)

@@ -1,4 +1,4 @@
-"""Frames of a calibrated camera from the ground: refraction, and errors that neighbours share."""
+"""Frames of a calibrated camera from the ground: refraction, and errors shared by neighbours."""
 
 import numpy as np
 import pytest
@@ -55,7 +55,7 @@ def frame(rng, count=90, zenith_deg=None, smooth=0.0):
 
 
 def normalised(lens, middle):
-    """Error of the axis (pixel) and over its sigma, of two axes."""
+    """Error of the axis (pixel), and the error over its sigma, for two axes."""
     x, y, _ = lens.icrs_to_image.apply(middle)
     sigma = np.sqrt(lens.covariance.diagonal())
     return np.hypot(x, y) * 2659, np.hypot(x / sigma[1], y / sigma[0])
@@ -87,7 +87,7 @@ def test_a_frame_without_air_keeps_the_camera():
 
 @pytest.mark.parametrize("count", [5, 8, 90])
 def test_the_error_that_neighbours_share_is_stated(count):
-    """The calibration is wrong by 0.15 pixel, smooth over the frame: stars do not average it."""
+    """A smooth calibration error of 0.15 pixel does not average out over the stars."""
     rng, over, before = np.random.default_rng(5), [], []
     for _ in range(25):
         spots, matches, middle = frame(rng, count, smooth=0.15)

@@ -32,7 +32,7 @@ def stretched(scale):
 
 
 def test_matches_are_indices_into_the_catalogue(spots_at):
-    """Spots in another order than the stars, and some that are none."""
+    """Spots in another order than the stars, some of them false."""
     order = np.random.default_rng(2).permutation(12)
     pixel = np.insert(STAR[order], [3, 9], [[30.5, 1000.5], [1010.5, 20.5]], axis=0)
     found = gathered(spots_at, pixel)
@@ -47,7 +47,7 @@ def test_matches_are_indices_into_the_catalogue(spots_at):
     ("true", "believed"), [(0.9985, 0.9985), (1.0015, 1.0015), (0.997, 0.998), (1.003, 1.002)]
 )
 def test_the_focal_length_stays_within_its_tolerance(spots_at, true, believed):
-    """Except for the pull of the prior."""
+    """Except for the effect of the prior."""
     found = gathered(spots_at, stretched(true), focal=0.002)
     assert len(found.spot) == 12
     assert found.scale == pytest.approx(believed, abs=5e-6)
@@ -63,7 +63,7 @@ def test_a_focal_length_without_tolerance_is_kept(spots_at):
 def test_a_start_wrong_by_the_match_radius_or_four_sigma_is_corrected(
     spots_at, pixel, sigma, count
 ):
-    """Two pixels, or four sigma of the noise where that is more; turned about an axis far away."""
+    """Two pixels, or four sigma of the noise if that is more; rotated about a distant axis."""
     off = Rotation.from_rotvec([pixel / 2000 * 0.6, pixel / 2000 * 0.8, 0.0]) * TURN
     # The place of a star off the axis moves by up to a tenth more than one at the centre.
     middle = (STAR[:12] - CAMERA.centre) * 0.3 + CAMERA.centre
@@ -75,7 +75,7 @@ def test_a_start_wrong_by_the_match_radius_or_four_sigma_is_corrected(
 
 @pytest.mark.parametrize("extra", [-1, 0, 1, 90])
 def test_only_the_brightest_stars_are_predicted(spots_at, extra):
-    """Twice as many as there are spots, and fifty; here five spots, thus 60 stars."""
+    """Twice as many stars as spots, plus fifty; here five spots, thus 60 stars."""
     rng = np.random.default_rng(3)
     count = 60 + extra
     direction = TURN.inv().apply(CAMERA.unproject(rng.uniform(0, 1023, (count, 2))))

@@ -66,7 +66,8 @@ def test_matches_are_the_true_stars(design):
 @pytest.mark.parametrize("images", [120, pytest.param(350, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("tolerance", [0.0, pytest.param(0.01, marks=pytest.mark.slow), 0.1])
 def test_random_spots_are_never_solved(design, spots_at, tolerance, images):
-    """Hardly ever a bound that lets one in thirty of so many images pass goes unnoticed."""
+    """With a wrong bound that lets one in thirty images pass, this test would hardly ever
+    succeed."""
     camera = design(12, 6.0)
     rng = np.random.default_rng(2)
     for number in range(images):

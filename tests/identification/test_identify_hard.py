@@ -100,7 +100,7 @@ def test_all_magnitudes_wrong(design, spots_at):
 
 
 def test_few_hypotheses_end_the_search(design, spots_at):
-    """The number may be exceeded by the rest of one cell of the index."""
+    """The last cell of the index may exceed the number."""
     camera = design(12, 6.0)
     pixel = np.random.default_rng(8).random((30, 2)) * 1024
     answer = camera.solve(spots_at(pixel, 0.1), Identification(max_hypotheses=100)).reason
@@ -136,7 +136,7 @@ def test_directions_must_be_unit_vectors():
 
 @pytest.mark.parametrize("field", [100, 120])
 def test_images_wider_than_any_index_are_identified(design, field):
-    """All of 30 skies: of 1,000 others at each of these fields none was lost or false."""
+    """All of 30 skies; of 1,000 others at each of these fields none was lost or false."""
     camera, rng = design(field, 3.5), np.random.default_rng(field)
     for _ in range(30):
         seen = camera.look(rng, false=3)

@@ -65,7 +65,8 @@ def test_local_rank_counts_brighter_neighbours():
 
 
 def test_thinning_makes_the_density_uniform():
-    """Of stars ten times denser on one half of the sky, equally many per area are left on both."""
+    """The stars are ten times denser on one half of the sky; equally many per area remain on
+    both."""
     stars = strewn(np.random.default_rng(3), 20_000)
     keep = (stars[:, 2] > 0) | (np.arange(20_000) % 10 == 0)
     stars = stars[keep]
@@ -89,7 +90,7 @@ def test_code_is_invariant_to_rotation_and_scale():
 
 @IN_PYTHON
 def test_code_in_the_plane_is_a_division_of_complex_numbers():
-    """A small field is flat, and similarity there is multiplication by a complex number."""
+    """In a small field, similarity is multiplication by a complex number."""
     rng = np.random.default_rng(5)
     z = 1e-4 * (rng.standard_normal((20, 3)) + 1j * rng.standard_normal((20, 3)))
     for a, b, c in z:
@@ -142,7 +143,7 @@ def test_no_triangle_is_missing_or_twice_among_the_brightest(design):
 
 
 def test_stars_closer_than_the_resolution_are_one():
-    """A pair, a chain of three and a single star; the light of each group is kept."""
+    """A pair, a chain of three and a single star; each group keeps its light."""
     x = np.array([0.0, 1e-4, 0.1, 0.1 + 8e-5, 0.1 + 16e-5, 0.3])
     direction = np.column_stack([np.sin(x), np.zeros(6), np.cos(x)])
     magnitude = np.array([3.0, 3.0, 5.0, 2.0, 6.0, 4.0])
@@ -181,7 +182,7 @@ def test_stars_of_an_image_are_those_that_the_camera_projects_into_it(design):
 
 @IN_PYTHON
 def test_the_spot_grid_finds_what_a_scan_finds():
-    """Except for close spots, of which a cell has one: fewer than one in fifty."""
+    """Except close spots, of which a cell keeps one: fewer than one in fifty."""
     rng = np.random.default_rng(13)
     low, high = np.array([-0.1, -0.07]), np.array([0.1, 0.07])
     plane = low + (high - low) * rng.random((30, 2))
@@ -216,7 +217,7 @@ def test_derivatives_are_differences():
 
 
 def test_the_factor_of_brightness_has_a_mean_of_one_over_chance():
-    """Spots of random brightness taken for random stars; the mean is at most one, 0.1 % alarms.
+    """Random spots matched with random stars: the mean factor is at most one, 0.1 % alarms.
 
     The density by chance is estimated from the spots themselves, which makes the factor a little
     too small.
@@ -252,10 +253,10 @@ def test_brightness_is_evidence_for_true_matches_and_weak_against_them():
 
 
 def test_the_evidence_of_a_known_attitude_has_a_mean_of_one_over_chance():
-    """Without unknowns it is a likelihood ratio; here one star, expected at the origin.
+    """Without unknowns it is a likelihood ratio; here of one star, expected at the origin.
 
-    A spot anywhere in the unit square is taken for the star where that is likelier. The mean
-    of the greatest evidence over all models is at most one for each, and above their share.
+    A spot anywhere in the unit square is matched with the star if that is likelier. The mean of the
+    greatest evidence over all models is at most one for each, and above their fraction.
     """
     rng = np.random.default_rng(10)
     no_rows, nothing = np.empty((1, 2, 0)), np.empty((0, 0))
@@ -339,7 +340,7 @@ def test_breadth_first_holds_all_choices_the_brightest_first():
 
 
 def test_the_number_of_triangles_is_about_the_wanted_one():
-    """Of randomly distributed stars, for which the estimate holds; within a tenth."""
+    """For randomly distributed stars, which the estimate assumes; within a tenth."""
     stars = strewn(np.random.default_rng(20), 4000)
     sky = Stars(np.arange(4000), stars, np.linspace(0, 6, 4000), np.zeros(4000))
     index = build_index(sky, 0.35, triangles=20_000)
@@ -350,7 +351,7 @@ def test_the_number_of_triangles_is_about_the_wanted_one():
 
 
 def test_unknown_colour_has_the_error_of_one_magnitude_from_the_suns():
-    """0.3 magnitude for a star like the Sun, and 0.2 per magnitude of colour, in squares."""
+    """0.3 magnitude for a star like the Sun, and 0.2 per magnitude of colour, added in squares."""
     stars = strewn(np.random.default_rng(21), 500)
     colour = np.tile([0.82, np.nan, 1.82, -0.68, 0.82], 100)
     sky = Stars(np.arange(500), stars, np.linspace(0, 6, 500), colour)

@@ -1,7 +1,7 @@
-"""Real images, from spots to stars, when little but the field of view is known.
+"""Real images: identification when little but the field of view is known.
 
-The attitudes come from solvers that are not startrack (truth.json beside the images). They are
-for catalogue positions; the Earth's velocity moves all stars of an image by up to 21 arcsec.
+The attitudes come from solvers that are not startrack (truth.json beside the images). They are for
+catalogue positions; the Earth's velocity displaces all stars of an image by up to 21 arcsec.
 """
 
 import json

@@ -15,7 +15,7 @@ MILKY_WAY = [0.1107, -0.8673, -0.4853]  # to Sagittarius
 
 
 def joined(spots: Spots, pixel, flux) -> Spots:
-    """Spots with others among them, by falling flux."""
+    """Spots with further ones added, by decreasing flux."""
     x, y = np.concatenate([[spots.x, spots.y], np.transpose(pixel)], axis=1)
     flux = np.concatenate([spots.flux, flux])
     order = np.argsort(-flux, kind="stable")
@@ -93,7 +93,7 @@ def test_a_double_star_is_one_spot_at_the_centre_of_its_light(design, towards):
 
 
 def test_a_catalogue_of_another_epoch(design):
-    """Of 1926: a century moves Arcturus by 5 pixels here, and most stars by none."""
+    """For the epoch 1926: a century moves Arcturus by 5 pixels here, and most stars by none."""
     camera = design(12, 6.0)
     now = open_sky(Selection(limit_g=7.0, epoch=2026.0)).stars
     old = open_sky(Selection(limit_g=7.0, epoch=1926.0)).stars
@@ -108,7 +108,7 @@ def test_a_catalogue_of_another_epoch(design):
 
 
 def test_what_is_likely_but_not_certain_is_ambiguous(design, spots_at):
-    """Four stars alone, of which chance may make as good a match; no attitude is given."""
+    """Four stars alone, for which a match by chance is as good; no attitude is given."""
     camera = design(12, 6.0)
     rng = np.random.default_rng(26)
     strict = Identification(max_false_probability=1e-9)

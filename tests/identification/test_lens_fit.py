@@ -26,7 +26,8 @@ WIDE = Camera(SIZE, SIZE, 1071.0, -6.7, -25.0, k1=0.18, k2=-0.34)
 
 @cache
 def of_field(field):
-    """The pattern index of a field, of a quarter of the usual triangles: quicker to build."""
+    """The pattern index of a field with a quarter of the usual triangles, which is quicker to
+    build."""
     return build_index(STARS, field, triangles=300_000)
 
 
@@ -61,7 +62,7 @@ def sky(project, number, limit=5.0, most=60, half=65 * deg):
 
 
 def test_no_index_is_built_for_too_few_spots():
-    """It takes seconds, and a blank image is of no field."""
+    """It would take seconds, and a blank image has no solution for any field."""
 
     def build(camera):
         raise AssertionError(f"an index of {camera.fov_x / deg:g} deg")
@@ -120,7 +121,8 @@ def test_a_lens_without_distortion_has_none(field):
 
 @pytest.mark.parametrize("count", [5, pytest.param(6, marks=SLOW)])
 def test_few_stars_state_their_error(count):
-    """Noise of 0.3 pixel that spots state as 0.1: Student's factor of few residuals holds it."""
+    """Noise of 0.3 pixel that spots state as 0.1: the factor of Student's distribution covers
+    it."""
     rng, over = np.random.default_rng(count), []
     for _ in range(60):
         true = Camera(SIZE, SIZE, 3900.0, *rng.normal(0, 5, 2), k1=rng.normal(0, 0.05))

@@ -10,7 +10,7 @@ ARC = 1e-4  # radian
 
 
 def row(arcs, magnitude, colour=None):
-    """Stars on the meridian, so many arcs from the pole."""
+    """Stars on the meridian at given angles from the pole."""
     angle = ARC * np.array(arcs)
     direction = np.column_stack([np.sin(angle), np.zeros(len(angle)), np.cos(angle)])
     colour = np.zeros(len(angle)) if colour is None else np.array(colour)
@@ -40,7 +40,7 @@ def test_stars_merge_up_to_the_resolution(apart, count):
 
 
 def test_a_merged_star_merges_no_other():
-    """In a chain the middle goes to the brightest end, and the other end stays alone."""
+    """In a chain the middle star merges with the brightest end, and the other end stays alone."""
     left, names = merged(row([0.0, 0.9, 1.8], [2.0, 3.0, 4.0]), ARC)
     assert names.tolist() == [0, 2]
     np.testing.assert_array_equal(left.direction[1], row([1.8], [4.0]).direction[0])
@@ -67,7 +67,7 @@ def test_stars_leave_brightest_first_and_alone_to_the_last_digit():
 @pytest.mark.parametrize("most", [1, 2, 5])
 @pytest.mark.parametrize("radius", [0.05, 0.3, 1.0])
 def test_stars_that_are_thinned_out_do_not_count_as_neighbours(most, radius):
-    """Rank by a scan, star after star; the sky holds the poles of all axes."""
+    """Ranks by a scan over all stars; the sky has stars at the poles of all axes."""
     rng = np.random.default_rng(2)
     star = rng.standard_normal((400, 3))
     star /= np.linalg.norm(star, axis=1, keepdims=True)

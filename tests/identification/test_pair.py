@@ -9,7 +9,7 @@ pytestmark = pytest.mark.usefixtures("in_python")
 
 
 def scan(plane, place, radius):
-    """Each star takes its nearest spot within the radius, each spot its nearest star."""
+    """Each star takes its nearest spot within the radius, and each spot its nearest star."""
     apart = np.linalg.norm(place[:, None] - plane, axis=2)
     within = np.where(apart <= radius, apart, np.inf)
     takers = {}
@@ -23,7 +23,7 @@ def scan(plane, place, radius):
 @pytest.mark.parametrize("seed", range(12))
 @pytest.mark.parametrize("even", [True, False])
 def test_pairs_are_those_of_a_scan(seed, even):
-    """So dense that stars compete for spots; radii alike or each its own, some zero."""
+    """So dense that stars compete for spots; with equal or different radii, some of them zero."""
     rng = np.random.default_rng(seed)
     plane, place = rng.random((40, 2)), rng.random((50, 2))
     radius = np.full(40, 0.1) if even else np.maximum(0.2 * rng.random(40) - 0.02, 0)

@@ -18,7 +18,7 @@ TURN = Rotation.from_rotvec([0.4, -1.0, 2.0])
 
 
 def matched(camera, turn=TURN):
-    """Matches of spots of this camera, as a tracker that assumes another one gives them."""
+    """Matches of spots of this camera, as a tracker that assumes another camera gives them."""
     every, rough = np.arange(30), Rotation.from_rotvec([3e-4, 0, -2e-4])
     direction = TURN.inv().apply(camera.unproject(STAR))
     start = None if turn is None else rough * turn
@@ -29,7 +29,8 @@ def matched(camera, turn=TURN):
 @pytest.mark.parametrize("distortion", [{}, {"k1": -0.2, "k2": 0.05, "p1": 1e-3}])
 @pytest.mark.parametrize("factor", [0.985, 1.0, 1.02])
 def test_the_focal_length_of_the_spots_is_found(spots_at, distortion, factor):
-    """Without noise, except for the pull of the prior and, with distortion, three rounds."""
+    """Without noise, except for the effect of the prior and, with distortion, after three
+    rounds."""
     believed = Camera(1024, 1024, 1500.0, **distortion)
     true = believed.scaled(factor)
     settings = Identification(focal_tolerance=0.03)

@@ -1,4 +1,4 @@
-"""A patch of true stars and one false match far from it, which holds the roll or focal length."""
+"""A patch of true stars, and a distant false match that determines the roll or focal length."""
 
 from dataclasses import replace
 
@@ -35,7 +35,7 @@ def sky_of(spots_at, scale, focal):
 
 
 def held_by(seen, direction, roll, false):
-    """The patch, turned about its middle, and one false match: its place is where a star falls."""
+    """The patch rotated about its middle, and one false match at a star's predicted place."""
     middle = TURN.inv().apply(CAMERA.unproject(PATCH.mean(axis=0))).reshape(3)
     rotation = TURN * Rotation.from_rotvec(roll * middle)
     spot = np.array([0, 1, 2, 3, 4, false])
@@ -52,7 +52,7 @@ def off(rotation):
 @IN_PYTHON
 @pytest.mark.parametrize("focal", [0.0, 0.01])
 def test_the_other_stars_are_found_from_the_patch(spots_at, focal):
-    """Turned by 2 deg about the patch, no other star is within 2 pixels of its spot."""
+    """After a rotation by 2 deg about the patch, no other star is within 2 pixels of its spot."""
     seen, stars, direction = sky_of(spots_at, 1.0, focal)
     held = held_by(seen, direction, 0.035, 11)
     assert is_doubtful(seen, held)
@@ -72,7 +72,7 @@ def test_a_focal_length_far_beyond_its_tolerance_is_found(spots_at):
 
 @IN_PYTHON
 def test_matches_that_check_each_other_are_not_doubtful(spots_at):
-    """Seven spread over the frame; with a patch of five and one far off, nothing checks that."""
+    """Seven matches spread over the frame; a patch of five with one far match has no such check."""
     seen, _, direction = sky_of(spots_at, 1.0, 0.01)
     turn = TURN.as_matrix(), TURN.as_quat(), 1.0
     spread, alone = np.arange(5, 12), np.array([0, 1, 2, 3, 4, 9])
@@ -84,7 +84,8 @@ def test_matches_that_check_each_other_are_not_doubtful(spots_at):
 
 
 def test_a_cluster_and_one_match_alone_are_ambiguous(design, towards, spots_at):
-    """Six Pleiades and a spot at a star's place by a wrong roll, in false spots; no other star."""
+    """Six Pleiades and a spot at a star's place for a wrong roll, with false spots but no other
+    star."""
     known = design(20, 5.0)
     ra, dec = np.radians([56.75, 24.12])
     pleiades = np.array([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)])
@@ -114,7 +115,8 @@ def test_a_cluster_and_one_match_alone_are_ambiguous(design, towards, spots_at):
 
 @pytest.mark.parametrize("seed", [23, 61, 124])
 def test_the_pleiades_and_one_false_match_are_no_sky(design, towards, seed):
-    """Skies told a focal length 3 % off: six Pleiades and a false spot once held the roll."""
+    """A focal length 3 % off: six Pleiades and a false spot determined the roll in an earlier
+    version."""
     known = design(20, 5.0)
     ra, dec = np.radians([56.75, 24.12])
     pleiades = [np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)]

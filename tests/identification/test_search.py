@@ -38,7 +38,8 @@ def test_a_search_that_may_try_nothing_ends_with_no_evidence(seen):
 
 @pytest.mark.parametrize("choice", list(permutations([1, 2, 4])))
 def test_triangles_are_measured_in_any_order(seen, choice):
-    """The longest side by scipy's rotations, the noisiest spot, the farthest off the axis."""
+    """The longest side by scipy's rotations, the noisiest spot, and the spot farthest off the
+    axis."""
     base, noise, off_axis = _measure(seen, np.array(choice))
     ray = CAMERA.unproject(PIXEL)
     sides = [
@@ -67,7 +68,7 @@ def test_a_triangle_has_one_name_however_it_is_given(choice):
 
 
 def test_triangles_close_to_a_tie_have_several_names():
-    """Two where the third spot is as near to both ends, six where all sides are alike."""
+    """Two names if the third spot is equally near to both ends, six if all sides are equal."""
     even = CAMERA.unproject(np.array([[100.0, 511.5], [923.0, 511.5], [511.5, 300.0]]))
     names, codes = named(even, [0, 1, 2], np.arccos(even[0] @ even[1]), 1e-6)
     assert sorted(names) == [[0, 1, 2], [1, 0, 2]]

@@ -69,7 +69,7 @@ def test_the_match_radius_is_at_least_three_sigma_of_the_verifying_spots():
 
 
 def test_magnitudes_and_their_errors():
-    """A hundredfold flux is five magnitudes; a per cent of flux is 1.0857 hundredths of one."""
+    """A flux 100 times as large is five magnitudes; one per cent of flux is 0.010857 magnitude."""
     got = seen(spots(flux=(400.0, 4.0, -1.0, np.inf), snr=(100.0, 50.0, 0.0, 10.0)))
     assert got.magnitude[1] - got.magnitude[0] == pytest.approx(5.0)
     assert np.isnan(got.magnitude[2:]).all()

@@ -12,7 +12,8 @@ LONGER = 0.22  # of both sides
 
 
 def test_each_cell_has_the_spot_nearest_to_its_centre():
-    """Of those in the nine cells about it, by a scan; spots lie up to all borders, and on them."""
+    """The nearest of the spots in the nine cells around it, by a scan; spots lie up to all
+    borders."""
     rng = np.random.default_rng(1)
     plane = LOW + (HIGH - LOW) * rng.random((60, 2))
     plane[0], plane[1] = LOW, HIGH

@@ -81,7 +81,8 @@ SIDES = {"left": (-1, 0), "right": (1, 0), "upper": (0, -1), "lower": (0, 1), "c
     [(side, 2.8, True) for side in SIDES] + [(side, 3.2, False) for side in ("left", "lower")],
 )
 def test_stars_predicted_outside_the_image_may_be_inside(spots_at, side, sigmas, found):
-    """Four stars at the border, and a prediction as many sigma out; three are looked for."""
+    """Four stars at the border, and a prediction that is off by as many sigma; three are
+    predicted."""
     camera = Camera(1024, 1024, 2000.0)
     turn = Rotation.from_rotvec([0.4, -1.0, 2.0])
     out = np.array(SIDES[side], float)
@@ -124,7 +125,7 @@ def test_the_focal_length_of_the_last_frame_is_held(design):
 
 
 def test_a_match_with_too_weak_evidence_is_searched_again(design, spots_at):
-    """Two stars, good enough for one bound and not for another."""
+    """Two stars, whose evidence suffices for one bound and not for another."""
     camera = design(12, 6.0)
     rng = np.random.default_rng(9)
     seen = camera.look(rng, noise=0.1)

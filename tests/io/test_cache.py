@@ -1,4 +1,4 @@
-"""Results from one command to the next: the same from a file, made anew where an input changes."""
+"""Results kept between commands: the same from a file, computed again if an input changes."""
 
 import os
 from dataclasses import replace
@@ -17,7 +17,7 @@ MADE = []  # arguments of the calls that computed
 
 @recalled
 def long_sum(selection: Selection, times: int, progress=None) -> tuple[Interval, float]:
-    """As a function that takes long."""
+    """A sum that counts as a long computation."""
     MADE.append((selection, times))
     return Interval(1.0, 0.5, times), float(times)
 

@@ -15,7 +15,7 @@ TRUE_GAIN, LEVEL, READ_NOISE = 4.88, 1000, 6.0
 
 
 def noisy() -> np.ndarray:
-    """Photon and read noise of a known gain; no offset."""
+    """Photon noise and read noise of a known gain; no offset."""
     random = np.random.default_rng(7)
     electrons = random.poisson(LEVEL * TRUE_GAIN, (120, 160))
     electrons = electrons + random.normal(0, READ_NOISE, (120, 160))
@@ -76,13 +76,13 @@ def test_a_gain_that_the_noise_contradicts_is_said_and_not_taken(tmp_path, cards
 
 @pytest.mark.parametrize("pedestal", [400, -400])
 def test_an_offset_is_what_is_to_be_taken_off(tmp_path, pedestal):
-    """PEDESTAL of most programs; MaxIm DL writes what is to be added."""
+    """Most programs write PEDESTAL; MaxIm DL writes the number to be added."""
     path = with_cards(tmp_path / "a.fits", {"PEDESTAL": pedestal}, NOISY + np.uint16(400))
     assert read_image(path).offset == 400
 
 
 def test_the_gain_of_a_mosaic_counts_the_pixels_that_are_averaged(tmp_path):
-    """The noise of the mean of four pixels is half of theirs, at the same level."""
+    """The mean of four pixels has half of their noise at the same level."""
     cards = {"EGAIN": TRUE_GAIN, "RDNOISE": READ_NOISE, "BAYERPAT": "RGGB"}
     path = with_cards(tmp_path / "a.fits", cards)
     for colour, count in (("superpixel", 4), ("green", 2), ("red", 1)):

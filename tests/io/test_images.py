@@ -108,7 +108,7 @@ def test_pictures_keep_their_depth_and_colours_their_largest(tmp_path):
 
 
 def test_a_bmp_is_read(tmp_path):
-    """Its rows are upwards in the file, and it has three colours."""
+    """The file has upward rows and three colours."""
     image = np.arange(60, dtype=np.uint8).reshape(6, 10)
     cv2.imwrite(str(tmp_path / "a.bmp"), np.dstack([image // 3, image // 2, image]))
     assert (read_image(tmp_path / "a.bmp").image == image).all()
@@ -139,7 +139,7 @@ def test_a_file_says_which_way_its_rows_go(tmp_path, order, upwards):
 
 
 def test_equal_frames_are_equal_files_with_valid_checksums(frame_file):
-    """The time of writing is not in the file; astropy verifies the sums."""
+    """The file has no time of writing; astropy verifies the checksums."""
     with fits.open(frame_file) as parts:
         assert len(parts) == 2
         for part in parts:
@@ -198,7 +198,7 @@ def test_damaged_fits_is_refused_in_a_sentence(tmp_path, data, words):
 
 
 def png_of(columns, rows) -> bytes:
-    """A PNG whose header promises a size."""
+    """A PNG whose header states a size."""
     header = b"IHDR" + struct.pack(">IIBBBBB", columns, rows, 16, 0, 0, 0, 0)
     chunk = struct.pack(">I", 13) + header + struct.pack(">I", zlib.crc32(header))
     return b"\x89PNG\r\n\x1a\n" + chunk
@@ -235,7 +235,7 @@ def test_a_gzip_bomb_is_refused_while_it_is_unpacked(tmp_path, monkeypatch):
 
 
 def test_frames_are_stamped_as_astropy_reads_their_dates(tmp_path):
-    """Any of the keywords of a date; in a day without a leap second UTC days have 86,400 s."""
+    """With any of the keywords of a date; a UTC day without a leap second has 86,400 s."""
     begin = Time("2000-01-01", scale="utc")
     cards = (
         {"DATE-OBS": "2026-03-01T23:59:59.250001"},
@@ -294,7 +294,7 @@ def test_a_photograph_says_its_field(tmp_path, kind):
 
 
 def test_a_heic_image_is_read(tmp_path):
-    """Its spots lie where they were drawn; a file that is cut is refused with its name."""
+    """Spots lie at the drawn places; a truncated file is refused with its name."""
     pytest.importorskip("pillow_heif").register_heif_opener()
     y, x = np.indices((120, 160))
     star = 200 * np.exp(-((x - 71.4) ** 2 + (y - 33.7) ** 2) / 2 / 2.0**2)

@@ -19,14 +19,14 @@ COLOURS = {"R": 5.0, "G": 20.0, "B": 300.0}
 
 
 def mosaic(pattern):
-    """A raw image (4, 6) whose pixels have the value of their colour."""
+    """A raw image (4, 6) whose pixels have the number of their colour."""
     cell = np.array([COLOURS[letter] for letter in pattern]).reshape(2, 2)
     return np.tile(cell, (2, 3)).astype(np.uint16)
 
 
 @pytest.fixture
 def files(tmp_path):
-    """Writes IMAGES in a format; returns the files."""
+    """Write IMAGES in a format; return the files."""
 
     def write(format):
         files = FrameFiles(tmp_path, "night", format, START)

@@ -1,4 +1,4 @@
-"""A folder of results is written to by one process at a time."""
+"""Only one process at a time writes to a folder of results."""
 
 import os
 import subprocess
@@ -70,7 +70,7 @@ def test_a_folder_that_nothing_was_written_to_is_not_left_behind(tmp_path):
 
 @pytest.mark.parametrize("make", [os.mkfifo, lambda path: path.symlink_to("true")])
 def test_notes_and_claims_neither_wait_nor_follow(tmp_path, make):
-    """What stands at their names is left as it is, by whoever put it there."""
+    """Existing files of their names stay, whoever created them."""
     (tmp_path / "true").write_text("words")
     make(tmp_path / "store-process")
     note_owner(tmp_path / "store")
@@ -125,7 +125,7 @@ def test_a_file_takes_the_place_of_files_only(tmp_path):
 
 
 def test_drafts_have_new_names_and_follow_no_links(tmp_path, monkeypatch):
-    """A link of the draft's name, which somebody foresaw, leads nowhere."""
+    """A link with the name of the draft, created by somebody else, is not followed."""
     path, victim = tmp_path / "frame.fits", tmp_path / "victim"
     victim.write_text("precious")
     names = set()
@@ -154,7 +154,7 @@ def test_a_new_file_has_the_rights_that_the_umask_leaves(tmp_path):
 
 
 def test_what_a_process_has_open_goes_on_where_it_is(tmp_path):
-    """As standard output that leads to a file: it is not begun anew."""
+    """Like standard output that goes to a file: it is not begun again."""
     with (tmp_path / "out").open("w+b", buffering=0) as file:
         file.write(b"before ")
         save_text(Path(f"/proc/self/fd/{file.fileno()}"), "words")

@@ -1,4 +1,4 @@
-"""SQLite files from anybody: their tables alone, no code of theirs, and signals act."""
+"""SQLite files from anybody: only their tables are read, no code of theirs runs, signals act."""
 
 import os
 import signal

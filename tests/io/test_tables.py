@@ -177,7 +177,7 @@ def test_all_unknown_keys_are_named_at_once():
 
 
 def test_lists_of_known_keys_do_not_cut_off_other_unknown_ones():
-    """A command prints 600 letters of a message; those known of a detector alone are more."""
+    """A command prints 600 letters of a message; the known keys of a detector alone have more."""
     table = {"instrument": {"optics": {"foo": 1}, "detector": {"qux": 1}}, "scene": {"baz": 1}}
     with pytest.raises(
         ValueError, match=r"foo is unknown; .*qux is unknown; scene\.baz is"
@@ -250,7 +250,7 @@ def test_files_below_each_other_are_limited(written):
 
 
 def test_files_that_a_design_is_made_of_are_limited(tmp_path):
-    """Ten files that each name the next ten times would be read 10^9 times."""
+    """Ten files that each name the next one ten times would be read 10^9 times."""
     for number in range(9):
         below = ", ".join([f'"{number + 1}.toml"'] * 10)
         (tmp_path / f"{number}.toml").write_text(f"include = [{below}]")

@@ -1,4 +1,4 @@
-"""TIFF, PNG and JPEG of other programs, against what was written and as Pillow sees it."""
+"""TIFF, PNG and JPEG of other programs, against the written numbers and against Pillow."""
 
 import io
 import struct
@@ -166,7 +166,7 @@ def test_a_jpeg_that_is_cut_is_refused(tmp_path):
 
 
 def of_one_strip(strip: bytes, compression: int, circle: bool = False) -> bytes:
-    """A TIFF of 10 x 10 bytes; in a circle its only page is followed by itself."""
+    """A TIFF of 10 x 10 bytes; with `circle`, its only page is followed by itself."""
     tags = [(256, 10), (257, 10), (258, 8), (259, compression), (262, 1), (273, 8), (277, 1)]
     tags += [(278, 10), (279, len(strip))]
     place = 8 + len(strip)

@@ -1,4 +1,4 @@
-"""Dates of TOML, which need no quotes, are the texts that stand in quotes."""
+"""Dates of TOML, which need no quotes, are read as the texts in quotes."""
 
 import pytest
 

@@ -25,7 +25,8 @@ LENSES = {
 @pytest.mark.parametrize("attitude", ATTITUDES.values(), ids=ATTITUDES)
 @pytest.mark.parametrize("lens", LENSES.values(), ids=LENSES)
 def test_astropy_reads_back_the_same_pixels(attitude, lens):
-    """Through the header's text, both ways: a pinhole exactly, polynomials to 1e-3 pixel."""
+    """Through the text of the header in both directions: a pinhole exactly, polynomials to 1e-3
+    pixel."""
     camera = Camera(1024, 768, 1100.0, **lens)
     header = fits.Header.fromstring(wcs_header(camera, attitude).tostring())
     wcs = WCS(header)

@@ -43,12 +43,12 @@ def test_centre_of_gravity_against_a_monte_carlo_from_outside(oracle, window):
 
 
 def test_the_bound_of_a_bright_well_sampled_star_is_sigma_over_root_n():
-    """The classical limit, where pixels and background do not matter."""
+    """The classical limit, in which pixels and background do not matter."""
     assert centroid_bound(Star(1e6, 4.0))[0] == pytest.approx(4.0 / 1000, rel=0.01)
 
 
 def test_attitude_bound_against_random_fields(table):
-    """Within the model error that its docstring states; 0.5 % more for the reference's noise."""
+    """Within the model error that its docstring states, plus 0.5 % for the reference's noise."""
     for row in table["attitude"]:
         field, count = row["fov_deg"] * deg, row["n"]
         got = attitude_bound(field, field, count, row["sigma_star_arcsec"])

@@ -45,7 +45,8 @@ def test_too_few_errors_have_no_upper_bound():
 
 
 def test_interpretations():
-    """Ten trackers, each with a constant bias of its own size, one of them tenfold."""
+    """Ten trackers, each with a constant bias of a different size, one of them ten times as
+    large."""
     error = np.ones((10, 400))
     error[3] = -10.0
     assert level(error, 0.8, Interpretation.TEMPORAL) == 10

@@ -57,7 +57,7 @@ TRIALS = [(3, 4, 1, 1, 0), (3, 4, 7, 1, 0), (99, 99, 99, 1, 1), (np.nan,) * 3 + 
 
 
 def test_an_attitude_is_right_within_what_is_required_or_stated():
-    """Errors of 5 across, and of 1 and 7 about; 2 is stated about each axis."""
+    """Errors of 5 across, and of 1 and 7 about; the stated error is 2 about each axis."""
     table = outcomes(TRIALS)
     for limits, found in (
         (ErrorLimits(), [1, 1, 0, 0]),

@@ -1,8 +1,8 @@
-"""Eclipses and blinded heads by astropy and sgp4 alone, with geometry of its own.
+"""Eclipses and blinded heads by astropy and sgp4 alone, with independent geometry.
 
-Nothing of `blinded` is from startrack.mission: the orbit is that of the package sgp4, the axes and
-bodies are those of astropy, an eclipse is a ray through the ellipsoid in Earth-fixed axes, the limb
-is many points on which rays touch it, and each of them is lit or dark by its own vertical.
+Nothing of `blinded` is from startrack.mission. The orbit comes from the package sgp4, axes and
+bodies from astropy. An eclipse is a ray through the ellipsoid in Earth-fixed axes. The limb is a
+set of points at which rays touch it, and each is lit or dark by its own vertical.
 """
 
 import dataclasses
@@ -43,7 +43,8 @@ PART = 400  # instants at once
 
 
 def low_heads():
-    """The plan of heads on the space station, so low that Sun, Moon and lit limb blind them."""
+    """The plan of heads on the space station, directed so low that Sun, Moon and lit limb blind
+    them."""
     loaded = load_mission(
         shipped("missions/sun-synchronous.toml"), ["time.duration=20 d", 'attitude.yaw="velocity"']
     )

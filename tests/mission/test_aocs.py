@@ -91,7 +91,8 @@ def run(model, tmp_path_factory):
     [pytest.param(0.0, marks=pytest.mark.slow), 0.7, pytest.param(2.0, marks=pytest.mark.slow)],
 )
 def test_errors_are_those_of_trials(run, smear):
-    """Rms of many heads beside 1000 trials on the sky: within 10 %, five standard errors."""
+    """Rms of many heads, compared with 1000 trials on the sky: within 10 %, five standard
+    errors."""
     rate = smear / CASE.instrument.camera.focal_length_px / CASE.instrument.detector.exposure
     trials = run_trials(turning(CASE, rate), 1, range(1000), Fidelity.COVARIANCE)
     right = trials["solved"] & ~trials["false"]
@@ -108,7 +109,8 @@ SIGMA = 40  # arcsec
 
 @pytest.fixture(scope="module")
 def worst():
-    """Of 12 units that differ in their mounting, and swing alike about the other axis."""
+    """The worst of 12 units that differ in their mounting, with the same swing about the other
+    axis."""
     variation = (
         Variation("instrument.mounting.x", sigma=f"{SIGMA / 8} arcsec", per="environment"),
         Variation("instrument.mounting.y", sigma=f"{SIGMA} arcsec", per="unit"),
@@ -123,7 +125,8 @@ def worst():
 
 
 def test_the_motion_of_the_platform_is_no_noise_of_the_model():
-    """A tone of frequency f moves the mean of an exposure T off its middle by 1 - sinc(f T)."""
+    """A tone of frequency f moves the middle of an exposure T by 1 - sinc(f T) relative to its
+    mean."""
     exposure, rms = CASE.instrument.detector.exposure, 3 * arcsec
     hertz = 1.43 / exposure
     tones = tuple(Tone(hertz, **{f"rms_{axis}": rms}) for axis in "xyz")
@@ -148,7 +151,7 @@ def test_the_motion_of_the_platform_is_no_noise_of_the_model():
 
 
 def test_a_model_of_units_has_their_bias_and_swing(worst):
-    """By the law of the mounting alone: no budget and no trial."""
+    """From the law of the mounting alone, without a budget or a trial."""
     case, model = worst
     per_axis = SIGMA * arcsec / math.sqrt(2)
     # The largest of twelve normal draws, within its 99 %.
@@ -230,7 +233,8 @@ def fmu(model, tmp_path_factory):
 
 
 def test_the_fmu_has_the_errors_of_the_c(run, model, fmu, tmp_path):
-    """By its library's own functions, frame by frame; its description numbers what these take."""
+    """By its library's own functions, frame by frame; the description has the numbers of its
+    variables."""
     with zipfile.ZipFile(fmu) as file:
         file.extractall(tmp_path)
     root = ElementTree.parse(tmp_path / "modelDescription.xml").getroot()
@@ -287,7 +291,7 @@ def test_the_fmu_has_the_errors_of_the_c(run, model, fmu, tmp_path):
 
 @pytest.mark.slow
 def test_the_fmu_runs_in_another_program(model, fmu):
-    """FMPy validates the description, and simulates; errors have the model's size."""
+    """FMPy validates the description and simulates it; the errors have the model's size."""
     fmpy = pytest.importorskip("fmpy")
     from fmpy.validation import validate_fmu
 
@@ -308,7 +312,8 @@ def test_the_fmu_runs_in_another_program(model, fmu):
 
 
 def test_basilisk_gets_the_variance_and_correlation_of_the_c(run, model, tmp_path):
-    """x <- A x + P w, as the module does it, has the variance and lag of the C's errors."""
+    """x <- A x + P w, as in Basilisk's module, has the variance and correlation of the C's
+    errors."""
     rate = 0.002
     write_basilisk(tmp_path / "startrack_basilisk.py", model, rate)
     text = (tmp_path / "startrack_basilisk.py").read_text()
@@ -330,7 +335,7 @@ def test_basilisk_gets_the_variance_and_correlation_of_the_c(run, model, tmp_pat
 
 
 def test_42_gets_a_block(model, tmp_path):
-    """As many values a line as its spacecraft files have, in degrees and arcseconds."""
+    """Each line has as many values as in 42's spacecraft files, in degrees and arcseconds."""
     write_42(tmp_path / "st.txt", model, (0.2, 0.1), 0.0)
     lines = [
         one.partition("!")[0].split() for one in (tmp_path / "st.txt").read_text().splitlines()

@@ -1,4 +1,4 @@
-"""Frames of all heads at instants of a mission, beside what the mission expects."""
+"""Frames of all heads at instants of a mission, compared with the mission's expectation."""
 
 import dataclasses
 import math
@@ -28,7 +28,7 @@ HEADS = ("left", -90, 5), ("right", 90, 5), ("behind", 0, 179)
 
 @pytest.fixture(scope="module")
 def plan(tmp_path_factory):
-    """Two heads whose structure swings, and one that the Sun blinds unless the Earth hides it."""
+    """Two heads whose structure swings; the Sun blinds one of them unless the Earth hides it."""
     return plan_with(tmp_path_factory.mktemp("frames"), HEADS)
 
 
@@ -48,11 +48,11 @@ def test_frames_agree_with_what_the_mission_expects(tmp_path):
 
 @pytest.mark.parametrize("of", ["platform", pytest.param("head", marks=pytest.mark.slow)])
 def test_heads_on_one_platform_see_one_motion(tmp_path, of):
-    """The angle between two heads holds the jitter of their mounts, and none of the platform's.
+    """The angle between two heads contains the jitter of their mounts, but not the platform's.
 
-    20 arcsec rms of a tone of 5 / T: the mean of an exposure is all of it off the middle, and each
-    head errs by it. 24 errors of two heads: an rms has a standard error of 14 %. The tone is about
-    x of the first head alone, so that it shows how the motion is turned for the second one.
+    A tone of 20 arcsec rms at 5 / T averages to zero over an exposure, so that each head errs by
+    all of it. 24 errors of two heads: an rms has a standard error of 14 %. The tone is about x of
+    the first head alone, so that the test shows the rotation of the motion for the second one.
     """
     plan = plan_with(tmp_path, [("left", -90, 5), ("front", 20, 5)])
     hertz = 5 / plan.loaded.designs[0].case.instrument.detector.exposure
@@ -111,7 +111,8 @@ def test_particles_of_a_place_hit_the_detector(plan, monkeypatch):
 
 
 def test_the_angle_between_heads_before_and_after_a_model(plan):
-    """Noise of 2 arcsec on each head, and a turn of 6 arcsec of one, as the sine of the orbit."""
+    """Noise of 2 arcsec on each head, and a rotation of one by 6 arcsec times the sine of the
+    orbit."""
     rng, count = np.random.default_rng(4), 4000
     table = np.zeros((count, 2), FRAMES)
     table["head"], table["solved"] = [0, 1], True

@@ -64,7 +64,8 @@ def test_common_errors_count_once(sky):
 
 @pytest.mark.slow
 def test_a_drift_of_one_head_is_estimated(sky):
-    """The second head drifts with the orbit; the covariance holds after its estimation alone."""
+    """The second head drifts with the orbit; the covariance is right only after the drift's
+    estimation."""
     generator, truth, covariance = sky
     phase = np.linspace(0, 60 * np.pi, COUNT)
     features = np.stack([np.ones(COUNT), np.cos(phase), np.sin(phase)], axis=1)
@@ -101,7 +102,8 @@ def test_the_fast_variance_is_that_of_the_fusion():
 def test_one_motion_of_the_platform_stays_whole_in_the_fusion():
     """20,000 realisations of a motion that both heads see, fused as rotations.
 
-    A variance of as many draws has a standard error of 1 %; five of them: false alarms of 3e-6.
+    A variance of that number of draws has a standard error of 1 %; the limit is five of them: false
+    alarms of 3e-6.
     """
     generator, jitter = np.random.default_rng(11), 2.03 * arcsec
     truth = Rotation.from_quat(generator.standard_normal((COUNT, 4)))
@@ -124,7 +126,7 @@ def test_one_motion_of_the_platform_stays_whole_in_the_fusion():
 
 
 def test_a_motion_that_heads_see_unequally_has_one_cause():
-    """Heads whose designs differ in it: the square of a sum, not the sum of squares."""
+    """For heads with different designs: the square of a sum, not the sum of squares."""
     generator, rms = np.random.default_rng(12), np.array([[3.0, 1.0, 2.0], [0.5, 0.5, 4.0]])
     axes = [one.as_matrix() for one in HEADS]
     covariance = [head_covariance(one, ACROSS, ABOUT) for one in HEADS]
@@ -153,7 +155,7 @@ def test_features_are_refused_by_name():
 
 
 def test_errors_of_a_head_without_its_platform_keep_what_trials_found():
-    """Of 13 across, (2 + 4) / 2 are of the platform, and 5 of 30 about, each by its own factor."""
+    """(2 + 4) / 2 of 13 across, and 5 of 30 about, are the platform's, each with its own factor."""
     errors = (np.array([13.0, 13.0]), np.array([30.0, 4.0]), np.ones(2))
     moved = np.array([[2.0, 2.0], [4.0, 4.0], [5.0, 5.0]])
     ((across, about),) = own_errors(SimpleNamespace(errors=(errors,), moved=(moved,)))

@@ -42,7 +42,7 @@ def mission():
 
 @pytest.fixture(scope="module")
 def flight(mission):
-    """Instants, and the same by astropy: place and speed (n, 3) in GCRS, and the times."""
+    """Instants, and by astropy: place and velocity (n, 3) in GCRS, and the times."""
     course = motion_of(mission)
     second = np.sort(np.random.default_rng(1).uniform(0, 86400 * 20, INSTANTS))
     own = [course.at(one - 70, 10.0, 40) for one in second]  # interpolated, the eighth is asked
@@ -170,7 +170,7 @@ def test_laws_point_where_they_say(mission):
 
 
 def test_a_ground_target_is_in_the_middle():
-    """By astropy: the place on the ground, in GCRS, is on the z axis."""
+    """By astropy, the place on the ground in GCRS is on the z axis."""
     loaded = load_mission(EXAMPLE, ["time.duration=1 d"])
     law = Attitude(law="target", latitude=0.5, longitude=-1.0, height=300.0)
     course = motion_of(dataclasses.replace(loaded.mission, attitude=law))
@@ -186,7 +186,7 @@ def test_a_ground_target_is_in_the_middle():
 
 
 def test_eclipses_of_a_circular_orbit():
-    """Their length at a known beta angle, for a round Earth: the textbook's closed form."""
+    """Their length at a known beta angle for a spherical Earth: the closed form of textbooks."""
     loaded = load_mission(EXAMPLE, ["time.duration=2 d", "time.step=5 s"])
     plan = plan_of(loaded, errors=False)
     own = plan.motion.at(0.0, 5.0, 30000)
@@ -199,7 +199,7 @@ def test_eclipses_of_a_circular_orbit():
 
 
 def test_a_head_near_the_sun_is_blind(mission):
-    """A Sun-pointing head is blind by the Sun where it is not eclipsed, and by nothing else."""
+    """The Sun blinds a Sun-pointing head outside of eclipses, and nothing else does."""
     loaded = load_mission(EXAMPLE, ["time.duration=1 d"])
     law = Attitude(law="sun", axis=tuple(loaded.mission.heads[0].mounting.as_matrix()[:, 2]))
     turned = dataclasses.replace(loaded.mission, attitude=law)
@@ -212,7 +212,7 @@ def test_a_head_near_the_sun_is_blind(mission):
 
 
 def test_a_written_mission_may_move(tmp_path):
-    """Own files are named from the folder, shipped designs by name; both read back as they were."""
+    """The user's files are named from the folder, shipped designs by name; both are read back."""
     own = tmp_path / "designs" / "mine.toml"
     own.parent.mkdir()
     own.write_text(shipped("designs/noise_only.toml").read_text())
@@ -253,7 +253,7 @@ def test_files_of_missions_are_refused_by_name(tmp_path):
 
 
 def test_eclipses_and_blindings_begin_and_end_as_in_another_program():
-    """Each begin and end within one step of astropy and sgp4 with geometry of their own."""
+    """Each begin and end is within one step of astropy and sgp4 with independent geometry."""
     plan, total = independent.low_heads(), 0
     own = at(plan, plan.motion.at(11 * 86400.0, 10.0, 1000))
     eclipse, heads = independent.blinded(

@@ -1,4 +1,4 @@
-"""OEM and AEM beside other programs and the formulas of the standards: never read otherwise."""
+"""OEM and AEM, compared with other programs and the formulas of the standards."""
 
 import dataclasses
 import textwrap
@@ -36,7 +36,7 @@ def dates(seconds, begin=BEGIN, scale="utc"):
 
 
 def matrices(path, begin, seconds):
-    """(n, 3, 3) icrs_to_body of a file, as a mission flies it."""
+    """(n, 3, 3) icrs_to_body of a file, as a mission uses it."""
     law = law_of(Attitude(law="aem", aem=str(path)), begin)
     seconds = np.atleast_1d(np.asarray(seconds, float))
     place = motion_of(MISSION)._place(0.0, 1.0, len(seconds))
@@ -69,7 +69,7 @@ def aem(path: Path, *segments: str, version: str = "1.0") -> Path:
 
 
 def test_an_attitude_file_is_turned_as_the_standard_has_it(tmp_path):
-    """Three attitudes without symmetry, through the matrix of CCSDS 504.0's annex."""
+    """Three attitudes without symmetry, by the matrix of CCSDS 504.0's annex."""
     numbers = np.array([[0.1, -0.5, 0.3, 0.8], [0.4, 0.2, -0.6, 0.1], [-0.3, 0.3, 0.2, -0.9]])
     numbers /= np.linalg.norm(numbers, axis=1)[:, None]
     rows = [
@@ -91,7 +91,7 @@ def test_an_attitude_file_is_turned_as_the_standard_has_it(tmp_path):
 
 
 def test_a_spacecraft_that_looks_down_has_its_axis_on_the_nadir(tmp_path):
-    """The third row of the standard's matrix is body z in ICRS: minus the place, within 1e-9."""
+    """The third row of the standard's matrix is body z in ICRS: minus the position, within 1e-9."""
     own = motion_of(MISSION).at(0.0, 5.0, 400)
     turn = Rotation.from_matrix(own.body.transpose(2, 0, 1))
     numbers = standard_quaternions(turn)
@@ -129,7 +129,8 @@ def test_one_flight_through_an_aem_and_a_ck_is_the_same_to_spice_and_to_a_missio
 
 
 def test_nothing_is_interpolated_over_a_gap(tmp_path):
-    """0 deg to 30:00, 90 deg from 40:00; where the next begins at once, the later one holds."""
+    """0 deg to 30:00, 90 deg from 40:00; if the next segment begins at once, the later one
+    holds."""
     first = segment(["2024-01-01T00:00:00 0 0 0 1", "2024-01-01T00:30:00 0 0 0 1"])
     late = segment([f"2024-01-01T00:40:00 {QUARTER}", f"2024-01-01T01:00:00 {QUARTER}"])
     path = aem(tmp_path / "gap.aem", first, late)
@@ -165,7 +166,7 @@ def test_nothing_is_interpolated_over_a_gap(tmp_path):
 
 
 def test_segments_have_their_own_directions_and_orders(tmp_path):
-    """Each by its own keywords: four ways to write one attitude, and it is one."""
+    """Four ways to write one attitude, each with its own keywords."""
     q = np.array([0.1, -0.5, 0.3, 0.8]) / np.linalg.norm([0.1, -0.5, 0.3, 0.8])
     ways = (
         (q, {}),
@@ -278,7 +279,8 @@ def test_other_bodies_and_cut_files_are_refused(tmp_path):
 
 
 def test_polynomials_of_attitudes_go_through_the_numbers_of_their_degree(tmp_path):
-    """A swing of 4 s, a row each second: degree 7 within 2e-3 of the law, straight turns 0.1."""
+    """A swing of 4 s with a row each second: degree 7 is within 2e-3 of the law, linear within
+    0.1."""
     angle = 0.5 * np.sin(2 * np.pi * np.arange(21.0) / 8)
     turn = Rotation.from_rotvec(np.outer(angle, [0, 0.6, 0.8]))
     rows = [
@@ -299,7 +301,7 @@ def test_polynomials_of_attitudes_go_through_the_numbers_of_their_degree(tmp_pat
 
 
 def states():
-    """(n, 3) metre and metre / second at 300 s of a circle, by its formula."""
+    """(n, 3) metre and metre / second on a circular orbit every 300 s, by its formula."""
     angle = 300.0 * np.arange(20) * 1.0586e-3
     along, across = np.cos(angle), np.sin(angle)
     zero = np.zeros_like(angle)
@@ -311,7 +313,7 @@ def states():
     ("method", "degree"), [("LAGRANGE", 7), ("LAGRANGE", 6), ("HERMITE", 7), ("HERMITE", 3)]
 )
 def test_states_between_those_of_a_file_are_as_oem_reads_them(tmp_path, method, degree):
-    """The package oem interpolates the same file; 5 min between states, so that methods differ."""
+    """The package oem interpolates the same file; with 5 min between states the methods differ."""
     oem = pytest.importorskip("oem")
     place, speed, _ = states()
     keys = {"CENTER_NAME": "EARTH", "REF_FRAME": "EME2000"}
@@ -330,7 +332,7 @@ def test_states_between_those_of_a_file_are_as_oem_reads_them(tmp_path, method, 
 
 
 def test_an_orbit_is_not_interpolated_over_a_gap_or_a_manoeuvre(tmp_path):
-    """Two segments of other speeds meet at 20 min, a third is 10 min later; covariances between."""
+    """Two segments with different velocities meet at 20 min, a third begins 10 min later."""
     keys = {"CENTER_NAME": "EARTH", "REF_FRAME": "EME2000"}
     lines = []
     for begin, speed in ((0.0, 1.0), (1200.0, 5.0), (3000.0, 9.0)):
@@ -384,7 +386,8 @@ def test_orbit_files_are_refused_by_name(tmp_path, old, new, words):
 
 @pytest.mark.parametrize("step", [10, 600, 1700])
 def test_an_orbit_in_other_units_than_km_is_refused(tmp_path, step):
-    """A circle of 7000 km, and the slips of its exporters; its period is 5829 s."""
+    """A circular orbit of 7000 km with a period of 5829 s, and typical errors of programs that
+    export it."""
     file, rate = tmp_path / "a.oem", np.sqrt(3.986004418e14 / 7e6**3)
     angle = rate * step * np.arange(12.0)
     place = 7e6 * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
@@ -400,7 +403,7 @@ def test_an_orbit_in_other_units_than_km_is_refused(tmp_path, step):
 
 
 def test_segments_and_gaps_of_a_ck_stay(tmp_path):
-    """A CK of two intervals, written by spiceypy, is two segments."""
+    """A CK of two intervals, written by spiceypy, gives two segments."""
     spiceypy = pytest.importorskip("spiceypy")
     turn = Rotation.from_rotvec(np.outer(np.arange(40.0), [0.01, 0.02, 0.0]))
     write_ck(tmp_path / "a.bc", Time(list(dates(np.arange(40.0)))), turn.as_quat())  # its clock

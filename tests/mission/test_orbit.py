@@ -25,7 +25,7 @@ BEGIN = MISSION.time.begin
 
 @pytest.mark.parametrize("tilt", [0.3, 0.9, 1.72])
 def test_rates_are_those_of_sgp4(tilt):
-    """Its own secular rates, which have J4 and J2 squared, too."""
+    """sgp4's secular rates, which also have J4 and the square of J2."""
     from sgp4.api import WGS72, Satrec
 
     axis, e = 7.2e6, 0.02
@@ -40,7 +40,7 @@ def test_rates_are_those_of_sgp4(tilt):
 
 
 def test_kepler_is_a_solution_of_newton():
-    """Without J2: the acceleration, by differences, is GM / r^2."""
+    """Without J2, the acceleration by finite differences is GM / r^2."""
     orbit = Kepler(9e6, 0.25, 1.0, 0.3, 0.5, 0.1)
     object.__setattr__(orbit, "rates", (0.0, 0.0, math.sqrt(3.986004418e14 / 9e6**3)))
     second = np.linspace(0, 8000, 50)
@@ -51,7 +51,8 @@ def test_kepler_is_a_solution_of_newton():
 
 
 def test_a_sun_synchronous_orbit_keeps_its_local_time():
-    """The published inclination at 600 km, and by astropy the mean Sun at the node a year later."""
+    """The published inclination at 600 km, and, by astropy, the mean Sun at the node a year
+    later."""
     assert sun_synchronous(6378137.0 + 600e3) / deg == pytest.approx(97.79, abs=0.02)
     orbit = path_of(MissionOrbit(altitude=600e3, local_time=10.5 * 3600), BEGIN)
     for days in (0.0, 365.0):
@@ -65,7 +66,7 @@ def test_a_sun_synchronous_orbit_keeps_its_local_time():
 
 
 def test_places_between_times_are_interpolated():
-    """Six points, 60 s apart in a low orbit: within 1 cm and 10 micrometres / second."""
+    """Six points at steps of 60 s in a low orbit: within 1 cm and 10 micrometre / second."""
     path = path_of(MISSION.orbit, BEGIN)
 
     def states(second):
@@ -93,7 +94,7 @@ def test_an_orbit_file_moves_the_spacecraft_as_its_elements_do(tmp_path):
 
 
 def test_spice_kernels_give_back_what_was_written(tmp_path):
-    """Attitudes within 1e-12, states at and between those that were written; errors in words."""
+    """Attitudes within 1e-12, states at and between the written ones; errors as sentences."""
     pytest.importorskip("spiceypy")
     turn = Rotation.from_rotvec(np.outer(np.arange(200), [0.01, -0.004, 0.02]))
     with installed_tables():

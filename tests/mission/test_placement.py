@@ -1,4 +1,4 @@
-"""Mountings that a search finds, against a case whose best is known."""
+"""Mountings found by a search, compared with a case with a known optimum."""
 
 import dataclasses
 
@@ -87,7 +87,7 @@ def test_the_example_gets_better_and_keeps_clear(loaded, monkeypatch):
 
 
 def test_the_map_knows_the_sun_and_the_ground(loaded):
-    """Down is always blind by the ground; up never by it."""
+    """The ground always blinds a head that looks down, and never one that looks up."""
     lines, blind, longest, score = map_of(plan_of(loaded), 0, 20 * deg)
     down, up = lines[:, 2] > 0.99, lines[:, 2] < -0.99
     assert blind[down].min() == 1
@@ -97,7 +97,7 @@ def test_the_map_knows_the_sun_and_the_ground(loaded):
 
 
 def test_more_heads_and_longer_baffles_weigh_more_and_see_more(loaded, monkeypatch):
-    """Length by the tangents of both angles; one head without a panel is never above 100 %."""
+    """Lengths by the tangents of both angles; one head without a panel is below 100 %."""
     monkeypatch.setattr(placement, "WINDOWS", 2)
     monkeypatch.setattr(placement, "COARSE", 45 * deg)
     plan = plan_of(loaded)
@@ -123,8 +123,11 @@ def test_more_heads_and_longer_baffles_weigh_more_and_see_more(loaded, monkeypat
 
 
 def test_heads_and_baffles_together_weigh_no_more_than_on_a_grid(loaded, monkeypatch):
-    """Two heads, baffles from 25 to 70 degrees: beside the lightest of a grid that meets the
-    requirements. Its own mountings and angle are looked at again, by all samples."""
+    """Two heads with baffles of 25 to 70 degrees, against the lightest of a grid that meets the
+    requirements.
+
+    Its own mountings and angle are evaluated again with all samples.
+    """
     monkeypatch.setattr(placement, "WINDOWS", 3)
     monkeypatch.setattr(placement, "COARSE", 45 * deg)
     needs = MissionRequirements(max_blind=600.0, availability_one=0.95)
@@ -203,7 +206,7 @@ def test_a_panel_that_follows_the_sun_blocks_for_a_known_time():
 
 
 def test_the_angle_to_a_box_is_that_of_its_points():
-    """Against the nearest of many points of its sides, from outside."""
+    """Against the nearest of many points on its sides, from outside."""
     box = Obstacle("box", (0.4, -0.3, 1.0), (0.8, 0.5, 0.3))
     draw = np.random.default_rng(5)
     faces = faces_of([box], instants_of(np.ones((3, 1)), np.ones((3, 1))))
@@ -219,7 +222,8 @@ def test_the_angle_to_a_box_is_that_of_its_points():
 
 
 def test_a_head_behind_structure_is_blind(loaded):
-    """A sunlit plate above the first head blinds it by day, and in its field at all times."""
+    """A sunlit plate above the first head blinds it by day; a plate in its field blinds it
+    always."""
     line = loaded.mission.heads[0].mounting.as_matrix()[:, 2]
     wide = Obstacle("plate", tuple(2 * line), (2.0, 2.0, 2.0))
     near = Obstacle("plate", tuple(2 * line + np.array([1.0, 0, 0])), (0.6, 0.6, 0.6))

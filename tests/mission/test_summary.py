@@ -64,7 +64,7 @@ def test_needs_are_refused_by_name():
 
 
 def test_reacquisition_is_that_of_drawn_frames():
-    """Mean and 99 % level against a million drawn series of frames: within 1 %."""
+    """Mean and 99 % level, compared with a million drawn series of frames: within 1 %."""
     case = load_design(shipped("designs/noise_only.toml")).case
     chances = [0.9, 0.5, 0.2, 1.0]
     found = reacquisition_of(case, chances)
@@ -84,7 +84,8 @@ class Stopped(Exception):
 
 @pytest.mark.parametrize("trials", [0, pytest.param(20, marks=pytest.mark.slow)])
 def test_a_stopped_mission_goes_on(tmp_path, monkeypatch, trials):
-    """The same to the bit as in one go; no part is computed twice; another mission begins anew."""
+    """Equal to the bit to an uninterrupted run; no part is computed twice; another mission
+    begins anew."""
     monkeypatch.setattr(engine, "PART", 300)
     monkeypatch.setattr(surrogate, "PLACES", 192)
     loaded = load_mission(

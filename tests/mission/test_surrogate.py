@@ -1,4 +1,4 @@
-"""The error that a mission expects is that of trials at its own attitudes."""
+"""The error that a mission expects equals that of trials at its own attitudes."""
 
 import dataclasses
 
@@ -53,7 +53,7 @@ def test_errors_are_those_of_trials(plan):
 def test_like_heads_share_surveys_of_which_there_are_as_many_as_the_smear_asks_for(
     plan, monkeypatch
 ):
-    """Two rates that smear a star by 0.2 pixel more or less, and four at most for any smear."""
+    """Two rates that smear a star by 0.2 pixel more or less, and at most four for any smear."""
     loaded, counted, done = plan.loaded, list[int](), list[float]()
     case = loaded.designs[0].case
     of_sky = survey(case, 48)
@@ -81,7 +81,7 @@ def test_like_heads_share_surveys_of_which_there_are_as_many_as_the_smear_asks_f
 def test_a_correction_finds_what_trials_differ_by():
     """Squared errors drawn with a known factor over two features, and none over a third.
 
-    Each coefficient within five standard errors, and these are those of 100 repetitions.
+    Each coefficient is within five standard errors, and these equal the scatter of 100 repetitions.
     """
     true, draw, found = np.array([0.3, -0.4, 0.0]), np.random.default_rng(4), []
     for _ in range(100):
@@ -100,7 +100,8 @@ def test_a_correction_finds_what_trials_differ_by():
 
 
 def test_each_half_is_judged_with_what_the_other_half_says():
-    """A factor that both halves have is taken off; one that differs is taken off the wrong way."""
+    """A factor that both halves have is removed; one that differs is removed with the wrong
+    sign."""
     draw = np.random.default_rng(4)
     values = {"stars": draw.uniform(2, 5, 4000), "rate": draw.uniform(0, 1e-3, 4000)}
     noise = draw.exponential(size=(4000, 2))
@@ -115,7 +116,7 @@ def test_each_half_is_judged_with_what_the_other_half_says():
 
 
 def old_and_warm(trials):
-    """A head that ages by eight years in 20 days, and warms and cools over the orbit."""
+    """A head that ages by eight years in 20 days, and whose temperature varies over the orbit."""
     loaded = load_mission(EXAMPLE, ["time.duration=20 d", "time.step=60 s", YAW])
     case = loaded.designs[0].case
     fast = 8 / (20 * 86400)  # 1 / second, for one a year
@@ -151,10 +152,12 @@ def test_heads_age_and_warm(monkeypatch):
 
 @pytest.mark.slow
 def test_errors_of_old_and_warm_heads_are_those_of_trials():
-    """Windows over ages and temperatures, within 4.5 standard errors, with the correction or not.
+    """Windows over ages and temperatures, within 4.5 standard errors, with and without the
+    correction.
 
-    Stars near hot pixels make the errors long-tailed: of 320 trials, 8 made 40 % of the squares, so
-    that a ratio of 80 is 22 % uncertain, and no better by a correction that has little to mend.
+    Stars near hot pixels make the distribution of errors long-tailed: 8 of 320 trials made 40 % of
+    the squares. Therefore a ratio of 80 is uncertain by 22 %, and a correction that has little to
+    correct does not improve it.
     """
     plan, (found,) = checked(old_and_warm(80))
     for value, error in (found.across, found.corrected_across, found.about, found.corrected_about):
@@ -176,7 +179,7 @@ def test_cells_hold_their_middles():
 
 @pytest.mark.slow
 def test_stray_light_raises_the_error(monkeypatch):
-    """Behind a weak baffle, a head is worse near the Sun; its exclusion angle is the baffle's."""
+    """Behind a weak baffle a head is worse near the Sun; its exclusion angle is the baffle's."""
     monkeypatch.setattr(surrogate, "PLACES", 768)
     loaded = load_mission(EXAMPLE, [*CHANGES, "time.duration=2 d"])
     case = loaded.designs[0].case

@@ -1,4 +1,4 @@
-"""Temperatures along a mission and spacecraft of drawn units, beside other methods."""
+"""Temperatures along a mission, and spacecraft of drawn units, compared with other methods."""
 
 import math
 from dataclasses import replace
@@ -66,7 +66,8 @@ def plan_with(tmp_path, heads, across=2.0, about=20.0):
 
 
 def test_temperatures_are_those_of_the_periodic_orbit(tmp_path):
-    """Marching in time beside Newton's method over an orbit; 600 km, a head at the zenith.
+    """Integration in time, compared with Newton's method over an orbit; 600 km, a head at the
+    zenith.
 
     The Sun is 0.4 % nearer than 1 au in March, which is 0.3 K.
     """
@@ -83,7 +84,8 @@ def test_temperatures_are_those_of_the_periodic_orbit(tmp_path):
 
 
 def test_the_motion_of_the_platform_is_one_in_every_sum_of_heads(tmp_path):
-    """Three heads of 2.5 arcsec, of which 2 are of the platform: fused no better than these 2."""
+    """Three heads of 2.5 arcsec, of which 2 are the platform's motion: their fusion is no better
+    than 2."""
     heads = [("left", -90, 60), ("right", 90, 60), ("back", 180, 60)]
     plan = plan_with(tmp_path, heads, math.hypot(1.5, 2.0), math.hypot(15.0, 2.0))
     moved = np.full(3, 2 * arcsec) ** 2
@@ -181,7 +183,8 @@ def test_drawn_units_are_those_of_the_budget(tmp_path):
 
 
 def test_a_detector_that_moves_turns_the_sky_as_in_trials():
-    """Trials with the principal point where 10 K put it, beside the turn of a mission."""
+    """Trials with the principal point displaced by 10 K, compared with the rotation in a
+    mission."""
     structure = 'instrument.structure={material="aluminium", detector_offset="5 mm"}'
     case = load_design(shipped("designs/noise_only.toml"), [structure]).case
     instrument, optics = case.instrument, case.instrument.optics

@@ -15,7 +15,7 @@ def case():
 
 @pytest.fixture
 def outcomes():
-    """Makes solved outcomes with errors of a given sigma."""
+    """Make solved outcomes with errors of a given sigma."""
 
     def make(trials, seed=0, first=0, sigma=1e-5):
         rng = np.random.default_rng(seed)

@@ -1,4 +1,4 @@
-"""Attitudes that cover the rotations better than chance does, and are uniform all the same."""
+"""Attitudes that cover the rotations more evenly than random ones, and are still uniform."""
 
 import numpy as np
 import pytest
@@ -88,7 +88,7 @@ def test_a_boresight_points_where_it_is_told_to():
 
 @pytest.mark.parametrize("regions", [Regions(), Regions(1, 7), Regions(9, 1)])
 def test_directions_at_random_fall_evenly_into_the_regions(regions):
-    """A normal vector has a direction at random; chi-square, false alarm 1e-4."""
+    """A normal vector has a random direction; chi-square, false alarm 1e-4."""
     direction = np.random.default_rng(2).standard_normal((20_000, 3))
     direction /= np.linalg.norm(direction, axis=1)[:, None]
     count = np.bincount(regions.of(direction), minlength=len(regions))
@@ -121,14 +121,14 @@ def in_cap(attitudes):
 
 
 def score(width):
-    """How near a region's middle is to the cap: a guess, not the truth."""
+    """Distance of a region's middle from the cap: a guess, not the truth."""
     middle = FINE_REGIONS.place(np.arange(len(FINE_REGIONS)), np.full((len(FINE_REGIONS), 2), 0.5))
     return np.exp(-((np.arccos(np.clip(middle @ SPOT, -1, 1)) / width) ** 2))
 
 
 @pytest.mark.parametrize("width", [0.3, 1.0])
 def test_the_probability_is_that_of_the_area_and_its_interval_holds_it(width):
-    """A cap's area is known; 60 estimates of 400 trials, coverage bound at 1e-4."""
+    """The area of a cap is known; 60 estimates of 400 trials, coverage bound at 1e-4."""
     chance = chances(score(width))
     values, errors, hits = [], [], 0
     for seed in range(60):
@@ -145,7 +145,8 @@ def test_the_probability_is_that_of_the_area_and_its_interval_holds_it(width):
 
 
 def test_a_wrong_guess_costs_precision_but_not_truth():
-    """All eyes on the other side of the sky: the defence still finds the cap."""
+    """If all guesses are on the other side of the sky, the uniform part of the trials still
+    finds the cap."""
     chance = chances(score(0.3)[::-1])
     values = []
     for seed in range(60):
@@ -172,7 +173,8 @@ def test_scores_that_are_none_are_refused(bad):
 
 
 def test_a_rare_probability_is_that_of_openturns():
-    """That a field of the sky shows too few stars, 1.1e-3; a false alarm in 1e-4 of the seeds."""
+    """The probability that a field has too few stars, 1.1e-3; a false alarm in 1e-4 of the
+    seeds."""
     pytest.importorskip("openturns", reason="OpenTURNS is not installed: no probability beside it")
     found = rare_probability(4000)
     assert found["rare_ratio"] == pytest.approx(1, abs=4 * found["rare_ratio_sigma"])

@@ -38,13 +38,13 @@ def six_trials():
 
 
 def sun_at(angle):
-    """A boresight at an angle from the Sun of that date, by astropy."""
+    """A boresight at a given angle from the Sun on that date, by astropy."""
     sun = get_body("sun", Time(DATE)).transform_to(GCRS())
     return pointing(sun.ra.deg, sun.dec.deg + angle, 0)
 
 
 def test_each_trial_has_its_cause(case):
-    """Six ends of trials; the last two looked 30 and 120 degrees from the Sun."""
+    """Six different ends of trials; the last two boresights are 30 and 120 degrees from the Sun."""
     attitudes = Rotation.concatenate([*[pointing(0, 85, 0)] * 4, sun_at(30), sun_at(80)])
     found = endings(
         lit(case, "sun"), 1, six_trials(), attitudes, ErrorLimits(), KeepOut(sun=40 * deg)

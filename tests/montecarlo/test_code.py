@@ -1,4 +1,4 @@
-"""User code, named by a design: a package of its own, made of the examples of the docs."""
+"""User code named by a design: a package made of the examples of the documentation."""
 
 import os
 import re
@@ -36,7 +36,7 @@ ALL = (
 
 
 def write_package(folder):
-    """A distribution as pip installs it, with entry points."""
+    """A distribution with entry points, as pip installs it."""
     (folder / "mylab").mkdir()
     (folder / "mylab" / "__init__.py").write_text("")
     for name, code in EXAMPLE.findall(PAGE.read_text()):
@@ -60,13 +60,14 @@ def forget_package():
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
-    """One folder for all tests: on a new path, the files of all that is installed are read."""
+    """One folder for all tests: for a new path, the files of all installed packages would be
+    read."""
     return tmp_path_factory.mktemp("code") / "site"
 
 
 @pytest.fixture
 def installed(site, monkeypatch):
-    """The folder of the package, made anew; nothing that it allows outlives the test."""
+    """The folder of the package, made anew; no permission outlives the test."""
     shutil.rmtree(site, ignore_errors=True)
     site.mkdir()
     write_package(site)
@@ -106,7 +107,7 @@ def test_code_is_refused_before_it_is_imported(installed, plain, monkeypatch, ca
 
 
 def test_other_code_than_that_of_the_sender_is_refused_each_time(installed, plain, monkeypatch):
-    """Also by a process that ran its own before, and by one that was refused before."""
+    """Also by a process that ran its own code before, and by one that was refused before."""
     monkeypatch.setattr(extension, "_expected", {})
     changed(plain, CENTROID)
     run = extension.function_of("centroids", "mylab.centroids:snail")
@@ -118,7 +119,7 @@ def test_other_code_than_that_of_the_sender_is_refused_each_time(installed, plai
 
 
 def test_a_process_that_only_passes_a_design_on_needs_no_code(monkeypatch):
-    """As the scheduler of Dask does, which takes designs apart and puts them together again."""
+    """Like the scheduler of Dask, which serialises designs without their code."""
     monkeypatch.setattr(extension, "_expected", {})
     monkeypatch.setattr(extension, "_allowed", set())
     sent = {"nosuch.thing": "0" * 32}
@@ -159,7 +160,7 @@ def test_windows_with_an_own_centroid_are_as_frames(installed, plain):
 
 @pytest.mark.slow
 def test_an_own_centroid_is_as_accurate_as_startracks_in_every_fidelity(installed, plain):
-    """Against startrack's own centroid under a Gaussian weight, which the example repeats."""
+    """Against startrack's centroid with a Gaussian weight, which the example implements again."""
     own, built_in = changed(plain, CENTROID), changed(plain, "tracker.detection.centroid=weighted")
     frames = {case: run_trials(case, 5, range(60)) for case in (own, built_in)}
     assert 0.8 < across(frames[own]) / across(frames[built_in]) < 1.25  # of the same skies
@@ -277,7 +278,7 @@ def thick(case):
 
 @pytest.fixture
 def others(installed, plain):
-    """Reads the design with keys that name functions of the module OTHERS."""
+    """Read the design with keys that name functions of the module OTHERS."""
     (installed / "mylab" / "others.py").write_text(OTHERS)
     return lambda *changes: load_design(plain, changes, allow_code=True)
 
@@ -310,7 +311,7 @@ def test_an_own_attitude_is_exact_for_exact_stars_and_not_for_covariance(others)
 
 
 def test_an_own_attitude_goes_through_a_sequence(others):
-    """Its covariance is its own, with jitter or without: nothing is taken off it."""
+    """Its covariance is kept, with and without jitter: nothing is subtracted."""
     from startrack.sequence import Leg, Sequence
     from startrack.sequence import run as fly
 

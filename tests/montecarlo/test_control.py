@@ -1,4 +1,4 @@
-"""The control variate of a real trial: zero on average, and nearly the error of the trial."""
+"""The control variate of a trial: zero on average, and nearly equal to the trial's error."""
 
 import dataclasses
 
@@ -62,7 +62,7 @@ def test_it_halves_the_trials_that_an_rms_takes():
 
 
 def test_trials_are_those_of_the_chain():
-    """With random attitudes, the very outcomes of `trials`."""
+    """With random attitudes, the outcomes are those of `trials`."""
     from startrack.trial.chain import run_trials
 
     outcomes, _ = sample_controlled(CASE, 9, range(5), at_random(9, range(5)))
@@ -94,7 +94,7 @@ def test_a_sky_without_bright_stars_has_no_control():
 
 
 def test_a_frame_without_any_star_has_no_control():
-    """A narrow field of a sparse catalogue: nothing to linearise, and no error either."""
+    """A narrow field of a sparse catalogue has nothing to linearise, and no error is raised."""
     size = CASE.instrument.detector.rows, CASE.instrument.detector.columns
     none = stars_in_field(
         Sky(open_sky(CASE.catalog).stars[:0]), random_attitude(Streams(1, 1)), CAMERA

@@ -1,4 +1,4 @@
-"""Each estimate is right on average, and its interval holds the truth as often as it says."""
+"""Each estimate is unbiased, and its interval has the stated coverage."""
 
 import numpy as np
 import pytest
@@ -15,14 +15,15 @@ def by_plain(rng):
 
 
 def by_control(rng):
-    """Squares of two normal numbers, one the other's control: skewed, as squared errors are."""
+    """Squares of two normal numbers, one the control of the other: skewed, as squared errors
+    are."""
     x = rng.standard_normal(300)
     y = RHO * x + np.sqrt(1 - RHO**2) * rng.standard_normal(300)
     return controlled(y**2, (x**2 - 1)[:, None]), 1.0
 
 
 def by_replicates(rng):
-    """Within a replicate the values hang together; only replicates are independent."""
+    """Values of a replicate are correlated; only replicates are independent."""
     replicate = np.arange(320) % 16
     shift = rng.standard_normal(16)
     return replicated(2 + shift[replicate] + 0.1 * rng.standard_normal(320), replicate), 2.0
@@ -41,7 +42,7 @@ ALL = [by_plain, by_control, by_replicates, by_levels]
 def test_unbiased_and_covered(estimate):
     """400 repetitions: mean within four standard errors, 95 % coverage above its bound at 1e-4.
 
-    Skewed squares cost an interval of a few hundred values some coverage: three points are left.
+    Intervals of a few hundred skewed squares cover less: three points are allowed.
     """
     rng = np.random.default_rng(8)
     values, hits = [], 0
@@ -57,10 +58,11 @@ def test_unbiased_and_covered(estimate):
 
 @pytest.mark.parametrize(("estimate", "gain"), [(by_control, 3.0), (by_levels, 6.0)])
 def test_help_is_worth_so_much(estimate, gain):
-    """Variance of plain means over that of the helped ones, and the errors stated alike.
+    """Variance of plain means over that with variance reduction, equal to the ratio of stated
+    errors.
 
-    Control: squares correlate by rho^2, 1 / (1 - rho^4) = 5.4. Strata: 1 + 8.25 = 9.25.
-    Levels: 1 / (1 - rho^2 + rho^2 / 19) = 6.9.
+    Control: squares correlate by rho^2, 1 / (1 - rho^4) = 5.4. Strata: 1 + 8.25 = 9.25. Levels: 1 /
+    (1 - rho^2 + rho^2 / 19) = 6.9.
     """
     rng = np.random.default_rng(9)
     means = [estimate(rng)[0] for _ in range(REPETITIONS)]
@@ -84,7 +86,7 @@ def test_the_root_of_a_mean_square_is_an_rms():
 
 
 def test_a_mean_square_below_zero_has_a_root_of_zero():
-    """Which a control may leave of few values that are nearly zero."""
+    """A control may give such a mean for few values that are nearly zero."""
     rms = Mean(-1.0, 2.0, 9.0).root()
     assert (rms.low, rms.value) == (0, 0)
     assert rms.high == pytest.approx((2 * stats.t.ppf(0.975, 9) - 1) ** 0.5)

@@ -1,4 +1,4 @@
-"""Campaigns as commands, under what goes wrong around them."""
+"""Campaigns as commands under faults of their surroundings."""
 
 import json
 import os
@@ -43,7 +43,7 @@ def test_the_log_and_the_summary_agree(tmp_path, capsys):
 
 @pytest.mark.slow
 def test_two_processes_on_one_store_are_shown_apart(tmp_path):
-    """The second ends with one sentence while the first goes on, which keeps its trials."""
+    """The second ends with one sentence while the first continues and keeps its trials."""
     store = tmp_path / "campaign.sqlite"
     command = [*COMMAND, "--store", str(store), "--trials", "1000000", "--workers", "1"]
     first = subprocess.Popen(
@@ -68,7 +68,7 @@ def test_two_processes_on_one_store_are_shown_apart(tmp_path):
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can become somebody else")
 def test_a_read_only_folder_ends_clearly(case):
-    """As a user who may not write there: one sentence, nothing left."""
+    """As a user without write permission: one sentence, and no files."""
     # Not in pytest's own folder, which each pytest that starts closes to other users.
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -84,7 +84,8 @@ def test_a_read_only_folder_ends_clearly(case):
 
 @pytest.mark.skipif(os.geteuid() != 0 or sys.platform != "linux", reason="needs to mount")
 def test_a_disk_that_fills_up_ends_clearly_and_loses_nothing(tmp_path, case, outcomes):
-    """A real file system of 300 kB; after room is made the campaign goes on to the same bytes."""
+    """A real file system of 300 kB; after space is freed the campaign continues to the same
+    bytes."""
     disk = tmp_path / "disk"
     disk.mkdir()
     mounted = subprocess.run(
@@ -115,7 +116,8 @@ def fill(store, table):
 
 
 def test_the_time_budget_does_not_follow_the_wall_clock(case, outcomes, monkeypatch):
-    """A wall clock that jumps by years in both directions ends nothing and stretches nothing."""
+    """A wall clock that jumps by years in both directions neither ends nor prolongs the
+    campaign."""
     years = iter([1e9, -1e9] * 1000)
     monkeypatch.setattr(time, "time", lambda: next(years))
     now = iter(range(1000))
@@ -165,12 +167,12 @@ def test_ctrl_c_ends_clearly_and_nothing_is_lost(tmp_path):
 
 
 def as_at_a_terminal():
-    """Ctrl-C counts, also where the tests themselves run in the background of a shell."""
+    """Ctrl-C acts, also if the tests themselves run in the background of a shell."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def done(store):
-    """How many blocks a running campaign has kept: read beside its writer's lock."""
+    """Number of blocks that a running campaign has kept, read despite its writer's lock."""
     wal = store.with_name(store.name + "-wal")
     return wal.exists() and wal.stat().st_size > 60_000
 
@@ -211,7 +213,7 @@ def test_mpi_gives_the_same_bytes(tmp_path):
 
 @pytest.mark.slow
 def test_numba_compiles_once_before_the_workers_begin(tmp_path):
-    """With an empty cache, two workers find there all that a trial runs."""
+    """With an empty cache, two workers find all kernels of a trial there."""
     code = """
 import sys
 from numba.core.registry import CPUDispatcher
@@ -247,7 +249,7 @@ if __name__ == "__main__":
 
 
 def test_the_first_trial_of_a_unit_makes_no_plans_that_workers_make_again(case, monkeypatch):
-    """They took 3 minutes of CPU for the shipped nanosatellite, one unit's own takes 12 s."""
+    """The plans took 3 minutes of CPU for the shipped nanosatellite; those of a unit take 12 s."""
     made = list[float]()
     monkeypatch.setattr(yields, "unit_plans", lambda _, age: made.append(age))
     differing = replace(case, variation=(Variation("instrument.mounting.x", sigma="9 arcsec"),))

@@ -56,7 +56,7 @@ def test_a_kill_of_the_driver(experiment, tmp_path, case):
 
 @pytest.mark.slow
 def test_fifty_kills(experiment, tmp_path):
-    """Of drivers and of workers, at random moments."""
+    """Drivers and workers are killed at random moments."""
     figures = experiment["kill_and_resume"](tmp_path, 50, seed=3)
     assert figures["kills"] == 50
     assert figures["campaigns"] >= 1

@@ -17,7 +17,7 @@ LOST = 0.1
 
 
 def skies(rng, n):
-    """Variance of the errors under each of so many skies, 1 on average."""
+    """Variance of the errors for each of several skies, 1 on average."""
     return rng.gamma(2.0, 0.5, n)
 
 
@@ -36,7 +36,7 @@ def outcomes(variance, noise, lost, fields=OUTCOMES):
 
 
 def campaigns(rng, frames=200, windows=2000, drawn=4000):
-    """Frames with controls, windows that are off by a tenth, and covariance with separate noise."""
+    """Frames with controls, windows with a bias of a tenth, and covariance with separate noise."""
     variance, noise = skies(rng, drawn), rng.standard_normal((3, drawn))
     lost = rng.random(drawn) < LOST
     linear = 0.95 * noise + math.sqrt(1 - 0.95**2) * rng.standard_normal((3, drawn))
@@ -91,8 +91,8 @@ def by_all(rng):
 def test_they_are_unbiased_state_their_error_and_help(estimate, gain):
     """120 times: mean within 4 sigma, intervals within 92 % and their binomial bound (1e-4).
 
-    `gain` is over the variance of frames alone. Across, the skies give 2 E v^2 - 1 = 2; about,
-    3 E v^2 - 1 = 3.5 times the square of the mean.
+    `gain` is relative to the variance of frames alone. Across, the skies give 2 E v^2 - 1 = 2;
+    about, 3 E v^2 - 1 = 3.5 times the square of the mean.
     """
     rng = np.random.default_rng(4)
     values, errors, hits = [], [], 0
@@ -111,7 +111,7 @@ def test_they_are_unbiased_state_their_error_and_help(estimate, gain):
 
 
 def test_sobol_takes_its_error_from_the_scrambles():
-    """Each scramble has all variances once: no scatter. A round that was begun does not count."""
+    """Each scramble has all variances once: no scatter. An incomplete round is not counted."""
     rng = np.random.default_rng(1)
     variance = np.array([rng.permutation(np.linspace(0.5, 1.5, 10)) for _ in range(16)]).T.ravel()
     table = outcomes(np.append(variance, np.full(7, 9.0)), np.ones((3, 167)), np.zeros(167, bool))

@@ -1,4 +1,4 @@
-"""Parts of a campaign as one: stores and sketches, in any order."""
+"""Parts of a campaign merged into one: stores and sketches, in any order."""
 
 import contextlib
 import json
@@ -28,7 +28,7 @@ DRAWN = Sampling(Fidelity.COVARIANCE)
 
 
 def judged(outcomes, trials, first=0, seed=0):
-    """Outcomes of which some are not solved, with stated errors."""
+    """Outcomes with stated errors, some of them not solved."""
     table = outcomes(trials, seed, first)
     for axis in "xyz":
         table[f"sigma_{axis}"] = 1e-5
@@ -39,7 +39,7 @@ def judged(outcomes, trials, first=0, seed=0):
 
 @pytest.fixture
 def stored(case, outcomes, tmp_path):
-    """Writes a store of some trials, in blocks of its own size."""
+    """Write a store of some trials, in blocks of a given size."""
 
     def write(name, first, end, block=64, seed=0, spoil=0.0):
         with Store(tmp_path / name, case, seed, DRAWN) as store:
@@ -91,7 +91,7 @@ def about(case):
 
 
 def test_a_sketch_has_the_statistics_of_its_trials(about, outcomes):
-    """Beside NumPy and `summarise`, which have all trials."""
+    """Against NumPy and `summarise`, which have all trials."""
     table = judged(outcomes, 20_000)
     table["error_z"] *= 30
     table["false"][5] = table["solved"][5] = True
@@ -115,7 +115,7 @@ def test_a_sketch_has_the_statistics_of_its_trials(about, outcomes):
 
 
 def test_bounds_of_a_quantile_hold_it_as_often_as_they_say(about, outcomes):
-    """Of Rayleigh's law; 95 % or a little more, as ranks are whole."""
+    """For Rayleigh's law; 95 % or a little more, because ranks are whole numbers."""
     true = 1e-5 * math.sqrt(-2 * math.log(1 - 0.8))
     held = 0
     for n in range(400):

@@ -11,7 +11,7 @@ REPETITIONS = 400
 
 @pytest.mark.parametrize(("fraction", "n"), [(0.5, 25), (0.9, 200), (0.9973, 3000)])
 def test_quantile_intervals_hold_what_they_state(fraction, n):
-    """On Rayleigh errors; the interval is conservative: at least 95 %, one-sided bound at 1e-4."""
+    """For Rayleigh errors; the interval is conservative: at least 95 %, one-sided bound at 1e-4."""
     truth = stats.rayleigh.ppf(fraction)
     rng = np.random.default_rng(11)
     hits = 0
@@ -35,7 +35,7 @@ def test_too_few_values_leave_the_interval_open():
 
 @pytest.mark.parametrize(("statistic", "most"), [("across", 4000), ("across-99.73", 40_000)])
 def test_stopping_keeps_the_coverage(outcomes, statistic, most):
-    """Campaigns that stop when they like still hold the truth as often as they say (1e-4)."""
+    """Campaigns that stop early still have the stated coverage (1e-4)."""
     precision = Precision(0.05, statistic, 0.95)
     truth = 1e-5 * (1 if statistic == "across" else stats.rayleigh.ppf(0.9973))
     hits, sizes = 0, []

@@ -1,4 +1,4 @@
-"""What a campaign says of itself while it runs."""
+"""Messages of a running campaign."""
 
 import json
 import os
@@ -24,7 +24,7 @@ from startrack.montecarlo.workers import Serial
 
 
 class Fake(Serial):
-    """Answers blocks of trials with made outcomes: the campaign's own work, without a chain."""
+    """Answers blocks of trials with made outcomes: the campaign's own work without the chain."""
 
     def __init__(self, outcomes, fails=(), most=10**9):
         self.outcomes, self.fails, self.left, self.asked = outcomes, fails, most, []
@@ -115,7 +115,7 @@ def test_the_time_budget_ends_it(store, outcomes):
 
 @pytest.mark.slow
 def test_a_dask_cluster_gives_the_same_bytes_and_survives_a_kill(store):
-    """Its own executor; two processes, one of which is killed when it has begun."""
+    """The executor of Dask with two processes, one of which is killed when it has begun."""
     distributed = pytest.importorskip("distributed", reason="the extra dask is not installed")
     from startrack.montecarlo.run import run
     from startrack.montecarlo.workers import dask_pool
@@ -153,7 +153,7 @@ def pem(folder, *arguments):
 
 @pytest.mark.skipif(shutil.which("openssl") is None, reason="openssl is not installed")
 def test_a_dask_cluster_by_tls(tmp_path):
-    """With a certificate of its authority; one without is not let in."""
+    """With a certificate of its authority; a client without one is refused."""
     distributed = pytest.importorskip("distributed", reason="the extra dask is not installed")
     from startrack.montecarlo.workers import Certificates, dask_pool
 

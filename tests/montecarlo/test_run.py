@@ -25,7 +25,7 @@ def alone(small):
 
 @pytest.fixture(scope="module")
 def of_two(small, blind):
-    """Of a pool of two: the same trials, the ids of its workers, and what a broken case raises."""
+    """A pool of two workers: the same trials, the workers' ids, and the error of a broken case."""
     with pool(2) as executor:
         outcomes = run(small.case, 30, SEED, executor, workers=2)
         workers = {executor.submit(os.getpid).result() for _ in range(8)}
@@ -90,7 +90,8 @@ def test_no_trials_and_no_workers_are_refused(small):
 
 
 def test_one_worker_does_what_is_asked_for_when_it_is_asked_for():
-    """So that a bar of progress moves: the standard's executors would do all of it first."""
+    """So that a progress bar moves: an executor of the standard library would do all trials
+    first."""
     done = []
     results = Serial().map(done.append, range(3))
     assert done == []
@@ -149,7 +150,7 @@ def test_only_the_block_that_kills_its_workers_is_given_up(small):
 
 
 def test_a_pool_that_breaks_while_it_starts_a_process_is_replaced(monkeypatch):
-    """As where its queues were closed between the death of a worker and the start of another."""
+    """If its queues were closed between the death of a worker and the start of another."""
 
     def closed(self, *_, **__):
         monkeypatch.undo()

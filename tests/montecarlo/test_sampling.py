@@ -1,4 +1,4 @@
-"""What the trials of a campaign are."""
+"""The trials of a campaign."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ def test_sobol_trials_are_those_of_the_chain_at_its_points(fidelity):
 
 
 def test_a_campaign_with_controls_holds_the_plain_trials_and_knows_more():
-    """Its outcomes are those of a plain run; the interval is narrower, about the same value.
+    """Its outcomes equal a plain run; the interval is narrower, with about the same value.
 
     Over six seeds the interval of 48 trials was 0.41 to 0.78 times as wide in five, 1.14 in one.
     """

@@ -72,7 +72,7 @@ def test_a_trial_is_kept_once(path, case, outcomes):
 
 
 def test_controls_are_kept_beside_outcomes(path, case, outcomes):
-    """98 bytes a trial, and a store of before there were any still opens."""
+    """98 bytes a trial; a store from before controls were kept still opens."""
     sampling = Sampling(control=True)
     table = np.zeros(5, sampling.dtype)
     table[list(OUTCOMES.names)], table["surplus_about"] = outcomes(5), np.arange(5)
@@ -100,7 +100,7 @@ def test_a_failure_ends_when_its_block_is_done(path, case, outcomes):
 
 
 def test_failures_do_not_outlive_their_trials_when_blocks_are_cut_anew(path, case, outcomes):
-    """Two blocks fail; with other workers their trials come in blocks of another size."""
+    """Two blocks fail; with other workers their trials are in blocks of another size."""
     with Store(path, case, 3) as store:
         store.keep_failure(range(25, 50), "one")
         store.keep_failure(range(50, 75), "two")
@@ -156,7 +156,7 @@ def test_files_that_are_no_store_are_refused_and_left_alone(tmp_path, case):
 
 
 def test_two_processes_on_one_store_are_refused(path, case):
-    """While it is open; the same process opens it after."""
+    """While it is open; the same process opens it afterwards."""
     code = (
         "import pathlib\nfrom startrack.montecarlo.store import Store\n"
         f"path = pathlib.Path({str(path)!r})\n"
@@ -180,7 +180,7 @@ def test_two_processes_on_one_store_are_refused(path, case):
 
 
 def test_a_full_disk_ends_clearly_and_loses_nothing(path, case, outcomes):
-    """A limit on the size of files stands in for the disk: the system refuses to write."""
+    """A limit on the size of files replaces a full disk: the system refuses to write."""
 
     def fill(store):
         for first in range(0, 10_000, 100):
@@ -290,7 +290,7 @@ def test_contents_that_were_changed_are_damage(path, case, outcomes, change, wor
     ],
 )
 def test_outcomes_without_a_checksum_must_be_possible(outcomes, field, value, words):
-    """As those of stores from before there were checksums."""
+    """As in stores from before checksums were kept."""
     table = outcomes(4)
     assert fault(0, 4, table.tobytes(), None, table.dtype) == ""
     table[field][2] = value
@@ -298,7 +298,7 @@ def test_outcomes_without_a_checksum_must_be_possible(outcomes, field, value, wo
 
 
 def test_a_store_without_checksums_is_read_and_not_continued(path, case, outcomes):
-    """As those of earlier versions are; one whose checksums were lost is damaged."""
+    """Stores of earlier versions have none; a newer one that has lost its checksums is damaged."""
     with Store(path, case, 3) as store:
         store.keep(0, outcomes(4))
     with contextlib.closing(sqlite3.connect(path)) as base, base:
@@ -329,7 +329,7 @@ NODES = "part,load,x,y,z,dx,dy,dz\n" + "".join(
 
 @pytest.mark.parametrize("key", [*FILES, "instrument.structure.displacements"])
 def test_trials_of_another_content_of_a_file_are_not_mixed(path, case, tmp_path, key):
-    """The same name and the same design, but another file."""
+    """The same name and the same design, but a different content of the file."""
     file = tmp_path / "input.fits"
     file.write_bytes(shipped(FILES[key]).read_bytes() if key in FILES else NODES.encode())
     optics = dataclasses.replace(case.instrument.optics, psf="auto", blur=0.0)

@@ -28,7 +28,7 @@ def place(count):
 
 
 def smeared(path, x, sigma):
-    """The image along x of a Gaussian of one pixel^-1 flux on a path about y."""
+    """The image along x of a Gaussian with a flux of one pixel^-1 on a path about y."""
     offset = path.rotation[:, 1] / PIXEL
     return np.exp(-0.5 * ((x[:, None] - offset) / sigma) ** 2) @ path.weight / sigma / 2.5066282746
 
@@ -77,7 +77,7 @@ def test_the_points_are_exact_to_their_degree_and_not_beyond(count):
 
 
 def test_the_error_falls_exponentially():
-    """A wave of ten cycles: nothing up to pi / 2 points a cycle, then ever steeper orders."""
+    """A wave of ten cycles: no decrease up to pi / 2 points a cycle, then increasing order."""
     counts = np.array([16, 20, 24, 28, 32])
     errors = [abs(np.exp(20.6j * np.pi * t) @ w - np.sinc(10.3)) for t, w in map(place, counts)]
     order = -np.diff(np.log(errors)) / np.diff(np.log(counts))
@@ -96,7 +96,7 @@ def test_a_straight_smear_is_a_gaussian_convolved_with_a_box(length):
 
 
 def test_work_grows_with_the_length_of_the_path():
-    """Two points a pixel at most: no faster than the cycles of the sharpest detail."""
+    """At most two points a pixel: no faster than the cycles of the sharpest detail."""
     for length in (10, 100, 1000, 10000):
         count = len(slew(Motion(rate_x=length * PIXEL / 0.1), 0.1, PIXEL, 0.1).time)
         assert length < count < 2.7 * length + 8
@@ -133,7 +133,7 @@ def test_roll_is_sampled_for_the_corner():
 
 
 def test_stars_go_against_the_turn_of_the_camera():
-    """Turn the camera's own axes, then see where a star at rest is: no formula of ours."""
+    """Rotate the camera's own axes, then find a star at rest: a derivation without our formula."""
     camera = Camera(4000, 4000, 1 / PIXEL)
     star = np.array([0.05, 0.02, 1.0])
     for axis, name in enumerate(("rate_x", "rate_y", "rate_z")):

@@ -119,7 +119,10 @@ def test_a_trial_repeats_and_no_cause_disturbs_another():
 
 
 def test_one_factor_scales_a_whole_spectrum():
-    """It is on angles: densities grow with its square. Without jitter, nothing is drawn."""
+    """The factor applies to angles, so that densities grow with its square.
+
+    Without jitter, nothing is drawn.
+    """
     time = np.linspace(-0.05, 0.05, 7)
     wheel, cooler = Tone(80.0, rms_x=1e-5), Tone(43.0, rms_y=2e-5, rms_z=3e-6, phase=0.3)
     motion = Motion(rate_z=0.01, tones=(wheel, cooler), broadband=(TABLE,))
@@ -146,7 +149,7 @@ def test_one_factor_scales_a_whole_spectrum():
 
 
 def test_trials_of_two_exposures_are_alike():
-    """Common random numbers: a design with a longer exposure sees nearly the same jitter."""
+    """Common random numbers: a design with a longer exposure has nearly the same jitter."""
     time = np.linspace(-0.05, 0.05, 201)
     one, other = (
         realise_motion(Motion(broadband=(TABLE,)), exposure, Streams(8, 1)).at(time)[:, 0]

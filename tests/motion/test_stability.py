@@ -65,7 +65,8 @@ def test_slow_components_drift_and_fast_ones_blur():
 @pytest.mark.parametrize("rms", [1e-4, 1e-7, 1e-12, 1e-16])
 @pytest.mark.parametrize("frequency", [0.5, 7.0, 73.0, 730.0])
 def test_a_known_tone_blurs_by_its_deviation_however_small(frequency, rms):
-    """Against 200,000 equal steps in time, from a pixel down to what no pixel sees."""
+    """Against 200,000 equal steps in time, from a pixel down to amplitudes that no pixel
+    resolves."""
     tone = Tone(frequency, rms_x=rms, phase=0.4)
     time = (np.arange(200_000) + 0.5) / 200_000 * EXPOSURE - EXPOSURE / 2
     wave = np.sqrt(2) * rms * np.cos(2 * np.pi * frequency * time + 0.4)
@@ -75,7 +76,7 @@ def test_a_known_tone_blurs_by_its_deviation_however_small(frequency, rms):
 
 
 def test_tones_blur_as_their_trials_do():
-    """A drawn phase: the mean over evenly spaced given phases."""
+    """With a drawn phase, the blur is the mean over evenly spaced phases."""
     tone = Tone(7.0, rms_x=1e-4, rms_z=5e-5)
     given = [
         blur(Motion(tones=(dataclasses.replace(tone, phase=p),)), EXPOSURE) ** 2
@@ -87,7 +88,7 @@ def test_tones_blur_as_their_trials_do():
 
 
 def test_the_truth_is_the_middle_of_the_exposure():
-    """A camera at the turning point of a slow swing: stars are seen where it was on the mean."""
+    """A camera at the turning point of a slow swing: stars are seen at its mean place."""
     case = load_design(shipped("designs/noise_only.toml")).case
     swing = Motion(tones=(Tone(5.0, rms_y=4e-4, phase=0.0),))
     case = dataclasses.replace(case, instrument=dataclasses.replace(case.instrument, motion=swing))
@@ -108,7 +109,7 @@ def test_the_truth_is_the_middle_of_the_exposure():
 
 
 def test_what_moves_not_costs_no_draw_in_the_chain():
-    """Jitter of no amplitude, and so small that no pixel sees it: the same frame."""
+    """Jitter of zero amplitude, or too small for any pixel: the same frame."""
     case = load_design(shipped("designs/noise_only.toml")).case
     frames = []
     for size in (0.0, 1e-15):

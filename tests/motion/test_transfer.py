@@ -35,7 +35,7 @@ def test_rest():
 
 @pytest.mark.parametrize("length", [0.2, 3.0, 77.0, 5000.0])
 def test_straight_lines_are_sinc(length):
-    """Pure y motion too, where v_x is 0 all the time; 5000 pixel are more than the frame."""
+    """Also for pure y motion, where v_x is always 0; 5000 pixel are more than the frame."""
     for name, axis in (("rate_y", 0), ("rate_x", 1)):
         path, offset = seen(Motion(**{name: length * PIXEL / 0.1}))
         np.testing.assert_allclose(
@@ -69,15 +69,15 @@ def test_the_phase_of_the_transfer_function_is_the_shift():
 
 
 def arc(count, angle=math.pi / 2, radius=20.0):
-    """Eq. (16): from the origin's right along a circle, at constant speed."""
+    """Eq. (16): along a circle from the right of the origin, at constant speed."""
     time = np.linspace(0, 1, count)
     return time, radius * np.column_stack([np.sin(angle * time), np.cos(angle * time)])
 
 
 def test_quarter_circle_has_the_time_of_equation_14():
-    """t_k = asin(x / R) / omega: the time in a column is the difference of that at its sides.
+    """t_k = asin(x / R) / omega: the time in a column is the difference between its sides.
 
-    It is finite where the path turns and 1 / |v_x| is not, in the last column.
+    It is finite in the last column, where the path turns and 1 / |v_x| is infinite.
     """
     time, offset = arc(20001)
     image = density(time, offset, 41, 41)
@@ -123,7 +123,7 @@ def test_rest_pure_y_and_a_path_longer_than_the_grid():
 
 
 def test_density_and_transfer_function_are_one_thing():
-    """The sum of the histogram's waves is the transfer function times the cell's sinc."""
+    """The sum of waves over the histogram is the transfer function times the cell's sinc."""
     cell = 0.05
     time = np.linspace(-0.05, 0.05, 20001)
     motion = Motion(rate_y=100 * PIXEL, tones=(Tone(25.0, rms_x=2 * PIXEL, phase=0.2),))

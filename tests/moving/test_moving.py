@@ -1,4 +1,4 @@
-"""Moving objects: formulas beside trials, false alarms, registration, the file and the command."""
+"""Moving objects: formulas against trials, false alarms, registration, the file and the command."""
 
 import json
 import math
@@ -55,7 +55,7 @@ def test_magnitudes_and_fluxes():
 def test_the_light_of_an_object_arrives():
     """The sum over the image of a bright object is its electrons, within 2 %.
 
-    Left out: 1 % of the light beyond the table, PRNU, and the mean of the sky.
+    Not included: 1 % of the light outside of the table, PRNU, and the mean of the sky.
     """
     design = PROBLEM.replaced({"moving_object.stars": 0.0, "moving_object.frames": 4.0}).design
     field, camera = field_of(design, 1, 0), camera_of(design)
@@ -67,7 +67,7 @@ def test_the_light_of_an_object_arrives():
 
 
 def test_frames_are_registered_by_their_guide_stars():
-    """To a small part of a pixel; what is left of whole shifts is measured."""
+    """Within a small part of a pixel; the remainder after whole-pixel shifts is measured."""
     field = field_of(FEW.design, 1, 3)
     true = np.einsum("kfnx,n->kfx", field.sight, frame_nodes(ImageMotion.of(FEW.design))[1])
     assert np.abs(field.shifts - true).max() < 0.55
@@ -75,7 +75,7 @@ def test_frames_are_registered_by_their_guide_stars():
 
 
 def test_guide_stars_do_not_saturate():
-    """Where a star of the magnitude that is asked would, fainter ones are taken."""
+    """If a star of the requested magnitude would saturate, fainter stars are taken."""
     detector, camera = DESIGN.instrument.detector, camera_of(DESIGN)
     full = (2**detector.bits - 1) * detector.electrons_per_dn
     assert camera.guide * camera.psf.table.max() == pytest.approx(full / 2)
@@ -86,7 +86,7 @@ def test_guide_stars_do_not_saturate():
 
 
 def test_the_image_of_an_object_in_frames_is_that_of_its_shifted_frames():
-    """Two frames that lie a whole number of samples apart, beside a sum of shifted images."""
+    """Two frames displaced by a whole number of samples, against a sum of shifted images."""
     step = camera_of(DESIGN).psf.oversampling
     middle = image_in_frames(DESIGN, 0.3, np.zeros((1, 2)))
     seen = image_in_frames(DESIGN, 0.3, np.array([[0.0, 0.0], [2 / step, -3 / step]]))
@@ -95,7 +95,7 @@ def test_the_image_of_an_object_in_frames_is_that_of_its_shifted_frames():
 
 
 def test_the_place_of_an_object_is_worse_where_it_lies_in_one_pixel():
-    """Without motion a sharp image tells little of its place inside a pixel."""
+    """Without motion a sharp image gives little information on its place inside a pixel."""
     still = PROBLEM.replaced(
         {
             "instrument.motion.tones.0.rms_x": 1e-9,
@@ -138,7 +138,7 @@ def test_the_threshold_is_that_of_all_places_and_motions():
 
 
 def test_the_limit_goes_with_light_and_noise():
-    """Four times the time is fainter by a factor of two, 0.75 magnitudes, where the sky decides."""
+    """With a sky-limited exposure, four times the time gives 0.75 magnitudes, a factor of two."""
     first = forecast_moving(DESIGN).limits[0]
     longer = PROBLEM.replaced({"moving_object.frames": 200.0}).design
     assert first / forecast_moving(longer).limits[0] == pytest.approx(2, rel=0.05)
@@ -148,7 +148,7 @@ def test_the_limit_goes_with_light_and_noise():
 
 @pytest.mark.slow
 def test_trials_stand_beside_the_formula():
-    """24 objects: a median scatters by 6 %, of which 25 % are four."""
+    """24 objects: a median scatters by 6 %, so that 25 % is four sigma."""
     rows = FEW.trials(1, range(24))
     judged, expected = FEW.judge(rows), FEW.expect()
     assert judged.value.value == pytest.approx(expected.value, rel=0.25)

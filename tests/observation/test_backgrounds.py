@@ -1,4 +1,4 @@
-"""Backgrounds and bodies in whole trials: what they do to a tracker."""
+"""Backgrounds and bodies in whole trials: their effect on a tracker."""
 
 import dataclasses
 
@@ -33,7 +33,7 @@ def case_with(scene: Scene, baffle: Baffle | None = None):
 
 
 def beside(direction, angle) -> Rotation:
-    """An attitude whose boresight is an angle away from a direction."""
+    """An attitude whose boresight is at a given angle from a direction."""
     side = np.cross(direction, [0.0, 0.0, 1.0])
     z = np.cos(angle) * direction + np.sin(angle) * side / np.linalg.norm(side)
     x = np.cross([0.0, 0.0, 1.0], z)
@@ -46,7 +46,8 @@ def body(name: str):
 
 
 def test_a_planet_is_a_false_star_that_is_not_taken():
-    """Jupiter has the brightest spot of the frame; no star is matched with it, and all is well."""
+    """Jupiter makes the brightest spot of the frame; no star is matched with it, and the
+    attitude is right."""
     jupiter = body("jupiter")
     attitude = beside(jupiter.direction, 2 * deg)
     record = observe(case_with(Scene(lights=("planets",), date=DATE)), attitude, Streams(1, 0))
@@ -76,7 +77,7 @@ def test_nearer_the_sun_there_are_fewer_stars():
 
 
 def test_the_veil_is_as_bright_as_the_curve_says():
-    """Irradiance times transmittance times the pixel's area, through glass and photodiode."""
+    """Irradiance times transmittance times the pixel's area, through lens and photodiode."""
     sun = body("sun")
     attitude = beside(sun.direction, 45 * deg)
     scene = Scene(lights=("sun",), date=DATE)
@@ -106,7 +107,7 @@ def test_a_scene_survives_a_file(tmp_path):
 
 
 def lagging(fraction: float, rate: float):
-    """The expected electrons of a slewing camera's frame, its attitude and its instrument."""
+    """The expected electrons of the frame of a slewing camera, its attitude and its instrument."""
     detector = dataclasses.replace(CASE.instrument.detector, lag=fraction, exposure=0.02)
     instrument = dataclasses.replace(CASE.instrument, detector=detector, motion=Motion(rate_y=rate))
     case, streams = dataclasses.replace(CASE, instrument=instrument), Streams(5, 0)
@@ -134,10 +135,10 @@ def lagging(fraction: float, rate: float):
 
 
 def test_lag_shows_where_the_stars_were_a_frame_ago():
-    """A frame is the fraction that it keeps, and the fraction that the frame before it left.
+    """A frame has a fraction of its own charge, and a residual fraction of the previous frame's.
 
-    That frame was seen at another attitude: the camera turns about its own y axis, and an empty
-    lag leaves all of it.
+    The previous frame had another attitude: the camera rotates about its own y axis, and an
+    unspecified lag leaves all of it.
     """
     rate = 0.02
     seen, attitude, before, detector = lagging(0.2, rate)
@@ -149,7 +150,7 @@ def test_lag_shows_where_the_stars_were_a_frame_ago():
 
 
 def test_lag_at_rest_changes_nothing():
-    """The frame before held the same, so that as much came from it as went to the next."""
+    """The previous frame was equal, so that the charge received equals the charge lost."""
     lagged, attitude, before, _ = lagging(0.3, 0.0)
     plain, _, none, _ = lagging(0.0, 0.0)
     assert none is None

@@ -1,4 +1,4 @@
-"""Light through filters, of which the narrowest lie between two bins of wavelength."""
+"""Light through filters, the narrowest of which lie between two bins of wavelength."""
 
 import dataclasses
 

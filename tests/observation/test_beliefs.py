@@ -22,7 +22,7 @@ from tests.trial.designs import CASE
 
 
 def whole_case() -> Case:
-    """A small case whose instrument has most of what a design can name."""
+    """A small case whose instrument has most of the optional parts of a design."""
     case = CASE
     detector = replace(
         case.instrument.detector,
@@ -44,7 +44,7 @@ def whole_case() -> Case:
 
 
 def numbers(owner: object, place: str):
-    """The dotted names of all numbers in a parameter object."""
+    """The dotted names of all numbers of a parameter object."""
     for each in dataclasses.fields(owner):  # type: ignore[arg-type]
         value, name = getattr(owner, each.name), f"{place}.{each.name}"
         parts = enumerate(value) if isinstance(value, tuple) else [(None, value)]
@@ -57,7 +57,7 @@ def numbers(owner: object, place: str):
 
 
 def other(case: Case, name: str, value: float) -> Case | None:
-    """The case with another truth; None where the instrument refuses every other value tried."""
+    """The case with another truth; None if the instrument refuses all other values tried."""
     for tried in (value * 1.01, value * 0.99, value + 1, value - 1, 1e-3):
         if tried != value and math.isfinite(tried):
             try:
@@ -70,7 +70,7 @@ def other(case: Case, name: str, value: float) -> Case | None:
 
 
 def beliefs(case: Case) -> tuple[object, ...]:
-    """What the tracker believes, as values to compare."""
+    """The beliefs of the tracker as values to compare."""
     plan = detection_plan(case)
     believed = as_believed(case, to_frame(np.zeros((4, 4)), case.instrument.detector))
     return (
@@ -138,10 +138,10 @@ def test_a_calibrated_camera_is_believed():
 
 @pytest.mark.slow
 def test_covariances_hold_what_hot_pixels_do_at_the_age_of_a_unit():
-    """The squared errors of 150 windows over those stated: nearer to 3, and of the same errors.
+    """The squared errors of 150 windows over the stated ones are nearer to 3, for the same errors.
 
-    Without what hot pixels near stars add, they are 4.9 on these frames, and no star weighs more;
-    3.6 where 400 covariances are drawn.
+    Without the effect of hot pixels near stars they are 4.9 on these frames, with equal weights of
+    all stars; 3.6 if 400 covariances are drawn.
     """
     age = Age(time=2 * YEAR, fluence=3e3)
     case = load_design(shipped("designs/noise_only.toml")).case

@@ -1,4 +1,4 @@
-"""A tracker that knows its rates measures streaks as such; the budget and its covariance follow."""
+"""A tracker that knows its rates measures streaks; the budget and its covariance include this."""
 
 import dataclasses
 
@@ -21,7 +21,7 @@ def slewing(rate_x, rate_y=0.0, **tracker):
 
 
 def test_the_smear_is_that_of_the_rates_that_the_tracker_knows():
-    """2 deg / s for 80 ms over 35 mm / 11 um; what it believes counts, not what is."""
+    """2 deg / s for 80 ms over 35 mm / 11 um; the believed motion counts, not the true one."""
     length = 2 * deg * 0.08 * 35e-3 / 11e-6
     x, y = detection_plan(slewing(2.0)).settings.smear
     assert (x, abs(y)) == (0.0, pytest.approx(length))
@@ -36,7 +36,8 @@ def test_the_smear_is_that_of_the_rates_that_the_tracker_knows():
 
 
 def test_a_likelihood_of_sharp_stars_does_not_leap_where_others_give_way_to_it():
-    """0.98 and 1.02 pixel of smear of stars of 0.33 pixel; unknown it makes 3.7 times the error."""
+    """Smears of 0.98 and 1.02 pixel for stars of 0.33 pixel; an unknown smear has 3.7 times the
+    error."""
     optics = dataclasses.replace(CASE.instrument.optics, blur=2e-6)
     detection = dataclasses.replace(CASE.tracker.detection, centroid="likelihood")
     tracker = dataclasses.replace(CASE.tracker, detection=detection)
@@ -63,7 +64,7 @@ def test_a_diagonal_streak_is_drawn_as_the_stars_move():
 
 
 def test_at_2_deg_per_s_budget_and_covariance_hold():
-    """100 windows know the rms to 7 % and the normalised error squared to 0.25: 2 sigma."""
+    """100 windows measure the rms to 7 % and the normalised error squared to 0.25: 2 sigma."""
     case = slewing(2.0)
     outcomes = run_trials(case, 3, range(100), Fidelity.WINDOW)
     summary = summarise(outcomes)

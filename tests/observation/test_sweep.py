@@ -22,7 +22,7 @@ ARCSEC = 206264.8
 
 
 def with_scan(scan: Scan, exposure: float, f_number: float = 2.0, sign: float = 1.0):
-    """The design with other lines, at the rate that keeps step with them."""
+    """The design with other lines, at the rate that matches them."""
     instrument = CASE.instrument
     rate = sign / (exposure * instrument.camera.focal_length_px)
     return dataclasses.replace(
@@ -56,8 +56,8 @@ KINDS = {
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_an_image_made_line_by_line_has_its_attitude(kind):
-    """The error is as large as the tracker says: the mean of 2 x 3 squares lies in 99.9 % of
-    chi-squared's range, and none is 5 sigma off."""
+    """The error is as large as stated: the mean of 2 x 3 squares lies in 99.9 % of chi-square's
+    range, and none is 5 sigma off."""
     outcomes = [run_random_trial(KINDS[kind], 4, number) for number in range(2)]
     assert all(one.solved and not one.false for one in outcomes)
     normal = np.array(
@@ -73,7 +73,8 @@ def test_an_image_made_line_by_line_has_its_attitude(kind):
 
 
 def test_stages_add_light():
-    """Sixteen stages see as many stars as one line sixteen times as long, which the sky smears."""
+    """Sixteen stages detect as many stars as one line sixteen times as long, which smears the
+    sky."""
     one, many = (
         observe(
             with_scan(Scan("tdi", stages=n), 5e-3), random_attitude(Streams(4, 1)), Streams(4, 1)
@@ -86,9 +87,9 @@ def test_stages_add_light():
 def test_charge_out_of_step_smears_along_the_scan():
     """At a pace of 1.2 pixel a line, 16 stages see a star 16 (1 - 1 / 1.2) lines apart.
 
-    Time is the coordinate along the scan, so that the star itself is narrower by the pace.
-    Measured on the three brightest stars that stand alone, without read noise, which would move
-    the variance of faint ones by more than the tolerance.
+    Time is the coordinate along the scan, so that the star itself is narrower by the pace. Measured
+    on the three brightest isolated stars, without read noise, which would change the variance of
+    faint ones by more than the tolerance.
     """
     detector = dataclasses.replace(CASE.instrument.detector, read_noise=0.0, bits=16)
     instrument = dataclasses.replace(CASE.instrument, detector=detector)
@@ -107,7 +108,7 @@ def test_charge_out_of_step_smears_along_the_scan():
 
 
 def detected(record):
-    """Places of spots on the image of the lines, brightest first, away from its edge."""
+    """Places of spots on the image of the lines, brightest first, excluding its edge."""
     from startrack.detection import detect
 
     spots = detect(record.frame, CASE.tracker.detection)
@@ -119,7 +120,7 @@ def detected(record):
 
 
 def spread(image, x, y):
-    """Variance along (rows) and across, pixel^2, background off, of the pixels near a spot."""
+    """Variance along (rows) and across, pixel^2, without background, of the pixels near a spot."""
     column, row = round(float(x)), round(float(y))
     patch = image[row - 5 : row + 6, column - 5 : column + 6]
     patch = patch - np.median(image)
@@ -130,9 +131,9 @@ def spread(image, x, y):
 
 
 def test_a_wrong_rate_turns_into_a_stretched_sky():
-    """Half an image away, a rate believed 2 % too fast moves a spot by 5 pixel.
+    """If the believed rate is 2 % too high, a spot half an image away moves by 5 pixel.
 
-    What was seen first is ahead by then, so that the image is upside down against the matrix.
+    The first lines saw the ground ahead, so that the image is upside down relative to a matrix.
     """
     scan, camera, exposure = Scan(), Camera(512, 512, 3182.0), 5e-3
     rate = 1 / (exposure * camera.focal_length_px)
@@ -210,7 +211,7 @@ def test_lines_that_contradict_themselves_are_refused(changes, words):
 
 
 def test_a_fits_file_of_lines_claims_no_matrix(tmp_path):
-    """Its rows are times, which no gnomonic projection describes."""
+    """Its rows are times, which a gnomonic projection cannot describe."""
     from astropy.io import fits
 
     from startrack.cli.main import main
@@ -224,7 +225,7 @@ def test_a_fits_file_of_lines_claims_no_matrix(tmp_path):
 
 
 def test_stages_count_in_what_a_design_is_said_to_see():
-    """Sixteen stages gather 16 times the light: with little sky, up to 3 magnitudes more."""
+    """Sixteen stages collect 16 times the light: with little sky, up to 3 magnitudes more."""
     one, many = (limiting_magnitude(with_scan(Scan("tdi", stages=n), 5e-3)) for n in (1, 16))
     assert 2.0 < many - one < 3.02
 

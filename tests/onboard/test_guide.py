@@ -1,4 +1,4 @@
-"""Guide stars of a design, and the C that flight software reads them with."""
+"""Guide stars of a design, and the C code with which flight software reads them."""
 
 import re
 from dataclasses import replace
@@ -46,7 +46,7 @@ def attitudes(count, seed):
 
 
 def near(guide, name):
-    """The guide star at the place of a named star of the sky (degree, J2000)."""
+    """The guide star at the place of a known star of the sky (degree, J2000)."""
     ra, dec = np.radians(name)
     place = np.array([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)])
     star = guide.nearest(place)
@@ -54,7 +54,7 @@ def near(guide, name):
 
 
 def same(guide, reader, attitude, generator):
-    """Whether both find the same nearest star, cone and patterns of a noisy triangle."""
+    """Whether C and Python find the same nearest star, cone and patterns of a noisy triangle."""
     axis = attitude.as_matrix()[2]
     inside = guide.cone(axis, guide.field_of_view / 2)
     agree = guide.nearest(axis) == reader.nearest(axis)
@@ -150,7 +150,7 @@ def test_a_damaged_guide_is_refused(guide, tmp_path, damage):
 
 
 def test_doubles_and_variables_are_marked_or_left_out(guide):
-    """Mizar has a companion at 14 arcsec (G 3.9); Algol is a variable; Vega is neither."""
+    """Mizar has a companion at 14 arcsec (G 3.9); Algol is variable; Vega is neither."""
     mizar, algol, vega = (200.981, 54.925), (47.042, 40.956), (279.235, 38.784)
     assert guide.flags[near(guide, mizar)] & DOUBLE
     assert guide.flags[near(guide, algol)] & VARIABLE

@@ -1,4 +1,4 @@
-"""Closed forms of ideal lenses, which no part of the package needs."""
+"""Closed forms of ideal lenses, which the package does not use."""
 
 from __future__ import annotations
 

@@ -33,13 +33,13 @@ def two(piston=0.0, tilt=0.0):
 
 
 def circle(shift):
-    """Transfer function of one circle over the shift in its diameters."""
+    """Transfer function of one circle over the shift, in its diameters."""
     s = np.minimum(np.abs(shift), 1.0)
     return 2 / np.pi * (np.arccos(s) - s * np.sqrt(1 - s * s))
 
 
 def interferometer(frequency, phase):
-    """Goodman: each circle with itself, and with the other a baseline away."""
+    """Goodman: each circle with itself, and with the other one a baseline away."""
     shift = frequency / CUTOFF  # of the whole aperture, in its diameters
     own = circle(shift / SIZE)
     right, left = (circle((shift + side * APART) / SIZE) for side in (-1, 1))
@@ -48,7 +48,7 @@ def interferometer(frequency, phase):
 
 @pytest.mark.parametrize("waves", [0.0, 0.25, 0.5])
 def test_two_apertures_have_the_mtf_of_an_interferometer(waves):
-    """Pistons turn fringes; alone in their band of frequencies they keep their contrast of 1/2."""
+    """Pistons shift fringes, which keep their contrast of 1/2 in their own band of frequencies."""
     frequency = CUTOFF * np.array([0.0, 0.05, 0.1, 0.3, 0.6, 0.7, 0.8, 0.95])
     found = aperture_transfer(two(waves * GREEN), GREEN, frequency, "x")
     np.testing.assert_allclose(found, interferometer(frequency, 2 * np.pi * waves), atol=3e-3)
@@ -70,10 +70,10 @@ def test_half_a_wave_makes_the_middle_dark():
 
 
 def test_the_image_has_the_same_mtf():
-    """By transform of the image in small pixels, divided by the pixel's own.
+    """By the transform of the image in small pixels, divided by the pixel's own.
 
-    The table of an image ends at six wavelengths times the f-number of the whole aperture, where
-    a circle of a fifth of it has its first dark ring: 15 % of the contrast is lost there.
+    The table of an image ends at six wavelengths times the f-number of the whole aperture, where a
+    circle of a fifth of it has its first dark ring: 15 % of the contrast is lost there.
     """
     pitch = 0.3 * GREEN * F_NUMBER
     optics = two(0.2 * GREEN)
@@ -86,9 +86,10 @@ def test_the_image_has_the_same_mtf():
 
 
 def test_tilt_takes_the_overlap_of_the_images():
-    """Fringes vanish where the images of both circles are apart: tilt of two cutoffs and more.
+    """Fringes vanish if the images of both circles do not overlap: tilt of two cutoffs and more.
 
-    Their images of radius 1.22 wavelengths over the circle's diameter move apart by the tilt.
+    Their images with a radius of 1.22 wavelengths over the circle's diameter are separated by the
+    tilt.
     """
     base = np.array([0.7 * CUTOFF])
     radius = 0.05
@@ -127,7 +128,7 @@ def test_a_whole_circle_is_that_of_goodman_and_hexagons_in_phase_are_one_mirror(
 
 
 def test_a_wiener_filter_leaves_the_least_error():
-    """Of many waves in noise, up to its scale, which is such that even light keeps its value."""
+    """For many waves in noise, up to the filter's scale, which keeps the value of uniform light."""
     rng = np.random.default_rng(1)
     snr, transfer = 5.0, np.array([1.0, 0.6j, 0.05])
     phases = rng.normal(size=(2, 2, 40_000, 3))

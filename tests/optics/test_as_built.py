@@ -1,4 +1,4 @@
-"""Displacements of stars by elements of a lens that are off, beside another program's rays."""
+"""Displacements of stars by misaligned lens elements, against rays of another program."""
 
 import json
 from pathlib import Path

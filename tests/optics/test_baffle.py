@@ -17,7 +17,7 @@ CAMERA = Camera(60, 40, OPTICS.focal_length / DETECTOR.pixel_pitch)
 
 
 def glaring(*angles: float, rate=(3e12, 5e12)) -> Light:
-    """Light of nothing but sources at these angles from the boresight, towards +x."""
+    """Light of point sources alone at these angles from the boresight, towards +x."""
     place = np.array([[np.sin(a), 0.0, np.cos(a)] for a in angles])
     source = StrayLightSource(place, np.full(len(place), 1 / len(place)), np.array(rate))
     none = np.zeros((0, 3)), WAVELENGTH, np.zeros((0, 2)), np.zeros(2)
@@ -32,7 +32,7 @@ def image_of(light: Light, baffle: Baffle, optics=OPTICS, camera=CAMERA, detecto
 
 
 def test_the_curve_is_a_straight_line_of_logarithms():
-    """Two points make an exponential: a decade for every ten degrees."""
+    """Two points define an exponential: a decade for every ten degrees."""
     baffle = Baffle((20 * deg, 60 * deg), (1e-4, 1e-8))
     np.testing.assert_allclose(
         baffle(np.array([20, 30, 45, 60]) * deg), [1e-4, 1e-5, 10**-6.5, 1e-8], rtol=1e-12

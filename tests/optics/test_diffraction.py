@@ -49,7 +49,7 @@ def test_an_obscured_circle_is_the_difference_of_two():
 
 
 def test_two_apertures_make_young_fringes():
-    """A sparse aperture: the pattern of one circle times the fringes of their distance."""
+    """For a sparse aperture, the pattern of one circle times the fringes of their distance."""
     pupil = Pupil(segments=(Segment(-0.6, 0, 0.3, "circle"), Segment(0.6, 0, 0.3, "circle")))
     place, weight = sampled(pupil)
     u, v = FIELD, FIELD[:, None]
@@ -95,7 +95,7 @@ def test_aberrations_against_rings_and_spokes(rms):
 
 
 def test_the_error_falls_at_the_stated_order():
-    """With the fifth power of the samples, for a wavefront: the stated order, half a power less."""
+    """With the fifth power of the samples; with a wavefront, an order half a power lower."""
     draw = np.random.default_rng(5)
     terms = [(noll, 0.1 * draw.normal()) for noll in range(2, 38)]
     pick = draw.integers(60, 95, (200, 2))
@@ -211,7 +211,7 @@ def test_the_aplanatic_lens_against_a_hankel_integral(f_number):
 
 
 def test_the_irradiance_holds_all_light():
-    """What a square of half side h holds lies between its inner and its outer circle."""
+    """The light in a square of half side h lies between that of its inner and its outer circle."""
     optics = Optics(0.05, 4.0, psf="fraunhofer")
     spacing, count = GREEN * 4 / 6, 241
     plane = irradiance(optics, "fraunhofer", np.array([GREEN]), np.ones(1), spacing, count)

@@ -1,4 +1,4 @@
-"""Ghosts: against rays that find their own way through the lens, and closed forms."""
+"""Ghosts: against rays of a non-sequential trace, and closed forms."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def rays():
     ("pair", "angle"), [((9, 1), 3.0), ((8, 4), 3.0), ((6, 0), 4.0), ((9, 1), 5.0)]
 )
 def test_place_and_irradiance_are_those_of_a_non_sequential_trace(rays, pair, angle, monkeypatch):
-    """One ghost at a time, from 8100 rays: its centroid, flux and irradiance in its middle."""
+    """One ghost at a time, from 8100 rays: its centroid, flux, and irradiance in the middle."""
     surfaces, ghosts = lens_surfaces(OPTICS), Ghosts()
     only = np.zeros(len(surfaces) + 1)
     only[list(pair)] = reflectances(surfaces, ghosts)[list(pair)]
@@ -81,7 +81,7 @@ def test_place_and_irradiance_are_those_of_a_non_sequential_trace(rays, pair, an
 
 
 def test_ghost_of_a_plate_is_that_of_its_matrices():
-    """A plane plate before a mirrorless thin lens: parallel faces send their ghost to the image."""
+    """A plane plate before a thin lens: its parallel faces have their ghost at the image."""
     focal = 0.1
     thin = Surfaces(
         np.array([0.0, 0.0, 1 / (0.5 * focal), 0.0]),

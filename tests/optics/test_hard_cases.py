@@ -1,4 +1,4 @@
-"""Extremes: each right, or refused with the reason."""
+"""Extreme cases: the result is right, or is refused with the reason."""
 
 import math
 
@@ -64,7 +64,7 @@ def test_an_object_nearly_at_the_focus_is_imaged_far_away():
 
 @pytest.mark.parametrize("waves", [0.5, 1.0, 1.5, 5.5, 20.5])
 def test_defocus_on_the_axis_is_a_sinc(waves):
-    """W waves at the rim: [sin(pi W) / (pi W)]^2 of the focus."""
+    """For W waves at the rim: [sin(pi W) / (pi W)]^2 of the focus."""
     defocus = 8 * 4.0**2 * waves * 550e-9
     optics = Optics(0.5, 4.0, psf="fraunhofer", defocus=defocus)
     focal = Optics(0.5, 4.0, psf="fraunhofer")
@@ -75,7 +75,8 @@ def test_defocus_on_the_axis_is_a_sinc(waves):
 
 
 def test_many_waves_of_defocus_fill_the_geometric_disk():
-    """Ten waves: rays fill a disk of radius d / (2 f#); diffraction leaves a tenth outside."""
+    """Ten waves: rays fill a disk of radius d / (2 f#); diffraction puts a tenth of the light
+    outside."""
     defocus = 8 * 4.0**2 * 10 * 550e-9
     table = pixel_psf(Optics(0.5, 4.0, defocus=defocus), 10e-6, GREEN, ONE)
     edge = defocus / 8 / 10e-6
@@ -142,9 +143,9 @@ def test_growing_aberrations_vanish_on_the_axis_and_turn_with_the_field():
 
 @pytest.mark.parametrize("disks", [20, 40, 62, 122, 1000])
 def test_a_pixel_of_many_disks_holds_what_its_circles_do(disks):
-    """A square holds between what its inner and its outer circle do; all is counted.
+    """The light in a square lies between that of its inner and its outer circle; all is counted.
 
-    Whatever the phase, its pixels add up to the energy, less what passes the box of the table.
+    For any phase, its pixels add up to the energy, except the part outside of the table's box.
     """
     psf = pixel_psf(Optics(0.05, 2.0, psf="airy"), disks * 1.1e-6, GREEN, ONE)
     half = disks * 0.55e-6

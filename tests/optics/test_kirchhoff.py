@@ -13,9 +13,10 @@ GREEN = 550e-9
 
 
 def cartesian(lens: ThinLens, image, source, count=160):
-    """Eq. (7) as printed but for its two errors: strips over the lens, plain square roots.
+    """Eq. (7) as printed except for its two errors: strips over the lens, plain square roots.
 
-    Along each strip and over the strips the nodes are Gauss's; x = R sin(t) tames the ends.
+    Along each strip and over the strips the nodes are Gauss's; x = R sin(t) removes the singular
+    ends.
     """
     node, weight = np.polynomial.legendre.leggauss(count)
     t = node * np.pi / 2
@@ -49,7 +50,7 @@ def test_on_axis_within_1e8_of_thirty_digits(oracle):
 
 
 def test_the_effort_grows_with_the_oscillations():
-    """Panels per wave of phase stay at one, from a tenth of a wave to thousands."""
+    """The number of panels per wave of phase stays one, from a tenth of a wave to thousands."""
     for radius in (1e-3, 3e-3, 0.01, 0.02):
         lens = ThinLens(0.02, radius, 1.0, GREEN)
         waves = abs(float(lens.phase_defect(radius))) / (2 * np.pi)
@@ -72,7 +73,7 @@ def test_off_axis_is_what_the_full_integral_gives(f_number, lens):
 
 @pytest.mark.parametrize("source", [(0.03, 0.0), (0.02, -0.05)])
 def test_an_object_off_the_axis(source):
-    """Against the plain integral over strips, at the geometric image and beside it."""
+    """Against the integral over strips, at the geometric image and beside it."""
     thin = ThinLens(0.02, 0.0012, 1.0, GREEN)
     there = -np.array(source) * thin.image / thin.distance
     for beside in (0.0, 2e-6, 7e-6):
@@ -92,7 +93,7 @@ def test_it_becomes_fresnel_where_that_holds():
 
 
 def test_the_difference_to_fresnel_falls_with_the_second_power_of_the_aperture():
-    """A perfect lens differs by its inclination: R^2 / b^2 on the axis."""
+    """For a perfect lens the difference is its inclination: R^2 / b^2 on the axis."""
     loss = [
         1 - abs(on_axis(ThinLens(0.02, radius, math.inf, GREEN, "perfect"))) ** 2
         for radius in (1e-4, 2e-4, 4e-4)

@@ -1,4 +1,5 @@
-"""Families of lenses: their tables against the ray tracer, and what a faster or wider lens pays."""
+"""Families of lenses: their tables against the ray tracer, and the costs of a faster or wider
+lens."""
 
 from __future__ import annotations
 
@@ -20,7 +21,7 @@ TRACED = [(family, row) for family in FAMILIES for row in ORACLE[FAMILIES[family
 
 
 def waves(table, f_number, angle_deg):
-    """Rms over the open pupil without the best piston, tilt and defocus."""
+    """Rms over the open pupil after subtraction of the best piston, tilt and defocus."""
     lens = Lens(Optics(table.focal_length, f_number), table, 293.15)
     found = lens.at(WAVELENGTH, np.radians([angle_deg]))
     stop, half_p, half_q, centre, open_p, open_q = found.pupil[0, 0]
@@ -38,7 +39,7 @@ def waves(table, f_number, angle_deg):
 
 
 def stopped(table, slower):
-    """The same lens as a table of a smaller stop: terms over that."""
+    """The same lens as a table of a smaller stop, with terms over this stop."""
     turn = np.arange(96) * np.pi / 48
     radius, turn = np.meshgrid(np.sqrt((np.arange(48) + 0.5) / 48), turn)
     u, v = (radius * np.cos(turn)).ravel(), (radius * np.sin(turn)).ravel()
@@ -67,9 +68,9 @@ def test_a_slower_lens_has_the_wavefront_of_the_stopped_down_prescription(family
 @pytest.mark.parametrize("family", FAMILIES)
 @pytest.mark.parametrize(("slower", "low", "high"), [(1.2, 0.4, 2.1), (1.4, 0.35, 2.9)])
 def test_error_of_the_law_for_a_faster_lens(family, slower, low, high):
-    """From the prescription stopped down to what it is at full aperture, by optiland.
+    """From the prescription stopped down to its full aperture, by optiland.
 
-    Aberrations of a real lens balance each other at the speed that it was made for.
+    Aberrations of a real lens balance each other at its design speed.
     """
     table = open_lens(FAMILIES[family].lens)
     made = scaled_table(stopped(table, slower), slower, 1.0)
@@ -97,7 +98,7 @@ def within_field(table, part):
     ],
 )
 def test_error_of_the_law_for_a_wider_field(family, low, high):
-    """From three quarters of the field to what rays have at the last angle of the oracle."""
+    """From three quarters of the field to the traced values at the last angle of the oracle."""
     table = open_lens(FAMILIES[family].lens)
     inner = within_field(table, 0.75)
     made = scaled_table(inner, 1.0, float(np.tan(table.field[-1]) / np.tan(inner.field[-1])))
@@ -140,7 +141,7 @@ def test_the_law_is_that_of_seidel():
 
 
 def test_a_faster_or_wider_lens_pays():
-    """In wavefront, elements and mass, without end in the f-number."""
+    """In wavefront, elements and mass; the law continues for all f-numbers."""
     fast = [1.2, 1.4, 2.0, 2.8]
     error = [waves(family_table("double-gauss", n), n, 4.0) for n in fast]
     mass = [family_surfaces("double-gauss", 0.035, n).glass_mass() for n in fast]

@@ -1,4 +1,5 @@
-"""Images from lens tables: closed forms, the plain PSF, and the shipped lenses' ray tracer."""
+"""Images from lens tables: closed forms, the plain PSF, and the ray tracer of the shipped
+lenses."""
 
 from __future__ import annotations
 
@@ -46,7 +47,7 @@ def made(lens: Lens, camera: Camera | None = None):
 
 
 def image(psf, x, y, electrons=1e6):
-    """A frame with one star, and what was taken of its light."""
+    """A frame with one star, and the light that was left out of it."""
     frame, at = np.zeros((SIDE, SIDE)), (np.array([[x]]), np.array([[y]]))
     u, v, part = psf.split(*at, np.array([electrons]), ONE, AT)
     stamp_paths(frame, psf, ONE, u, v, part)
@@ -74,7 +75,7 @@ def test_a_field_without_stars_has_no_terms(tmp_path):
 
 @pytest.mark.parametrize("electrons", [4.0, 400.0])
 def test_a_path_is_the_sum_of_its_points(tmp_path, electrons):
-    """Over seven pixels and back, and past the edge; faint stars by straight lines."""
+    """Over seven pixels and back, and past the edge; faint stars by linear interpolation."""
     psf = made(lens_of(tmp_path, ideal()))
     turn = np.linspace(0, 3, 40)[:, None]
     x, y = 31.3 + 7 * np.sin(turn), 1.8 - 2 * turn
@@ -88,7 +89,7 @@ def test_a_path_is_the_sum_of_its_points(tmp_path, electrons):
 
 
 def test_points_of_paths_lie_row_by_row_in_memory(tmp_path):
-    """Kernels would be compiled anew for another order, which takes ten seconds."""
+    """For another order of elements, kernels would be compiled again, which takes ten seconds."""
     psf = made(lens_of(tmp_path, ideal()))
     x, y = np.array([[31.0, 20.0, 9.0], [32.0, 21.0, 10.0]]), np.full((2, 3), 30.0)
     for each in psf.split(x, y, np.full(3, 1e4), np.array([0.5, 0.5]), np.repeat(AT, 3)):
@@ -96,7 +97,8 @@ def test_points_of_paths_lie_row_by_row_in_memory(tmp_path):
 
 
 def test_straight_lines_between_samples_keep_light_and_centroid(tmp_path):
-    """A star so faint that all its tables are read so, beside one a million times as bright."""
+    """A star so faint that all its tables are interpolated linearly, beside one a million times
+    as bright."""
     psf = made(lens_of(tmp_path, ideal()))
     x, y = np.array([[31.37], [31.52]]), np.array([[29.81], [30.34]])
     weight = np.array([0.3, 0.7])
@@ -141,7 +143,7 @@ def test_coma_moves_the_centroid_by_its_mean_slope(tmp_path):
 
 
 def of_table(table, **changes):
-    """A plan and a star at half the field of a table, at 550 nm."""
+    """A plan, and a star at half the field of a table, at 550 nm."""
     lens = Lens(Optics(FOCAL, F_NUMBER, lens_file="ideal", **changes), table, ROOM)
     camera = Camera(SIDE, SIDE, FOCAL / PITCH)
     plan = LensImages(lens, camera, PITCH, ColourBand(GREEN, np.ones((1, 1))), 1.0, 0.0)
@@ -207,7 +209,7 @@ def cut_by_two(stop=1.0):
 
 
 def test_the_outline_of_a_pupil_that_two_rims_cut(tmp_path):
-    """A cat's eye, whose corners are the hardest case: area wide open and stopped down."""
+    """A cat's eye, whose corners are the hardest case: area with the full and a smaller stop."""
     turn = np.linspace(0, np.pi, 200)
     tall, wide = 0.9539392, 0.7  # half the height and the width of the eye
     rho = np.minimum(  # from the middle of the eye to each of the circles

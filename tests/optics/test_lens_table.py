@@ -124,7 +124,7 @@ def test_shipped_lenses_have_the_places_of_their_ray_tracer(name):
 
 @pytest.mark.parametrize("name", ["double_gauss", "petzval"])
 def test_places_at_nine_fields_and_four_wavelengths(name):
-    """Distortion and lateral colour, of which none is at a node of the tables."""
+    """Distortion and lateral colour at places between the nodes of the tables."""
     with fits.open(Path(__file__).parents[1] / "oracle/lens_grid.fits") as parts:
         wave, angle, chief = (
             np.array(parts[one].data, float)

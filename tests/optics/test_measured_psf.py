@@ -30,7 +30,7 @@ def stars(psf, count, seed=1, ground=100.0):
 
 
 def test_stars_give_back_the_psf_that_they_were_rendered_with():
-    """An asymmetric image of two pixels' width, of 200 stars: within 2 % of the peak."""
+    """An asymmetric image two pixels wide, from 200 stars: within 2 % of the peak."""
     optics = Optics(0.05, 4.0, psf="fraunhofer", blur=3e-6, aberrations=(Aberration(8, 150e-9),))
     true = pixel_psf(optics, PITCH, *WAVES)
     cuts, x, y = stars(true, 200)

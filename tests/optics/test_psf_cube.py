@@ -1,4 +1,4 @@
-"""Images over field and wavelength, of files and of pages that Zemax saves, in a design."""
+"""Images over field and wavelength, from files and from pages that Zemax saves, in a design."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def test_a_trial_takes_a_cube(cube):
 
 @pytest.mark.slow
 def test_the_budget_and_covariances_of_a_cube_are_those_of_its_lens(cube):
-    """Errors within 2 %: the file says nothing of the light that the lens loses in the corners."""
+    """Errors within 2 %: the file does not contain the vignetting of the lens in the corners."""
     path, optics = cube
     case = load_design(shipped("designs/noise_only.toml")).case
     found = []
@@ -244,7 +244,7 @@ def covariance(psf):
 
 
 def test_one_image_grows_with_the_square_of_the_field_angle(tmp_path):
-    """Second moments are those of a stretch along the radius; the image itself is not turned."""
+    """Second moments change as by a stretch along the radius; the image itself is not rotated."""
     axis = (np.arange(121) - 60) / 10
     image = np.exp(-(axis[None] ** 2) / 2 / 1.3**2 - axis[:, None] ** 2 / 2 / 0.9**2)
     path, pitch = tmp_path / "one.fits", 11e-6

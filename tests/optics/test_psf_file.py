@@ -46,7 +46,7 @@ def test_fractions_measured_in_flight_are_given_back_within_half_a_percent_of_th
 
 @pytest.mark.parametrize(("step", "limit"), [(4, 3e-3), (7, 1e-3), (12, 1e-5)])
 def test_an_image_that_contains_the_pixel_makes_the_same_stars(tmp_path, step, limit):
-    """An asymmetric image of diffraction, sampled four times a pixel and more."""
+    """An asymmetric diffraction image, with four or more samples a pixel."""
     true = pixel_psf(COMATIC, PITCH, *WAVES)
     at = (np.arange(-8 * step, 8 * step + 1) / step) + 10
     x, y = np.meshgrid(10 - at, 10 - at)
@@ -83,7 +83,7 @@ def test_an_irradiance_is_averaged_over_pixels_after_blur_and_diffusion(tmp_path
 
 
 def of_its_own(case, path):
-    """A case whose PSF stands in a file."""
+    """A case whose PSF is in a file."""
     optics = case.instrument.optics
     psf = psf_of(case.instrument)
     pitch = case.instrument.detector.pitch
@@ -95,9 +95,9 @@ def of_its_own(case, path):
 
 
 def test_trials_of_all_fidelities_take_it(tmp_path):
-    """The example with its own PSF as a file: errors as with the model, for the same noise.
+    """The example with its own PSF as a file has the errors of the model, for the same noise.
 
-    Single electrons fall otherwise, where the fractions differ in their last digits.
+    Single electrons differ if the fractions differ in their last digits.
     """
     case = load_design(shipped("designs/noise_only.toml")).case
     filed = of_its_own(case, tmp_path / "p.fits")
@@ -110,7 +110,7 @@ def test_trials_of_all_fidelities_take_it(tmp_path):
 
 
 def test_a_campaign_of_covariances_takes_it(tmp_path):
-    """As with the model: the same fields, noise and statistics of stars; and what it refuses."""
+    """As with the model: the same fields, noise and statistics of stars; and its refusals."""
     design = load_design(shipped("designs/noise_only.toml"))
     filed = of_its_own(design.case, tmp_path / "p.fits")
     exposure = [one for one in design.campaign.variables if one.name.endswith("exposure")]

@@ -1,4 +1,4 @@
-"""A field of displacements that no camera model holds."""
+"""A field of displacements that no camera model can represent."""
 
 from dataclasses import replace
 
@@ -64,10 +64,10 @@ def test_a_displacement_is_cubic_between_its_nodes():
 
 
 def test_a_draw_is_the_same_on_every_processor():
-    """Two axes exchanged in the numbers are exchanged in the field: no axis is chosen by rounding.
+    """Exchanging two axes in the numbers exchanges them in the field: rounding selects no axis.
 
-    On a square frame half of the vectors of its law belong to two equal values, whose combinations
-    depend on the library of linear algebra.
+    On a square frame half of the vectors of its law belong to two equal eigenvalues, whose
+    combinations depend on the library of linear algebra.
     """
     root = _smooth(512, 512, 0.4)
     exchanged = np.arange(NODES**2).reshape(NODES, NODES).T.ravel()
@@ -76,8 +76,8 @@ def test_a_draw_is_the_same_on_every_processor():
 
 
 def test_what_a_dense_map_leaves_is_that_of_an_orthogonal_projection():
-    """A case in which the singular values of the normal equations did not converge: a map holds
-    shifts and linear terms of the camera's model twice."""
+    """A case in which the singular values of the normal equations did not converge: a map
+    contains the shifts and linear terms of the camera's model a second time."""
     camera = Camera(512, 512, 0.01931406990365406 / 11e-6)
     place = node_places(512, 512)
     model = np.concatenate(
@@ -95,7 +95,7 @@ def test_what_a_dense_map_leaves_is_that_of_an_orthogonal_projection():
 
 
 def test_what_calibration_leaves_is_found_for_each_of_a_familys_lenses():
-    """Singular values of one of them did not converge."""
+    """For one of these lenses the singular values did not converge."""
     design = load_design(shipped("designs/nanosatellite.toml")).case.instrument
     lens = replace(
         design.optics,

@@ -62,7 +62,7 @@ def test_stamped_gaussians(sigma):
 
 
 def test_the_fast_way_of_products_is_the_slow_way():
-    """A table that is no product by a hair goes the other way, to the same image."""
+    """A table that is just not separable takes the other way, with the same image."""
     from startrack.core.values import Psf
 
     psf = pixel_psf(Optics(0.05, 4.0, 5e-6, "gaussian"), 5e-6, GREEN, ONE)
@@ -91,7 +91,7 @@ def test_two_ways_to_one_table(f_number, blur):
 
 
 def test_energy_of_a_table_is_exact():
-    """Inside a square box: the closed transform of the Airy pattern over the box, by quadrature."""
+    """The closed transform of the Airy pattern over the square box, by quadrature."""
     psf = pixel_psf(Optics(0.05, 4.0, psf="airy"), 2.2e-6, GREEN, ONE, POINT)
     half = psf.half_width  # lambda f# is one pixel
     node, weight = np.polynomial.legendre.leggauss(400)
@@ -100,7 +100,7 @@ def test_energy_of_a_table_is_exact():
 
 
 def test_a_small_active_square_keeps_the_light():
-    """The pixels count what falls on them over the fill factor: the same mean, a sharper image."""
+    """Pixels divide their light by the fill factor: the same mean, a sharper image."""
     full, part = (pixel_psf(Optics(0.05, 4.0), 3e-6, GREEN, ONE, fill) for fill in (1.0, 0.25))
     assert part.energy == pytest.approx(full.energy, abs=2e-3)
     middle = full.table.shape[0] // 2

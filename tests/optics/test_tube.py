@@ -1,4 +1,4 @@
-"""A baffle by its geometry: beside light traced forwards, closed forms, and its limits."""
+"""A baffle by its geometry: against light traced forwards, closed forms, and its limits."""
 
 import math
 from dataclasses import replace
@@ -74,9 +74,11 @@ def forwards(shape, angle, photons, bounces, seed):
 
 @pytest.mark.parametrize("angle", [pytest.param(45 * deg, marks=pytest.mark.slow), 60 * deg])
 def test_light_traced_backwards_is_that_of_photons_forwards(angle):
-    """A wide lens behind a short tube, one of the two before the cutoff of 50 deg: what comes
-    directly, and after each of three bounces, to 4 standard errors of both: 6 to 14 % of the light
-    after two, which is most of it past the cutoff."""
+    """A wide lens behind a short tube, with one of two angles before the cutoff of 50 deg.
+
+    Compared are the direct light and that after each of three bounces, within 4 standard errors of
+    both: 6 to 14 % of the light after two bounces, which is most of it beyond the cutoff.
+    """
     shape, direct, scattered = on_lens([angle], BaffleTube(60 * mm), 60 * mm)
     photons = 200_000
     theirs = forwards(shape, angle, photons, 3, 2)
@@ -101,7 +103,7 @@ def test_direct_light_is_the_overlap_of_lens_and_entrance():
 
 
 def test_no_lit_wall_is_seen_by_the_lens():
-    """Past the cutoff, nothing comes to the lens after one bounce: each vane hides the wall."""
+    """Beyond the cutoff no light reaches the lens after one bounce: each vane hides the wall."""
     cutoff = TUBE.cutoff(LENS, FIELD)
     _, direct, scattered = on_lens([cutoff + 1 * deg, 40 * deg, 70 * deg])
     assert (direct == 0).all()
@@ -116,7 +118,7 @@ def test_a_longer_tube_keeps_the_sun_out_at_smaller_angles():
 
 
 def test_paint_and_edges_make_the_light_past_the_cutoff():
-    """Two bounces: nearly as the square of the reflectance where edges are infinitely thin."""
+    """With two bounces, nearly the square of the reflectance for infinitely thin edges."""
     knife = replace(TUBE, edge=0.0)
     dark, light = (
         transmittance_of(replace(knife, reflectance=r), LENS, FIELD, 1.6)(np.array([30 * deg]))[0]
@@ -169,7 +171,7 @@ high = "240 mm"
 
 
 def test_a_tube_of_a_hair_hides_nothing():
-    """Up to grazing incidence the lens lies in the light, as without a baffle."""
+    """Up to grazing incidence the lens is lit, as without a baffle."""
     curve = transmittance_of(BaffleTube(10e-6), LENS, FIELD, 1.6)
     bare = np.cos(60 * deg) * (1 + (np.sin(60 * deg) / tube.SHOULDER) ** 2) ** (tube.SLOPE / 2)
     bare *= tube._per_steradian(1e-3) * math.pi / (4 * 1.6**2)

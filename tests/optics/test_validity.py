@@ -1,4 +1,4 @@
-"""How far Fresnel holds, and which model `choose` takes."""
+"""Range of Fresnel's model, and the model that `choose` takes."""
 
 import math
 from dataclasses import replace
@@ -23,7 +23,8 @@ def test_the_papers_criterion_gives_the_papers_numbers(oracle):
 
 
 def test_the_papers_criterion_hangs_on_the_phase_origin():
-    """A hundred-thousandth of a nanometre moves it by a sixth; the stable one does not notice."""
+    """A hundred-thousandth of a nanometre changes it by a sixth; the stable criterion does not
+    change."""
     near, far = (paper_radius(0.02, 1.0, wavelength) for wavelength in (500e-9, 500.00001e-9))
     assert near == pytest.approx(1.2701e-3, abs=1e-7)
     assert far == pytest.approx(1.05e-3, abs=5e-6)

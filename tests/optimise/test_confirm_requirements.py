@@ -43,14 +43,14 @@ def shown(coin, small, campaign, trials=500):
 
 @pytest.mark.slow
 def test_a_design_just_below_the_requirement_is_rarely_believed(small, campaign):
-    """1000 designs of 98.9 % where 99 % is asked: 5 % may be wrong; false alarm 1e-3."""
+    """1000 designs of 98.9 % where 99 % is required: 5 % may pass wrongly; false alarm 1e-3."""
     asked = campaign(0.99)
     wrong = sum(shown(Coin(seed, 0.989), small, asked).low >= 0.99 for seed in range(1000))
     assert wrong <= stats.binom.isf(1e-3, 1000, 0.05)
 
 
 def test_one_failure_in_a_thousand_can_be_shown(small, campaign):
-    """A design that never fails, and 99.85 %: 500 trials cannot tell, 4000 can."""
+    """For a design that never fails, 500 trials cannot show 99.85 %, 4000 can."""
     coin = Coin(1, 1.0)
     assert shown(coin, small, campaign(0.9985)).low >= 0.9985
     tried = [len(numbers) for numbers in coin.asked]

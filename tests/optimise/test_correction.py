@@ -17,14 +17,14 @@ class Tried(Evaluation):
 
 
 def tried(truth, count, rng):
-    """Evaluations whose measured error is off by the noise of 50 trials of two axes."""
+    """Evaluations whose measured error has the noise of 50 trials of two axes."""
     for coordinates in rng.random((count, 2)):
         error = math.exp(truth(coordinates) + rng.normal(0, 0.5 / math.sqrt(50)))
         yield Tried(tuple(coordinates), {}, error, 1.0, 0.0, {}, None, "")
 
 
 def test_a_plane_is_found_better_than_one_design_tells():
-    """100 designs of 50 trials know the plane to about 1 %, each of them alone to 7 %."""
+    """100 designs of 50 trials determine the plane to about 1 %, a single design to 7 %."""
     truth = lambda coordinates: 0.1 + 0.3 * coordinates[0] - 0.2 * coordinates[1]  # noqa: E731
     rng = np.random.default_rng(0)
     misses = []

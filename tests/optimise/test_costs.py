@@ -1,4 +1,4 @@
-"""What is made small: a cost under a limit that trials decide, and means over conditions."""
+"""The minimised quantity: a cost under a limit that trials decide, and means over conditions."""
 
 import dataclasses
 import math
@@ -60,11 +60,11 @@ def campaign(small):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 0])
 def test_the_least_aperture_keeps_the_limit_in_trials(small, campaign, monkeypatch, seed):
-    """Error as the inverse square of the aperture: the true least one is known.
+    """If the error goes as the inverse square of the aperture, the true smallest aperture is known.
 
-    The formula's least aperture misses the limit by a quarter. A design that just keeps it is shown
-    to by 8000 trials where it keeps it by 3 %, which is 1.5 % of the aperture; the search ends
-    within a further 1 % of that, and forecasts are corrected to some per cent.
+    The formula's smallest aperture misses the limit by a quarter. 8000 trials show that a design
+    meets the limit if its margin is 3 %, which is 1.5 % of the aperture; the search ends within a
+    further 1 %, and forecasts are corrected to some per cent.
     """
     start = small.case.instrument.optics.aperture
 
@@ -97,7 +97,7 @@ def test_the_least_aperture_keeps_the_limit_in_trials(small, campaign, monkeypat
 
 
 def test_without_a_trial_the_score_of_a_design_is_its_cost(small, campaign):
-    """As the model of the mass has it, whatever the error; the ledger keeps both apart."""
+    """The score is the mass by its model, for any error; the ledger keeps both apart."""
     space = DesignSpace(small.case, campaign.variables)
     light = dataclasses.replace(campaign, minimise="mass", requirements=small.campaign.requirements)
     runner = TrialRunner(1)

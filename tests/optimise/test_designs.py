@@ -1,4 +1,4 @@
-"""The shipped design of high accuracy comes with a question that has an answer."""
+"""The shipped high-accuracy design has a feasible optimum."""
 
 import pytest
 
@@ -12,7 +12,7 @@ from startrack.verification.accuracy import margins
 
 @pytest.mark.slow
 def test_with_each_detector_some_design_meets_what_needs_no_trials():
-    """The first guess does with one detector; the faster ones take more power than there is."""
+    """The first guess is feasible with one detector; the faster ones exceed the power."""
     design = load_design(shipped("designs/high_accuracy.toml"))
     campaign = design.campaign
     begun = {}

@@ -48,7 +48,7 @@ def test_a_banana_has_its_moments():
 
 @pytest.mark.slow
 def test_ensembles_that_found_different_peaks_are_not_believed():
-    """Two peaks 40 sigma apart; each ensemble starts at one."""
+    """Two peaks 40 sigma apart; each ensemble starts at one of them."""
 
     def two(coordinates):
         return np.logaddexp(
@@ -100,7 +100,8 @@ def test_a_noisy_log_probability_is_refused():
 
 @pytest.mark.slow
 def test_noise_that_is_small_leaves_the_law_as_it_is():
-    """exp(noise) has the same mean everywhere: the samples keep the law (pseudo-marginal)."""
+    """exp(noise) has the same mean everywhere, so that the samples follow the law
+    (pseudo-marginal)."""
     rng = np.random.default_rng(0)
     chains = draw(
         lambda p: -0.5 * p[:, 0] ** 2 + rng.normal(0, 0.5, len(p)),
@@ -126,7 +127,7 @@ def test_r_hat_of_independent_halves_is_one():
 
 @pytest.mark.slow
 def test_a_corner_between_limits_of_eight_variables_is_left():
-    """A wedge of the first two variables, whose middle is known by its symmetry: 0 of the first."""
+    """A wedge of the first two variables; by symmetry the mean of the first is 0."""
 
     def log_probability(x):
         across, along = x[:, 0], 0.5 * x[:, 1]

@@ -1,4 +1,4 @@
-"""Forecasts of known functions: the best is found, limits hold, and what is said is true."""
+"""Forecasts of known functions: the optimum is found, limits hold, and the statements are true."""
 
 import math
 import sys
@@ -41,7 +41,7 @@ class Variable:
 
 
 class Space:
-    """A space of designs that are their own coordinates."""
+    """A space whose designs are their own coordinates."""
 
     case = None
 
@@ -61,7 +61,7 @@ class Space:
 
 
 def explored(monkeypatch, function, count, most, seed=1, levels=0):
-    """An explorer that has looked for the least of a function of points, a Foresight each."""
+    """An explorer after a search of a function of points, which returns a Foresight."""
     monkeypatch.setattr(
         source,
         "foresee_all",
@@ -76,19 +76,19 @@ def explored(monkeypatch, function, count, most, seed=1, levels=0):
 
 
 def limited(point):
-    """Least where x + y = 0.8, its limit, and x = 0.55: -0.8 + 0.09 at (0.55, 0.25)."""
+    """Smallest at x + y = 0.8, its limit, and x = 0.55: -0.8 + 0.09 at (0.55, 0.25)."""
     x, y = point[:2]
     return Foresight(-x - y + 0.09 + 4 * (x - 0.55) ** 2, {"mass": 1 - (x + y) / 0.8})
 
 
 def leaping(point):
-    """Four times as much below x = 0.5 than above, where it grows: least just above, 0."""
+    """Four times as large below x = 0.5 as above, where it grows: smallest just above 0.5."""
     x, y = point
     return Foresight(2 * (x - 0.5) + (y - 0.3) ** 2 + (1.4 if x < 0.5 else 0.0), {"mass": 1.0})
 
 
 def even_are_better(point):
-    """Least, 0, at level 6 of 9 with x = 0.7, y = 0.3 there; odd levels cost 8 %."""
+    """Smallest, 0, at level 6 of 9 with x = 0.7, y = 0.3 there; odd levels add 8 %."""
     level, (x, y) = round(9 * point[0]), point[1:]
     assert point[0] * 9 == pytest.approx(level, abs=1e-12)
     valley = (x - 0.7 + 0.6 * (y - 0.3)) ** 2 + 0.2 * (y - 0.3) ** 2
@@ -99,7 +99,7 @@ def even_are_better(point):
     "seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3))]
 )
 def test_whole_numbers_are_forecast_as_they_are_rounded(monkeypatch, seed):
-    """Each design is forecast once, and the best is found to 1 % of the error."""
+    """Each design is forecast once, and the optimum is found within 1 % of the error."""
     explorer = explored(monkeypatch, even_are_better, 3, 60, seed, levels=9)
     assert explorer.ending
     assert explorer.score < 0.01
@@ -108,7 +108,7 @@ def test_whole_numbers_are_forecast_as_they_are_rounded(monkeypatch, seed):
 
 
 def test_trials_begin_at_the_best_forecast_where_the_objective_leaps(monkeypatch):
-    """Emulators expect a lower objective beyond the leap."""
+    """Emulators expect a smaller objective beyond the discontinuity."""
     explorer = explored(monkeypatch, leaping, 2, 24)
     assert explorer.score < 0.1
 
@@ -136,9 +136,8 @@ def of_limited():
     "seed", [3, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (0, 1, 2, 4))]
 )
 def test_the_best_at_a_limit_is_found(monkeypatch, seed):
-    """0.4 % of the error above the least at most; the limit is met to 3e-4; in 60 forecasts, after
-    which the search ends soon.
-    """
+    """At most 0.4 % of the error above the minimum, with the limit met to 3e-4, in 60 forecasts;
+    then the search ends soon."""
     found = explored(monkeypatch, limited, 3, 80, seed)
     assert found.ending
     assert min(one.score for one in found.values[:60]) < -0.71 + 4e-3
@@ -215,7 +214,7 @@ def cliffs(point):
 
 @pytest.mark.slow
 class TighterByTrials:
-    """Trials show of each design a tenth less margin than its forecast."""
+    """Trials of each design have a margin a tenth smaller than its forecast."""
 
     def corrected(self, _point, margin):
         return margin - 0.1
@@ -225,7 +224,7 @@ class TighterByTrials:
 
 
 def test_a_search_that_had_ended_finds_the_best_within_limits_that_trials_moved(monkeypatch):
-    """x + y = 0.72 remains: 0.72 - 0.09 at best, to 1 %."""
+    """x + y = 0.72 remains allowed: 0.72 - 0.09 at best, within 1 %."""
     found = explored(monkeypatch, limited, 3, 80, seed=3)
     assert "next to the best" in found.ending, "batches in vain, as of a search that stalled"
     found.limits = {"mass": TighterByTrials()}
@@ -236,10 +235,10 @@ def test_a_search_that_had_ended_finds_the_best_within_limits_that_trials_moved(
 
 @pytest.mark.slow
 def test_the_end_of_a_valley_between_cliffs_is_found(monkeypatch):
-    """Within 1 % of the least that meets its limits, in 130 forecasts of three variables.
+    """Within 1 % of the smallest feasible value, in 130 forecasts of three variables.
 
-    Of five seeds four at least, and 6 % the fifth: which one fails depends on the processor, since
-    rounding decides between proposals that are alike.
+    At least four of five seeds, and within 6 % the fifth: which seed fails depends on the
+    processor, because rounding decides between equal proposals.
     """
     every = [cliffs((x, y)) for x in np.linspace(0.6, 0.72, 241) for y in np.linspace(0, 1, 1001)]
     least = min(one.score for one in every if min(one.margins.values()) >= 0)
@@ -251,7 +250,7 @@ def test_the_end_of_a_valley_between_cliffs_is_found(monkeypatch):
 
 
 def test_the_best_design_meets_the_limits_that_others_miss_by_little(monkeypatch):
-    """A design that is better by 2 % misses its limit by 0.1 %, which costs less in its score."""
+    """A design that is 2 % better misses its limit by 0.1 %, which adds less to its score."""
 
     def steep(point):
         return Foresight(float(-20 * point[0]), {"mass": float(0.7 - point[0])})
@@ -273,7 +272,7 @@ def test_twenty_variables(monkeypatch):
 
 
 def test_a_chance_is_emulated_by_the_logarithm_of_what_it_lacks():
-    """An unavailability of a tenth of its limit and of ten times it lie as far from zero."""
+    """An unavailability of a tenth of its limit and of ten times it are equally far from zero."""
     scale = Scale(0.01)
     good, bad = scale.of(np.array([0.009, -0.09]))
     assert good == pytest.approx(-bad)
@@ -296,7 +295,7 @@ def test_after_designs_next_to_the_best_others_are_proposed_again(monkeypatch):
 
 
 def test_the_best_design_is_forecast_in_all_conditions(monkeypatch):
-    """Where conditions without a weight are left out, the best ones are not: at rest, 0.8 misses
+    """Conditions without a weight are left out except for the best designs: at rest, 0.8 misses
     its limit."""
 
     class AtRest:
@@ -327,7 +326,7 @@ def test_the_same_seed_goes_the_same_way(monkeypatch):
 
 
 def test_an_interrupted_search_computes_no_forecast_again(small, tmp_path, monkeypatch):
-    """Of five designs three were forecast before; and the same is known of all."""
+    """Three of five designs were forecast before; the results are the same for all."""
     space = DesignSpace(small.case, small.campaign.variables[:2])
     computed = []
 
@@ -351,7 +350,7 @@ def test_an_interrupted_search_computes_no_forecast_again(small, tmp_path, monke
 
 
 def test_a_forecast_is_kept_as_soon_as_it_is_made(small, tmp_path):
-    """Of five designs that are asked for together; the study is stopped after the third."""
+    """Of five designs that are requested together; the search is stopped after the third."""
     space, done = DesignSpace(small.case, small.campaign.variables[:2]), []
 
     def stopping(number):
@@ -370,7 +369,7 @@ def test_a_forecast_is_kept_as_soon_as_it_is_made(small, tmp_path):
 
 
 def test_a_design_that_costs_too_much_is_not_forecast(small):
-    """Its margins are known, and teach where the limit is; the objective is not."""
+    """Its margins are known and show where the limit is; the objective is unknown."""
     tight = replace(small.campaign.requirements, max_mass=0.01)
     campaign = replace(small.campaign, requirements=tight, variables=small.campaign.variables[:2])
     explorer = Explorer(TrackerSource(DesignSpace(small.case, campaign.variables), campaign))

@@ -1,4 +1,4 @@
-"""A search takes a refusal for an infeasible design, and stops at a fault."""
+"""A search treats a refusal as an infeasible design, and stops at a fault."""
 
 import re
 
@@ -71,7 +71,7 @@ def test_a_refusal_is_an_infeasible_design_and_is_kept(small, ledger, monkeypatc
 
 
 def test_what_the_machine_refuses_is_not_kept(small, ledger, monkeypatch):
-    """With more memory the same design may be rendered, and forecast."""
+    """With more memory the same design may be rendered and forecast."""
     space = DesignSpace(small.case, small.campaign.variables)
     monkeypatch.setenv("STARTRACK_MEMORY", "1000")
     assert "--memory" in score(small, ledger).note

@@ -10,7 +10,8 @@ from startrack.optimise.evaluate import missed
 
 
 def narrow(_requirements, case):
-    """Requirements that are nearly met about the start alone; all else leads away from it."""
+    """Requirements that are nearly met near the start alone; elsewhere the margins lead away
+    from it."""
     off = abs(case.instrument.optics.blur - START)
     return {"blur": -0.01 if off < 1e-9 else -0.6 + 1e4 * off}
 
@@ -28,7 +29,7 @@ def test_what_comes_nearest_is_never_worse_than_the_start(small, monkeypatch):
 
 
 def test_costs_that_no_design_meets_are_found_without_a_forecast(small, monkeypatch):
-    """A mass over its limit everywhere, at best that of the darkest lens; no image is made."""
+    """The mass exceeds its limit everywhere, even with the smallest lens; no image is made."""
     monkeypatch.setattr(steps, "margins_of", None)
     space = DesignSpace(small.case, (Variable("instrument.optics.f_number", 1.2, 4.0),))
     needs = Requirements()

@@ -1,4 +1,4 @@
-"""Gaussian processes: through their points, right about their own error, with true gradients."""
+"""Gaussian processes: they interpolate their points, with right errors and gradients."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from startrack.optimise.gaussian_process import emulator
 
 
 def bowl(points):
-    """Smooth, with a product and a variable that does not matter."""
+    """A smooth function with a product and a variable that has no effect."""
     x, y, z = points.T[:3]
     return np.sin(3 * x) + 2 * (y - 0.4) ** 2 + x * z
 

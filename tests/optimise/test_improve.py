@@ -1,4 +1,4 @@
-"""Problems without stars: the best is found, limits hold on fresh trials, the start may stay."""
+"""Problems without stars: the optimum is found, limits hold on fresh trials, the start may stay."""
 
 import math
 from concurrent.futures import ThreadPoolExecutor
@@ -97,7 +97,7 @@ def test_trials_correct_a_forecast_that_flatters_a_limit():
 
 @dataclass(frozen=True)
 class Cliff(Valley):
-    """A formula that knows nothing of a limit: beyond x = 2 the true error is six times larger."""
+    """A formula that does not know a limit: beyond x = 2 the true error is six times larger."""
 
     def trials(self, seed, numbers):
         rows = super().trials(seed, numbers)
@@ -114,7 +114,7 @@ def test_where_the_formula_fails_the_start_stays_and_it_is_said():
 
 @dataclass(frozen=True)
 class Dark(Valley):
-    """A formula without an answer below x = 0.9."""
+    """A formula that has no result below x = 0.9."""
 
     def expect(self):
         expected = super().expect()

@@ -1,4 +1,4 @@
-"""Designs whose best is known without an optimiser."""
+"""Designs whose optimum is known without an optimiser."""
 
 import math
 
@@ -12,7 +12,8 @@ from startrack.optimise.search import Search, minimise
 
 @pytest.mark.parametrize(("window", "best"), [(3, 0.42), (5, 0.574), (7, 0.696)])
 def test_the_width_of_a_star_that_suits_its_window(window, best):
-    """S-curve of the centre of gravity: undersampled below, cut off above; no noise."""
+    """S-curve of the centre of gravity: undersampled for small stars, cut off for large ones; no
+    noise."""
 
     def bias(coordinates):
         return centre_of_gravity_error(Star(1e12, 0.3 + 0.7 * coordinates[0]), window)[1]

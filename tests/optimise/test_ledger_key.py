@@ -1,4 +1,4 @@
-"""Ledgers of earlier versions keep what they hold."""
+"""Ledgers of earlier versions keep their content."""
 
 from contextlib import closing
 from dataclasses import replace

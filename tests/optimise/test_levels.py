@@ -1,4 +1,4 @@
-"""Intervals of levels over units, of the factor between two designs, and what is said of few."""
+"""Intervals of levels over units, of the factor between two designs, and messages for few units."""
 
 import math
 
@@ -22,7 +22,7 @@ FRACTION, SPREAD, REPEATS = 0.95, 0.3, 300
 
 
 def units(rng, count, common):
-    """Errors of units that two designs have in part in common, as normal logarithms."""
+    """Errors of units of two designs with a common part, as logarithms with a normal law."""
     own = rng.standard_normal((2, count))
     return np.exp(SPREAD * (0.7 * common + math.sqrt(1 - 0.49) * own))
 
@@ -80,7 +80,7 @@ def test_yields_and_levels_hold_where_few_trials_are_most_of_what_is_seen():
 
 
 def test_units_that_bound_no_level_leave_it_open():
-    """Of 19 units, less than one is expected beyond the level of 95 %; of 20, one is."""
+    """With 19 units, less than one is expected beyond the 95 % level; with 20, one is."""
     rng = np.random.default_rng(1)
     for count, bounded in ((19, False), (20, True)):
         levels = [Levels(np.log(rng.lognormal(size=101)), 0.0) for _ in range(2)]

@@ -1,4 +1,4 @@
-"""Limits that the formula meets and trials do not: corrected, searched on, and shown."""
+"""Limits that are met by the formula and missed in trials: corrected, searched again, and shown."""
 
 import dataclasses
 import itertools
@@ -32,7 +32,7 @@ def error_of(point):
 
 
 def lost_at_rest(point):
-    """True fraction of trials at rest that are lost: 30 % at the best design of the formula."""
+    """True fraction of lost trials at rest: 30 % for the best design of the formula."""
     return 0.3 * math.exp(-8 * point[0]) + 5e-4
 
 
@@ -40,7 +40,7 @@ BEST = math.log(0.3 / (ROOM - 5e-4)) / 8  # first coordinate where the true frac
 
 
 class Truth(TrialRunner):
-    """A runner whose trials at rest are lost more often than the formula says."""
+    """A runner whose trials at rest are lost more often than by the formula."""
 
     def __init__(self, space, seed):
         super().__init__(seed)
@@ -79,7 +79,7 @@ def campaign(small):
 
 @pytest.fixture
 def search(small, campaign, monkeypatch):
-    """A search of the truth by a formula that is optimistic at rest; for each seed."""
+    """A search for each seed, with a formula that is optimistic at rest."""
     space = DesignSpace(small.case, campaign.variables)
 
     def forecasts(judged, objective, runner=None, seed=1, known=None):
@@ -105,7 +105,7 @@ def search(small, campaign, monkeypatch):
 
 
 def test_a_search_goes_on_until_trials_agree(search):
-    """The best of the formula loses 30 % at rest. A seed fails with a probability of 5 %."""
+    """The formula's best design loses 30 % at rest. A seed fails with a probability of 5 %."""
     found, point, runner = search(0)
     assert found.feasible
     assert found.candidate is None
@@ -163,7 +163,7 @@ def test_trials_that_could_show_nothing_ask_no_more_than_the_limit():
 
 
 def test_a_corrected_margin_is_what_many_trials_found():
-    """Of an availability and of an error, whatever the formula said; far designs keep theirs."""
+    """For an availability and an error, whatever the formula's value; far designs keep theirs."""
     here, far = np.array([0.2, 0.2]), np.array([1.0, 1.0])
     for limit, forecast, found in (
         (Limit(ROOM, ROOM, True), 0.0001, -0.05),

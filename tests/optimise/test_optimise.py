@@ -79,7 +79,7 @@ def test_a_worse_design_is_never_the_best(small, campaign):
 
 
 def test_a_design_without_an_attitude_is_never_better_than_the_start(optimum):
-    """Both miss a limit, so that their errors decide, of which one is not known."""
+    """Both miss a limit, so that their errors decide, one of which is not known."""
     solved, blind = (
         optimum.fresh[0],
         dataclasses.replace(optimum.fresh[1], across=Interval(math.nan, math.nan, math.nan)),
@@ -210,8 +210,10 @@ def test_branches_race_and_the_better_wins(small):
 
 @pytest.mark.slow
 def test_the_branch_with_the_best_forecasts_wins(small):
-    """Of four branches: one whose forecasts are as good as those of the best, to what trials may
-    change; a search of each branch alone says how good they are."""
+    """Of four branches, one whose forecasts equal the best within the changes by trials.
+
+    A search of each branch alone gives the reference.
+    """
     window = Choice("tracker.detection.window", (5.0, 7.0, 9.0, 15.0))
     campaign = dataclasses.replace(
         small.campaign,
@@ -242,7 +244,7 @@ def test_a_design_that_cannot_be_built_is_recorded_not_raised(small, blind):
 
 
 def test_designs_that_a_function_refuses_are_avoided(small):
-    """Where blur is above 9 um nothing can be built: the optimum has to stay below."""
+    """No design with a blur above 9 um can be built: the optimum has to be below."""
 
     def sharp(case):
         if case.instrument.optics.blur > 9e-6:
@@ -272,7 +274,7 @@ def test_designs_that_a_function_refuses_are_avoided(small):
 
 @pytest.mark.slow
 def test_killed_it_goes_on_to_the_same_answer(small, tmp_path):
-    """kill -9 at twelve random moments; the last run is left alone."""
+    """kill -9 at twelve random moments; the last run is not killed."""
     design = tmp_path / "small.toml"
     save_design(design, Design(small.case, small.campaign))
     command = [sys.executable, "-m", "startrack.cli", "optimize", str(design), "--seed", "3"]

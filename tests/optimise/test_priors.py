@@ -1,4 +1,4 @@
-"""Laws of a design as priors of a sampling, beside distributions of scipy."""
+"""Laws of a design as priors of a sampling, against distributions of scipy."""
 
 import math
 
@@ -41,7 +41,7 @@ def design(tmp_path):
 
 @pytest.mark.parametrize("scale", ["linear", "log"])
 def test_densities_are_those_of_the_laws(scale):
-    """On a logarithmic scale the density of a value is that of its logarithm."""
+    """On a logarithmic scale, the density is that of the logarithm of the value."""
     value = np.geomspace(2.0, 30.0, 200)
     jacobian = value if scale == "log" else 1.0
     variable = Variable(NOISE, 1.0, 40.0, scale)
@@ -68,7 +68,7 @@ def test_numbers_that_are_not_known_are_variables(design):
 
 
 def test_a_law_ends_where_the_design_refuses_its_values(tmp_path):
-    """An f-number is 0.3 or more: 1.5 sigma below 0.5, of a factor of 1.4."""
+    """An f-number must be 0.3 or more: 1.5 sigma below 0.5, for a factor of 1.4."""
     path = tmp_path / "fast.toml"
     path.write_text(DESIGN + "[instrument.optics]\nf_number = { median = 0.5, factor = 1.4 }\n")
     design = load_design(path, ["campaign.variables=[]"])
@@ -78,7 +78,7 @@ def test_a_law_ends_where_the_design_refuses_its_values(tmp_path):
 
 
 class Known(TrackerSource):
-    """Errors that are the root of the read noise, whatever else the design is."""
+    """Errors that are the root of the read noise, for any other values of the design."""
 
     def foresee_any(self, points, weighted=False, progress=None):
         return [Foresight(math.log(self.values(point)[NOISE]) / 2, {}) for point in points]
@@ -90,9 +90,9 @@ class Known(TrackerSource):
 
 
 def test_a_limit_cuts_the_law_of_what_the_error_depends_on(design):
-    """A normal law of the logarithm, cut where the error is 1.2 times that of the middle.
+    """A normal law of the logarithm, cut off where the error is 1.2 times that of the middle.
 
-    Chains end with 400 independent samples and more: 0.2 of a deviation are four standard errors of
+    Chains end with at least 400 independent samples: 0.2 of a deviation are four standard errors of
     a mean, 15 % of a deviation four of its own.
     """
     campaign = design.campaign

@@ -26,7 +26,7 @@ SCRIPT = Path(__file__).parents[2] / "docs" / "gallery" / "problem_of_a_photomet
 
 @pytest.fixture(scope="module")
 def photometer():
-    """The class of the script, whose search at its end is left out."""
+    """The class of the script, without the search at its end."""
     names = dict[str, object]()
     exec(SCRIPT.read_text(encoding="utf-8").partition("found = improve")[0], names)
     return names["Photometer"]
@@ -56,7 +56,7 @@ def test_limits_are_judged_at_looks_until_decided(photometer):
 
 
 def test_sensitivities_are_those_of_the_formula(photometer):
-    """Where photons decide, the error goes as 1 / (aperture sqrt(exposure)).
+    """If photon noise dominates, the error goes as 1 / (aperture sqrt(exposure)).
 
     Read noise adds 225 electrons^2 to 1.3 times the star's 156: the slope of ln error over ln
     aperture is -2 (1 - 0.5 203 / (203 + 225)).

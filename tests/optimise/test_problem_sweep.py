@@ -12,7 +12,7 @@ TRUE = 1.2  # error by trials over that by formula
 
 
 class Sight:
-    """An error of 6 / aperture by formula, 1.2 times as much by trials, at most 3; a mass of
+    """An error of 6 / aperture by formula, 1.2 times as large by trials, at most 3; a mass of
     aperture^2, at most 9."""
 
     columns = np.dtype([("error", float)])
@@ -92,7 +92,7 @@ def test_trials_of_a_sweep_have_intervals():
 
 
 def test_a_limit_is_just_kept_where_trials_say_so():
-    """6 / a = 3 at a = 2 by formula; trials say 1.2 times as much, so that it is 2.4."""
+    """6 / a = 3 at a = 2 by formula; by trials it is 1.2 times as large, which gives a = 2.4."""
     by_formula = solve_problem_for(load, "aperture=1..4", "sharp", source(), 7, trials=0)
     [crossing] = by_formula.crossings
     assert crossing.value == pytest.approx(2, rel=1e-3)

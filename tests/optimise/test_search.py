@@ -75,7 +75,8 @@ def test_a_flat_score_ends(algorithm):
 
 @pytest.mark.parametrize("algorithm", Algorithm)
 def test_places_without_a_score_are_avoided(algorithm):
-    """NaN where x < 0.4: alone, nlopt returns NaN with one algorithm and raises with another."""
+    """NaN where x < 0.4: by itself, nlopt returns NaN with one algorithm and raises with
+    another."""
 
     def half(coordinates):
         return math.nan if coordinates[0] < 0.4 else bowl(0.3)(coordinates)
@@ -96,7 +97,8 @@ def test_no_score_anywhere_leaves_the_start():
 @pytest.mark.parametrize("kind", [np.float32, np.float64, np.asarray, int])
 @pytest.mark.parametrize("algorithm", Algorithm)
 def test_any_kind_of_number_is_a_score(algorithm, kind):
-    """nlopt itself raises an error without a message for the first and the third."""
+    """nlopt itself raises an error without a message for the first and the third of these
+    numbers."""
     minimise(lambda coordinates: kind(coordinates[0]), np.array([0.5]), Search(algorithm, 20))
 
 
@@ -173,7 +175,7 @@ def test_a_start_outside_is_refused():
 
 
 def test_a_search_of_all_ends_no_worse_than_the_start():
-    """A hole around the start that the whole cube's search falls short of."""
+    """The start lies in a hole that the search of the whole cube does not reach."""
 
     def hole(coordinates):
         return (
@@ -202,7 +204,7 @@ def test_a_search_of_all_ends_where_it_is_enough():
 
 
 def test_a_search_in_another_thread_changes_no_random_number():
-    """Searches that begin and end meanwhile in other threads, of other seeds."""
+    """Searches with other seeds begin and end in other threads in the meantime."""
 
     def searched(seed, disturbed):
         points = []

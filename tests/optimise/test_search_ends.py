@@ -1,4 +1,4 @@
-"""Ends of whole searches: what is kept of a run that stops, and the figures of them."""
+"""Results of whole searches: what is kept of an interrupted run, and their figures."""
 
 import argparse
 import json
@@ -30,7 +30,7 @@ ENDS = [
 
 
 def test_regret_is_that_of_feasible_ends_over_the_best_feasible_one_of_all():
-    """An infeasible end of 1.0 is no reference, and one of another search is."""
+    """An infeasible result of 1.0 is not a reference, nor is one of another search."""
     figures = intervals_searches.figures_of(ENDS, ("noise_only", "nanosatellite"))
     assert figures["feasible_ends"] == {"noise_only": 0.75}
     assert figures["claimed_wrongly"] == {"noise_only": 1}
@@ -42,7 +42,7 @@ def test_regret_is_that_of_feasible_ends_over_the_best_feasible_one_of_all():
 
 
 def test_an_end_that_is_kept_is_not_searched_again(tmp_path, monkeypatch):
-    """Only the third seed is run; it is judged by trials of its own point, and appended."""
+    """Only the third seed is run; it is evaluated by trials of its own design, and appended."""
     path, judged = tmp_path / "ends.jsonl", []
     path.write_text("".join(json.dumps(one) + "\n" for one in ENDS[:2]))
 

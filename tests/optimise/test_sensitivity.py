@@ -14,7 +14,7 @@ from startrack.optimise.sensitivity import sensitivities
 
 
 def by_law(monkeypatch, law):
-    """Forecast designs by a law of their case, radian."""
+    """Designs that are forecast by a law of their case, radian."""
 
     def forecast(space, _, points, *__, **___):
         return [Foresight(math.log(law(space.design(one)) / arcsec), {}) for one in points]
@@ -24,7 +24,7 @@ def by_law(monkeypatch, law):
 
 def test_a_power_law_has_known_slopes_and_indices(small, monkeypatch):
     """ln error = 2 ln focal length - 1/2 ln exposure on log scales: a sum, so that first and
-    total indices are alike, in proportion to (power times range)^2."""
+    total indices are equal, proportional to (power times range)^2."""
     focal, exposure = small.campaign.variables[0], small.campaign.variables[3]
     space = DesignSpace(small.case, (focal, exposure))
 
@@ -68,7 +68,7 @@ def test_a_variable_alone_has_all_of_the_variance_and_zero_no_slope(small):
 
 
 def test_whole_numbers_have_a_slope_between_two_of_them(small, monkeypatch):
-    """A hundredth of the range moves a number of stars by less than one."""
+    """A hundredth of the range changes a number of stars by less than one."""
     name = "tracker.detection.max_spots"
     space = DesignSpace(small.case, (Variable(name, 95, 105),))
     by_law(monkeypatch, lambda case: 1 / case.tracker.detection.max_spots)
@@ -91,7 +91,7 @@ def test_base_designs_that_are_no_power_of_two_are_refused(small):
 
 
 def test_of_a_product_the_total_indices_are_larger(small, monkeypatch):
-    """Of u v over the unit square: 3/7 each alone, 4/7 in all; and the same of the same seed."""
+    """For u v over the unit square: 3/7 each alone, 4/7 in all; and the same for the same seed."""
     space = DesignSpace(small.case, small.campaign.variables[:2])
     names = [variable.name for variable in space.variables]
 
@@ -111,10 +111,10 @@ def test_of_a_product_the_total_indices_are_larger(small, monkeypatch):
 
 
 def test_indices_are_those_of_salib():
-    """Of the least error of a centroid over flux, width and noise, 128 designs beside 320.
+    """The least error of a centroid over flux, width and noise, with 128 designs, against 320.
 
-    Largest difference found: 0.002 to 0.012 for 64 to 1,024 base designs of SALib, whose own error
-    is 0.01 for 256; allowed: 0.03.
+    For 64 to 1,024 base designs of SALib the largest difference was 0.002 to 0.012; SALib's own
+    error is 0.01 for 256; allowed: 0.03.
     """
     pytest.importorskip("SALib", reason="SALib is not installed: indices stand beside no other")
     assert sobol_error(64) < 0.03

@@ -15,7 +15,7 @@ def test_a_quadratic_is_found_exactly():
 
 
 def test_the_stated_error_is_that_on_unseen_points():
-    """Noise of 0.1 through 10 coefficients on 60 points; the stated error within 15 %."""
+    """Noise of 0.1, 10 coefficients, 60 points: the stated error is within 15 %."""
     rng = np.random.default_rng(1)
     stated, real = [], []
     for _ in range(200):

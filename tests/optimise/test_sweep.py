@@ -1,4 +1,4 @@
-"""Sweeps and values at a limit, beside single designs, hand calculations and dense sweeps."""
+"""Sweeps and values at a limit, against single designs, hand calculations and dense sweeps."""
 
 import dataclasses
 import math
@@ -22,7 +22,7 @@ TRIALS = 20
 
 @pytest.fixture(scope="module")
 def path(small, tmp_path_factory):
-    """The small design in its own condition alone, as a file."""
+    """The small design in its nominal condition alone, as a file."""
     needs = dataclasses.replace(small.campaign.requirements, max_rate=None)
     campaign = dataclasses.replace(small.campaign, requirements=needs)
     file = tmp_path_factory.mktemp("swept") / "small.toml"
@@ -179,7 +179,7 @@ def test_the_mass_is_solved_for_as_by_hand(path):
 
 @pytest.mark.slow
 def test_an_error_is_solved_for_as_a_dense_sweep_has_it(path):
-    """On the same skies and noise, so that the two differ by the interpolation alone."""
+    """On the same skies and noise, so that the two differ only by the interpolation."""
     runner = TrialRunner(1)
     found = startrack.solve_for(
         path, f"{F_NUMBER}=1.2..2", "across=0.6 arcsec", points=4, trials=200, runner=runner
@@ -197,9 +197,10 @@ def test_an_error_is_solved_for_as_a_dense_sweep_has_it(path):
 
 
 class Known:
-    """Designs whose error across is known by f-number, by formula and by trials.
+    """Designs whose error across is a known function of the f-number, by formula and by trials.
 
     error   arcsec, of an f-number
+
     factor  of the error by trials, and the ends of its interval
     """
 
@@ -261,7 +262,8 @@ def test_an_end_beyond_the_range_is_open(path, monkeypatch):
 
 
 def test_a_whole_number_is_the_last_that_keeps_the_limit(path):
-    """Power grows with the bits that are read out: the last number of bits that 12 allow."""
+    """Power grows with the number of bits: the largest number of bits for which 12 values meet
+    the limit."""
     power = [load_design(path, [f"instrument.detector.bits={bits}"]) for bits in (12, 13)]
     most = [design.campaign.requirements.power(design.case) for design in power]
     limit = f"power={(most[0] + most[1]) / 2} W"
@@ -304,7 +306,7 @@ def test_limits_and_keys_that_are_none_are_refused(path):
 
 
 def test_a_limit_on_a_whole_number_is_the_first_that_keeps_it():
-    """The margins of single designs at that number and at the one below, of unlike sign."""
+    """The margins of single designs at that number and at the one below have opposite signs."""
     design, key = startrack.shipped("designs/noise_only.toml"), "tracker.detection.max_spots"
     solution = startrack.solve_for(design, f"{key}=8..40", "across=0.6arcsec", points=3, trials=0)
     [crossing] = solution.crossings
@@ -319,7 +321,8 @@ def test_a_limit_on_a_whole_number_is_the_first_that_keeps_it():
 
 
 def test_values_that_a_lens_family_refuses_are_left_out():
-    """The mass at the solution is the limit; the range of ten times begins below the family's."""
+    """The mass at the solution is the limit; the range of ten times begins below that of the
+    family."""
     design = startrack.shipped("designs/nanosatellite.toml")
     found = startrack.solve_for(design, F_NUMBER, "mass=0.22 kg", points=5)
     [crossing] = found.crossings
@@ -331,7 +334,7 @@ def test_values_that_a_lens_family_refuses_are_left_out():
 
 @pytest.fixture(scope="module")
 def of_units(tmp_path_factory):
-    """A design that is judged over units, whose boresights are off by 60 arcsec about x."""
+    """A design that is judged over units, with boresight errors of 60 arcsec about x."""
     own = load_design(startrack.shipped("designs/noise_only.toml"))
     case = dataclasses.replace(
         own.case, variation=(Variation("instrument.mounting.x", sigma="60 arcsec"),)
@@ -347,7 +350,7 @@ def of_units(tmp_path_factory):
 
 @pytest.mark.parametrize("trials", [0, 8])
 def test_errors_and_margins_of_a_sweep_are_of_the_same_units(of_units, trials):
-    """margin = 1 - error / limit, also where 90 % of the units are asked."""
+    """margin = 1 - error / limit, also if 90 % of the units must meet it."""
     swept = startrack.sweep(of_units, f"{F_NUMBER}=2.0,2.4", trials=trials)
     for row in swept.rows:
         for name, limit in (("across", 50), ("about", 100)):

@@ -18,10 +18,10 @@ def tracker(small, campaign, seed):
 
 
 def test_the_sampled_region_is_that_of_a_grid():
-    """Means and deviations of two variables beside sums over a million points.
+    """Means and deviations of two variables, against sums over a million points.
 
-    Chains end with 400 independent samples and more: 0.05 of a deviation is one standard error of a
-    mean, and 0.2 four of them, so that one of four figures is farther off with 3e-4.
+    Chains end with at least 400 independent samples: 0.05 of a deviation is one standard error of a
+    mean, and 0.2 four of them, so that one of four figures exceeds it with 3e-4.
     """
     assert posterior_error(150) < 0.2
 
@@ -50,7 +50,7 @@ def test_the_region_of_a_known_surface_is_found():
 
 
 def test_a_signal_in_the_density_ends_it_without_a_word(capfd):
-    """emcee prints the traceback of whatever its function raises."""
+    """emcee prints the traceback of any exception of its function."""
     calls = []
 
     def density(points):
@@ -84,7 +84,7 @@ def test_the_tolerance_region_of_a_small_tracker(small):
 
 @pytest.mark.slow
 def test_the_probability_of_the_region_is_kept_by_the_budget(small):
-    """Twelve designs of the region: the surface promises a fraction, the budget finds one.
+    """Twelve designs of the region: the surface predicts a fraction, the budget finds one.
 
     Three standard errors of a binomial of 12 around one half: 0.43.
     """

@@ -1,4 +1,4 @@
-"""Designs judged by their units: the level over units, what is refused, and fresh units."""
+"""Designs judged by their units: the level over units, refusals, and fresh units."""
 
 import math
 from dataclasses import replace
@@ -56,7 +56,7 @@ def test_the_quantile_of_few_is_that_of_harrell_and_davis(count):
 
 
 def test_what_units_differ_by_is_not_called_left_out_where_units_are_judged():
-    """Neither what a file names, nor what follows from its structure."""
+    """Neither for variations in a file, nor for those derived from its structure."""
     case = load_design(shipped("designs/nanosatellite.toml")).case
     assert case.varying
     alone = without_units(case)
@@ -65,7 +65,7 @@ def test_what_units_differ_by_is_not_called_left_out_where_units_are_judged():
 
 
 def test_the_level_over_units_is_that_of_their_misalignments():
-    """Of 60 arcsec about x alone, beside 0.3 arcsec of noise: the rms per axis is |x| / sqrt(2)."""
+    """For 60 arcsec about x alone, with 0.3 arcsec of noise, the rms per axis is |x| / sqrt(2)."""
     turned = [
         abs(unit_case(TURNED, 7, Moment(unit, age=YEAR)).instrument.mounting.x) / np.sqrt(2)
         for unit in range(6)
@@ -75,7 +75,7 @@ def test_the_level_over_units_is_that_of_their_misalignments():
 
 
 def test_trials_of_the_units_correct_the_level():
-    """The units of the trials are those of the budgets, so that few trials find the same level."""
+    """The units of the trials are those of the budgets, so that few trials give the same level."""
     space = DesignSpace(TURNED, CAMPAIGN.variables)
     limited = replace(CAMPAIGN, requirements=Requirements(max_across=200 * arcsec))
     done = evaluate(space, limited, space.start, TrialRunner(7))
@@ -115,7 +115,7 @@ def test_ages_are_those_of_the_case():
 
 
 def outcomes(errors, each):
-    """Trials of units of some errors about x, radian."""
+    """Trials of units with given errors about x, radian."""
     table = np.zeros(len(errors) * each, OUTCOMES)
     table["trial"] = np.arange(len(table))
     table["solved"] = True
@@ -124,7 +124,7 @@ def outcomes(errors, each):
 
 
 def test_start_and_best_are_compared_over_the_same_units():
-    """Units of 1 to 40 microradian, and of half of that: half the level, and twice the yield."""
+    """Units of 1 to 40 microradian, and half of that: half the level, and twice the yield."""
     errors = np.arange(1, 41) * 1e-6
     campaign = replace(CAMPAIGN, fresh_units=40, unit_trials=3)
     judged = campaign.judged(TURNED)[:1]
@@ -139,9 +139,9 @@ def test_start_and_best_are_compared_over_the_same_units():
 
 
 def test_the_noise_of_few_trials_does_not_raise_the_level_over_units():
-    """Of units whose ln(error) scatters by 0.15: the level by 5 trials is that of the law.
+    """For units whose ln(error) scatters by 0.15, the level by 5 trials is that of the law.
 
-    Of 40 seeds it is 0.3 % too large in the mean and scatters by 2.4 %; without the correction it
+    Over 40 seeds it is 0.3 % too large on average and scatters by 2.4 %; without the correction it
     is 11 % too large. The allowed difference is 6 %: a false alarm in 2 % of the seeds.
     """
     random, campaign = np.random.default_rng(3), replace(CAMPAIGN, fresh_units=400, unit_trials=5)
@@ -155,10 +155,10 @@ def test_the_noise_of_few_trials_does_not_raise_the_level_over_units():
 
 
 def test_what_budgets_expect_of_units_is_no_noise():
-    """Units whose ln(error) scatters by 0.25, as is expected of them, and by 0.1 more: the level by
+    """Units whose ln(error) scatters by 0.25, as expected for them, and by 0.1 more: the level by
     two trials each.
 
-    Of 200 seeds it is 0.0 % too large in the mean and scatters by 3.9 %; without the budgets it is
+    Over 200 seeds it is 0.0 % too large on average and scatters by 3.9 %; without the budgets it is
     3.5 % too small and scatters by 4.9 %, without any correction it is 40 % too large. The allowed
     difference is 13 %: a false alarm in 0.5 % of the seeds.
     """
@@ -174,7 +174,7 @@ def test_what_budgets_expect_of_units_is_no_noise():
 
 
 def test_halving_the_tolerance_that_counts_buys_half_of_the_level():
-    """Of misalignments of 60 and 6 arcsec, beside which 0.3 arcsec of noise are nothing."""
+    """With misalignments of 60 and 6 arcsec, 0.3 arcsec of noise are negligible."""
     name = "instrument.mounting."
     both = (Variation(f"{name}y", sigma="2 arcsec"), Variation(f"{name}x", sigma="60 arcsec"))
     case = replace(TURNED, variation=both)
@@ -187,7 +187,7 @@ def test_halving_the_tolerance_that_counts_buys_half_of_the_level():
 
 
 def test_a_tolerance_is_a_variable_with_a_price():
-    """Two halvings of 30 each; the names of other numbers of a variation are refused."""
+    """Each halved twice, by 30 each; other keys of a variation are refused."""
     tight = replace(TURNED.variation[0], price=30.0)
     case = replace(TURNED, variation=(tight,))
     space = DesignSpace(case, (Variable("variation.0.scale", 0.25, 2.0, "log"),))
@@ -200,7 +200,7 @@ def test_a_tolerance_is_a_variable_with_a_price():
 
 
 def test_a_start_that_stays_is_judged_over_the_units_that_are_asked_for():
-    """It has no figures over fresh units of its own, and is not of noise alone for that."""
+    """It has no figures over its own fresh units, and is not called noise only for that reason."""
     summary = SimpleNamespace(availability=Interval(1.0, 1.0, 1.0))
     kept = SimpleNamespace(best=TURNED, fresh=(summary, summary), errors={}, units=None, rounds=1)
     sentences = optimum_caveats(kept, CAMPAIGN)
@@ -209,7 +209,7 @@ def test_a_start_that_stays_is_judged_over_the_units_that_are_asked_for():
 
 @pytest.mark.slow
 def test_the_best_design_for_its_units_is_found():
-    """Of units whose blur differs by 30 %, on units that took no part in the search."""
+    """For units whose blur differs by 30 %, on units that the search did not use."""
     blur = Variation("instrument.optics.blur", "lognormal", sigma=0.3, vary="relative")
     case = replace(CASE, variation=(blur,), lifetime=YEAR)
     campaign = replace(

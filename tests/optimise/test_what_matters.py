@@ -12,7 +12,7 @@ MIDDLE, WIDTH = 0.3, 0.5  # of the parabola, in the unit cube
 
 
 def source(small, monkeypatch, law, margins=lambda case: {}):
-    """Two variables, focal length and exposure, whose designs are forecast by a law (radian)."""
+    """Two variables, focal length and exposure, with designs forecast by a law (radian)."""
     focal, exposure = small.campaign.variables[0], small.campaign.variables[3]
     space = DesignSpace(small.case, (focal, exposure))
 
@@ -25,8 +25,8 @@ def source(small, monkeypatch, law, margins=lambda case: {}):
 
 
 def test_ranges_end_where_a_parabola_is_one_per_cent_above_its_least(small, monkeypatch):
-    """ln error = ((u - 0.3)^2 + (v - 0.3)^2) / 0.5: the range ends sqrt(0.5 ln 1.01) from 0.3, as
-    the other variable follows to its own least."""
+    """ln error = ((u - 0.3)^2 + (v - 0.3)^2) / 0.5: the range ends sqrt(0.5 ln 1.01) from 0.3,
+    because the other variable takes its own optimum."""
 
     def law(space, case):
         u, v = space.coordinates(case)

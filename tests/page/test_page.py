@@ -1,4 +1,5 @@
-"""The server of a page without a browser: who is answered; numbers beside those of commands."""
+"""The server of a page without a browser: permitted requests; numbers equal to those of
+commands."""
 
 import http.client
 import json
@@ -134,7 +135,7 @@ CHANGES = ["instrument.optics.f_number=2.1", "instrument.detector.exposure=91.7 
 
 
 def saved(page):
-    """What was shown of a design, and the file that it was saved to."""
+    """The displayed values of a design, and the file that it was saved to."""
     shown = page.ask("paint", changes=CHANGES)
     assert page.ask("save", changes=CHANGES, name="mine")["done"].startswith(str(page.folder))
     file = page.folder / "mine.toml"

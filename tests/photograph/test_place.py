@@ -1,4 +1,4 @@
-"""Places and times of photographs, beside astropy's observed places of the same stars."""
+"""Places and times of photographs, against astropy's observed places of the same stars."""
 
 import erfa
 import numpy as np
@@ -37,7 +37,7 @@ NOISE = 0.05  # pixel
 
 
 def observed(direction, hectopascal=HECTOPASCAL):
-    """Azimuth and elevation of directions of the catalogue, radian, by astropy."""
+    """Azimuth and elevation of catalogue directions, radian, by astropy."""
     place = EarthLocation.from_geodetic(11.4 * units.deg, 47.3 * units.deg, HEIGHT * units.m)
     frame = AltAz(
         obstime=Time(SITE.time),
@@ -54,7 +54,7 @@ def observed(direction, hectopascal=HECTOPASCAL):
 
 
 def on_horizon(azimuth, elevation):
-    """Unit vectors to east, north and up."""
+    """Unit vectors towards east, north and up."""
     level = np.cos(elevation)
     return np.stack([level * np.sin(azimuth), level * np.cos(azimuth), np.sin(elevation)], -1)
 
@@ -75,7 +75,7 @@ def test_stars_are_seen_where_astropy_has_them():
 
 
 def test_refraction_beside_other_programs():
-    """Beside ERFA's dry air, and at the horizon beside Allen's 34 arcmin of 10 degC."""
+    """Against ERFA's dry air, and at the horizon against Allen's 34 arcmin at 10 degC."""
     for height, hectopascal, celsius in ((0.0, 1013.25, 15.0), (2600.0, 738.0, -1.9)):
         a, b = erfa.refco(hectopascal, celsius, 0, 0.55)
         for elevation in (15, 20, 30, 45, 60, 80):
@@ -91,7 +91,7 @@ def test_refraction_beside_other_programs():
 
 
 def photograph(rng, camera, azimuth, elevation, count=60):
-    """A solved photograph whose middle is seen there, its stars drawn where astropy sees them."""
+    """A solved photograph with a given image centre, whose stars are drawn at astropy's places."""
     z = on_horizon(azimuth, elevation)
     x = np.cross([0, 0, 1.0], z)
     x /= np.linalg.norm(x)

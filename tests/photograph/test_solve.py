@@ -1,4 +1,4 @@
-"""Photographs of unknown cameras, drawn star by star: what is tried beyond a pinhole as it is."""
+"""Photographs of unknown cameras, drawn star by star: all tries other than an unchanged pinhole."""
 
 import math
 from functools import cache
@@ -24,7 +24,7 @@ TURN = Rotation.from_euler("zyx", [40, 10, 65], degrees=True)
 
 
 class Indexes:
-    """Indexes of a quarter of the usual triangles, which are quicker to build."""
+    """Indexes with a quarter of the usual triangles, which are quicker to build."""
 
     stars = STARS
 
@@ -34,7 +34,8 @@ class Indexes:
 
 @pytest.fixture(autouse=True)
 def few_cameras(monkeypatch):
-    """Only cameras of about the true field are tried: those of all fields need thirty indexes."""
+    """Only cameras of about the true field are tried: those of all fields would need thirty
+    indexes."""
     monkeypatch.setattr(
         "startrack.photograph.tries.cameras",
         lambda columns, rows, *_, **more: cameras_of(columns, rows, FIELD, 0.1),
@@ -69,7 +70,7 @@ PINHOLE = Camera.from_field_of_view(COLUMNS, ROWS, FIELD)
 
 
 def apart_from(found, turn=TURN):
-    """Angle (arcmin) of the boresight that was found from the true one."""
+    """Angle (arcmin) of the found boresight from the true one."""
     return 60 * math.degrees(np.arccos(min(found.axis.as_matrix()[2] @ turn.as_matrix()[2], 1)))
 
 
@@ -98,7 +99,7 @@ def test_views_are_found_and_said(view):
 
 
 def test_a_camera_that_turned_is_solved_and_its_streaks_are_said():
-    """Drawn as the mean of 41 images along 20 pixels: no spot of a point is left."""
+    """Drawn as the mean of 41 images along 20 pixels: no spot has the shape of a point image."""
     way = np.linspace(-0.5, 0.5, 41)[:, None] * [17.0, -11.0]
     drawn = [draw(lambda d, s=s: PINHOLE.project(d) + s, COLUMNS, ROWS) for s in way]
     image = np.mean(np.array(drawn, float), axis=0).astype(np.float32)
@@ -134,7 +135,8 @@ def test_a_hint_that_is_wrong_is_left():
 
 
 def test_the_brightest_stars_are_among_the_spots_however_large_they_are():
-    """Stars of sigma 7 pixels, the brightest saturated over hundreds: not found as they are."""
+    """Stars of sigma 7 pixels, the brightest saturated over hundreds of pixels: not found at
+    full scale."""
     big = Camera.from_field_of_view(1280, 960, FIELD)
     turn = Rotation.random(random_state=0)
     frame = Frame(draw(big.project, 1280, 960, width=7.0, turn=turn))

@@ -1,4 +1,4 @@
-"""Each picture, drawn of a case that is hard to draw, says what it shows and hides nothing."""
+"""Pictures of difficult cases: each says what it shows, and its parts do not overlap."""
 
 import dataclasses
 import itertools
@@ -45,13 +45,13 @@ LEGIBLE = 6.9  # pixel, of the smallest letters there
 
 @pytest.fixture(autouse=True)
 def _fine(monkeypatch):
-    """Pixels as users get them."""
+    """Pictures with the pixels that users get."""
     monkeypatch.setattr(style, "DPI", 200)
 
 
 @pytest.fixture
 def drawn(monkeypatch, tmp_path):
-    """Draws a picture; returns its figure, which is checked, and its file, if that is written."""
+    """Draw a picture; return its figure after a check, and its file if one is written."""
     kept, save = [], style.save_figure
 
     def draw(function, *given, written=False, **named):
@@ -70,7 +70,7 @@ def drawn(monkeypatch, tmp_path):
 
 
 def check(figure):
-    """What holds for every picture."""
+    """Checks for every picture."""
     figure.draw_without_rendering()
     bounds, scale = figure.bbox.padded(2), PHONE / figure.bbox.width
     for axes in figure.axes:
@@ -97,14 +97,15 @@ def is_text(artist):
 
 
 def texts(figure):
-    """All that can be read in a picture, in one line."""
+    """All readable text of a picture, in one line."""
     return " ".join(
         text.get_text() for text in figure.findobj(is_text) if text.get_visible()
     ).replace("\n", " ")
 
 
 def test_errors_have_the_availability_of_their_summary(drawn):
-    """Of attitudes that are within what is required, as the table beside the picture has."""
+    """The availability of attitudes within the required error, as in the table beside the
+    picture."""
     few = outcomes(40)
     few["error_x"][:10] = 100 * arcsec
     for axis in "xyz":
@@ -124,7 +125,7 @@ def outcomes(count, seed=1):
 
 
 def starry(columns, rows, signals, noise=5.0, seed=1):
-    """A frame with stars of these peaks, in their order on a grid of places."""
+    """A frame with stars of these peaks, in order on a grid of places."""
     random = np.random.default_rng(seed)
     image = random.normal(100, noise, (rows, columns))
     places = [(columns * (k + 1) // (len(signals) + 1), rows // 2) for k in range(len(signals))]
@@ -140,7 +141,7 @@ def starry(columns, rows, signals, noise=5.0, seed=1):
     "size", [*(pytest.param(size, marks=pytest.mark.slow) for size in (256, 1024)), 2048]
 )
 def test_faint_stars_are_seen_on_a_phone(drawn, size):
-    """Of eight times the noise, beside one of a thousand times; a frame of any size."""
+    """A star of eight times the noise beside one of a thousand times; in frames of any size."""
     frame, places = starry(size, size, [40.0, 5000.0, 40.0, 40.0])
     figure, path = drawn(draw_frame, frame, "a frame", written=True)
     picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
@@ -158,7 +159,7 @@ def test_faint_stars_are_seen_on_a_phone(drawn, size):
 @pytest.mark.parametrize("noise", [0.4, 5.0])
 @pytest.mark.parametrize("size", [512, 1024])
 def test_stars_are_drawn_wider_than_hot_pixels(size, noise):
-    """Peaks of twenty times the noise, in whole numbers whose noise may be less than one."""
+    """Peaks of twenty times the noise, in whole numbers whose noise may be below one."""
     line = np.arange(48, size - 48, 48)
     x, y = (values.ravel() for values in np.meshgrid(line, line))
     hot = np.arange(len(x)) % 2 == 0
@@ -194,7 +195,7 @@ def test_a_stretch_and_its_inverse_agree():
     ],
 )
 def test_a_frame_of_one_value_says_so(drawn, value, saturation, bright):
-    """A saturated one is not drawn as a dark one."""
+    """A saturated frame is not drawn like a dark one."""
     image = np.full((64, 64), value, np.uint8 if value == 255 else np.uint16)
     figure, path = drawn(draw_frame, Frame(image), "constant", saturation=saturation, written=True)
     assert f"all pixels have the digital number {value}" in texts(figure)
@@ -217,7 +218,7 @@ def test_bright_stars_have_names_and_the_sky_has_a_scale(drawn):
 
 
 def test_numbers_of_spots_stay_in_the_frame(drawn):
-    """Of spots in all four corners."""
+    """With spots in all four corners."""
     frame, _ = starry(300, 200, [40.0])
     x, y = np.array([1.0, 298.0, 1.0, 298.0]), np.array([1.0, 1.0, 198.0, 198.0])
     one = np.ones(4)
@@ -254,7 +255,7 @@ def test_no_attitude_makes_a_picture_all_the_same(drawn):
 
 
 def test_all_errors_of_a_sequence_are_within_the_axes(drawn):
-    """The y axis, too, with an error of 265 arcsec."""
+    """Also on the y axis, with an error of 265 arcsec."""
     table = np.zeros(30, FRAMES)
     table["time"], table["mode"], table["solved"] = np.arange(30), Mode.TRACKED, True
     random = np.random.default_rng(1)
@@ -278,7 +279,7 @@ def test_all_errors_of_a_sequence_are_within_the_axes(drawn):
 
 
 def test_a_sky_that_is_alike_everywhere_has_no_offset(drawn, small):
-    """And one with a few bad directions an arrow at its colours, with blind ones in grey."""
+    """A map with a few bad directions has an arrow at its colour bar; blind directions are grey."""
     random = np.random.default_rng(1)
     direction = random.normal(size=(400, 3))
     direction /= np.linalg.norm(direction, axis=1)[:, None]
@@ -314,7 +315,7 @@ def test_a_budget_shows_values_from_zero_and_its_requirement(drawn, small):
 
 
 def test_effects_that_a_formula_leaves_out_are_named(drawn, small, monkeypatch):
-    """The shading of rates; trials of few stars stand beside the lines."""
+    """The shaded range of rates; trials with few stars appear beside the lines."""
     monkeypatch.setattr(curves, "SMEARS", (0.0, 1.0))
     monkeypatch.setattr(curves, "BETWEEN", 0)
     lagging = dataclasses.replace(small.case.instrument.detector, lag=0.01)
@@ -331,7 +332,7 @@ def test_effects_that_a_formula_leaves_out_are_named(drawn, small, monkeypatch):
 
 @pytest.mark.slow
 def test_what_moves_stars_beyond_the_causes_that_are_drawn_is_named(drawn, small, monkeypatch):
-    """Jitter moves all stars of a frame alike; the names of small causes have room, too."""
+    """Jitter displaces all stars of a frame equally; the names of small causes have room, too."""
     monkeypatch.setattr(curves, "SMEARS", (0.0, 1.0))
     monkeypatch.setattr(curves, "BETWEEN", 0)
     shaken = replaced(small.case, "instrument.motion.tones", (Tone(20.0, 1e-5, 1e-5),))
@@ -353,7 +354,7 @@ def test_what_moves_stars_beyond_the_causes_that_are_drawn_is_named(drawn, small
 
 
 def optimum(count):
-    """A search in which the number of trials changes, and some designs have none."""
+    """A search with a changing number of trials, in which some designs have none."""
     random = np.random.default_rng(1)
     evaluations = [
         Evaluation(
@@ -391,7 +392,7 @@ def optimum(count):
 
 
 def space_of(variables):
-    """Of lengths from 0 to 1 m."""
+    """A design space with lengths from 0 to 1 m."""
 
     def values(point):
         return {one.name: u for one, u in zip(variables, point, strict=True)}
@@ -518,7 +519,7 @@ def test_two_bounds_on_one_side_of_the_design_are_written_beside_each_other(draw
 
 
 def test_a_narrow_distribution_has_no_offset(drawn):
-    """A focal length that is known to a millionth."""
+    """A focal length with a relative uncertainty of 1e-6."""
     random = np.random.default_rng(1)
     samples = np.column_stack([1816.2 + 2e-3 * random.normal(size=500), random.random(500)])
     drawn(draw_corner, samples, ["focal length (pixel)", "k1 (1)"], "posterior")
@@ -549,7 +550,7 @@ def test_a_modulation_that_depends_on_direction_has_both(drawn):
 
 
 def test_colours_differ_for_readers_who_confuse_red_and_green():
-    """Lightness or hue differs after a simulation of deuteranopia (Machado et al. 2009)."""
+    """Lightness or hue differs in a simulation of deuteranopia (Machado et al. 2009)."""
     machado = np.array([[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413],
                         [-0.011820, 0.042940, 0.968881]])  # fmt: skip
     lab = {}

@@ -1,4 +1,4 @@
-"""Calibrations that are run, beside those that are drawn from their covariance."""
+"""Calibrations that are run, against those that are drawn from their covariance."""
 
 from dataclasses import replace
 
@@ -39,7 +39,7 @@ def rms(values):
     ids=["ground", "many places, order 5", "orbit"],
 )
 def test_what_is_drawn_leaves_what_a_calibration_leaves(settings):
-    """Over the frames of 24 units: within 5 %, in orbit 15 %, where few stars leave more to chance.
+    """Over the frames of 24 units: within 5 %; in orbit, with few stars, within 15 %.
 
     `experiments/units.py` compares more units.
     """
@@ -66,7 +66,7 @@ def test_a_perfect_calibration_leaves_the_residual_alone():
 
 
 def test_the_alignment_is_calibrated_with_the_camera():
-    """A unit whose principal point differs points where it says, after its calibration."""
+    """After its calibration, a unit whose principal point differs points where it states."""
     case = replace(
         VARIED,
         instrument=CASE.instrument,
@@ -92,7 +92,8 @@ def test_a_launch_comes_between_ground_and_orbit():
 
 
 def test_a_recursive_calibration_follows_temperature_and_age():
-    """Focal length by environment and age; principal point and mounting stay as they were found."""
+    """Focal length by environment and age; principal point and mounting keep their calibrated
+    values."""
     case = replace(
         CASE,
         variation=(
@@ -121,7 +122,7 @@ def test_a_recursive_calibration_follows_temperature_and_age():
 
 @pytest.mark.slow
 def test_a_recursive_calibration_makes_up_for_the_principal_point_that_it_holds():
-    """One that is ten pixels off: tangential terms, of 24 fits, drawn and run."""
+    """A principal point ten pixels off: tangential terms of 24 fits, drawn and run."""
     settings = CameraCalibration("recursive", frames=30, tangential=True, noise=0.002)
     camera = unit_case(VARIED, 3, Moment(0)).instrument.camera.ideal
     known = replace(camera, principal_x=camera.principal_x + 10)
@@ -203,9 +204,9 @@ def test_a_map_of_one_node_is_none(find):
 
 
 def test_without_a_calibration_a_tracker_has_the_focal_length_of_its_design(tmp_path):
-    """A scale that is 0.3 % off has an rms per axis of 0.003 sqrt((w^2 + h^2) / 24) over the frame.
+    """A scale error of 0.3 % has an rms per axis of 0.003 sqrt((w^2 + h^2) / 24) over the frame.
 
-    That of 100 units is within three of its sigma of 7 %.
+    The rms of 100 units is within three of its sigma of 7 %.
     """
     left = {}
     for answer in ("none", "display"):

@@ -1,4 +1,4 @@
-"""Trials of many units: the interpolated response beside whole trials, and the streams."""
+"""Trials of many units: the interpolated response against whole trials, and the streams."""
 
 from dataclasses import replace
 
@@ -61,7 +61,7 @@ def rms(table, about=False):
     "age", [pytest.param(0.0, marks=pytest.mark.slow), 5 * YEAR], ids=["begin", "end"]
 )
 def test_the_interpolated_response_of_units_is_that_of_whole_trials(age):
-    """The rms error over two units within 3 %, where that of the design is 5 % off.
+    """The rms error over two units is within 3 %, that of the design 5 % off.
 
     The trials share sky and noise.
     """
@@ -83,7 +83,7 @@ def test_trials_do_not_depend_on_which_others_are_run():
 
 
 def test_what_makes_a_unit_bad_is_its_trials_without_it():
-    """Of a unit that is not the first."""
+    """For a unit that is not the first."""
     case, units, numbers = (
         replace(CASE, variation=VARIED.variation[2:3]),
         Units(20, 2),
@@ -108,7 +108,7 @@ def test_a_unit_that_nothing_varies_in_is_the_design():
 
 @pytest.mark.parametrize("stated", [None, 0.5 * YEAR], ids=["of the day", "of half a year"])
 def test_a_dark_map_is_as_old_as_the_tracker_states(stated):
-    """Pixels of 200 electrons that it does not know came after it was made."""
+    """Pixels of 200 electrons that became hot after the map was made."""
     detector = replace(CASE.instrument.detector, age=Age(time=YEAR, family="chandra-aca"))
     detection = replace(CASE.tracker.detection, dark_map=DarkMap(), dark_map_age=stated)
     case = replace(
@@ -128,11 +128,11 @@ def test_a_dark_map_is_as_old_as_the_tracker_states(stated):
 
 
 def test_a_residual_moves_stars_alike_in_all_fidelities_and_the_budget():
-    """Rms across; 90 trials, correlated by their sky: 20 % of each other.
+    """Rms across; 90 trials, correlated by their sky: within 20 % of each other.
 
-    Over four seeds the rms is 0.93 to 1.12 of the budget's, 1.17 in one of twelve cases.
-    This unit's field is even; of one that is steep in a corner, identification leaves out stars
-    there, by which whole trials are up to 17 % worse.
+    Over four seeds the rms is 0.93 to 1.12 of the budget's, 1.17 in one of twelve cases. The
+    residual of this unit is smooth. For one that is steep in a corner, identification leaves out
+    stars there, which makes whole trials up to 17 % worse.
     """
     case = replace(VARIED, instrument=replace(VARIED.instrument, residual=Residual(0.3)))
     unit = unit_of(case, 3, Moment(0))
@@ -157,7 +157,7 @@ def test_a_residual_moves_stars_alike_in_all_fidelities_and_the_budget():
 
 
 def test_a_frame_sees_the_residual_too():
-    """Spots of a frame and of windows lie at the same places."""
+    """The spots of a frame and of windows have the same places."""
     unit = unit_of(replace(VARIED, variation=()), 1, Moment(0))
     unit = replace(unit, instrument=replace(unit.instrument, residual=Residual(0.3)))
     frame, window = (
@@ -167,10 +167,11 @@ def test_a_frame_sees_the_residual_too():
 
 
 def test_the_stated_covariance_holds_what_stars_share():
-    """The mean normalised error squared of 60 units, 6 where stars are taken as independent.
+    """The mean normalised error squared of 60 units; it would be 6 if stars were taken as
+    independent.
 
-    Units scatter by 1.2 about 3.3, that of the design without a residual: 60 have a mean between
-    2.5 and 4.1 in all but one of a million draws.
+    Units scatter by 1.2 about 3.3, the value of the design without a residual: 60 have a mean
+    between 2.5 and 4.1 in all but one of a million draws.
     """
     case = replace(
         CASE,
@@ -200,7 +201,8 @@ LENS = load_design(shipped("designs/nanosatellite.toml")).case
 
 
 def test_a_unit_behind_a_lens_has_the_places_of_its_own_lens():
-    """The camera of the design, scaled and moved, against the one fitted to the unit's own lens."""
+    """The camera of the design, scaled and displaced, against the one fitted to the unit's own
+    lens."""
     unit = unit_of(LENS, 1, Moment(3, 0))
     assert unit.instrument.optics.focal_length != LENS.instrument.optics.focal_length
     own = replace(unit.instrument, imaged=None)
@@ -214,7 +216,7 @@ def test_a_unit_behind_a_lens_has_the_places_of_its_own_lens():
 def test_units_behind_a_lens_have_the_noise_of_the_middle_one(monkeypatch):
     """Rms across of three units within 4 % of that with images and noise of their own.
 
-    What is left is of hot pixels, as units differ in temperature.
+    The remaining difference is from hot pixels, because units differ in temperature.
     """
     shared = unit_budgets(LENS, 1, 3, 5 * YEAR, 1, apart=False).across()
     monkeypatch.setattr("startrack.budget.units.middle_of", lambda case, age: None)

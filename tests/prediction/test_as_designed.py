@@ -1,4 +1,4 @@
-"""Errors of the unit as designed over what is not known, beside its budget for each value."""
+"""Errors of the unit as designed over unknown values, against its budget for each value."""
 
 import pytest
 

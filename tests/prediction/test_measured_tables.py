@@ -1,4 +1,5 @@
-"""Tables of a photon transfer and of stars: of rendered frames of a hidden truth, and made ones."""
+"""Tables of a photon transfer and of stars: from rendered frames of a hidden truth, and made
+ones."""
 
 import math
 
@@ -35,14 +36,15 @@ FRAMES = 32
 
 
 def told(path, file, figure):
-    """The design of a file with a table over it."""
+    """The design of a file with a table overlaid."""
     above = path.with_name("told.toml")
     above.write_text(f'base = "{path.name}"\n[[told]]\nfigure = "{figure}"\nfile = "{file}"\n')
     return above
 
 
 def learned(path, truth, narrowing):
-    """What a told table says of each unknown: within three sigma of the truth, and narrower."""
+    """The law of each unknown after a measured table is within three sigma of the truth, and
+    narrower."""
     design = load_design(path)
     surface = fit_surface(draw_unknowns(path, 1, 10, 1, 0.0, middle=False))
     found = learn(surface, design.told, 1)
@@ -58,7 +60,7 @@ def learned(path, truth, narrowing):
 
 @pytest.fixture(scope="module")
 def transfer(tmp_path_factory):
-    """A design of a detector, the truth, and a table of levels that the detector room renders."""
+    """A design of a detector, the truth, and a table of levels rendered with the truth."""
     path = tmp_path_factory.mktemp("transfer") / "design.toml"
     path.write_text(DETECTOR)
     names = ("full_well", "read_noise", "prnu")
@@ -100,7 +102,7 @@ def test_a_photon_transfer_tells_the_detector_that_was_rendered(transfer):
 
 @pytest.fixture(scope="module")
 def stars(tmp_path_factory):
-    """A design, the truth, and a table of the stars in frames of one attitude that it renders."""
+    """A design, the truth, and a table of the stars in frames of one attitude rendered with it."""
     path = tmp_path_factory.mktemp("stars") / "design.toml"
     path.write_text(OPTICS)
     truth = {
@@ -133,7 +135,7 @@ def stars(tmp_path_factory):
 
 
 def at(spots, place):
-    """The spot near a place in the frame; NaN where there is none."""
+    """The spot near a place of the frame; NaN if there is none."""
     apart = np.hypot(spots.x - place[0], spots.y - place[1])
     if not len(apart) or apart.min() > 3:
         return np.full(2, np.nan)

@@ -1,4 +1,4 @@
-"""Predictions of designs with values that are not known, beside closed forms."""
+"""Predictions of designs with unknown values, against closed forms."""
 
 import math
 from concurrent.futures import ThreadPoolExecutor
@@ -28,7 +28,8 @@ LENS = Unknown("lens", {"among": ["a", "b"], "weight": [3, 1]})
 
 
 def drawn(count, error, unknowns=(GRID, STARS, LENS), lost=()):
-    """Draws of a design whose FOV error across is a function of quantiles, about twice that."""
+    """Draws of a design whose FOV error across is a function of quantiles, and about twice as
+    large."""
     random = np.random.default_rng(5)
     draws = []
     for number in range(count):
@@ -41,7 +42,8 @@ def drawn(count, error, unknowns=(GRID, STARS, LENS), lost=()):
 
 
 def product(quantile):
-    """An error of known law: 3 arcsec times the length, over the root of the stars, times lens."""
+    """An error with a known law: 3 arcsec times the length, over the root of the stars, times
+    the lens factor."""
     length = 2.0 ** norm.ppf(quantile["grid"])
     stars = 10 if quantile["stars"] < 0.5 else 40
     return 3 * arcsec * length * math.sqrt(10 / stars) * (1 if quantile["lens"] < 0.75 else 1.5)
@@ -62,7 +64,7 @@ def test_what_all_draws_are_wrong_by_widens_each_interval():
 
 
 def test_quantiles_and_causes_are_those_of_the_law():
-    """Beside a million draws of the product itself, and the variances of its three logarithms."""
+    """Against a million draws of the product itself, and the variances of its three logarithms."""
     found = prediction_of(drawn(40, product), seed=1, units=3, age=0.0)
     figure = found.figure(ACCURACY, "across")
     exact = np.random.default_rng(1)
@@ -82,7 +84,7 @@ def test_quantiles_and_causes_are_those_of_the_law():
 
 
 def test_an_even_law_leaves_nothing_over():
-    """An error that grows as a power of a value between two ends, at quantiles of that value."""
+    """An error that is a power of a value between two ends, at quantiles of that value."""
     even = Unknown("even", {"low": 1.2, "high": 2.0})
     draws = drawn(32, lambda quantile: arcsec * (1.2 + 0.8 * quantile["even"]) ** 1.5, (even,))
     figure = prediction_of(draws, seed=1, units=3, age=0.0).figure(ACCURACY, "across")
@@ -104,7 +106,7 @@ def told(value, factor, axis="across"):
 
 
 def test_a_told_figure_narrows_what_it_depends_on():
-    """Of normal laws: precisions add, and means by their precisions (conjugate prior)."""
+    """For normal laws, precisions add up, and means are weighted by precision (conjugate prior)."""
     draws = drawn(20, lambda quantile: 3 * arcsec * 2 ** norm.ppf(quantile["grid"]), (GRID,))
     learned = prediction_of(draws, 1, 3, 0.0, [told(6.0, 1.5)]).learned
     (lesson,) = learned.lessons
@@ -130,7 +132,8 @@ def test_what_a_figure_says_nothing_of_keeps_its_law():
 
 
 def test_a_told_choice_has_the_odds_of_its_values():
-    """Bayes' rule for two lenses of 3 and 4.5 arcsec, odds 3 to 1, told 4.5 within 1.2."""
+    """Bayes' rule for two lenses of 3 and 4.5 arcsec, odds 3 to 1, with a figure of 4.5 within a
+    factor of 1.2."""
     draws = drawn(20, lambda quantile: (3 if quantile["lens"] < 0.75 else 4.5) * arcsec, (LENS,))
     (lesson,) = prediction_of(draws, 1, 3, 0.0, [told(4.5, 1.2)]).learned.lessons
     odds = 3 * math.exp(-((math.log(1.5) / math.log(1.2)) ** 2) / 2)
@@ -140,7 +143,7 @@ def test_a_told_choice_has_the_odds_of_its_values():
 
 @pytest.mark.parametrize(("heads", "angle"), [(2, 40), (2, 90), (3, 90), (4, 60)])
 def test_a_figure_of_fused_heads_is_that_of_their_best_estimate(heads, angle):
-    """Beside 40,000 least-squares estimates from errors that are drawn head by head."""
+    """Against 40,000 least-squares estimates from errors that are drawn head by head."""
     rng, errors, count = np.random.default_rng(1), np.array([1.0, 6.0]), 40_000
     slope = np.arcsin(np.sin(np.radians(angle) / 2) / np.sin(np.pi / heads))
     turns = [
@@ -167,7 +170,7 @@ def test_a_figure_of_fused_heads_is_that_of_their_best_estimate(heads, angle):
 
 
 def test_a_told_figure_of_two_heads_says_what_one_of_one_head_does():
-    """Across both of two heads with one boresight the error is that of one over the root of 2."""
+    """Across two heads with one boresight, the error is that of one over the root of 2."""
     draws = drawn(20, lambda quantile: 3 * arcsec * 2 ** norm.ppf(quantile["grid"]), (GRID,))
     alone = prediction_of(draws, 1, 3, 0.0, [told(6.0, 1.5)]).learned.lessons[0]
     both = Told("accuracy", "across", 6 / 2**0.5 * arcsec, factor=1.5, heads=2, angle=0.0)
@@ -192,7 +195,7 @@ def test_heads_need_the_angle_between_them(more, words):
 
 @pytest.fixture
 def design(tmp_path):
-    """The example of noise alone with two unknowns, one of which moves the noise alone."""
+    """The example with noise only and two unknowns, one of which changes only the noise."""
     path = tmp_path / "design.toml"
     path.write_text(
         'base = "designs/noise_only.toml"\n[instrument.detector]\n'
@@ -203,7 +206,7 @@ def design(tmp_path):
 
 
 def test_noise_falls_with_the_root_of_the_light(design):
-    """NEA goes as exposure^-1/2 where the light's noise decides, as ^-1 where the read-out's."""
+    """NEA goes as exposure^-1/2 if photon noise dominates, as exposure^-1 if read noise does."""
     found = predict(design, draws=10, units=2, age=0.0)
     nea, accuracy = found.figure("NEA", "across"), found.figure(ACCURACY, "across")
     slope = math.log(nea.factor) / math.log(1.3)
@@ -229,7 +232,8 @@ def test_draws_do_not_depend_on_workers_or_other_unknowns(design):
 
 
 def test_few_fields_are_corrected_to_those_of_the_budget(tmp_path):
-    """The noise of 32 fields is 11 % off: the middle is the budget, and each draw near its own."""
+    """The noise of 32 fields is 11 % off; the middle is corrected to the budget, and each draw
+    is near its own."""
     path = tmp_path / "design.toml"
     law = 'read_noise = { median = "8 electron", factor = 1.3 }'
     path.write_text(f'base = "designs/noise_only.toml"\n[instrument.detector]\n{law}\n')
@@ -257,7 +261,7 @@ def test_the_middle_is_known_before_workers_are_asked(design):
 
 
 def test_a_star_table_and_a_limiting_magnitude_tell_of_what_they_depend_on(design):
-    """The residual on the table of its law; the exposure that makes the magnitude."""
+    """The residual affects the table of its law; the exposure the limiting magnitude."""
     exposure, residual = "instrument.detector.exposure", "instrument.residual.rms"
     longer = load_design(design, [f"{exposure}=130 ms"]).case
     text = "\n[[told]]\nfigure = {!r}\nnumber = {}\nfactor = {}\n".format

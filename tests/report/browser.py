@@ -1,4 +1,4 @@
-"""Debian's Chromium, driven over the WebDriver protocol; a test skips where there is none."""
+"""Debian's Chromium, driven by the WebDriver protocol; a test skips if there is none."""
 
 import json
 import shutil

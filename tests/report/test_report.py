@@ -1,4 +1,4 @@
-"""The page of a campaign: what it says, and what a real browser makes of it."""
+"""The page of a campaign: its statements, and its rendering by a real browser."""
 
 import dataclasses
 import html.parser
@@ -36,7 +36,7 @@ TRIALS, SEED = 80, 11
 
 @pytest.fixture(scope="module", autouse=True)
 def _few_rates():
-    """Each rate takes a second."""
+    """Few rates, because each takes a second."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(curves, "BETWEEN", 0)
         for module in (curves, write.budget):
@@ -58,7 +58,7 @@ def case():
 
 @pytest.fixture(scope="module")
 def campaign(case, tmp_path_factory):
-    """A small tracker's campaign, one trial of which is made to look wrong and one to fail."""
+    """A small tracker's campaign, with one trial made to look wrong and one made to fail."""
     outcomes = run(case, TRIALS, SEED, Serial())
     path = tmp_path_factory.mktemp("campaign") / "of <b>.sqlite"
     with Store(path, case, SEED) as store:
@@ -105,7 +105,7 @@ def test_the_summary_is_that_of_the_trials(written, campaign):
 
 
 def test_the_page_opens_with_the_design_and_its_verdicts(campaign):
-    """The campaign's own trials judge one condition, others are run for the rest."""
+    """The campaign's own trials judge one condition; others are run for the rest."""
     path, outcomes = campaign
     needs = Requirements(max_across=1e-3, min_availability=0.5)
     with Store(path) as store:
@@ -125,7 +125,7 @@ def test_the_page_opens_with_the_design_and_its_verdicts(campaign):
 
 
 def test_few_trials_make_no_empty_map(campaign):
-    """80 trials are a point each; 960 are regions as well."""
+    """80 trials are drawn as points; 960 also as regions."""
     _, outcomes = campaign
     boresight = boresights(SEED, outcomes)
     assert len(sky_map(boresight, outcomes)) == 1
@@ -151,7 +151,7 @@ def test_the_page_needs_nothing_else_and_runs_nothing(written):
 
 
 def test_a_campaign_that_solved_nothing_has_a_page_all_the_same(case):
-    """An exposure of a microsecond: no attitude, and no budget."""
+    """With an exposure of a microsecond there is no attitude, and no budget."""
     detector = dataclasses.replace(case.instrument.detector, exposure=1e-6)
     instrument = dataclasses.replace(case.instrument, detector=detector)
     dark = dataclasses.replace(case, instrument=instrument)
@@ -163,7 +163,7 @@ def test_a_campaign_that_solved_nothing_has_a_page_all_the_same(case):
 
 
 def test_units_have_a_section_with_yield_spread_and_the_worst_explained(case):
-    """Of four units that are misaligned by 30 arcsec (1 sigma), some keep 20 arcsec."""
+    """Four units, misaligned by 30 arcsec (1 sigma), some of which keep 20 arcsec."""
     turned = Variation("instrument.mounting.x", sigma="30 arcsec")
     varied = dataclasses.replace(case, variation=(turned,))
     sampling = Sampling(Fidelity.COVARIANCE, units=Units(5, 1))
@@ -186,7 +186,7 @@ def test_a_detector_that_scans_has_no_budget_and_the_page_says_why():
 
 
 def test_stars_are_looked_at_where_the_campaign_looked(case):
-    """Sobol's attitudes are not those of random trials of the same numbers."""
+    """Sobol's attitudes differ from those of random trials with the same numbers."""
     sampling, numbers = Sampling(attitudes="sobol"), range(3)
     with Store(None, case, SEED, sampling) as store:
         store.keep(0, sampling.trials(case, SEED, numbers))
@@ -220,7 +220,7 @@ def test_the_worst_trials_are_shown(written, campaign):
 
 @pytest.mark.parametrize(("width", "height"), [(1280, 900), (360, 740)])
 def test_a_real_browser_shows_it(written, tmp_path, width, height):
-    """No error on the console, nothing asked of the network, no sideways scrolling of the page."""
+    """No error on the console, no network request, no horizontal scrolling of the page."""
     with browser(tmp_path / "profile", width, height) as session:
         session.post("url", url=written.as_uri())
         assert session.run("innerWidth") == width
@@ -248,7 +248,8 @@ def test_a_real_browser_shows_it(written, tmp_path, width, height):
 
 
 def test_it_is_used_by_keys_alone(written, tmp_path):
-    """Tab reaches the skip link, the contents, every table and every fold; Enter opens a fold."""
+    """Tab reaches the skip link, the contents, every table and every collapsed part; Enter opens
+    one."""
     tab, enter = "\ue004", "\ue007"
     focused = "document.activeElement"
     with browser(tmp_path / "profile", 1280, 900) as session:

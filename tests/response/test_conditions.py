@@ -1,4 +1,4 @@
-"""The law of dark currents beside the maps that the detector draws from it."""
+"""The law of dark currents, against the maps that the detector draws from it."""
 
 from dataclasses import replace
 
@@ -27,7 +27,7 @@ SENSOR = CASE.instrument.detector
     ],
 )
 def test_it_is_that_of_a_million_pixels(mean, defects):
-    """A million pixels know a mean and an rms to 0.1 %, 1 % where few hot ones make them."""
+    """A million pixels measure a mean and an rms to 0.1 %, to 1 % if few hot ones dominate."""
     drawn = dark_response((1000, 1000), mean, defects, Streams(3, 0))
     sensor = replace(SENSOR, dark_current=mean, defects=defects)
     tolerance = 0.03 if defects.hot else 0.005
@@ -35,7 +35,8 @@ def test_it_is_that_of_a_million_pixels(mean, defects):
 
 
 def test_an_aged_sensor_has_the_mean_of_its_pixels():
-    """Of 262,144 pixels, of which 2.8 % are hit, the mean of what they add scatters by 1.7 %."""
+    """For 262,144 pixels, of which 2.8 % are hit, the mean of the added current scatters by 1.7
+    %."""
     age = Age(time=5 * 365.25 * 86400, inclination=1.7, shielding=5e-3, depleted=0.4e-6)
     sensor = replace(SENSOR, age=age)
     added = dark_currents(sensor)[0] - 60
@@ -48,7 +49,7 @@ def test_an_even_sensor_has_no_spread():
 
 @pytest.mark.parametrize("settings", [{}, {"frames": 4, "step": 2.0}, {"subtracted": False}])
 def test_what_a_dark_map_leaves_is_that_of_the_pixels(settings):
-    """Of the 262,144 pixels of a device, less those that the map knows to be hot; within 3 %."""
+    """The 262,144 pixels of a device without those that the map marks as hot; within 3 %."""
     sensor = replace(SENSOR, defects=Defects(dsnu=30.0, hot=0.01, hot_current=2000.0))
     case = replace(CASE, instrument=replace(CASE.instrument, detector=sensor))
     known = replace(CASE.tracker.detection, dark_map=DarkMap(**settings))

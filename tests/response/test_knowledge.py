@@ -1,4 +1,4 @@
-"""What a tracker knows of its errors, against the errors of its stars."""
+"""The errors that a tracker assumes, against the errors of its stars."""
 
 from dataclasses import replace
 
@@ -33,7 +33,7 @@ def believing(case: Case, floor: float | None) -> Case:
 def test_trackers_state_the_covariance_of_their_errors(name):
     """60 windows: 3 +- 0.32 for normal errors; 0.95 is three sigma.
 
-    With a floor of 0.015 pixel and a held focal length they stated 1.9 and 2.0.
+    With a floor of 0.015 pixel and a fixed focal length they stated 1.9 and 2.0.
     """
     outcomes = run_trials(tracker(f"trackers/{name}.toml"), 17, range(60), Fidelity.WINDOW)
     good = outcomes["solved"] & ~outcomes["false"]
@@ -42,7 +42,7 @@ def test_trackers_state_the_covariance_of_their_errors(name):
 
 
 def test_a_shaken_tracker_states_its_jitter():
-    """50 windows, of which nothing but the jitter is new: 3 +- 0.35, and 100 without its law."""
+    """50 windows with jitter as the only addition: 3 +- 0.35, and 100 without its law."""
     case = tracker("designs/noise_only.toml")
     tones = tuple(Tone(30.0, **{f"rms_{axis}": 5 * arcsec}) for axis in "xyz")
     shaken = replace(case, instrument=replace(case.instrument, motion=Motion(tones=tones)))
@@ -51,7 +51,7 @@ def test_a_shaken_tracker_states_its_jitter():
 
 
 def test_a_sharper_star_is_trusted_less():
-    """A star that fills few pixels: its S-curve and its pixels' response count for more."""
+    """For a star on few pixels, its S-curve and the response of its pixels matter more."""
     case = tracker("designs/noise_only.toml")
     sharp = replace(case.instrument.optics, blur=1e-6)
     keen = replace(case, instrument=replace(case.instrument, optics=sharp))
@@ -59,7 +59,7 @@ def test_a_sharper_star_is_trusted_less():
 
 
 def test_a_star_beside_another_is_trusted_less():
-    """Within two pixels of a star of equal brightness: tenths of a pixel, others hundredths."""
+    """Within two pixels of an equally bright star: tenths of a pixel; for others hundredths."""
     case = tracker("designs/noise_only.toml")
     stars, pixel = open_sky(case.catalog).stars, 1 / case.instrument.camera.focal_length_px
     distance = cKDTree(stars.direction).query(stars.direction[:500], 2)[0][:, 1]

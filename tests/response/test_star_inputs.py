@@ -1,4 +1,4 @@
-"""What single stars show is computed once for cases that differ in nothing else."""
+"""The response of single stars is computed once for cases that do not differ in it."""
 
 import dataclasses
 

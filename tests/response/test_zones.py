@@ -56,7 +56,7 @@ def fast(tmp_path_factory):
 
 
 def test_stars_in_mirrored_places_are_measured_alike(fast):
-    """Responses that are derived by a mirror, against those of the images at these places."""
+    """Responses derived by a mirror, against those of the images at these places."""
     case = behind(fast, 300)
     place = (40.0, 200.0, 650e-9)
     unique, which, mirror = unique_places(case, [place])
@@ -79,7 +79,7 @@ def test_stars_in_mirrored_places_are_measured_alike(fast):
 
 
 def test_a_focal_length_by_colour_takes_off_a_lateral_colour_that_grows_with_the_field(fast):
-    """The focal length changes by 2e-3 over the table; coma, which is wider in red, adds."""
+    """The focal length changes by 2e-3 over the table; coma, which is wider in red, adds to it."""
     plain, knowing = (behind(fast, 300, focal_length_by_colour=knows) for knows in (False, True))
     colour = np.array([560e-9, 740e-9])
     blue, red = focal_stretch(knowing, colour)
@@ -91,10 +91,10 @@ def test_a_focal_length_by_colour_takes_off_a_lateral_colour_that_grows_with_the
 
 @pytest.mark.parametrize(("light", "terms", "error"), [(1e7, 4, 3000.0), (2000.0, 2, 1.0)])
 def test_a_star_that_is_drawn_as_terms_is_its_image(fast, light, terms, error):
-    """Terms after the first are read along straight lines, and of a faint star the first too.
+    """Terms after the first are interpolated linearly, and for a faint star also the first.
 
-    The summed table is read by polynomials. Of a bright star 1e-3 of the peak, of a faint one two
-    terms that are left out of half an electron each.
+    The summed table is interpolated by polynomials. The difference is 1e-3 of the peak for a bright
+    star, and half an electron for each of the two omitted terms of a faint one.
     """
     images = field_psf_of(behind(fast, 300).instrument)
     x, y, colour = np.array([[20.3]]), np.array([[251.7]]), np.array([600e-9])
@@ -123,7 +123,8 @@ def test_each_star_has_the_zone_of_its_cell_and_of_its_third_of_the_colours():
 
 
 def test_trials_of_all_fidelities_and_the_budget_agree_behind_a_fast_lens(fast):
-    """Rms errors within the 95 % intervals of each, and 15 % of the formula; three comparisons."""
+    """Each rms is within the 95 % intervals of the others and 15 % of the formula; three
+    comparisons."""
     case = behind(fast, 300)
     windows = summarise(run_trials(case, 1, range(50), Fidelity.WINDOW))
     drawn = summarise(run_trials(case, 2, range(600), Fidelity.COVARIANCE))

@@ -1,4 +1,4 @@
-"""Airglow and city lights, as a tracker in an orbit sees them."""
+"""Airglow and city lights for a tracker in orbit."""
 
 from dataclasses import replace
 
@@ -116,7 +116,8 @@ def test_by_day_no_lamp_is_lit():
 
 
 def test_the_earth_turns_under_the_stars():
-    """A quarter of a sidereal day turns a city by 90 degrees; Greenwich's at J2000 is known."""
+    """A quarter of a sidereal day rotates a city by 90 degrees; Greenwich's place at J2000 is
+    known."""
     from startrack.scene.cities import _earth_to_icrs
 
     quarter = _earth_to_icrs(J2000 + 0.25 / 1.00273781191135448) @ _earth_to_icrs(J2000).T
@@ -126,7 +127,7 @@ def test_the_earth_turns_under_the_stars():
 
 
 def test_a_scene_has_them_where_it_names_them():
-    """From over the city of an orbit's night that has most of them in sight."""
+    """From a place on the night side of an orbit, from which most cities are visible."""
 
     def scene(phase: float) -> Scene:
         return Scene(

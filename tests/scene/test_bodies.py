@@ -91,7 +91,7 @@ def test_a_moon_is_lit_from_the_side_of_the_sun(phase):
 @pytest.mark.parametrize("spacing", [0.1, 0.05, 0.01])
 @pytest.mark.parametrize("phase", [150.0, 160.0, 165.0, 170.0])
 def test_a_thin_crescent_keeps_its_light(phase, spacing):
-    """However coarse the pixels: all of it, at the limb towards the Sun, on the Sun's side."""
+    """For pixels of any size: all light, at the limb towards the Sun, on the Sun's side."""
     sun = np.array([np.sin(phase * deg), 0.0, -np.cos(phase * deg)])
     disc = Disc(np.array([0.0, 0.0, 1.0]), 0.25 * deg, np.ones(1), sun)
     place, fraction = disc_points(disc, spacing * deg)
@@ -103,7 +103,8 @@ def test_a_thin_crescent_keeps_its_light(phase, spacing):
 
 @pytest.mark.parametrize("radius", [0.5, 0.9, 1.0, 1.3, 60.0])
 def test_how_much_a_disc_hides(radius):
-    """Against counts of points of the disc behind, from touching outside to one in the other."""
+    """Against counts of points of the hidden disc, from external contact to one inside the
+    other."""
     behind = Disc(np.array([0.0, 0.0, 1.0]), 1e-3, np.ones(1))
     place, _ = disc_points(behind, 2e-6)
     for along in np.linspace(abs(radius - 1) - 0.2, radius + 1.2, 9):
@@ -113,14 +114,14 @@ def test_how_much_a_disc_hides(radius):
 
 
 def test_a_disc_of_millions_of_points_is_refused():
-    """The Moon in pixels of an arc second, two points to a pixel."""
+    """The Moon with pixels of an arc second, two points to a pixel."""
     moon = Disc(np.array([0.0, 0.0, 1.0]), 0.26 * deg, np.ones(1))
     with pytest.raises(ValueError, match="at most 1000 points to its radius, got 187"):
         disc_points(moon, deg / 7200)
 
 
 def test_discs_that_touch():
-    """From outside or inside, to the last digit either way: none or all, and no number beyond."""
+    """From outside or inside, by the last digit: none or all, and no value outside [0, 1]."""
     draw = np.random.default_rng(0)
     for outer, inner in draw.uniform((1e-2, 1e-4), (1.1, 5e-3), (2000, 2)):
         behind = Disc(np.array([0.0, 0.0, 1.0]), inner, np.ones(1))
@@ -152,7 +153,7 @@ def test_a_far_earth_shines_as_a_lambert_sphere(phase):
 
 
 def test_under_the_sun_the_near_earth_has_its_radiance():
-    """From 500 km over the place under the Sun: the disc's solid angle, and its mean cosine."""
+    """From 500 km above the subsolar point: the disc's solid angle, and its mean cosine."""
     observer = near_earth(EARTH_RADIUS + 500e3, 0.0)
     earth = earth_of(observer)
     solid_angle = 2 * np.pi * (1 - np.cos(earth.disc.radius))

@@ -1,4 +1,4 @@
-"""The sky at any hour, against the solver driven by hand, published figures and calculations."""
+"""The sky at any hour, against the solver run by hand, published figures and calculations."""
 
 import math
 import sys
@@ -91,7 +91,7 @@ def test_thin_air_scatters_as_by_hand():
 def test_beside_the_published_sky_of_balloons():
     """Alexander et al. (1999), fig. 4, MODTRAN: the Sun 30 degrees from the zenith, 35 km.
 
-    They do not say at which elevation, nor over which ground.
+    The paper states neither the elevation nor the ground.
     """
     published = np.array([0.22, 0.10, 0.05, 0.02, 0.01])
     wavelengths = 600, 700, 800, 900, 1000
@@ -102,7 +102,7 @@ def test_beside_the_published_sky_of_balloons():
 
 
 def test_stars_are_fainter_through_air():
-    """Clear air takes 0.10 mag of green light by molecules, 0.03 by ozone (Hayes 1975)."""
+    """Clear air absorbs 0.10 mag of green light by molecules, 0.03 by ozone (Hayes 1975)."""
     ground, high = (sky_light(sky(height, 90.0, 40.0, 50.0, aerosol=0.0)) for height in (0, 37.8e3))
     green = int(np.argmin(np.abs(WAVELENGTH - 555 * nm)))
     assert -2.5 * math.log10(ground.through[green]) == pytest.approx(0.13, abs=0.02)
@@ -115,7 +115,7 @@ def test_the_sky_darkens_as_the_sun_sets():
 
 
 def test_the_sun_follows_from_date_and_place():
-    """The Sun, and its distance from a line of sight, by a low-precision formula at four dates."""
+    """The Sun, and its angle from a line of sight, by a low-precision formula at four dates."""
     for date, elevation, azimuth, apart, sun in (
         ("2025-10-01T18:08:00", 44.7, 125, 28, 51.0),
         ("2025-10-01T19:10:00", 44.6, 58, 75, 51.6),
@@ -141,7 +141,7 @@ def test_the_sun_follows_from_date_and_place():
     [(0.0, 90.0, 4.0, 0.0, 0.1), (0.0, 45.0, 7.5, 60.0, 0.1), (12e3, 30.0, 6.0, 120.0, 0.1)],
 )
 def test_twilight_is_that_of_the_solver(height, elevation, below, azimuth, limit):
-    """One line of sight alone, with more columns of air, at places between the table's nodes."""
+    """A single line of sight with more columns of air, at places between the nodes of the table."""
     pytest.importorskip("sasktran2", reason="the solver needs the extra `earth`")
     sys.path.append(str(shipped("atmosphere")))
     from air_solver import dusk_radiance
@@ -170,7 +170,7 @@ PARANAL = {
 
 
 def magnitude(light, band):
-    """Per square arcsecond, by a bell in place of the band's response."""
+    """Magnitude per square arcsecond, with a Gaussian as the response of the band."""
     _, (middle, width), colour = PARANAL[band]
     bell = np.exp(-4 * math.log(2) * ((WAVELENGTH / nm - middle) / width) ** 2)
     star = photon_irradiance(np.array([SUN_G_MINUS_V]), np.array([SUN]))[0]
@@ -179,7 +179,7 @@ def magnitude(light, band):
 
 @pytest.mark.parametrize("band", PARANAL)
 def test_twilight_is_that_of_paranal(band):
-    """In clean air; the fits hold within 0.1 to 0.4 mag."""
+    """In clean air; the fits are valid within 0.1 to 0.4 mag."""
     for below in (5.0, 6.0, 7.0, 8.0, 9.0, 10.0):
         above = sky(2635.0, 90.0, -below, 90.0 + below, aerosol=0.3)
         fit = sum(part * (below - 5) ** n for n, part in enumerate(PARANAL[band][0]))

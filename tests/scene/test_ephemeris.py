@@ -18,7 +18,7 @@ def at(date: str, **changes):
 @pytest.mark.parametrize("name", ["sun", "moon", "venus", "mars", "saturn"])
 @pytest.mark.parametrize("date", ["1969-07-20T20:17:00", "2026-03-20T12:00:00", "2004-11-05T06:00"])
 def test_places_are_those_of_astropy(name, date):
-    """Against get_body, which adds the 20.5 arcsec of aberration, and less than 1 of deflection."""
+    """Against get_body, which includes 20.5 arcsec of aberration, and less than 1 of deflection."""
     from astropy import units
     from astropy.coordinates import get_body
     from astropy.time import Time
@@ -64,7 +64,8 @@ def test_magnitudes_of_planets(oracle):
 
 
 def test_the_earth_from_far_away():
-    """From Mars: V near -2.5 at its best (Mallama and Hilton 2018), and less at other phases."""
+    """From Mars: V near -2.5 at its brightest (Mallama and Hilton 2018), and less at other
+    phases."""
     mars = at("2026-03-20T00:00:00").see("mars")
     place = tuple(at("2026-03-20T00:00:00").position + mars.direction * mars.distance)
     scene = Scene(lights=("planets",), date="2026-03-20T00:00:00", place=place)

@@ -86,7 +86,7 @@ def test_out_of_the_field_only_its_stray_light_is_left():
 
 
 def test_the_glow_follows_the_sky_between_its_places():
-    """The map of 17 places, drawn out by straight lines, against the sky at every pixel: 1 %."""
+    """The map of 17 places, interpolated linearly, against the sky at every pixel: 1 %."""
     sun = seen("sun")
     line = sun.direction + 1.5 * np.cross(sun.direction, [0, 0, 1.0])
     sight = sight_of(line)
@@ -160,7 +160,8 @@ def test_in_the_earths_shadow_there_is_no_sun():
 
 @pytest.mark.parametrize("nearer", [0.9, 1.0, 1.3])
 def test_the_moon_hides_the_suns_stray_light(nearer):
-    """None in the core of the Moon's shadow, a ring beyond its tip: by the ratio of the discs."""
+    """No light in the core of the Moon's shadow, a ring beyond its tip: by the ratio of the
+    discs."""
     observer = observer_of(Scene(lights=("sun",), date=DATE), None)
     to_sun, to_moon = (
         body.direction * body.distance for body in (observer.see("sun"), observer.see("moon"))

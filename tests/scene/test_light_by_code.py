@@ -1,4 +1,4 @@
-"""Light of a user's function: as fine as it needs, against its own values between the points."""
+"""Light of a user's function: sampled finely enough, against its own values between the samples."""
 
 from dataclasses import replace
 
@@ -39,7 +39,7 @@ def disc(given):
 
 @pytest.fixture
 def light_of(monkeypatch):
-    """The light (rows, columns, k) between the pixels' centres, and the side of its map."""
+    """The light (rows, columns, k) between the pixels' centres, and the size of its map."""
 
     def made(function):
         monkeypatch.setattr("startrack.core.call_code", lambda group, name, given: function(given))

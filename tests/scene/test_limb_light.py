@@ -1,4 +1,4 @@
-"""The bright limb as a tracker in an orbit sees it."""
+"""The bright limb for a tracker in orbit."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ FAR = 2800e3  # metre from the observer to the limb
 
 
 def earth(sun_zenith: float, azimuth: float, height: float) -> Earth:
-    """An Earth whose limb, at a height, stands along +y, the point nearest to it towards +x."""
+    """An Earth with the tangent point of a height along +y and the nadir towards +x."""
     sun = np.array(
         [
             np.cos(sun_zenith),
@@ -49,7 +49,7 @@ def test_it_is_that_of_the_table(height, azimuth):
 
 
 def test_aerosol_brightens_red_light_of_the_stratosphere():
-    """Background aerosol nearly doubles it near 20 km, and adds little blue light."""
+    """Background aerosol nearly doubles the light near 20 km, and adds little blue light."""
 
     def gain(height, wavelength):
         above = earth(60 * deg, 90 * deg, height)

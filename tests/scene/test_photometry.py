@@ -17,7 +17,7 @@ TEMPERATURES = [3500, 4000, 5000, 5800, 7000, 9600, 10000, 20000]
 
 @pytest.mark.parametrize("temperature", TEMPERATURES)
 def test_photon_flux_of_blackbodies(oracle, temperature):
-    """Against fluxes at V = 0 that were integrated elsewhere, carried over by G - V."""
+    """Against published integrated fluxes at V = 0, converted by G - V."""
     outside = oracle("photometry.json")["blackbody_V0_photons_s_m2"][str(temperature)]
     rate = photon_irradiance(np.array([outside["G_minus_V"]]), np.array([float(temperature)]))[0]
     band = (WAVELENGTH > 400e-9) & (WAVELENGTH < 800e-9)

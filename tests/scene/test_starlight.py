@@ -12,7 +12,7 @@ BELTS = [(0, 5), (5, 10), (10, 20), (20, 30), (30, 40), (40, 50), (50, 60), (60,
 
 
 def on_belt(low, high, count=50):
-    """Directions at latitudes that fraction the belt's area evenly."""
+    """Directions at latitudes that divide the belt's area evenly."""
     sine = np.linspace(np.sin(low * deg), np.sin(high * deg), count)
     across = np.cross(GALACTIC_POLE, [1.0, 0.0, 0.0])
     across /= np.linalg.norm(across)
@@ -30,7 +30,7 @@ def counted(stars, low, high, bright, faint):
 
 @pytest.mark.parametrize(("low", "high"), BELTS)
 def test_no_light_is_missing_or_double_where_the_catalogue_begins(low, high):
-    """What a deeper catalogue renders as stars, it takes away from the glow: G 5 to 8."""
+    """Stars that a deeper catalogue renders are subtracted from the diffuse light: G 5 to 8."""
     stars = open_sky(Selection(limit_g=8.0)).stars
     line = on_belt(low, high)
     model = np.mean(starlight(line, 5.0) - starlight(line, 8.0))
@@ -49,7 +49,9 @@ def test_the_same_down_to_the_tenth_magnitude(low, high):
 
 def test_totals_are_those_of_the_handbooks():
     """Allen's Astrophysical Quantities: 30 stars of V = 10 per square degree at the pole, 160 to
-    640 along the equator. A mean star has G = V - 0.25 or so. Stars that the eye sees are left out.
+    640 along the equator.
+
+    A mean star has G = V - 0.25 or so. Stars visible to the eye are left out.
     """
     pole, plane = starlight(np.array([GALACTIC_POLE, on_belt(0, 1, 2)[0]]), 6.0) * 10**-0.1
     assert 25 < pole < 50

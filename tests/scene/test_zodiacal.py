@@ -37,7 +37,8 @@ def test_both_sides_of_the_ecliptic_and_of_the_sun_are_alike():
 
 
 def test_it_has_no_steps():
-    """Across the table's inner edge and through its grid: no jump along fine great circles."""
+    """Across the table's inner edge and through its grid: no jump along finely sampled great
+    circles."""
     for inclination in (0.0, 0.4, 1.0, np.pi / 2):
         away = np.radians(np.arange(2, 179, 0.01))
         line = ecliptic(
@@ -52,7 +53,10 @@ def test_it_has_no_steps():
 
 
 def test_far_from_the_sun_there_is_less_dust():
-    """Helios saw 2.3 as the exponent between 0.3 and 1 au (Leinert et al. 1998, section 8.2)."""
+    """Helios measured 2.3 as the exponent between 0.3 and 1 au (Leinert et al.
+
+    1998, section 8.2).
+    """
     line = ecliptic(SUN_LONGITUDE + 90, 10)
     assert zodiacal(line, SUN, 2.0) / zodiacal(line, SUN) == pytest.approx(2**-2.3)
 
@@ -60,7 +64,7 @@ def test_far_from_the_sun_there_is_less_dust():
 def test_the_pole_of_the_ecliptic_in_magnitudes():
     """60 stars of V = 10 per square degree are V 23.34 per square arcsecond; G is 0.14 brighter.
 
-    Its redness makes it up to 0.1 mag brighter in G than sunlight would be.
+    Its reddening makes it up to 0.1 mag brighter in G than sunlight would be.
     """
     photons = 60 * zodiacal_spectrum() @ passband("G") * GAIA_APERTURE * arcsec**2
     magnitude = ZERO_POINT["G"] - 2.5 * np.log10(photons)

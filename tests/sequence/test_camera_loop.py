@@ -1,4 +1,4 @@
-"""Frames of a control loop: those of `simulate`, and slews that are told."""
+"""Frames of a control loop: those of `simulate`, and slews that are sent."""
 
 import dataclasses
 
@@ -37,7 +37,7 @@ def test_the_rate_of_the_design_makes_the_frames_of_the_design():
 
 
 def star_of(image):
-    """Column and row of the brightest star that is far from saturation and from all others."""
+    """Column and row of the brightest star that is far from saturation and from all other stars."""
     for pixel in np.argsort(image, axis=None)[::-1]:
         y, x = divmod(int(pixel), image.shape[1])
         around = image[max(y - 25, 0) : y + 26, max(x - 25, 0) : x + 26]

@@ -1,4 +1,4 @@
-"""The profile and the jitter that goes on over the frames, without a picture."""
+"""The profile, and the jitter that continues over the frames, without an image."""
 
 import dataclasses
 from itertools import pairwise
@@ -47,7 +47,8 @@ def test_the_profile_is_the_solution_of_the_kinematic_equation():
 
 
 def test_frames_without_a_gap_join(shaken):
-    """Where one exposure ends the next begins: profile and jitter know no frames."""
+    """One exposure begins at the end of the previous one: profile and jitter do not depend on
+    frames."""
     sequence = Sequence(LEGS[:1], period=shaken.detector.exposure)
     true = flight(shaken, sequence, START, Streams(1, 0))
     assert len(true.time) == 25
@@ -65,7 +66,7 @@ def test_frames_without_a_gap_join(shaken):
 
 
 def test_jitter_keeps_its_covariance_between_frames(shaken):
-    """Over 400 flights, frame against frame; false alarm 1e-4 (five sigma of 1 / sqrt(400))."""
+    """Over 400 sequences, frame against frame; false alarm 1e-4 (five sigma of 1 / sqrt(400))."""
     still = Sequence((Leg(1.0),), period=0.1)
     turns = []
     for number in range(400):
@@ -127,7 +128,7 @@ def test_impossible_sequences_are_refused(shaken, legs, period, sentence):
 
 
 def test_a_camera_that_walks_is_read_and_slopes_over_temperature_are_refused(tmp_path):
-    """A unit is written as the refusal of a number without one names it."""
+    """A unit is written as the refusal of a number without one proposes."""
     path = tmp_path / "slew.toml"
     text = '[[legs]]\nduration = "2 s"\n[camera]\n'
     path.write_text(text + "focal_length_walk = 1e-6\n")

@@ -1,4 +1,4 @@
-"""A tracker in time: acquisition, tracking, loss and reacquisition."""
+"""A tracker over time: acquisition, tracking, loss and reacquisition."""
 
 import dataclasses
 import math
@@ -50,7 +50,7 @@ LOST = 2  # sequences that lose the sky
 
 @pytest.fixture(scope="module")
 def lost(small):
-    """Calm, wild, calm: the tracker must lose the sky and find it again."""
+    """Slow, fast, slow: the tracker must lose the sky and find it again."""
     sequence = Sequence((CALM, WILD, CALM), period=0.2)
     return fly_sequences(small.case, sequence, LOST, 7, Serial())
 
@@ -126,7 +126,7 @@ def test_a_wild_slew_loses_the_sky_and_calm_finds_it_again(lost):
 
 
 def test_a_gyroscope_bridges_the_slew(small):
-    """With rates, the prediction lives through the slew: no frame is searched for."""
+    """With rates, the prediction stays valid through the slew: no frame is searched without one."""
     sequence = Sequence((CALM, WILD, CALM), period=0.2, gyro=GYRO, max_coasted_frames=10)
     table = run(small.case, sequence, 7, 0)
     assert (table["mode"] == Mode.COASTED).sum() >= 5
@@ -137,7 +137,7 @@ def test_a_gyroscope_bridges_the_slew(small):
 
 
 def test_what_is_known_of_a_gyroscope_outlives_a_loss(small):
-    """Ten frames lost at 3 deg/s: bias and axes stay known, as well as their random walk allows."""
+    """Ten lost frames at 3 deg/s: bias and axes stay known as well as their random walk allows."""
     gyro = dataclasses.replace(GYRO, misalignment=0.3 * deg)
     sequence = Sequence((CALM,), period=0.2, gyro=gyro, max_coasted_frames=3)
     bias, shown = np.array([1e-5, -2e-5, 3e-5]), np.array([3 * deg, 0, 0])
@@ -168,7 +168,8 @@ def test_what_is_known_of_a_gyroscope_outlives_a_loss(small):
 
 @pytest.mark.parametrize(("turn", "kept"), [([1, 0, 0], [1, 0]), ([0, 1, 0], [0, 1])])
 def test_a_turn_renews_the_errors_of_stars_along_which_they_move(small, turn, kept):
-    """About x, stars move along y: over five pixels their errors in x last, those in y do not."""
+    """For a rotation about x, stars move along y: over five pixels, errors in x stay, those in y
+    do not."""
     covariance = np.diag([1e-12] * 3 + [1e-16] * 3 + [1e-10] * 9)
     state = State(Rotation.identity(), np.zeros(3), covariance, np.full((3, 3), 1e-6))
     angle = 5 / small.case.believed_camera.focal_length_px
@@ -180,7 +181,8 @@ def test_a_turn_renews_the_errors_of_stars_along_which_they_move(small, turn, ke
 
 
 def test_a_gyroscope_of_other_axes_is_aligned_by_the_first_slew(small):
-    """Turns of 12 degrees about x and y, in windows; the axes are off by 0.3 degrees (1 sigma)."""
+    """Rotations of 12 degrees about x and y, in windows; the axes are off by 0.3 degrees (1
+    sigma)."""
     gyro = dataclasses.replace(GYRO, misalignment=0.3 * deg)
     legs = [Leg(2.0, rate_x=3 * deg), Leg(2.0, rate_y=3 * deg)] * 2
     table = run(
@@ -193,10 +195,10 @@ def test_a_gyroscope_of_other_axes_is_aligned_by_the_first_slew(small):
 
 
 def test_the_filter_is_better_than_a_frame_and_states_its_error(small):
-    """12 flights of 12 frames; its errors over its stated sigmas follow chi-square, 1e-4.
+    """12 sequences of 12 frames; errors over stated sigmas follow chi-square, false alarm 1e-4.
 
-    What the pixels do to a star is alike in frames that follow each other, and the filter takes
-    frames for independent: the floor is twice what a single frame asks for.
+    The pixels have the same effect on a star in successive frames, while the filter assumes
+    independent frames: the floor is twice that for a single frame.
     """
     sequence = Sequence((Leg(2.4, rate_x=0.05 * deg),), period=0.2, gyro=GYRO)
     attitude = dataclasses.replace(small.case.tracker.attitude, centroid_floor=0.015)
@@ -215,7 +217,8 @@ def test_the_filter_is_better_than_a_frame_and_states_its_error(small):
 
 
 def test_a_frame_alone_has_the_law_of_a_trial(small):
-    """The first frame of a sequence is a trial: the rms over 60 of each agree (F test, 1e-4)."""
+    """The first frame of a sequence is a trial: the rms values over 60 of each agree (F test,
+    1e-4)."""
     rate = small.case.instrument.motion
     legs = (Leg(0.1, rate.rate_x, rate.rate_y),)
     first = fly_sequences(small.case, Sequence(legs), 60, 9, Serial())
@@ -230,7 +233,7 @@ def test_a_frame_alone_has_the_law_of_a_trial(small):
 @pytest.mark.skipif(sys.platform == "win32", reason="needs processes that fork")
 @pytest.mark.parametrize("rate", [pytest.param(0.0, marks=pytest.mark.slow), 2.0])
 def test_windows_of_a_sequence_are_those_of_its_frames(small, rate):
-    """The same noise of the same stars; the background beside them is measured in other frames."""
+    """The same noise of the same stars; their background is measured in other frames."""
     leg = Leg(6.0, rate_x=rate * deg, rate_z=0.1 * deg)
     sequence = Sequence((leg,), period=0.2, gyro=GYRO)
     whole, parts = (run(small.case, sequence, 3, 0, fidelity=one) for one in BOTH)
@@ -244,9 +247,10 @@ def test_windows_of_a_sequence_are_those_of_its_frames(small, rate):
 
 @pytest.mark.slow
 def test_a_wrong_camera_is_calibrated_in_a_sequence(small):
-    """Focal length and distortion that are off: errors of frames fall to those of a known camera.
+    """With wrong focal length and distortion, errors of frames decrease to those of a known camera.
 
-    The principal point is held: it and the attitude are nearly one unknown in a field of 9 degrees.
+    The principal point is fixed: it and the attitude are nearly one unknown in a field of 9
+    degrees.
     """
     true = small.case.instrument.camera
     wrong = dataclasses.replace(
@@ -272,7 +276,8 @@ def test_a_wrong_camera_is_calibrated_in_a_sequence(small):
 
 
 def test_two_frames_tell_the_rate_of_a_tracker_that_knows_none():
-    """At 3 deg/s, three times what the filter assumes at its start, from streaks of 13 pixels."""
+    """At 3 deg/s, three times the rate that the filter assumes initially, from streaks of 13
+    pixels."""
     case = load_design(shipped("designs/noise_only.toml")).case
     case = dataclasses.replace(case, tracker=dataclasses.replace(case.tracker, rate="images"))
     leg = Leg(0.6, rate_x=2.4 * deg, rate_y=1.8 * deg)
@@ -322,7 +327,7 @@ def test_frames_have_noise_of_their_own_and_workers_do_not_matter(small):
 
 
 def test_late_stamps_and_mountings_move_all_errors_alike(small):
-    """By the turn itself: the rate over the lateness of a stamp, or the angle of a mounting."""
+    """By the rotation itself: the rate times the time-tag error, or the angle of a mounting."""
     calm = Sequence((CALM,), period=0.8)
     plain = run(small.case, calm, 1, 0)
     tracker = dataclasses.replace(small.case.tracker, delay=-0.1)
@@ -352,14 +357,14 @@ PAIR = (SequenceHead(x=90 * deg, alignment_sigma=60 * arcsec),)
 
 @pytest.fixture(scope="module")
 def pairs(small):
-    """16 sequences of two heads, whose frames are alike; the second is 60 arcsec off."""
+    """16 sequences of two heads with equal designs; the second is misaligned by 60 arcsec."""
     sequence = Sequence((Leg(4.0, rate_x=0.1 * deg),), period=0.2, gyro=GYRO, heads=PAIR)
     return fly_sequences(small.case, sequence, 16, 8, Serial(), fidelity=Fidelity.WINDOW)
 
 
 @pytest.mark.slow
 def test_two_heads_know_all_axes_and_their_alignment(pairs):
-    """The mean of normalised errors squared of each sequence, 3 expected, within 4 sigma."""
+    """The mean of normalised errors squared of each sequence is 3 within 4 sigma."""
     first, second = (pairs[pairs["head"] == head] for head in (0, 1))
     assert (pairs["mode"] != Mode.SEARCHING).all()
     late = first["time"] > 2
@@ -381,7 +386,8 @@ def test_two_heads_know_all_axes_and_their_alignment(pairs):
 
 @pytest.mark.slow
 def test_an_aligned_head_takes_the_place_of_the_roll_of_the_other(small, pairs):
-    """With a known alignment roll is as good as the rest; alone it is several times worse."""
+    """With a known alignment roll is as accurate as the rest; a single head is several times
+    worse."""
     known = (dataclasses.replace(PAIR[0], alignment_sigma=0.0),)
     sequence = Sequence((Leg(0.5, rate_x=0.1 * deg),), period=0.2, gyro=GYRO, heads=known)
     table = run(small.case, sequence, 8, 0, fidelity=Fidelity.WINDOW)[-2:]
@@ -395,7 +401,7 @@ def test_an_aligned_head_takes_the_place_of_the_roll_of_the_other(small, pairs):
 
 
 def test_a_head_that_is_wrong_is_left_out_where_another_agrees():
-    """And alone, it restarts a filter without a gyroscope, or counts as missed with one."""
+    """Without another head, it restarts a filter without a gyroscope, or is rejected with one."""
     state = start(Rotation.identity(), np.eye(3) * arcsec**2, 1e-6, heads=[(PAIR[0].to_head, 0.0)])
     state = dataclasses.replace(state, lasting=np.zeros((6, 3)))
     covariance = np.pad(state.covariance[:6, :6], (0, 21)) + np.diag([0] * 6 + [1e-14] * 21)
@@ -419,7 +425,7 @@ def test_a_head_that_is_wrong_is_left_out_where_another_agrees():
 
 
 def test_the_motion_of_the_platform_is_one_error_of_all_heads(small):
-    """First attitudes, and further ones: no update ends below what all heads share."""
+    """First attitudes and further ones: no update has a smaller variance than the shared motion."""
     moved = np.full(3, 2 * arcsec) ** 2
     seen = Estimate(
         Status.SOLVED, "", Rotation.identity(), np.eye(3) * arcsec**2 + np.diag(moved), 1.0, 9, 1.0
@@ -444,7 +450,7 @@ def test_the_motion_of_the_platform_is_one_error_of_all_heads(small):
 
 
 def test_frames_of_all_heads_are_kept(small, tmp_path):
-    """And all see the sky of one date, though each sequence draws its own within 300 days."""
+    """All see the sky of one date, although each sequence draws its own within 300 days."""
     sequence = Sequence((Leg(0.4),), period=0.2, heads=PAIR)
     scene = dataclasses.replace(small.case.scene, date="2026-03-20T12:00:00", days=300.0)
     case = dataclasses.replace(small.case, scene=scene)

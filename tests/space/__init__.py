@@ -1,4 +1,4 @@
-"""Where the table of electrons is built is no package."""
+"""The folder that builds the table of electrons is not a package."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""Published satellites, and what this package computes of their temperatures."""
+"""Published satellites, and the temperatures that this package computes for them."""
 
 import json
 from pathlib import Path
@@ -14,7 +14,7 @@ CASES = PUBLISHED["cases"]
 
 
 def extremes_of(name: str) -> tuple[float, float]:
-    """Lowest and highest temperature (K); what is charged is no heat where it is absorbed."""
+    """Lowest and highest temperature (K); power that charges a battery is not heat."""
     case = CASES[name]
     heat = Heat(
         epoch="2026-03-20T12:00:00",
@@ -37,5 +37,5 @@ def extremes_of(name: str) -> tuple[float, float]:
 
 
 def largest_error(name: str) -> float:
-    """Kelvin, of both extremes."""
+    """Largest difference of both extremes, kelvin."""
     return float(np.abs(np.subtract(extremes_of(name), CASES[name]["kelvin"])).max())

@@ -1,4 +1,5 @@
-"""Electrons and their photons through aluminium, beside SHIELDOSE-2, published values and forms."""
+"""Electrons and their photons in aluminium, against SHIELDOSE-2, published values and closed
+forms."""
 
 import hashlib
 
@@ -27,7 +28,7 @@ def test_paths_and_yields_are_those_of_icru_37():
 
 @pytest.mark.parametrize("energy", [0.3, 1.0, 5.0])
 def test_photons_have_the_energy_that_electrons_radiate(energy, monkeypatch):
-    """Two formulas of the same cross-section, of which one is the integral of the other."""
+    """Two formulas of the same cross-section, one of which is the integral of the other."""
     fine = np.geomspace(1e-4 * energy, 0.99999 * energy, 3000)
     monkeypatch.setattr(electrons, "PHOTON", fine)
     total = np.trapezoid(photon_spectrum(energy), fine)
@@ -35,8 +36,10 @@ def test_photons_have_the_energy_that_electrons_radiate(energy, monkeypatch):
 
 
 def test_without_scattering_a_sphere_has_the_flux_outside(monkeypatch):
-    """As many electrons at its centre as outside, up to their path: in the mean over depths, for
-    beams of single directions do not merge then."""
+    """The flux at the centre equals the flux outside, up to the range.
+
+    On average over depths, because beams of single directions do not merge without scattering.
+    """
     monkeypatch.setattr(electrons, "_turning", lambda energy, most: np.zeros(most + 1))
     left = follow.__wrapped__(2.0).left[0]
     for inner in (slice(3, 30), slice(30, 57)):
@@ -44,7 +47,7 @@ def test_without_scattering_a_sphere_has_the_flux_outside(monkeypatch):
 
 
 def test_electrons_of_one_energy_have_the_dose_of_shieldose(oracle):
-    """Where they get through: within 1.3, which was written before SHIELDOSE-2 was run."""
+    """If they penetrate: within 1.3, a limit that was set before SHIELDOSE-2 was run."""
     found = oracle("shieldose.json")
     compared = 0
     for line in found["rad_cm2_per_electron_of_one_energy"]:

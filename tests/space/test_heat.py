@@ -1,4 +1,4 @@
-"""Temperatures of a satellite beside those of others."""
+"""Temperatures of a satellite, against those of other authors."""
 
 import numpy as np
 import pytest

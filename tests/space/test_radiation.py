@@ -1,4 +1,4 @@
-"""Particles of an orbit behind a shield, beside SPENVIS, SHIELDOSE-2 and closed forms."""
+"""Particles of an orbit behind a shield, against SPENVIS, SHIELDOSE-2 and closed forms."""
 
 import math
 import sys
@@ -54,7 +54,7 @@ def test_spectra_of_other_orbits_are_those_of_spenvis(oracle, places, monkeypatc
 
 
 def test_energy_that_is_left_loses_what_the_shield_takes():
-    """The loss in a thin sheet is stopping power times thickness; one range stops all."""
+    """The loss in a thin sheet is stopping power times thickness; one range stops all particles."""
     energy = np.array([50.0, 100.0, 200.0])
     thin = 1e-5
     lost = energy - left_behind(energy, thin)
@@ -75,7 +75,7 @@ def test_a_line_of_energy_has_the_dose_of_its_stopping_power():
 
 @pytest.mark.slow  # as many places as elsewhere
 def test_the_dose_at_550_km_is_that_of_spenvis():
-    """Of AP-8 and SHIELDOSE-2, within 1.3: expected before the comparison."""
+    """By AP-8 and SHIELDOSE-2, within 1.3: expected before the comparison."""
     pytest.importorskip("radbelt")
     k = 6  # a polar orbit
     found = trapped_protons(550e3, INCLINATION[k])
@@ -84,7 +84,7 @@ def test_the_dose_at_550_km_is_that_of_spenvis():
 
 
 def test_solar_protons_come_where_field_lines_are_open():
-    """A geostationary orbit sees all of King's event, a low one near the equator none of it."""
+    """A geostationary orbit has all of King's event, a low one near the equator none of it."""
     pytest.importorskip("radbelt")
     far, low = (solar_protons(height, 0.1) for height in (35786e3, 500e3))
     assert np.interp(30.0, far.energy, far.above) == pytest.approx(7.9e9, rel=0.05)
@@ -150,8 +150,11 @@ def test_a_map_of_hits_has_the_anomaly_and_the_mean_of_its_orbits():
 
 @pytest.mark.slow
 def test_electrons_make_the_dose_of_a_geostationary_orbit(oracle):
-    """Beside AE-8 and SHIELDOSE-2, at other places of the orbit: within 1.3 behind 1 to 5 mm, as
-    was expected. They displace as many atoms as a fraction of one large event of the Sun does."""
+    """Against AE-8 and SHIELDOSE-2, at other places of the orbit: within 1.3 behind 1 to 5 mm, as
+    expected.
+
+    They displace as many atoms as a fraction of one large solar event does.
+    """
     pytest.importorskip("radbelt")
     found = oracle("shieldose.json")
     orbit = found["orbits"][-1]
@@ -166,7 +169,7 @@ def test_electrons_make_the_dose_of_a_geostationary_orbit(oracle):
 
 
 def test_where_no_electrons_are_trapped_there_are_none():
-    """L beyond 12, and so low on the equator that AE-8 has none."""
+    """L beyond 12, and an orbit so low on the equator that AE-8 has no electrons."""
     pytest.importorskip("radbelt")
     far = trapped_electrons(120000e3, 0.0)
     assert not far.above.any()
@@ -178,7 +181,7 @@ def test_where_no_electrons_are_trapped_there_are_none():
 
 @pytest.mark.slow
 def test_cells_of_the_field_have_the_electrons_of_their_places(monkeypatch):
-    """At a fifth of the places, in the horns of the outer belt and the anomaly: within 5 %."""
+    """With a fifth of the places, in the horns of the outer belt and the anomaly: within 5 %."""
     pytest.importorskip("radbelt")
     monkeypatch.setattr(radiation, "PLACES", 400)
     trapped_electrons.cache_clear()

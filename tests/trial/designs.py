@@ -1,4 +1,4 @@
-"""The example, and what tests change of it."""
+"""The example, and the changes that tests make to it."""
 
 import dataclasses
 
@@ -19,7 +19,7 @@ def with_detector(**changes):
 
 
 def marginal(exposure):
-    """A quarter of the pixels and a threshold that noise passes now and then."""
+    """A quarter of the pixels, and a threshold that noise exceeds now and then."""
     case = with_detector(columns=256, rows=256, pixel_pitch=22e-6, exposure=exposure)
     optics = dataclasses.replace(CASE.instrument.optics, blur=10e-6)
     instrument = dataclasses.replace(case.instrument, optics=optics)

@@ -36,8 +36,10 @@ def test_windows_and_frames_are_the_same(case):
 
 
 def test_boxes_find_the_attitude(case):
-    """First moments of 8 x 8 pixels with their neighbours' light, of half of the stars: within a
-    factor of five of the search of the whole frame, and never a false attitude."""
+    """First moments of 8 x 8 pixels, including light of neighbours, for half of the stars.
+
+    The error is within a factor of five of a search of the whole frame, and no attitude is false.
+    """
     rms = {}
     for name in ("box", "whole"):
         one = replace(case, tracker=replace(case.tracker, acquisition=name))

@@ -46,7 +46,7 @@ def test_spots_lie_where_the_stars_are():
 
 
 def test_belief_is_kept_apart_from_truth():
-    """A tracker that believes a wrong principal point errs by just that, on the same frame."""
+    """A tracker that believes a wrong principal point errs by exactly that, on the same frame."""
     wrong = dataclasses.replace(CASE.instrument.camera, principal_x=1.0)
     case = dataclasses.replace(CASE, tracker=dataclasses.replace(CASE.tracker, camera=wrong))
     streams = Streams(1, 0)
@@ -58,7 +58,8 @@ def test_belief_is_kept_apart_from_truth():
 
 
 def test_an_unknown_aberration_shows_as_an_error():
-    """The Earth's 30 km/s turn the whole field by up to 20.5 arcsec, and the attitude with it."""
+    """The Earth's 30 km/s displace the whole field by up to 20.5 arcsec, and the attitude with
+    it."""
     sky = dataclasses.replace(CASE.catalog, aberration=True)
     case = dataclasses.replace(
         CASE, catalog=sky, tracker=dataclasses.replace(CASE.tracker, catalog=CASE.catalog)
@@ -96,7 +97,8 @@ def test_diffusion_widens_the_psf_by_its_variance():
 
 
 def test_a_frame_is_solved_as_in_a_trial():
-    """With what the tracker of a design knows, `lost_in_space` weighs stars as the chain does."""
+    """With the knowledge of the design's tracker, `lost_in_space` weights stars as the chain
+    does."""
     streams = Streams(1, 0)
     record = observe(CASE, random_attitude(streams), streams)
     camera, indexes = CASE.believed_camera, pattern_indexes(CASE.believed_catalog)
@@ -109,7 +111,7 @@ def test_a_frame_is_solved_as_in_a_trial():
 
 
 def test_the_mean_attitude_is_the_reference_where_it_is_asked_for():
-    """By the mean of a sinusoid over an exposure, sinc(f T) of its value in the middle."""
+    """The mean of a sinusoid over an exposure is sinc(f T) times its value in the middle."""
     frequency, rms, exposure = 17.0, 5e-6, CASE.instrument.detector.exposure
     for phase in (0.3, 2.0):
         tone = Tone(frequency, rms_x=rms, phase=phase)

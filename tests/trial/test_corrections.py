@@ -1,4 +1,4 @@
-"""What leaving a correction out costs: each in truth, and each in belief."""
+"""The cost of omitting a correction: each in the truth, and each in the belief."""
 
 import math
 from dataclasses import replace
@@ -21,7 +21,7 @@ ORBIT = (0.0, 4600.0, -6050.0)  # m/s; 7.6 km/s together
 
 
 def changed(case: Case = CASE, **parts: object) -> Case:
-    """The case with parts of its instrument replaced, or of its tracker where they begin so."""
+    """The case with replaced parts of its instrument, or of its tracker if their name begins so."""
     mine = {key: value for key, value in parts.items() if not key.startswith("tracker_")}
     tracker = {
         key.removeprefix("tracker_"): value for key, value in parts.items() if key not in mine

@@ -32,7 +32,7 @@ def test_a_trial_is_the_same_alone_and_in_company():
 
 
 def test_elements_without_a_star_may_hold_anything(monkeypatch):
-    """New arrays are not cleared: a signalling NaN among them is an error where it is added."""
+    """New arrays are not cleared: a signalling NaN in one raises an error when it is added."""
     signalling = np.array(0x7FF0000000000001, np.uint64).view(np.float64)
 
     def filled(pixel, star, noise, matched, spots):
@@ -48,7 +48,7 @@ def test_elements_without_a_star_may_hold_anything(monkeypatch):
 
 @pytest.mark.parametrize("crosstalk", [pytest.param(0.0, marks=pytest.mark.slow), 0.1])
 def test_trials_look_where_those_of_frames_look(crosstalk):
-    """The number of found stars goes along with that of windows, trial by trial."""
+    """The number of detected stars is correlated with that of windows, trial by trial."""
     case = with_detector(crosstalk=crosstalk)
     drawn = run_trials(case, 4, range(30), Fidelity.COVARIANCE)
     rendered = run_trials(case, 4, range(30), Fidelity.WINDOW)
@@ -58,7 +58,8 @@ def test_trials_look_where_those_of_frames_look(crosstalk):
 
 @pytest.mark.parametrize("reference", ["instant", "mean"])
 def test_jitter_is_that_of_rendered_trials(reference):
-    """The same tones turn the same trials: what is left between the two is the noise of both."""
+    """The same tones rotate the same trials: the difference between the two is the noise of
+    both."""
     tones = (Tone(30.0, 5 * arcsec, 5 * arcsec), Tone(7.0, rms_y=3 * arcsec))
     shaken = changed(motion=dataclasses.replace(CASE.instrument.motion, tones=tones))
     case = dataclasses.replace(
@@ -78,7 +79,7 @@ def test_jitter_is_that_of_rendered_trials(reference):
 
 @pytest.mark.slow
 def test_errors_are_those_of_rendered_trials():
-    """Within the 5 % that are claimed and 3 standard deviations of 3000 trials, on each axis."""
+    """Within the stated 5 % plus 3 standard deviations of 3000 trials, on each axis."""
     drawn = run_trials(CASE, 4, range(20_000), Fidelity.COVARIANCE)
     rendered = run_trials(CASE, 4, range(3000), Fidelity.WINDOW)
     for axis in "xyz":
@@ -119,7 +120,7 @@ def test_a_map_of_too_many_hot_pixels_is_refused():
 
 
 def test_a_misbelieved_camera_errs_by_its_own():
-    """A principal point off by a pixel turns every attitude by a pixel."""
+    """A principal point that is wrong by a pixel rotates every attitude by a pixel."""
     wrong = dataclasses.replace(CASE.instrument.camera, principal_x=1.0)
     case = dataclasses.replace(CASE, tracker=dataclasses.replace(CASE.tracker, camera=wrong))
     right, misled = (run_trials(one, 1, range(40), Fidelity.COVARIANCE) for one in (CASE, case))

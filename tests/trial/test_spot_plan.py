@@ -1,4 +1,4 @@
-"""What drawn trials know of the stars, and what they refuse, by which name."""
+"""Assumptions of drawn trials about the stars, and the names of what they refuse."""
 
 import dataclasses
 import math
@@ -22,7 +22,7 @@ from .designs import CASE, changed, with_detector
 
 
 def rolling(motion, **tracker):
-    """The example behind a rolling shutter."""
+    """The example with a rolling shutter."""
     case = with_detector(row_delay=100e-6)
     instrument = dataclasses.replace(case.instrument, motion=motion)
     believed = dataclasses.replace(case.tracker, **tracker)
@@ -48,8 +48,10 @@ def test_what_needs_an_image_is_refused_by_name(case, named, fidelity):
 
 @pytest.mark.slow
 def test_drawn_spots_of_a_rolling_shutter_are_those_of_windows():
-    """Errors of a tracker that corrects its rows, and of one that does not; 100 trials know each
-    to 5 % (1 sigma). The covariance alone names what it cannot hold.
+    """A tracker that corrects its rows, and one that does not; 100 trials measure each error to 5 %
+    (1 sigma).
+
+    The covariance alone names what it cannot include.
     """
     motion, across = Motion(rate_x=0.15 * deg, rate_y=0.1 * deg), {}
     for delay in (None, 0.0):
@@ -68,7 +70,7 @@ def test_drawn_spots_of_a_rolling_shutter_are_those_of_windows():
 
 
 def test_companions_are_the_stars_near_each_detectable_one():
-    """Beside all pairs of the catalogue, for the detectable stars that have the most of them."""
+    """Against all pairs of the catalogue, for the detectable stars with the most companions."""
     plan, stars = plan_spots(CASE), open_sky(CASE.catalog).stars
     companions, index = plan.companions, plan.field.number.astype(int)
     flux = electrons_of(CASE)
@@ -89,7 +91,7 @@ def test_companions_are_the_stars_near_each_detectable_one():
 
 
 def short(focal_length):
-    """The example behind a shorter lens."""
+    """The example with a shorter focal length."""
     return changed(optics=dataclasses.replace(CASE.instrument.optics, focal_length=focal_length))
 
 

@@ -1,4 +1,4 @@
-"""Drawn spots that are identified, against rendered ones and against those taken as known."""
+"""Drawn spots that are identified, against rendered ones and against perfect identification."""
 
 import dataclasses
 
@@ -29,7 +29,7 @@ def drawn(case, number, seed=4):
 
 
 def counts(outcomes):
-    """Trials with a correct attitude, and those without."""
+    """Number of trials with and without a correct attitude."""
     right = int((outcomes["solved"] & ~outcomes["false"]).sum())
     return right, len(outcomes) - right
 
@@ -47,9 +47,9 @@ def test_a_trial_that_is_identified_has_the_spots_of_one_whose_matches_are_known
 
 
 def test_spots_are_those_of_windows_in_brightness_and_doubt():
-    """Each bright spot has its fellow; the brightest are left out, which may saturate.
+    """Each bright spot has a counterpart; the brightest are left out, because they may saturate.
 
-    Differences over their doubt are normal by Kolmogorov and Smirnov's test, 1 false in 1000.
+    Differences over their sigma are normal by a test of Kolmogorov and Smirnov, 1 false in 1000.
     """
     bright, apart, doubt = np.arange(2, 12), [], []
     for number in range(8):
@@ -67,8 +67,11 @@ def test_spots_are_those_of_windows_in_brightness_and_doubt():
 
 
 def test_faint_stars_are_missed_as_often_as_in_windows():
-    """Those that noise hides, and those of which it makes hot pixels: one star in eight of
-    some 130 electrons. 4 standard deviations of the difference between 120 trials each."""
+    """Stars that noise hides, and those that it makes look like hot pixels: one in eight of some
+    130 electrons.
+
+    4 standard deviations of the difference between 120 trials each.
+    """
     case = marginal(0.013)
     camera, sky = case.believed_camera, open_sky(case.catalog).stars
     electrons = electrons_of(case)
@@ -100,7 +103,8 @@ def test_spots_are_brightest_first_and_no_more_than_the_tracker_keeps():
 
 
 def test_noise_alone_makes_as_many_spots_as_are_told_and_strews_them():
-    """Poisson's count within 4 standard deviations; places even by Kolmogorov and Smirnov, 1e-3."""
+    """A Poisson count within 4 standard deviations; uniform places by Kolmogorov and Smirnov,
+    1e-3."""
     blind = Curve((300e-9, 1200e-9), (1e-9, 1e-9))
     case = marginal(FEW)
     detector = dataclasses.replace(case.instrument.detector, quantum_efficiency=blind)
@@ -117,7 +121,7 @@ def test_noise_alone_makes_as_many_spots_as_are_told_and_strews_them():
 
 
 def test_as_many_are_right_as_of_rendered_trials():
-    """100 of each, of different seeds; Fisher's test fails by chance once in 1000 runs."""
+    """100 trials of each, with different seeds; Fisher's test fails by chance once in 1000 runs."""
     one, other = (
         counts(run_trials(marginal(FEW), seed, range(100), fidelity))
         for seed, fidelity in ((7, Fidelity.WINDOW), (8, Fidelity.SPOTS))
@@ -130,7 +134,7 @@ def test_as_many_are_right_as_of_rendered_trials():
 
 
 def test_an_attitude_of_other_stars_counts_as_wrong(monkeypatch):
-    """Spots of another sky are identified, and wrongly so."""
+    """Spots of another sky are identified, and the attitude is wrong."""
 
     def elsewhere(case, _, streams):
         return spots_of(case, random_attitude(Streams(99, 0)), streams)
@@ -143,7 +147,7 @@ def test_an_attitude_of_other_stars_counts_as_wrong(monkeypatch):
 
 @pytest.mark.slow
 def test_as_many_are_right_as_of_many_rendered_trials():
-    """As above, 3000 of each, by chi-square."""
+    """As above with 3000 of each, by chi-square."""
     table = [
         counts(run_trials(marginal(FEW), seed, range(3000), fidelity))
         for seed, fidelity in ((7, Fidelity.WINDOW), (8, Fidelity.SPOTS))

@@ -1,4 +1,4 @@
-"""A drawn star against the projection of the camera, and its shift by companions."""
+"""A drawn star against the projection of the camera, and its displacement by companions."""
 
 import numpy as np
 import pytest

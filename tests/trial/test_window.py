@@ -15,9 +15,10 @@ from startrack.detector import Defects, Hits, Pattern
 from startrack.io import shipped
 from startrack.motion import Motion
 from startrack.observation.pointing import random_attitude
-from startrack.trial import window
+from startrack.trial import window, window_plan
 from startrack.trial.chain import observe, run_random_trial, run_trials
-from startrack.trial.window import plan_windows, spots_in_windows
+from startrack.trial.window import spots_in_windows
+from startrack.trial.window_plan import plan_windows
 
 MARGINAL = 60.0  # digital number, twice the flux at which the threshold lies
 CASE = load_design(shipped("designs/noise_only.toml")).case
@@ -33,7 +34,8 @@ def with_detector(**changes):
 
 
 def both(case, number, seed=5):
-    """Spots of a frame and of its windows (n, 3): x, y, flux; by x, as some have the same flux."""
+    """Spots of a frame and of its windows (n, 3): x, y, flux; sorted by x, because fluxes may be
+    equal."""
     attitude = random_attitude(Streams(seed, number))
     whole = observe(case, attitude, Streams(seed, number)).spots
     parts = spots_in_windows(case, attitude, Streams(seed, number))
@@ -58,7 +60,8 @@ def both(case, number, seed=5):
     ids=lambda changes: "-".join(changes) or "plain",
 )
 def test_spots_are_those_of_the_frame(changes):
-    """The stars' pixels have the noise of the frame; what is not marginal is found in both."""
+    """The stars' pixels have the noise of the frame; all spots that are not marginal are found
+    in both."""
     case = with_detector(**changes)
     assert plan_windows(case).noise
     whole, parts = (spots[spots[:, 2] > MARGINAL] for spots in both(case, 0))
@@ -85,7 +88,7 @@ def with_map(case, **settings):
     ids=["map", "list", "coarse map with hits", "no defects"],
 )
 def test_spots_less_the_dark_map_are_those_of_the_frame(changes, settings):
-    """Pixels of a dark map need no windows."""
+    """Hot pixels of a dark map need no windows."""
     case = with_map(with_detector(**changes), **settings)
     noise = plan_windows(case).noise
     assert noise
@@ -111,7 +114,7 @@ def test_hot_pixels_make_spots_that_a_dark_map_removes():
 def test_the_whole_frame_is_searched_where_windows_would_take_longer(
     monkeypatch, threshold, defects
 ):
-    """Work is counted, in pixels: those of windows are never more than those of the frame."""
+    """Work is counted in pixels: that of windows never exceeds that of the frame."""
     case = with_detector(defects=defects)
     tracker = dataclasses.replace(CASE.tracker, detection=Detection(threshold=threshold))
     case = dataclasses.replace(case, tracker=tracker)
@@ -164,13 +167,16 @@ def test_what_needs_the_whole_frame_is_refused_by_name(effect, value):
 
 @pytest.mark.parametrize("mapped", [False, True], ids=["plain", "dark map"])
 def test_noise_makes_as_many_false_spots_as_in_frames(monkeypatch, mapped):
-    """Frames without stars, at a threshold that noise passes a few times a frame: 5 standard
-    deviations of the difference in the count, 1e-4 for the fluxes by Kolmogorov and Smirnov."""
+    """Frames without stars, with a threshold that noise exceeds a few times a frame.
+
+    5 standard deviations of the difference in the count, 1e-4 for the fluxes by Kolmogorov and
+    Smirnov.
+    """
     case = dataclasses.replace(
         with_detector(columns=256, rows=256, dark_current=400.0, quantum_efficiency=BLIND),
         tracker=dataclasses.replace(CASE.tracker, detection=Detection(threshold=4.0)),
     )
-    monkeypatch.setattr(window, "PROPOSAL", 1.0)  # windows, though frames would take less time
+    monkeypatch.setattr(window_plan, "PROPOSAL", 1.0)  # windows, though frames would take less time
     if mapped:
         defects = Defects(dsnu=100.0, hot=0.01, hot_current=1e4)
         detector = dataclasses.replace(case.instrument.detector, defects=defects)
@@ -199,7 +205,7 @@ def test_noise_makes_as_many_false_spots_as_in_frames(monkeypatch, mapped):
     ids=lambda changes: "-".join(changes) if isinstance(changes, dict) else "",
 )
 def test_outcomes_have_the_law_of_frames(threshold, changes):
-    """5000 frames and 5000 windows of other seeds, bright stars and marginal ones: each of the
+    """5000 frames and 5000 windows with other seeds, bright stars and marginal ones: each of the
     three tests fails by chance once in 1000 runs."""
     optics = dataclasses.replace(CASE.instrument.optics, blur=10e-6)
     case = with_detector(columns=160, rows=160, pixel_pitch=22e-6, **changes)
@@ -220,7 +226,7 @@ def test_outcomes_have_the_law_of_frames(threshold, changes):
 
 
 def test_stars_through_a_lens_table_are_those_of_the_frame(tmp_path):
-    """Place, colour and vignetting change each star, in windows as in frames."""
+    """Place, colour and vignetting affect each star in windows as in frames."""
     from startrack.optics import save_lens
     from tests.optics.lenses import ideal
 

@@ -25,7 +25,7 @@ def normal(rng, trials, sigma=1.0):
 
 
 def answers(claims, looks, repetitions, draw):
-    """How often each claim passed and failed, at any look; they differ in their limit alone."""
+    """How often each claim passed and failed at any look; the claims differ only in their limit."""
     passed, failed = np.zeros((2, len(claims)), int)
     tails = looks.tails(1)
     for seed in range(repetitions):
@@ -56,7 +56,7 @@ def answers(claims, looks, repetitions, draw):
     ids=str,
 )
 def test_an_answer_is_rarely_wrong_at_any_look(objective, truth):
-    """Just beyond the limit no more than 5 % pass, just within it 5 % fail; false alarm 1e-3."""
+    """Just beyond the limit at most 5 % pass, just within it at most 5 % fail; false alarm 1e-3."""
     looks = Looks(100, 800)
     most = stats.binom.isf(1e-3, 200, 0.05)
     below, above = (
@@ -78,7 +78,7 @@ def test_what_is_clear_is_decided_at_the_first_look():
 
 
 def test_the_number_that_would_do_does():
-    """Four times the number named decides nearly always, a quarter of it seldom."""
+    """Four times the stated number nearly always decides, a quarter of it seldom."""
     claim = Claim(Accuracy(Objective("across"), 1.1), 0.0, EVERYTHING)
     tails = Looks(100, 100).tails(1)
     needed = claim.needed(normal(np.random.default_rng(1), 4000), NOWHERE, *tails)
@@ -142,8 +142,10 @@ def test_a_single_attitude_may_err_as_999_of_a_normal_law():
 
 @pytest.mark.parametrize("trials", [5, 10, 30])
 def test_more_trials_are_asked_for_than_did_not_show_it(trials):
-    """Ten trials of an error of half of its limit do not show it; two more are no answer. As many
-    as are said show it in about half of the cases."""
+    """Ten trials of an error of half of its limit do not show it, nor do two more.
+
+    The stated number shows it in about half of the cases.
+    """
     looks = Looks(100, 400)
     tails = looks.tails(1)
     shown = 0

@@ -1,4 +1,5 @@
-"""Windows of a flown tracker: photon transfer and steps by made images, files, and the command."""
+"""Windows of a flown tracker: photon transfer and steps with simulated images, files, the
+command."""
 
 import json
 from dataclasses import replace
@@ -33,7 +34,7 @@ GAIN, NOISE, COUNT, SIDE = 4.0, 12.0, 2000, 8
 
 
 def still(background=30.0, seed=1) -> Windows:
-    """A star that does not move, of known gain and read noise, by numpy's own distributions."""
+    """A star at rest with known gain and read noise, by numpy's own distributions."""
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[:SIDE, :SIDE] - (SIDE - 1) / 2
     light = 8000 * np.exp(-(x**2 + y**2) / 2 / 1.2**2) / (2 * np.pi * 1.2**2) + background
@@ -45,7 +46,7 @@ def still(background=30.0, seed=1) -> Windows:
 
 
 def test_photon_transfer_in_flight_finds_gain_and_read_noise():
-    """Of 2,000 images of 64 pixels: the variance of each is known to 3 %; digital numbers."""
+    """2,000 images of 64 pixels measure the variance of each pixel to 3 %; digital numbers."""
     gain, noise = gain_in_flight(still())
     assert gain == pytest.approx(GAIN, rel=0.05)
     assert noise == pytest.approx(NOISE / GAIN, rel=0.1)
@@ -81,7 +82,7 @@ def test_windows_are_read_from_npz_and_fits(tmp_path):
 
 
 def test_negative_places_count_from_the_middle_of_the_detector(tmp_path):
-    """Of all stars of a file where one has them, also if that one is not read."""
+    """For all stars of a file if one of them has a negative place, also if that one is not read."""
     detector = load_design(shipped("trackers/chandra-aca.toml")).case.instrument.detector
     star = still()
     columns = {"time": star.time, "number": star.number, "col0": star.corner[:, 0]}
@@ -95,7 +96,7 @@ def test_negative_places_count_from_the_middle_of_the_detector(tmp_path):
 
 
 def test_the_image_of_a_device_differs_by_its_growth_over_the_field():
-    """A few per cent of the peak at the edge of the field, nothing without a difference."""
+    """A few per cent of the peak at the edge of the field, zero without a difference."""
     case = load_design(shipped("trackers/chandra-aca.toml")).case
     other = replaced(case, "instrument.optics.growth_across", -0.2)
     psfs = [psf_at(one.instrument, 10.0, 511.5) for one in (case, other)]
@@ -111,7 +112,7 @@ def test_curves_that_are_alike_are_correlated():
 
 @pytest.mark.slow
 def test_the_command_compares_a_design_with_its_own_images(tmp_path, capsys):
-    """Images that the design predicts are those that it predicts of other detectors."""
+    """Images that the design predicts agree with its predictions for other detectors."""
     np.savez(
         tmp_path / "seen.npz",
         **{
@@ -166,7 +167,7 @@ def test_stars_of_whole_frames_are_followed():
 
 
 def test_a_tracker_with_a_dark_map_needs_a_dark_frame():
-    """Of a detector with hot pixels: stars are followed on both sides by the map of each."""
+    """For a detector with hot pixels: stars are followed in both by the map of each."""
     hot = (
         "instrument.detector.defects.hot=0.0005",
         "instrument.detector.defects.hot_current=2000 electron / s",
@@ -189,7 +190,7 @@ def test_a_tracker_with_a_dark_map_needs_a_dark_frame():
 
 
 def test_frames_of_files_have_their_times(tmp_path):
-    """A recording with time stamps gives them, one without takes the update rate."""
+    """A recording with time stamps has their times, one without has the update rate."""
     case, frames = turning(34)
     rate, begin = case.instrument.detector.update_rate, datetime(2026, 3, 1, tzinfo=UTC)
     at = 0.5 * np.arange(34) + 0.25 * (np.arange(34) > 9)
@@ -221,7 +222,7 @@ def test_times_of_a_star_rise():
 
 @pytest.mark.slow
 def test_frames_of_a_design_are_as_it_predicts_them():
-    """Eight stars, 160 frames: scatters to 10 % by their number of degrees of freedom."""
+    """Eight stars, 160 frames: scatters within 10 % by their number of degrees of freedom."""
     case, frames = turning(160)
     flown = compare_flown(case, windows_of_frames(frames, case), 4, 1)
     for name in ("temporal", "total", "brightness", "background", "acquired"):
@@ -230,15 +231,18 @@ def test_frames_of_a_design_are_as_it_predicts_them():
 
 
 def seen_at(time, place):
-    """Centroids of an image that does not move."""
+    """Centroids of an image at rest."""
     corner = np.zeros((len(time), 2), np.int64)
     windows = Windows("one", time, np.zeros((len(time), 8, 8)), corner)
     return Centroids(windows, place, np.ones(len(time)))
 
 
 def test_stars_of_other_time_spans_have_the_scatter_of_their_noise():
-    """Of 0.01 pixel about a common walk of pixels: 400 exposures show it to 2.5 %, so 12 % is 5
-    sigma; one star is seen in the first half, one with a gap, and one after all others."""
+    """0.01 pixel about a common random walk of pixels: 400 exposures measure it to 2.5 %, so 12 %
+    is 5 sigma.
+
+    One star is seen in the first half only, one with a gap, and one after all others.
+    """
     rng, time = np.random.default_rng(4), np.arange(800.0)
     path = np.cumsum(0.1 * rng.standard_normal((800, 2)), axis=0)
     spans = [
@@ -262,8 +266,10 @@ def test_stars_of_other_time_spans_have_the_scatter_of_their_noise():
 
 
 def test_predicted_paths_have_no_errors_of_single_stars():
-    """Of two stars on a common dither, each with an own error of 0.1 pixel that flight would show:
-    their paths differ by a constant to a tenth of it. A star alone keeps its error."""
+    """Two stars on a common dither, each with an error of 0.1 pixel as it would have in flight.
+
+    Their paths differ by a constant within a tenth of this error. A single star keeps its error.
+    """
     time = np.arange(2000.0)
     dither = 1.6 * np.column_stack([np.sin(time / 160), np.sin(time / 113)])
     errors = [0.1 * np.column_stack([np.sin(time / k), np.cos(time / k)]) for k in (17.0, 29.0)]
@@ -328,7 +334,7 @@ def test_brightness_tests_throughput_only_by_a_magnitude():
 
 
 def test_an_offset_that_is_not_known_is_in_the_interval_of_the_background():
-    """Of images with 20 numbers more than the design has where there is no light."""
+    """Images with 20 numbers more than the design has without light."""
     case = load_design(shipped("designs/noise_only.toml"), ["instrument.detector.offset=50"]).case
     image = replace(still().of(slice(160)), background=None)
     star = replace(image, number=image.number + 20)
@@ -349,7 +355,7 @@ def test_an_offset_that_is_not_known_is_in_the_interval_of_the_background():
 
 @pytest.mark.parametrize("law", ["normal", "lognormal"])
 def test_the_interval_of_devices_holds_a_further_one(law):
-    """Of 16,000 times eight devices; false alarms once in 10,000 (four standard deviations)."""
+    """16,000 times eight devices; a false alarm once in 10,000 (four standard deviations)."""
     drawn = getattr(np.random.default_rng(1), law)(size=(16_000, 9))
     held = 0
     for values in drawn:

@@ -1,4 +1,4 @@
-"""What frames measure of a design: beside the design that made them, and made images."""
+"""Measurements of a design from frames: against the true design, and simulated images."""
 
 import math
 from dataclasses import replace
@@ -54,7 +54,7 @@ def frames_of(case, count=FRAMES):
 
 @pytest.fixture(scope="module")
 def loop(tmp_path_factory):
-    """A prototype's design, the truth, and what its frames tell of the design."""
+    """The design of a prototype, the truth, and the frames' information on the design."""
     path = tmp_path_factory.mktemp("prototype") / "prototype.toml"
     path.write_text(PROTOTYPE)
     truth = load_design(path, quantile=TRUTH.__getitem__).case
@@ -74,7 +74,7 @@ def test_frames_tell_what_made_them_and_not_what_was_thought(loop):
 
 @pytest.mark.slow
 def test_unknowns_are_learnt_from_frames(loop):
-    """Each within three sigma, and far better known; the light, too."""
+    """Each is within three sigma and much better known, including the light."""
     path, _, told = loop
     surface = fit_surface(draw_unknowns(path, 1, 10, 1, 0.0, middle=False))
     learned = learn(surface, told, 1)
@@ -98,7 +98,7 @@ def test_told_figures_of_frames_are_a_design(loop, tmp_path):
 
 @pytest.mark.slow
 def test_the_next_prediction_holds_the_truth(loop, tmp_path):
-    """After the frames and after the posterior that is written; a light 28 % off is not kept."""
+    """After the frames, and with the written posterior; a light that is 28 % off is rejected."""
     path, truth, told = loop
     after, posterior = tmp_path / "told.toml", tmp_path / "posterior.toml"
     save_told(after, path, told)
@@ -115,7 +115,8 @@ def test_the_next_prediction_holds_the_truth(loop, tmp_path):
 
 
 def moving(common, noise, seed, names=("a", "b", "c"), rate=10.0):
-    """Gaussian stars that move together by white steps, and alone by noise; numpy's own."""
+    """Gaussian stars with a common motion in white steps, and single motions by noise; numpy's
+    own."""
     rng = np.random.default_rng(seed)
     count = 400
     shared, step = common * rng.standard_normal((count, 2)), np.arange(8) - 3.5
@@ -147,7 +148,7 @@ def test_the_common_motion_is_that_of_all_stars():
 
 
 def test_the_mean_of_an_exposure_moves_as_realised():
-    """Beside motions drawn and followed in time."""
+    """Against motions that are drawn and integrated over time."""
     motion = Motion(
         tones=(Tone(7.0, 1e-5, 2e-5, 0.0),),
         broadband=(Broadband("x", (1.0, 30.0), (1e-11, 1e-12)),),

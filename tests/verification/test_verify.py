@@ -44,7 +44,7 @@ def by_name(found):
 
 
 def test_rest_is_always_judged():
-    """A design that is good at its one rate and bad at rest fails."""
+    """A design that is good at its nominal rate and bad at rest fails."""
     found = judged(NEEDS, Drawn(3.0, 0.5))
     assert found.answer is Answer.FAIL
     answers = {name: one.answer for name, one in by_name(found).items()}
@@ -131,7 +131,7 @@ def test_two_conditions_of_a_name_are_refused():
 
 
 def test_blinded_trials_may_be_left_out():
-    """Of trials a year long, those within 60 degrees of the Sun: a quarter, as of the sphere."""
+    """For trials over a year, a quarter lies within 60 degrees of the Sun, as on the sphere."""
     scene = dataclasses.replace(CASE.scene, lights=("sun",), date="2026-01-01T00:00:00", days=360)
     case = dataclasses.replace(CASE, scene=scene)
     keep_out = KeepOut(sun=60 * deg)
@@ -161,7 +161,8 @@ def test_the_expected_availability_is_that_of_such_errors():
 
 
 def test_units_are_judged_by_their_yield_at_both_ends_of_life():
-    """Of 100 units all meet 1 arcsec at first, and 80 of them at the end, where 90 % must."""
+    """All of 100 units have 1 arcsec at first, and 80 of them at the end, where 90 % are
+    required."""
     name = "instrument.mounting.x"
     case = dataclasses.replace(CASE, variation=(Variation(name, sigma="1 arcsec"),), lifetime=YEAR)
     needs = dataclasses.replace(NEEDS, max_about=None)
