@@ -56,7 +56,7 @@ def main() -> None:
 
 
 def _judged(name: str, options: argparse.Namespace) -> list[command.Judged]:
-    """The figures of one experiment, which is run unless its figures are only to be judged."""
+    """The figures of one experiment; it is run unless its figures are only judged."""
     path = options.results / f"{name}.json"
     if not options.judge:
         options.results.mkdir(parents=True, exist_ok=True)

@@ -53,7 +53,7 @@ TRACKERS = ("rigel-l", "st5000", "apst", "rufino-2013", "altair-hb")
 
 
 def scipy_one_by_one(b: Floats, r: Floats, w: Floats) -> Rotation:
-    """The solver that users of scipy have, one attitude a call."""
+    """The solver that users of scipy have, with one attitude per call."""
     if b.ndim == 2:
         return Rotation.align_vectors(b, r, w)[0]
     return Rotation.concatenate(
@@ -91,9 +91,9 @@ def hard_cases() -> dict[str, Any]:
 
 
 def speed(batch: int, repeats: int) -> list[dict[str, Any]]:
-    """Time for each star and attitude, and error without noise, of each solver and precision.
+    """Time for each star and attitude, and error without noise, for each solver and precision.
 
-    Solvers alternate in each repeat; the least of the repeats counts.
+    Solvers alternate in each repeat; the shortest of the repeats counts.
     """
     truth, b, r = solving_cases.fields(batch, STARS, 10 * deg, 0.0, 1)
     w = np.full((batch, STARS), NOISE**-2)
@@ -144,8 +144,8 @@ def bounds(trials: int) -> list[dict[str, Any]]:
 
 
 def rendered(case: Case, trials: int) -> dict[str, float]:
-    """Of rendered windows of a design: normalised error squared and its standard error; errors
-    across and about, arcsec, with the relative standard error of each, and the stated errors."""
+    """For rendered windows of a design: normalised error squared and its standard error; errors
+    across and about, arcsec, with the relative standard error of each; and the stated errors."""
     outcomes = outcomes_of(case, 5, range(trials), Fidelity.WINDOW)
     good = outcomes["solved"] & ~outcomes["false"]
     nees = outcomes["nees"][good]
@@ -179,7 +179,7 @@ def designs(published: Sequence[str]) -> dict[str, Case]:
 def budgets(cases: Mapping[str, Case], members: int) -> list[dict[str, Any]]:
     """The analytic budget of each design against trials: each cause, and end to end, arcsec.
 
-    A difference counts where the cause makes a tenth of the whole or more.
+    A cause counts if it makes a tenth of the total or more.
     """
     rows = []
     for name, case in cases.items():

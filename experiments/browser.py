@@ -84,7 +84,7 @@ class Browser:
         path.write_bytes(base64.b64decode(shown["data"]))
 
     def new_tab(self) -> None:
-        """Open another tab, and go on there."""
+        """Open another tab and switch to it."""
         handle = self._ask("POST", "window/new", {"type": "tab"})["handle"]
         self._ask("POST", "window", {"handle": handle})
 
@@ -101,7 +101,7 @@ def _ask(method: str, address: str, body: dict[str, Any] | None = None) -> Any:
 
 @contextmanager
 def browser() -> Iterator[Browser]:
-    """A new browser with a profile of its own, which is ended afterwards."""
+    """A new browser with its own profile, which is ended afterwards."""
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     address = f"http://127.0.0.1:{port}"

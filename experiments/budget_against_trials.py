@@ -41,14 +41,14 @@ EXAMPLE = load_design(shipped("designs/noise_only.toml")).case
 
 
 def changed(case: Case, **changes: object) -> Case:
-    """The case with other keys; a double underscore stands for the point."""
+    """The case with other keys; a double underscore is the point of a key."""
     for name, value in changes.items():
         case = replaced(case, name.replace("__", "."), value)
     return case
 
 
 def effects(case: Case) -> dict[str, Case]:
-    """Effects that a design may have; each entry has one."""
+    """Effects that a design may have; each entry contains one."""
     detector, optics = "instrument__detector__", "instrument__optics__"
     camera = case.instrument.camera
     still = {"tracker__detection__smear_x": 0.0, "tracker__detection__smear_y": 0.0}
@@ -80,7 +80,7 @@ def effects(case: Case) -> dict[str, Case]:
 
 
 def designs(count: int) -> Iterator[tuple[str, Case]]:
-    """Designs drawn over the space; each effect comes as often as any other."""
+    """Designs drawn over the space; all effects are equally frequent."""
     rng = np.random.default_rng(SEED)
     for k in range(count):
         u = rng.random(7)
@@ -116,17 +116,17 @@ class Compared:
 
     @property
     def left_out(self) -> tuple[str, ...]:
-        """Effects that the formula leaves out, as it says itself."""
+        """Effects that the formula says it leaves out."""
         return self.budget.left_out if self.budget else ("an attitude: too few stars anywhere",)
 
     @property
     def ratio(self) -> float:
-        """Error across by trials over the error by formula; NaN where either is missing."""
+        """Error across by trials over the error by formula; NaN if either is missing."""
         return self.summary.across.value / self.budget.across if self.budget else math.nan
 
     @property
     def apart(self) -> float:
-        """The larger of the ratio and its inverse; 1 where neither finds an attitude."""
+        """The larger of the ratio and its inverse; 1 if neither finds an attitude."""
         if math.isnan(self.ratio):
             return 1.0 if not self.budget and not self.summary.availability.value else math.inf
         return max(self.ratio, 1 / self.ratio)
@@ -138,7 +138,7 @@ class Compared:
 
 
 def compare(name: str, case: Case, trials: int) -> Compared:
-    """Budget and trials of a design: trials of windows, or of frames where windows refuse the
+    """Budget and trials of a design: trials of windows, or of frames if windows refuse the
     design."""
     try:
         budget = analytic(case)
@@ -159,9 +159,8 @@ def frame_information(case: Case, attitude: Rotation, streams: Streams) -> Float
     """Fisher's information (4, 4) of a frame about three small rotations and the scale.
 
     The frame is the expectation of its electrons; its pixels have the variance of photons,
-    read-out, rounding and photo-response. No pixel is left out, and all brightnesses are
-    known: no tracker
-    has more.
+    read-out, rounding and photo-response. No pixel is left out, and all brightnesses are known: no
+    tracker has more information.
     """
     camera, detector = case.instrument.camera, case.instrument.detector
 
@@ -212,7 +211,7 @@ class Slew:
 
 
 def slew(rate: float, trials: int) -> Slew:
-    """The example with another centroid at a rate about x, radian / second."""
+    """The example with another centroid, at a rate about x, radian / second."""
     case = changed(
         EXAMPLE,
         instrument__motion__rate_x=rate,
@@ -225,7 +224,7 @@ def slew(rate: float, trials: int) -> Slew:
 
 
 def table_of_designs(rows: list[Compared]) -> list[str]:
-    """Markdown."""
+    """A table of the designs in Markdown."""
     lines = [
         "| design | formula (arcsec) | trials (arcsec) | trials / formula | available by formula, "
         "trials (%) | not counted, by its own words |",
@@ -244,7 +243,7 @@ def table_of_designs(rows: list[Compared]) -> list[str]:
 
 
 def table_of_slews(rows: list[Slew]) -> list[str]:
-    """Markdown."""
+    """A table of the rates in Markdown."""
     lines = [
         "| rate (deg/s) | bound (arcsec) | trials (arcsec) | trials / bound | formula (arcsec) | "
         "normalised error squared | available (%) |",

@@ -116,7 +116,7 @@ def is_same(stream: BufferedRWPair, design: Path, number: int) -> bool:
 
 
 def timed(stream: BufferedRWPair, frames: int) -> list[float]:
-    """Seconds of each frame of a slew, asked for once in a period."""
+    """Seconds of each frame of a slew, with one request in each period."""
     seconds, start = [], pointing(83.0, -5.0, 0.0)
     rate = (RATE * AXIS / np.linalg.norm(AXIS) / deg).tolist()
     due = time.perf_counter()
@@ -132,7 +132,7 @@ def timed(stream: BufferedRWPair, frames: int) -> list[float]:
 
 
 def startrack_command(name: str) -> list[str]:
-    """The words that begin a command."""
+    """The first words of a command."""
     return [sys.executable, "-m", "startrack.cli", name]
 
 

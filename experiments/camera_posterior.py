@@ -54,7 +54,7 @@ def main() -> None:
 
 
 def calibration(cameras: int, ensembles: Ensembles) -> dict[str, Any]:
-    """Ranks over cameras of the prior, and the p-value of their evenness."""
+    """Ranks over cameras of the prior, and the p-value of their uniformity."""
     rng = np.random.default_rng(11)
     ranks, fewest = [], []
     for number in range(cameras):
@@ -91,7 +91,7 @@ def drawn(rng: np.random.Generator) -> Camera:
 def synthetic(
     camera: Camera, sigma: float, rng: np.random.Generator
 ) -> tuple[Frame, Spots, Matches]:
-    """Stars with known noise; the pixels of a few, on a grid so that each is alone."""
+    """Stars with known noise, and the pixels of a few stars on a grid."""
     icrs_to_camera = Rotation.random(rng=rng)
     pixel = rng.uniform(0, 1023, (STARS, 2))
     pixel[:LONE] = np.stack([100.0 * np.arange(LONE) + 150, np.full(LONE, 500.0)], axis=1)
@@ -120,7 +120,7 @@ def synthetic(
 
 
 def along(place: float, sigma: float) -> Floats:
-    """Share of a star's light in each of 21 pixels of a line, by sums."""
+    """Fraction of a star's light in each of 21 pixels of a line, by sums."""
     sub = (np.arange(FINE) + 0.5) / FINE - 0.5
     at = np.arange(-10, 11)[:, None] + sub
     return np.asarray(stats.norm.pdf(at, place, sigma).mean(axis=1))

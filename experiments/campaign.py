@@ -94,7 +94,7 @@ def measure(part: str, case: Case, folder: Path, kills: int, quick: bool) -> dic
 
 
 def same_bytes(case: Case, trials: int = 200) -> dict[str, Any]:
-    """One process, two, and a Dask cluster of two."""
+    """One process, two processes, and a Dask cluster of two."""
     alone = run(case, trials, SEED, Serial()).tobytes()
     with pool(2) as executor:
         same = {"two": run(case, trials, SEED, executor, workers=2).tobytes() == alone}
@@ -110,10 +110,10 @@ def same_bytes(case: Case, trials: int = 200) -> dict[str, Any]:
 
 
 def efficiency(trials: int = 640, repeats: int = 5) -> dict[str, Any]:
-    """Two workers through the engine and the store, against two single runs side by side.
+    """Two workers through the engine and the store, against two single runs in parallel.
 
-    Frames of 1024 x 1024 pixels, some 10 ms each; wall time, the two ways in turn. Neighbours on
-    the machine disturb both: the median of the ratios, and the best.
+    Frames of 1024 x 1024 pixels, some 10 ms each; wall-clock time, both ways alternately. Other
+    programs disturb both: the median of the ratios, and the best.
     """
     code = (
         "import sys\nsys.path.insert(0, 'experiments')\n"
@@ -148,7 +148,7 @@ def large() -> Case:
 
 
 def side_by_side(code: str, firsts: tuple[int, ...]) -> float:
-    """Wall seconds of single runs in processes of their own, counted from when all are ready."""
+    """Wall-clock seconds of single runs in separate processes, from the time when all are ready."""
     singles = [
         subprocess.Popen(
             [sys.executable, "-c", code, str(first)],
@@ -177,7 +177,7 @@ def side_by_side(code: str, firsts: tuple[int, ...]) -> float:
 
 
 class Waiting(Sampling):
-    """Trials that take 10 ms of no processor, so that only the engine works."""
+    """Trials that take 10 ms without a processor, so that only the engine works."""
 
     def trials(self, case: Case, seed: int, numbers: Sequence[int]) -> NDArray[np.void]:
         time.sleep(TRIAL * len(numbers))
@@ -189,8 +189,8 @@ class Waiting(Sampling):
 def overhead(case: Case, trials: int = 2560, block: int = 64) -> dict[str, float]:
     """Time that engine and store add to two workers whose trials take 10 ms.
 
-    engine_efficiency    time of the trials over wall time, times two workers
-    engine_cpu_share     the master's CPU time over that of the trials
+    engine_efficiency  time of the trials over wall-clock time times two workers
+    engine_cpu_share   CPU time of the main process over that of the trials
     """
     best, cpu = 0.0, math.inf
     with tempfile.TemporaryDirectory() as name, pool(2) as executor:
@@ -208,9 +208,9 @@ def overhead(case: Case, trials: int = 2560, block: int = 64) -> dict[str, float
 def store_speed(
     folder: Path, case: Case, trials: int = 10**6, block: int = 64, repeats: int = 3
 ) -> dict[str, Any]:
-    """A million trials, each block committed by itself; then their summary from disk.
+    """A million trials, each block committed separately; then their summary from disk.
 
-    Wall time, the best of the repeats; and CPU time, which neighbours on the machine stretch less.
+    Wall-clock time, best of the repeats, and CPU time, which other programs affect less.
     """
     table = np.zeros(trials, OUTCOMES)
     table["trial"] = np.arange(trials)
@@ -346,7 +346,7 @@ def _session(leader: int) -> list[int]:
 
 
 def _orphans(leader: int, patience: float = 10.0) -> int:
-    """End the processes of a session that are left after some seconds; returns their number."""
+    """End the processes of a session that remain after some seconds; returns their number."""
     end = time.monotonic() + patience
     while (left := _session(leader)) and time.monotonic() < end:
         time.sleep(0.05)

@@ -196,7 +196,7 @@ def flown() -> dict[str, Any]:
 
 
 def camera(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
-    """Residuals on stars that the fit has not seen, of each order."""
+    """Residuals on stars that were not used in the fit, for each order."""
     if "stars" not in data:
         return None
     table = read_star_table(data["stars"])
@@ -238,7 +238,7 @@ def device(year: float, celsius: float, **changes: Any) -> Detector:
 
 
 def dark_current(data: dict[str, Any], quick: bool) -> dict[str, Any]:
-    """Bins of the histogram by the law and in a drawn map, beside those in flight."""
+    """Bins of the histogram by the law and in a drawn map, compared with flight."""
     rows, worst, warm, curves = [], 0.0, 0.0, []
     for one in data["dark_histograms"][:: 5 if quick else 1]:
         detector = device(one["year"], one["temperature_c"])
@@ -278,7 +278,7 @@ def dark_growth(detector: Detector) -> float:
 
 
 def flicker(data: dict[str, Any], quick: bool) -> dict[str, Any]:
-    """Cumulative laws of jumps of drawn pixels beside those in flight."""
+    """Cumulative laws of jumps of drawn pixels, compared with flight."""
     known, law = data["flicker"], Flicker()
     step, rng = np.array(known["log10_step"]), np.random.default_rng(0)
     count, rows, curves = 2000 if quick else 200_000, [], []
@@ -301,7 +301,7 @@ def flicker(data: dict[str, Any], quick: bool) -> dict[str, Any]:
 
 
 def image(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
-    """Stamps of the shipped PSF beside the 144 tables, as fractions of the peak of each."""
+    """Stamps of the shipped PSF minus the 144 tables, as fractions of the peak of each."""
     if "psf" not in data:
         return None
     psf, worst = star_psf(), []
@@ -334,7 +334,8 @@ def star_psf() -> Any:
 def star_field(
     detector: Detector, magnitude: float, apart: int, seed: int
 ) -> tuple[Frame, Floats, float]:
-    """A frame of stars of one magnitude on a lattice: frame, places and flux in numbers."""
+    """A frame of stars of one magnitude on a lattice: frame, places, and flux in digital
+    numbers."""
     streams, side = Streams(seed, 0), detector.columns
     line = np.arange(apart / 2 + 8, side - apart / 2 - 8, apart)
     place = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
@@ -346,9 +347,9 @@ def star_field(
 
 
 def faintest(year: float, celsius: float, magnitude: float, half_width: float) -> float:
-    """Magnitude of the faintest star that a box about a star accepted in a year.
+    """Magnitude of the faintest star that a box accepted in a year.
 
-    That of the star where the limit of hits is brighter.
+    It is at least the star's magnitude if the limit of hits is brighter.
     """
     limits = [magnitude + FAINTER]
     if year >= CLIPPED:
@@ -397,10 +398,9 @@ def acquired(
     stars: int,
     columns: int | None = None,
 ) -> Floats:
-    """Distances (n,) between each star and the spot that was taken for it, arcsec; NaN: none was.
+    """Distances (n,) between each star and the spot matched with it, arcsec; NaN without a spot.
 
-    stars    at least
-    columns  of the detector, if not all
+    stars  at least the number of columns of the detector, if not all
     """
     design = load_design(shipped("trackers/chandra-aca.toml")).case
     focal = design.instrument.camera.focal_length_px
@@ -456,7 +456,7 @@ def acquisition(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
 def bench(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
     """Probability of acquisition on a bench with the camera's electronics, year by the file.
 
-    Predicted with the tolerance assumed in flight, and with one that was chosen on these cells.
+    Predicted with the tolerance assumed in flight, and with one chosen on these cells.
     """
     rows, stars, columns = [], 9 if quick else 100, 256 if quick else None
     for path in data.get("bench", ()):
@@ -485,9 +485,8 @@ def bench(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
 
 
 def foreseen(data: dict[str, Any], quick: bool) -> dict[str, Any]:
-    """Probability of acquisition on benches of years that were not looked at: year, degC, and of
-    each magnitude.
-    """
+    """Predicted probability of acquisition on benches of years without data here: year, degC,
+    magnitudes."""
     rows: list[list[float]] = []
     stars, columns = (9, 256) if quick else (200, None)
     for year in OTHER_YEARS[:: 3 if quick else 1]:
@@ -498,14 +497,15 @@ def foreseen(data: dict[str, Any], quick: bool) -> dict[str, Any]:
 
 
 def by_counting(probability: Floats, tries: Floats, within: float) -> float:
-    """Share of cells within a distance of their own probability, by chance of the tries alone."""
+    """Fraction of cells within a distance of their own probability, by the chance of the tries
+    alone."""
     low = stats.binom.cdf(np.ceil(tries * (probability - within)) - 1, tries, probability)
     high = stats.binom.cdf(np.floor(tries * (probability + within)), tries, probability)
     return float(np.mean(high - low))
 
 
 def raw(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
-    """Figures of guide stars' pixels, predicted over seen, of each observation."""
+    """Figures of guide stars' pixels, predicted over measured, of each observation."""
     rows, curves, files, budgets = [], {}, data.get("raw", ()), []
     levels, parts = [], []
     for path in files:
@@ -537,8 +537,8 @@ def raw(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
         return {row[0]: row[5] / row[2] for row in rows if row[1] == name}
 
     def scatter(star: str) -> list[list[float]]:
-        """Scatter in all, from exposure to exposure, by the place in the pixel, and the rest, pixel
-        rms: seen and predicted."""
+        """Total scatter, from exposure to exposure, by the place in the pixel, and the rest,
+        pixel rms: measured and predicted."""
         sizes = {row[1]: (row[2], row[5]) for row in rows if row[0] == star}
         found = []
         for k, curve in enumerate(curves[star]):
@@ -572,11 +572,11 @@ def raw(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
 
 
 def growth(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
-    """Sizes of guide stars' images along and across the field, and what the design has of them.
+    """Sizes of guide stars' images along and across the field, and those of the design.
 
-    Each star: degrees from the axis; sizes along and across, over the measured image; rms misfit of
-    the pixels of its mean image, of the peak, so stretched, with one image, and with these sizes
-    across and along.
+    For each star: degrees from the axis; sizes along and across, over the measured image; rms
+    misfit of the pixels of its mean image, of the peak: with these sizes, with one image, and with
+    the sizes exchanged.
     """
     case, rows = load_design(shipped("trackers/chandra-aca.toml")).case, []
     for path in data.get("raw", ()):
@@ -745,8 +745,11 @@ def strip(year: float, celsius: float, quick: bool) -> Detector:
 
 
 def guide(detector: Detector, exposures: int) -> Guided:
-    """Stars on the published dither, whose images move as aboard: from raw numbers, each by a
-    pixel in the exposure after its moment has passed the limit."""
+    """Stars on the published dither, whose images move as on board.
+
+    Raw numbers decide: an image moves by a pixel in the exposure after its moment has passed the
+    limit.
+    """
     case, streams = load_design(shipped("trackers/chandra-aca.toml")).case, Streams(0, 0)
     line = [np.arange(20.0, side - 14, 26) for side in (detector.columns, detector.rows)]
     middle = np.stack(np.meshgrid(*line), axis=-1).reshape(-1, 2)
@@ -820,8 +823,8 @@ def tess(_: dict[str, Any], quick: bool) -> dict[str, Any]:
     """Error about the boresight of a camera of TESS, by formula and by the scatter of its
     quaternions.
 
-    All cameras see the spacecraft turn. What the outer ones scatter more along y, and less along z,
-    than the inner ones is their own error about their boresights.
+    All cameras have the spacecraft's rotation. The additional scatter of the outer ones along y,
+    and the missing scatter along z, is their own error about their boresights.
     """
     oracle = Path(__file__).parents[1] / "tests/oracle/tess_quaternions.json"
     known = json.loads(oracle.read_text(encoding="utf-8"))

@@ -161,9 +161,9 @@ def run(main: Callable[[], None]) -> None:
 
 
 def save(options: argparse.Namespace, figures: Any, *, partial: bool = False) -> None:
-    """Write the figures as JSON where that is asked for; `run` judges them.
+    """Write the figures as JSON if requested; `run` judges them.
 
-    partial  only some parts of the experiment ran: figures that are missing are not judged
+    partial  only some parts of the experiment ran: missing figures are not judged
     """
     _SAVED.update(figures=figures, quick=options.quick, partial=partial)
     if options.json:

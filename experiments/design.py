@@ -122,7 +122,7 @@ def draw(
 def draw_shares(
     axes: Axes, optimum: Optimum, campaign: Campaign, fresh: list[NDArray[np.void]]
 ) -> None:
-    """The fraction of fresh frames whose error is not longer, before and after."""
+    """The fraction of fresh frames whose error is at most a given one, before and after."""
     objective = Objective.read(campaign.objective)
     for outcomes, label, colour in zip(
         fresh, ("first guess", "optimised"), (BEFORE, AFTER), strict=True

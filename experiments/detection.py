@@ -1,9 +1,10 @@
-"""How fast, complete and accurate is the detection of stars against other programs and bounds?
+"""How fast, complete and accurate is the detection of stars, compared with other programs and
+bounds?
 
 Frames of 1024 x 1024 pixels, background 50 e-, read noise 5 e-; stars are integrated over pixels by
 scipy's normal distribution. The Cramér-Rao bounds are computed here, from that distribution alone.
-Where STARTRACK_DATA names a folder with images and their solutions, spots of real skies are counted
-too. Times are CPU times of one thread, the least of several rounds; programs run alternately.
+If STARTRACK_DATA names a folder with images and their solutions, spots of real skies are counted
+too. Times are CPU times of one thread, the shortest of several rounds; programs run alternately.
 
     python experiments/detection.py [--json FILE] [--quick]
 """
@@ -66,7 +67,7 @@ def scatter(
     smear: float = 0.0,
     **settings: object,
 ) -> Floats:
-    """Errors (n, 2) of the stars that were found."""
+    """Errors (n, 2) of the detected stars."""
     options = {"kernel_sigma": sigma, "max_spots": 9999, "smear_x": smear, **settings}
     errors = []
     for trial in range(frames):
@@ -203,7 +204,7 @@ def speed(sigmas: Sequence[float], repeats: int) -> dict[str, float]:
 
 
 def completeness(sigmas: Sequence[float], quick: bool) -> dict[str, float]:
-    """Shares of stars found, and false spots a frame, beside a filter that knows each place."""
+    """Fraction of stars found, and false spots a frame, compared with a filter at known places."""
     figures: dict[str, float] = {}
     short = []
     print(
@@ -255,9 +256,9 @@ def completeness(sigmas: Sequence[float], quick: bool) -> dict[str, float]:
 
 
 def real(folder: Path, images: int | None) -> dict[str, float]:
-    """True and false spots of each program on each image, by attitudes that others solved.
+    """True and false spots of each program on each image, by the attitudes of other solvers.
 
-    images   how many of them; all where it is None
+    images  number of images; None: all
     """
     from startrack.catalog import Selection, open_sky
 
@@ -287,7 +288,7 @@ def real(folder: Path, images: int | None) -> dict[str, float]:
 
 
 def _expected(direction: Floats, solved: dict) -> Floats:
-    """Pixels (n, 2) where catalogue stars fall."""
+    """Places (n, 2), pixel, of catalogue stars."""
     width, height = solved["width"], solved["height"]
     seen = direction @ np.array(solved["R_icrs_to_cam"]).T
     seen = seen[seen[:, 2] > np.cos(np.radians(solved["fov_x_deg"]))]

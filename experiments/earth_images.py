@@ -68,7 +68,8 @@ TRIALS, SIZE, RAYS = 300, 512, 500
 
 
 class Shining(NamedTuple):
-    """Radiance (n,) at a satellite, over the photons', of ground at (n,) metre from a coast."""
+    """Radiance (n,) at a satellite over the radiance by photons, of ground at (n,) metre from a
+    coast."""
 
     place: Floats
     ours: Floats
@@ -178,7 +179,7 @@ def nadir(x: Floats, y: Floats) -> Ground:
 
 
 def cost(size: int, turns: int = 5) -> float:
-    """CPU time of an image of mountains from an orbit over that with the mean around."""
+    """CPU time of an image of mountains from an orbit over the time with mean surroundings."""
     channel = Channel(
         "blue",
         Optics(0.25, 4.0, blur=3e-6),

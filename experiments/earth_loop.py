@@ -59,7 +59,8 @@ def main() -> None:
 
 
 def loop_radiance_error(size: int = SIZE, seed: int = 1) -> tuple[float, float]:
-    """Relative error of the mean radiance of even ground, and its scatter over the predicted."""
+    """Relative error of the mean radiance of uniform ground, and its scatter over the predicted
+    one."""
     survey = _survey("waoss", size, relief=1e-3)
     detector = replace(survey.camera.channels[1].detector, bits=12, prnu=0.01)
     channel = replace(survey.camera.channels[1], detector=detector)
@@ -116,7 +117,7 @@ def _survey(name: str, size: int, relief: float) -> Survey:
 
 
 def _spots(survey: Survey, channel: Channel, fires: int, area: float) -> tuple[HotSpot, ...]:
-    """Fires on a lattice of pixels, away from the edges and from their middles."""
+    """Fires on a lattice of pixels, away from the edges and off the pixels' centres."""
     (strip,) = observe_earth(replace(survey, rays=1).scene(channel), Path())
     lines, columns, _ = strip.shape
     places = np.stack([strip.ground.longitude, strip.ground.latitude], -1)

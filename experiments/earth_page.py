@@ -67,7 +67,7 @@ def _snr(
     camera: str,
     later: str = "",
 ) -> str:
-    """Rows of a camera; bold where it is not between required and measured."""
+    """Rows of a camera; bold if the value is not between required and measured."""
     more = " measured, 2C |" if later else ""
     lines = [
         f"| band | radiance | required | first | predicted | measured{', 2A' * bool(later)} |"

@@ -117,7 +117,7 @@ def read(path: Path) -> tuple[Floats, MapGrid]:
 
 
 def checkers(grid: MapGrid, side: float = 240.0, cell: float = 5.0) -> Floats:
-    """Fields of reflectance 0.1 and 0.4 at 20 degrees from the cells, finely drawn."""
+    """Fields of reflectance 0.1 and 0.4 at 20 degrees from the cells, finely sampled."""
     count = round(grid.columns * grid.step_x / cell)
     y, x = np.indices((count, count)) * cell
     a, b = x * np.cos(20 * deg) + y * np.sin(20 * deg), y * np.cos(20 * deg) - x * np.sin(20 * deg)
@@ -201,7 +201,7 @@ def write(path: Path, values: Floats, grid: MapGrid) -> None:
 
 
 def noise(image: Floats) -> float:
-    """Scatter around planes, of the most even windows."""
+    """Scatter around planes in the most uniform windows."""
     y, x = (axis.ravel() - WINDOW // 2 for axis in np.indices((WINDOW, WINDOW)))
     planes = np.linalg.qr(np.stack([np.ones(WINDOW**2), x, y], 1))[0]
     windows = np.lib.stride_tricks.sliding_window_view(image, (WINDOW, WINDOW))
@@ -214,8 +214,8 @@ def noise(image: Floats) -> float:
 def modulation(image: Floats) -> float:
     """Modulation at Nyquist frequency of a Gaussian as sharp as the sharpest edges.
 
-    Of a step that a Gaussian of s pixels has blurred, the largest part between two pixels is
-    erf(1 / (2 sqrt(2) s)).
+    For a step blurred by a Gaussian of s pixels, the largest difference between two pixels is erf(1
+    / (2 sqrt(2) s)).
     """
     sharpest = []
     for axis in (0, 1):
@@ -229,7 +229,8 @@ def modulation(image: Floats) -> float:
 
 
 def shift(ours: Floats, theirs: Floats) -> tuple[float, float]:
-    """Rows and columns by which the real image lies from the rendered one: highest correlation."""
+    """Rows and columns by which the real image is displaced from the rendered one: highest
+    correlation."""
     flat = [image - gaussian_filter(image, 20) for image in (ours, theirs)]
     y, x = np.indices(ours.shape)
     inner = (slice(6, -6), slice(6, -6))

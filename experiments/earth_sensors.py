@@ -67,7 +67,8 @@ def main() -> None:
 
 
 def sun(told: dict[str, Any], quick: bool) -> dict[str, Any]:
-    """The shipped Sun in the shipped responses of Sentinel-2A, beside its products' irradiance."""
+    """The shipped Sun in the shipped responses of Sentinel-2A, compared with the products'
+    irradiance."""
     error = {}
     for channel in load_imager("sentinel2-msi").channels:
         assert channel.response
@@ -86,7 +87,7 @@ def sun(told: dict[str, Any], quick: bool) -> dict[str, Any]:
 def sensors(told: dict[str, Any], quick: bool) -> dict[str, Any]:
     """SNR, NEdT (kelvin), MTF, saturation and GSD of each band, predicted with the command's code.
 
-    Of each: [required, predicted, measured], None where there is none.
+    For each: [required, predicted, measured], None if there is none.
     """
     kinds = ("snr", "nedt", "mtf", "saturation", "gsd")
     found: dict[str, Any] = {kind: {} for kind in kinds}

@@ -62,9 +62,9 @@ def glint_error(wind: float = 5.0, zenith: float = math.radians(30)) -> float:
 
 
 def _leaves(sun: Floats, camera: Floats, count: int = 120) -> float:
-    """The Ross-thick kernel: leaves of all directions that scatter to both sides alike.
+    """The Ross-thick kernel: leaves of all directions that scatter equally to both sides.
 
-    3 / 8 Int |l.s| |l.v| dl over the sphere is the mean that each leaf catches and shows.
+    3 / 8 Int |l.s| |l.v| dl over the sphere is the mean light that leaves receive and show.
     """
     node, weight = roots_legendre(count)
     leaf = _directions(node, count)
@@ -76,7 +76,7 @@ def _leaves(sun: Floats, camera: Floats, count: int = 120) -> float:
 def _crowns(sun: float, camera: float, azimuth: float, count: int = 600) -> float:
     """The Li-sparse kernel: spheres of radius one, two above the ground, and their shadows.
 
-    Area that is neither shaded nor hidden, and crowns that are sunlit and seen, over pi.
+    Area that is neither shaded nor hidden, and crowns that are sunlit and visible, over pi.
     """
     reach = 2 + 2 * max(math.tan(sun), math.tan(camera)) + 1 / math.cos(max(sun, camera))
     x = (np.arange(2 * count) + 0.5) / count * reach - reach
@@ -96,7 +96,7 @@ def _crowns(sun: float, camera: float, azimuth: float, count: int = 600) -> floa
 
 
 def _of_facets(wind: float, zenith: float, refraction: float, count: int = 600) -> list[float]:
-    """Moments of the light that facets mirror, one slope after the other."""
+    """Moments of the light that facets reflect, one slope after the other."""
     variance = 0.003 + 0.00512 * wind
     slope = np.linspace(-6, 6, count) * math.sqrt(variance / 2)
     x, y = np.meshgrid(slope, slope)

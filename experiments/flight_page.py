@@ -19,7 +19,8 @@ TEMPLATE = Path(__file__).with_name("flight_page.md")
 def text_of(a: dict[str, Any], b: dict[str, Any]) -> str:
     """The page.
 
-    a  what was found;  b  what the first run found
+    a  present results
+    b  results of the first run
     """
     table = a["acquisition_rows"]
     bounds = {(row[0], row[1]): row[2:] for row in a["raw_rows"]}
@@ -150,7 +151,7 @@ def _scatter(rows: list[list[Any]]) -> str:
 
 
 def _images(bounds: dict[tuple[str, str], list[float]]) -> dict[str, str]:
-    """Differences of the image of both stars, and what is predicted for a further device."""
+    """Differences of the image of both stars, and the prediction for a further device."""
     found = {}
     for star in ("s4", "s5"):
         seen, _, _, median, _, high = bounds[star, "image"]
@@ -203,7 +204,7 @@ def write_page(folder: Path, found: dict[str, Any]) -> None:
 
 @styled
 def draw(path: Path, found: dict[str, Any]) -> None:
-    """Predicted (lines) beside flown (points): dark current, flicker, acquisition, centroids."""
+    """Predicted (lines) and measured (points): dark current, flicker, acquisition, centroids."""
     figure = picture(11.0, "Chandra's aspect camera: predicted (lines) and flown (points)")
     panels = figure.subplots(4, 1)
     _dark(panels[0], found)
@@ -254,7 +255,7 @@ def _probability(axes: Axes, found: dict[str, Any]) -> None:
 
 
 def _centroid(axes: Axes, found: dict[str, Any]) -> None:
-    """Over the magnitude, of both years: with the last dark map, and without any."""
+    """Errors over the magnitude for both years: with the last dark map, and without a map."""
     for n, row in enumerate(found["centroid_years"]):
         year, published = row[0], row[2]
         rows = [one for one in found["centroid_rows"] if one[0] == year]

@@ -399,9 +399,9 @@ def ghost_errors(quick: bool) -> dict[str, float]:
 
 
 def optimum_on_bounds(quick: bool) -> list[str]:
-    """Variables of the best nanosatellite, over its units, that are at a bound.
+    """Variables of the best nanosatellite over its units that are at a bound.
 
-    With --quick, two designs with noise alone at rest, whose result has no meaning.
+    With --quick, two designs with noise only at rest, whose result has no meaning.
     """
     name = "noise_only" if quick else "nanosatellite"
     design = load_design(shipped(f"designs/{name}.toml"))

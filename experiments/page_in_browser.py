@@ -106,7 +106,7 @@ def saved_same(page: Browser, folder: Path) -> bool:
 
 
 def compared(page: Browser) -> bool:
-    """Whether two designs stand side by side on the same sky and noise."""
+    """Whether two designs are shown side by side on the same sky and noise."""
     page.run("document.getElementById('compare').click()")
     page.until("sides.B && sides.B.shown && !sides.B.painting")
     page.promised(MOVE, 1, 0.2)

@@ -71,7 +71,7 @@ DECADES = 6  # of stated probabilities
 
 
 class Answer(NamedTuple):
-    """A program's answer to a sky: attitude, CPU seconds, and the probability that it states."""
+    """A program's answer to a sky: attitude, CPU seconds, and the stated probability."""
 
     attitude: Rotation | None
     seconds: float
@@ -107,7 +107,7 @@ def main() -> None:
 
 
 def run(options: argparse.Namespace, fields: list[int], kinds: list[str], block: int) -> None:
-    """Count the blocks that are not counted yet; all cells advance together."""
+    """Count the missing blocks; all cells advance together."""
     done = {key(row) for row in read(options.counts)}
     cells = [(field, kind) for field in fields for kind in kinds]
     blocks = max(1, math.ceil(options.skies / len(cells) / block))
@@ -130,7 +130,7 @@ def run(options: argparse.Namespace, fields: list[int], kinds: list[str], block:
 
 
 def runs(program: str, field: int, kind: str) -> bool:
-    """Whether a program is there and is asked for skies of a field and a kind."""
+    """Whether a program is available and handles skies of a field and a kind."""
     if field not in FIELDS.get(program, skies.LIMIT_G):
         return False
     match program:
@@ -150,7 +150,7 @@ def key(row: dict[str, Any]) -> tuple[str, int, str, int]:
 
 
 def read(path: Path) -> list[dict[str, Any]]:
-    """The rows of a file of counts; a last line that was cut off does not count."""
+    """The rows of a file of counts; a truncated last line does not count."""
     rows = list[dict[str, Any]]()
     for line in path.read_text().splitlines() if path.is_file() else ():
         try:
@@ -170,7 +170,7 @@ def counted(
 ) -> dict[str, Any]:
     """Counts of one block of skies.
 
-    holding  degree, right ascension and declination that their fields hold
+    holding  degree, right ascension and declination inside their fields
     """
     solve = program_of(program, field, kind)
     solve(skies.sky(field, kind, 0))  # compiles and loads
@@ -241,7 +241,7 @@ def clocked(solve: Callable[[], Rotation | None]) -> Answer:
 
 
 def astrometry(seen: solving.BenchmarkView) -> Answer:
-    """`solve-field` on a list of places; where it points is judged, as if its roll were true."""
+    """`solve-field` on a list of places; its direction is judged, with the true roll."""
     from astropy.io import fits
     from astropy.table import Table
 
@@ -275,7 +275,7 @@ def report(options: argparse.Namespace, rows: list[dict[str, Any]]) -> None:
 
 
 def figures_of(rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """Totals of each program over all skies that it was given."""
+    """Totals of each program over all of its skies."""
     figures: dict[str, Any] = defaultdict(dict)
     for program in PROGRAMS[:-1]:
         own = [row for row in rows if row["program"] == program]
@@ -297,14 +297,14 @@ def figures_of(rows: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def quick_detection() -> dict[str, float]:
-    """CPU milliseconds of the quick search, and the share of stars that it finds."""
+    """CPU milliseconds of the quick search, and the fraction of stars that it finds."""
     rows = measure(STAGES["quick-detection"](), rounds=50)
     quick = next(row for row in rows if row.way == "detect_quick")
     return {"detection_fast_ms": 1e3 * quick.seconds, "detection_fast_found": 1 - quick.error}
 
 
 def totals(rows: Iterable[dict[str, Any]]) -> tuple[int, int, int]:
-    """Skies, those solved, and false attitudes."""
+    """Numbers of skies, of solved skies, and of false attitudes."""
     own = list(rows)
     return (
         sum(row["skies"] for row in own),
@@ -314,7 +314,7 @@ def totals(rows: Iterable[dict[str, Any]]) -> tuple[int, int, int]:
 
 
 def stars_in(rows: Iterable[dict[str, Any]]) -> int:
-    """Skies that hold stars."""
+    """Skies that contain stars."""
     return sum(row["skies"] for row in rows if skies.KINDS[row["kind"]].sky)
 
 
@@ -332,9 +332,10 @@ def quantile(rows: Iterable[dict[str, Any]], part: float) -> float:
 
 
 def calibration(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Frames without a star that state a probability below each decade, beside that probability.
+    """Fraction of frames without a star whose stated probability is below each decade, and that
+    probability.
 
-    resolved   whether the frames are many enough to see as many as are stated
+    resolved  whether the number of frames suffices to measure such a fraction
     """
     frames = sum(row["skies"] for row in rows)
     counts = Counter[int]()
@@ -411,7 +412,7 @@ def _by_field(rows: list[dict[str, Any]]) -> Iterator[str]:
 
 
 def _table(rows: list[dict[str, Any]], name: str, values: list[Any], title: str) -> Iterator[str]:
-    """Solved and false of each program on the skies that it shares with startrack."""
+    """Solved and false skies of each program, among the skies that startrack had, too."""
     programs = [one for one in PROGRAMS[:-1] if any(row["program"] == one for row in rows)]
     yield ""
     yield f"## {title}"

@@ -34,12 +34,12 @@ DEEP_G = 8.0  # from which on a catalogue needs the deep one
 class Kind(NamedTuple):
     """The difficulties of a sky.
 
-    noise       pixel rms per axis of a centroid; `across` along x instead, of streaks
+    noise       pixel rms per axis of a centroid; `across` along x instead, for streaks
     false       spots at random places; `clustered` ones within CLUSTER pixels of one place
-    missing     fraction of the true stars that are not there
-    scale       fraction by which the focal length is further off than all programs are told
-    distortion  pixel, at the corner, radial, of which nobody is told
-    deeper      magnitude, by which fainter stars are detected
+    missing     fraction of the true stars that are missing
+    scale       additional relative error of the focal length
+    distortion  pixel, at the corner, radial, unknown to the programs
+    deeper      magnitude by which fainter stars are detected
     column      false spots on one column, brighter than the middle star
     planets     false spots, brighter than all stars
     sky         False: all spots are at random places
@@ -130,14 +130,14 @@ def sky(field: int, kind: str, number: int) -> solving.BenchmarkView:
 
 
 def holds(field: int, kind: str, number: int, direction: Floats) -> bool:
-    """Whether the frame of a sky holds a direction (3,), ICRS axes; without making the sky."""
+    """Whether the frame of a sky contains a direction (3,), ICRS axes, without making the sky."""
     turn = Rotation.from_quat(seed_of(field, kind, number).standard_normal(4))
     x, y, z = turn.apply(direction)
     return z > 0 and max(abs(x), abs(y)) < z * math.tan(field * deg / 2)
 
 
 def _near(known: Tracker, icrs_to_camera: Rotation) -> Ints:
-    """Stars in the circle about the boresight that holds the frame."""
+    """Stars in the circle about the boresight that contains the frame."""
     boresight = icrs_to_camera.inv().apply([0.0, 0.0, 1.0])
     reach = 2 * math.sin(known.camera.half_diagonal / 2) * 1.001
     return np.array(known.tree.query_ball_point(boresight, reach), np.int64)
@@ -170,7 +170,7 @@ def noise_of(kind: str) -> float:
 
 
 def is_wrong(estimate: Rotation, seen: solving.BenchmarkView, kind: str) -> bool:
-    """Whether an attitude is off by more than noise and distortion explain; all are, of no sky."""
+    """Whether an attitude error exceeds noise and distortion; true for any attitude of no sky."""
     if not KINDS[kind].sky:
         return True
     off = solving.away(estimate, seen)

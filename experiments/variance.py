@@ -193,9 +193,9 @@ def coverage(
 ) -> dict[str, Any]:
     """Fraction of small samples from these trials whose interval contains the mean of all trials.
 
-    Samples are drawn with replacement, so that the mean of all trials is the truth. The truth of
-    frames is the mean of windows, which include the same trials. Differences are centred, because
-    their expectation is zero.
+    Samples are drawn with replacement, so that the mean of all trials is the truth. For frames it
+    is the mean of the windows, which include the trials of the frames. Differences are centred,
+    because their expectation is zero.
     """
     rng = np.random.default_rng(SEED)
     name = "surplus_about" if about else "surplus_across"

@@ -200,7 +200,6 @@ class Known:
     """Designs whose error across is a known function of the f-number, by formula and by trials.
 
     error   arcsec, of an f-number
-
     factor  of the error by trials, and the ends of its interval
     """
 
