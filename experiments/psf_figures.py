@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from krutz_2011 import ThinLens, fresnel_error, fresnel_radius, on_axis, paper_radius
 from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
 
 from startrack.core import Floats
 from startrack.optics import path_defect, pupil_transfer
@@ -29,6 +30,22 @@ def lens(f_number: float) -> ThinLens:
 def maximum_error(f_number: float) -> float:
     """1 - Kirchhoff / Fresnel on the axis, in the fixed image plane."""
     return 1 - abs(on_axis(lens(f_number))) ** 2
+
+
+def best_focus_error(f_number: float) -> float:
+    """1 - Kirchhoff / Fresnel on the axis, each in the plane where it is brightest.
+
+    Accuracy  numerical: the plane to 1 nm. It lies within ten depths of focus.
+    """
+    thin, depth = lens(f_number), WAVELENGTH * f_number**2
+
+    def dimness(defocus: float) -> float:
+        return 1 - abs(on_axis(thin, defocus)) ** 2
+
+    planes = depth * np.linspace(-10, 10, 51)
+    nearest = planes[np.argmin([dimness(plane) for plane in planes])]
+    around = nearest - depth / 2, nearest + depth / 2
+    return float(minimize_scalar(dimness, bounds=around, options={"xatol": 1e-9}).fun)
 
 
 def nyquist_error(f_number: float) -> float:
@@ -104,7 +121,13 @@ def report(folder: Path | None, f_numbers: Floats = F_NUMBERS) -> None:
             f"{100 * error / (1 - error):.2f} % of Kirchhoff's, bound {100 * bound:.2f} %; "
             f"at Nyquist {100 * nyquist_error(f_number):.2f} %"
         )
-    print("  paper: [0.2 %, 5 %] between f/8 and f/6: not met on the axis")
+    print("  paper: [0.2 %, 5 %] between f/8 and f/6: not met in the fixed image plane")
+    for name, radius in (("r1", r1), ("r2", r2)):
+        f_number = FOCAL / 2 / radius
+        print(
+            f"  at {name}, maximum in the fixed plane: {100 * maximum_error(f_number):.2f} %, in "
+            f"best focus: {100 * best_focus_error(f_number):.2f} %, half of the paper's"
+        )
     print("  paper: to zero above f/6: not met, 2 % at f/8; nearly 100 % at low f-numbers: met,")
     print(f"         {100 * maximum_error(2.0):.1f} % at f/2")
     for tolerance in (0.1, 0.5, 1.0):
