@@ -196,7 +196,7 @@ def draw_sky(path: Path | None, survey: RateSurvey, case: Case, title: str) -> F
     few = case.tracker.identification.min_matches
     figure = style.picture(
         10.4,
-        f"{title}: {len(survey.stars)} directions (ICRS), an attitude at "
+        f"{_of_which_unit(title, case)}: {len(survey.stars)} directions (ICRS), an attitude at "
         f"{100 * survey.solved.mean():.2f} %; {few}, 5, 8 stars or more at "
         + ", ".join(f"{100 * survey.fraction(n):.1f}" for n in (few, 5, 8))
         + " %. Right ascension grows to the left",
@@ -232,6 +232,11 @@ def draw_sky(path: Path | None, survey: RateSurvey, case: Case, title: str) -> F
     return style.save_picture(path, figure)
 
 
+def _of_which_unit(title: str, case: Case) -> str:
+    """The title; if units differ, with the words that these errors leave their differences out."""
+    return f"{title}, the unit as designed, without unit differences" if case.varying else title
+
+
 def _worst(axes: Axes, survey: RateSurvey, values: Floats, least: bool) -> str:
     """Marks the worst direction, and says where it is."""
     if not np.isfinite(values).any():
@@ -251,7 +256,7 @@ def _worst(axes: Axes, survey: RateSurvey, values: Floats, least: bool) -> str:
 @style.styled
 def draw_curves(path: Path | None, curves: ErrorCurves, case: Case, title: str) -> Figure:
     """The error over slew rate, and the error of single stars over magnitude and field position."""
-    figure = style.picture(12.0, title)
+    figure = style.picture(12.0, _of_which_unit(title, case))
     panels = figure.subplot_mosaic(
         [["rates"] * 2, ["stars"] * 2, ["place", "count"]], height_ratios=(1.05, 1, 1)
     )
