@@ -87,8 +87,9 @@ class Lasting(Executor):
         """
         try:
             future = self._pool.submit(fn, *args, **kwargs)
-        # Trap: a pool that breaks while it starts a process closes the descriptors of its queues.
-        except (BrokenExecutor, OSError):
+        # Trap: a pool that breaks while it starts a process closes the descriptors of its queues,
+        # and the pipe on which the process tells its number.
+        except (BrokenExecutor, OSError, EOFError):
             self._end_broken()
             self._pool = self._fresh()
             future = self._pool.submit(fn, *args, **kwargs)

@@ -149,12 +149,13 @@ def test_only_the_block_that_kills_its_workers_is_given_up(small):
     assert [one for one in plan if isinstance(done[one], Exception)] == [range(30, 40)]
 
 
-def test_a_pool_that_breaks_while_it_starts_a_process_is_replaced(monkeypatch):
+@pytest.mark.parametrize("error", [OSError(errno.EBADF, os.strerror(errno.EBADF)), EOFError()])
+def test_a_pool_that_breaks_while_it_starts_a_process_is_replaced(monkeypatch, error):
     """If its queues were closed between the death of a worker and the start of another."""
 
     def closed(self, *_, **__):
         monkeypatch.undo()
-        raise OSError(errno.EBADF, os.strerror(errno.EBADF))
+        raise error
 
     monkeypatch.setattr(ProcessPoolExecutor, "submit", closed)
     with pool(2) as executor:
