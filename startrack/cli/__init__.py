@@ -4,7 +4,9 @@ main        The list of commands, and the exit status of their errors.
 options     Shared parts of commands: exit status, wrong use, readers of numbers, tables of options,
             and late imports.
 stopping    A signal or an error -> the end of a command, and its message.
-terminal    Inputs by name, and outputs: results on standard output, messages on standard error.
+files       A path or a name on the command line -> its file, and which kind of file it is.
+terminal    Designs and other inputs, and outputs: results on standard output, messages on standard
+            error.
 campaign    Shared parts of commands on campaigns: the design, the workers, the runner of trials.
 problems    The commands on campaigns for problems other than star trackers: an Earth camera.
 units       Units in `startrack budget` and `montecarlo`: classes of error, levels, yields.

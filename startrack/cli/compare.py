@@ -14,8 +14,9 @@ from startrack.cli.options import Exit, Option, Options, WrongUse, fidelity, wan
 if wanted(__name__):
     import numpy as np
 
+    from startrack.cli.files import found_file
     from startrack.cli.not_known import draws_of, lost_text, over_unknowns, written
-    from startrack.cli.terminal import found_file, print_result, progress, read_design
+    from startrack.cli.terminal import print_result, progress, read_design
     from startrack.core import Rows
     from startrack.design import Campaign, Case, Fidelity
     from startrack.io import aligned, to_table

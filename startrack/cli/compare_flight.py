@@ -13,6 +13,7 @@ from startrack.cli.options import SEED, SET, Exit, Option, Options, images, out,
 if wanted(__name__):
     from startrack import plots, verification
     from startrack.cli import terminal
+    from startrack.cli.files import design_file
     from startrack.core import Refused
     from startrack.design import FRAME_FIGURES, Case, Told
     from startrack.io import finite, save_arrays, save_json, to_table
@@ -69,8 +70,7 @@ declare = Options(
 
 def command(options: argparse.Namespace) -> int:
     """Print predicted and measured figures; write flight.json and flight.png."""
-    with shared.as_wrong_use():
-        path = terminal.found_file(options.design)
+    path = design_file(options.design)
     design = terminal.read_design(path, options.set, "each drawn detector has different values")
     case, count = design.case, options.devices
     with shared.as_wrong_use(ValueError, OSError):

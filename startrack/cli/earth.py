@@ -16,6 +16,7 @@ if wanted(__name__):
     import numpy as np
 
     from startrack import plots
+    from startrack.cli.files import GEOMETRY, SCENE, kind_of, shipped_by_name
     from startrack.cli.terminal import print_result, progress
     from startrack.core import Camera, FieldPsf, Floats, Streams, deg, require_memory, um
     from startrack.earth import imager, product
@@ -376,16 +377,17 @@ def _dark_text(result: dict[str, Any]) -> list[str]:
 
 def _scene_path(options: argparse.Namespace) -> Path:
     """Path of a scene file, or of a scene with a camera of the catalogue."""
-    scene = options.scene or "hsrs"
-    scenes = {path.stem: path for path in sorted(shipped("scenes").glob("*.toml"))}
-    if scene in scenes:
-        return scenes[scene]
-    if not Path(scene).exists():
-        names = [name for name, path in scenes.items() if "camera" in read_table(path, "a scene")]
+    scene = Path(options.scene or "hsrs")
+    kind = kind_of(scene)
+    if kind not in (None, SCENE, GEOMETRY):
+        raise shared.WrongUse(f"{scene} must be a scene of an Earth camera, and is {kind.words}")
+    path = shipped_by_name(scene, [SCENE.folder])
+    if not path.exists():
+        names = [file.stem for file in shipped("scenes").glob("*.toml") if kind_of(file) is SCENE]
         raise shared.WrongUse(
-            f"{scene} must be a scene file, or one of {', '.join(names)}, but there is none"
+            f"{scene} must be a scene file, or one of {', '.join(sorted(names))}, but there is none"
         )
-    return Path(scene)
+    return path
 
 
 def _picture_values(

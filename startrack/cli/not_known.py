@@ -13,8 +13,9 @@ from startrack.cli.options import Option, wanted, whole
 if wanted(__name__):
     import numpy as np
 
+    from startrack.cli.files import design_file
     from startrack.cli.predict import prediction_answer, prediction_values
-    from startrack.cli.terminal import design_file, progress
+    from startrack.cli.terminal import progress
     from startrack.core import Refused, arcsec
     from startrack.design import load_design
     from startrack.montecarlo import pool

@@ -16,7 +16,8 @@ if wanted(__name__):
         unmet_text,
         write_study,
     )
-    from startrack.cli.terminal import example, found_file
+    from startrack.cli.files import found_file
+    from startrack.cli.terminal import example
     from startrack.design import Design, save_design, save_overlay
     from startrack.optimise import SearchStage
     from startrack.verification import cost_margins

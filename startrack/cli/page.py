@@ -14,7 +14,7 @@ from startrack.cli.options import Exit, Option, Options, wanted, whole
 
 if wanted(__name__):
     from startrack.cli import terminal
-    from startrack.io import shipped
+    from startrack.cli.files import SCENE, design_file, kind_of, shipped_by_name
     from startrack.montecarlo import pool
     from startrack.page import EarthPage, PageServer, Routes, TrackerPage
 
@@ -86,12 +86,10 @@ def _page(options: argparse.Namespace) -> TrackerPage | EarthPage:
     command."""
     path = options.design or terminal.example()
     with shared.as_wrong_use():
-        if terminal.is_scene(path):
-            if path.suffix != ".toml":
-                path = shipped(f"scenes/{path}.toml")
-            scene = EarthPage(path.resolve(), options.seed)
+        if kind_of(path) is SCENE:
+            scene = EarthPage(shipped_by_name(path, [SCENE.folder]).resolve(), options.seed)
             scene.load(options.set)
             return scene
-        tracker = TrackerPage(terminal.design_file(path).resolve(), options.seed)
+        tracker = TrackerPage(design_file(path).resolve(), options.seed)
         terminal.read_design(tracker.path, options.set)
         return tracker

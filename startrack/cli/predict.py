@@ -15,6 +15,7 @@ if wanted(__name__):
     from startrack import plots
     from startrack.budget import PUBLISHED
     from startrack.cli import terminal
+    from startrack.cli.files import design_file
     from startrack.cli.options import as_wrong_use
     from startrack.core import YEAR, arcsec, parse
     from startrack.io import aligned, finite, save_json
@@ -55,8 +56,7 @@ declare = Options(
 
 def command(options: argparse.Namespace) -> int:
     """Print the prediction; with --out, write prediction.json and prediction.png."""
-    with as_wrong_use():
-        path = terminal.found_file(options.design or terminal.example())
+    path = design_file(options.design or terminal.example())
     draws = options.draws or DRAWS
     with as_wrong_use(path=path):
         age = None if options.age is None else parse(options.age, "s")

@@ -14,6 +14,7 @@ import numpy as np
 from startrack import optimise, plots, verification
 from startrack.cli import pareto, sample, solve_for, terminal, what_matters
 from startrack.cli.campaign import LEDGER, open_workers, stages
+from startrack.cli.files import SCENE, SEARCH, STUDIES, kind_of
 from startrack.cli.optimize import LOG
 from startrack.cli.options import Exit, WrongUse, as_wrong_use
 from startrack.core import Rows
@@ -58,16 +59,14 @@ def command_of(options: argparse.Namespace, given: Iterable[str]) -> Command | N
     """
     names = ("first", "second") if options.name == "compare" else ("campaign", "design")
     paths = [path for name in names if (path := getattr(options, name, None)) is not None]
-    if options.name not in STUDIES or not any(
-        terminal.is_scene(path) or terminal.is_search(path) for path in paths
-    ):
+    if options.name not in STUDIES or not any(kind_of(path) in (SCENE, SEARCH) for path in paths):
         return None
     if more := [name for name in given if name in REFUSED.get(options.name, ())]:
         raise WrongUse(
             f"{', '.join(more)} must be left out for a scene of an Earth camera or a search for "
             "moving objects"
         )
-    study = STUDIES[options.name]
+    study = ACTIONS[options.name]
     problems = [problem_of(path, getattr(options, "set", [])) for path in paths]
     return lambda options: study(options, *problems)
 
@@ -82,7 +81,7 @@ def problem_of(path: Path, changes: list[str]) -> Problem:
 
 
 def _load(path: Path, changes: Sequence[str]) -> Problem:
-    if terminal.is_search(path):
+    if kind_of(path) is SEARCH:
         return MovingProblem(load_moving_design(path, list(changes)))
     return EarthProblem(load_earth_design(path, changes))
 
@@ -340,7 +339,7 @@ def report(options: argparse.Namespace, problem: Problem) -> int:
 
 
 # Each takes the problems of the command's files.
-STUDIES: dict[str, Callable[..., int]] = {
+ACTIONS: dict[str, Callable[..., int]] = {
     "optimize": optimize,
     "montecarlo": montecarlo,
     "verify": verify,
@@ -433,7 +432,7 @@ def _verdict_lines(
 ) -> list[str]:
     every = dict(costs) | {name: margins[0] for name, margins in judged.margins.items()}
     return [
-        f"{name}: {verdict} ({every[name].value:.4g} {every[name].unit}, "
+        f"{name}: {verdict} ({f'{every[name].value:.4g} {every[name].unit}'.strip()}, "
         f"{'at most' if every[name].most else 'at least'} {every[name].limit:.4g})"
         for name, verdict in verdicts.items()
     ]

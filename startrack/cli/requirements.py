@@ -6,24 +6,19 @@ import argparse
 import math
 from collections.abc import Mapping
 from dataclasses import asdict
+from typing import Any
 
 from startrack.cli.options import Exit, Options, WrongUse, as_wrong_use, campaign, wanted
 
 if wanted(__name__):
     from startrack.budget import Budget, ErrorLaw, caveats, refusal
-    from startrack.cli.terminal import (
-        example,
-        found_file,
-        is_scene,
-        print_result,
-        read_design,
-        sections,
-        stage,
-    )
+    from startrack.cli.files import GOALS, SCENE, kind_of, shipped_by_name
+    from startrack.cli.terminal import example, print_result, read_design, sections, stage
     from startrack.core import arcsec, deg, um
     from startrack.design import Campaign, Case, Requirements
     from startrack.earth import imager
-    from startrack.io import aligned, from_table, read_table, recalled, shipped
+    from startrack.earth.retrieval import load_earth_design
+    from startrack.io import aligned, from_table, read_table, recalled
     from startrack.optimise import expect, expected_objective
     from startrack.verification import limited, needed_magnitude
 
@@ -126,23 +121,20 @@ def _rows(case: Case, needs: Requirements, margins: Mapping[str, float]) -> list
 def _earth_requirements(options: argparse.Namespace) -> int | None:
     """Print the figures or parameters of an Earth camera; None for other files."""
     path = options.campaign
-    if path is None:
+    kind = kind_of(path) if path else None
+    if kind not in (SCENE, GOALS):
         return None
-    if path.suffix != ".toml" and is_scene(path):
-        path = shipped(f"scenes/{path}.toml")
-    with as_wrong_use():
-        path = found_file(path)
-        table = read_table(path, f"a design file, or one of {', '.join(imager.cameras())}")
-        if options.set and ("camera" in table or "goals" in table):
-            raise ValueError(f"--set must be given with design files alone, got {path}")
-        if "goals" in table and len(table) == 1:
-            first = imager.first_parameters(from_table(imager.Goals, table["goals"], "goals"))
+    file = shipped_by_name(path, [kind.folder])
+    with as_wrong_use(path=file):
+        if kind is GOALS:
+            if options.set:
+                raise ValueError("--set must be left out for a file of goals")
+            goals: Any = read_table(file, "a file of goals")
+            first = imager.first_parameters(from_table(imager.Goals, goals["goals"], "goals"))
             print_result(options, {"goals": str(path), **asdict(first)}, *_first_text(first))
             return Exit.DONE
-        if "camera" not in table:
-            return None
         met = True
-        for channel, height, figures in imager.figures_of(imager.load_survey(path)):
+        for channel, height, figures in imager.figures_of(load_earth_design(file, options.set)):
             margins = imager.margins_of(channel, figures)
             met = met and all(margin >= 0 for margin in margins.values())
             result = {

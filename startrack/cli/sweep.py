@@ -15,6 +15,7 @@ if wanted(__name__):
     from startrack import optimise, plots
     from startrack.cli import terminal
     from startrack.cli.campaign import LEDGER, open_workers
+    from startrack.cli.files import design_file
     from startrack.design import Fidelity
     from startrack.io import finite, save_csv, save_json
     from startrack.optimise import Ledger, TrialRunner
@@ -106,7 +107,7 @@ def command(options: argparse.Namespace) -> int:
 def opened(options: argparse.Namespace) -> Iterator[tuple[Path, TrialRunner]]:
     """The path of the design, and the runner with workers and the ledger of the folder."""
     with shared.as_wrong_use():
-        path = terminal.design_file(options.design)
+        path = design_file(options.design)
         workers = open_workers(options)
         with workers as executor, Ledger(options.out / LEDGER) as ledger:
             yield path, TrialRunner(options.seed, executor, options.workers, ledger)

@@ -1,4 +1,4 @@
-"""Inputs by name, and outputs: results on standard output, messages on standard error."""
+"""Designs and other inputs, and outputs: results on standard output, messages on standard error."""
 
 import argparse
 import json
@@ -8,7 +8,6 @@ import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from startrack import io
 from startrack.catalog import Selection, open_sky
+from startrack.cli.files import design_file, found_file
 from startrack.cli.options import WrongUse, as_wrong_use
 from startrack.cli.stopping import one_line, status_and_sentence
 from startrack.core import Camera, Frame, Stars, compiling_reports, kernel_folder, used_code
@@ -26,8 +26,6 @@ from startrack.metrics import Row, to_json, to_lines
 from startrack.sequence import Sequence, load_sequence
 
 EXAMPLE = "designs/nanosatellite.toml"
-SHIPPED = ("designs", "trackers")  # folders of shipped design files
-FEWEST_LETTERS = 3  # letters of a part of a name for the suggestion of a shipped design
 CATALOGS = ("bright", "deep")
 LONG_COMPILING = 2.0  # second
 # fraction of the steps before the remaining time is printed: the first steps compile
@@ -44,27 +42,6 @@ COMPILING = "startrack: compiling for this machine; once after an installation, 
 def example() -> Path:
     """The shipped example: a tracker for a nanosatellite."""
     return io.shipped(EXAMPLE)
-
-
-def is_scene(path: Path) -> bool:
-    """Whether a path leads to a scene of an Earth camera, or is the name of a shipped scene."""
-    return _is_kind(path, "scenes", {"camera", "retrieval"}) and not is_search(path)
-
-
-def _is_kind(path: Path, folder: str, keys: set[str]) -> bool:
-    """Whether a file has some of the keys at top level, or is shipped in a folder."""
-    if path.suffix != ".toml":
-        return path.name in {file.stem for file in io.shipped(folder).glob("*.toml")}
-    if not path.is_file():
-        return False
-    with as_wrong_use(path=path):
-        table: Any = io.read_table(path, "a design or a scene")
-    return bool(table.keys() & keys)
-
-
-def is_search(path: Path) -> bool:
-    """Whether a path leads to a search for moving objects, or is the name of a shipped search."""
-    return _is_kind(path, "searches", {"moving_object"})
 
 
 MOST_NAMES = 3  # names of unknown values in a message
@@ -86,18 +63,6 @@ def read_design(path: Path, changes: Iterable[str] = (), unknown: str = "") -> D
     return design
 
 
-def design_file(path: Path) -> Path:
-    """The path of a design, or of a shipped design. Raises WrongUse for other files."""
-    if is_scene(path):
-        raise WrongUse(
-            f"{path} is a scene of an Earth camera, for the commands earth, requirements, "
-            "montecarlo, optimize, verify, sample, what-matters, sweep, solve-for, pareto, "
-            "compare and report; this command needs the design of a star tracker"
-        )
-    with as_wrong_use():
-        return found_file(path)
-
-
 def print_unknown(design: Design, owner: str = "the design", values: str = "") -> None:
     """Print the values of a design's unknowns that figures are for: the median of each law, or
     other `values`.
@@ -116,29 +81,6 @@ def print_unknown(design: Design, owner: str = "the design", values: str = "") -
         f"startrack: unknown in {owner}: {len(names)} value{'s' * (len(names) > 1)} "
         f"({', '.join(names[:MOST_NAMES])}{more}); {values}"
     )
-
-
-def found_file(path: Path, folders: Iterable[str] = SHIPPED, kind: str = "a design file") -> Path:
-    """The path of a file, or of a shipped file; the message suggests similar names."""
-    if path.exists():
-        return path
-    files = (file for name in folders for file in sorted(io.shipped(name).glob("*.toml")))
-    shipped = {f"{file.parent.name}/{file.name}": file for file in files}
-    asked = path.as_posix().removesuffix(".toml") + ".toml"
-    for name, file in shipped.items():
-        if asked in (name, file.name):
-            return file
-    stem = path.stem.lower()
-    close = get_close_matches(stem, [file.stem for file in shipped.values()], 3, 0.75)
-    names = [
-        name
-        for name, file in shipped.items()
-        if file.stem in close or (len(stem) >= FEWEST_LETTERS and stem in file.stem)
-    ]
-    if names:
-        close_names = ", ".join(names)
-        raise ValueError(f"{path} must be {kind}, but there is none; shipped are {close_names}")
-    return path
 
 
 def read_campaign(path: Path, changes: Iterable[str] = ()) -> tuple[Design, Campaign]:

@@ -156,7 +156,7 @@ def _timed(advance: Callable[[int], None], needed: int) -> Callable[[int], None]
             if minutes > LONG:
                 terminal.print_message(
                     f"startrack: {needed} forecasts take about {minutes:.0f} min; fewer --designs "
-                    "take less; `startrack budget` prints the causes of the error alone"
+                    "take less"
                 )
 
     return count

@@ -1,4 +1,4 @@
-"""`startrack init`: a design that loads, for every detector of the catalogue."""
+"""`startrack init`: a design that loads, for every detector of the catalogue; copies of files."""
 
 import re
 import tomllib
@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 
+from startrack.cli.init import COPIED
 from startrack.cli.main import main
 from startrack.design import load_design, products, template
 from startrack.io import shipped
@@ -57,6 +58,32 @@ def test_nothing_is_overwritten(tmp_path, capsys):
     assert main(["init", str(path)]) == 2
     assert path.read_text() == "kept"
     assert "must not exist yet" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("name", "following"),
+    [
+        ("hsrs", "requirements"),
+        ("asteroidfinder", "montecarlo"),
+        ("nanosatellite", "budget"),
+        ("sun-synchronous", "mission"),
+        ("slew", "sequence --profile"),
+    ],
+)
+def test_a_shipped_file_is_copied(tmp_path, capsys, name, following):
+    path = tmp_path / "mine.toml"
+    assert main(["init", str(path), "--from", name]) == 0
+    assert f"next: startrack {following} {path}" in capsys.readouterr().out
+    (original,) = (
+        file for folder in COPIED if (file := shipped(folder) / f"{name}.toml").is_file()
+    )
+    assert path.read_text() == original.read_text()
+
+
+def test_a_copied_design_is_the_shipped_one(tmp_path):
+    path = tmp_path / "mine.toml"
+    main(["init", str(path), "--from", "nanosatellite"])
+    assert load_design(path).case == load_design(shipped("designs/nanosatellite.toml")).case
 
 
 def test_an_unknown_detector_is_named_with_those_there_are(tmp_path, capsys):

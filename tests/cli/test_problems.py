@@ -56,9 +56,8 @@ def test_what_neither_trials_nor_formula_know_stands_below_the_table(capsys):
 @pytest.mark.parametrize("command", ["budget", "sequence"])
 def test_what_takes_star_trackers_alone_says_what_takes_a_scene(command, capsys):
     assert main([command, "hsrs"]) == 2
-    assert (
-        "a scene of an Earth camera, for the commands earth, requirements, montecarlo, optimize"
-        in (capsys.readouterr().err)
+    assert "a scene of an Earth camera, for the commands earth, page, requirements, optimize" in (
+        capsys.readouterr().err
     )
     assert main([command, str(shipped("scenes/mertis.toml"))]) == 2
 

@@ -564,6 +564,8 @@ def scene_of(kind: type[S], path: Path, without: Sequence[str] = ()) -> S:
         key: value for key, value in read_table(path, "a scene file").items() if key not in without
     }
     camera = table.get("camera")
+    if camera is None and "sensor" in table:
+        raise Refused(f"{path} must name a camera; with a sensor it is for `earth geometry` alone")
     try:
         if isinstance(camera, str):
             table = {**table, "camera": _camera(camera, path.parent, "camera.")}

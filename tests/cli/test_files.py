@@ -1,0 +1,62 @@
+"""A file or a name on the command line: what it is, and which commands take it."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from startrack.cli.files import (
+    DESIGNS,
+    GEOMETRY,
+    GOALS,
+    MISSION,
+    SCENE,
+    SEARCH,
+    SEQUENCE,
+    STUDIES,
+    kind_of,
+)
+from startrack.cli.main import main
+from startrack.cli.problems import ACTIONS
+from startrack.io import shipped
+
+FOLDERS = {"searches": SEARCH, "missions": MISSION, "sequences": SEQUENCE}
+SCENES = {"goals": GOALS, "mountains": GEOMETRY}
+
+
+def test_every_shipped_file_has_its_kind_by_path_and_by_name():
+    for folder in (*DESIGNS, *FOLDERS, "scenes"):
+        for file in shipped(folder).glob("*.toml"):
+            kind = SCENES.get(file.stem, SCENE) if folder == "scenes" else FOLDERS.get(folder)
+            assert kind_of(file) is kind_of(Path(file.stem)) is kind, file
+
+
+def test_each_study_has_its_action():
+    assert sorted(ACTIONS) == sorted(STUDIES)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("budget asteroidfinder", "is a search for moving objects, for the commands optimize, "),
+        ("predict hsrs", "is a scene of an Earth camera, for the commands earth, page, "),
+        ("optimize mountains", "is a scene without a camera, for the command earth geometry; "),
+        ("requirements sun-synchronous", "is a mission, for the command mission; this command "),
+        ("earth render asteroidfinder", "must be a scene of an Earth camera, and is a search for"),
+        ("earth render mountains", "must name a camera; with a sensor it is for `earth geometry`"),
+        ("init x.toml --from imx1", "--from must be a detector (ccd201-20, "),
+        ("init x.toml --from hsrs --all", "--all must be left out for a copy, got --from hsrs"),
+    ],
+)
+def test_another_kind_of_file_is_named_with_its_commands(capsys, words, said):
+    assert main(words.split()) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_the_figures_of_an_earth_camera_follow_a_changed_value(capsys):
+    """A ground sample distance grows as the altitude: 1.1 times, but for the Earth's curvature."""
+    found = []
+    for km in (500, 550):
+        main(["requirements", "hsrs", "--set", f"orbit.altitude={km} km", "--json"])
+        found.append(json.loads(capsys.readouterr().out.splitlines()[0])["gsd"])
+    assert found[1] / found[0] == pytest.approx(1.1, rel=0.002)
