@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -90,7 +90,7 @@ def design_file(path: Path) -> Path:
             "of a star tracker"
         )
     with as_wrong_use():
-        return found_file(path)
+        return found_file(path, similar=tuple(dict.fromkeys(kind.folder for kind in KINDS)))
 
 
 def _listed(names: tuple[str, ...]) -> str:
@@ -99,17 +99,24 @@ def _listed(names: tuple[str, ...]) -> str:
     return f"the commands {', '.join(names[:-1])} and {names[-1]}"
 
 
-def found_file(path: Path, folders: Iterable[str] = DESIGNS, kind: str = "a design file") -> Path:
-    """The path of a file, or of a shipped file; the message suggests similar names."""
+def found_file(
+    path: Path,
+    folders: Sequence[str] = DESIGNS,
+    kind: str = "a design file",
+    similar: Sequence[str] = (),
+) -> Path:
+    """The path of a file, or of a shipped file; the message suggests similar names.
+
+    folders  of the shipped files
+    similar  further folders for the suggestions
+    """
     if path.exists():
         return path
-    files = (file for name in folders for file in sorted(shipped(name).glob("*.toml")))
-    named = {f"{file.parent.name}/{file.name}": file for file in files}
     asked = path.as_posix().removesuffix(".toml") + ".toml"
-    for name, file in named.items():
+    for name, file in _named(folders).items():
         if asked in (name, file.name):
             return file
-    stem = path.stem.lower()
+    stem, named = path.stem.lower(), _named((*folders, *similar))
     close = get_close_matches(stem, [file.stem for file in named.values()], 3, 0.75)
     names = [
         name
@@ -120,3 +127,9 @@ def found_file(path: Path, folders: Iterable[str] = DESIGNS, kind: str = "a desi
         close_names = ", ".join(names)
         raise ValueError(f"{path} must be {kind}, but there is none; shipped are {close_names}")
     return path
+
+
+def _named(folders: Sequence[str]) -> dict[str, Path]:
+    """The shipped files of some folders, by folder and name."""
+    files = (file for name in folders for file in sorted(shipped(name).glob("*.toml")))
+    return {f"{file.parent.name}/{file.name}": file for file in files}
