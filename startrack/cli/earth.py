@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ if wanted(__name__):
     from startrack.cli.files import GEOMETRY, SCENE, kind_of, shipped_by_name
     from startrack.cli.terminal import print_result, progress
     from startrack.core import Camera, FieldPsf, Floats, Streams, deg, require_memory, um
+    from startrack.design import with_changes
     from startrack.earth import imager, product
     from startrack.earth.atmosphere import Air, RunGeometry, import_tape7
     from startrack.earth.geometry import (
@@ -84,6 +85,15 @@ MAPS = {
 }
 
 
+SET = Option(
+    "--set KEY=VALUE",
+    "a value in place of the scene's, such as orbit.altitude=600km or "
+    "channels.*.optics.f_number=2.5; may be given several times",
+    default=[],
+    append=True,
+)
+
+
 declare = Parts(
     EARTH,
     geometry=(
@@ -96,6 +106,7 @@ declare = Parts(
                 "channels: its first channel",
                 many="?",
             ),
+            SET,
             SEED,
             out("startrack-earth"),
         ),
@@ -110,6 +121,7 @@ declare = Parts(
                 "ads40, sentinel2-msi, landsat8-oli, landsat8-tirs",
                 many="?",
             ),
+            SET,
             SEED,
             Option("--geotiff", "also write GeoTIFF files (extra `earth`)"),
             Option(
@@ -135,6 +147,7 @@ declare = Parts(
                 "rendered scene: file, or name in the catalogue (default: hsrs)",
                 many="?",
             ),
+            SET,
             Option(
                 "--raw DIR",
                 "folder of the images and frames (default: startrack-earth)",
@@ -179,6 +192,7 @@ declare = Parts(
             "Writes spectrum.csv and spectrum.png. The ground is level and straight below, with "
             "the same cover all around; thermal radiance is left out.",
             Option("scene SCENE", "scene file, or one of the catalogue (default: hsrs)", many="?"),
+            SET,
             Option("--low NM", "shortest wavelength (default: 400)", float, 400.0),
             Option("--high NM", "longest wavelength (default: 1000)", float, 1000.0),
             Option("--height METRE", "height of the ground above the sea (default: 0)", float, 0.0),
@@ -225,6 +239,7 @@ declare = Parts(
             "time; the place of an aircraft. At the epoch, in the middle of the image, the "
             "optical axis points to the place.",
             Option("scene SCENE", "scene file, or one of the catalogue (default: hsrs)", many="?"),
+            SET,
             Option("--at LAT LON", "latitude and longitude of the place, degree", float),
             Option(
                 "--height METRE", "height of the place above the ellipsoid (default: 0)", float, 0.0
@@ -259,7 +274,7 @@ def command(options: argparse.Namespace) -> int:
 def geometry(options: argparse.Namespace) -> int:
     """Write geometry.png and geometry.nc; print a summary."""
     path = _scene_path(options) if options.scene else shipped("scenes/mountains.toml")
-    scene, motion = read_scene(path)
+    scene, motion = read_scene(path, options.set)
     turn = jitter(scene, motion, options.seed)
     lines, columns = scene.sensor.lines, scene.sensor.columns
     size = 8 * (10 + len(scene.terrain.maps)) * lines * columns
@@ -295,7 +310,7 @@ def rendered(options: argparse.Namespace) -> int:
     """Write a FITS and a PNG file of each channel; print a summary."""
     path = _scene_path(options)
     with as_wrong_use():
-        survey = imager.load_survey(path)
+        survey = load_earth_design(path, options.set)
         above = flight_height(survey.carrier)
         for channel in survey.channels:  # bands without air are refused before the first image
             imager.band_of(channel, survey.air, above, survey.distance_to_sun)
@@ -473,7 +488,7 @@ def processed(options: argparse.Namespace) -> int:
     """Write a map, its quality and a picture of each channel; print a summary."""
     path = _scene_path(options)
     with as_wrong_use():
-        survey = imager.load_survey(path)
+        survey = load_earth_design(path, options.set)
         settings = product.ProductSettings(
             options.projection,
             options.cell,
@@ -555,7 +570,7 @@ def spectrum(options: argparse.Namespace) -> int:
             f"{options.height:g}"
         )
     with as_wrong_use():
-        survey = load_earth_design(options.scene or "hsrs")
+        survey = load_earth_design(_scene_path(options), options.set)
         low, high = (1e-9 * end for end in (options.low, options.high))
         found = ground_spectrum(survey, low, high, options.height, math.radians(options.sun))
     table = [
@@ -588,6 +603,9 @@ def spectrum(options: argparse.Namespace) -> int:
         f"{band['radiance']:.4g} W / m^2 / sr / um"
         for band in bands
     ]
+    if not bands:
+        names = ", ".join(channel.name for channel in survey.channels)
+        lines = [f"no band ({names}) lies within {options.low:g} to {options.high:g} nm"]
     result = {"bands": bands, "csv": str(csv), "png": str(png)}
     print_result(options, result, *lines, f"wrote {csv} and {png}")
     return Exit.DONE
@@ -679,10 +697,13 @@ def aim(options: argparse.Namespace) -> int:
     path = _scene_path(options)
     if options.at is None:
         raise shared.WrongUse("--at LAT LON must name the place")
-    with as_wrong_use():
-        table = read_table(path, "a scene")
-    with as_wrong_use():
-        scene = imager.load_survey(path) if "camera" in table else read_scene(path)[0]
+    scene: imager.Survey | EarthScene
+    if kind_of(path) is GEOMETRY:
+        scene = read_scene(path, options.set)[0]
+    else:
+        with as_wrong_use(path=path):
+            scene = load_earth_design(path, options.set)
+    with as_wrong_use(path=path):
         latitude, longitude = options.at[0] * deg, options.at[1] * deg
         carrier = aimed(
             scene.orbit or scene.carrier,  # an orbit as given, with its local time
@@ -761,16 +782,19 @@ def terrain(options: argparse.Namespace) -> int:
     return Exit.DONE
 
 
-def read_scene(path: Path) -> tuple[EarthScene, Motion]:
-    """The scene of a file and its table [motion]; raises WrongUse where it cannot be used."""
-    with as_wrong_use():
-        table = read_table(path, "a scene file")
-        if "camera" in table:  # the first channel
-            survey = imager.load_survey(path)
-            return survey.scene(survey.channels[0]), survey.motion
+def read_scene(path: Path, changes: Sequence[str] = ()) -> tuple[EarthScene, Motion]:
+    """The scene of a file and its table [motion]; of a camera, the scene of its first channel.
+
+    changes  values that replace the file's: "orbit.altitude=600 km"
+    Raises   WrongUse if the file or a change cannot be used.
+    """
     with as_wrong_use(path=path):
+        if kind_of(path) is not GEOMETRY:
+            survey = load_earth_design(path, changes)
+            return survey.scene(survey.channels[0]), survey.motion
+        table: Any = read_table(path, "a scene file")
         motion = from_table(Motion, table.pop("motion", {}), "motion")
-        return from_table(EarthScene, table), motion
+        return with_changes(from_table(EarthScene, table), changes), motion
 
 
 def jitter(scene: EarthScene, motion: Motion, seed: int) -> Callable[[Floats], Floats] | None:

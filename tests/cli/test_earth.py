@@ -154,6 +154,26 @@ def test_terrain_files_are_listed_and_can_be_flown_over(undrawn, tmp_path, capsy
     assert "some may not be heights of the Earth" in capsys.readouterr().out
 
 
+def test_set_replaces_values_of_a_scene_with_and_without_a_camera(undrawn, tmp_path, capsys):
+    few = ["--out", str(tmp_path), "--json"]
+    for scene, keys in (
+        ("hsrs", ("lines", "columns")),
+        ("mountains", ("sensor.lines", "sensor.columns")),
+    ):
+        changes = [word for key in keys for word in ("--set", f"{key}=4")]
+        assert main(["earth", "geometry", scene, *changes, *few]) == 0
+        result = json.loads(capsys.readouterr().out)
+        assert (result["lines"], result["columns"]) == (4, 4)
+    assert main(["earth", "render", "hsrs", "--set", "orbit.altitud=600 km"]) == 2
+    assert "orbit.altitud must be a parameter" in capsys.readouterr().err
+
+
+def test_bands_outside_the_spectrum_are_named(undrawn, tmp_path, capsys):
+    assert main(["earth", "spectrum", "hsrs", "--out", str(tmp_path)]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("no band (mir, tir) lies within 400 to 1000 nm")
+
+
 def test_the_geometry_of_a_scene_with_channels_is_that_of_the_first(undrawn, tmp_path, capsys):
     """Four pixels of two lines of HSRS see the mountains of its scene."""
     text = shipped("scenes/hsrs.toml").read_text()
