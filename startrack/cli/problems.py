@@ -400,7 +400,8 @@ def improved_table(problem: Problem, found: optimise.Improved) -> str:
     for name, (title, unit) in words.parts.items():
         lines.append([title, _shown(first.parts[name], unit), _shown(last.parts[name], unit), ""])
     lines.append(["start over best", "", _shown(found.factor, ""), ""])
-    more = [f"By formula the best has {found.expected.value:.4g} {words.unit}."]
+    formula = f"{found.expected.value:.4g} {words.unit}".strip()
+    more = [f"By formula the best has {formula}."]
     if found.apart > APART:
         more.append(
             f"Trials and formula differ by a factor of up to {found.apart:.2g} in tried designs: "
@@ -431,11 +432,7 @@ def _verdict_lines(
     verdicts: Mapping[str, str], costs: Mapping[str, Margin], judged: Judgement
 ) -> list[str]:
     every = dict(costs) | {name: margins[0] for name, margins in judged.margins.items()}
-    return [
-        f"{name}: {verdict} ({f'{every[name].value:.4g} {every[name].unit}'.strip()}, "
-        f"{'at most' if every[name].most else 'at least'} {every[name].limit:.4g})"
-        for name, verdict in verdicts.items()
-    ]
+    return [f"{name}: {verdict} ({every[name].text})" for name, verdict in verdicts.items()]
 
 
 def improved_values(problem: Problem, found: optimise.Improved) -> dict[str, Any]:

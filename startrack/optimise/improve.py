@@ -150,11 +150,15 @@ def affordable_start(source: ProblemSource) -> Floats:
         steps.START_EVALUATIONS,
         lambda: "met" if met else "",
     )
-    if not met:
-        raise Refused(
-            f"no design meets the limits on costs; the nearest misses them by {end.score:.3g}"
-        )
-    return met[0]
+    if met:
+        return met[0]
+    if not math.isfinite(end.score):
+        raise Refused("no design can be built within the ranges of the variables")
+    costs = source.design(end.coordinates).costs()
+    nearest = "; ".join(
+        f"{name} ({margin.text})" for name, margin in costs.items() if margin.relative < 0
+    )
+    raise Refused(f"no design meets the limits on costs; the nearest misses {nearest}")
 
 
 class _Tried:

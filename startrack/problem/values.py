@@ -34,6 +34,12 @@ class Margin(NamedTuple):
             return 1 - self.value / self.limit
         return 0.0 if self.value <= self.limit else -math.inf
 
+    @property
+    def text(self) -> str:
+        """Value and limit in words."""
+        value = f"{self.value:.4g} {self.unit}".strip()
+        return f"{value}, {'at most' if self.most else 'at least'} {self.limit:.4g}"
+
 
 @printed
 class Expectation(NamedTuple):
