@@ -32,7 +32,7 @@ from startrack.optimise.runner import TrialRunner
 
 POINTS = {1: 9, 2: 5}  # points of a range, by the number of keys; chosen by hand
 MOST_KEYS, MOST_DESIGNS = 2, 10_000
-DIGITS = 10  # of a value between the ends of a range
+DIGITS = 6  # significant digits of values between the ends of a range; by hand: readable
 QUANTITY = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*((?:[^\W\d]|[°%]).*)?")
 DATE = re.compile(r"\d{4}-\d\d-\d\d([T ]\d\d:\d\d(:\d\d(\.\d+)?)?)?Z?")
 
