@@ -698,11 +698,11 @@ def aim(options: argparse.Namespace) -> int:
     if options.at is None:
         raise shared.WrongUse("--at LAT LON must name the place")
     scene: imager.Survey | EarthScene
-    if kind_of(path) is GEOMETRY:
-        scene = read_scene(path, options.set)[0]
-    else:
+    if kind_of(path) is SCENE:
         with as_wrong_use(path=path):
             scene = load_earth_design(path, options.set)
+    else:
+        scene = read_scene(path, options.set)[0]
     with as_wrong_use(path=path):
         latitude, longitude = options.at[0] * deg, options.at[1] * deg
         carrier = aimed(
@@ -789,7 +789,7 @@ def read_scene(path: Path, changes: Sequence[str] = ()) -> tuple[EarthScene, Mot
     Raises   WrongUse if the file or a change cannot be used.
     """
     with as_wrong_use(path=path):
-        if kind_of(path) is not GEOMETRY:
+        if kind_of(path) is SCENE:
             survey = load_earth_design(path, changes)
             return survey.scene(survey.channels[0]), survey.motion
         table: Any = read_table(path, "a scene file")

@@ -168,6 +168,15 @@ def test_set_replaces_values_of_a_scene_with_and_without_a_camera(undrawn, tmp_p
     assert "orbit.altitud must be a parameter" in capsys.readouterr().err
 
 
+def test_a_scene_without_a_camera_has_the_default_sensor(undrawn, tmp_path, capsys):
+    text = shipped("scenes/mountains.toml").read_text()
+    path = tmp_path / "scene.toml"
+    path.write_text(text[: text.index("[sensor]")] + text[text.index("[terrain]") :])
+    few = ["--set", "sensor.lines=2", "--set", "sensor.columns=2", "--out", str(tmp_path), "--json"]
+    assert main(["earth", "geometry", str(path), *few]) == 0
+    assert json.loads(capsys.readouterr().out)["lines"] == 2
+
+
 def test_bands_outside_the_spectrum_are_named(undrawn, tmp_path, capsys):
     assert main(["earth", "spectrum", "hsrs", "--out", str(tmp_path)]) == 0
     said = capsys.readouterr().out
