@@ -16,7 +16,7 @@ if wanted(__name__):
     import numpy as np
 
     from startrack import plots
-    from startrack.cli.files import GEOMETRY, SCENE, kind_of, shipped_by_name
+    from startrack.cli.files import GEOMETRY, SCENE, is_tracker, kind_of, shipped_by_name
     from startrack.cli.terminal import print_result, progress
     from startrack.core import Camera, FieldPsf, Floats, Streams, deg, require_memory, um
     from startrack.design import with_changes
@@ -396,6 +396,11 @@ def _scene_path(options: argparse.Namespace) -> Path:
     kind = kind_of(scene)
     if kind not in (None, SCENE, GEOMETRY):
         raise shared.WrongUse(f"{scene} must be a scene of an Earth camera, and is {kind.words}")
+    if is_tracker(scene):
+        raise shared.WrongUse(
+            f"{scene} must be a scene of an Earth camera, and is the design of a star tracker; "
+            "startrack simulate renders its frames"
+        )
     path = shipped_by_name(scene, [SCENE.folder])
     if not path.exists():
         names = [file.stem for file in shipped("scenes").glob("*.toml") if kind_of(file) is SCENE]

@@ -64,6 +64,19 @@ SEQUENCE = InputKind(
 KINDS = (SEARCH, SCENE, GEOMETRY, GOALS, SEQUENCE, MISSION)
 
 
+# Keys at top level of the design of a star tracker.
+OF_TRACKERS = frozenset({"instrument", "tracker", "base"})
+
+
+def is_tracker(path: Path) -> bool:
+    """Whether a file is the design of a star tracker."""
+    if path.suffix != ".toml" or not path.is_file():
+        return False
+    with as_wrong_use(path=path):
+        table: Any = read_table(path, "a design or a scene")
+    return kind_of(path) is None and bool(OF_TRACKERS & table.keys())
+
+
 def kind_of(path: Path) -> InputKind | None:
     """The kind of a file, or of a shipped file by its name; None for designs and missing files."""
     file = shipped_by_name(path, {kind.folder for kind in KINDS})

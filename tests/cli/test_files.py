@@ -21,6 +21,7 @@ from startrack.cli.problems import ACTIONS
 from startrack.io import shipped
 
 FOLDERS = {"searches": SEARCH, "missions": MISSION, "sequences": SEQUENCE}
+NOISE_ONLY = shipped("designs/noise_only.toml")
 SCENES = {"goals": GOALS, "mountains": GEOMETRY}
 
 
@@ -43,6 +44,7 @@ def test_each_study_has_its_action():
         ("optimize mountains", "is a scene without a camera, for the command earth geometry; "),
         ("requirements sun-synchronous", "is a mission, for the command mission; this command "),
         ("earth render asteroidfinder", "must be a scene of an Earth camera, and is a search for"),
+        (f"earth render {NOISE_ONLY}", "and is the design of a star tracker; startrack simulate "),
         ("earth render mountains", "must name a camera; with a sensor it is for `earth geometry`"),
         ("init x.toml --from imx1", "--from must be a detector (ccd201-20, "),
         ("init x.toml --from hsrs --all", "--all must be left out for a copy, got --from hsrs"),
