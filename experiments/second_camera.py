@@ -80,10 +80,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--trials", type=int, default=100, help="trials of each camera")
     parser.add_argument(
-        "--images", type=int, default=12, help="number of images of each design of `formulas`"
-    )
-    parser.add_argument(
-        "--fields", type=int, default=30, help="number of fields of each design of moving objects"
+        "--images",
+        type=int,
+        help="number of images, or fields of moving objects, of each design of `formulas` "
+        "(default: by retrieval)",
     )
     parser.add_argument(
         "--repeats", type=int, default=8, help="number of timed forecasts of each camera"
@@ -91,7 +91,7 @@ def main() -> None:
     parser.add_argument(
         "--parts", default="", help="parts to run, such as search/hsrs,modis (default: all)"
     )
-    options = command.read(parser, trials=4, images=1, fields=2, repeats=1)
+    options = command.read(parser, trials=4, images=2, repeats=1)
     asked = options.parts.split(",") if options.parts else list(PARTS)
     if options.quick and not options.parts:
         asked.remove("search/hsrs")
@@ -119,7 +119,6 @@ def main() -> None:
             "commit": command.commit(),
             "trials": options.trials,
             "images": options.images,
-            "fields": options.fields,
             "cpu_s": time.process_time() - began,
             "wall_s": time.perf_counter() - wall,
         }
@@ -199,9 +198,11 @@ def formulas(kind: str, options: argparse.Namespace, figures: Figures) -> Measur
         if name in known:
             continue
         if scene == "asteroidfinder":
-            found = moving_objects.compare(options.fields, {name: values})["designs"][name]
+            fields = options.images or moving_objects.TRIALS
+            found = moving_objects.compare(fields, {name: values})["designs"][name]
         else:
-            found = retrieval_formulas.compare(scene, {name: values}, options.images)[name]
+            images = options.images or retrieval_formulas.IMAGES[kind]
+            found = retrieval_formulas.compare(scene, {name: values}, images)[name]
         yield ("ratios", kind, name), found
     measured = figures["ratios"][kind]
     for group, inside in (kind, False), (f"{kind}, place", True):
@@ -380,11 +381,7 @@ SAID = {
     ),
 }
 STRESSED = {
-    "fires": ("hsrs", retrieval_formulas.FIRES),
-    "minerals": ("mertis", retrieval_formulas.MINERALS),
-    "heights": ("heights", retrieval_formulas.HEIGHTS),
-    "fields": ("fields", retrieval_formulas.FIELDS),
-    "waves": ("waves", retrieval_formulas.WAVES),
+    **retrieval_formulas.STRESSED,
     "moving objects": ("asteroidfinder", moving_objects.STRESSED),
 }
 PARTS: dict[str, Part] = {
