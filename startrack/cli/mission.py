@@ -432,7 +432,7 @@ def _values(flight: report.ReportedFlight) -> dict[str, Any]:
 def _head_values(flight: report.ReportedFlight, h: int) -> dict[str, Any]:
     plan, _, flown, available = flight
     head, total, blind = plan.heads[h], flown.head_sum[h], available.each[h]
-    across, about = np.sqrt(total[1:3] / max(total[0], 1))
+    across, about = flown.head_rms[h]
     again = mission.reacquisition_of(plan.loaded.designs[h].case, flown.chances[h])
     bodies = ("sun", "moon", "earth", "ground")
     return {
@@ -446,7 +446,7 @@ def _head_values(flight: report.ReportedFlight, h: int) -> dict[str, Any]:
         "across_rms_arcsec": float(across / arcsec),
         "about_rms_arcsec": float(about / arcsec),
         "platform_motion_rms_arcsec": (np.sqrt(head.moved) / arcsec).tolist(),
-        "solved": float(total[3] / max(total[0], 1)),
+        "solved": float(total[3] / total[0]) if total[0] else None,
         "longest_blind_s": blind.longest,
         "times_blind": len(blind.length),
         "blind_histogram": blind.histogram().tolist(),
@@ -662,11 +662,14 @@ def _text(flight: report.ReportedFlight) -> list[str]:
             f"reacquired after a blinding: {times} times, 99 % within "
             f"{level:.3g} s (frames and read-out, without computing time)"
         )
-    x, y, z = flown.rms / arcsec
-    lines.append(
-        f"fused attitude: {x:.2f}, {y:.2f}, {z:.2f} arcsec rms about x, y, z; by the error budget "
-        f"of {_which(plan)}, with the alignments of the mission file"
-    )
+    if flown.known.any():
+        x, y, z = flown.rms / arcsec
+        lines.append(
+            f"fused attitude: {x:.2f}, {y:.2f}, {z:.2f} arcsec rms about x, y, z; by the error "
+            f"budget of {_which(plan)}, with the alignments of the mission file"
+        )
+    else:
+        lines.append("fused attitude: none, because no head is ever valid")
     lines += _platform_lines(plan)
     if flown.worst:
         second, error = flown.worst[0]

@@ -81,6 +81,8 @@ class Range(NamedTuple):
             if math.isfinite(self.high):
                 within(self.low, self.high, **named)
             finite(**named)
+            if not self.holds(value):
+                raise refusal(name, f"must be above {self.low:g}", value)
 
 
 FINITE = Range()

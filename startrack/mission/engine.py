@@ -195,8 +195,22 @@ class Flown:
 
     @property
     def rms(self) -> Floats:
-        """(3,) radian, of the fused attitude about the body's axes, over the steps with one."""
-        return np.sqrt(self.square_sum.sum(axis=(1, 2)) / max(self.known.sum(), 1))
+        """(3,) radian, of the fused attitude about the body's axes, over the steps with one;
+        infinite if there is none.
+        """
+        steps = self.known.sum()
+        if not steps:
+            return np.full(3, np.inf)
+        return np.sqrt(self.square_sum.sum(axis=(1, 2)) / steps)
+
+    @property
+    def head_rms(self) -> Floats:
+        """(h, 2) radian, across and about each boresight, over the valid steps of the head;
+        infinite if there is none.
+        """
+        steps = self.head_sum[:, :1]
+        square = np.where(steps > 0, self.head_sum[:, 1:3] / np.maximum(steps, 1), np.inf)
+        return np.sqrt(square)
 
 
 @dataclass(frozen=True, eq=False)

@@ -119,4 +119,6 @@ def with_smear(detection: Detection, x: float, y: float) -> Detection:
     if not math.hypot(x, y) > least:
         return detection
     scale = min(1.0, LONGEST_STREAK / max(abs(x), abs(y)))
-    return replace(detection, smear_x=scale * x, smear_y=scale * y)
+    # A rounded product may exceed the longest streak.
+    x, y = (max(-LONGEST_STREAK, min(scale * side, LONGEST_STREAK)) for side in (x, y))
+    return replace(detection, smear_x=x, smear_y=y)

@@ -70,10 +70,12 @@ def spans_of(model: Emulators, best: Floats, precision: float, halvings: int = 0
 def prices_of(model: Emulators, best: Floats, precision: float) -> dict[str, float]:
     """Price of each limit of a design: decrease of ln(error) if the margin is relaxed.
 
-    The margin is relaxed by one per cent of its limit. Margins that are met by more than this, and
-    prices below a tenth of the precision, are left out.
+    The margin is relaxed by one per cent of its limit. Both errors are the least that a search from
+    the design finds in the emulators, so that a design that is not the best of the emulators has no
+    price for that. Margins that are met by more than this, and prices below a tenth of the
+    precision, are left out.
     """
-    least, prices = float(model.score(best[None])[0]), dict[str, float]()
+    least, prices = model.least(best[None])[1], dict[str, float]()
     for name, margin in model.margins.items():
         expected = float(margin.expected(best[None])[0])
         scale = model.scale(name)

@@ -1,5 +1,6 @@
 """A mission as one HTML page: requirements, heads, times without attitude, beta angle, checks."""
 
+import math
 from collections.abc import Callable, Sequence
 from operator import attrgetter
 from pathlib import Path
@@ -73,6 +74,8 @@ def verdict_table(met: Sequence[mission.MissionVerdict]) -> Table:
     units = {"max_error": ARCSEC, "max_blind": SECOND}
 
     def shown(verdict: mission.MissionVerdict, value: float) -> str:
+        if math.isinf(value):
+            return "no attitude"
         unit = units.get(verdict.name, DisplayUnit("of the time", 1.0, 1.0))
         return f"{value / unit.size:.6g} {unit.name}"
 
@@ -98,7 +101,7 @@ def number_of_heads(count: int) -> str:
 def heads_table(flight: ReportedFlight) -> Table:
     """Table of each head's blind time, and of its error while valid."""
     plan, _, flown, available = flight
-    error = np.sqrt(flown.head_sum[:, 1:3] / np.maximum(flown.head_sum[:, :1], 1))
+    error = flown.head_rms
     names = ("Sun", "Moon", "Earth", "ground", "SAA", "structure")
     causes = [
         Column("", name, available.causes[cause].item, BLIND, ".2f")

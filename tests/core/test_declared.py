@@ -26,6 +26,7 @@ class Lens(Parameters):
     focal_length: float = parameter("of the lens", unit=Unit("m", "mm"), limit=POSITIVE)
     blur: float | None = parameter(limit=NON_NEGATIVE, default=None)
     loss: float = parameter(limit=Range(0, 1, above=True), default=0.5)
+    stop: float = parameter(limit=Range(1, 100, above=True), default=2.0)
     elements: int = parameter(limit=Range(1, 20), default=4)
     first: int = parameter(limit=Range(0), default=0)
     kind: str = parameter(limit=Range(choices=("thin", "thick")), default="thin")
@@ -42,6 +43,7 @@ class Lens(Parameters):
         ({"blur": -1.0}, "blur must not be negative, got -1.0$"),
         ({"loss": 0.0}, "loss must be positive, got 0.0"),
         ({"loss": 1.5}, r"loss must lie in \[0, 1\], got 1.5"),
+        ({"stop": 1.0}, "stop must be above 1, got 1.0"),
         ({"loss": "high"}, "loss must be a number, got 'high'"),
         ({"elements": 21}, r"elements must be a whole number in \[1, 20\], got 21"),
         ({"elements": 2.5}, "elements must be a whole number, got 2.5"),
@@ -57,7 +59,7 @@ def test_what_lies_outside_its_declaration_is_refused(changed, message):
 
 
 def test_what_lies_within_is_taken_as_it_is():
-    lens = Lens(0.05, None, 1.0, 20, 10**12, "thick", (0.1, 0.2), ("own", "mine:centroid"))
+    lens = Lens(0.05, None, 1.0, 100.0, 20, 10**12, "thick", (0.1, 0.2), ("own", "mine:centroid"))
     assert lens.methods == ("own", "mine:centroid")
 
 

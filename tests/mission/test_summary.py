@@ -12,6 +12,7 @@ from startrack.mission.heads import Blind
 from startrack.mission.parameters import MissionRequirements
 from startrack.mission.store import key_of
 from startrack.mission.summary import availability_of, reacquisition_of, spells, verdicts
+from startrack.report import verdict_table
 
 
 def flown(*blind):
@@ -56,6 +57,21 @@ def test_availability_is_counted_as_by_hand():
         MissionRequirements(max_blind=5.0, availability_one=0.7, availability_two=0.8), found
     )
     assert [one.met for one in told] == [False, True, False]
+
+
+def test_a_head_that_is_never_valid_has_no_error_and_meets_no_limit_of_it():
+    always_blind = flown([1, 1, 4])
+    assert np.isposinf(always_blind.rms).all()
+    assert np.isposinf(always_blind.head_rms).all()
+    error = float(always_blind.rms.max())
+    needs = MissionRequirements(max_error=2.0)
+    [verdict] = verdicts(needs, availability_of(always_blind), error)
+    assert not verdict.met
+    assert verdict_table([verdict]).text((0,))[1].split()[1:] == [
+        *("no", "attitude"),
+        *("412530", "arcsec"),
+        *("NOT", "MET"),
+    ]
 
 
 def test_needs_are_refused_by_name():

@@ -10,7 +10,7 @@ from startrack.core.units import deg
 from startrack.design.case import Fidelity
 from startrack.metrics import summarise
 from startrack.motion import Motion
-from startrack.observation import detection_plan
+from startrack.observation import detection_plan, with_smear
 from startrack.trial import run_trials
 from tests.trial.designs import CASE, changed
 
@@ -33,6 +33,13 @@ def test_the_smear_is_that_of_the_rates_that_the_tracker_knows():
     fitted = dataclasses.replace(CASE.tracker.detection, centroid="likelihood")
     x, y = detection_plan(slewing(0.2, 0.1, detection=fitted)).settings.smear
     assert (abs(x), abs(y)) == (pytest.approx(length / 20), pytest.approx(length / 10))
+
+
+def test_a_smear_beyond_the_longest_streak_is_the_longest():
+    """Of 2,000 rates, the rounded smear of some would exceed it by one bit."""
+    for x in np.linspace(101.0, 1e7, 2000):
+        settings = with_smear(CASE.tracker.detection, x, -x / 3)
+        assert (settings.smear_x, settings.smear_y) == pytest.approx((100.0, -100 / 3))
 
 
 def test_a_likelihood_of_sharp_stars_does_not_leap_where_others_give_way_to_it():

@@ -163,6 +163,15 @@ def test_the_price_of_a_limit_is_its_multiplier(of_limited):
     assert prices == {"mass": pytest.approx(0.008, rel=0.2)}
 
 
+def test_a_design_that_is_not_the_best_of_the_emulators_has_no_price_for_that(of_limited):
+    """Its score is above the least by 0.1 per unit of x, or by what it misses of the limit."""
+    found, best = of_limited
+    for shift in (-0.1, 0.1):
+        elsewhere = best + np.array([shift, 0.0, 0.0])
+        prices = prices_of(found.emulators, elsewhere, found.source.precision)
+        assert prices.get("mass", 0.0) < 0.01
+
+
 def test_of_two_valleys_the_deeper_is_found(monkeypatch):
     """Wells of depth 1 at 0.2 and 0.9 at 0.8, from the start between them."""
 
