@@ -98,14 +98,16 @@ class Solution:
         """Sentence with the values, or on their absence."""
         name = self.key.name
         if self.crossings:
-            texts = [self._text(crossing.value) for crossing in self.crossings]
+            texts = list(map(self._root_text, self.crossings))
             return f"{self.until}: {name} must be {' or '.join(self._spans(texts))}{self._left}"
         ends = " to ".join(self._text(end) for end in (min(self.margins), max(self.margins)))
         kept = min(self.margins.values()) >= 0
         far = (min if kept else max)(self.margins, key=self.margins.__getitem__)
         at = f"margin {self.margins[far]:+.3f} {'at least' if kept else 'at most'}, at "
-        word = "at all" if kept else "nowhere"
-        return f"{self.until}: kept {word} from {name} {ends} ({at}{self._text(far)}){self._left}"
+        word = "every value" if kept else "no value"
+        return (
+            f"{self.until}: kept at {word} of {name} from {ends} ({at}{self._text(far)}){self._left}"
+        )
 
     @property
     def _left(self) -> str:
@@ -126,6 +128,16 @@ class Solution:
                 low = None
         if low is not None:
             yield f"at least {low}"
+
+    def _root_text(self, crossing: LimitCrossing) -> str:
+        number = middle(crossing.value)
+        if math.isfinite(number):
+            return self._text(crossing.value)
+        side, end = ("below", min) if number < 0 else ("above", max)
+        return (
+            f"a value {side} {self._text(end(self.margins))}, by trials "
+            f"({self._text(crossing.formula)} by formula)"
+        )
 
     def _text(self, value: Figure) -> str:
         shown = four_digits(middle(value))
@@ -215,7 +227,8 @@ class KeyLine:
             if not math.isfinite(number):
                 break
         ends = sorted(self.root(bracket, above, shift) for shift in shifts[1:])
-        return LimitCrossing(Interval(self._kept(number, above), *ends), formula, above, tried=True)
+        kept = Interval(*(self._kept(end, above) for end in (number, *ends)))
+        return LimitCrossing(kept, formula, above, tried=True)
 
     def _kept(self, number: float, above: bool) -> float:
         """The last whole number that meets the limit, if the key has whole numbers."""

@@ -238,6 +238,8 @@ class Sweep:
         pairs = zip(self.keys, best.values, strict=True)
         place = " and ".join(f"{key.name.rpartition('.')[2]} {value}" for key, value in pairs)
         error = f"the error across is least at {place}, {_shown(best.figure('across'))} arcsec"
+        if len(tried) > 1 and len({row.figure("across") for row in tried}) == 1:
+            error = f"the error across is the same at all values, {error.rpartition(', ')[2]}"
         refused = sum(bool(row.refused) for row in self.rows)
         left = f"; {refused} values are refused" if refused else ""
         if not self.asked:

@@ -60,7 +60,7 @@ def test_a_value_at_a_limit_is_the_first_line(design, tmp_path, capsys):
     assert (tmp_path / "solve-for.png").exists()
     more[1] = "mass=90 kg"
     assert main(["solve-for", design, f"{F_NUMBER}=1..2", *more]) == 3
-    assert "kept at all from" in capsys.readouterr().out
+    assert "kept at every value of" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from startrack.design import Campaign, Requirements, Variation
 from startrack.metrics import Interval, summarise
 from startrack.optimise import Ledger, TrialRunner, expect
 from startrack.optimise.figures import DesignFigures, middle
-from startrack.optimise.solve_for import read_limit
+from startrack.optimise.solve_for import KeyLine, read_limit
 from startrack.optimise.sweep import SweptKey
 
 F_NUMBER = "instrument.optics.f_number"
@@ -234,9 +234,9 @@ def test_two_values_and_none_are_said(path, monkeypatch):
     assert found.answer == f"across=2 arcsec: {F_NUMBER} must be from 2 to 4"
     none = startrack.solve_for(path, key, "across=0.9 arcsec", points=3, trials=0)
     assert none.crossings == ()
-    assert "kept nowhere from" in none.answer
+    assert "kept at no value of" in none.answer
     every = startrack.solve_for(path, key, "across=20 arcsec", points=3, trials=0)
-    assert "kept at all from" in every.answer
+    assert "kept at every value of" in every.answer
     twice = startrack.solve_for(path, f"{F_NUMBER}=2.5..6", "across=2 arcsec", points=3, trials=0)
     assert twice.answer == f"across=2 arcsec: {F_NUMBER} must be at most 4"
 
@@ -268,6 +268,31 @@ def test_a_whole_number_is_the_last_that_keeps_the_limit(path):
     limit = f"power={(most[0] + most[1]) / 2} W"
     found = startrack.solve_for(path, "instrument.detector.bits=8..16", limit, points=4)
     assert found.crossings[0].value == 12
+
+
+def test_the_interval_of_a_whole_number_has_whole_ends():
+    """Margin 3.2 - n, in trials from 1.1 lower to 0.9 higher: 3, from 2 to 4."""
+    line = KeyLine(
+        SweptKey.of("n", map(str, range(1, 7))),
+        whole=True,
+        expected=lambda number: 3.2 - round(number),
+        tried=lambda number: Interval(*(3.2 - round(number) + by for by in (0, -1.1, 0.9))),
+        known=[(float(number), 3.2 - number) for number in range(1, 7)],
+    )
+    [crossing] = line.crossings()
+    assert crossing.value == Interval(3, 2, 4)
+
+
+def test_a_limit_that_trials_meet_nowhere_is_said(path, monkeypatch):
+    """Errors in trials are a hundred times those of the formula."""
+    Known(monkeypatch, lambda f_number: f_number**2, (100.0, 90.0, 110.0))
+    found = startrack.solve_for(path, f"{F_NUMBER}=1..6", "across=4 arcsec", points=4)
+    assert found.answer.endswith("must be at most a value below 1, by trials (2 by formula)")
+
+
+def test_a_key_without_effect_has_no_best_value(path):
+    swept = startrack.sweep(path, "scene.date=2026-08-21,2026-08-22")
+    assert "the error across is the same at all values" in swept.answer
 
 
 @pytest.mark.parametrize(
