@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import socket
 import sys
 import time
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 
 HOST = "127.0.0.1"
 LONGEST = 65536  # byte, longest request
+SHORTEST = 1e-6  # least norm of a quaternion; its inverse is the largest. By hand
 KEYS = ("attitude_xyzw", "rate_deg_s", "frame", "time_s", "pixels")
 LIMITS = 0.5, 0.99  # quantiles of the printed times
 
@@ -40,7 +42,7 @@ declare = Options(
     "number of the frame (default: the next); time_s, which is returned unchanged; pixels, "
     "whether the image follows. The reply is one JSON object a line: frame, time_s, status, "
     "attitude_xyzw and sigma_arcsec as stated by the tracker, spots, stars, and with pixels "
-    "their rows, columns, dtype and bytes; that number of bytes follows the line. The reply to "
+    "an object with their rows, columns, dtype and bytes; that number of bytes follows the line. The reply to "
     "an invalid request is an object with the key error. One client is served at a time.",
     *DESIGN,
     shared.SEED,
@@ -130,8 +132,11 @@ def _request(line: bytes) -> dict[str, Any]:
     if unknown := sorted(set(request) - set(KEYS)):
         raise ValueError(f"{unknown[0]} is unknown; known are {', '.join(KEYS)}")
     quaternion = _numbers(request, "attitude_xyzw", 4)
-    if quaternion is None or not any(quaternion):
-        raise ValueError("attitude_xyzw must be four numbers that are not all zero")
+    if quaternion is None or not SHORTEST <= math.hypot(*quaternion) <= 1 / SHORTEST:
+        raise ValueError(
+            f"attitude_xyzw must be four numbers with a norm from {SHORTEST:g} to {1 / SHORTEST:g},"
+            f" got {quaternion}"
+        )
     _numbers(request, "rate_deg_s", 3)
     number = request.get("frame")
     largest = shared.LARGEST_SEED

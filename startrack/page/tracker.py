@@ -104,8 +104,9 @@ class TrackerPage:
     def save(self, changes: Sequence[str], path: Path) -> str:
         """Write the design as an overlay. Returns a message."""
         note = f"saved by startrack page, from {self.path.name}"
+        over = " in place of an earlier file" if path.exists() else ""
         designs.save_overlay(path, self.load(changes), self.path, note)
-        return f"{path} is written; startrack budget {path} has the numbers shown here"
+        return f"{path} is written{over}; startrack budget {path} has the numbers shown here"
 
 
 def _sliders(case: Case, campaign: Campaign | None) -> list[dict[str, Any]]:

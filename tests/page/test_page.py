@@ -145,6 +145,8 @@ def saved(page):
 
 def test_a_saved_design_has_the_numbers_that_were_shown(page, capsys):
     shown, file = saved(page)
+    again = page.ask("save", changes=CHANGES, name=file.stem)
+    assert "is written in place of an earlier file" in again["done"]
     budget = analytic(load_design(file).case)
     assert (shown["across"], shown["about"]) == (budget.across / arcsec, budget.about / arcsec)
     assert shown["answer"] == answer(budget, ())
