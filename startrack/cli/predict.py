@@ -118,6 +118,7 @@ def prediction_values(prediction: Prediction) -> dict[str, Any]:
             zip(("least", "median", "most"), prediction.availability, strict=True)
         ),
         "unknowns": {unknown.name: dict(unknown.law) for unknown in prediction.unknowns},
+        "contradicted": dict(prediction.learned.contradicted) if prediction.learned else {},
         "learned": {
             lesson.unknown.name: dict(lesson.unknown.law) | {"narrowing": lesson.narrowing}
             for lesson in (prediction.learned.lessons if prediction.learned else ())
@@ -143,12 +144,18 @@ def prediction_answer(prediction: Prediction) -> str:
     """The accuracy with its intervals, and the unknown with the largest share of their width."""
     across, about = (prediction.figure(ACCURACY, axis) for axis in ("across", "about"))
     number = len(prediction.unknowns)
+    learned = prediction.learned
+    contradicted = [
+        f"; CONTRADICTED: {name} was told, {factor:.3g} times what the design can have"
+        for name, factor in (learned.contradicted if learned else ())
+    ]
     return (
         f"accuracy, rms per axis (1 sigma): {across.median / arcsec:.3g} arcsec across "
         f"{_interval(across.low_68, across.high_68)} and {about.median / arcsec:.3g} about "
-        f"{_interval(about.low_68, about.high_68)} in 68 %, at {prediction.age / YEAR:g} yr; of "
-        f"{number} unknown value{'s' * (number > 1)} {across.causes[0][0]} has the largest share "
-        f"of the width across, {across.causes[0][1]:.0%}"
+        f"{_interval(about.low_68, about.high_68)} in 68 %, at {prediction.age / YEAR:g} yr; "
+        f"{across.causes[0][0]} has the largest share of the width across, "
+        f"{across.causes[0][1]:.0%}, and {number} value{'s are' if number > 1 else ' is'} unknown"
+        f"{''.join(contradicted)}"
     )
 
 

@@ -103,7 +103,8 @@ class Told(Parameters):
             needed = (name == "number") == of_frames
             if needed != (value is not None):
                 must = "must be given" if needed else "must be left out"
-                raise Refused(f"{name} {must} for the told figure {self.figure!r}")
+                unit = f", in {FRAME_FIGURES[self.figure]}" if needed and of_frames else ""
+                raise Refused(f"{name} {must} for the told figure {self.figure!r}{unit}")
         if (self.magnitude is not None) != (self.figure in OF_STARS):
             must = "given" if self.figure in OF_STARS else "left out"
             raise Refused(f"magnitude must be {must} for the told figure {self.figure!r}")

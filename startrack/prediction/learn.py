@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -27,6 +27,9 @@ LEAST_FACTOR = 1.001  # least factor of a law, which must be above 1
 # SILENT, and its shift is at most UNMOVED. Chosen by hand.
 SILENT, UNMOVED = 0.9, 0.2
 FAR = 2.0  # standard deviations: larger shifts lead into the tails of a law; by hand
+# Standard deviations of a told figure and the surface, by which the mean of all samples misses a
+# contradicted figure; by hand.
+CONTRADICTED = 3.0
 NOT_A_CHANCE = 1e-3  # probability below which a value of a choice is left out
 
 
@@ -58,14 +61,18 @@ class Lesson(NamedTuple):
 class Learned:
     """The unknowns of a design under told figures.
 
-    told     the figures
-    lessons  one for each unknown; if the figures say nothing of it, with its earlier distribution
-    chains   chains of samples of the unknowns' normal scores
+    told          the figures
+    lessons       one for each unknown; if the figures say nothing of it, with its earlier
+                  distribution
+    chains        chains of samples of the unknowns' normal scores
+    contradicted  figures that the design cannot have, whatever the unknowns are: name, and the told
+                  value over the mean of the samples
     """
 
     told: tuple[Told, ...]
     lessons: tuple[Lesson, ...]
     chains: Chains
+    contradicted: tuple[tuple[str, float], ...] = ()
 
     def quantiles(self, count: int) -> Floats:
         """Quantiles (n, unknowns) of joint samples of the unknowns."""
@@ -95,13 +102,9 @@ def learn(surface: PredictionSurface, told: Sequence[Told], seed: int) -> Learne
 
     def log_probability(theta: Floats) -> Floats:
         scores = surface.scores(ndtr(theta))
-        errors = surface.errors(scores)
         value = -(theta**2).sum(axis=1) / 2
-        for figure in told:
-            if figure.of_frames:
-                value += _of_frames(surface.frames, figure, scores)
-            else:
-                value -= _of_errors(surface, figure, errors)
+        for residual, variance in _residuals(surface, told, scores):
+            value -= (residual**2 / variance + np.log(variance)) / 2
         return value
 
     def start(random: np.random.Generator, count: int) -> Floats:
@@ -112,27 +115,47 @@ def learn(surface: PredictionSurface, told: Sequence[Told], seed: int) -> Learne
     for unknown, column in zip(surface.unknowns, chains.flat.T, strict=True):
         lesson = _lesson(unknown, column)
         lessons.append(lesson._replace(unknown=unknown) if lesson.silent else lesson)
-    return Learned(tuple(told), tuple(lessons), chains)
+    scores = surface.scores(ndtr(chains.flat))
+    contradicted = tuple(
+        (figure.name, math.exp(float(residual.mean())))
+        for figure, (residual, variance) in zip(
+            told, _residuals(surface, told, scores), strict=True
+        )
+        if float(residual.mean()) ** 2 > CONTRADICTED**2 * float(np.mean(variance))
+    )
+    return Learned(tuple(told), tuple(lessons), chains, contradicted)
 
 
-def _of_errors(surface: PredictionSurface, told: Told, errors: Floats) -> Floats:
-    """Minus ln(likelihood) (n,) of a told error, from errors (n, t, 2) in radian."""
+def _residuals(
+    surface: PredictionSurface, told: Sequence[Told], scores: Floats
+) -> Iterator[tuple[Floats, Floats]]:
+    """For each told figure, ln(told / expected) (n,), and its variance (n,) or ()."""
+    errors = surface.errors(scores)
+    for figure in told:
+        if figure.of_frames:
+            yield _of_frames(surface.frames, figure, scores)
+        else:
+            yield _of_errors(surface, figure, errors)
+
+
+def _of_errors(surface: PredictionSurface, told: Told, errors: Floats) -> tuple[Floats, Floats]:
+    """Residuals of a told error, from errors (n, t, 2) in radian."""
     which = surface.counted(TERMS[told.figure])
     square = errors[:, which] ** 2
     expected, weight = told.of_heads(np.sqrt(square.sum(axis=1)))
     share = square / square.sum(axis=1, keepdims=True)
     scatter = (share**2 * surface.scatter[which] ** 2).sum(axis=1)
     variance = math.log(told.factor) ** 2 + (weight**2 * scatter).sum(axis=1)
-    return np.asarray((np.log(told.rms / expected) ** 2 / variance + np.log(variance)) / 2)
+    return np.log(told.rms / expected), variance
 
 
-def _of_frames(frames: FrameSurface, told: Told, scores: Floats) -> Floats:
-    """Logarithm of the likelihood (n,) of a told figure of frames."""
+def _of_frames(frames: FrameSurface, told: Told, scores: Floats) -> tuple[Floats, Floats]:
+    """Residuals of a told figure of frames."""
     assert told.number is not None
     place = frames.names.index(told.name)
     residual = math.log(told.number) - frames.constant[place] - scores @ frames.slope[place]
     variance = math.log(told.factor) ** 2 + frames.scatter[place] ** 2
-    return np.asarray(-(residual**2) / variance / 2)
+    return residual, np.asarray(variance)
 
 
 def _lesson_of_choice(unknown: Unknown, score: Floats) -> Lesson:

@@ -10,6 +10,7 @@ from scipy.stats import norm
 
 from startrack import Refused, arcsec, load_design
 from startrack.budget import Term, analytic
+from startrack.cli.predict import prediction_answer
 from startrack.design import Told, Unknown
 from startrack.prediction import (
     ACCURACY,
@@ -118,6 +119,16 @@ def test_a_told_figure_narrows_what_it_depends_on():
     median, unit = lesson.unknown.law["median"].split()
     assert float(median) == pytest.approx(2 ** (data / (before + data)), rel=0.03)
     assert unit == "um"
+
+
+def test_a_figure_that_the_design_cannot_have_is_said():
+    """Errors are from 1.2 to 2 arcsec; 20 arcsec within 5 % are ten times the largest of them."""
+    even = Unknown("even", {"low": 1.2, "high": 2.0})
+    draws = drawn(32, lambda quantile: arcsec * (1.2 + 0.8 * quantile["even"]), (even,))
+    found = prediction_of(draws, 1, 3, 0.0, [told(20.0, 1.05)])
+    assert found.learned.contradicted == (("accuracy across", pytest.approx(10, rel=0.05)),)
+    assert "CONTRADICTED: accuracy across was told, " in prediction_answer(found)
+    assert prediction_of(draws, 1, 3, 0.0, [told(1.9, 1.05)]).learned.contradicted == ()
 
 
 def test_what_a_figure_says_nothing_of_keeps_its_law():
