@@ -100,9 +100,13 @@ def _faintness(case: Case, magnitude: Floats, field: Ints, needed: str) -> str:
     )
     if size.background >= size.largest:
         filled, *_, keys = sources[0 if dark > sky else 1]
+        detector, above = case.instrument.detector, ""
+        if 2 * detector.offset > 2**detector.bits - 1:  # most of the converter's range
+            keys = f"instrument.detector.offset, {keys}"
+            above = f" above an offset of {detector.offset:g} of {2**detector.bits - 1}"
         return (
-            f"{filled} saturates the pixels, which hold {size.largest:.5g} electrons: dark current "
-            f"makes {dark:.5g} in an exposure, the sky {sky:.5g} ({keys}, "
+            f"{filled} saturates the pixels, which hold {size.largest:.5g} electrons{above}: dark "
+            f"current makes {dark:.5g} in an exposure, the sky {sky:.5g} ({keys}, "
             "instrument.detector.exposure)"
         )
     limit = _faintest(case)

@@ -42,8 +42,9 @@ declare = Options(
     "number of the frame (default: the next); time_s, which is returned unchanged; pixels, "
     "whether the image follows. The reply is one JSON object a line: frame, time_s, status, "
     "attitude_xyzw and sigma_arcsec as stated by the tracker, spots, stars, and with pixels "
-    "an object with their rows, columns, dtype and bytes; that number of bytes follows the line. The reply to "
-    "an invalid request is an object with the key error. One client is served at a time.",
+    "an object with their rows, columns, dtype and bytes; that number of bytes follows the line. "
+    "The reply to an invalid request is an object with the key error. One client is served at a "
+    "time.",
     *DESIGN,
     shared.SEED,
     Option("--port N", "port; 0: a free port, which is printed", whole(0, 65535), 0),

@@ -507,6 +507,12 @@ class Case(core.CarriesCode):
                 "tracker.focal_length_by_colour must be left out without a lens_file that says how "
                 "the focal length changes with colour"
             )
+        saturation, detector = self.tracker.detection.saturation, self.instrument.detector
+        if saturation is not None and saturation <= detector.offset:
+            raise Refused(
+                "tracker.detection.saturation must be above instrument.detector.offset "
+                f"({detector.offset:g}), the number of an empty pixel, got {saturation:g}"
+            )
         if self.tracker.acquisition == "box" and self.instrument.detector.scan:
             raise Refused("tracker.acquisition must be whole for a detector that scans")
         if self.tracker.detection.dark_map_age is not None and not self.instrument.detector.age:

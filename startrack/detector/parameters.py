@@ -314,7 +314,12 @@ class Detector(Parameters):
         super().__post_init__()
         if self.pixel_pitch_y not in (None, self.pixel_pitch):
             self._refuse_oblong(self.pixel_pitch, self.pixel_pitch_y)
-        core.within(0, 2**self.bits - 1, offset=self.offset)
+        largest = 2**self.bits - 1
+        if not self.offset < largest:
+            raise Refused(
+                f"offset must be below {largest}, the largest number of {self.bits} bits, got "
+                f"{self.offset:g}"
+            )
         if 4 * abs(self.adc_inl) >= 2**self.bits - 1:
             raise Refused(
                 f"adc_inl must stay under a quarter of the converter's range, got {self.adc_inl}"

@@ -103,11 +103,10 @@ class Solution:
         ends = " to ".join(self._text(end) for end in (min(self.margins), max(self.margins)))
         kept = min(self.margins.values()) >= 0
         far = (min if kept else max)(self.margins, key=self.margins.__getitem__)
-        at = f"margin {self.margins[far]:+.3f} {'at least' if kept else 'at most'}, at "
-        word = "every value" if kept else "no value"
-        return (
-            f"{self.until}: kept at {word} of {name} from {ends} ({at}{self._text(far)}){self._left}"
-        )
+        side = "at least" if kept else "at most"
+        at = f"margin {self.margins[far]:+.3f} {side}, at {self._text(far)}"
+        word = "every" if kept else "no"
+        return f"{self.until}: kept at {word} value of {name} from {ends} ({at}){self._left}"
 
     @property
     def _left(self) -> str:

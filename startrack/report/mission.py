@@ -6,7 +6,6 @@ from operator import attrgetter
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
 import tomli_w
 
 from startrack import mission

@@ -15,7 +15,8 @@ from day import WORDS as DATASHEET_WORDS
 
 from startrack.benchmark import STAGES
 from startrack.cli.main import COMMANDS, GROUPS, WITHIN, main
-from startrack.cli.terminal import lines_now_and_then, progress, stage, waiting
+from startrack.cli.terminal import lines_now_and_then, print_saturation, progress, stage, waiting
+from startrack.core import Refused
 from startrack.design import design_keys
 from startrack.design.case import Fidelity
 from startrack.design.files import load_design
@@ -673,3 +674,25 @@ def test_a_refusal_names_its_file_once(tmp_path, capsys):
     path.write_text("[instrument\n")
     main(["budget", str(path)])
     assert capsys.readouterr().err.count("broken.toml") == 1
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ("bits=16", "less than half of the largest number of 16 bits, 65535"),
+        ("bits=10", "above the largest number of 10 bits, 1023: no pixel counts as saturated"),
+        ("bits=12", ""),
+    ],
+)
+def test_a_saturation_that_is_not_of_the_converter_is_said(change, message, capsys):
+    design = load_design(EXAMPLE, [f"instrument.detector.{change}"])
+    print_saturation(design)
+    said = capsys.readouterr().err
+    assert message in said if message else not said
+
+
+def test_a_saturation_of_empty_pixels_is_refused():
+    with pytest.raises(
+        Refused, match=r"saturation must be above instrument.detector.offset \(64\)"
+    ):
+        load_design(EXAMPLE, ["tracker.detection.saturation=64"])

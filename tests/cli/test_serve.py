@@ -77,7 +77,10 @@ def test_frames_have_the_pixels_of_simulate(asking, tmp_path):
         (request(attitude=[0, 0, 0, 1]), "attitude is unknown; known are attitude_xyzw"),
         (request(frame=1), "attitude_xyzw must be four numbers"),
         (request(attitude_xyzw=[0, 0, 0, 0]), "attitude_xyzw must be four numbers"),
-        (request(attitude_xyzw=[0, 0, 0, 1e-300]), "attitude_xyzw must be four numbers with a norm"),
+        (
+            request(attitude_xyzw=[0, 0, 0, 1e-300]),
+            "attitude_xyzw must be four numbers with a norm",
+        ),
         (request(attitude_xyzw=[0, 0, 1e300, 0]), "attitude_xyzw must be four numbers with a norm"),
         (request(attitude_xyzw=[1, 2, 3]), "attitude_xyzw must be 4 finite numbers"),
         (b'{"attitude_xyzw": [0, 0, 0, NaN]}', "attitude_xyzw must be 4 finite numbers"),
