@@ -167,8 +167,8 @@ def _through_shells(
 ) -> Floats:
     """Radiance (k, r) 1 / sr of lines of sight of sasktran2 through spherical layers of air.
 
-    config  how light is scattered more than once
-    beside  constituents of the air other than molecules, by name
+    config  settings of sasktran2, with the method of multiple scattering
+    beside  constituents of the air in addition to molecules, by name
     """
     sk = sasktran2()
     config.single_scatter_source = sk.SingleScatterSource.Exact

@@ -142,8 +142,8 @@ def is_star_table(path: Path) -> bool:
 def read_star_table(path: Path, names: Names | None = None) -> StarTable:
     """Read a table of stars.
 
-    Raises  FileNotFoundError without the file; ValueError for a file that is no whole table, lacks
-            a column, or has a unit that is none.
+    Raises  FileNotFoundError without the file; ValueError for a file that is not a complete
+            table, lacks a column, or has an unknown unit.
     """
     names = names or Names()
     columns = _columns(path)

@@ -99,7 +99,7 @@ class Selection(Parameters):
             raise Refused("source must be 'bright', 'deep' or the path of a file, got ''")
         if self.columns:
             column_names(self.columns)
-            core.one_of(("auto",), **{"format beside columns": self.format})
+            core.one_of(("auto",), **{"format with columns": self.format})
             if self.source in ("bright", "deep"):
                 raise Refused(f"columns must be left out for the source {self.source!r}")
         if self.source in ("bright", "deep"):
@@ -107,7 +107,7 @@ class Selection(Parameters):
         faintest = LIMITS.get(self.source, FAINTEST_G)
         core.within(-2, faintest, **{f"limit_g of the source {self.source!r}": self.limit_g})
         if self.random_g is not None:
-            core.within(FIRST_G, LAST_G, **{"limit_g beside random_g": self.limit_g})
+            core.within(FIRST_G, LAST_G, **{"limit_g with random_g": self.limit_g})
             core.within(self.limit_g, LAST_G, random_g=self.random_g)
         core.within(FIRST_YEAR, 2200, epoch=self.year)
         for name in ("proper_motion", "aberration", "parallax"):

@@ -405,11 +405,11 @@ def _refuse_parts(options: argparse.Namespace) -> None:
     """Refuse options that do not fit parts of a campaign or sketches."""
     if options.first and (options.precision or options.units):
         other = "precision" if options.precision else "units"
-        raise shared.WrongUse(f"--first must be left out beside --{other}")
+        raise shared.WrongUse(f"--first must be left out with --{other}")
     apart = ("out", "store", "table", "precision", "units", "control", "seconds", "log")
     for name in (name for name in apart if options.sketch and getattr(options, name)):
         raise shared.WrongUse(
-            f"--{name} must be left out beside --sketch, which does not keep single trials"
+            f"--{name} must be left out with --sketch, which does not keep single trials"
         )
 
 

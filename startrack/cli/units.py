@@ -41,9 +41,9 @@ BRIEF = ("NEA", "and thermo-elastic: accuracy")  # rows of PUBLISHED without --f
 
 
 def require_units(case: Case) -> None:
-    """Refuse a design whose units are all equal.
+    """Refuse a design whose units do not differ.
 
-    Raises  ValueError with the tables that make units differ.
+    Raises  ValueError, which names the tables that would make them differ.
     """
     if not case.differs:
         raise ValueError(

@@ -4,7 +4,7 @@ units      Units as SI floats, constants with their source; `"50 mm"` and dates 
 arrays     Types of arrays and of a progress; within kernels order, median and place of values.
 kernel     A function enters; compiled code leaves, kept in a folder named by a hash of all sources.
 checks     The few ways to refuse a parameter: each names the parameter, the rule and the value;
-           Refused, a value that breaks a rule, which is no fault of the program.
+           Refused, a value that breaks a rule, which is not a fault of the program.
 memory     Bytes that a step needs -> refused, with the number, if they exceed the limit; cached
            values: values that take long to compute, arrays of a plan.
 streams    Seed, trial, cause -> random generator, the same for any number of workers.

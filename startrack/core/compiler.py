@@ -184,7 +184,7 @@ class KernelDispatcher(CPUDispatcher):
         KERNELS.append(self)
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
-        """Template of a call, for numba, when it finds a call of this kernel in another one."""
+        """Template with which numba types a call of this kernel from another kernel."""
         with global_compiler_lock:
             KernelDispatcher.depth += 1
             try:

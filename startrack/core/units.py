@@ -269,7 +269,7 @@ def installed_tables() -> Iterator[None]:
 def utc(text: str) -> Any:
     """A time from ISO 8601, UTC.
 
-    Raises  ValueError if the text is no time.
+    Raises  ValueError if the text is not a time.
     """
     from astropy.time import Time
 

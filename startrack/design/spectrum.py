@@ -39,7 +39,9 @@ def with_spectra(table: Any, folder: Path) -> None:
         if not (isinstance(entry, dict) and "file" in entry):
             continue
         if "frequency" in entry or "density" in entry:
-            raise Refused(f"{PLACE}[{number}]: frequency and density must be left out beside file")
+            raise Refused(
+                f"{PLACE}[{number}]: frequency and density must be left out if file is given"
+            )
         if not isinstance(name := entry.pop("file"), str):
             raise Refused(f"{PLACE}[{number}].file must be the name of a file, got {name!r}")
         columns = _columns(folder / name)

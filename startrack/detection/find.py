@@ -102,7 +102,7 @@ class FrameBackground:
 
 
 def find(pixels: Pixels, plan: DetectionPlan, mesh: int | None = None) -> Peaks:
-    """Filter, compare, connect, and keep the peaks that stand out and are no hot pixels.
+    """Filter, compare, connect, and keep the peaks that look like stars.
 
     Three fast passes go over the whole frame; slow tests are applied only to the peaks.
 
@@ -135,7 +135,10 @@ def levels_at(pixels: Pixels, plan: DetectionPlan, x: Ints, y: Ints) -> Floats:
 def ground_of(
     pixels: Pixels, image: Singles, plan: DetectionPlan, mesh: int | None = None
 ) -> FrameBackground:
-    """Background and noise of the filtered image; the noise by the gain model if that is valid."""
+    """Background and noise of the filtered image.
+
+    If the gain is known, the noise is that of photons and read-out (`with_gain_noise`).
+    """
     least = rounding(pixels, plan.kernel)
     law = sky(image, mesh or plan.settings.mesh, least)
     if pixels.gain.known:

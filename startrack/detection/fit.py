@@ -448,7 +448,7 @@ def gaussian(sample: Sample, sigma: float) -> Floats:
 
     sigma    pixel, first guess, which also sets the window: 3 sigma and half a pixel
     Returns  as `gravity`; NaN where the fit diverges
-    Accuracy  model: for a star that is no Gaussian, the fit follows its core.
+    Accuracy  model: for a star that is not a Gaussian, the fit follows its core.
     """
     half = max(sample.half, math.ceil(3 * sigma + 0.5))
     return np.asarray(fitted(sample, Model(NO_TABLE, half, half, half, float(sigma))))

@@ -382,10 +382,10 @@ class Age(Parameters):
         if self.inclination is not None and self.fluence:
             raise Refused("fluence must be left out if inclination and shielding give it")
         if self.dose is not None and (self.inclination is not None or self.fluence):
-            raise Refused("dose must be left out beside fluence, inclination and shielding")
+            raise Refused("dose must be left out if fluence, inclination or shielding is given")
         given = self.fluence or self.dose or self.inclination is not None
         if given and self.family != "interactions":
-            raise Refused("fluence must be left out beside a family with a law of its own")
+            raise Refused("fluence must be left out for a family with its own law")
 
     @property
     def protons(self) -> float:

@@ -345,7 +345,7 @@ class Detector(Parameters):
         }
         for name, (value, absent) in beside.items():
             if value != absent:
-                raise Refused(f"{name} must be {absent} beside mosaic, got {value}")
+                raise Refused(f"{name} must be {absent} if mosaic is given, got {value}")
 
     def _refuse_oblong(self, x: float, y: float) -> None:
         square = math.sqrt(x * y)
@@ -362,7 +362,7 @@ class Detector(Parameters):
     def _check_impulse(self) -> None:
         """Refuse a response of the read-out channel that is too long or has no positive sum."""
         if self.settling:
-            raise Refused("settling must be left out beside impulse_response")
+            raise Refused("settling must be left out if impulse_response is given")
         if len(self.impulse_response) > LONGEST:
             raise Refused(
                 f"impulse_response must have {LONGEST} values or fewer, got "

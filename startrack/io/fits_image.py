@@ -74,7 +74,7 @@ def read_fits(path: Path, data: bytes, require: Callable[[Path, int, int, int], 
     ASCII, missing padding of header or data, and cards that violate the standard.
 
     require  refuses an image of (path, columns, rows, bytes of a pixel) that is too large
-    Raises   Refused if the file is no FITS file, cut, damaged, or has no image of two axes.
+    Raises   Refused if the file is not a FITS file, cut, damaged, or has no image of two axes.
     """
     data = unpacked(path, data, 2)
     require_fits(path, data)

@@ -42,7 +42,7 @@ def aligned(rows: Sequence[Sequence[str]], words: Collection[int] | None = None)
 def table_of(results: Any) -> Rows:
     """The structured array of results: itself, or that which they have as `table`.
 
-    Raises  TypeError if they are no table.
+    Raises  TypeError if they have no table.
     """
     table = getattr(results, "table", results)
     if not isinstance(table, np.ndarray) or not table.dtype.names:
@@ -57,7 +57,7 @@ def to_pandas(results: Any) -> Any:
     """Results as a pandas DataFrame; the units of its columns are in `attrs["units"]`.
 
     results  structured array, as from `run_trials` and `sequence.run`, or a Budget or a Summary
-    Raises   ImportError without pandas; TypeError for what is no table.
+    Raises   ImportError without pandas; TypeError for other results.
     """
     columns, units = _columns(results)
     pandas = optional_package("pandas", "to_pandas needs pandas: python -m pip install pandas")
@@ -71,7 +71,7 @@ def to_xarray(results: Any, dimension: str = "row") -> Any:
 
     results    as for `to_pandas`
     dimension  name of the rows, such as "trial"; where a column has this name, it labels them
-    Raises     ImportError without xarray; TypeError for what is no table.
+    Raises     ImportError without xarray; TypeError for other results.
     """
     columns, units = _columns(results)
     xarray = optional_package("xarray", "to_xarray needs xarray: python -m pip install xarray")
@@ -86,7 +86,7 @@ def to_qtable(results: Any) -> Any:
     """Results as an astropy QTable, whose columns with a unit are quantities.
 
     results  as for `to_pandas`
-    Raises   TypeError for what is no table.
+    Raises   TypeError for other results.
     """
     from astropy.table import QTable
     from astropy.units import Unit

@@ -62,7 +62,7 @@ class LayerRules(NamedTuple):
     instead   two alternative keys of a table, by its place: a file with one of them removes the
               other one of lower files
     is_value  whether a table is a value, which replaces another one and is not merged with it
-    file_of   the name of the file that an entry of `include` means; raises Refused where it is none
+    file_of   function: entry of `include` -> name of its file; raises Refused if it is none
     """
 
     joined: Joined = NOT_JOINED
@@ -81,8 +81,8 @@ class Layers:
     """One table of several files.
 
     table   the values
-    origin  file (or `--set`) of each value that is no table, by its place: "scene.background_g"
-    rules   how files lie over each other
+    origin  file (or `--set`) of each value that is not a table, by its place: "scene.background_g"
+    rules   rules for combining files
     """
 
     table: dict[str, Any] = field(default_factory=dict)
@@ -190,17 +190,17 @@ def read_layers(
         base = "other.toml"          the file below all others
         include = ["a.toml", ...]    over the base, each over the one before
 
-    Both stand first in the file, which is over them; they may name others themselves. A name is
-    that of a file beside the one that names it, or of one in the catalogue
+    Both keys are at the beginning of the file, whose own values replace theirs; these files may
+    name further files. A name is that of a file in the same folder, or of one in the catalogue
     ("designs/nanosatellite.toml"). Tables are merged by their keys; a list replaces a list.
 
     what     expected kind of file, for error messages: "a design file"
-    rules    how files lie over each other; None: tables are merged and nothing else
+    rules    rules for combining files; None: tables are merged and nothing else
     changes  "key = value" each, over all files: "instrument.optics.f_number=2.0", and of an entry
-             of a list of tables "variation.0.scale=0.5". A value that is no TOML is a text:
+             of a list of tables "variation.0.scale=0.5". A value that is not TOML is a text:
              "instrument.optics.blur=3 um". Without a value, the key is removed from the files, so
              that its default holds: "instrument.detector.age=".
-    Raises   ValueError if a file is missing, is no TOML or includes itself through other files, or
+    Raises   ValueError if a file is missing, is not TOML or includes itself through other files, or
              if a change is invalid. The message is one sentence with the file.
     """
     layers = _read_layers(path, what, rules or LayerRules(), (), [])

@@ -150,7 +150,7 @@ COUNT = re.compile(rb"(%b)\s*=\s*(\d+)" % b"|".join(COUNTED))
 def require_fits(path: Path, data: bytes) -> None:
     """Refuse files that astropy would read for hours: more axes or columns than the standard's 999.
 
-    Raises  ValueError, also where the bytes are no FITS file.
+    Raises  ValueError, also if the bytes are not a FITS file.
     """
     if not data.startswith(b"SIMPLE"):  # nor a file that astropy would unpack without a limit
         raise Refused(f"{path} must be a whole FITS file, which begins with SIMPLE")

@@ -222,7 +222,7 @@ def read_video(path: Path, plane: int | None) -> NDArray[Any]:
     Grey pixels stay as they are, 16 bits too (FFV1 in Matroska, as `sequence --frames mkv` writes
     it); of colours of 8 bits the largest channel is taken.
 
-    Raises  ValueError if the file is no Matroska, AVI, MP4 or MOV, cannot be decoded, or has no
+    Raises  ValueError if the file is not Matroska, AVI, MP4 or MOV, cannot be decoded, or has no
             such frame.
     """
     with _open_video(path) as video:

@@ -91,7 +91,9 @@ def _with_new_keys(kind: type, table: Mapping[str, Any], place: str) -> dict[str
         new = current_key(kind, key)
         if new != key:
             if new in table:
-                raise Refused(f"{_join(place, key)} must not stand beside {new}, its new name")
+                raise Refused(
+                    f"{_join(place, key)} must be left out if {new}, its new name, is given"
+                )
             warnings.warn(f"{_join(place, key)} is now called {new}", FutureWarning, stacklevel=4)
         renamed[new] = value
     return renamed

@@ -149,7 +149,7 @@ def rate_across(head: Mounted, rate: Floats) -> Floats:
 @printed
 @dataclass(frozen=True, eq=False)
 class Flown:
-    """A mission at all of its m steps, with h heads.
+    """Results of all m steps of a mission with h heads.
 
     step        second between two steps
     blind       (h, m) Blind of each head, as numbers
@@ -157,18 +157,18 @@ class Flown:
     closest     (h, 3) radian, least angle to Sun, Moon (not hidden by the Earth) and limb
     planets     (h, 5) second, in which each of PLANETS is within the half diagonal of the field
     rate        (h, 2) radian / second, largest rate across and about the boresight
-    count       (SEASONS, PHASES) steps in each part of the mission and of the orbit
-    valid_sum   (SEASONS, PHASES) valid heads, summed over these
-    known       (SEASONS, PHASES) steps with a valid head
-    square_sum  (3, SEASONS, PHASES) radian^2, variance of the fused attitude about the body's
-                axes, summed over these; zero without surrogates
+    count       (SEASONS, PHASES) number of steps in each part of the mission and of the orbit
+    valid_sum   (SEASONS, PHASES) sum of the number of valid heads over these steps
+    known       (SEASONS, PHASES) number of these steps with a valid head
+    square_sum  (3, SEASONS, PHASES) radian^2, sum over these of the variance of the fused attitude
+                about each axis of the body; zero without surrogates
     head_sum    (h, 4) over the valid steps of each head: their number, variance across and about
                 (radian^2), and probability of an attitude
     exactly     (h + 1,) expected number of steps with an attitude of exactly 0, 1, ... heads
     worst       (second, radian) of steps with the largest error about a body axis, largest first
-    by_beta     (7, BETAS, PHASES) over the angle from the Sun to the plane of the orbit, from -90
-                to 90 degrees, and the orbit: steps, steps with one valid head, with two, valid
-                heads, and the variances about the body's axes, summed over the steps with one
+    by_beta     (7, BETAS, PHASES) sums over steps, by the angle from the Sun to the plane of the
+                orbit, from -90 to 90 degrees, and by the place in the orbit: number of steps, of
+                steps with a valid head, with two, of valid heads; variances about the body's axes
     chances     for each head, the probability of an attitude after each blinding
     """
 

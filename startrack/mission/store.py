@@ -52,7 +52,7 @@ def flown_from(
     advance  called with 1 after each trial, and with the number of steps after each part
     Returns  the plan, corrected by the trials; results of the checks; the steps. They are the same
              to the bit, however often the run was stopped
-    Raises   ValueError if the file is no store of missions, or damaged; OSError if another
+    Raises   ValueError if the file is not a store of missions, or damaged; OSError if another
              process uses it.
     """
     with closing(Database(path, STORE)) as database:

@@ -57,7 +57,7 @@ def merge_stores(
     progress  called with the number of parts that were just read
     partial   whether trial numbers may be missing, before and between those of the parts
     count     number of trials of the campaign; None: the number in its parts
-    Raises    ValueError, with the file, if a part is no store, is of another campaign, or has a
+    Raises    ValueError, with the file, if a part is not a store, is of another campaign, or has a
               trial with an outcome other than another part's; Refused with the numbers of missing
               trials.
     """

@@ -107,8 +107,8 @@ class MovingProblem:
         moved, left_out = own.rate * own.interval / self.design.pixel, list(LEFT_OUT)
         if moved < APART:
             left_out.append(
-                f"the object in the mean of the other images: it moves by {moved:.1f} pixels from "
-                "one to the next, which makes errors of its place larger by up to a fifth"
+                f"the object in the mean of the other images: it moves by {moved:.1f} pixels "
+                "between images, which increases the error of its place by up to a fifth"
             )
         return Expectation(values[self.campaign.objective], margins, parts, tuple(left_out))
 

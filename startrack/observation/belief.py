@@ -77,7 +77,8 @@ def seen_smear(case: Case, frame: Frame) -> tuple[float, float]:
         return 0.0, 0.0
     x, y = (SMEAR_STEP * round(side / SMEAR_STEP) for side in (coarse.x, coarse.y))
     streak = refined(frame, still, detect(frame, detection_plan(case, smear=(x, y))), coarse)
-    # Not rounded to steps: rounding alone would increase the error at 3 deg/s by 1/40.
+    # The refined streak is not rounded to SMEAR_STEP, which would increase the error at 3 deg/s by
+    # 1/40.
     return streak.x, streak.y
 
 

@@ -210,7 +210,7 @@ class Optics(Parameters):
             "polynomial": self.polynomial is not None,
         }
         if self.lens_file and self.lens_family:
-            raise Refused("lens_family must be left out beside lens_file, which is one lens")
+            raise Refused("lens_family must be left out if lens_file, a single lens, is given")
         key = "lens_file" if self.lens_file else "lens_family"
         _refuse_first(beside, f"{key}, whose table says it")
 
@@ -303,15 +303,15 @@ class Optics(Parameters):
 
 def _refuse_first(there: dict[str, bool], beside: str) -> None:
     for name in (key for key, given in there.items() if given):
-        raise Refused(f"{name} must be left out beside {beside}")
+        raise Refused(f"{name} must be left out if {beside} is given")
 
 
 def with_plain_optics(table: Mapping[str, Any], kind: type, place: str) -> Mapping[str, Any]:
     """A table with `optics` and `detector` whose optics have an f-number and a blur in metre.
 
     kind    class of the table, with `optics` and `detector`
-    Raises  Refused, with its place, for an aperture beside an f-number, for an aperture that is not
-            a length, and for a blur that is neither a length, pixels nor an angle.
+    Raises  Refused, with its place, for both an aperture and an f-number, for an aperture that
+            is not a length, and for a blur that is neither a length, pixels nor an angle.
     """
     return _with_blur_as_length(_with_f_number(table, f"{place}.optics"), kind, place)
 
@@ -325,8 +325,8 @@ def _with_f_number(table: Mapping[str, Any], place: str) -> Mapping[str, Any]:
             return table
     if "f_number" in optics:
         raise Refused(
-            f"{place}.aperture must be left out beside f_number, got {core.shown(aperture)} and "
-            f"{core.shown(optics['f_number'])}"
+            f"{place}.aperture must be left out if f_number is given, got "
+            f"{core.shown(aperture)} and {core.shown(optics['f_number'])}"
         )
     if "focal_length" not in optics:
         raise Refused(f"{place}.focal_length is missing")

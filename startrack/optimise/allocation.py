@@ -118,7 +118,7 @@ def allocation(
 
 
 def _percentiles(values: Floats) -> Interval:
-    """The first value, with percentiles of the others."""
+    """The first value, with the interval that contains 95 % of the others."""
     low, high = np.quantile(values[1:], [0.025, 0.975])
     return Interval(float(values[0]), float(low), float(high))
 

@@ -215,7 +215,7 @@ class Explorer:
 
     @property
     def score(self) -> float:
-        """The score of the best design so far; infinite where none has one."""
+        """The score of the best design so far; infinite if none has one."""
         return self.values[self._leader].score if self.values else math.inf
 
     def reopen(self) -> None:

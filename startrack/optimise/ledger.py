@@ -28,7 +28,7 @@ class Ledger:
     def __init__(self, path: Path | None = None):
         """Open the ledger of a file, or make a new one; None keeps it in memory.
 
-        Raises  ValueError if the file is no ledger, or of another format; OSError if it
+        Raises  ValueError if the file is not a ledger, or of another format; OSError if it
                 cannot be opened or another process uses it.
         """
         self.path = path

@@ -275,7 +275,7 @@ class _Box(NamedTuple):
         return not (apart or self.bottom <= other.top or other.bottom <= self.top)
 
     def holds(self, other: _Box) -> bool:
-        """Whether another one is inside."""
+        """Whether another box lies inside."""
         across = self.left <= other.left and other.right <= self.right
         return across and self.top <= other.top and other.bottom <= self.bottom
 

@@ -80,7 +80,7 @@ ARRAYS = tuple(part.name for part in fields(SkyTable))
 def load_sky(path: Path) -> SkyTable:
     """Read a table of the sky.
 
-    Raises  FileNotFoundError; ValueError if the file is no table of the sky, or damaged.
+    Raises  FileNotFoundError; ValueError if the file is not a table of the sky, or damaged.
     """
     return SkyTable(*checked_arrays(path, "SKY", FORMAT, "a table of the sky", ARRAYS))
 

@@ -81,7 +81,7 @@ class Limb:
 def load_limb(path: Path) -> Limb:
     """Read a table of the limb.
 
-    Raises  FileNotFoundError; ValueError if the file is no table of the limb or damaged.
+    Raises  FileNotFoundError; ValueError if the file is not a table of the limb or damaged.
     """
     with open_checked(path, "LIMB", FORMAT, "a table of the limb") as parts:
         arrays = (parts[name].data.astype(np.float64) for name in (*AXES, 0))

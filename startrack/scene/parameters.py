@@ -153,7 +153,7 @@ class Scene(Parameters):
     def _refuse_contradictions(self) -> None:
         if "zodiacal" in self.lights and self.background_g is not None:
             raise Refused(
-                "background_g must be left out where lights has zodiacal, for which it stands, "
+                "background_g, a constant zodiacal light, must be left out if lights has zodiacal, "
                 f"got {self.background_g:g}"
             )
         if self.sky is not None:
@@ -182,7 +182,7 @@ class Scene(Parameters):
             "days": self.days > 0,
         }
         for name in (key for key, given in beside.items() if given):
-            raise Refused(f"{name} must be left out beside sky, which says what light there is")
+            raise Refused(f"{name} must be left out if sky is given, which sets all light")
         if sky.dated:
             if self.date is None:
                 raise Refused("date must be given where sky has latitude and longitude, got none")

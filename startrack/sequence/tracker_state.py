@@ -121,8 +121,8 @@ def update_state(
 
     estimates  of the frames of one time, one for each head
     parts      (heads, 3, 3, 3) of the covariance of each attitude, as `lasting_parts`
-    moved      (3,) radian^2 about the axes of a camera, within each covariance: the motion of the
-               platform in an exposure, one for all heads; None: none
+    moved      (3,) radian^2 about the axes of a camera: the motion of the platform in an exposure,
+               which all heads share and each covariance includes; None: no motion
     """
     own = np.zeros((3, 3)) if moved is None else np.diag(moved)
     state, solved = tracker.state, solved_heads(estimates)

@@ -40,7 +40,7 @@ def require_perigee(altitude: float, eccentricity: float) -> None:
 
 
 def require_two_lines(lines: tuple[str, ...]) -> None:
-    """Raise Refused where lines are no two-line element set that SGP4 is for.
+    """Raise Refused if lines are not a two-line element set that SGP4 is for.
 
     By length, number and checksum of both, the satellite they are of, and their ephemeris type:
     0 and 2 are SGP4's, where 4 is of SGP4-XP, whose elements SGP4 would fly wrongly.

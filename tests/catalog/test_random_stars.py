@@ -48,7 +48,7 @@ def test_a_selection_says_which_stars_are_random():
     [
         (8.0, 7.0, "random_g must lie in"),
         (8.0, 11.0, "random_g must lie in"),
-        (4.0, 8.0, "limit_g beside random_g must lie in"),
+        (4.0, 8.0, "limit_g with random_g must lie in"),
     ],
 )
 def test_magnitudes_without_counts_are_refused(limit, random, words):

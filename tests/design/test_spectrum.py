@@ -65,5 +65,5 @@ def test_a_missing_file_and_two_tables_are_refused(tmp_path):
     with pytest.raises(ValueError, match=r"jitter\.csv"):
         load_design(path)
     path.write_text(f'{DESIGN}\ndensity = ["1 rad2 / Hz"]\n')
-    with pytest.raises(ValueError, match="must be left out beside file"):
+    with pytest.raises(ValueError, match="must be left out if file is given"):
         load_design(path)

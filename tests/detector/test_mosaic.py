@@ -141,7 +141,7 @@ def test_what_cannot_have_it_says_so(case):
             require_fidelity(coloured, fidelity)
     assert any("mosaic" in one for one in analytic(coloured).left_out)
     for changes in ({"crosstalk": 0.01}, {"binning": 2}):
-        with pytest.raises(Refused, match="beside mosaic"):
+        with pytest.raises(Refused, match="if mosaic is given"):
             replace(coloured.instrument.detector, **changes)
 
 

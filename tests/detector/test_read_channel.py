@@ -66,7 +66,7 @@ def test_a_frame_is_read_through_it():
     ("values", "message"),
     [
         ({"impulse_response": (1.0, -1.0)}, "impulse_response must have a sum above 0"),
-        ({"impulse_response": (1.0,), "settling": 0.1}, "settling must be left out beside"),
+        ({"impulse_response": (1.0,), "settling": 0.1}, "settling must be left out if"),
         ({"impulse_step": 1e-9}, "impulse_step must be left out without impulse_response"),
         ({"impulse_response": (1.0,), "impulse_step": 1e-9}, "must have two values or more"),
         ({"impulse_response": (1.0, 0.5), "impulse_step": 1.0}, "over 1024 pixels or fewer"),

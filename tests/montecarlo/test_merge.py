@@ -241,7 +241,7 @@ def test_parts_of_commands_are_the_whole(small, tmp_path, capsys):
     with Store(tmp_path / "part.sqlite") as store:
         assert store.outcomes().tobytes() == DRAWN.trials(store.case, 3, range(40, 70)).tobytes()
     assert main([*words, "--sketch", str(tmp_path / "x.json"), "--out", str(tmp_path)]) == 2
-    assert "--out must be left out beside --sketch" in capsys.readouterr().err
+    assert "--out must be left out with --sketch" in capsys.readouterr().err
 
 
 def test_an_interrupted_sketch_continues(case, tmp_path):

@@ -161,9 +161,9 @@ def test_what_a_family_does_not_hold_is_refused():
         family_table("double-gauss", 1.1)
     with pytest.raises(ValueError, match="family_field must lie in"):
         family_table("double-gauss", 2.0, np.radians(30))
-    with pytest.raises(ValueError, match="lens_family must be left out beside lens_file"):
+    with pytest.raises(ValueError, match="lens_family must be left out if lens_file"):
         Optics(0.05, 2.0, lens_file="petzval", lens_family="petzval")
-    with pytest.raises(ValueError, match="psf must be left out beside lens_family"):
+    with pytest.raises(ValueError, match="psf must be left out if lens_family"):
         Optics(0.05, 2.0, psf="airy", lens_family="petzval")
 
 

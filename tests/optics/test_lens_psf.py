@@ -239,7 +239,7 @@ def test_what_a_table_cannot_say_is_refused(tmp_path):
         fit_camera(lens, SIDE, SIDE, PITCH, (0.0, 0.0), np.array([390e-9, 391e-9]), np.ones(2))
     with pytest.raises(ValueError, match="f_number must be at least 4"):
         open_optics(replace(lens.optics, f_number=2.0))
-    with pytest.raises(ValueError, match="psf must be left out beside lens_file"):
+    with pytest.raises(ValueError, match="psf must be left out if lens_file"):
         replace(lens.optics, psf="airy")
     with pytest.raises(ValueError, match="one image represents the whole field"):
         pixel_psf(lens.optics, PITCH, GREEN, ONE)

@@ -131,7 +131,7 @@ def test_what_it_refuses(tmp_path):
     good = PsfFile("", np.ones((1, 1, 9, 9)), 1e-6, False)
     save_psf_file(tmp_path / "p.fits", good)
     for changes in ({"defocus": 1e-5}, {"lens_file": "petzval"}, {"psf": "airy"}):
-        with pytest.raises(ValueError, match="must be left out beside psf_file"):
+        with pytest.raises(ValueError, match="must be left out if psf_file"):
             with_file(tmp_path / "p.fits", **changes)
     with pytest.raises(ValueError, match="no file"):
         with_file(tmp_path / "none.fits")

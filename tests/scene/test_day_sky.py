@@ -284,9 +284,9 @@ def test_what_is_not_modelled_is_refused(values, says):
 @pytest.mark.parametrize(
     ("beside", "says"),
     [
-        ({"background_g": 20.0}, "background_g must be left out beside sky"),
-        ({"lights": ("starlight",)}, "lights must be left out beside sky"),
-        ({"days": 1.0, "date": "2025-10-01"}, "days must be left out beside sky"),
+        ({"background_g": 20.0}, "background_g must be left out if sky"),
+        ({"lights": ("starlight",)}, "lights must be left out if sky"),
+        ({"days": 1.0, "date": "2025-10-01"}, "days must be left out if sky"),
     ],
 )
 def test_a_sky_stands_alone(beside, says):

@@ -136,7 +136,7 @@ class Air(Parameters):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.table and replace(self, table="") != Air():
-            raise Refused("the other keys must be left out beside table")
+            raise Refused("the other keys must be left out if table is given")
 
     @property
     def columns(self) -> tuple[float, float]:

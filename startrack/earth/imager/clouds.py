@@ -92,7 +92,7 @@ class CloudLayer(Parameters):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.cover is not None and self.file:
-            raise ValueError("cover must be left out beside file, which gives the clouds")
+            raise ValueError("cover must be left out if file is given, which sets the clouds")
 
     @property
     def kelvin(self) -> float:

@@ -184,11 +184,11 @@ class Channel(Parameters):
         super().__post_init__()
         if self.response is not None:
             if self.band != core.ALL or self.passband:
-                raise ValueError("band and passband must be left out beside response")
+                raise ValueError("band and passband must be left out if response is given")
             if not (self.response.wavelength and any(self.response.value)):
                 raise ValueError("response must have wavelengths, and values above 0")
         if self.passband and self.band != core.ALL:
-            raise core.Refused("band must be left out beside passband")
+            raise core.Refused("band must be left out if passband is given")
         if self.detector.mosaic:
             raise core.Refused("detector.mosaic must be left out: a channel has one band")
         if self.detector.scan and self.detector.scan.kind == "lines":

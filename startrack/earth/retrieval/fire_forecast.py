@@ -463,7 +463,7 @@ class _Waves(NamedTuple):
     width: int
 
     def uneven(self, weights: Floats) -> float:
-        """Half the variance of the mean square, from the covariance over distances.
+        """Half the variance of the mean square, from the covariance R of pairs of pixels.
 
         var <z^2> = 2 / N^2 * sum over pairs of pixels of R^2
         """

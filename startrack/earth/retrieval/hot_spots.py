@@ -47,7 +47,7 @@ class HotSpots(Parameters):
         "pixel, half a side of the square of surroundings", limit=Range(3, 50), default=10
     )
     guard: int = parameter(
-        "pixel, half a side of the square in the middle, which is no part of the surroundings; "
+        "pixel, half a side of the square in the middle, which is not part of the surroundings; "
         "the light of a fire is summed over it",
         limit=Range(1, 20),
         default=3,

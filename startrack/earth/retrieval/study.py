@@ -55,7 +55,7 @@ class Retrieval(Parameters):
         if len(given) != 1:
             raise Refused(f"retrieval must have one table, got {', '.join(given) or 'none'}")
         if self.latitude is not None and (self.minerals or self.waves):
-            raise Refused("retrieval.latitude must be left out beside minerals and waves")
+            raise Refused("retrieval.latitude must be left out for minerals and waves")
 
     def below(self, carrier: Carrier) -> Retrieval:
         """The retrieval with the Sun of the pass over `latitude`."""

@@ -245,7 +245,7 @@ def test_few_wavelengths_and_a_wrong_altitude_are_refused(tmp_path):
     written(low, [*HEADS, "altitude [km]"], [[*row, 3.0] for row in rows()])
     with pytest.raises(Refused, match=r"channel green: altitude of the sensor .* 2900 to 3100 m"):
         band_of(channel, Air(table=str(low)), 500e3, 1.0)
-    with pytest.raises(Refused, match="the other keys must be left out beside table"):
+    with pytest.raises(Refused, match="the other keys must be left out if table is given"):
         Air(table=str(low), visibility=10e3)
 
 

@@ -140,7 +140,7 @@ def test_generated_clouds_cover_what_they_should():
 
 
 def test_what_a_layer_must_be():
-    with pytest.raises(ValueError, match="cover must be left out beside file"):
+    with pytest.raises(ValueError, match="cover must be left out if file is given"):
         CloudLayer(1e3, file="a.tif", cover=0.5)
     with pytest.raises(ValueError, match="particles must be one of ice, water"):
         CloudLayer(1e3, particles="dust")

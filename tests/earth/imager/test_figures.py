@@ -348,7 +348,7 @@ def test_requirements_of_a_channel(tmp_path, capsys):
 
 
 def test_what_a_channel_must_not_say(tmp_path):
-    with pytest.raises(ValueError, match="band must be left out beside response"):
+    with pytest.raises(ValueError, match="band must be left out if response is given"):
         flat(band=Curve((), (0.5,)))
     with pytest.raises(ValueError, match="response must have wavelengths"):
         flat(response=Curve())

@@ -98,7 +98,7 @@ def test_a_band_may_be_given_by_its_edges():
     usual = PROBLEM.expect().value
     assert same.expect().value == pytest.approx(usual, rel=0.01)
     assert narrow.expect().value != pytest.approx(usual, rel=0.01)
-    with pytest.raises(Refused, match="band must be left out beside passband"):
+    with pytest.raises(Refused, match="band must be left out if passband is given"):
         replace(first, passband=Passband(**table))
 
 

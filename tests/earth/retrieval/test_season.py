@@ -57,7 +57,7 @@ def test_a_sun_that_the_retrieval_cannot_use_is_refused():
         EarthProblem(dark).expect()
     with pytest.raises(Refused, match="must be within reach of the orbit"):
         EarthProblem(load_earth_design("fields", [*NORTH, "retrieval.latitude=89 deg"])).expect()
-    with pytest.raises(Refused, match="must be left out beside minerals"):
+    with pytest.raises(Refused, match="must be left out for minerals"):
         load_earth_design("mertis", ["retrieval.latitude=10 deg"])
 
 
