@@ -144,7 +144,7 @@ def _background(star: str, parts: list[float], bounds: dict[tuple[str, str], lis
 def _scatter(rows: list[list[Any]]) -> str:
     lines = []
     for star, *both in rows:
-        for name, values in zip(("seen", "predicted"), both, strict=True):
+        for name, values in zip(("measured", "predicted"), both, strict=True):
             cells = " | ".join(f"{value:.4f}" for value in values)
             lines.append(f"| {star}, {name} | {cells} |")
     return "\n".join(lines)
