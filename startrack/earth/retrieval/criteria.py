@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, Protocol
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
@@ -93,11 +94,11 @@ class Fires(NamedTuple):
         own = self.spots
         areas = {
             f"area {kelvin:g} K": Criterion(
-                f"smallest fire of {kelvin:g} K found in {own.found:.0%}",
-                "m2",
-                "area",
-                "max_area",
-                f"area {kelvin:g} K",
+                words=f"smallest fire of {kelvin:g} K found in {own.found:.0%}",
+                unit="m2",
+                objective="area",
+                limit="max_area",
+                column=f"area {kelvin:g} K",
             )
             for kelvin in own.temperatures
         }
@@ -158,42 +159,36 @@ class Fires(NamedTuple):
         return Interval(*(math.inf if end > LARGEST / 1e3 else end for end in ends))
 
 
-class Spectra(NamedTuple):
-    """Emissivity of minerals, and their classes."""
+@dataclass(frozen=True)
+class Spectra:
+    """Emissivity of minerals, and their classes; members as in `RetrievalStudy`."""
+
+    criteria: ClassVar = {
+        "emissivity": Criterion(
+            words="rms error of emissivity",
+            unit="",
+            objective="emissivity",
+            limit="max_emissivity_error",
+            column="square of emissivity",
+        ),
+        "wrong": Criterion(
+            words="fraction of spectra classified wrongly",
+            unit="",
+            objective="wrong",
+            limit="max_wrong",
+            column="wrong",
+        ),
+    }
+    columns: ClassVar = ("square of emissivity", "wrong", "temperature", "christiansen")
+    left_out: ClassVar = ("the optics' blur between spectra", "smile and keystone")
 
     design: EarthDesign
     own: minerals.Minerals
 
     @property
-    def criteria(self) -> dict[str, Criterion]:
-        """As in `RetrievalStudy`."""
-        return {
-            "emissivity": Criterion(
-                "rms error of emissivity",
-                "",
-                "emissivity",
-                "max_emissivity_error",
-                "square of emissivity",
-            ),
-            "wrong": Criterion(
-                "fraction of spectra classified wrongly", "", "wrong", "max_wrong", "wrong"
-            ),
-        }
-
-    @property
-    def columns(self) -> tuple[str, ...]:
-        """As in `RetrievalStudy`."""
-        return "square of emissivity", "wrong", "temperature", "christiansen"
-
-    @property
     def per_image(self) -> int:
         """As in `RetrievalStudy`."""
         return self.own.pixels
-
-    @property
-    def left_out(self) -> tuple[str, ...]:
-        """As in `RetrievalStudy`."""
-        return ("the optics' blur between spectra", "smile and keystone")
 
     def expected(self) -> dict[str, float]:
         """As in `RetrievalStudy`."""
@@ -218,49 +213,43 @@ class Spectra(NamedTuple):
         return rms_interval(values, confidence)
 
 
-class MosaicStudy(NamedTuple):
-    """Reflectance of land, an index, and classes of pixels."""
+@dataclass(frozen=True)
+class MosaicStudy:
+    """Reflectance of land, an index, and classes of pixels; members as in `RetrievalStudy`."""
+
+    criteria: ClassVar = {
+        "reflectance": Criterion(
+            words="rms error of reflectance",
+            unit="",
+            objective="reflectance",
+            limit="max_reflectance_error",
+            column="square of reflectance",
+        ),
+        "index": Criterion(
+            words="rms error of the index",
+            unit="",
+            objective="index",
+            limit="max_index_error",
+            column="square of index",
+        ),
+        "wrong": Criterion(
+            words="fraction of pixels classified wrongly",
+            unit="",
+            objective="wrong",
+            limit="max_wrong",
+            column="wrong",
+        ),
+    }
+    columns: ClassVar = ("square of reflectance", "square of index", "wrong")
+    per_image: ClassVar = 1
+    left_out: ClassVar = (
+        "errors of calibration and of the air's visibility",
+        "oblique lines of sight, relief and clouds",
+        "the registration of channels",
+    )
 
     design: EarthDesign
     own: land_cover.LandCover
-
-    @property
-    def criteria(self) -> dict[str, Criterion]:
-        """As in `RetrievalStudy`."""
-        return {
-            "reflectance": Criterion(
-                "rms error of reflectance",
-                "",
-                "reflectance",
-                "max_reflectance_error",
-                "square of reflectance",
-            ),
-            "index": Criterion(
-                "rms error of the index", "", "index", "max_index_error", "square of index"
-            ),
-            "wrong": Criterion(
-                "fraction of pixels classified wrongly", "", "wrong", "max_wrong", "wrong"
-            ),
-        }
-
-    @property
-    def columns(self) -> tuple[str, ...]:
-        """As in `RetrievalStudy`."""
-        return tuple(criterion.column for criterion in self.criteria.values())
-
-    @property
-    def per_image(self) -> int:
-        """As in `RetrievalStudy`."""
-        return 1
-
-    @property
-    def left_out(self) -> tuple[str, ...]:
-        """As in `RetrievalStudy`."""
-        return (
-            "errors of calibration and of the air's visibility",
-            "oblique lines of sight, relief and clouds",
-            "the registration of channels",
-        )
 
     def expected(self) -> dict[str, float]:
         """As in `RetrievalStudy`."""
@@ -288,39 +277,32 @@ class MosaicStudy(NamedTuple):
         return Interval(*(end**2 for end in (interval.value, interval.low, interval.high)))
 
 
-class TerrainStudy(NamedTuple):
-    """Heights of terrain from two images along the track."""
+@dataclass(frozen=True)
+class TerrainStudy:
+    """Heights of terrain from two images along the track; members as in `RetrievalStudy`.
+
+    columns  squared error of matched pixels, and the unmatched fraction
+    """
+
+    criteria: ClassVar = {
+        "height": Criterion(
+            words="rms error of heights",
+            unit="m",
+            objective="height",
+            limit="max_height_error",
+            column="square of height",
+        )
+    }
+    columns: ClassVar = ("square of height", "unmatched")
+    per_image: ClassVar = 1
+    left_out: ClassVar = (
+        "errors of orientation and of the camera's calibration",
+        "shading, hidden ground, buildings and trees",
+        "pixels whose match is rejected",
+    )
 
     design: EarthDesign
     own: stereo.Stereo
-
-    @property
-    def criteria(self) -> dict[str, Criterion]:
-        """As in `RetrievalStudy`."""
-        return {
-            "height": Criterion(
-                "rms error of heights", "m", "height", "max_height_error", "square of height"
-            )
-        }
-
-    @property
-    def columns(self) -> tuple[str, ...]:
-        """As in `RetrievalStudy`: squared error of matched pixels, and the unmatched fraction."""
-        return "square of height", "unmatched"
-
-    @property
-    def per_image(self) -> int:
-        """As in `RetrievalStudy`."""
-        return 1
-
-    @property
-    def left_out(self) -> tuple[str, ...]:
-        """As in `RetrievalStudy`."""
-        return (
-            "errors of orientation and of the camera's calibration",
-            "shading, hidden ground, buildings and trees",
-            "pixels whose match is rejected",
-        )
 
     def expected(self) -> dict[str, float]:
         """As in `RetrievalStudy`."""
@@ -342,53 +324,42 @@ class TerrainStudy(NamedTuple):
         return rms_interval(values, confidence)
 
 
-class SeaStudy(NamedTuple):
-    """Height and direction of waves in the glint."""
+@dataclass(frozen=True)
+class SeaStudy:
+    """Height and direction of waves in the glint; members as in `RetrievalStudy`.
+
+    columns  the last one is the relative error of the spectrum's peak
+    """
+
+    criteria: ClassVar = {
+        "wave height": Criterion(
+            words="rms error of significant wave height",
+            unit="m",
+            objective="wave height",
+            limit="max_wave_height_error",
+            column="square of wave height",
+        ),
+        "wave direction": Criterion(
+            words="rms error of the waves' direction, without its sense",
+            unit="rad",
+            objective="wave direction",
+            limit="max_wave_direction_error",
+            column="square of wave direction",
+        ),
+    }
+    columns: ClassVar = ("square of wave height", "square of wave direction", "wavelength")
+    per_image: ClassVar = 1
+    left_out: ClassVar = (
+        "errors of the wind and of the light of air, sky and water (assumed to be known)",
+        "non-linear waves, currents, a second wave system, foam in patches",
+        "oblique lines of sight, and the edges of an image: waves are periodic over the image",
+        "formulas alone: products of four and more waves; errors of trials were 0.87 to 1.06 "
+        "times the errors by formula over five designs (0.87 for wave heights under a Sun 15 "
+        "degrees from the zenith)",
+    )
 
     design: EarthDesign
     own: waves.Waves
-
-    @property
-    def criteria(self) -> dict[str, Criterion]:
-        """As in `RetrievalStudy`."""
-        return {
-            "wave height": Criterion(
-                "rms error of significant wave height",
-                "m",
-                "wave height",
-                "max_wave_height_error",
-                "square of wave height",
-            ),
-            "wave direction": Criterion(
-                "rms error of the waves' direction, without its sense",
-                "rad",
-                "wave direction",
-                "max_wave_direction_error",
-                "square of wave direction",
-            ),
-        }
-
-    @property
-    def columns(self) -> tuple[str, ...]:
-        """As in `RetrievalStudy`; the last column is the relative error of the spectrum's peak."""
-        return "square of wave height", "square of wave direction", "wavelength"
-
-    @property
-    def per_image(self) -> int:
-        """As in `RetrievalStudy`."""
-        return 1
-
-    @property
-    def left_out(self) -> tuple[str, ...]:
-        """As in `RetrievalStudy`."""
-        return (
-            "errors of the wind and of the light of air, sky and water (assumed to be known)",
-            "non-linear waves, currents, a second wave system, foam in patches",
-            "oblique lines of sight, and the edges of an image: waves are periodic over the image",
-            "formulas alone: products of four and more waves; errors of trials were 0.87 to 1.06 "
-            "times the errors by formula over five designs (0.87 for wave heights under a Sun 15 "
-            "degrees from the zenith)",
-        )
 
     def expected(self) -> dict[str, float]:
         """As in `RetrievalStudy`."""
