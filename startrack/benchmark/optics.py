@@ -67,14 +67,17 @@ class TestPattern:
         return np.sum(parts, axis=0)
 
 
-def by_rings(coefficients: Floats, points: Floats, rings: int = 60, spokes: int = 200) -> Floats:
+RINGS, SPOKES = 60, 200  # nodes over the pupil of the reference
+
+
+def by_rings(coefficients: Floats, points: Floats) -> Floats:
     """Gauss-Legendre over the radius, trapezoid over the angle, the Fourier sum term by term."""
-    node, weight = np.polynomial.legendre.leggauss(rings)
+    node, weight = np.polynomial.legendre.leggauss(RINGS)
     r = np.sqrt((node + 1) / 2)[:, None]
-    angle = np.arange(spokes) * 2 * np.pi / spokes
+    angle = np.arange(SPOKES) * 2 * np.pi / SPOKES
     x, y = (r * np.cos(angle)).ravel(), (r * np.sin(angle)).ravel()
     phase = sum(c * optics.zernike(noll, x, y) for c, noll in zip(coefficients, NOLL, strict=True))
-    wave = np.repeat(weight / 2 / spokes, spokes) * np.exp(1j * phase)
+    wave = np.repeat(weight / 2 / SPOKES, SPOKES) * np.exp(1j * phase)
     field = [np.sum(wave * np.exp(-1j * np.pi * (u * x + v * y))) for u, v in points]
     return np.abs(field) ** 2
 

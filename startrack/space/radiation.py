@@ -195,9 +195,9 @@ class HitMap:
 
 
 @lru_cache(maxsize=8)
-def hit_map(altitude: float, shielding: float, active: bool = False) -> HitMap:
+def hit_map(altitude: float, shielding: float) -> HitMap:
     """Map of the places where particles of the belts hit a detector behind a shield, by AP-8 and
-    AE-8.
+    AE-8 at solar minimum.
 
         rate = J / 2,   charge = sum J S density / (3.65 eV) / sum J
 
@@ -217,12 +217,12 @@ def hit_map(altitude: float, shielding: float, active: bool = False) -> HitMap:
         np.asarray(side, np.float64).ravel() for side in np.meshgrid(latitude, east, indexing="ij")
     )
     lines = field_lines(north, along, altitude)
-    above = _trapped_at(*lines, ENERGIES, "p", active)
+    above = _trapped_at(*lines, ENERGIES, "p", active=False)
     left = np.zeros((2, 2, len(north)))  # protons and electrons; their number, MeV / g
     for k in np.flatnonzero(above[0] > 0):
         left[0, :, k] = Protons(ENERGIES, above[:, k]).behind(shielding)
     left[0, 1] /= MEV_RAD
-    above, cell = _electrons_at(*lines, active)
+    above, cell = _electrons_at(*lines, active=False)
     behind = [Electrons(ELECTRON_ENERGIES, one).behind(shielding) for one in above.T]
     left[1] = np.array([(one.number, one.loss) for one in behind]).T[:, cell]
     number, loss = np.moveaxis(left, 1, 0)

@@ -147,16 +147,15 @@ def prepare(survey: Survey, channel: Channel, folder: Path) -> Setting:
     return _with_smile(survey, channel, setting, max(above, 1.0))
 
 
-def setting_below(
-    survey: Survey, channel: Channel, height: float, surroundings: float
-) -> tuple[Setting, float]:
+def setting_below(survey: Survey, channel: Channel, height: float) -> tuple[Setting, float]:
     """Constant inputs of an image of level ground straight below, at the middle of the field.
 
-    height        metre, height of the ground above the sea
-    surroundings  1, reflectance of the surrounding ground
-    Returns       the setting, and metre from the ground to the camera
-    Raises        ValueError in the cases of `band_of`, and if the channel's lens is a table over
-                  its field.
+    The surrounding ground is black in them.
+
+    height   metre, height of the ground above the sea
+    Returns  the setting, and metre from the ground to the camera
+    Raises   ValueError in the cases of `band_of`, and if the channel's lens is a table over its
+             field.
     """
     if channel.optics.tabulated:
         raise core.Refused(
@@ -181,7 +180,7 @@ def setting_below(
         smear=drift,
         psf=field.images,
         band=band,
-        surroundings=surroundings,
+        surroundings=0.0,
         electrons=electrons,
         camera=field.camera,
     )

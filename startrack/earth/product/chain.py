@@ -1,7 +1,7 @@
 """A product of a channel from its raw image and its calibration frames."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -21,7 +21,7 @@ from startrack.core import (
     printed,
     require_memory,
 )
-from startrack.earth.geometry import observe_earth
+from startrack.earth.geometry import EarthScene, observe_earth
 from startrack.earth.imager import (
     Channel,
     Setting,
@@ -129,11 +129,7 @@ def make_product(
         radiance, amplified = restoration.applied(radiance), restoration.noise
     saturated = numbers >= calibration.saturation
     scene = survey.scene(channel)
-    grounds = []
-    for strip in observe_earth(scene, folder, None, setting.camera, setting.terrain):
-        which = np.arange(len(strip.ground)).reshape(strip.shape)[..., strip.shape[2] // 2]
-        grounds.append(strip.ground[which.ravel()])
-        advance(0.3 * strip.shape[0] / lines)
+    grounds = _ground_of_lines(scene, folder, setting, lambda done: advance(0.3 * done / lines))
     ground = joined(grounds)
     if not ground.hit.any():
         raise ValueError("an image must show ground for a map, but shows only sky")
@@ -149,18 +145,12 @@ def make_product(
     cell = settings.cell or float(f"{size / (channel.columns / channel.detector.columns):.2g}")
     grid = ortho.grid_of(ground.longitude, ground.latitude, settings.projection, cell)
     require_memory(40 * grid.rows * grid.columns, f"a map of {grid.columns} x {grid.rows} cells")
-    layers = {name: np.full((grid.rows, grid.columns), math.nan) for name in image | doubts}
-    quality = np.zeros((grid.rows, grid.columns), np.uint8)
-    for part in ortho.place_cells(
+    cells = ortho.place_cells(
         scene, folder, grid, distance, size, setting.camera, open_sheets(survey.clouds, folder)
-    ):
-        bits = part.quality | np.where(ortho.touched(saturated, part.pixel), ortho.SATURATED, 0)
-        for name, values in (image | doubts).items():
-            resampled = ortho.resample(values, part.pixel, settings.resampling)
-            layers[name][part.rows] = np.where(bits & ortho.NO_DATA, math.nan, resampled)
-        lost = np.isnan(layers["radiance"][part.rows])
-        quality[part.rows] = np.where(lost, ortho.NO_DATA, bits)
-        advance(0.7 * (part.rows.stop - part.rows.start) / grid.rows)
+    )
+    layers, quality = _on_map(
+        image | doubts, saturated, grid, cells, settings, lambda part: advance(0.7 * part)
+    )
     mapped, doubt = ({name: layers[name] for name in own} for own in (image, doubts))
     around = math.nan if retrieval.is_thermal(setting.band) else here.surroundings
     return Product(
@@ -173,6 +163,47 @@ def make_product(
         uncertainty=causes,
         doubt=doubt,
     )
+
+
+def _ground_of_lines(
+    scene: EarthScene, folder: Path, setting: Setting, advance: Callable[[int], None]
+) -> list[Ground]:
+    """The ground on the central rays of pixels, for successive parts of the image.
+
+    advance  called with the number of lines of each part
+    """
+    grounds = []
+    for strip in observe_earth(scene, folder, None, setting.camera, setting.terrain):
+        which = np.arange(len(strip.ground)).reshape(strip.shape)[..., strip.shape[2] // 2]
+        grounds.append(strip.ground[which.ravel()])
+        advance(strip.shape[0])
+    return grounds
+
+
+def _on_map(
+    image: Mapping[str, Floats],
+    saturated: Flags,
+    grid: ortho.MapGrid,
+    cells: Iterable[ortho.Part],
+    settings: ProductSettings,
+    advance: Callable[[float], None],
+) -> tuple[dict[str, Floats], ortho.Bytes]:
+    """Layers of the image resampled to the cells of a map, and the quality of each cell.
+
+    cells    places of cells in the image, for successive rows of the map
+    advance  called with the fraction of the map of each part
+    """
+    layers = {name: np.full((grid.rows, grid.columns), math.nan) for name in image}
+    quality = np.zeros((grid.rows, grid.columns), np.uint8)
+    for part in cells:
+        bits = part.quality | np.where(ortho.touched(saturated, part.pixel), ortho.SATURATED, 0)
+        for name, values in image.items():
+            resampled = ortho.resample(values, part.pixel, settings.resampling)
+            layers[name][part.rows] = np.where(bits & ortho.NO_DATA, math.nan, resampled)
+        lost = np.isnan(layers["radiance"][part.rows])
+        quality[part.rows] = np.where(lost, ortho.NO_DATA, bits)
+        advance((part.rows.stop - part.rows.start) / grid.rows)
+    return layers, quality
 
 
 def _layers(

@@ -192,27 +192,14 @@ def observe_land(survey: Survey, own: LandCover, seed: int, number: int) -> Land
     """An image of random fields, from a seed and the image's number."""
     views, streams = land_views(survey, own), Streams(seed, number)
     first, rays, size = views[0].view, survey.rays, own.size
-    sides = size * first.along, size * first.across
     widths = [width for width in SPREADS.tolist() if width < BROAD * own.field]
+    sides = size * first.along, size * first.across
     far = FAR * max(widths, default=0.0)
-    counts = [math.ceil((side + 2 * far) / own.field) + 2 for side in sides]
-    random = streams("fields")
-    cover = random.integers(0, len(survey.land.covers), counts)
-    # Borders (n + 1,) of the fields along each axis, metre from the image's first corner.
-    borders = [
-        own.field * (np.arange(count + 1) - math.ceil(far / own.field) - random.random())
-        for count in counts
-    ]
+    cover, borders = _random_fields(survey, own, streams, sides, far)
     step = first.along / rays, first.across / rays
-    grey = None
-    if survey.land.texture:
-        drawn = texture.draw(
-            streams("reflectance"), size * rays, size * rays, step, survey.land.texture_cell
-        )
-        grey = np.maximum(1 + survey.land.texture * drawn, 0.0)
+    grey = _texture(survey, streams, size * rays, step)
     fine = [_within(edge, size * rays, width) for edge, width in zip(borders, step, strict=True)]
-    pixels = first.along, first.across
-    middles = [(np.arange(size) + 0.5) * width for width in pixels]
+    middles = [(np.arange(size) + 0.5) * width for width in (first.along, first.across)]
     row, column = (
         np.searchsorted(edge, middle) - 1 for edge, middle in zip(borders, middles, strict=True)
     )
@@ -243,6 +230,38 @@ def observe_land(survey: Survey, own: LandCover, seed: int, number: int) -> Land
         radiance = patch.numbers_of(view, np.maximum(light, 0.0), noise)
         measured.append((radiance.ravel() - air.path) / air.lit)
     return LandImage(np.array(truths), np.array(measured), cover[np.ix_(row, column)].ravel())
+
+
+def _random_fields(
+    survey: Survey, own: LandCover, streams: Streams, sides: tuple[float, float], far: float
+) -> tuple[Ints, list[Floats]]:
+    """Random rectangular fields over an image and its surroundings.
+
+    sides    metre, of the image along and across
+    far      metre, width of the surroundings
+    Returns  cover of each field (n, m); borders (n + 1,) and (m + 1,) of the fields along each
+             axis, metre from the image's first corner
+    """
+    counts = [math.ceil((side + 2 * far) / own.field) + 2 for side in sides]
+    first = math.ceil(far / own.field)
+    random = streams("fields")
+    cover = random.integers(0, len(survey.land.covers), counts)
+    borders = [
+        np.asarray(own.field * (np.arange(count + 1) - first - random.random()), np.float64)
+        for count in counts
+    ]
+    return cover, borders
+
+
+def _texture(
+    survey: Survey, streams: Streams, count: int, step: tuple[float, float]
+) -> Floats | None:
+    """Relative reflectance (count, count) of the land's texture; None without a texture."""
+    land = survey.land
+    if not land.texture:
+        return None
+    drawn = texture.draw(streams("reflectance"), count, count, step, land.texture_cell)
+    return np.maximum(1 + land.texture * drawn, 0.0)
 
 
 def _blurred(lattice: Singles, view: patch.View) -> Singles:
@@ -378,15 +397,7 @@ def forecast_land(survey: Survey, own: LandCover) -> LandForecast:
     draws = _sobol(6 + 2 + kinds + bands)
     where, normal = draws[:, :6], special.ndtri(draws[:, 6:])
     first = sides[0].side
-    weight = np.ones(len(draws))
-    place = np.empty((2, len(draws)))
-    for axis, step in enumerate((first.along, first.across)):
-        half = own.field / step / 2
-        near = min(NEAREST, half / 2)
-        u = where[:, axis]
-        place[axis] = step * np.where(u < 0.5, 2 * u * near, near + (2 * u - 1) * (half - near))
-        weight *= np.where(u < 0.5, 2 * near / half, 2 * (half - near) / half)
-    weight /= weight.sum()
+    place, weight = _places(own.field, (first.along, first.across), where)
     cover = np.minimum((where[:, 2:6] * kinds).astype(int), kinds - 1)
     seen_texture, true_texture = _brightness(survey, first, normal[:, :2])
     around = _surroundings(own.field, place) if survey.air else None
@@ -410,6 +421,26 @@ def forecast_land(survey: Survey, own: LandCover) -> LandForecast:
     return LandForecast(
         math.sqrt(weight @ square), math.sqrt(weight @ index), float(weight @ wrong)
     )
+
+
+def _places(field: float, pixel: tuple[float, float], where: Floats) -> tuple[Floats, Floats]:
+    """Places of a pixel in its field, half of them near a border, and their weights.
+
+    field    metre, side of the field
+    pixel    metre, sides of a pixel
+    where    (n, 2 or more) in [0, 1), one column for each axis
+    Returns  (2, n) metre, distance from the nearer border along each axis; (n,) weights, sum 1
+    """
+    weight = np.ones(len(where))
+    place = np.empty((2, len(where)))
+    for axis, step in enumerate(pixel):
+        half = field / step / 2
+        near = min(NEAREST, half / 2)
+        u = where[:, axis]
+        place[axis] = step * np.where(u < 0.5, 2 * u * near, near + (2 * u - 1) * (half - near))
+        weight *= np.where(u < 0.5, 2 * near / half, 2 * (half - near) / half)
+    weight /= weight.sum()
+    return place, weight
 
 
 def _converted(side: Side, light: Floats, normal: Floats) -> Floats:

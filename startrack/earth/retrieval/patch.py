@@ -171,7 +171,7 @@ def view_below(survey: Survey, channel: Channel, size: int, height: float, sun: 
     seed = own.detector.device_seed * MOST_CHANNELS + names.index(own.name)
     own = replace(own, detector=replace(own.detector, device_seed=seed))
     cover = cover_at(survey.land, height)
-    setting, above = setting_below(survey, own, height, 0.0)
+    setting, above = setting_below(survey, own, height)
     band = setting.band
     reflectance = float(cover.reflectance(band.wavelength) @ band.weight)
     around = reflectance if survey.surroundings is None else survey.surroundings
