@@ -23,7 +23,7 @@ import startrack
 
 PAGE = Path(__file__).parent / "api.md"
 HOME = Path(startrack.__file__).parent
-# What a large index holds inside, which nobody is meant to take out.
+# Inner parts of large indexes, which are not for users.
 INSIDE = {"Cache", "Deck", "CodeTable", "SkyGrid", "VerificationStars", "Workspace"}
 HEAD = """\
 # The public API
@@ -304,7 +304,7 @@ def _for_type_checkers(module: str) -> dict[str, type]:
 
 
 def given(names: list[Name]) -> list[type]:
-    """Classes whose values these names give: results, those of methods, and their fields."""
+    """Classes of the results of these functions, of their methods and of their fields."""
     classes: list[type] = []
     waiting = [
         kind

@@ -90,7 +90,7 @@ def measure(
 
 
 def clocked(way: Way) -> Clocked:
-    """The answer of a way, and its seconds of CPU."""
+    """The result of one program, and its CPU time in seconds."""
     began = time.process_time()
     answer = way()
     if isinstance(answer, Clocked):

@@ -451,7 +451,7 @@ def _rms_of(line: BudgetLine[Spread]) -> list[float | Interval]:
 
 
 def _bounded_levels(spread: Spread, fraction: float) -> list[float | Interval]:
-    """Mixed levels across and about, with intervals of simulated values."""
+    """Mixed levels across and about; values from trials have intervals."""
     if isinstance(spread, SkySample):
         return [spread.level_interval(axes, fraction) for axes in AXES.values()]
     return [*_levels(spread, fraction, metrics.Interpretation.MIXED)]

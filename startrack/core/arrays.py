@@ -1,6 +1,6 @@
-"""Types of arrays and of a progress, and within kernels order, median and place of values.
+"""Types of arrays and of a progress; functions for kernels: order, median and place of values.
 
-NumPy's functions for these are compiled again for each kind of array, which takes seconds. The
+NumPy's functions of this kind are compiled again for each type of array, which takes seconds. The
 assignment of an array to a part of another array also takes long to compile, because of its message
 on shapes.
 """

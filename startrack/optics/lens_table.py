@@ -64,9 +64,9 @@ class LensTable:
         (p, q) = (l, m) - c e,   W = path - l e_x - m e_y + c |e|^2 / 2,   grad W = -e
 
     (tables have exact values). If c is zero, waves are plane, as if the pupil were at infinity (the
-    Debye integral). The rays are then the same. But light that the rim of the pupil diffracts from
-    the ray's place e to (X, Y) lacks the path c |(X - place, Y) - e|^2 / 2, a tenth of a wave for
-    100 um and a pupil 50 mm away.
+    Debye integral). The rays are then the same, but light that the rim of the pupil diffracts is
+    not: from the place e of a ray to (X, Y), it lacks the path c |(X - place, Y) - e|^2 / 2, which
+    is a tenth of a wave for 100 um and a pupil 50 mm away.
 
     W and A are sums of Noll's Zernike polynomials of u = -(p - centre) / half_p and v = -q / half_q
     (for A, plus one). u and v are coordinates in the lens: a ray from the upper part of the lens

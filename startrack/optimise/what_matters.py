@@ -74,7 +74,7 @@ class WhatMatters:
 
 
 def forecasts_needed(dimensions: int, designs: int = DESIGNS) -> int:
-    """Number of forecasts at most."""
+    """Largest number of forecasts."""
     return 4 * dimensions + designs * (dimensions > 1) + REFINING
 
 

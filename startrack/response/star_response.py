@@ -304,8 +304,8 @@ class StarSearch(NamedTuple):
     """Search of a frame with hot pixels by a tracker.
 
     noise      digital number, noise of the filtered frame in a typical tile
-    threshold  (k,) threshold in units of this noise: equally likely samples over tiles and
-               surroundings of a star
+    threshold  (k,) in units of this noise, samples of equal probability: the threshold varies with
+               the tile and the surroundings of a star
     """
 
     noise: float
@@ -315,7 +315,7 @@ class StarSearch(NamedTuple):
 def detection_probability(
     case: Case, magnitude: Floats, point: Floats | None = None, search: StarSearch | None = None
 ) -> Floats:
-    """Fraction of the stars (m,) of a magnitude whose filtered peak passes the threshold.
+    """Fraction of the stars of each magnitude (m,) whose filtered peak exceeds the threshold.
 
         fraction = mean over positions of Phi(peak / noise - threshold)
 

@@ -166,7 +166,7 @@ def view_of_earth(cosine: Floats, distance: float | Floats) -> Floats:
 
 
 def taken_by_platform(heat: Heat, sunlight: Floats, earth: Floats) -> tuple[Floats, float]:
-    """W (n,) that the platform takes up from outside, and m2 of a black surface that shines as it.
+    """Heat that the platform absorbs, W (n,), and area of a black body that emits the same, m2.
 
     sunlight, earth  W / m2 (6, n) on its faces +x, -x, +y, -y, +z, -z
     """

@@ -154,7 +154,7 @@ def _electrons_at(line: Floats, ratio: Floats, active: bool) -> tuple[Floats, In
 
 
 def _trapped_at(line: Floats, ratio: Floats, energies: Floats, kind: str, active: bool) -> Floats:
-    """1 / (cm2 s) (energies, n) of more than each energy (MeV), at L (n,) and B / B0 (n,)."""
+    """Flux above each energy (MeV) at L (n,) and B / B0 (n,), 1 / (cm2 s), (energies, n)."""
     inside = np.flatnonzero((line > 0) & (line < MOST_L))
     flux, sun = _radbelt().aep8, "max" if active else "min"
     above = np.zeros((len(energies), len(line)))

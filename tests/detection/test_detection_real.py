@@ -26,7 +26,7 @@ NEAR = 2.0  # pixel
 
 
 def read(path):
-    """The largest of the colours; a fourth channel is transparency."""
+    """The image as the largest of its colours, without a channel of transparency."""
     image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     return image if image.ndim == 2 else image[..., :3].max(axis=2)
 

@@ -30,7 +30,7 @@ def run_caches(
 ) -> int:
     """Damage caches repeatedly, run a command with each, and count the ends that differ.
 
-    report   called with the damage and the words of the command where its end differs
+    report   called with the damage and the output of a command that ended differently
     """
     rng = random.Random(seed)
     if is_unprivileged():

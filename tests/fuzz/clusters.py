@@ -30,7 +30,7 @@ OTHERS = {"none": None, "other": CODE + "# another\n", "damaged": "def ("}
 def run_clusters(folder: Path, report: Callable[[str, str], object] = print) -> int:
     """Run a command on clusters whose worker has other code; how often it does not say so.
 
-    report  called with what the worker has and the words of the command where it does not
+    report  called with the state of the worker and the output of a command that does not say so
     """
     table = {**bases()["design"], "tracker": {**bases()["design"]["tracker"]}}
     table["tracker"]["detection"] = table["tracker"]["detection"] | {"centroid": "mine:centroid"}

@@ -1,7 +1,7 @@
-"""Random draws -> cases of what is exchanged with other programs: code, sketches, recordings.
+"""Random draws -> cases of files for exchange with other programs.
 
-As in `grammar`; code that a design names, sketches of trials, guide stars for flight, and SER and
-raw images.
+The same as `grammar` for user code of a design, sketches of trials, guide stars for flight, and SER
+and raw images.
 """
 
 from __future__ import annotations

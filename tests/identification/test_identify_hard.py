@@ -100,7 +100,7 @@ def test_all_magnitudes_wrong(design, spots_at):
 
 
 def test_few_hypotheses_end_the_search(design, spots_at):
-    """The last cell of the index may exceed the number."""
+    """The number may be exceeded by the other hypotheses of the last cell of the index."""
     camera = design(12, 6.0)
     pixel = np.random.default_rng(8).random((30, 2)) * 1024
     answer = camera.solve(spots_at(pixel, 0.1), Identification(max_hypotheses=100)).reason

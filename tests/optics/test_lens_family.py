@@ -81,7 +81,7 @@ def test_error_of_the_law_for_a_faster_lens(family, slower, low, high):
 
 
 def within_field(table, part):
-    """The table to a part of its field."""
+    """The table, cut off at a fraction of its field."""
     count = int((table.field < (part + 0.01) * table.field[-1]).sum())
     names = ("wavefront", "place", "pupil", "outline", "area", "amplitude", "curvature")
     cut = {name: getattr(table, name)[:, :, :count] for name in names}
