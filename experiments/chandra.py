@@ -37,10 +37,10 @@ from startrack.budget import analytic, single_stars
 from startrack.calibration import (
     Order,
     assumed_array,
-    borne,
     cross_validate_all,
     orders_of,
     read_star_table,
+    supported_order,
 )
 from startrack.core import ZERO_CELSIUS, Floats, Ints
 from startrack.detection import (
@@ -203,7 +203,7 @@ def camera(data: dict[str, Any], quick: bool) -> dict[str, Any] | None:
     array = assumed_array(table)
     orders = orders_of(table) if not quick else (Order("3"), Order("3", True))
     found = cross_validate_all(table, orders, *array, folds=3 if quick else 10)
-    best = borne(found)
+    best = supported_order(found)
     y, z = (best.rms / arcsec).tolist()
     cold = min((one for one in found if not one.order.warm), key=lambda one: one.mean_square)
     rows = [[str(one.order), one.order.unknowns, *(one.rms / arcsec).tolist()] for one in found]

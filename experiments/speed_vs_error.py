@@ -166,7 +166,7 @@ def numpy_frame() -> dict[str, Way]:
 
 def finder(name: str, snr: float, spacing: int = spots.SPACING) -> dict[str, Way]:
     found = finders(spots.SIGMA)
-    frame = spots.sown(snr, spacing)[0]
+    frame = spots.star_frame(snr, spacing)[0]
     # tetra3rs has two detection functions.
     ways: dict[str, Way] = {
         key: partial(find, frame) for key, find in found.items() if key.startswith(name)

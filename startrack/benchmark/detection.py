@@ -147,7 +147,7 @@ def finders(sigma: float) -> dict[str, Finder]:
     }
 
 
-def sown(snr: float, spacing: int = SPACING) -> tuple[Frame, Floats, Floats, float]:
+def star_frame(snr: float, spacing: int = SPACING) -> tuple[Frame, Floats, Floats, float]:
     """A frame with stars of one brightness, their x and y, and their electrons."""
     streams, flux = Streams(7, int(snr)), flux_of(snr, SIGMA)
     x, y = field(streams, spacing)
@@ -158,7 +158,7 @@ def sown(snr: float, spacing: int = SPACING) -> tuple[Frame, Floats, Floats, flo
 
 def detection() -> BenchmarkStage:
     """The fraction of faint stars that are not found, at an allowed number of false spots."""
-    frame, x, y, flux = sown(FAINT)
+    frame, x, y, flux = star_frame(FAINT)
     return BenchmarkStage(
         name="detection",
         work=f"a megapixel with {len(x)} stars of SNR {FAINT:g}, background {BACKGROUND:g} e-",
@@ -172,7 +172,7 @@ def detection() -> BenchmarkStage:
 
 def quick_detection() -> BenchmarkStage:
     """The time of a megapixel with few stars, for the filter's search and the quick search."""
-    frame, x, y, _ = sown(FEW_SNR, FEW_SPACING)
+    frame, x, y, _ = star_frame(FEW_SNR, FEW_SPACING)
     settings = partial(Detection, kernel_sigma=SIGMA, false_per_frame=FALSE, centroid="gravity")
     psf = gaussian_psf(SIGMA)
     plans = {
@@ -190,7 +190,7 @@ def quick_detection() -> BenchmarkStage:
 
 def centroid() -> BenchmarkStage:
     """The scatter of the centroids of bright stars."""
-    frame, x, y, flux = sown(BRIGHT)
+    frame, x, y, flux = star_frame(BRIGHT)
     return BenchmarkStage(
         name="centroid",
         work=f"the same frame with {len(x)} stars of SNR {BRIGHT:g}",

@@ -267,7 +267,7 @@ def of_fields(case: Case, view: Fields, like: Case | None = None) -> FieldBudget
     if HOT not in measured.random:  # it states hot pixels, too
         covered = _covered(case, law, errors, stars)
     unsure = covered is not None and law.weight @ covered.prod(axis=1) < 1 - UNCOVERED
-    if not trial.boxed(case) and _astray(case, counting, bool(unsure)):
+    if not trial.boxed(case) and _needs_drawn_spots(case, counting, bool(unsure)):
         decided = tracked(case, view, counting.inside)
         stars = stars._replace(kept=np.where(decided.dropped, 0.0, stars.kept))
         errors = propagate(stars, measured.table, solver)
@@ -390,7 +390,7 @@ def _left_out(
     )
 
 
-def _astray(case: Case, counting: _CountingStars, unsure: bool) -> bool:
+def _needs_drawn_spots(case: Case, counting: _CountingStars, unsure: bool) -> bool:
     """Whether displaced stars are lost, or cause errors larger than the stated ones.
 
     unsure  whether errors may exceed the stated ones

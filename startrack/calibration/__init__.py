@@ -16,12 +16,12 @@ from startrack.calibration.field import (
     Order,
     Unseen,
     assumed_array,
-    borne,
     cross_validate_all,
     fit_attitude,
     fit_field,
     orders_of,
     residuals,
+    supported_order,
 )
 from startrack.calibration.photon_transfer import Level, sample_detector
 from startrack.calibration.posterior import CameraPosterior, Prior, sample_camera

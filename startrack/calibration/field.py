@@ -229,7 +229,7 @@ def cross_validate_all(
     return tuple(results)
 
 
-def borne(results: Sequence[Unseen]) -> Unseen:
+def supported_order(results: Sequence[Unseen]) -> Unseen:
     """The order with fewest unknowns whose mean square is within a standard error of the least.
 
     Source: Hastie et al. (2009), section 7.10, the one-standard-error rule.

@@ -309,7 +309,7 @@ def _calibrate_table(options: argparse.Namespace) -> int:
             tried = calibration.cross_validate_all(
                 table, orders, columns, rows, first, options.folds, advance
             )
-        chosen = calibration.borne(tried)
+        chosen = calibration.supported_order(tried)
         fit = calibration.fit_field(table, chosen.order, columns, rows, first)
     unseen_by = [_unseen(table, unseen) for unseen in tried]
     best = next(row for row, unseen in zip(unseen_by, tried, strict=True) if unseen is chosen)

@@ -182,7 +182,7 @@ def verify(options: argparse.Namespace, problem: Problem) -> int:
     table = verification.problem_verdict_table(verified)
     sizes, alpha = ", ".join(map(str, looks.sizes)), 100 * looks.alpha
     lines = [
-        f"verdict: {verified.answer.loud}",
+        f"verdict: {verified.answer.in_capitals}",
         "",
         *table.text((0, 1)),
         "",

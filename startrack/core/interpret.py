@@ -78,7 +78,7 @@ def instead_of(kernel: Any) -> Callable[[Stand], Stand]:
     return keep
 
 
-def twin(function: FunctionType, is_kernel: Callable[[Any], bool]) -> FunctionType:
+def python_code(function: FunctionType, is_kernel: Callable[[Any], bool]) -> FunctionType:
     """The Python code of a kernel and of those that it calls, on numbers of numba's types."""
     if function in _TWINS:
         return _TWINS[function]
@@ -90,7 +90,11 @@ def twin(function: FunctionType, is_kernel: Callable[[Any], bool]) -> FunctionTy
     _TWINS[asked] = plain
 
     def inner(value: Any) -> Any:
-        return _looking(twin(value.py_func, is_kernel)) if is_kernel(value) else _as_argument(value)
+        return (
+            _looking(python_code(value.py_func, is_kernel))
+            if is_kernel(value)
+            else _as_argument(value)
+        )
 
     names |= {name: inner(value) for name, value in function.__globals__.items()}
     for cell, original in zip(cells, function.__closure__ or (), strict=True):
@@ -180,7 +184,7 @@ def _looking(python: FunctionType) -> Callable[..., Any]:
 def _run(kernel: Any, is_kept: Callable[[], bool], *args: Any, **named: Any) -> Any:
     """The result of Python, or of the compiled kernel if that is available first."""
     before = [(array, array.copy()) for array in _arrays((*args, *named.values()))]
-    python = twin(kernel.py_func, lambda value: isinstance(value, type(kernel)))
+    python = python_code(kernel.py_func, lambda value: isinstance(value, type(kernel)))
     look = _Look(kernel, is_kept)
     _LOOKS.append(look)
     try:

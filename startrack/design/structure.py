@@ -26,7 +26,7 @@ from startrack.core import (
 from startrack.design.variation import ABSOLUTE, RELATIVE, Scope, Variation
 from startrack.io import csv_table, regular_file
 from startrack.optics import Optics
-from startrack.space import Heat, warmth
+from startrack.space import Heat, orbit_temperatures
 
 RADIATED = 4 * 5.670374e-8 * 293.15**3  # W / (m2 K), black surface at 20 degC: CODATA 2018
 ORBIT, LAUNCH = "orbit", "temperature since calibration"  # names of groups of variations
@@ -365,7 +365,7 @@ class Structure(Parameters):
 
     def uncontrolled(self, optics: Optics) -> float:
         """Fraction of swing and gradients that remains with the heaters."""
-        swing = float(np.ptp(warmth(self.heat).head)) / 2 if self.heat else self.swing
+        swing = float(np.ptp(orbit_temperatures(self.heat).head)) / 2 if self.heat else self.swing
         lever = self.size(optics)[2] / 2
         at_foot = swing + lever * math.hypot(self.gradient_x, self.gradient_y)
         return max(1 - self.heater / (self.conductance * at_foot), 0.0) if at_foot else 1.0
@@ -524,7 +524,7 @@ class Structure(Parameters):
 
     def _by_heat(self, heat: Heat, optics: Optics) -> Floats:
         """As `_over_orbit`, with temperatures by heat; the calibration is at their mean."""
-        warm = warmth(heat)
+        warm = orbit_temperatures(heat)
         rows = np.stack([warm.head - warm.head.mean(), warm.side_x, warm.side_y])
         place = np.linspace(0, 1, TIMES + 1)
         given = np.linspace(0, 1, rows.shape[1] + 1)

@@ -38,7 +38,7 @@ def merged(
     direction = stars.direction[order]
     if pairs is None:
         pairs = cKDTree(direction).query_pairs(2 * np.sin(resolution / 2), output_type="ndarray")
-    taker = _takers(len(stars), pairs)
+    taker = _merged_into(len(stars), pairs)
     flux = np.exp(-MAGNITUDE * stars.magnitude_g[order])
     light, is_left = flux.copy(), taker == np.arange(len(stars))
     lost = np.flatnonzero(~is_left)
@@ -54,7 +54,7 @@ def merged(
     return left, names
 
 
-def _takers(count: int, pairs: Ints) -> Ints:
+def _merged_into(count: int, pairs: Ints) -> Ints:
     """Index (count,) of the star into which each star is merged, or its own; brightest first."""
     taker = np.arange(count)
     pairs = np.sort(pairs, axis=1)

@@ -127,33 +127,33 @@ def solve_photograph(
     if aspect is not None:
         within(0.1, 10, aspect=aspect)
     rows, columns = frame.image.shape
-    sought = _Sought(ScaledSpots(frame), indexes, settings)
-    shape = star_shape(frame.image, sought.spots(*FIRST[:2]))
+    search = _PhotographSearch(ScaledSpots(frame), indexes, settings)
+    shape = star_shape(frame.image, search.spots(*FIRST[:2]))
     squeezed = [] if aspect else squeezes(columns, rows, shape.elongation)
     near, rest = tries_of(columns, rows, hint, settings.focal_tolerance, aspect, squeezed, mirrored)
     unsolved, smear = [], None
     if shape.length > DRAWN_OUT:  # oblong pixels are likely, or that the camera turned
         rest.sort(key=lambda guess: guess.view.aspect == 1.0)
-        smear = sought.spots.turned
+        smear = search.spots.turned
     if smear:
         first = (near or [guess for guess in rest if guess.view.aspect == (aspect or 1.0)])[0]
         # These tries have half of the probability of a false match; all others share the other
         # half.
         near = [guess._replace(share=guess.share / 2) for guess in near]
         rest = [guess._replace(share=guess.share / 2) for guess in rest]
-        turned = sought._replace(spots=ScaledSpots(frame, smear))
+        turned = search._replace(spots=ScaledSpots(frame, smear))
         photo = turned.attempt(first._replace(share=0.5), FULL)
         if photo.axis is not None:
             return _as_hinted(replace(photo, streak=smear), hint, settings)
         unsolved.append(photo)
     for effort, tries in _rounds(near, rest):
         for guess in tries:
-            photo = sought.attempt(guess, effort)
+            photo = search.attempt(guess, effort)
             if photo.axis is not None:
-                return _as_hinted(sought.squared(photo, guess, squeezed), hint, settings)
+                return _as_hinted(search.squared(photo, guess, squeezed), hint, settings)
             unsolved.append(photo)
     best = min(unsolved, key=lambda photo: photo.estimate.false_probability)
-    tried, seen = tried_text(near + rest), seen_text(frame, sought.spots)
+    tried, seen = tried_text(near + rest), seen_text(frame, search.spots)
     reason = f"{best.estimate.reason}; {tried}. {seen}"
     return replace(best, estimate=replace(best.estimate, reason=reason))
 
@@ -177,7 +177,7 @@ def _rounds(near: Sequence[Try], rest: Sequence[Try]) -> list[tuple[float, Seque
     ]
 
 
-class _Sought(NamedTuple):
+class _PhotographSearch(NamedTuple):
     """A frame's spots, and the stars that they are compared with."""
 
     spots: ScaledSpots

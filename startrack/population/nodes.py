@@ -79,7 +79,7 @@ def of_places(case: Case, name: str) -> bool:
 
 
 @lru_cache(maxsize=8)
-def imaged_alike(case: Case) -> bool:
+def share_images(case: Case) -> bool:
     """Whether a lens table gives all units the images of the design, except for their places.
 
     A relative change of a value that is zero in the design, such as its blur, changes nothing.

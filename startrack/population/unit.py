@@ -9,7 +9,7 @@ from startrack.attitude import Mounting
 from startrack.core import Camera, Streams
 from startrack.design import Case, Moment, found_at, middle_case, unchecked, unit_case, unit_values
 from startrack.population.calibrate import alignment, calibrated, drawn
-from startrack.population.nodes import NOISE, imaged_alike, of_places
+from startrack.population.nodes import NOISE, of_places, share_images
 
 RESIDUAL_SEED = "instrument.residual.seed"
 
@@ -43,7 +43,7 @@ def placed(case: Case, like: Case, seed: int, moment: Moment) -> Case:
 
     It is much faster than `unit_of`, because no part of the case is checked again.
 
-    case  the design, for which `imaged_alike` is true
+    case  the design, for which `share_images` is true
     like  the other unit
     """
     return _believing(_with_places(case, like, seed, moment), case, seed, moment, run=False)
@@ -67,7 +67,7 @@ def _with_places(case: Case, like: Case, seed: int, moment: Moment) -> Case:
 
 def _built(case: Case, seed: int, moment: Moment) -> Case:
     unit: Case = unit_case(case, seed, moment)
-    return _imaged_as(unit, case) if unit.design and imaged_alike(case) else unit
+    return _imaged_as(unit, case) if unit.design and share_images(case) else unit
 
 
 def _imaged_as(unit: Case, case: Case) -> Case:
@@ -84,7 +84,7 @@ def middle_of(case: Case, age: float) -> Case | None:
     age  second
     Accuracy  3 % of a unit's rms, for three units of the nanosatellite at an age of five years
     """
-    if not imaged_alike(case):
+    if not share_images(case):
         return None
     names = {variation.name for variation in case.varying if variation.name.startswith(NOISE)}
     for variation in case.varying:
@@ -128,7 +128,7 @@ def _followed(case: Case, seed: int, moment: Moment, run: bool) -> Camera:
 def _as_calibrated(case: Case, seed: int, moment: Moment, warmer: float) -> Case:
     """A unit as its calibration sees it, with its residual at the temperature of the
     calibration."""
-    if imaged_alike(case):
+    if share_images(case):
         built = _with_places(case, _as_imaged(case), seed, moment)
     else:
         built = _built(case, seed, moment)

@@ -13,7 +13,7 @@ from startrack.detection import SpotExpectation, expect, margin
 from startrack.detector import star_grid
 from startrack.observation import detection_plan, field_psf_of, line_of_sight
 from startrack.response.dark_pattern import NO_HOT, SAMPLES, HotPixels, near_stars
-from startrack.response.star_response import PHASES, phases, shaken, within_frame
+from startrack.response.star_response import PHASES, phases, with_expected_jitter, within_frame
 from startrack.response.zones import centroid_shift, unique_places, zones_of
 
 FLUX_STEP = 0.2 * math.log(10)  # step in the logarithm of flux: half a magnitude
@@ -80,7 +80,7 @@ class ResponseGrid:
         """Expected measurement of stars (n), and their places; arguments as `star_grid`."""
         detector = self.case.instrument.detector
         plan = detection_plan(self.case)
-        psf, smear = shaken(self.case.instrument, self.psf), _smear(self.case)
+        psf, smear = with_expected_jitter(self.case.instrument, self.psf), _smear(self.case)
         frame, at = star_grid(
             place, flux, self.side, smear, psf, detector, self.sky, companions, dark
         )

@@ -425,7 +425,7 @@ def star_images(instrument: Instrument, place: Floats, side: int, psf: Psf | Non
     Returns  (n, side, side) 1
     """
     _, weight, offset, _ = _smeared(instrument)
-    psf = shaken(instrument, psf)
+    psf = with_expected_jitter(instrument, psf)
     strip = np.zeros((side, len(place) * side))
     middle = np.arange(len(place)) * side + side // 2
     for fraction, (x, y) in zip(weight, offset, strict=True):
@@ -442,7 +442,7 @@ def star_images(instrument: Instrument, place: Floats, side: int, psf: Psf | Non
     return np.ascontiguousarray(strip.reshape(side, -1, side).transpose(1, 0, 2))
 
 
-def shaken(instrument: Instrument, psf: Psf | None = None) -> Psf:
+def with_expected_jitter(instrument: Instrument, psf: Psf | None = None) -> Psf:
     """A PSF (None: the PSF of the instrument) with the blur of expected jitter."""
     if psf is None:
         return _smeared(instrument)[0]

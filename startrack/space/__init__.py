@@ -47,9 +47,9 @@ from startrack.space.heat import (
     Heat,
     incident,
     march,
+    orbit_temperatures,
     taken_by_head,
     taken_by_platform,
-    warmth,
 )
 from startrack.space.horizon import horizon_axes, refraction, standard_temperature
 from startrack.space.orbit import (

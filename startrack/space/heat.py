@@ -125,7 +125,7 @@ class Heat(Parameters):
                 raise Refused(f"{name} must have {asked} values, got {len(getattr(self, name))}")
 
 
-class Warmth(NamedTuple):
+class OrbitTemperatures(NamedTuple):
     """Temperatures over an orbit, at n even times from its ascending node on.
 
     platform, head  (n,) kelvin
@@ -181,8 +181,8 @@ def taken_by_head(
 ) -> tuple[Floats, Floats, Floats, float]:
     """Heat (n,) in watt that a head absorbs from outside, `side_x`, `side_y`, black surface.
 
-    `side_x` and `side_y` are those of `Warmth`. A tube absorbs as much as a square prism of its
-    diameter: exactly for light from one direction.
+    `side_x` and `side_y` are those of `OrbitTemperatures`. A tube absorbs as much as a square prism
+    of its diameter: exactly for light from one direction.
 
     sunlight, earth  W / m2 (5, n) on its sides +x, -x, +y, -y and on its end
     """
@@ -196,7 +196,7 @@ def taken_by_head(
 
 
 @lru_cache(maxsize=64)
-def warmth(heat: Heat) -> Warmth:
+def orbit_temperatures(heat: Heat) -> OrbitTemperatures:
     """The periodic temperatures of a platform and its head.
 
     Raises  ValueError if no orbit of this altitude is Sun-synchronous.
@@ -211,7 +211,7 @@ def warmth(heat: Heat) -> Warmth:
     capacity = np.array([heat.capacity, heat.head_capacity])
     shine = STEFAN * np.array([dark, shines])
     platform, outside = _periodic(power, shine, capacity, heat.conductance, period)
-    return Warmth(platform, outside, side_x, side_y, period, head)
+    return OrbitTemperatures(platform, outside, side_x, side_y, period, head)
 
 
 def _incident(heat: Heat) -> tuple[Floats, Floats, float]:

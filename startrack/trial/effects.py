@@ -88,7 +88,7 @@ class Effect(NamedTuple):
         return list(phrase(case)) if callable(phrase) else [phrase.format(case=case)]
 
 
-def _flawless(case: Case) -> Case:
+def _with_equal_pixels(case: Case) -> Case:
     """The case with equal pixels; losses of light and of charge transfer by ageing stay."""
     detector = case.instrument.detector
     mean, _ = dark_currents(detector)
@@ -132,18 +132,18 @@ def _aligned(case: Case) -> Case:
     return replaced(case, "tracker.mounting", as_built)
 
 
-def _cool(case: Case) -> Case:
+def _without_thermal_swing(case: Case) -> Case:
     still = case.instrument.mounting.still
     believed = case.believed_mounting
     return replaced_all(case, {"instrument.mounting": still, "tracker.mounting": believed})
 
 
-def _punctual(case: Case) -> Case:
+def _with_known_delay(case: Case) -> Case:
     as_built = None if case.design is None else case.instrument.delay
     return replace(case, tracker=replace(case.tracker, delay=as_built))
 
 
-def _shining(case: Case) -> list[str]:
+def _varying_lights(case: Case) -> list[str]:
     """The lights of a scene that vary over the field in some attitude."""
     kinds = {name: LIGHTS.get(name) for name in case.scene.lights}
     lights = [name for name, kind in kinds.items() if kind is None or kind.varies]
@@ -278,7 +278,7 @@ EFFECTS = [
         _differing_dark,
         cause=DSNU,
         term=Term.PIXEL,
-        without=_flawless,
+        without=_with_equal_pixels,
     ),
     Effect(
         f"instrument.detector.{', '.join(NONLINEAR)}",
@@ -343,7 +343,7 @@ EFFECTS = [
         lambda case: case.instrument.mounting.swings,
         cause="mounting swing",
         term=Term.THERMO_ELASTIC,
-        without=_cool,
+        without=_without_thermal_swing,
     ),
     Effect(
         "instrument.detector.row_delay",
@@ -369,7 +369,7 @@ EFFECTS = [
         lambda case: case.time_tag_error and case.instrument.motion.rate,
         cause="time stamp",
         term=Term.MEASUREMENT_DATE,
-        without=_punctual,
+        without=_with_known_delay,
     ),
     Effect(
         "instrument.detector.lag",
@@ -438,10 +438,10 @@ EFFECTS = [
     Effect("scene.sky", lambda case: case.scene.sky, left_out=_unmodelled_air),
     Effect(
         "scene.lights",
-        _shining,
+        _varying_lights,
         window=lambda case: [
             "a sky whose light is uniform over the field, so that lights must be without "
-            f"{', '.join(_shining(case))}"
+            f"{', '.join(_varying_lights(case))}"
         ],
     ),
     Effect(

@@ -33,7 +33,7 @@ class Answer(StrEnum):
     NOT_SHOWN = "not shown"
 
     @property
-    def loud(self) -> str:
+    def in_capitals(self) -> str:
         """The answer as a word, in capitals unless it is a pass."""
         return self.value if self is Answer.PASS else self.value.upper()
 

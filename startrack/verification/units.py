@@ -256,7 +256,7 @@ def unit_text(verified: UnitVerification) -> str:
         table.append(cells)
     lines = aligned(table)
     statistics = dict.fromkeys(f"{row.name}: {row.statistic}" for row in verified.rows)
-    verdicts = ", ".join(f"{verified.at(k).loud} at {age}" for k, age in enumerate(ages))
+    verdicts = ", ".join(f"{verified.at(k).in_capitals} at {age}" for k, age in enumerate(ages))
     return "\n".join(
         [
             f"verdict: {verdicts}",
@@ -276,6 +276,6 @@ def unit_text(verified: UnitVerification) -> str:
 
 def _written(verdict: YieldVerdict) -> str:
     if verdict.answer is not Answer.NOT_SHOWN:
-        return verdict.answer.loud
+        return verdict.answer.in_capitals
     enough = f"about {verdict.needed} units" if verdict.needed else "no number of units"
-    return f"{verdict.answer.loud}: {enough} would do"
+    return f"{verdict.answer.in_capitals}: {enough} would do"

@@ -290,9 +290,11 @@ def verdict_text(verified: Verification) -> str:
     """The verdict, the table and its notes as plain text."""
     lines = verdict_table(verified).text((0, 1, 8))
     open_ = [verdict for verdict in verified.verdicts if verdict.answer is not Answer.PASS]
-    names = [f"{verdict.name} ({verdict.condition}) {verdict.answer.loud}" for verdict in open_]
+    names = [
+        f"{verdict.name} ({verdict.condition}) {verdict.answer.in_capitals}" for verdict in open_
+    ]
     why = f": {', '.join(names)}" if names else ""
-    first = f"verdict: {verified.answer.loud}{why}"
+    first = f"verdict: {verified.answer.in_capitals}{why}"
     return "\n".join([first, "", *lines, "", *verdict_notes(verified)])
 
 
@@ -315,6 +317,6 @@ def verification_values(verified: Verification, table: Table) -> dict[str, Any]:
 def answer_text(verdict: Verdict) -> str:
     """The answer as a word; if it is not shown, also the number of trials that would decide it."""
     if verdict.trials is None or verdict.answer is not Answer.NOT_SHOWN:
-        return verdict.answer.loud
+        return verdict.answer.in_capitals
     enough = f"about {verdict.needed} trials" if verdict.needed else "no number of trials"
-    return f"{verdict.answer.loud}: {enough} would do"
+    return f"{verdict.answer.in_capitals}: {enough} would do"

@@ -11,13 +11,13 @@ from scipy.spatial.transform import Rotation
 from startrack.calibration.field import (
     Order,
     assumed_array,
-    borne,
     cross_validate,
     cross_validate_all,
     fit_attitude,
     fit_field,
     orders_of,
     residuals,
+    supported_order,
 )
 from startrack.calibration.star_table import StarTable, angles_of, read_star_table
 from startrack.cli.main import main
@@ -90,7 +90,7 @@ def test_the_order_that_made_the_stars_is_borne():
     kelvin = rng.uniform(280, 300, 300)
     table = StarTable(direction, noisy, kelvin, np.ones(300), "vectors")
     orders = [Order("none"), Order("radial"), Order("radial", True), Order("3")]
-    chosen = borne(cross_validate_all(table, orders, *assumed_array(table)))
+    chosen = supported_order(cross_validate_all(table, orders, *assumed_array(table)))
     assert chosen.order == Order("radial")
     # An unseen star has the noise of a star and of the fit.
     assert math.sqrt(chosen.mean_square) == pytest.approx(0.05, rel=0.1)
@@ -137,7 +137,7 @@ def test_stars_in_flight(outside):
     cold = cross_validate(table, Order("3"), *assumed_array(table))
     assert (warm.rms <= np.array([0.19, 0.20]) * arcsec).all()
     assert (cold.rms <= np.array([0.245, 0.285]) * arcsec).all()
-    assert borne([warm, cold]) is warm
+    assert supported_order([warm, cold]) is warm
     assert warm.inlier.sum() >= 560
 
 

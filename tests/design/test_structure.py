@@ -28,7 +28,7 @@ from startrack.design import (
 from startrack.design.variation import differences
 from startrack.io import shipped
 from startrack.optics import Optics, Residual, open_lens
-from startrack.space import Heat, warmth
+from startrack.space import Heat, orbit_temperatures
 from startrack.space.heat import view_of_earth
 
 CASE = load_design(shipped("designs/noise_only.toml")).case
@@ -238,7 +238,7 @@ def test_heat_gives_what_another_program_does():
 
     Its minimum, maximum and mean over an orbit in kelvin, local time 10:30 with 5 W.
     """
-    platform = warmth(
+    platform = orbit_temperatures(
         Heat(
             epoch="2025-03-20T12:00:00",
             altitude=500e3,
@@ -269,7 +269,7 @@ def test_heat_keeps_energy_and_sees_the_whole_earth():
     solid = (1 - math.sqrt(1 - 1 / distance**2)) / 2
     assert np.trapezoid(view_of_earth(cosine, distance), cosine) / 2 == pytest.approx(solid, 1e-6)
     heat = Heat(conductance=0.7)
-    found = warmth(heat)
+    found = orbit_temperatures(heat)
     diameter, length = heat.head_size
     lid = math.pi / 4 * (diameter**2 - heat.aperture**2)
     shines = heat.head_emittance * (math.pi * diameter * length + lid)
@@ -283,7 +283,7 @@ def test_heat_drives_the_head():
     """The temperatures of the heat balance replace swing and flux."""
     heat = Heat(head_absorptance=0.05)
     case = standing(Structure(heat=heat, telecentric=0.0))
-    found = warmth(heat)
+    found = orbit_temperatures(heat)
     table = {one.name: one for one in case.varying}["instrument.optics.focal_length"]
     swing = 23.6e-6 * np.ptp(found.head)
     assert np.ptp(np.array(table.values, float)) == pytest.approx(swing, rel=0.01)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from startrack.core.compiler import KernelDispatcher
-from startrack.core.interpret import twin
+from startrack.core.interpret import python_code
 from startrack.detection.robust import around_among, around_each
 
 NOBODY = np.empty(0, np.int64)
@@ -22,7 +22,7 @@ def test_arrays_in_python_see_the_same_background(place, others):
     image = np.random.default_rng(2).normal(100, 5, (60, 70)) + 3 * np.arange(70)
     image[24:28, 26:30] += 400
     image = image.astype(np.float32)
-    python = twin(around_among.py_func, lambda value: isinstance(value, KernelDispatcher))
+    python = python_code(around_among.py_func, lambda value: isinstance(value, KernelDispatcher))
     with np.errstate(all="ignore"):
         found = python(image, *place, 3, np.float64(0.1), *others)
     known = around_among(image, *place, 3, 0.1, *others)

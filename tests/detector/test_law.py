@@ -8,7 +8,7 @@ import pytest
 from scipy import special, stats
 
 from startrack.core.compiler import KernelDispatcher
-from startrack.core.interpret import twin
+from startrack.core.interpret import python_code
 from startrack.core.streams import Streams
 from startrack.core.variates import inverse_normal, poisson_quantile
 from startrack.design import load_design
@@ -181,7 +181,7 @@ def test_arrays_in_python_make_the_same_numbers():
     law = LAWS["sky"][1]
     tables, image = tables_for(electrons, law), blank(electrons.shape, law)
     assert tables.levels > 0
-    python = twin(_digitise.py_func, lambda value: isinstance(value, KernelDispatcher))
+    python = python_code(_digitise.py_func, lambda value: isinstance(value, KernelDispatcher))
     with np.errstate(all="ignore"):
         python(image, electrons, draws_of(law, tables, Streams(3, 4)))
     np.testing.assert_array_equal(image, digitise(electrons, law, Streams(3, 4), tables))

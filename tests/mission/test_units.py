@@ -17,7 +17,7 @@ from startrack.mission.engine import at
 from startrack.mission.fusion import fuse
 from startrack.mission.surrogate import COLUMNS, ROWS, Surrogate
 from startrack.mission.units import temperatures_of
-from startrack.space import Heat, warmth
+from startrack.space import Heat, orbit_temperatures
 from startrack.trial import run_trials
 
 STRUCTURE = """
@@ -74,7 +74,7 @@ def test_temperatures_are_those_of_the_periodic_orbit(tmp_path):
     plan = plan_with(tmp_path, [("up", 0, 5)])
     up = replace(plan.heads[0], axes=np.array([[1.0, 0, 0], [0, -1, 0], [0, 0, -1]]))
     heat = Heat(altitude=600e3, local_time=10.5 * 3600, capacity=30e3)
-    found, periodic = temperatures_of(replace(plan, heads=(up,)), heat), warmth(heat)
+    found, periodic = temperatures_of(replace(plan, heads=(up,)), heat), orbit_temperatures(heat)
     place = np.arange(len(periodic.head)) / len(periodic.head) * periodic.period
     for marched, known in ((found.platform, periodic.platform), (found.heads[0], periodic.head)):
         assert np.ptp(known) > 2

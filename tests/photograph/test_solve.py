@@ -113,13 +113,13 @@ def test_a_camera_that_turned_is_solved_and_its_streaks_are_said():
 
 def test_a_file_whose_rows_go_upwards_is_tried_mirrored_first(monkeypatch):
     attempts = []
-    attempt = solve._Sought.attempt
+    attempt = solve._PhotographSearch.attempt
 
-    def counted(sought, guess, effort):
+    def counted(search, guess, effort):
         attempts.append(guess.view.mirrored)
-        return attempt(sought, guess, effort)
+        return attempt(search, guess, effort)
 
-    monkeypatch.setattr(solve._Sought, "attempt", counted)
+    monkeypatch.setattr(solve._PhotographSearch, "attempt", counted)
     image = draw(PINHOLE.project, COLUMNS, ROWS)[::-1].copy()
     found = solve_photograph(Frame(image), Indexes(), SETTINGS, FIELD, mirrored=True)
     assert found.view.mirrored

@@ -220,6 +220,6 @@ def test_units_behind_a_lens_have_the_noise_of_the_middle_one(monkeypatch):
     """
     shared = unit_budgets(LENS, 1, 3, 5 * YEAR, 1, apart=False).across()
     monkeypatch.setattr("startrack.budget.units.middle_of", lambda case, age: None)
-    monkeypatch.setattr("startrack.population.unit.imaged_alike", lambda case: False)
+    monkeypatch.setattr("startrack.population.unit.share_images", lambda case: False)
     alone = unit_budgets(LENS, 1, 3, 5 * YEAR, 1, apart=False).across()
     assert shared == pytest.approx(alone, rel=0.04)

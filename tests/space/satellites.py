@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from startrack.space import Heat, warmth
+from startrack.space import Heat, orbit_temperatures
 
 PUBLISHED = json.loads(
     (Path(__file__).parents[1] / "oracle" / "cubesat_temperatures.json").read_text()
@@ -32,7 +32,7 @@ def extremes_of(name: str) -> tuple[float, float]:
         head_power=0.0,
         conductance=1e-9,
     )
-    kelvin = warmth(heat).platform
+    kelvin = orbit_temperatures(heat).platform
     return float(kelvin.min()), float(kelvin.max())
 
 

@@ -118,7 +118,7 @@ def prepare(survey: Survey, channel: Channel, folder: Path) -> Setting:
     field = lens.field_lens(
         channel,
         scene.sensor,
-        _shaken(survey.motion, channel, period),
+        _with_jitter_blur(survey.motion, channel, period),
         band.wavelength,
         band.weight,
         *_keystone(survey, channel),
@@ -169,7 +169,7 @@ def setting_below(survey: Survey, channel: Channel, height: float) -> tuple[Sett
     sensor = channel.sensor(survey.rays, rate)
     period = sensor.dating(carrier).period
     exposure = exposure_of(channel, period)
-    optics = _shaken(survey.motion, channel, period)
+    optics = _with_jitter_blur(survey.motion, channel, period)
     field = lens.field_lens(channel, sensor, optics, band.wavelength, band.weight)
     electrons = channel.etendue() * exposure * band.electrons
     require_pace(channel, period, rate)
@@ -311,20 +311,20 @@ def image_blur(motion: Motion, channel: Channel, period: float) -> float:
     optics = channel.optics
     if motion == Motion():
         return optics.total_blur
-    return math.hypot(optics.total_blur, _shake(motion, channel, period))
+    return math.hypot(optics.total_blur, _jitter_blur(motion, channel, period))
 
 
-def _shake(motion: Motion, channel: Channel, period: float) -> float:
+def _jitter_blur(motion: Motion, channel: Channel, period: float) -> float:
     once = channel.exposure_of_line(period)
     mean = math.sqrt(float((motion_blur(motion, once)[:2] ** 2).mean()))
     return mean * channel.optics.image_distance
 
 
-def _shaken(motion: Motion, channel: Channel, period: float) -> Optics:
+def _with_jitter_blur(motion: Motion, channel: Channel, period: float) -> Optics:
     """A channel's lens with the blur by motion within an exposure of one line."""
     if motion == Motion():
         return channel.optics
-    blur = math.hypot(channel.optics.blur, _shake(motion, channel, period))
+    blur = math.hypot(channel.optics.blur, _jitter_blur(motion, channel, period))
     return replace(channel.optics, blur=blur)
 
 

@@ -81,7 +81,7 @@ def contributors(
             lambda light: retrieval.apparent_reflectance(light, zenith, setting.band),
             lambda: retrieval.apparent_reflectance(flat, zenith, shifted),
         )
-        hazier = _hazier(survey, channel, ground, setting)
+        hazier = _with_lower_visibility(survey, channel, ground, setting)
         out["surface reflectance"] = _of_surface(
             flat, ground, pixel, of_radiance, setting, moved, hazier, knowledge
         )
@@ -166,7 +166,9 @@ def _above(ground: Ground) -> float:
     return max(float(np.median(ground.distance[ground.hit] * cosine)), 1.0)
 
 
-def _hazier(survey: Survey, channel: Channel, ground: Ground, setting: Setting) -> Setting:
+def _with_lower_visibility(
+    survey: Survey, channel: Channel, ground: Ground, setting: Setting
+) -> Setting:
     """The setting with the visibility changed by one standard deviation."""
     air = survey.air
     if air is None or air.table or air.aerosol == "none":
