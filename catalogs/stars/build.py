@@ -210,11 +210,11 @@ def add_hipparcos_motions(
     apart: Floats,
     alike: NDArray[np.bool_],
 ) -> tuple[Catalog, NDArray[np.uint8]]:
-    """Where Gaia's motion is not at hand: from the place in 1991.25 to that in 2016.0.
+    """If Gaia's motion is unknown: the motion from the place in 1991.25 to the place in 2016.0.
 
-    That is Hipparcos' motion, corrected by what it misses Gaia's place by. The 70 Hipparcos
-    entries miss nothing, so theirs is Hipparcos' motion; and so is that of the members of close
-    double stars, whose places in the two catalogues are not of the same point.
+    It equals Hipparcos' motion plus a correction, the distance of its place in 2016.0 from Gaia's
+    over the time. The 70 Hipparcos entries have no such distance and keep Hipparcos' motion. So do
+    members of close double stars, whose places in the two catalogues are of different points.
     """
     use = (alike | (apart < SYSTEM)) & (flags & GAIA_MOTION == 0)
     other = hipparcos.stars[near]

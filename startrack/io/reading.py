@@ -164,7 +164,7 @@ def require_fits(path: Path, data: bytes) -> None:
 
 
 def _counts(data: bytes) -> Iterator[int]:
-    """Places of keywords of counts, or of similar text."""
+    """Positions of keywords that state a count, or of equal text."""
     for keyword in COUNTED:
         at = data.find(keyword)
         while at >= 0:

@@ -64,8 +64,8 @@ class Availability:
     heads   (h + 1,) fraction of the time with exactly 0, 1, ... valid heads
     causes  Blind -> (h,) fraction of the time in which it blinds each head
     alone   (h,) fraction of the time in which each head is valid
-    known   (h + 1,) fraction of the time with an attitude of exactly 0, 1, ... heads: of those that
-            are valid, with the probability that enough stars are detected
+    known   (h + 1,) fraction of the time with an attitude of exactly 0, 1, ... heads; a valid
+            head has one with the probability that it detects enough stars
     none    times without a valid head
     each    times in which each head is blind
     """

@@ -323,7 +323,7 @@ def _of_heads(alone: list[Floats], bias: Floats, extra: Floats) -> Floats:
 
 
 def _squares(bias: Floats, extra: Floats, moments: Floats) -> Floats:
-    """Mean squares (s, 3) radian^2 of fused errors but noise, by means of products of gains."""
+    """Mean squares (s, 3) radian^2 of fused errors without noise, from mean products of gains."""
     units, size = len(bias), moments.shape[1] - 1
     flat, more = bias.reshape(units, size), extra.reshape(units, size)
     steady = np.concatenate([flat, np.ones((units, 1))], axis=1)

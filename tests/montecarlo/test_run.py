@@ -52,7 +52,7 @@ def test_another_seed_gives_other_numbers(small, alone):
 
 
 def test_the_tracker_is_correct_and_states_its_error(alone):
-    """All attitudes found, within some arcseconds; the stated covariance within a factor."""
+    """All attitudes are found, with errors of some arcseconds, as large as stated."""
     summary = summarise(alone)
     assert summary.availability.value == 1
     assert summary.false.value == 0
