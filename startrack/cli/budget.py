@@ -173,17 +173,20 @@ def command(options: argparse.Namespace) -> int:
     if design.unknowns and options.draws:
         result["not_known"], sentences = units_over_unknowns(options, path)
         show("\n".join(sentences))
-    if options.out or options.json:
-        result = {"design": str(path), "analytic": _values(expected)} | result
+    _save(options, {"design": str(path), "analytic": _values(expected)} | result)
+    if options.out:
+        _draw(options, case, Path(path).stem, expected, by_trials, required, units)
+    availability = (by_trials or expected).availability
+    return Exit.DONE if availability > 0.9999 else Exit.UNSOLVED
+
+
+def _save(options: argparse.Namespace, result: dict[str, Any]) -> None:
+    """Write budget.json with --out; print the result with --json."""
     if options.out:
         save_json(options.out / "budget.json", finite(result))
         result["out"] = str(options.out)
     if options.json:
         terminal.print_result(options, result)
-    if options.out:
-        _draw(options, case, Path(path).stem, expected, by_trials, required, units)
-    availability = (by_trials or expected).availability
-    return Exit.DONE if availability > 0.9999 else Exit.UNSOLVED
 
 
 def _check_options(options: argparse.Namespace, case: Case) -> None:

@@ -10,9 +10,9 @@ from itertools import chain
 import numpy as np
 
 from startrack import core, detection
-from startrack.core import Advance, Floats, Refused
+from startrack.core import Advance, Floats, Ints, Refused
 from startrack.design import Case
-from startrack.detector import dark, flickering, frame_of, response, stamp
+from startrack.detector import Detector, dark, flickering, frame_of, response, stamp
 from startrack.observation import frames_of_map, psf_at, psf_of, sky_electrons
 from startrack.verification.figures import Centroids, about_common, centroids
 from startrack.verification.windows_of_flight import (
@@ -112,6 +112,17 @@ def fraction_in_box(psf: core.Psf, box: detection.Box) -> float:
     return float((inner * detection.image_mask(box.size)).sum())
 
 
+def _side_by_side(detector: Detector, side: Ints, devices: int, streams: core.Streams) -> Detector:
+    """Several detectors of (2,) pixels, columns and rows, as the tiles of one."""
+    return replace(
+        detector,
+        columns=int(side[0]) * devices,
+        rows=int(side[1]),
+        device_seed=streams.seed * 1000 + streams.trial,
+        region=None,
+    )
+
+
 def _drawn(
     case: Case,
     star: Centroids,
@@ -131,13 +142,7 @@ def _drawn(
     flux = float(np.median(star.total)) / share * case.instrument.detector.electrons_per_dn
     low = np.floor(path.min(axis=0)).astype(int) - 2 * BORDER
     side = np.ceil(path.max(axis=0)).astype(int) + 2 * BORDER - low
-    device = replace(
-        case.instrument.detector,
-        columns=int(side[0]) * devices,
-        rows=int(side[1]),
-        device_seed=streams.seed * 1000 + streams.trial,
-        region=None,
-    )
+    device = _side_by_side(case.instrument.detector, side, devices, streams)
     shift = np.arange(devices) * side[0]
     gain, empty = response(device), sky_electrons(case) + np.asarray(dark(device)) * device.exposure
     state, box, settings = flickering(device, streams), case.tracker.box, case.tracker.detection
