@@ -212,7 +212,7 @@ class Instants:
     sun, moon  (3, n) apparent unit vectors from the spacecraft: light-time, parallax, aberration
     body       (3, 3, n) rows are the body's axes: the matrix icrs_to_body
     rate       (3, n) radian / second in body axes
-    latitude, longitude  (n,) radian; geodetic within 0.1 degrees; east
+    latitude, longitude  (n,) radian; geodetic, and east
     phase      (n,) radian, along the orbit from the ascending node
     aberration (3, n) 1, velocity over the speed of light
     """
@@ -265,9 +265,7 @@ class SpacecraftMotion:
         parallax = [place.sun_place - place.place, place.moon_place - place.place]
         aberration = (place.earth_speed + place.speed) / LIGHT_SPEED
         sun, moon = (unit(unit(line) + aberration) for line in parallax)
-        z = place.fixed[2] / np.sqrt(dot(place.fixed, place.fixed))
-        flat = 1 - space.FLATTENING
-        latitude = np.arctan2(z, flat**2 * np.sqrt(np.maximum(1 - z * z, 0)))
+        latitude = space.geodetic_latitude(place.fixed)
         east = np.arctan2(place.fixed[1], place.fixed[0]) - place.greenwich
         return Instants(
             second=place.second,

@@ -39,6 +39,7 @@ from startrack.space.earth import (
     angle,
     cross,
     dot,
+    geodetic_latitude,
     times,
     unit,
 )

@@ -47,6 +47,27 @@ def times(matrix: Floats, a: Floats) -> Floats:
     return np.stack([dot(row, a) for row in matrix])
 
 
+def geodetic_latitude(place: Floats) -> Floats:
+    """Geodetic latitude of places, on the ellipsoid WGS 84.
+
+        tan(latitude) = (z + e^2 / (1 - f) a sin^3 b) / (p - e^2 a cos^3 b),
+        tan b = z / ((1 - f) p)
+
+    p is the distance from the axis, a the equatorial radius, e^2 = f (2 - f).
+    Source: Bowring (1976), Survey Review 23, 323.
+
+    place     (3, ...) metre from the Earth's centre, the third along its axis
+    Returns   (...) radian
+    Accuracy  numerical: 4e-7 degrees from the ground to 36,000 km.
+    """
+    flat, (x, y, z) = 1 - FLATTENING, place
+    axis = np.hypot(x, y)
+    reduced = np.arctan2(z, flat * axis)
+    north = z + SQUARED_ECCENTRICITY / flat * EARTH_RADIUS * np.sin(reduced) ** 3
+    out = axis - SQUARED_ECCENTRICITY * EARTH_RADIUS * np.cos(reduced) ** 3
+    return np.asarray(np.arctan2(north, out))
+
+
 def angle(cosine: Floats) -> Floats:
     """Angles (n,) radian from cosines, clipped to [-1, 1] against rounding errors."""
     return np.arccos(np.clip(cosine, -1.0, 1.0))

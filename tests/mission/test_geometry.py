@@ -20,7 +20,7 @@ from astropy.coordinates import (
 )
 from astropy.time import Time
 
-from startrack import shipped
+from startrack import shipped, space
 from startrack.core import LIGHT_SPEED, arcsec, deg, installed_tables
 from startrack.mission.engine import at, plan_of
 from startrack.mission.heads import Blind
@@ -126,9 +126,18 @@ def test_the_limb_is_that_of_the_ellipsoid(mission, flight):
 def test_latitude_and_longitude_are_those_of_astropy(flight):
     with installed_tables():
         where = EarthLocation(*flight[3].cartesian.xyz)
-    assert np.abs(together(flight, "latitude") - where.lat.rad).max() < 0.1 * deg
+    assert np.abs(together(flight, "latitude") - where.lat.rad).max() < 0.001 * deg
     across = together(flight, "longitude") - where.lon.rad
     assert np.abs((across + np.pi) % (2 * np.pi) - np.pi).max() < 0.01 * deg
+
+
+def test_geodetic_latitude_is_that_of_astropy_at_any_height():
+    latitude, height = (
+        part.ravel() for part in np.meshgrid(np.linspace(-90, 90, 91), [0, 4e5, 2e6, 36e6])
+    )
+    place = EarthLocation.from_geodetic(7.0, latitude, height)
+    found = space.geodetic_latitude(np.array([axis.to_value("m") for axis in place.geocentric]))
+    assert np.abs(found / deg - latitude).max() < 4e-7
 
 
 def test_laws_point_where_they_say(mission):
