@@ -7,6 +7,7 @@ between columns and commas in numbers.
 import codecs
 import csv
 import re
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -90,8 +91,9 @@ def csv_table(path: Path, ended: bool = True, what: str = "a star catalogue") ->
     ended   whether the last line must have an end, without which the file may have been cut
     what    it must be, for the message
     Returns an astropy table, with names in lower case
-    Raises  Refused for a file that is empty, cut, whose rows differ in length, that has numbers
-            with commas and others with points, or groups of digits ("1,234.5").
+    Raises  Refused for a file that is empty, cut, whose rows differ in length, that has two columns
+            of one name, numbers with commas and others with points, or groups of digits
+            ("1,234.5").
     """
     from astropy.io import ascii
 
@@ -106,6 +108,8 @@ def csv_table(path: Path, ended: bool = True, what: str = "a star catalogue") ->
         kind, options = "ecsv", dict[str, Any]()
     else:
         text, delimiter = _uniform(path, text.replace("\r\n", "\n").replace("\r", "\n"))
+        # Astropy would number a second column of the same name.
+        _refuse_repeated(path, next(csv.reader([_head(text)], delimiter=delimiter), []))
         # Not "csv", which would fill up rows that are too short.
         kind = "basic"
         options = {"delimiter": delimiter, "fill_values": [("", "0"), ("null", "0")]}
@@ -120,12 +124,17 @@ def csv_table(path: Path, ended: bool = True, what: str = "a star catalogue") ->
     return in_lower_case(path, table)
 
 
+def _head(text: str) -> str:
+    """The line with the names of the columns."""
+    return next((line for line in text.split("\n") if line.strip() and line[0] != "#"), "")
+
+
 def _uniform(path: Path, text: str) -> tuple[str, str]:
     """The text with decimal points, and the separator of its columns."""
     lines = text.split("\n")
     if lines[0].strip().lower().startswith("sep=") and len(lines[0].strip()) == 5:
         text = "\n".join(lines[1:])  # of a spreadsheet: "sep=;"
-    head = next((line for line in text.split("\n") if line.strip() and line[0] != "#"), "")
+    head = _head(text)
     bare = re.sub(r'"[^"]*"', "", head)
     delimiter = max(DELIMITERS, key=bare.count)
     if delimiter == "," and '"' not in text:
@@ -169,12 +178,17 @@ def in_lower_case(path: Path, table: Any) -> Any:
 
     Raises  Refused if two columns have the same name.
     """
-    names = [name.strip().lower() for name in table.colnames]
-    for name in names:
+    table.rename_columns(table.colnames, _refuse_repeated(path, table.colnames))
+    return table
+
+
+def _refuse_repeated(path: Path, columns: Iterable[str]) -> list[str]:
+    """Names of columns in lower case, each once."""
+    names = [name.strip().lower() for name in columns]
+    for name in filter(None, names):
         if names.count(name) > 1:
             raise Refused(f"{path} must have one column {shown(name)}, got {names.count(name)}")
-    table.rename_columns(table.colnames, names)
-    return table
+    return names
 
 
 def first_line(error: Exception) -> str:

@@ -53,6 +53,14 @@ def test_numbers_that_can_be_read_two_ways_are_refused(tmp_path, text, words):
         csv_table(path)
 
 
+@pytest.mark.parametrize("head", ["ra,x,x", "ra,X,x", 'ra,"x", x'])
+def test_two_columns_of_one_name_are_refused(tmp_path, head):
+    path = tmp_path / "stars.csv"
+    path.write_text(f"{head}\n1,2,3\n")
+    with pytest.raises(Refused, match="must have one column 'x', got 2"):
+        csv_table(path)
+
+
 def test_names_keep_their_commas(tmp_path):
     path = tmp_path / "a.csv"
     path.write_text('name;ra\n"one, two";1,5\nthree, four;2,5\n')
