@@ -41,7 +41,8 @@ def whole(path: Path) -> Iterator[Path]:
     A missing folder is made. After an error the old file stays. A link stays, and its target is
     replaced. A FIFO, a terminal or another stream gets the bytes at the end.
 
-    Raises  OSError for a folder, a disk or a socket, which no file may replace.
+    Raises  OSError for a folder, a disk or a socket, which no file may replace, and for a file that
+            is not written completely.
     """
     path = Path(path)
     if _is_stream(path):
@@ -57,6 +58,11 @@ def whole(path: Path) -> Iterator[Path]:
     try:
         yield draft
         draft.replace(path)
+    except OSError as error:
+        if error.filename is not None:
+            raise
+        # A full disk: the system, or numpy, says how, but not where.
+        raise OSError(f"{path} must be written completely, but: {error}") from error
     finally:
         draft.unlink(missing_ok=True)
 

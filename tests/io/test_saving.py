@@ -124,6 +124,25 @@ def test_a_file_takes_the_place_of_files_only(tmp_path):
     ]
 
 
+def save_by_numpy(path):
+    with whole(path) as draft:
+        np.zeros(10_000).tofile(draft)
+
+
+@pytest.mark.parametrize("save", [save_by_numpy, lambda path: save_text(path, 10_000 * "x")])
+def test_a_file_that_cannot_be_written_completely_is_named(tmp_path, save):
+    """A limit of the size of files stands for a full disk."""
+    resource = pytest.importorskip("resource")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
+    try:
+        with pytest.raises(OSError, match=r"frame\.raw must be written completely"):
+            save(tmp_path / "frame.raw")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_drafts_have_new_names_and_follow_no_links(tmp_path, monkeypatch):
     """A link with the name of the draft, created by somebody else, is not followed."""
     path, victim = tmp_path / "frame.fits", tmp_path / "victim"
