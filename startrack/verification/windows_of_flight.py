@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import zipfile
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import partial
+from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -16,6 +18,7 @@ from startrack import core, detection
 from startrack.core import Advance, Flags, Floats, Ints, Refused
 from startrack.design import Case
 from startrack.detector import Detector, dark_frames
+from startrack.io import read_bytes, require_fits
 from startrack.observation import colour_correction, psf_of
 from startrack.trial import lost_in_space, pattern_indexes
 
@@ -25,6 +28,7 @@ BORDER = 8  # pixel around a path, margin of the drawn detector
 FOLLOWED = 8  # number of the brightest stars of whole frames that are followed
 APART = 2.0 * BORDER  # pixel, least distance between two stars that are followed
 NEAR = 2.0  # pixel, distance within which a spot belongs to a star
+IMAGES = "a file of images of stars (npz or FITS)"
 
 
 class Windows(core.Parameters, eq=False):
@@ -122,19 +126,28 @@ def read_windows(path: Path, names: Sequence[str] = ()) -> list[Windows]:
 
 
 def _arrays(path: Path) -> dict[str, dict[str, Any]]:
-    tables = dict[str, dict[str, Any]]()
-    with np.load(path, allow_pickle=False) as file:
-        for name in (key.removesuffix("time") for key in file if key.endswith("time")):
-            tables[name.removesuffix("_") or path.stem] = {
-                key.removeprefix(name): file[key] for key in file if key.startswith(name)
-            }
+    tables, data = dict[str, dict[str, Any]](), read_bytes(path, IMAGES)
+    try:
+        with zipfile.ZipFile(BytesIO(data)):  # other files numpy would take for pickled objects
+            pass
+        with np.load(BytesIO(data), allow_pickle=False) as file:
+            for name in (key.removesuffix("time") for key in file if key.endswith("time")):
+                tables[name.removesuffix("_") or path.stem] = {
+                    key.removeprefix(name): file[key] for key in file if key.startswith(name)
+                }
+    except zipfile.BadZipFile as error:
+        raise Refused(f"{path} must be {IMAGES}, whole, got: {error}") from None
+    except ValueError:
+        raise Refused(f"{path} must be {IMAGES} of numbers, without Python objects") from None
     return tables
 
 
 def _fits_tables(path: Path) -> dict[str, dict[str, Any]]:
     from astropy.io import fits
 
-    with fits.open(path, memmap=False) as file:
+    data = read_bytes(path, IMAGES)
+    require_fits(path, data)
+    with fits.open(BytesIO(data), memmap=False) as file:
         return {
             hdu.name.lower() or f"star {number}": {
                 name.lower(): np.asarray(hdu.data[name]) for name in hdu.data.names

@@ -81,6 +81,24 @@ def test_windows_are_read_from_npz_and_fits(tmp_path):
         read_windows(tmp_path / "none.npz")
 
 
+def test_files_that_hold_no_images_are_named_with_the_reason(tmp_path):
+    np.savez(tmp_path / "objects.npz", time=np.array([None, 1], object))
+    (tmp_path / "text.npz").write_text("time, number")
+    whole = (tmp_path / "objects.npz").read_bytes()
+    (tmp_path / "cut.npz").write_bytes(whole[: len(whole) // 2])
+    (tmp_path / "text.fits").write_text("time, number")
+    for name, said in (
+        ("objects.npz", "objects.npz must be a file of images of stars .* without Python objects"),
+        ("text.npz", "text.npz must be a file of images of stars .*, whole, got: File is not"),
+        ("cut.npz", "cut.npz must be a file of images of stars .*, whole, got: File is not a zip"),
+        ("text.fits", "text.fits must be a whole FITS file"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            read_windows(tmp_path / name)
+    with pytest.raises(FileNotFoundError, match=r"none\.npz must be a file of images"):
+        read_windows(tmp_path / "none.npz")
+
+
 def test_negative_places_count_from_the_middle_of_the_detector(tmp_path):
     """For all stars of a file if one of them has a negative place, also if that one is not read."""
     detector = load_design(shipped("trackers/chandra-aca.toml")).case.instrument.detector

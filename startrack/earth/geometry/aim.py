@@ -62,6 +62,8 @@ def aimed(
     core.finite(longitude=longitude, latitude=latitude, height=height)
     if not abs(latitude) <= math.pi / 2:
         raise Refused(f"latitude must lie within 90 deg, got {latitude / core.deg:g} deg")
+    if not -math.pi <= longitude <= 2 * math.pi:
+        raise Refused(f"longitude must lie in [-180, 360] deg, got {longitude / core.deg:g} deg")
 
     def missed(found: Carrier) -> Floats:
         """Distance (2,) from the place, east and north, in Earth radii."""

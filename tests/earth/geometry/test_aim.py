@@ -70,6 +70,8 @@ def test_what_no_orbit_can_reach_is_refused():
         aimed(ORBIT, Pointing(roll=80 * deg), *PLACE)
     with pytest.raises(ValueError, match="latitude must lie within 90 deg"):
         aimed(ORBIT, Pointing(), 0.0, math.pi)
+    with pytest.raises(ValueError, match=r"longitude must lie in \[-180, 360\] deg, got 400 deg"):
+        aimed(ORBIT, Pointing(), 400 * deg, 0.0)
     lines = (
         "1 25544U 98067A   08264.51782528 -.00002182  00000-0 -11606-4 0  2927",
         "2 25544  51.6416 247.4627 0006703 130.5360 325.0288 15.72125391563537",
