@@ -47,6 +47,7 @@ class MovingCamera(NamedTuple):
     gravity     (2, n) pixel along columns and rows, mean centre of gravity of a star at `PLACES`
     rest        (realisations, images, frames, 2) pixel, remaining shift of the field in each frame
                 after shifts by whole pixels
+    within      (realisations, images, frames, nodes, 2) pixel, motion within each frame
     """
 
     psf: Psf
@@ -60,6 +61,7 @@ class MovingCamera(NamedTuple):
     registered: float
     gravity: Floats
     rest: Floats
+    within: Floats
 
     def electrons(self, flux: float, seconds: float) -> float:
         """Electrons of an object of a flux in microjansky, in an image without losses."""
@@ -113,6 +115,7 @@ def camera_of(design: MovingDesign) -> MovingCamera:
     places = (detector.excess_noise * guide * spread + variance * square) / guide**2
     gravity = _gravity(psf, smear)
     steep = float(np.mean((np.diff(PLACES) / np.diff(gravity)) ** 2))
+    rest, within = _rest(ImageMotion.of(design))
     return MovingCamera(
         psf=psf,
         rate=float(rates[0]),
@@ -124,7 +127,8 @@ def camera_of(design: MovingDesign) -> MovingCamera:
         guide=guide,
         registered=math.sqrt(places * steep / own.guides),
         gravity=gravity,
-        rest=_rest(ImageMotion.of(design)),
+        rest=rest,
+        within=within,
     )
 
 
@@ -195,12 +199,12 @@ def _gravity(psf: Psf, smear: Floats) -> Floats:
 
 
 @lru_cache(maxsize=32)
-def _rest(moved: ImageMotion) -> Floats:
-    """Realisations of the motion after shifts by whole pixels, as in `MovingCamera`."""
+def _rest(moved: ImageMotion) -> tuple[Floats, Floats]:
+    """Realisations of the motion: `rest` and `within` as in `MovingCamera`."""
     _, weight = frame_nodes(moved)
-    sights = [sight_of(moved, Streams(1, number)) for number in range(REPEATS)]
-    frames = np.einsum("rkfnx,n->rkfx", np.array(sights), weight)
-    return np.asarray(frames - np.rint(frames))
+    sights = np.array([sight_of(moved, Streams(1, number)) for number in range(REPEATS)])
+    frames = np.einsum("rkfnx,n->rkfx", sights, weight)
+    return frames - np.rint(frames), sights - frames[..., None, :]
 
 
 def _psf(design: MovingDesign) -> Psf:
@@ -238,6 +242,12 @@ def object_image(design: MovingDesign, angle: float) -> Floats:
     return frame.image(columns * rows)
 
 
+def image_without_smear(design: MovingDesign, angle: float) -> Floats:
+    """`object_image` in a frame without shift and without motion of the camera."""
+    frame = _frame_image(design, angle)
+    return frame._replace(smear=np.ones(1)).image(np.ones(1))
+
+
 def image_in_frames(design: MovingDesign, angle: float, rest: Floats) -> Floats:
     """`object_image` for frames with known remaining shifts (n, 2), pixel."""
     frame = _frame_image(design, angle)
@@ -252,19 +262,23 @@ class _FrameImage(NamedTuple):
     """The image of a moving object in frames that are not shifted, by its transfer function.
 
     x, y      (1, k), (m, 1) cycle / pixel
-    transfer  (m, k)
+    transfer  (m, k), without the motion of the camera within a frame
+    smear     (m, k), of this motion
     samples   along a side of the image
     """
 
     x: Floats
     y: Floats
     transfer: NDArray[np.complex128]
+    smear: Floats
     samples: int
 
     def image(self, more: NDArray[Any]) -> Floats:
         """The image after another transfer function."""
         padded = (len(self.y), len(self.y))
-        return np.asarray(fft.irfft2(self.transfer * more, padded)[: self.samples, : self.samples])
+        return np.asarray(
+            fft.irfft2(self.transfer * self.smear * more, padded)[: self.samples, : self.samples]
+        )
 
 
 @lru_cache(maxsize=32)
@@ -282,12 +296,12 @@ def _frame_image(design: MovingDesign, angle: float) -> _FrameImage:
     spectrum, step = _spectrum(design), camera.psf.oversampling
     samples = len(spectrum)
     x, y = fft.rfftfreq(samples, 1 / step)[None], fft.fftfreq(samples, 1 / step)[:, None]
-    smear = 2 * (math.pi * camera.smear) ** 2
+    sigma = 2 * (math.pi * camera.smear) ** 2
+    smear = np.exp(-sigma[0] * x**2) * np.exp(-sigma[1] * y**2)
     trail = own.rate * own.frames * design.instrument.detector.exposure / design.pixel
     moved = np.sinc(trail * (math.cos(angle) * x + math.sin(angle) * y))
-    transfer = spectrum * moved
-    transfer *= np.exp(-smear[0] * x**2) * np.exp(-smear[1] * y**2)
-    return _FrameImage(x, y, transfer, len(camera.psf.table) + 2 * MARGIN * step)
+    size = len(camera.psf.table) + 2 * MARGIN * step
+    return _FrameImage(x, y, spectrum * moved, smear, size)
 
 
 def sampled(fine: Floats, step: int, x: float, y: float) -> Floats:

@@ -12,10 +12,13 @@ from scipy import optimize, special
 from startrack.core import Floats, Streams, printed
 from startrack.moving.camera import (
     HALF,
+    ImageMotion,
     MovingCamera,
     camera_of,
     flux_of,
+    frame_nodes,
     image_in_frames,
+    image_without_smear,
     object_image,
     points,
     sampled,
@@ -28,6 +31,7 @@ MISSED = (-0.25, 0.0, 0.25)  # pixel, places of an object between those that are
 FREE = 4  # parameters (place and motion) over which the score is maximised near an object
 NOISE, NOISE_WEIGHT = np.polynomial.hermite_e.hermegauss(40)
 MEDIAN = math.sqrt(2 * math.log(2))  # distance over the rms per axis, of a normal law
+DISPLACED = 8  # realisations of the motion within frames; chosen by hand: error against time
 FAINTEST, BRIGHTEST = 1e-3, 1e9  # microjansky
 
 
@@ -119,7 +123,8 @@ class _Shape:
 def place_error(design: MovingDesign, flux: float) -> float:
     """Error of an axis of the place at the middle time, pixel rms; mean over fields.
 
-    Of the motion along a diagonal, for which both axes are alike.
+    Of the motion along a diagonal, for which both axes are alike. The fit takes the motion of the
+    camera within a frame as a normal law of the same rms; the difference displaces the fit.
     """
     camera, own, angle = camera_of(design), design.moving_object, math.pi / 4
     rest = camera.rest
@@ -142,7 +147,29 @@ def place_error(design: MovingDesign, flux: float) -> float:
     noise = 1 + camera.excess * light * image.reshape(len(rest), -1, 1) / variance
     inverse = np.linalg.inv(slopes.mT @ slopes)
     covariance = variance * inverse @ (slopes.mT @ (noise * slopes)) @ inverse
-    return float(np.sqrt((covariance[:, 1, 1] + covariance[:, 2, 2]) / 2).mean())
+    few = slice(DISPLACED)
+    seen = _image_of_motion(design, angle, path[few]).reshape(DISPLACED, -1, 1)
+    wrong = light * (seen - image.reshape(len(rest), -1, 1)[few])
+    moved = (inverse[few] @ (slopes[few].mT @ wrong))[:, 1:3, 0]
+    square = (covariance[:, 1, 1] + covariance[:, 2, 2]) / 2 + np.square(moved).mean()
+    return float(np.sqrt(square).mean())
+
+
+def _image_of_motion(design: MovingDesign, angle: float, path: Floats) -> Floats:
+    """Mean image (n, k, k) over the frames, with the motion of the camera within each frame.
+
+    path  (realisations, images, frames, 2) pixel, of the object in the frames
+    """
+    camera, frames = camera_of(design), design.moving_object.frames
+    _, weights = frame_nodes(ImageMotion.of(design))
+    moved = path[..., None, :] + camera.within[: len(path)]
+    return points(
+        image_without_smear(design, angle),
+        camera.psf.oversampling,
+        moved.reshape(-1, frames * len(weights), 2),
+        np.tile(weights / frames, frames),
+        2 * HALF + 1,
+    )
 
 
 def _limit(shapes: Sequence[_Shape], threshold: float, found: float) -> float:
