@@ -14,6 +14,7 @@ from startrack.io import shipped
 
 CASE = load_design(shipped("designs/noise_only.toml")).case
 DETECTOR = "instrument.detector"
+SATURATED = replaced(CASE, "tracker.detection.saturation", 16_000.0)  # above 12 bits
 REGION = replaced(CASE, f"{DETECTOR}.region", RegionOfInterest(256, 256, 1024, 1024))
 
 
@@ -23,7 +24,7 @@ REGION = replaced(CASE, f"{DETECTOR}.region", RegionOfInterest(256, 256, 1024, 1
         (REGION, {"columns": 1024, "region.left": 0}),
         (REGION, {"columns": 2000, "rows": 1024, "region": RegionOfInterest(24, 0, 2048, 1024)}),
         (CASE, {"adc_inl": 4000.0, "bits": 16}),
-        (CASE, {"offset": 5000, "bits": 14, "full_well": 30e3}),
+        (SATURATED, {"offset": 5000, "bits": 14, "full_well": 30e3}),
     ],
 )
 def test_what_is_valid_together_can_be_given_together(case, values):
@@ -117,7 +118,7 @@ def test_a_link_follows_what_is_computed_from_a_variable():
 def test_choices_are_made_together():
     offset = Choice(f"{DETECTOR}.offset", (5000.0,))
     bits = Choice(f"{DETECTOR}.bits", (14.0,))
-    (one,) = branches(CASE, (offset, bits))
+    (one,) = branches(SATURATED, (offset, bits))
     assert (one.case.instrument.detector.offset, one.case.instrument.detector.bits) == (5000, 14)
 
 
