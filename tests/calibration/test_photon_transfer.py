@@ -85,12 +85,12 @@ def test_the_gain_is_that_of_the_straight_line(given, posterior):
 
 @pytest.mark.slow
 def test_the_chains_converge(given, posterior):
-    """Longer chains have the intervals of the short ones, within a tenth of their width."""
+    """Longer chains have the intervals of the short ones, within a fifth of their width."""
     long = sample_detector(given, 1, LONG)
     assert long.chains.converged, long.chains.reason_unconverged
     for name in NAMES:
         ends, wanted = (np.array(one.interval(name)[1:]) for one in (posterior, long))
-        assert ends == pytest.approx(wanted, abs=0.1 * np.ptp(wanted)), name
+        assert ends == pytest.approx(wanted, abs=0.2 * np.ptp(wanted)), name
 
 
 @pytest.mark.slow
