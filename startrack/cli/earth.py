@@ -396,7 +396,7 @@ def _scene_path(options: argparse.Namespace) -> Path:
     kind = kind_of(scene)
     if kind not in (None, SCENE, GEOMETRY):
         raise shared.WrongUse(f"{scene} must be a scene of an Earth camera, and is {kind.words}")
-    if is_tracker(scene):
+    if kind is None and is_tracker(scene):
         raise shared.WrongUse(
             f"{scene} must be a scene of an Earth camera, and is the design of a star tracker; "
             "startrack simulate renders its frames"

@@ -62,24 +62,23 @@ SEQUENCE = InputKind(
 )
 # A search also names a camera, and a sequence may have heads.
 KINDS = (SEARCH, SCENE, GEOMETRY, GOALS, SEQUENCE, MISSION)
-
-
+FOLDERS = tuple(dict.fromkeys(kind.folder for kind in KINDS))  # of their shipped files
 # Keys at top level of the design of a star tracker.
 OF_TRACKERS = frozenset({"instrument", "tracker", "base"})
 
 
 def is_tracker(path: Path) -> bool:
-    """Whether a file is the design of a star tracker."""
+    """Whether a file of no kind is the design of a star tracker."""
     if path.suffix != ".toml" or not path.is_file():
         return False
     with as_wrong_use(path=path):
         table: Any = read_table(path, "a design or a scene")
-    return kind_of(path) is None and bool(OF_TRACKERS & table.keys())
+    return bool(OF_TRACKERS & table.keys())
 
 
 def kind_of(path: Path) -> InputKind | None:
     """The kind of a file, or of a shipped file by its name; None for designs and missing files."""
-    file = shipped_by_name(path, {kind.folder for kind in KINDS})
+    file = shipped_by_name(path, FOLDERS)
     if file.suffix != ".toml" or not file.is_file():
         return None
     with as_wrong_use(path=path):
@@ -103,7 +102,7 @@ def design_file(path: Path) -> Path:
             "of a star tracker"
         )
     with as_wrong_use():
-        return found_file(path, similar=tuple(dict.fromkeys(kind.folder for kind in KINDS)))
+        return found_file(path, similar=FOLDERS)
 
 
 def _listed(names: tuple[str, ...]) -> str:

@@ -8,12 +8,12 @@ from pathlib import Path
 from startrack.cli.options import Exit, Option, Options, WrongUse, as_wrong_use, wanted
 
 if wanted(__name__):
-    from startrack.cli.files import DESIGNS, KINDS, kind_of, shipped_by_name
+    from startrack.cli.files import DESIGNS, FOLDERS, kind_of, shipped_by_name
     from startrack.cli.terminal import print_result
     from startrack.design import changed_limits, products, template
     from startrack.io import save_text, shipped
 
-    COPIED = (*DESIGNS, *dict.fromkeys(kind.folder for kind in KINDS))  # folders of shipped files
+    COPIED = (*DESIGNS, *FOLDERS)  # folders of shipped files
 
 
 declare = Options(
