@@ -18,7 +18,7 @@ from typing import cast
 
 from startrack import __version__
 from startrack.cli import stopping
-from startrack.cli.options import load, memory_of, postpone
+from startrack.cli.options import REFUSE, load, memory_of, postpone
 
 # Each command is a file of this name with `declare`, its table of options, and `command(options)`.
 # Only the file of the called command is imported; its computing packages are imported when it runs.
@@ -197,7 +197,12 @@ def _parsed(arguments: Sequence[str]) -> argparse.Namespace:
     text = io.StringIO()
     try:
         with redirect_stdout(text):
-            return _parser(arguments).parse_args(arguments)
+            parser = _parser(arguments)
+            options, unknown = parser.parse_known_args(arguments)
+            refuse = vars(options).pop(REFUSE, parser.error)
+            if unknown:  # argparse itself would print the usage of the root
+                refuse(f"unrecognized arguments: {' '.join(unknown)}")
+            return options
     except SystemExit:
         print(text.getvalue(), end="", flush=True)
         raise

@@ -51,6 +51,7 @@ def load() -> None:
     gc.enable()
 
 
+REFUSE = "refuse"  # name of the function that ends a command with its usage
 LARGEST_SEED = 2**63 - 1
 GIB = 2**30  # byte
 # largest number of folders in a path. Chosen by hand: Python makes each folder by a nested call
@@ -276,7 +277,7 @@ class Options:
         for option in self.options:
             option.add_to(parser)
         claims = any(option.claims for option in self.options)
-        parser.set_defaults(**{"claims": claims} | self.defaults)
+        parser.set_defaults(**{"claims": claims, REFUSE: parser.error} | self.defaults)
         for option in COMMON:
             option.add_to(parser)
 
@@ -411,6 +412,11 @@ def images(more: str = "") -> tuple[Option, ...]:
             "number from 0 of the plane of a FITS cube, or of the frame of a SER, "
             "raw or video (default: the largest value of all planes of a cube; the first frame)",
             whole(0, 2**31),
+        ),
+        Option(
+            "--extension NAME",
+            "name, or number from 0 of the first unit, of the image in a FITS file of several "
+            "(default: SCI or the first of the largest, with a note)",
         ),
         Option(
             "--bayer",

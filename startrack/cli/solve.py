@@ -124,7 +124,10 @@ WIDEST = 240.0  # degree across the columns, largest fisheye
 
 # Options common to all images of a process, by name; and the resulting reader of images, camera,
 # settings and indexes.
-SHARED = "fov_tolerance", "plane", "bayer", "colour", "raw", "dark", "catalog", "epoch", "camera"
+SHARED = (
+    *("fov_tolerance", "plane", "extension", "bayer", "colour", "raw", "dark", "catalog"),
+    *("epoch", "camera"),
+)
 SAID = "said"  # attribute of an error with the warnings before it
 # JSON values that are missing without an attitude.
 ATTITUDE = "icrs_to_camera_xyzw", "ra_deg", "dec_deg", "roll_deg", "fov_x_deg"

@@ -154,7 +154,9 @@ def read_series(options: argparse.Namespace) -> tuple[int, Iterator[Frame]]:
 def _reading(options: argparse.Namespace) -> tuple[io.Layout, Callable[[Frame], Frame]]:
     """Settings by the options: layout of images, and frames to subtract and divide by."""
     with as_wrong_use(ValueError, TypeError, OSError):
-        layout = io.Layout(options.plane, options.bayer, options.colour, options.raw)
+        layout = io.Layout(
+            options.plane, options.bayer, options.colour, options.raw, options.extension
+        )
         dark, flat = (
             io.read_image(path, layout) if (path := getattr(options, name, None)) else None
             for name in ("dark", "flat")

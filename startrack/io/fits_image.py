@@ -64,7 +64,12 @@ class FitsImage(NamedTuple):
     excess_noise: float
 
 
-def read_fits(path: Path, data: bytes, require: Callable[[Path, int, int, int], None]) -> FitsImage:
+def read_fits(
+    path: Path,
+    data: bytes,
+    require: Callable[[Path, int, int, int], None],
+    extension: str | None = None,
+) -> FitsImage:
     """An image of a FITS file, compressed or not, with BSCALE, BZERO and BLANK applied.
 
     Of several images, the first of the largest is read, or the largest named SCI: a thumbnail may
@@ -73,12 +78,14 @@ def read_fits(path: Path, data: bytes, require: Callable[[Path, int, int, int], 
     If all pixels are present, a file is read in spite of astropy's warnings on letters beyond
     ASCII, missing padding of header or data, and cards that violate the standard.
 
-    require  refuses an image of (path, columns, rows, bytes of a pixel) that is too large
-    Raises   Refused if the file is not a FITS file, cut, damaged, or has no image of two axes.
+    require    refuses an image of (path, columns, rows, bytes of a pixel) that is too large
+    extension  name of the image, or its number, 0 for the primary
+    Raises     Refused if the file is not a FITS file, cut, damaged, or has no image of two axes, or
+               none of that name or number.
     """
     data = unpacked(path, data, 2)
     require_fits(path, data)
-    image, header = _largest_image(path, data, require)
+    image, header = _one_image(path, data, require, extension)
     image = np.squeeze(image) if image.ndim > 2 else image
     if image.ndim == 3 and image.shape[2] in COLOURS and min(image.shape[:2]) > max(COLOURS):
         image = np.moveaxis(image, 2, 0)
@@ -100,10 +107,12 @@ def read_fits(path: Path, data: bytes, require: Callable[[Path, int, int, int], 
     )
 
 
-def _largest_image(
-    path: Path, data: bytes, require: Callable[[Path, int, int, int], None]
+def _one_image(
+    path: Path, data: bytes, require: Callable[[Path, int, int, int], None], extension: str | None
 ) -> tuple[NDArray[Any], Any]:
-    """The first of the largest images of a file, and its header; warns where there are several."""
+    """An image of a file and its header: the asked one, or the first of the largest of several,
+    with a warning.
+    """
     from astropy.io import fits
     from astropy.utils.exceptions import AstropyUserWarning
 
@@ -118,13 +127,21 @@ def _largest_image(
                 ]
                 if not images:
                     raise Refused(f"{path} must hold an image of two axes, but it has none")
-                sizes = [_pixels(part.header) for part in images]
-                largest = [
-                    part for part, size in zip(images, sizes, strict=True) if size == max(sizes)
-                ]
-                unit = next((part for part in largest if part.name == SCIENCE), largest[0])
-                names = [part.name or f"HDU {units.index(part)}" for part in images]
-                read = names[images.index(unit)]
+                numbers = [str(units.index(part)) for part in images]
+                names = [part.name or f"HDU {n}" for part, n in zip(images, numbers, strict=True)]
+                if extension is None:
+                    chosen = _largest(images)
+                else:
+                    asked = extension.strip().upper()
+                    same = [n for n, name in enumerate(names) if name.upper() == asked]
+                    same = same or [n for n, number in enumerate(numbers) if number == asked]
+                    if len(same) != 1:
+                        raise Refused(
+                            f"{path}: extension must be the number or name of one of its images, "
+                            f"{_listed(names, numbers)}, got {extension!r}"
+                        )
+                    chosen = same[0]
+                unit, read = images[chosen], names[chosen]
                 header = unit.header.copy()
                 _require_memory(path, header, require)
                 if not isinstance(unit, fits.CompImageHDU):
@@ -135,13 +152,29 @@ def _largest_image(
     except Exception as error:  # astropy, zlib and CFITSIO each raise their own
         missing = f"it has no {error}" if isinstance(error, KeyError) else first_line(error)
         raise Refused(f"{path} must be a whole FITS file: {missing}") from None
-    if len(images) > 1:
+    if len(images) > 1 and extension is None:
         warnings.warn(
-            f"{path} holds {len(images)} images ({', '.join(names[:9])}); {read} is read, "
-            f"{SCIENCE} or the first of the largest",
+            f"{path} holds {len(images)} images, {_listed(names, numbers)}; {read} is read, "
+            f"{SCIENCE} or the first of the largest; --extension reads another",
             stacklevel=4,
         )
     return image, header
+
+
+def _largest(images: list[Any]) -> int:
+    """Number of the image named SCI among the largest, or of the first of the largest."""
+    sizes = [_pixels(part.header) for part in images]
+    largest = [n for n, size in enumerate(sizes) if size == max(sizes)]
+    return next((n for n in largest if images[n].name == SCIENCE), largest[0])
+
+
+def _listed(names: list[str], numbers: list[str]) -> str:
+    """Numbers and names of images, the first nine."""
+    every = [
+        number if name.startswith("HDU ") else f"{number} {name}"
+        for name, number in zip(names, numbers, strict=True)
+    ]
+    return ", ".join(every[:9]) + ", ..." * (len(every) > 9)
 
 
 def _pixels(header: Any) -> int:

@@ -43,6 +43,9 @@ def read_image(path: Path, layout: Layout | None = None) -> Frame:
             has no finite number.
     """
     path, layout = Path(path), layout or Layout()
+    is_fits = bool(FITS & {suffix.lower() for suffix in path.suffixes})
+    if layout.extension is not None and not is_fits:
+        raise Refused(f"{path} must be a FITS file to have the extension {layout.extension}")
     try:
         if layout.raw or path.suffix.lower() == ".ser":
             image, said, time = recordings.read_recording(path, layout)
@@ -54,10 +57,7 @@ def read_image(path: Path, layout: Layout | None = None) -> Frame:
         raise Refused(str(error)) from None
     if not data:
         raise Refused(f"{path} must hold an image, but it is empty")
-    if FITS & {suffix.lower() for suffix in path.suffixes}:
-        frame = _read_cube(path, data, layout)
-    else:
-        frame = _read_picture(path, data, layout)
+    frame = _read_cube(path, data, layout) if is_fits else _read_picture(path, data, layout)
     if frame.image.size == 0 or not np.isfinite(frame.image).any():
         raise Refused(f"{path} must hold finite pixel values, but it has none")
     if np.isinf(frame.image).any():  # as a division by an empty flat field makes
@@ -232,7 +232,7 @@ def _truth(camera: Camera, icrs_to_camera: Rotation, stars: Stars):  # type: ign
 
 def _read_cube(path: Path, data: bytes, layout: Layout) -> Frame:
     """The image of a FITS file; of a cube one plane, or the largest value of all."""
-    found = read_fits(path, data, require_image_memory)
+    found = read_fits(path, data, require_image_memory, layout.extension)
     image, pattern = found.image, found.pattern
     if image.ndim == 3:
         planes = len(image)

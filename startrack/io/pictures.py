@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from startrack.core import Refused
+from startrack.io.saving import FIGURE
 from startrack.io.text import first_line
 
 PNG, JPEG, BMP = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"BM"
@@ -91,6 +92,11 @@ def read_picture(
     picture = open_picture(path, data)
     columns, rows = picture.size
     require(path, columns, rows, 8 if wide else 4)
+    if picture.info.get("Software") == FIGURE:
+        raise Refused(
+            f"{path} must be an image of a camera, but it is a figure with axes and markers; the "
+            "pixels are in frame.fits, and in pixels.png of `simulate --pixels png`"
+        )
     if picture.mode not in ("1", "L", "LA", "P", "PA", "RGB", "RGBA", "RGBX", "I;16", "I", "CMYK"):
         raise Refused(f"{path} must be an image of grey or RGB, got {picture.mode}")
     try:

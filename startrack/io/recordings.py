@@ -57,12 +57,15 @@ class Layout(Parameters):
     colour  conversion of a mosaic: "superpixel", the mean of each two by two pixels; "red", "green"
             or "blue", these pixels alone; an image of half as many columns and rows
     raw     "COLUMNSxROWS:TYPE" of a file without a header, with a type of RAW_TYPES
+    extension  name of an image of a FITS file, or its number, 0 for the primary; None: SCI or the
+               first of the largest
     """
 
     plane: int | None = parameter(limit=Range(0, 2**31), default=None)
     bayer: str | None = parameter(limit=Range(choices=(*PATTERNS, "none")), default=None)
     colour: str = parameter(limit=Range(choices=COLOURS), default="superpixel")
     raw: str | None = None
+    extension: str | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()

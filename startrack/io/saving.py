@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 
 OPEN = "/proc/"  # where Linux has the open files of processes
+FIGURE = "startrack, a figure"  # Software of PNG figures, which are no images of a camera
 DRAFT = ".startrack-draft-"  # in the names of files that are not whole yet
 
 
@@ -156,7 +157,8 @@ def save_figure(path: Path, figure: Figure) -> None:
         text.set_parse_math(False)
     with whole(path) as draft:
         if draft.suffix == ".png":
-            FigureCanvasAgg(figure).print_png(draft)  # the same, drawn once instead of twice
+            # The same as savefig, drawn once instead of twice.
+            FigureCanvasAgg(figure).print_png(draft, metadata={"Software": FIGURE})
         else:
             figure.savefig(draft)
 

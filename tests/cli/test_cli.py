@@ -287,6 +287,12 @@ def test_tools_alone_names_its_commands(capsys):
     assert "invalid choice: 'clean' (choose from 'warm', 'bench')" in capsys.readouterr().err
 
 
+def test_an_unknown_option_shows_the_usage_of_its_command(call):
+    status, _, words = call("lens", "measure", "a.fits", "--colour", "red", "--fow", "12")
+    assert (status, words.startswith("usage: startrack lens measure ")) == (2, True)
+    assert words.endswith("error: unrecognized arguments: --fow 12\n")
+
+
 def test_a_design_with_an_error_is_wrong_use(call, tmp_path):
     path = tmp_path / "bad.toml"
     path.write_text(EXAMPLE.read_text().replace('"35 mm"', '"35 kg"'))

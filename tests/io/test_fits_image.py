@@ -166,7 +166,7 @@ def test_of_several_images_the_first_is_read_and_said(tmp_path):
     path = tmp_path / "several.fits"
     parts = [fits.ImageHDU(NOISY + n, name=name) for n, name in enumerate(("SCI", "ERR", "DQ"))]
     fits.HDUList([fits.PrimaryHDU(), *parts]).writeto(path)
-    with pytest.warns(UserWarning, match=r"holds 3 images \(SCI, ERR, DQ\); SCI is read"):
+    with pytest.warns(UserWarning, match=r"holds 3 images, 1 SCI, 2 ERR, 3 DQ; SCI is read"):
         np.testing.assert_array_equal(read_image(path).image, NOISY)
 
 
@@ -175,8 +175,26 @@ def test_of_equal_images_the_one_named_sci_is_read(tmp_path):
     parts = [fits.ImageHDU(NOISY + 9, name="ERR"), fits.ImageHDU(NOISY + 8), fits.ImageHDU(NOISY)]
     parts[2].name = "SCI"
     fits.HDUList([fits.PrimaryHDU(), *parts]).writeto(path)
-    with pytest.warns(UserWarning, match=r"holds 3 images \(ERR, HDU 2, SCI\); SCI is read"):
+    with pytest.warns(UserWarning, match=r"holds 3 images, 1 ERR, 2, 3 SCI; SCI is read"):
         np.testing.assert_array_equal(read_image(path).image, NOISY)
+
+
+@pytest.mark.parametrize(("extension", "added"), [("CHIP1", 0), ("chip2", 1), ("2", 1), ("3", 2)])
+def test_a_chip_of_a_mosaic_is_read_by_name_or_number(tmp_path, extension, added):
+    path = tmp_path / "mosaic.fits"
+    chips = [fits.ImageHDU(NOISY + n, name=name) for n, name in enumerate(("CHIP1", "CHIP2", ""))]
+    fits.HDUList([fits.PrimaryHDU(), *chips]).writeto(path)
+    image = read_image(path, Layout(extension=extension)).image
+    np.testing.assert_array_equal(image, NOISY + added)
+
+
+@pytest.mark.parametrize("extension", ["0", "4", "CHIP", "SCI"])
+def test_a_unit_without_an_image_and_a_name_of_two_are_refused(tmp_path, extension):
+    path = tmp_path / "mosaic.fits"
+    chips = [fits.ImageHDU(NOISY, name="SCI", ver=n) for n in (1, 2)]
+    fits.HDUList([fits.PrimaryHDU(), *chips]).writeto(path)
+    with pytest.raises(Refused, match=r"number or name of one of its images, 1 SCI, 2 SCI, got"):
+        read_image(path, Layout(extension=extension))
 
 
 def test_colours_may_be_the_columns_of_a_cube(tmp_path):

@@ -13,10 +13,14 @@ from astropy.io import fits
 from astropy.table import Table
 from astropy.time import Time
 from astropy.wcs import WCS
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 
+from startrack.core import Refused
 from startrack.core.camera import Camera
 from startrack.core.values import Frame, Stars
 from startrack.io.images import field_hint, read_image, rows_upwards, write_fits
+from startrack.io.saving import save_figure
 from startrack.io.wcs import pointing
 
 CAMERA = Camera(60, 40, 300.0, k1=-0.1)
@@ -105,6 +109,16 @@ def test_pictures_keep_their_depth_and_colours_their_largest(tmp_path):
     got = read_image(tmp_path / "colour.tiff").image
     assert got.shape == (4, 5)
     assert (got[1, 2], got.sum()) == (30, 30)
+
+
+def test_a_figure_of_an_image_is_refused_as_an_image(tmp_path):
+    figure = Figure()
+    figure.add_subplot().imshow(np.eye(9))
+    save_figure(tmp_path / "frame.png", figure)
+    with pytest.raises(Refused, match=r"image of a camera, but it is a figure .*frame\.fits"):
+        read_image(tmp_path / "frame.png")
+    FigureCanvasAgg(figure).print_png(tmp_path / "other.png")  # of another program
+    assert read_image(tmp_path / "other.png").image.shape == (480, 640)
 
 
 def test_a_bmp_is_read(tmp_path):
