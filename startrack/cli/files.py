@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from startrack.cli.options import WrongUse, as_wrong_use
-from startrack.io import read_table, shipped
+from startrack.io import keys_of_layers, read_table, shipped
 
 DESIGNS = ("designs", "trackers")  # folders of shipped designs of star trackers
 FEWEST_LETTERS = 3  # letters of a part of a name for the suggestion of a shipped design
@@ -82,8 +82,8 @@ def kind_of(path: Path) -> InputKind | None:
     if file.suffix != ".toml" or not file.is_file():
         return None
     with as_wrong_use(path=path):
-        table: Any = read_table(file, "a design or a scene")
-    return next((kind for kind in KINDS if kind.keys & table.keys()), None)
+        keys = keys_of_layers(file, "a design or a scene")
+    return next((kind for kind in KINDS if kind.keys & keys), None)
 
 
 def shipped_by_name(path: Path, folders: Iterable[str]) -> Path:

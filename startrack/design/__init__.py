@@ -38,18 +38,20 @@ from startrack.design.files import Design, load_design, save_design
 from startrack.design.key_search import search_keys
 from startrack.design.keys import (
     DRAFT,
+    OF_FILES,
     Key,
     changed_limits,
     design_keys,
     design_schema,
     item_of,
     keys_of,
+    plain_schema,
     range_of,
     table_schema,
     template,
 )
 from startrack.design.objective import AXES, Objective
-from startrack.design.overlay import save_over, save_overlay
+from startrack.design.overlay import differences, save_over, save_overlay
 from startrack.design.parameter import find as found_at
 from startrack.design.parameter import number as number_at
 from startrack.design.parameter import (

@@ -54,7 +54,7 @@ class Key(NamedTuple):
 
 # Keys that `load_design` reads before it constructs the classes.
 OF_FILES = (
-    Key("base", "text", "", "", "none", "design file whose values this file overrides"),
+    Key("base", "text", "", "", "none", "file whose values this file overrides"),
     Key("include", "list of texts", "", "", "none", "files that override the base, but not this"),
 )
 PRODUCT = Key(
@@ -384,14 +384,14 @@ def design_schema() -> Schema:
     required["properties"]["campaign"] = _required(Campaign)
     campaign = {"campaign": table_schema(Campaign, "campaign")}
     figure = table_schema(Told, "told")
-    figure["properties"]["file"] = _plain(TABLE)
+    figure["properties"]["file"] = plain_schema(TABLE)
     figure["properties"]["figure"]["enum"] += TABLES
     told: Schema = {"told": {"type": "array", "items": figure}}
     either = {"anyOf": [{"required": [name]} for name in ("base", "include")]}
-    design["properties"] |= campaign | {key.name: _plain(key) for key in OF_FILES}
+    design["properties"] |= campaign | {key.name: plain_schema(key) for key in OF_FILES}
     for key, _ in REPLACED:
         place, _, name = key.name.rpartition(".")
-        _table_at(design, place)["properties"][name] = _plain(key)
+        _table_at(design, place)["properties"][name] = plain_schema(key)
     _allow_laws(design)
     design["properties"] |= told
     design["properties"]["include"]["items"] = {"anyOf": [{"type": "string"}, LAW]}
@@ -442,7 +442,8 @@ def _allow_laws(schema: Schema) -> None:
             value["anyOf"] = [rule, LAW]
 
 
-def _plain(key: Key) -> Schema:
+def plain_schema(key: Key) -> Schema:
+    """Schema of a text, or of a list of texts."""
     text: Schema = {"type": "string"}
     schema = {"type": "array", "items": text} if key.kind.startswith("list") else text
     return {"description": key.meaning, **schema}

@@ -1,6 +1,6 @@
 """Design files that refer to a base file and contain only the differences."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +49,7 @@ def _over(base: Path, product: str, design: Design) -> dict[str, Any] | None:
         below = load_design(base, [f'{PLACE}="{product}"'] if product else [])
     except Refused:
         return None
-    table = _differences(table_of(below), table_of(design))
+    table = differences(table_of(below), table_of(design))
     if product:
         table.setdefault("instrument", {}).setdefault("detector", {})["product"] = product
     return table
@@ -60,12 +60,28 @@ def _values(table: Mapping[str, Any]) -> int:
     return sum(_values(value) if isinstance(value, dict) else 1 for value in table.values())
 
 
-def _differences(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    """The values of `above` that differ from the values of `below`; a list counts as one value."""
-    differences = dict[str, Any]()
+def differences(
+    below: Mapping[str, Any], above: Mapping[str, Any], named: Collection[str] = (), place: str = ""
+) -> dict[str, Any]:
+    """The values of `above` that differ from the values of `below`; a list counts as one value.
+
+    named  places of lists of tables that are compared by the names of their entries, as in
+           `LayerRules`
+    """
+    found = dict[str, Any]()
     for key, value in above.items():
-        if key in below and below[key] == value:
+        inner = f"{place}.{key}".removeprefix(".")
+        other: Any = below.get(key)
+        if inner in named:
+            tables = _by_name(other), _by_name(value)
+            if tables[0].keys() == tables[1].keys():
+                other, value = tables
+        if key in below and other == value:
             continue
-        both = isinstance(value, dict) and isinstance(below.get(key), dict)
-        differences[key] = _differences(below[key], value) if both else value
-    return differences
+        both = isinstance(value, dict) and isinstance(other, dict)
+        found[key] = differences(other, value, named, inner) if both else value
+    return found
+
+
+def _by_name(entries: Any) -> dict[str, Any]:
+    return {entry["name"]: entry for entry in entries or ()}

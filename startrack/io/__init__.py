@@ -29,7 +29,7 @@ from startrack.io.cache import cache_folder, from_cache, recalled
 from startrack.io.frame_files import FrameFiles
 from startrack.io.images import field_hint, read_frames, read_image, rows_upwards, write_fits
 from startrack.io.interchange import aligned, to_pandas, to_qtable, to_xarray
-from startrack.io.layers import LayerRules, Layers, Renewed, read_layers
+from startrack.io.layers import LayerRules, Layers, Renewed, keys_of_layers, read_layers
 from startrack.io.reading import (
     checked_arrays,
     name_from,

@@ -6,7 +6,7 @@ The file of each value is known, so that an error names this file.
 import difflib
 import os
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import permutations
 from pathlib import Path
@@ -63,6 +63,10 @@ class LayerRules(NamedTuple):
               other one of lower files
     is_value  whether a table is a value, which replaces another one and is not merged with it
     file_of   function: entry of `include` -> name of its file; raises Refused if it is none
+    named     places of lists of tables with different names: a file with a table in place of the
+              list changes entries by their names
+    resolved  function: table of a file, its path -> the table with the contents of files that its
+              values name
     """
 
     joined: Joined = NOT_JOINED
@@ -70,6 +74,8 @@ class LayerRules(NamedTuple):
     instead: Mapping[str, tuple[str, str]] = NO_PAIRS
     is_value: Callable[[object], bool] = lambda table: False
     file_of: Callable[[object], str] = _named_file
+    named: Collection[str] = ()
+    resolved: Callable[[dict[str, Any], Path], dict[str, Any]] = lambda table, path: table
 
     def is_table(self, value: object) -> bool:
         """Whether a value of a file is a table whose keys are merged."""
@@ -97,7 +103,7 @@ class Layers:
         for name in filter(None, place.split(".")):
             below = below[name]
         rule = self.rules.renewed.get(place)
-        if rule and rule.key in above:
+        if rule and rule.key in above and not is_table(above[rule.key]):
             self._renew(below, rule, place, _origin(origin, f"{place}.{rule.key}"))
         for key, other in permutations(self.rules.instead.get(place, ()), 2):
             if key in above and other in below:
@@ -107,8 +113,9 @@ class Layers:
             if is_table(value) and is_table(below.get(key)):
                 self.lay(value, origin, inner)
                 continue
-            if origin == SET and is_table(value) and isinstance(below.get(key), list):
-                below[key] = self._with_entries(below[key], value, inner)
+            entries, by_name = below.get(key), inner in self.rules.named
+            if (origin == SET or by_name) and is_table(value) and isinstance(entries, list):
+                below[key] = self._with_entries(entries, value, origin, inner)
                 continue
             if key in joined and isinstance(value, list) and isinstance(below.get(key), list):
                 value = _joined(below[key], value, joined[key])
@@ -128,25 +135,37 @@ class Layers:
             if said != {by}:
                 self.drop(inner)
 
-    def _with_entries(self, entries: list[Any], above: dict[str, Any], place: str) -> list[Any]:
-        """A list of tables with changes of some, by their numbers: {"0": {"scale": 0.5}}."""
-        changed = list(entries)
-        for number, change in above.items():
-            known = number.isdecimal() and int(number) < len(entries)
-            if (
-                not known
-                or not isinstance(entries[int(number)], dict)
-                or not isinstance(change, dict)
-            ):
+    def _with_entries(
+        self, entries: list[Any], above: dict[str, Any], origin: str | dict[str, str], place: str
+    ) -> list[Any]:
+        """A list of tables with changes of some, by their numbers, or by names if the list is
+        `named`: {"0": {"scale": 0.5}}."""
+        changed, numbers = list(entries), {str(number): number for number in range(len(entries))}
+        if place in self.rules.named:
+            numbers |= {
+                str(entry.get("name")): number
+                for number, entry in enumerate(entries)
+                if isinstance(entry, dict)
+            }
+        for name, change in above.items():
+            number = numbers.get(name, -1)
+            if number < 0 or not isinstance(entries[number], dict) or not isinstance(change, dict):
+                by, last = "" if isinstance(origin, dict) else f"{origin} ", list(numbers)[-1:]
                 raise Refused(
-                    f"{SET} {place}.{number} must be a key of an entry, {place}.0.KEY to "
-                    f"{place}.{len(entries) - 1}.KEY"
+                    f"{by}{place}.{name} must be a key of an entry, {place}.0.KEY to "
+                    f"{place}.{''.join(last)}.KEY"
                 )
-            entry = Layers(dict(entries[int(number)]), rules=self.rules)
-            entry.lay(change, SET)
-            changed[int(number)] = entry.table
+            entry = Layers(dict(entries[number]), rules=self.rules)
+            inner = f"{place}.{name}."
+            entry.lay(
+                change,
+                origin
+                if isinstance(origin, str)
+                else {at.removeprefix(inner): file for at, file in origin.items()},
+            )
+            changed[number] = entry.table
             of_entry = f"{place}[{number}]"
-            self.origin |= {f"{of_entry}.{name}": at for name, at in entry.origin.items()}
+            self.origin |= {f"{of_entry}.{key}": at for key, at in entry.origin.items()}
         return changed
 
     def drop(self, place: str) -> None:
@@ -258,8 +277,23 @@ def _read_layers(
         inner = _found(path, key, str(name))
         read = _read_layers(inner, what, rules, (*above, real), done)
         layers.lay(read.table, read.origin)
-    layers.lay(own, str(path))
+    layers.lay(rules.resolved(own, path), str(path))
     return layers
+
+
+def keys_of_layers(path: Path, what: str) -> set[str]:
+    """The keys at the top level of a file and of its base files.
+
+    Raises  ValueError as `read_layers`.
+    """
+    keys = set[str]()
+    for _ in range(DEEPEST):
+        table = read_table(path, what)
+        keys |= table.keys()
+        if not isinstance(table.get("base"), str):
+            break
+        path = _found(path, "base", table["base"])
+    return keys
 
 
 def _found(path: Path, key: str, name: str) -> Path:

@@ -76,6 +76,7 @@ from startrack.earth.imager.lens import (
     smeared,
 )
 from startrack.earth.imager.parameters import (
+    CHANNELS,
     Channel,
     Imager,
     Knowledge,

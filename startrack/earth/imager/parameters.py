@@ -32,7 +32,18 @@ from startrack.earth.atmosphere import Air
 from startrack.earth.geometry import Orbit
 from startrack.earth.imager.clouds import CloudLayer
 from startrack.earth.imager.land import Land
-from startrack.io import Layers, content, from_table, read_table, regular_file, shipped, with_points
+from startrack.io import (
+    LayerRules,
+    Layers,
+    Renewed,
+    content,
+    from_table,
+    read_layers,
+    read_table,
+    regular_file,
+    shipped,
+    with_points,
+)
 from startrack.motion import Motion
 from startrack.optics import Optics, with_plain_optics
 
@@ -552,6 +563,9 @@ def load_survey(path: Path) -> Survey:
 
 S = TypeVar("S", bound=Survey)
 OF_STUDY = "retrieval", "campaign"  # tables of a scene file for its study alone
+CHANNELS = "camera.channels"
+# keys whose values are names of files relative to the scene file
+RASTERS = "terrain.files", "terrain.geoid", "terrain.maps.file", "clouds.file"
 
 
 def scene_of(kind: type[S], path: Path, without: Sequence[str] = ()) -> S:
@@ -560,24 +574,65 @@ def scene_of(kind: type[S], path: Path, without: Sequence[str] = ()) -> S:
     without  tables of the file to skip
     Raises   ValueError as `load_survey`.
     """
-    table = {
-        key: value for key, value in read_table(path, "a scene file").items() if key not in without
-    }
-    camera = table.get("camera")
-    if camera is None and "sensor" in table:
+    layers = read_layers(path, "a scene file", (), scene_rules(path.parent))
+    table = {key: value for key, value in layers.table.items() if key not in without}
+    if "camera" not in table and "sensor" in table:
         raise Refused(f"{path} must name a camera; with a sensor it is for `earth geometry` alone")
     try:
-        if isinstance(camera, str):
-            table = {**table, "camera": _camera(camera, path.parent, "camera.")}
-        elif isinstance(camera, dict):
-            table = {**table, "camera": _unshared(camera, "camera.")}
-        _read_spectra(table.get("land"), path.parent, "land")
-        air = table.get("air")
-        if isinstance(air, dict) and isinstance(air.get("table"), str) and air["table"]:
-            table = {**table, "air": {**air, "table": str(path.parent / air["table"])}}
         return from_table(kind, table)
     except ValueError as error:
-        raise Refused(f"{path}: {error}") from None
+        raise Refused(layers.blamed(str(error), path)) from None
+
+
+def scene_rules(folder: Path) -> LayerRules:
+    """Rules for combining a scene file with its base files.
+
+    A camera replaces that of lower files; `[camera.channels.mir]` changes one of its channels.
+
+    folder  of the outermost file
+    """
+
+    def resolved(table: dict[str, Any], path: Path) -> dict[str, Any]:
+        try:
+            return _resolved(table, path, folder)
+        except ValueError as error:
+            raise Refused(f"{path}: {error}") from None
+
+    whole = {"camera": Renewed("channels", ())}
+    return LayerRules(renewed=whole, named=(CHANNELS,), resolved=resolved)
+
+
+def _resolved(table: dict[str, Any], path: Path, folder: Path) -> dict[str, Any]:
+    """The table of a scene file with the contents of the files that it names.
+
+    Names of rasters become relative to the folder of the outermost file.
+    """
+    camera, air = table.get("camera"), table.get("air")
+    if isinstance(camera, str):
+        table["camera"] = _camera(camera, path.parent, "camera.")
+    elif isinstance(camera, dict):
+        table["camera"] = _unshared(camera, "camera.")
+    _read_spectra(table.get("land"), path.parent, "land")
+    if isinstance(air, dict) and isinstance(air.get("table"), str) and air["table"]:
+        table["air"] = {**air, "table": str(path.parent / air["table"])}
+    if path.parent != folder:
+        for place in RASTERS:
+            _move(table, place.split("."), path.parent)
+    return table
+
+
+def _move(value: Any, keys: Sequence[str], folder: Path) -> None:
+    """Turn names of files into paths from a folder."""
+    for entry in value if isinstance(value, list) else [value]:
+        if not isinstance(entry, dict) or keys[0] not in entry:
+            continue
+        inner = entry[keys[0]]
+        if len(keys) > 1:
+            _move(inner, keys[1:], folder)
+        elif isinstance(inner, str) and inner:
+            entry[keys[0]] = str(folder / inner)
+        elif isinstance(inner, list):
+            entry[keys[0]] = [str(folder / str(name)) for name in inner]
 
 
 def _read_spectra(table: Any, folder: Path, place: str) -> None:

@@ -77,6 +77,7 @@ from startrack.earth.retrieval.study import (
     EarthDesign,
     Retrieval,
     load_earth_design,
+    save_earth_overlay,
 )
 from startrack.earth.retrieval.waves import (
     WaveEstimate,

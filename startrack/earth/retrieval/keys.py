@@ -3,8 +3,8 @@
 from functools import cache
 from typing import Any
 
-from startrack.design import DRAFT, Key, keys_of, table_schema
-from startrack.earth.imager import Channel, cameras
+from startrack.design import DRAFT, OF_FILES, Key, keys_of, plain_schema, table_schema
+from startrack.earth.imager import CHANNELS, Channel, cameras
 from startrack.earth.retrieval.study import EarthDesign
 
 CAMERA = "camera"
@@ -19,7 +19,7 @@ def scene_keys() -> tuple[Key, ...]:
 
     Where `camera` is a text, it names a camera of the catalogue or a TOML file.
     """
-    return tuple(keys_of(EarthDesign))
+    return (*OF_FILES, *keys_of(EarthDesign))
 
 
 def scene_schema() -> dict[str, Any]:
@@ -31,8 +31,12 @@ def scene_schema() -> dict[str, Any]:
     keys = {key.name: key for key in scene_keys()}
     schema = table_schema(EarthDesign, "", keys)
     own = schema["properties"][CAMERA]
-    shared = table_schema(Channel, f"{CAMERA}.channels", keys)
+    shared = table_schema(Channel, CHANNELS, keys)
     own["properties"]["shared"] = {"description": SHARED, **shared}
+    by_name = {"type": "object", "additionalProperties": shared}
+    channels = own["properties"]["channels"]
+    own["properties"]["channels"] = {"anyOf": [channels, by_name]}
+    schema["properties"] |= {key.name: plain_schema(key) for key in OF_FILES}
     named = {"type": "string", "description": f"{', '.join(cameras())}, or a TOML file"}
     schema["properties"][CAMERA] = {"description": keys[CAMERA].meaning, "anyOf": [named, own]}
     _with_files(schema["properties"]["land"])

@@ -9,15 +9,23 @@ from pathlib import Path
 from typing import ClassVar
 
 from startrack.core import NON_NEGATIVE, POSITIVE, Parameters, Range, Refused, Unit, parameter
-from startrack.design import Change, Link, Variable, with_changes, with_values
+from startrack.design import (
+    Change,
+    Link,
+    Variable,
+    differences,
+    save_over,
+    with_changes,
+    with_values,
+)
 from startrack.earth.geometry import Carrier, sun_zenith_below
-from startrack.earth.imager import Channel, Survey, scene_of
+from startrack.earth.imager import CHANNELS, Channel, Survey, scene_of
 from startrack.earth.retrieval.hot_spots import HotSpots
 from startrack.earth.retrieval.land_cover import LandCover
 from startrack.earth.retrieval.minerals import Minerals
 from startrack.earth.retrieval.stereo import Stereo
 from startrack.earth.retrieval.waves import Waves
-from startrack.io import shipped
+from startrack.io import save_toml, shipped, to_table
 from startrack.problem import Settings
 
 OWN = "nominal"  # the file's own condition
@@ -254,3 +262,14 @@ def load_earth_design(scene: str | Path, changes: Sequence[str] = ()) -> EarthDe
         path = shipped(f"scenes/{name}.toml")
     design = scene_of(EarthDesign, path)
     return with_changes(design, changes)
+
+
+def save_earth_overlay(path: Path, design: EarthDesign, base: Path, comment: str = "") -> None:
+    """Write the differences of a design from its scene file, with all digits, as a scene file.
+
+    If it does not read back to the design, the whole design is written.
+    """
+    table = differences(to_table(load_earth_design(base)), to_table(design), (CHANNELS,))
+    save_over(path, base, table, comment)
+    if load_earth_design(path) != design:
+        save_toml(path, to_table(design), comment)
