@@ -16,7 +16,7 @@ EXPECTED = {
     "guide_stars": ("triangles", ["flight/startrack_guide.bin", "flight/startrack_guide.c"], ""),
     "image_of_the_earth": ("W/m2/sr/um, in the mean", [], ""),
     "map_of_the_sky": ("arcsec at worst", ["sky.png"], ""),
-    "mission_over_a_day": ("Spells(", [], ""),
+    "mission_over_a_day": ("TimeIntervals(", [], ""),
     "problem_of_a_photometer": ("error of start over best", [], ""),
     "psf_through_focus": ("of the light in one pixel", ["psf.png"], ""),
     "quantities": ("arcsec Summary(across", [], ""),

@@ -414,7 +414,7 @@ def _values(flight: report.ReportedFlight) -> dict[str, Any]:
             "times": len(none.length),
             "histogram_edges_s": list(mission.EDGES[:-1]),
             "histogram": none.histogram().tolist(),
-            "worst": report.spells_table(none, time.begin).json(),
+            "worst": report.outages_table(none, time.begin).json(),
         },
         "heads": [_head_values(flight, h) for h in range(len(plan.heads))],
         "requirements": report.verdict_table(flight.verdicts).json(),
@@ -656,8 +656,8 @@ def _text(flight: report.ReportedFlight) -> list[str]:
         mission.reacquisition_of(design.case, chances)
         for design, chances in zip(plan.loaded.designs, flown.chances, strict=True)
     ]
-    if times := sum(spell.times for spell in again):
-        level = max(spell.level for spell in again if spell.times)
+    if times := sum(one.times for one in again):
+        level = max(one.level for one in again if one.times)
         lines.append(
             f"reacquired after a blinding: {times} times, 99 % within "
             f"{level:.3g} s (frames and read-out, without computing time)"

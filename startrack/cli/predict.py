@@ -120,8 +120,8 @@ def prediction_values(prediction: Prediction) -> dict[str, Any]:
         "unknowns": {unknown.name: dict(unknown.law) for unknown in prediction.unknowns},
         "contradicted": dict(prediction.learned.contradicted) if prediction.learned else {},
         "learned": {
-            lesson.unknown.name: dict(lesson.unknown.law) | {"narrowing": lesson.narrowing}
-            for lesson in (prediction.learned.lessons if prediction.learned else ())
+            posterior.unknown.name: dict(posterior.unknown.law) | {"narrowing": posterior.narrowing}
+            for posterior in (prediction.learned.posteriors if prediction.learned else ())
         },
         "figures_arcsec": {
             name: {
@@ -201,10 +201,10 @@ def _learned(learned: Learned) -> list[str]:
     """The posterior of each unknown by the told figures."""
     lines = ["", f"after {len(learned.told)} told figures, which the intervals above include:"]
     lines += [
-        f"  {lesson.unknown.name}: "
-        + ("not constrained by the figures" if lesson.silent else f"{lesson.unknown}")
-        + (f" ({lesson.shift:+.1f} sigma of its prior)" if lesson.far else "")
-        for lesson in learned.lessons
+        f"  {posterior.unknown.name}: "
+        + ("not constrained by the figures" if posterior.silent else f"{posterior.unknown}")
+        + (f" ({posterior.shift:+.1f} sigma of its prior)" if posterior.far else "")
+        for posterior in learned.posteriors
     ]
     if reason := learned.chains.reason_unconverged:
         lines.append(f"the sampling has not converged: {reason}")

@@ -58,7 +58,7 @@ from startrack.mission.summary import (
     EDGES,
     Availability,
     MissionVerdict,
-    Spells,
+    TimeIntervals,
     availability_of,
     over_beta,
     reacquisition_of,

@@ -23,7 +23,7 @@ EDGES = (0.0, 10.0, 30.0, 60.0, 300.0, 900.0, 3600.0, np.inf)  # second, of the 
 
 @printed
 @dataclass(frozen=True, eq=False)
-class Spells:
+class TimeIntervals:
     """Uninterrupted times in which something holds.
 
     begin   (k,) second after the begin of the mission
@@ -39,7 +39,7 @@ class Spells:
         return float(self.length.max(initial=0.0))
 
     def histogram(self) -> Ints:
-        """Number of spells in each of the classes of EDGES, the upper edge included."""
+        """Number of intervals in each of the classes of EDGES, the upper edge included."""
         inside = np.searchsorted(EDGES, self.length, side="left") - 1
         return np.bincount(inside, minlength=len(EDGES) - 1)
 
@@ -49,11 +49,11 @@ class Spells:
         return [(float(self.begin[k]), float(self.length[k])) for k in order]
 
 
-def spells(holds: Flags, step: float) -> Spells:
+def intervals_of(holds: Flags, step: float) -> TimeIntervals:
     """The times in which (m,) steps hold."""
     edge = np.flatnonzero(np.diff(np.concatenate([[False], holds, [False]]).astype(np.int8)))
     begin, end = edge[::2], edge[1::2]
-    return Spells(step * begin.astype(float), step * (end - begin).astype(float))
+    return TimeIntervals(step * begin.astype(float), step * (end - begin).astype(float))
 
 
 @printed
@@ -74,8 +74,8 @@ class Availability:
     causes: dict[Blind, Floats]
     alone: Floats
     known: Floats
-    none: Spells
-    each: tuple[Spells, ...]
+    none: TimeIntervals
+    each: tuple[TimeIntervals, ...]
 
     def at_least(self, count: int) -> float:
         """Fraction of the time with attitudes of at least `count` heads."""
@@ -91,8 +91,8 @@ def availability_of(flown: Flown) -> Availability:
         {cause: ((flown.blind & cause) > 0).mean(axis=1) for cause in Blind},
         (flown.blind == 0).mean(axis=1),
         flown.exactly / len(valid) if flown.exactly.any() else exactly,
-        spells(valid == 0, flown.step),
-        tuple(spells(blind > 0, flown.step) for blind in flown.blind),
+        intervals_of(valid == 0, flown.step),
+        tuple(intervals_of(blind > 0, flown.step) for blind in flown.blind),
     )
 
 

@@ -10,7 +10,7 @@ predict  Design file -> Prediction: median and intervals of each figure, and cau
 
 from startrack.prediction.as_designed import DesignedDraw, DesignedDraws, draw_as_designed
 from startrack.prediction.draws import MIDDLE, Draw, draw_unknowns, drawn_cases
-from startrack.prediction.learn import TERMS, Learned, Lesson, learn, save_posterior, save_told
+from startrack.prediction.learn import TERMS, Learned, Posterior, learn, save_posterior, save_told
 from startrack.prediction.predict import (
     ACCURACY,
     AXES,
@@ -30,7 +30,7 @@ __all__ = [
     "DesignedDraws",
     "Draw",
     "Learned",
-    "Lesson",
+    "Posterior",
     "PredictedFigure",
     "Prediction",
     "PredictionSurface",

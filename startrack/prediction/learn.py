@@ -33,7 +33,7 @@ CONTRADICTED = 3.0
 NOT_A_CHANCE = 1e-3  # probability below which a value of a choice is left out
 
 
-class Lesson(NamedTuple):
+class Posterior(NamedTuple):
     """Distribution of an unknown after figures were told.
 
     unknown    the unknown with its new distribution; correlations with other unknowns are lost
@@ -62,7 +62,7 @@ class Learned:
     """The unknowns of a design under told figures.
 
     told          the figures
-    lessons       one for each unknown; if the figures say nothing of it, with its earlier
+    posteriors    one for each unknown; if the figures say nothing of it, with its earlier
                   distribution
     chains        chains of samples of the unknowns' normal scores
     contradicted  figures that the design cannot have, whatever the unknowns are: name, and the told
@@ -70,7 +70,7 @@ class Learned:
     """
 
     told: tuple[Told, ...]
-    lessons: tuple[Lesson, ...]
+    posteriors: tuple[Posterior, ...]
     chains: Chains
     contradicted: tuple[tuple[str, float], ...] = ()
 
@@ -111,10 +111,10 @@ def learn(surface: PredictionSurface, told: Sequence[Told], seed: int) -> Learne
         return START * random.standard_normal((count, len(surface.unknowns)))
 
     chains = draw(log_probability, start, seed, HOW)
-    lessons = list[Lesson]()
+    posteriors = list[Posterior]()
     for unknown, column in zip(surface.unknowns, chains.flat.T, strict=True):
-        lesson = _lesson(unknown, column)
-        lessons.append(lesson._replace(unknown=unknown) if lesson.silent else lesson)
+        posterior = _posterior(unknown, column)
+        posteriors.append(posterior._replace(unknown=unknown) if posterior.silent else posterior)
     scores = surface.scores(ndtr(chains.flat))
     contradicted = tuple(
         (figure.name, math.exp(float(residual.mean())))
@@ -123,7 +123,7 @@ def learn(surface: PredictionSurface, told: Sequence[Told], seed: int) -> Learne
         )
         if float(residual.mean()) ** 2 > CONTRADICTED**2 * float(np.mean(variance))
     )
-    return Learned(tuple(told), tuple(lessons), chains, contradicted)
+    return Learned(tuple(told), tuple(posteriors), chains, contradicted)
 
 
 def _residuals(
@@ -158,8 +158,8 @@ def _of_frames(frames: FrameSurface, told: Told, scores: Floats) -> tuple[Floats
     return residual, np.asarray(variance)
 
 
-def _lesson_of_choice(unknown: Unknown, score: Floats) -> Lesson:
-    """Lesson on a choice from samples of its score: the probabilities of its values."""
+def _posterior_of_choice(unknown: Unknown, score: Floats) -> Posterior:
+    """Posterior of a choice from samples of its score: the probabilities of its values."""
     positions = unknown.positions(ndtr(score))
     after = np.bincount(positions, minlength=len(unknown.weights)) / len(score)
     before = np.array(unknown.weights)
@@ -171,13 +171,13 @@ def _lesson_of_choice(unknown: Unknown, score: Floats) -> Lesson:
         "weight": [_rounded(max(float(after[n]), NOT_A_CHANCE)) for n in kept],
     }
     narrowing = float(np.sqrt((after * (1 - after)).sum() / (before * (1 - before)).sum()))
-    return Lesson(Unknown(unknown.name, law), narrowing, float(np.abs(after - before).max()))
+    return Posterior(Unknown(unknown.name, law), narrowing, float(np.abs(after - before).max()))
 
 
-def _lesson(unknown: Unknown, score: Floats) -> Lesson:
-    """Lesson on an unknown from samples of its score."""
+def _posterior(unknown: Unknown, score: Floats) -> Posterior:
+    """Posterior of an unknown from samples of its score."""
     if unknown.choice:
-        return _lesson_of_choice(unknown, score)
+        return _posterior_of_choice(unknown, score)
     values, law = unknown.numbers(ndtr(score)), dict[str, Any]()
     if (values > 0).all():
         logarithm = np.log(values)
@@ -188,7 +188,7 @@ def _lesson(unknown: Unknown, score: Floats) -> Lesson:
         middle, half = float(values.mean()), math.sqrt(3) * float(values.std())
         ends = {"low": middle - half, "high": middle + half}
         law = {key: unknown.written(_rounded(end)) for key, end in ends.items()}
-    return Lesson(Unknown(unknown.name, law), float(score.std()), float(score.mean()))
+    return Posterior(Unknown(unknown.name, law), float(score.std()), float(score.mean()))
 
 
 def _rounded(value: float) -> float:
@@ -205,11 +205,11 @@ def save_posterior(path: Path, design: Path, learned: Learned) -> None:
     """
     table = dict[str, Any](told=[])
     comments = [f"{figure.name} was told" for figure in learned.told]
-    for lesson in learned.lessons:
-        name, law = lesson.unknown.name, lesson.unknown.law
+    for posterior in learned.posteriors:
+        name, law = posterior.unknown.name, posterior.unknown.law
         *outer, last = name.split(".")
         if name.startswith(f"{INCLUDE} ") or any(part.isdecimal() for part in outer):
-            comments.append(f"not in this file: {name}: {lesson.unknown}")
+            comments.append(f"not in this file: {name}: {posterior.unknown}")
             continue
         inner = table
         for part in outer:

@@ -18,7 +18,7 @@ from startrack.report.mission import (
     checks_table,
     heads_table,
     number_of_heads,
-    spells_table,
+    outages_table,
     verdict_table,
     write_mission_report,
 )

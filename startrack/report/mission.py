@@ -135,7 +135,7 @@ def beta_table(flown: mission.Flown) -> Table:
     )
 
 
-def spells_table(none: mission.Spells, begin: str) -> Table:
+def outages_table(none: mission.TimeIntervals, begin: str) -> Table:
     """The longest times without a valid head.
 
     begin  of the mission, UTC
@@ -143,9 +143,9 @@ def spells_table(none: mission.Spells, begin: str) -> Table:
 
     return Table(
         [
-            Column("begin_s", "begin", lambda spell: spell[0], SECOND, ".0f"),
-            Column("begin_utc", "begin (UTC)", lambda spell: utc_text(begin, spell[0])),
-            Column("length_s", "length", lambda spell: spell[1], SECOND, "g"),
+            Column("begin_s", "begin", lambda interval: interval[0], SECOND, ".0f"),
+            Column("begin_utc", "begin (UTC)", lambda interval: utc_text(begin, interval[0])),
+            Column("length_s", "length", lambda interval: interval[1], SECOND, "g"),
         ],
         none.worst(MOST),
     )
@@ -229,12 +229,12 @@ def _blinded(flight: ReportedFlight) -> Section:
     every = {"no head valid": none, **dict(zip(names, flight.available.each, strict=True))}
     head = ["", *(f"to {high:g} s" for high in mission.EDGES[1:-1]), "longer", "longest (s)"]
     rows = [
-        [name, *(str(int(n)) for n in spells.histogram()), f"{spells.longest:g}"]
-        for name, spells in every.items()
+        [name, *(str(int(n)) for n in intervals.histogram()), f"{intervals.longest:g}"]
+        for name, intervals in every.items()
     ]
     longest = paragraph("A head is valid at all times.")
     if len(none.length):
-        longest = records("Longest times without a valid head", spells_table(none, begin))
+        longest = records("Longest times without a valid head", outages_table(none, begin))
     shown = table("Number of blind intervals of a head by duration", head, rows)
     return Section("Blindings", shown + longest)
 
@@ -244,9 +244,9 @@ def _reacquired(flight: ReportedFlight) -> Section:
     for head, design, chances in zip(
         plan.heads, plan.loaded.designs, flight.flown.chances, strict=True
     ):
-        spell = mission.reacquisition_of(design.case, chances)
-        if spell.times:
-            rows.append([head.name, str(spell.times), f"{spell.mean:.3g}", f"{spell.level:.3g}"])
+        again = mission.reacquisition_of(design.case, chances)
+        if again.times:
+            rows.append([head.name, str(again.times), f"{again.mean:.3g}", f"{again.level:.3g}"])
     text = "From the end of blinding to the next attitude, without the tracker's computing time"
     shown = table(text, ["head", "times", "mean (s)", "99 % (s)"], rows)
     none = paragraph("No head is blinded, or no errors are known.")

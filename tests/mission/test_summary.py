@@ -11,7 +11,7 @@ from startrack.mission.engine import Flown
 from startrack.mission.heads import Blind
 from startrack.mission.parameters import MissionRequirements
 from startrack.mission.store import key_of
-from startrack.mission.summary import availability_of, reacquisition_of, spells, verdicts
+from startrack.mission.summary import availability_of, intervals_of, reacquisition_of, verdicts
 from startrack.report import verdict_table
 
 
@@ -36,13 +36,13 @@ def flown(*blind):
 
 
 def test_spells_are_counted_as_by_hand():
-    found = spells(np.array([1, 1, 0, 1, 0, 0, 1, 1, 1, 1], bool), 10.0)
+    found = intervals_of(np.array([1, 1, 0, 1, 0, 0, 1, 1, 1, 1], bool), 10.0)
     assert found.begin.tolist() == [0, 30, 60]
     assert found.length.tolist() == [20, 10, 40]
     assert found.longest == 40
     assert found.histogram()[:3].tolist() == [1, 1, 1]
     assert found.worst(1) == [(60.0, 40.0)]
-    assert spells(np.zeros(5, bool), 10.0).longest == 0
+    assert intervals_of(np.zeros(5, bool), 10.0).longest == 0
 
 
 def test_availability_is_counted_as_by_hand():

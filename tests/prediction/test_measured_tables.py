@@ -48,12 +48,12 @@ def learned(path, truth, narrowing):
     design = load_design(path)
     surface = fit_surface(draw_unknowns(path, 1, 10, 1, 0.0, middle=False))
     found = learn(surface, design.told, 1)
-    for lesson in found.lessons:
-        name, law = lesson.unknown.name, lesson.unknown.law
+    for posterior in found.posteriors:
+        name, law = posterior.unknown.name, posterior.unknown.law
         before = next(one for one in surface.unknowns if one.name == name)
         true = before.numbers(np.array([truth[name]]))[0]
         median = float(str(law["median"]).split()[0])
-        assert lesson.narrowing < narrowing, name
+        assert posterior.narrowing < narrowing, name
         assert abs(math.log(median / true)) < 3 * math.log(law["factor"]), name
     return found
 
@@ -149,7 +149,7 @@ def test_a_table_of_stars_tells_the_optics_that_made_its_frames(stars, tmp_path)
     figures = [one.figure for one in load_design(above).told]
     assert {"star electrons", "SNR", "centroid noise"} == set(figures)
     found = learned(above, truth, 0.75)
-    light = next(one for one in found.lessons if one.unknown.name.endswith("n.factor"))
+    light = next(one for one in found.posteriors if one.unknown.name.endswith("n.factor"))
     assert light.narrowing < 0.3
     save_posterior(tmp_path / "posterior.toml", above, found)
     assert not load_design(tmp_path / "posterior.toml").told, "its laws hold the figures"

@@ -110,13 +110,13 @@ def test_a_told_figure_narrows_what_it_depends_on():
     """For normal laws, precisions add up, and means are weighted by precision (conjugate prior)."""
     draws = drawn(20, lambda quantile: 3 * arcsec * 2 ** norm.ppf(quantile["grid"]), (GRID,))
     learned = prediction_of(draws, 1, 3, 0.0, [told(6.0, 1.5)]).learned
-    (lesson,) = learned.lessons
+    (posterior,) = learned.posteriors
     before, data = math.log(2) ** -2, math.log(1.5) ** -2
     assert learned.chains.converged
-    assert lesson.narrowing == pytest.approx((before / (before + data)) ** 0.5, rel=0.03)
+    assert posterior.narrowing == pytest.approx((before / (before + data)) ** 0.5, rel=0.03)
     factor = math.exp((before + data) ** -0.5)
-    assert lesson.unknown.law["factor"] == pytest.approx(factor, rel=0.02)
-    median, unit = lesson.unknown.law["median"].split()
+    assert posterior.unknown.law["factor"] == pytest.approx(factor, rel=0.02)
+    median, unit = posterior.unknown.law["median"].split()
     assert float(median) == pytest.approx(2 ** (data / (before + data)), rel=0.03)
     assert unit == "um"
 
@@ -134,9 +134,9 @@ def test_a_figure_that_the_design_cannot_have_is_said():
 def test_what_a_figure_says_nothing_of_keeps_its_law():
     draws = drawn(20, lambda quantile: 3 * arcsec * 2 ** norm.ppf(quantile["grid"]))
     found = prediction_of(draws, 1, 3, 0.0, [told(6.0, 1.1)])
-    silent = {lesson.unknown.name for lesson in found.learned.lessons if lesson.silent}
+    silent = {posterior.unknown.name for posterior in found.learned.posteriors if posterior.silent}
     assert silent == {"stars", "lens"}
-    assert [lesson.unknown for lesson in found.learned.lessons[1:]] == [STARS, LENS]
+    assert [posterior.unknown for posterior in found.learned.posteriors[1:]] == [STARS, LENS]
     assert found.figure(ACCURACY, "across").median == pytest.approx(6 * arcsec, rel=0.05)
     before = prediction_of(draws, 1, 3, 0.0)
     assert found.figure(ACCURACY, "across").factor < 0.6 * before.figure(ACCURACY, "across").factor
@@ -146,9 +146,9 @@ def test_a_told_choice_has_the_odds_of_its_values():
     """Bayes' rule for two lenses of 3 and 4.5 arcsec, odds 3 to 1, with a figure of 4.5 within a
     factor of 1.2."""
     draws = drawn(20, lambda quantile: (3 if quantile["lens"] < 0.75 else 4.5) * arcsec, (LENS,))
-    (lesson,) = prediction_of(draws, 1, 3, 0.0, [told(4.5, 1.2)]).learned.lessons
+    (posterior,) = prediction_of(draws, 1, 3, 0.0, [told(4.5, 1.2)]).learned.posteriors
     odds = 3 * math.exp(-((math.log(1.5) / math.log(1.2)) ** 2) / 2)
-    first, second = lesson.unknown.law["weight"]
+    first, second = posterior.unknown.law["weight"]
     assert first / second == pytest.approx(odds, rel=0.15)
 
 
@@ -183,9 +183,9 @@ def test_a_figure_of_fused_heads_is_that_of_their_best_estimate(heads, angle):
 def test_a_told_figure_of_two_heads_says_what_one_of_one_head_does():
     """Across two heads with one boresight, the error is that of one over the root of 2."""
     draws = drawn(20, lambda quantile: 3 * arcsec * 2 ** norm.ppf(quantile["grid"]), (GRID,))
-    alone = prediction_of(draws, 1, 3, 0.0, [told(6.0, 1.5)]).learned.lessons[0]
+    alone = prediction_of(draws, 1, 3, 0.0, [told(6.0, 1.5)]).learned.posteriors[0]
     both = Told("accuracy", "across", 6 / 2**0.5 * arcsec, factor=1.5, heads=2, angle=0.0)
-    fused = prediction_of(draws, 1, 3, 0.0, [both]).learned.lessons[0]
+    fused = prediction_of(draws, 1, 3, 0.0, [both]).learned.posteriors[0]
     median = [float(one.unknown.law["median"].split()[0]) for one in (alone, fused)]
     assert median[0] == pytest.approx(median[1], rel=0.02)
     assert alone.narrowing == pytest.approx(fused.narrowing, rel=0.03)
@@ -282,8 +282,8 @@ def test_a_star_table_and_a_limiting_magnitude_tell_of_what_they_depend_on(desig
     for draw in draws:
         rms = next(u for u in draw.unknowns if u.name == residual).at(draw.quantile[residual])
         assert 0.6 * rms < draw.frames["residual"] < 1.5 * rms, "of two units each"
-    lessons = learn(fit_surface(draws), load_design(design).told, 1).lessons
-    after = {lesson.unknown.name: lesson.unknown.law for lesson in lessons}
+    posteriors = learn(fit_surface(draws), load_design(design).told, 1).posteriors
+    after = {posterior.unknown.name: posterior.unknown.law for posterior in posteriors}
     assert float(after[exposure]["median"].split()[0]) == pytest.approx(130, rel=0.04)
     assert after[residual]["median"] == pytest.approx(0.08, rel=0.3)
     assert after[residual]["factor"] < 1.5

@@ -78,9 +78,9 @@ def test_unknowns_are_learnt_from_frames(loop):
     path, _, told = loop
     surface = fit_surface(draw_unknowns(path, 1, 10, 1, 0.0, middle=False))
     learned = learn(surface, told, 1)
-    for lesson in learned.lessons:
-        name, law = lesson.unknown.name, lesson.unknown.law
-        assert lesson.narrowing < 0.4, name
+    for posterior in learned.posteriors:
+        name, law = posterior.unknown.name, posterior.unknown.law
+        assert posterior.narrowing < 0.4, name
         median = float(str(law["median"]).split()[0])
         before = next(one for one in surface.unknowns if one.name == name)
         true = before.numbers(np.array([TRUTH[name]]))[0]
@@ -110,7 +110,7 @@ def test_the_next_prediction_holds_the_truth(loop, tmp_path):
         for axis, value in zip(("across", "about"), true, strict=True):
             nea = prediction.figure("NEA", axis)
             assert nea.low_95 < value < nea.high_95
-    light = next(one for one in found.learned.lessons if one.unknown.name.endswith("n.factor"))
+    light = next(one for one in found.learned.posteriors if one.unknown.name.endswith("n.factor"))
     assert light.unknown.law["median"] == pytest.approx(0.9 * 1.25**-1.175, rel=0.1)
 
 
