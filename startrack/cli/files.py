@@ -37,7 +37,11 @@ class InputKind(NamedTuple):
 
 
 SEARCH = InputKind(
-    "a search for moving objects", "searches", frozenset({"moving_object"}), "montecarlo", STUDIES
+    "a search for moving objects",
+    "searches",
+    frozenset({"moving_object"}),
+    "montecarlo",
+    ("requirements", *STUDIES),
 )
 SCENE = InputKind(
     "a scene of an Earth camera",

@@ -6,13 +6,15 @@ import argparse
 import math
 from collections.abc import Mapping
 from dataclasses import asdict
+from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 from startrack.cli.options import Exit, Options, WrongUse, as_wrong_use, campaign, wanted
 
 if wanted(__name__):
     from startrack.budget import Budget, ErrorLaw, caveats, refusal
-    from startrack.cli.files import GOALS, SCENE, kind_of, shipped_by_name
+    from startrack.cli.files import GOALS, SCENE, SEARCH, kind_of, shipped_by_name
     from startrack.cli.terminal import example, print_result, read_design, sections, stage
     from startrack.core import arcsec, deg, um
     from startrack.design import Campaign, Case, Requirements
@@ -25,10 +27,12 @@ if wanted(__name__):
 EARTH_TOO = (
     "; or an Earth camera (sentinel2-msi, landsat8-oli, landsat8-tirs, waoss, hsrs, mertis, "
     "ads40 or a scene file), to print its ground resolution, MTF, SNR, dynamic range and data "
-    "rate with required and measured values; or a file with a table [goals] "
+    "rate with required and measured values, and the margins of its retrieval; or a search for "
+    "moving objects (asteroidfinder), to print its margins; or a file with a table [goals] "
     "(catalogs/scenes/goals.toml), to compute focal length, aperture and pixel rate"
 )
 
+HEADING = ["requirement", "value", "limit", "margin", ""]
 PACE = 0.5  # pixel over all stages; a larger mismatch is reported; chosen by hand
 
 
@@ -41,10 +45,14 @@ declare = Options(
 
 def command(options: argparse.Namespace) -> int:
     """Print the margins of a design and its error by the analytic budget."""
-    earth = _earth_requirements(options)
-    if earth is not None:
-        return earth
     path = options.campaign or example()
+    match kind_of(path):
+        case kind if kind is SEARCH:
+            return _study(options, path)
+        case kind if kind is SCENE:
+            return _scene(options, path)
+        case kind if kind is GOALS:
+            return _first_camera(options, path)
     design = read_design(path, options.set)
     campaign = design.asked
     if campaign is None:
@@ -73,8 +81,7 @@ def command(options: argparse.Namespace) -> int:
     result |= {"accuracy": limits} if limits else {}
     for sentence in refusal(design.case, budget.refused):
         show(sentence)
-    heading = ["requirement", "value", "limit", "margin", ""]
-    show("\n".join(aligned([heading, *_rows(design.case, needs, margins)], (0, 4))))
+    show("\n".join(aligned([HEADING, *_rows(design.case, needs, margins)], (0, 4))))
     lines = [
         *(
             f"{name} is limited to {limit['limit_arcsec']:g} arcsec, {limit['statistic']}"
@@ -100,16 +107,15 @@ def _expected(
     return budget, margins, expected_objective(case, campaign) / arcsec
 
 
+def _verdict(margin: float) -> str:
+    return "" if margin >= 0 else "NOT MET"
+
+
 def _rows(case: Case, needs: Requirements, margins: Mapping[str, float]) -> list[list[str]]:
     """A row for each requirement: name, value, limit, margin and verdict."""
     needed = needed_magnitude(case, needs.min_stars, needs.sky_fraction)
     rows = [
-        [
-            name,
-            *limited(needs, name, margin, needed),
-            f"{margin:+.3f}",
-            "" if margin >= 0 else "NOT MET",
-        ]
+        [name, *limited(needs, name, margin, needed), f"{margin:+.3f}", _verdict(margin)]
         for name, margin in margins.items()
     ]
     return rows + [
@@ -118,25 +124,61 @@ def _rows(case: Case, needs: Requirements, margins: Mapping[str, float]) -> list
     ]
 
 
-def _earth_requirements(options: argparse.Namespace) -> int | None:
-    """Print the figures or parameters of an Earth camera; None for other files."""
-    path = options.campaign
-    kind = kind_of(path) if path else None
-    if kind not in (SCENE, GOALS):
-        return None
-    file = shipped_by_name(path, [kind.folder])
+def _study(options: argparse.Namespace, path: Path) -> Exit:
+    """Print the objective of a scene or a search and the margins of its limits, by formula."""
+    # Star trackers do not need this import.
+    problem = import_module("startrack.cli.problems").problem_of(path, options.set)
+    words, expected = problem.text(), problem.expect()
+    margins = {**problem.costs(), **expected.margins}
+    met = all(margin.relative >= 0 for margin in margins.values())
+    result = {
+        "met": met,
+        "objective": words.value,
+        "expected": expected.value,
+        "unit": words.unit,
+        "margins": {name: margin.relative for name, margin in margins.items()},
+        "not_counted": list(expected.left_out),
+    }
+    rows = [
+        [name, *margin.text.split(", "), f"{margin.relative:+.3f}", _verdict(margin.relative)]
+        for name, margin in margins.items()
+    ]
+    value = f"{words.value}: {expected.value:.4g} {words.unit}".strip()
+    left_out = "; ".join(expected.left_out)
+    print_result(
+        options,
+        result,
+        f"{value}, by formula; {sum(not row[-1] for row in rows)} of {len(rows)} requirements met",
+        "",
+        *aligned([HEADING, *rows], (0, 4)),
+        *([f"not counted: {left_out}"] if left_out else []),
+    )
+    return Exit.DONE if met else Exit.UNSOLVED
+
+
+def _first_camera(options: argparse.Namespace, path: Path) -> int:
+    """Print the parameters of the smallest camera that meets a file of goals."""
+    file = shipped_by_name(path, [GOALS.folder])
     with as_wrong_use(path=file):
-        if kind is GOALS:
-            if options.set:
-                raise ValueError("--set must be left out for a file of goals")
-            goals: Any = read_table(file, "a file of goals")
-            first = imager.first_parameters(from_table(imager.Goals, goals["goals"], "goals"))
-            print_result(options, {"goals": str(path), **asdict(first)}, *_first_text(first))
-            return Exit.DONE
-        met = True
-        for channel, height, figures in imager.figures_of(load_earth_design(file, options.set)):
+        if options.set:
+            raise ValueError("--set must be left out for a file of goals")
+        goals: Any = read_table(file, "a file of goals")
+        first = imager.first_parameters(from_table(imager.Goals, goals["goals"], "goals"))
+        print_result(options, {"goals": str(path), **asdict(first)}, *_first_text(first))
+    return Exit.DONE
+
+
+def _scene(options: argparse.Namespace, path: Path) -> int:
+    """Print the figures of each channel of a scene, and the margins of its retrieval, if any."""
+    file, status = shipped_by_name(path, [SCENE.folder]), Exit.DONE
+    with as_wrong_use(path=file):
+        design = load_earth_design(file, options.set)
+        if design.retrieval and design.campaign:
+            status = _study(options, path)
+        for channel, height, figures in imager.figures_of(design):
             margins = imager.margins_of(channel, figures)
-            met = met and all(margin >= 0 for margin in margins.values())
+            if any(margin < 0 for margin in margins.values()):
+                status = Exit.UNSOLVED
             result = {
                 "channel": channel.name,
                 "height_m": height,
@@ -147,7 +189,7 @@ def _earth_requirements(options: argparse.Namespace) -> int | None:
                 "margins": margins,
             }
             print_result(options, result, *_figures_text(channel, figures, height, margins))
-        return Exit.DONE if met else Exit.UNSOLVED
+    return status
 
 
 def _first_text(first: imager.First) -> list[str]:

@@ -39,7 +39,10 @@ def test_each_study_has_its_action():
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ("budget asteroidfinder", "is a search for moving objects, for the commands optimize, "),
+        (
+            "budget asteroidfinder",
+            "is a search for moving objects, for the commands requirements, ",
+        ),
         ("predict hsrs", "is a scene of an Earth camera, for the commands earth, page, "),
         ("optimize mountains", "is a scene without a camera, for the command earth geometry; "),
         ("requirements sun-synchronous", "is a mission, for the command mission; this command "),
@@ -60,5 +63,16 @@ def test_the_figures_of_an_earth_camera_follow_a_changed_value(capsys):
     found = []
     for km in (500, 550):
         main(["requirements", "hsrs", "--set", f"orbit.altitude={km} km", "--json"])
-        found.append(json.loads(capsys.readouterr().out.splitlines()[0])["gsd"])
+        found.append(json.loads(capsys.readouterr().out.splitlines()[1])["gsd"])
     assert found[1] / found[0] == pytest.approx(1.1, rel=0.002)
+
+
+def test_the_requirements_of_a_search_for_moving_objects_are_judged_by_formula(capsys):
+    """The aperture is focal length over f-number; with a smaller f-number it exceeds its limit."""
+    assert main(["requirements", "asteroidfinder"]) == 0
+    assert capsys.readouterr().out.startswith("flux of the objects of which 50% are found: ")
+    lens = ("instrument.optics.focal_length=600 mm", "instrument.optics.f_number=2.5")
+    faster = [word for value in lens for word in ("--set", value)]
+    assert main(["requirements", "asteroidfinder", *faster]) == 3
+    (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("aperture")]
+    assert line.split() == ["aperture", "0.24", "m", "at", "most", "0.225", "-0.067", "NOT", "MET"]

@@ -164,7 +164,10 @@ def test_snr_by_hand():
 
 def test_the_command_goes_both_ways(capsys):
     assert main(["requirements", "hsrs", "--json"]) == 0
-    told = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    study, *told = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert study["met"]
+    assert study["objective"] == "smallest fire"
+    assert study["margins"]["swath"] == pytest.approx(1 - 185 / 191.8, abs=1e-3)
     assert [one["channel"] for one in told] == ["mir", "tir"]
     assert told[0]["gsd"] == pytest.approx(370, rel=0.02)
     assert main(["requirements", str(shipped("scenes/goals.toml")), "--json"]) == 0
