@@ -18,7 +18,7 @@ from contextlib import contextmanager
 from enum import IntEnum
 from importlib import import_module, reload
 from pathlib import Path
-from textwrap import fill
+from textwrap import dedent, fill, indent
 from typing import Any
 
 _POSTPONING = False  # only while a process reads its own command line
@@ -259,8 +259,7 @@ class Group:
 class Options:
     """The options of a command or of a part of it.
 
-    about     paragraphs of the help, which are wrapped; paragraphs that begin with two spaces keep
-              their lines
+    about     paragraphs of the help, wrapped; those that begin with a space keep their lines
     defaults  values of names without an option, or in place of an option's default
     """
 
@@ -270,7 +269,8 @@ class Options:
     def __call__(self, parser: argparse.ArgumentParser) -> None:
         """Add these options to a parser, between --json and the other common options."""
         wrapped = "\n\n".join(
-            part if part.startswith("  ") else fill(part, 80) for part in self.about.split("\n\n")
+            indent(dedent(part), "  ") if part.startswith(" ") else fill(part, 80)
+            for part in self.about.split("\n\n")
         )
         parser.description = f"{parser.description or ''}\n\n{wrapped}".strip()
         JSON.add_to(parser)
@@ -339,7 +339,8 @@ SET = (
         "--set KEY=VALUE",
         "a value in place of the design file's, such as instrument.optics.f_number=2.0, "
         "'scene.background_g=21' or variation.0.scale=0.5; KEY= removes the key, so that its "
-        "default holds; may be given several times",
+        "default holds; files are named relative to the design's folder; may be given several "
+        "times",
         default=[],
         append=True,
     ),

@@ -20,7 +20,7 @@ from startrack.cli.options import Exit, WrongUse, as_wrong_use
 from startrack.core import Rows
 from startrack.earth.retrieval import EarthProblem, load_earth_design
 from startrack.io import aligned, finite, save_csv, save_json, save_text
-from startrack.metrics import Interval, markdown
+from startrack.metrics import Interval, bracketed, markdown
 from startrack.moving import MovingProblem, load_moving_design
 from startrack.optimise import Evaluation, Foresight
 from startrack.problem import Expectation, Judgement, Margin, Problem, compare_problems
@@ -382,7 +382,7 @@ def _interval(value: Interval) -> list[float]:
 
 
 def _shown(value: Interval, unit: str) -> str:
-    return f"{value.value:.4g} [{value.low:.4g}, {value.high:.4g}] {unit}".strip()
+    return f"{bracketed(value, '.4g')} {unit}".strip()
 
 
 def improved_table(problem: Problem, found: optimise.Improved) -> str:

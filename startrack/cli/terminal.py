@@ -60,24 +60,9 @@ def read_design(path: Path, changes: Iterable[str] = (), unknown: str = "") -> D
     for code in used_code():
         print_message(f"startrack: {code}")
     print_unknown(design, values=unknown)
-    print_saturation(design)
+    if note := design.case.saturation_note:
+        print_message(f"startrack: {note}")
     return design
-
-
-def print_saturation(design: Design) -> None:
-    """Print where the tracker's number of a saturated pixel is not that of the converter."""
-    saturation = design.case.tracker.detection.saturation
-    bits = design.case.instrument.detector.bits
-    largest = 2**bits - 1
-    if saturation is None or largest / 2 < saturation <= largest:
-        return
-    side, effect = "less than half of", "brighter pixels count as saturated"
-    if saturation > largest:
-        side, effect = "above", "no pixel counts as saturated"
-    print_message(
-        f"startrack: tracker.detection.saturation, {saturation:g}, is {side} the largest number of "
-        f"{bits} bits, {largest}: {effect}"
-    )
 
 
 def print_unknown(design: Design, owner: str = "the design", values: str = "") -> None:

@@ -545,6 +545,21 @@ class Case(core.CarriesCode):
             ("stars", self.catalog.extent),
         ]
 
+    @property
+    def saturation_note(self) -> str:
+        """Sentence where the tracker's number of a saturated pixel is not that of the converter."""
+        saturation, bits = self.tracker.detection.saturation, self.instrument.detector.bits
+        largest = 2**bits - 1
+        if saturation is None or largest / 2 < saturation <= largest:
+            return ""
+        side, effect = "less than half of", "brighter pixels count as saturated"
+        if saturation > largest:
+            side, effect = "above", "no pixel counts as saturated"
+        return (
+            f"tracker.detection.saturation, {saturation:g}, is {side} the largest number of {bits} "
+            f"bits, {largest}: {effect}"
+        )
+
     def __hash__(self) -> int:
         """Computed once: each trial uses the hash to look up values that are cached for its
         case."""

@@ -11,11 +11,19 @@ from startrack.design.campaign import Campaign
 from startrack.design.case import Case, Instrument
 from startrack.design.conditions import Change, Condition
 from startrack.design.measured_tables import with_measured_tables
-from startrack.design.products import DETECTOR, KEPT, OPERATED, with_product, with_product_files
+from startrack.design.products import (
+    DETECTOR,
+    KEPT,
+    OPERATED,
+    of_product,
+    product_file,
+    with_product,
+    with_product_files,
+)
 from startrack.design.products import PLACE as PRODUCT
 from startrack.design.spectrum import PLACE as SPECTRA
 from startrack.design.spectrum import with_spectra
-from startrack.design.told import Told
+from startrack.design.told import FRAME_FIGURES, Told
 from startrack.design.unknown import (
     APERTURE,
     F_NUMBER,
@@ -32,6 +40,7 @@ from startrack.design.variables import Link
 from startrack.design.variation import Scope
 from startrack.io import (
     LayerRules,
+    Layers,
     Renewed,
     from_table,
     read_layers,
@@ -176,7 +185,7 @@ def load_design(
         if isinstance(campaign, dict):
             with_product_files(campaign.get("choices"), layers.folder_of("campaign.choices", path))
         with_spectra(table, layers.folder_of(SPECTRA, path))
-        table = with_product(reader.table(table), layers.folder_of(PRODUCT, path))
+        table = _with_product(reader.table(table), layers, path)
         keeps_aperture = _has_aperture(table)
         if isinstance(instrument := table.get("instrument"), dict):
             table["instrument"] = with_plain_optics(instrument, Instrument, "instrument")
@@ -189,12 +198,36 @@ def load_design(
             from_table(Case, table),
             with_aperture(study) if study and keeps_aperture else study,
             tuple(reader.found),
-            tuple(from_table(Told, entry, f"told[{n}]") for n, entry in enumerate(told)),
+            tuple(_told(entry, f"told[{n}]") for n, entry in enumerate(told)),
         )
         _require_code(design, allow_code)
         return design
     except ValueError as error:
         raise Refused(layers.blamed(str(error), path)) from None
+
+
+def _with_product(table: dict[str, Any], layers: Layers, path: Path) -> dict[str, Any]:
+    """A design with the values of its detector's product, whose file the layers note."""
+    folder = layers.folder_of(PRODUCT, path)
+    match table:
+        case {"instrument": {"detector": {"product": product}}}:
+            if file := product_file(product, folder):
+                layers.note_below(of_product(product, folder), str(file), DETECTOR)
+    return with_product(table, folder)
+
+
+def _told(entry: object, place: str) -> Told:
+    """A figure of `[[told]]`; figures of frames have no unit, so their key is not that of errors.
+
+    place  place of the entry, for messages
+    """
+    match entry:
+        case {"figure": str(figure), "value": _} if figure in FRAME_FIGURES:
+            raise Refused(
+                f"{place}.value must be left out for the told figure {figure!r}: its key is "
+                f"number, in {FRAME_FIGURES[figure]}"
+            )
+    return from_table(Told, entry, place)
 
 
 def _has_aperture(table: Mapping[str, Any]) -> bool:

@@ -45,14 +45,22 @@ def products() -> list[str]:
     return sorted(path.stem for path in shipped("detectors").glob("*.toml"))
 
 
+def product_file(product: object, folder: Path | None = None) -> Path | None:
+    """The file that is named as a product; None for a detector of the catalogue.
+
+    folder  folder of the file; None: the working directory
+    """
+    is_file = isinstance(product, str) and product.endswith(FILE)
+    return (folder or Path()) / str(product) if is_file else None
+
+
 def of_product(product: object, folder: Path | None = None) -> dict[str, Any]:
     """The table of a detector of the catalogue or of a file (of a detector or a whole design).
 
     folder  folder of the file; None: the working directory
     Raises  ValueError if there is no such product.
     """
-    if isinstance(product, str) and product.endswith(FILE):
-        path = (folder or Path()) / product
+    if (path := product_file(product, folder)) is not None:
         table = read_table(path, "a detector")
         if "instrument" not in table:
             return table

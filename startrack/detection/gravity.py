@@ -16,6 +16,7 @@ from startrack.detection.robust import around
 # flux and its sigma, covariance of the position, and the pixel that the window is centred on.
 X, Y, FLUX, FLUX_SIGMA, XX, XY, YY, WINDOW_X, WINDOW_Y = range(9)
 COLUMNS = 9
+USUAL_NOISE = 10.0  # electron, by hand; errors of bright stars are within 2 for 2.5 to 40
 UNEVEN = 1.6  # by hand: the noise of a ring never exceeds the gain model by more by chance
 
 
@@ -52,15 +53,16 @@ def pixel_noise(sample: Sample, background: float, spread: float) -> tuple[float
         variance = read_noise^2 + (background - offset) / gain + step^2 / 12
 
     if all of it is known. Otherwise, and for an uneven ring, it is the spread of the ring around
-    the star. An unknown gain is estimated from the background as if all of it were light, with at
-    least one sigma of its noise, because the offset may be unknown too.
+    the star. An unknown gain is estimated from the background as if all of it were light. A
+    background below its noise, as of an image from which it was subtracted, says nothing of the
+    gain: the noise is assumed to be USUAL_NOISE.
 
     spread   of the pixels around
     Returns  digital number; digital number
     """
     shot, noise, light = 1 / sample.light, spread, background - sample.offset
     if np.isnan(shot):
-        shot = noise**2 / max(light, noise, 1e-30)
+        shot = noise**2 / max(light if light > noise else USUAL_NOISE * noise, 1e-30)
     elif not np.isnan(sample.read_noise):
         variance = sample.read_noise**2 + max(light, 0.0) * shot + sample.floor**2
         if spread < UNEVEN * math.sqrt(variance):

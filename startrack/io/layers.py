@@ -179,6 +179,15 @@ class Layers:
         del table[last]
         self.origin = {name: at for name, at in self.origin.items() if not _within(name, place)}
 
+    def note_below(self, table: Mapping[str, Any], origin: str, place: str) -> None:
+        """Note the file of values that stand below all files, such as those of a product."""
+        for key, value in table.items():
+            inner = f"{place}.{key}"
+            if self.rules.is_table(value):
+                self.note_below(value, origin, inner)
+            else:
+                self.origin.setdefault(inner, origin)
+
     def folder_of(self, place: str, path: Path) -> Path:
         """The folder of the file that a value is from; for `--set`, the folder of the outermost
         file.

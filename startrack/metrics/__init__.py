@@ -45,6 +45,7 @@ from startrack.metrics.results import (
     Table,
     bounds_json,
     bracketed,
+    end_text,
     four_digits,
     markdown,
     summary_rows,

@@ -175,9 +175,14 @@ def four_digits(value: float) -> str:
 
 
 def bracketed(interval: Interval, form: str, unit: float = 1.0) -> str:
-    """An interval as value [low, high], each in this form of `format`; unit: SI."""
-    value, low, high = (format(end / unit, form) for end in vars(interval).values())
+    """An interval as value [low, high], each in this form of `format`, as `end_text`; unit: SI."""
+    value, low, high = (end_text(end / unit, form) for end in vars(interval).values())
     return f"{value} [{low}, {high}]"
+
+
+def end_text(value: float, form: str) -> str:
+    """A number in this form of `format`; words where it is not finite: unknown, open."""
+    return format(value, form) if math.isfinite(value) else four_digits(value)
 
 
 def bounds_json(interval: Interval, unit: DisplayUnit = PURE) -> dict[str, float]:
@@ -202,7 +207,7 @@ def _number(value: Any, how: Row | Column) -> str:
     if isinstance(value, str):
         return value
     scaled = value if how.unit.size == 1.0 else value / how.unit.size
-    return format(scaled, how.form) if math.isfinite(value) else four_digits(scaled)
+    return end_text(scaled, how.form)
 
 
 def _bounds(value: Any, how: Row | Column) -> str:
@@ -228,6 +233,8 @@ def summary_rows(summary: Summary, limits: ErrorLimits = STATED_ALONE) -> list[R
     """
     false = f"(off by more than {FALSE_ANGLE / deg:g} deg)"
     off = f"(off by more than {limits_text(limits)})"
+    ends = summary.across.high, summary.about.high
+    few = "; open: more trials give an upper bound" if any(map(math.isinf, ends)) else ""
     trusted = "(3 if the tracker's covariance is right)"
     return [
         Row(
@@ -254,5 +261,5 @@ def summary_rows(summary: Summary, limits: ErrorLimits = STATED_ALONE) -> list[R
         Row("beyond_ten_sigma", summary.beyond),
         Row("covariance_doubt", summary.doubt),
         Row("stars", summary.stars, "matched stars", PURE, ".1f"),
-        Row("trials", summary.trials, "trials", PURE, "d", "(intervals: 95 % confidence)"),
+        Row("trials", summary.trials, "trials", PURE, "d", f"(intervals: 95 % confidence{few})"),
     ]

@@ -188,9 +188,10 @@ def bounds_of_mean(
     degrees of freedom as its variance says (Satterthwaite 1946, Biometrics Bulletin 2, 110). Few
     values give too small a variance, the more so the heavier their tail: v, chosen by hand, allows
     for that, and the tails are those of the normal distribution at the quantile of Student's t of
-    n - 1 degrees of freedom.
+    n - 1 degrees of freedom. The density of chi2 is unbounded at zero for nu < 2: its tail there,
+    and with it an upper bound, is the model's alone, so the interval is open.
 
-    Returns   zero and infinity where there are fewer than three
+    Returns   zero and infinity where there are fewer than three; infinity where nu < 2
     Accuracy  statistical: of squares of normal errors, of one or two axes, from 3 values on, 95 %
               intervals hold 0.95 to 0.97; where their sigma varies from trial to trial by a factor
               of exp(0.5) (one standard deviation), 0.93 to 0.96; by exp(0.8), 0.89 to 0.91.
@@ -206,8 +207,9 @@ def bounds_of_mean(
         float(special.ndtr(special.stdtrit(n - 1, tail))) for tail in (low_tail, high_tail)
     )
     low = mean * freedom / (2 * float(special.gammainccinv(freedom / 2, low_tail)))
-    least = 2 * float(special.gammaincinv(freedom / 2, high_tail))
-    return low, mean * freedom / least if least > 0 else math.inf
+    if freedom < 2:
+        return low, math.inf
+    return low, mean * freedom / (2 * float(special.gammaincinv(freedom / 2, high_tail)))
 
 
 def fraction_interval(hits: float, trials: float, confidence: float = 0.95) -> Interval:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -443,6 +444,9 @@ def sweep(
     loaded = [design for design in designs if isinstance(design, Design)]
     if not loaded:
         raise next(design for design in designs if isinstance(design, Refused))
+    for note in dict.fromkeys(design.case.saturation_note for design in loaded):
+        if note:
+            warnings.warn(note, stacklevel=2)
     campaign = loaded[0].campaign
     fidelity = fidelity or (campaign or Campaign()).fidelity
     figures = _figures(designs, runner, trials, fidelity, progress)

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from startrack.core import Rows
-from startrack.metrics import Interval
+from startrack.metrics import Interval, bracketed, end_text
 from startrack.optimise import Sensitivity, verdicts
 from startrack.plots import BLACK, BLUE, SMALL, bars_of, styled, with_unit
 from startrack.problem import Expectation, Judgement, Problem
@@ -66,7 +66,13 @@ def _results(problem: Problem, judged: Judgement, expected: Expectation) -> str:
         title, unit = words.parts[name]
         values[title] = part, expected.parts.get(name, math.nan), unit
     rows = [
-        [name, f"{tried.value:.4g}", f"{tried.low:.4g} to {tried.high:.4g}", f"{formula:.4g}", unit]
+        [
+            name,
+            end_text(tried.value, ".4g"),
+            f"{end_text(tried.low, '.4g')} to {end_text(tried.high, '.4g')}",
+            f"{formula:.4g}",
+            unit,
+        ]
         for name, (tried, formula, unit) in values.items()
     ]
     head = "", "by trials", "95 %", "by formula", "unit"
@@ -147,7 +153,7 @@ def _sensitivity(problem: Problem, studied: Sequence[Sensitivity]) -> str:
             f"{row.low:.4g} to {row.high:.4g}",
             f"{row.slope:+.2f}",
             f"{row.first.value:.2f}",
-            f"{row.total.value:.2f} [{row.total.low:.2f}, {row.total.high:.2f}]",
+            bracketed(row.total, ".2f"),
         ]
         for row in studied
     ]

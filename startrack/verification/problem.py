@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 from startrack.core import Refused, Rows
-from startrack.metrics import Column, Interval, Table
+from startrack.metrics import Column, Interval, Table, end_text
 from startrack.problem import Judgement, Margin, Problem
 from startrack.verification.decide import MOST, Answer, Looks, decide
 from startrack.verification.verify import FORMULA, Verdict, Verification, answer_text
@@ -136,7 +136,9 @@ def problem_verdict_table(verified: Verification) -> Table:
 
     def bounds(verdict: Verdict) -> str:
         tried = verdict.trials
-        return "" if tried is None else f"[{tried.low:.4g}, {tried.high:.4g}]"
+        if tried is None:
+            return ""
+        return f"[{end_text(tried.low, '.4g')}, {end_text(tried.high, '.4g')}]"
 
     columns = [
         Column("requirement", "requirement", lambda row: row.name),

@@ -15,7 +15,7 @@ from day import WORDS as DATASHEET_WORDS
 
 from startrack.benchmark import STAGES
 from startrack.cli.main import COMMANDS, GROUPS, WITHIN, main
-from startrack.cli.terminal import lines_now_and_then, print_saturation, progress, stage, waiting
+from startrack.cli.terminal import lines_now_and_then, progress, read_design, stage, waiting
 from startrack.core import Refused
 from startrack.design import design_keys
 from startrack.design.case import Fidelity
@@ -291,6 +291,13 @@ def test_an_unknown_option_shows_the_usage_of_its_command(call):
     status, _, words = call("lens", "measure", "a.fits", "--colour", "red", "--fow", "12")
     assert (status, words.startswith("usage: startrack lens measure ")) == (2, True)
     assert words.endswith("error: unrecognized arguments: --fow 12\n")
+
+
+def test_examples_of_a_help_text_have_their_own_lines(capsys):
+    with pytest.raises(SystemExit):
+        main(["sweep", "--help"])
+    lines = capsys.readouterr().out.splitlines()
+    assert "  startrack sweep nanosatellite instrument.optics.f_number=1.2..2.4" in lines
 
 
 def test_a_design_with_an_error_is_wrong_use(call, tmp_path):
@@ -690,8 +697,7 @@ def test_a_refusal_names_its_file_once(tmp_path, capsys):
     ],
 )
 def test_a_saturation_that_is_not_of_the_converter_is_said(change, message, capsys):
-    design = load_design(EXAMPLE, [f"instrument.detector.{change}"])
-    print_saturation(design)
+    read_design(EXAMPLE, [f"instrument.detector.{change}"])
     said = capsys.readouterr().err
     assert message in said if message else not said
 

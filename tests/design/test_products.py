@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from startrack.core import Refused
 from startrack.design.files import load_design, save_design
 from startrack.design.products import products, with_product
 from startrack.design.variables import branches
@@ -167,6 +168,26 @@ def test_a_file_beside_the_design_is_a_product(tmp_path, monkeypatch, head):
     assert first.case.instrument.detector.columns == 640
     assert first.case.instrument.detector.frame_rate == 4  # as the one in its place
     assert second.case.instrument.detector.columns == 512
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        (MINE.replace("480", "-5"), r"^\S*mine\.toml: instrument\.detector\.rows must .* got -5"),
+        (MINE + "rwos = 7", r"^\S*mine\.toml: instrument\.detector\.rwos is unknown"),
+        (MINE + "[thermal]\nreference = -1", r"^\S*mine\.toml: instrument\.detector\.thermal"),
+    ],
+)
+def test_a_wrong_value_of_a_product_is_said_with_its_file(tmp_path, wrong, words):
+    (tmp_path / "mine.toml").write_text(wrong)
+    path = tmp_path / "design.toml"
+    path.write_text(DESIGN.format("mine.toml"))
+    with pytest.raises(Refused, match=words):
+        load_design(path)
+    (tmp_path / "mine.toml").write_text(MINE)
+    path.write_text(DESIGN.format("mine.toml") + "rows = -6")
+    with pytest.raises(Refused, match=r"^\S*design\.toml: instrument\.detector\.rows"):
+        load_design(path)
 
 
 def test_a_file_that_is_no_detector_is_refused(case, tmp_path):

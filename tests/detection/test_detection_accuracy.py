@@ -95,6 +95,16 @@ def test_unknown_gain_errs_on_the_safe_side(sky, sigma):
     assert 0.2 < chi_square.mean() < 1.1
 
 
+def test_a_subtracted_background_does_not_enlarge_the_stated_error(sky):
+    # The noise of a pixel is 10 electrons. If it were taken for one, chi-square would be near 0.1.
+    x, y, image = field(sky, Streams(4, 0), 30000, 1.0, 75, 5)
+    spots = detect(Frame(image - 75), Detection(window=7, max_spots=5000))
+    pair = paired(spots, x, y)
+    error = np.column_stack([spots.x[pair] - x, spots.y[pair] - y])
+    chi_square = np.einsum("ni,nij,nj->n", error, np.linalg.inv(spots.covariance[pair]), error) / 2
+    assert chi_square.mean() == pytest.approx(1, abs=0.25)
+
+
 @pytest.mark.parametrize(("sigma", "window"), [(0.3, 5), (0.3, 7), (0.5, 5), (0.5, 7)])
 def test_s_curve(sky, sigma, window):
     (maximum,) = (

@@ -119,6 +119,12 @@ def test_two_errors_bound_no_rms():
     assert (rms_interval(np.ones(2)).low, rms_interval(np.ones(2)).high) == (0, np.inf)
 
 
+def test_few_uneven_errors_have_an_open_end():
+    """Four errors, of which one decides, bound no rms: 95 % by a model would be 6e7 of them."""
+    assert rms_interval(np.array([0.01, 0.02, 0.01, 4.0])).high == np.inf
+    assert rms_interval(np.array([1.1, 0.9, 1.2, 0.8])).high < 2
+
+
 def test_fraction_intervals_cover():
     """Exact intervals cover at least 95 %; 1e-4 below that is a false alarm."""
     hits = 0

@@ -11,6 +11,8 @@ from startrack.metrics import (
     Interval,
     Row,
     Table,
+    bracketed,
+    end_text,
     markdown,
     to_cells,
     to_json,
@@ -48,6 +50,12 @@ def test_rows_of_json_have_their_units_and_bounds():
     assert fields["across_rms_arcsec_95"] == [1, math.inf]
     assert fields["availability_95"] == [0.25, 0.75]
     assert json.dumps(fields["trials"]) == "7"
+
+
+def test_an_infinite_end_is_open_in_every_form():
+    interval = Interval(2 * arcsec, arcsec, math.inf)
+    assert bracketed(interval, ".3f", arcsec) == "2.000 [1.000, open]"
+    assert (end_text(math.inf, ".4g"), end_text(math.nan, ".1f")) == ("open", "unknown")
 
 
 def test_lines_have_label_value_unit_bounds_and_note():

@@ -131,6 +131,12 @@ def test_a_value_that_the_design_refuses_is_a_row(path):
         startrack.sweep(path, "instrument.optics.f_numbr=1..2")
 
 
+def test_a_saturation_beyond_the_converter_of_a_value_is_said(path):
+    bits = "instrument.detector.bits=8,10"
+    with pytest.warns(UserWarning, match="999, is above the largest number of 8 bits, 255"):
+        startrack.sweep(path, bits, changes=["tracker.detection.saturation=999"])
+
+
 def test_two_keys_and_words(path):
     swept = startrack.sweep(
         path, f"{F_NUMBER}=1.4,1.6", "tracker.detection.centroid=gravity,likelihood"

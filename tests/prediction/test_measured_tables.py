@@ -209,6 +209,7 @@ def test_a_dark_variance_below_a_quarter_says_nothing(tmp_path):
             "",
             "told[0].axis must be left out",
         ),
+        ('figure = "SNR"\nvalue = 3.0', "", "told[0].value must be left out"),
         ('figure = "SNR"\nnumber = 3.0', "", "magnitude must be given for the told figure 'SNR'"),
     ],
 )

@@ -354,7 +354,7 @@ class SeaStudy:
         "non-linear waves, currents, a second wave system, foam in patches",
         "oblique lines of sight, and the edges of an image: waves are periodic over the image",
         "formulas alone: products of four and more waves; errors of trials were 0.87 to 1.06 "
-        "times the errors by formula over five designs (0.87 for wave heights under a Sun 15 "
+        "times the errors by formula over twelve designs (0.87 for wave heights under a Sun 15 "
         "degrees from the zenith)",
     )
 
